@@ -1,0 +1,195 @@
+"""Makes the pip environment: system libraries, .venv, pinned packages, the built workspace.
+
+Runs on the system's Python with the standard library only. Called by ./ssp when something that
+the environment was made from has changed; safe to call again after an interruption.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+VENV = ROOT / ".venv"
+LOG = ROOT / "log" / "bootstrap.log"
+SOURCE_DIRS = (
+    "ssp_msgs",
+    "ssp_scenario_manager",
+    "ssp_ot_controller",
+    "ssp_monitor",
+    "ssp_vla_bridge",
+    "ssp_eval",
+)
+# Shared libraries that the SUMO wheels load, and the Debian package of each.
+SYSTEM_LIBRARIES = {
+    "libGL.so.1": "libgl1",
+    "libXext.so.6": "libxext6",
+    "libXrender.so.1": "libxrender1",
+    "libatomic.so.1": "libatomic1",
+}
+
+
+class BootstrapError(Exception):
+    """Something on this machine is missing; the message says what and how to get it."""
+
+
+def step(text: str) -> None:
+    print(f"ssp setup: {text}", flush=True)
+
+
+def run(command: list[str], what: str, env: dict[str, str] | None = None) -> None:
+    """Runs a command with its output in the log; a failure shows the log's end."""
+    LOG.parent.mkdir(exist_ok=True)
+    with LOG.open("ab") as log:
+        log.write(f"\n$ {' '.join(command)}\n".encode())
+        log.flush()
+        result = subprocess.run(command, stdout=log, stderr=log, env=env, check=False)
+    if result.returncode != 0:
+        tail = LOG.read_text(errors="replace").splitlines()[-25:]
+        raise BootstrapError(f"{what} failed; the end of {LOG.relative_to(ROOT)}:\n" + "\n".join(tail))
+
+
+def missing_apt_packages() -> list[str]:
+    """Debian packages without which the environment can't be built or SUMO not be loaded."""
+    missing = []
+    for library, package in SYSTEM_LIBRARIES.items():
+        try:
+            ctypes.CDLL(library)
+        except OSError:
+            missing.append(package)
+    if shutil.which("c++") is None and shutil.which("g++") is None:
+        missing.append("g++")
+    try:
+        import ensurepip  # noqa: F401  (its absence is how Debian ships Python without venv)
+        import venv  # noqa: F401
+    except ImportError:
+        missing.append(f"python{sys.version_info.major}.{sys.version_info.minor}-venv")
+    return missing
+
+
+def install_apt_packages(packages: list[str]) -> None:
+    """Installs them as root or through a sudo that asks nothing, else says the one command."""
+    if shutil.which("apt-get") is None:
+        raise BootstrapError(
+            "missing on this machine: " + ", ".join(packages) + " (Debian's names). "
+            "There is no apt-get here: install their equivalents and run ./ssp again."
+        )
+    apt = ["apt-get", "install", "-y", "--no-install-recommends", *packages]
+    by_hand = "sudo apt-get update && sudo " + " ".join(apt)
+    if os.geteuid() == 0:
+        prefix: list[str] = []
+    elif subprocess.run(["sudo", "-n", "true"], capture_output=True, check=False).returncode == 0:
+        prefix = ["sudo", "-n"]
+    else:
+        raise BootstrapError(f"missing on this machine: {', '.join(packages)}. Run:\n  {by_hand}")
+    step(f"installing system packages: {' '.join(packages)}")
+    env = {**os.environ, "DEBIAN_FRONTEND": "noninteractive"}
+    run([*prefix, "apt-get", "update"], "apt-get update", env)
+    run([*prefix, *apt], f"installing {' '.join(packages)} (by hand: {by_hand})", env)
+
+
+def check_interpreter() -> None:
+    if sys.version_info[:2] not in ((3, 11), (3, 12)):
+        raise BootstrapError(
+            f"Python {sys.version_info.major}.{sys.version_info.minor} is not supported: the ROS 2 "
+            "Jazzy wheels exist for 3.11 and 3.12. Install one and run ./ssp again "
+            "(SSP_PYTHON=/path/to/python3.12 chooses it)."
+        )
+
+
+def make_venv() -> Path:
+    """Creates .venv with this interpreter, unless it stands already with the same version."""
+    python = VENV / "bin" / "python"
+    config = VENV / "pyvenv.cfg"
+    wanted = f"version = {sys.version_info.major}.{sys.version_info.minor}."
+    if python.exists() and config.exists() and wanted in config.read_text():
+        return python
+    step(f"creating .venv (Python {sys.version.split()[0]})")
+    shutil.rmtree(VENV, ignore_errors=True)
+    run([sys.executable, "-m", "venv", str(VENV)], "creating .venv")
+    return python
+
+
+def install_packages(python: Path) -> None:
+    step("installing pinned packages (about 350 MB to download on a first start)")
+    pip = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+    run([*pip, "--require-hashes", "-r", str(ROOT / "bootstrap" / "uv.lock")], "installing uv")
+    run(
+        [
+            str(VENV / "bin" / "uv"),
+            "pip",
+            "sync",
+            "--require-hashes",
+            "--python",
+            str(python),
+            "--link-mode=copy",
+            str(ROOT / "bootstrap" / "requirements.lock"),
+        ],
+        "installing bootstrap/requirements.lock",
+    )
+    site = next((VENV / "lib").glob("python3.*/site-packages"))
+    # Sources first, so that an edit needs no build; the generated messages from install/.
+    lines = [str(ROOT / name) for name in SOURCE_DIRS]
+    lines.append(str(ROOT / "install" / "lib" / site.parent.name / "site-packages"))
+    (site / "ssp_sources.pth").write_text("\n".join(lines) + "\n")
+
+
+def build_workspace(python: Path) -> None:
+    """colcon build of all packages into install/, with the wheels as the underlay."""
+    step("building the ROS 2 workspace with colcon (log/ has the details)")
+    env = {
+        **os.environ,
+        "PATH": f"{VENV / 'bin'}:{os.environ['PATH']}",
+        "VIRTUAL_ENV": str(VENV),
+        "AMENT_PREFIX_PATH": str(VENV),
+        "CMAKE_PREFIX_PATH": str(VENV),
+        "COLCON_LOG_PATH": str(ROOT / "log"),
+    }
+    command = [
+        str(VENV / "bin" / "colcon"),
+        "build",
+        "--merge-install",
+        "--base-paths",
+        *SOURCE_DIRS,
+        "--event-handlers",
+        "console_direct-",
+        "--cmake-args",
+        "-G",
+        "Ninja",
+        f"-DPython3_EXECUTABLE={python}",
+        f"-DPYTHON_EXECUTABLE={python}",
+        f"-DCMAKE_PROJECT_TOP_LEVEL_INCLUDES={ROOT / 'bootstrap' / 'wheel_include_dirs.cmake'}",
+        "-DBUILD_TESTING=OFF",
+        "--no-warn-unused-cli",
+    ]
+    os.chdir(ROOT)
+    run(command, "colcon build", env)
+
+
+def main(fingerprint: str) -> int:
+    started = time.monotonic()
+    try:
+        check_interpreter()
+        missing = missing_apt_packages()
+        if missing:
+            install_apt_packages(missing)
+        stamp = VENV / "ssp-ready"
+        stamp.unlink(missing_ok=True)
+        python = make_venv()
+        install_packages(python)
+        build_workspace(python)
+        stamp.write_text(fingerprint + "\n")
+    except BootstrapError as error:
+        print(f"ssp setup: {error}", file=sys.stderr)
+        return 1
+    step(f"ready after {time.monotonic() - started:.0f} s")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1]))

@@ -1,0 +1,1 @@
+"""Replay, extraction, metrics and reports of SSP."""

@@ -1,0 +1,1 @@
+"""Recorder, live status and bag tools of SSP."""

@@ -1,0 +1,84 @@
+"""The command line ``ssp``: a table of verbs, each loaded only when it is asked for."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+
+import click
+
+from ssp_core import __version__
+from ssp_core.errors import SspError
+
+# verb: (module:function, one line of help). A verb's module is imported when it runs or shows
+# its own help, so that `ssp --help` and `ssp score` don't pay for SUMO, OpenCV or ROS.
+VERBS: dict[str, tuple[str, str]] = {
+    "demo": ("ssp_eval.demo.cli:demo", "Run both scenarios in three domains and report the scores."),
+    "run": ("ssp_scenario_manager.runner.cli:run", "Run one session and record it into a bag."),
+    "import-video": ("ssp_eval.import_video.cli:import_video", "Make a bag from a video file."),
+    "labels": ("ssp_eval.labels.cli:labels", "Propose and check labels files."),
+    "evaluate": ("ssp_eval.evaluate.cli:evaluate", "Replay bags through VLA bridges and score them."),
+    "score": ("ssp_eval.score.cli:score", "Score records against labels (METHOD 5 and 6)."),
+    "report": ("ssp_eval.report.cli:report", "Write the HTML report of evaluated cells."),
+    "extract": ("ssp_eval.extract.cli:extract", "Extract slots with evidence from texts."),
+    "bag": ("ssp_monitor.cli:bag", "Look into, check and repair bags."),
+    "bench": ("ssp_eval.bench:bench", "Measure each path beside its own lower bound."),
+    "doctor": ("ssp_scenario_manager.doctor.cli:doctor", "Say what is installed, missing or broken."),
+    "test": ("ssp_eval.selftest:test", "Run lint, types and all tests."),
+}
+
+
+class VerbGroup(click.Group):
+    """Loads a verb's command on demand."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(VERBS)
+
+    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
+        if name not in VERBS:
+            return None
+        module_name, function = VERBS[name][0].split(":")
+        command = getattr(importlib.import_module(module_name), function)
+        if not isinstance(command, click.Command):
+            raise TypeError(f"{VERBS[name][0]} is no click command")
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, text) for name, (_, text) in VERBS.items()])
+
+
+@click.group(cls=VerbGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="ssp")
+def cli() -> None:
+    """Closed-track orchestration, and evaluation of driving VLAs across three domains.
+
+    Exit status: 0 done, 1 the check or the run failed, 2 wrong usage.
+    """
+
+
+def main(args: list[str] | None = None) -> int:
+    """Runs the command line and returns its exit status."""
+    try:
+        result = cli.main(args=args, prog_name="ssp", standalone_mode=False)
+        return result if isinstance(result, int) else 0
+    except click.exceptions.Exit as stop:
+        return stop.exit_code
+    except click.Abort:
+        click.echo("interrupted", err=True)
+        return 130
+    except click.ClickException as error:
+        error.show()
+        return error.exit_code
+    except SspError as error:
+        from ssp_core.console import report_error
+
+        report_error(str(error))
+        return 1
+    except BrokenPipeError:
+        sys.stderr.close()
+        return 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,72 @@
+"""The errors that SSP raises for things that are not its own bugs.
+
+SspError
+├── InputError   a file or an argument is wrong: says which, where, and what would be right
+├── PeerError    another process or service misbehaved, stayed silent or refused
+└── HostError    this machine lacks something
+
+A caller's bug raises a built-in exception (ValueError, TypeError). The command line turns an
+SspError into one message and exit code 1; anything else is a traceback and a bug of ours.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+class SspError(Exception):
+    """Base of the errors that are reported to people as one message."""
+
+
+class PeerError(SspError):
+    """Another process or service misbehaved, stayed silent or refused."""
+
+
+class HostError(SspError):
+    """This machine lacks something; the message says how to get it."""
+
+
+class InputError(SspError):
+    """Bad input, with the place where it stands and what would be right.
+
+    Args:
+        problem: what is wrong, as one clause.
+        file: the file it stands in, if any.
+        line: line number in that file, from 1.
+        field: path of the field, such as ``labels[3].position``.
+        value: the offending value; long ones are shortened in the message.
+        remedy: what would be right.
+    """
+
+    def __init__(
+        self,
+        problem: str,
+        *,
+        file: str | Path | None = None,
+        line: int | None = None,
+        field: str | None = None,
+        value: object = None,
+        remedy: str | None = None,
+    ) -> None:
+        self.problem = problem
+        self.file = str(file) if file is not None else None
+        self.line = line
+        self.field = field
+        self.value = value
+        self.remedy = remedy
+        super().__init__(self._message())
+
+    def _message(self) -> str:
+        place = self.file or ""
+        if self.line is not None:
+            place += f":{self.line}" if place else f"line {self.line}"
+        parts = [place] if place else []
+        if self.field:
+            parts.append(self.field)
+        text = ": ".join([*parts, self.problem])
+        if self.value is not None:
+            shown = repr(self.value)
+            text += f" (got {shown if len(shown) <= 120 else shown[:117] + '...'})"
+        if self.remedy:
+            text += f"; {self.remedy}"
+        return text

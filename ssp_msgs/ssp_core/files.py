@@ -1,0 +1,143 @@
+"""Reading files that people write, and writing files that are whole or not there."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+from pydantic import BaseModel, ValidationError
+
+from ssp_core.errors import InputError
+
+MAX_TEXT_BYTES = 8 << 20
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+class _NoAliasLoader(yaml.SafeLoader):
+    """A safe loader that refuses aliases (a few lines of them can expand to gigabytes)."""
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        if self.check_event(yaml.events.AliasEvent):
+            event = self.peek_event()
+            raise yaml.MarkedYAMLError(problem="aliases (*name) are not accepted",
+                                       problem_mark=event.start_mark)
+        return super().compose_node(parent, index)
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
+        seen: set[Any] = set()
+        for key_node, _ in node.value:
+            key = self.construct_object(key_node, deep=True)
+            if not isinstance(key, str):
+                raise yaml.MarkedYAMLError(problem=f"key {key!r} is not a string",
+                                           problem_mark=key_node.start_mark)
+            if key in seen:
+                raise yaml.MarkedYAMLError(problem=f"key {key!r} stands twice",
+                                           problem_mark=key_node.start_mark)
+            seen.add(key)
+        return super().construct_mapping(node, deep)
+
+
+def read_text(path: str | Path) -> str:
+    """The text of a UTF-8 file of at most 8 MiB.
+
+    Raises:
+        InputError: it isn't there, is too large or isn't UTF-8.
+    """
+    try:
+        with open(path, "rb") as stream:
+            data = stream.read(MAX_TEXT_BYTES + 1)
+    except OSError as error:
+        raise InputError(f"can't be read: {error.strerror}", file=path) from error
+    if len(data) > MAX_TEXT_BYTES:
+        raise InputError(f"is larger than {MAX_TEXT_BYTES >> 20} MiB", file=path)
+    try:
+        return data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise InputError(f"is not UTF-8 (byte {error.start})", file=path) from error
+
+
+def read_mapping(path: str | Path) -> dict[str, Any]:
+    """The mapping at the top of a YAML or JSON file.
+
+    Raises:
+        InputError: the file can't be read or parsed, or its top is no mapping.
+    """
+    text = read_text(path)
+    try:
+        value = yaml.load(text, Loader=_NoAliasLoader)
+    except (yaml.YAMLError, RecursionError, ValueError) as error:
+        mark = getattr(error, "problem_mark", None)
+        problem = getattr(error, "problem", None) or str(error).splitlines()[0]
+        raise InputError(
+            f"is not valid YAML or JSON: {problem}",
+            file=path,
+            line=mark.line + 1 if mark is not None else None,
+        ) from error
+    if not isinstance(value, dict):
+        raise InputError("must hold a mapping at its top", file=path, value=value)
+    return value
+
+
+def field_path(location: Iterable[str | int]) -> str:
+    """``labels[3].position`` for the location of a pydantic error."""
+    text = ""
+    for part in location:
+        text += f"[{part}]" if isinstance(part, int) else (f".{part}" if text else str(part))
+    return text
+
+
+def parse_model(model: type[Model], value: Any, file: str | Path) -> Model:
+    """Validates a mapping against a pydantic model.
+
+    Raises:
+        InputError: the first failure with its field path, and how many more there are.
+    """
+    try:
+        return model.model_validate(value)
+    except ValidationError as error:
+        failures = error.errors()
+        first = failures[0]
+        more = f" ({len(failures) - 1} more)" if len(failures) > 1 else ""
+        given = first.get("input")
+        raise InputError(
+            first["msg"] + more,
+            file=file,
+            field=field_path(first["loc"]),
+            value=given if first["type"] != "missing" else None,
+        ) from error
+
+
+def load_model(model: type[Model], path: str | Path) -> Model:
+    """Reads and validates a YAML or JSON file; see read_mapping and parse_model."""
+    return parse_model(model, read_mapping(path), path)
+
+
+def write_bytes(path: str | Path, data: bytes) -> None:
+    """Writes a file that is either the old one or wholly the new one."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "wb") as stream:
+            stream.write(data)
+        os.chmod(name, 0o644)
+        os.replace(name, path)
+    except BaseException:
+        Path(name).unlink(missing_ok=True)
+        raise
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """As write_bytes, UTF-8."""
+    write_bytes(path, text.encode())
+
+
+def write_json(path: str | Path, value: Any) -> None:
+    """Indented JSON with sorted keys and a final newline; refuses NaN with ValueError."""
+    write_text(path, json.dumps(value, indent=1, sort_keys=True, allow_nan=False) + "\n")

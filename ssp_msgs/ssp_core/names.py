@@ -1,0 +1,60 @@
+"""Names of nodes, topics and services: relative, below the namespace ``/ssp``."""
+
+from __future__ import annotations
+
+NAMESPACE = "/ssp"
+VUT_ID = "vut"
+MAP_FRAME = "map"
+
+CLOCK = "/clock"
+WORLD_TICK = "world/tick"
+STEP_DONE = "world/step_done"
+ACTUATOR_COMMAND = "world/actuator_command"
+HEARTBEAT = "manager/heartbeat"
+SESSION_STATE = "session_state"
+TRIGGER_EVENT = "trigger_event"
+PHASE_EVENT = "phase_event"
+SAFETY_EVENT = "safety_event"
+RECORDER_STATUS = "recorder_status"
+CAMERA_IMAGE = "vut/front_camera/image/compressed"
+CAMERA_INFO = "vut/front_camera/camera_info"
+CAMERA_MOUNT = "vut/front_camera/mount"
+
+SIL_WORLD = "sil_world"
+FRONT_CAMERA = "front_camera"
+OBJECT_TARGET = "object_target"
+SCENARIO_MANAGER = "scenario_manager"
+MONITOR = "monitor"
+
+SESSION_COMMANDS = ("connect", "arm", "disarm", "start", "stop", "abort", "all_clear", "reset")
+LOAD_SCENARIO = "load_scenario"
+RUN_SCENARIO = "run_scenario"
+
+
+def absolute(topic: str) -> str:
+    """The topic's full name, as it stands in a bag."""
+    return topic if topic.startswith("/") else f"{NAMESPACE}/{topic}"
+
+
+def state_topic(object_id: str) -> str:
+    return f"{object_id}/state"
+
+
+def reference_topic(object_id: str) -> str:
+    return f"{object_id}/reference"
+
+
+def ack_topic(object_id: str) -> str:
+    return f"{object_id}/reference_ack"
+
+
+def command_service(object_id: str) -> str:
+    return f"{object_id}/command"
+
+
+def vla_request_topic(model: str) -> str:
+    return f"vla/{model}/request"
+
+
+def vla_response_topic(model: str) -> str:
+    return f"vla/{model}/response"

@@ -1,0 +1,95 @@
+"""State of an object, as the cores see it (ObjectState.msg without ROS)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from ssp_core.clock import ns_to_seconds
+from ssp_core.geometry import Box, Pose2, wrap_angle
+from ssp_core.vocab import ControlState, ObjectClass, Role
+
+
+@dataclass(frozen=True, slots=True)
+class Size:
+    """Extent from the reference point (see ObjectState.msg), m."""
+
+    front_m: float
+    rear_m: float
+    width_m: float
+    height_m: float
+
+    @property
+    def length_m(self) -> float:
+        return self.front_m + self.rear_m
+
+
+# Typical extents; a run file may give others.
+DEFAULT_SIZES: dict[ObjectClass, Size] = {
+    ObjectClass.CAR: Size(3.6, 0.9, 1.8, 1.5),
+    ObjectClass.TRUCK: Size(7.0, 2.0, 2.5, 3.4),
+    ObjectClass.BUS: Size(9.0, 3.0, 2.5, 3.1),
+    ObjectClass.MOTORCYCLE: Size(1.2, 0.9, 0.8, 1.6),
+    ObjectClass.CYCLIST: Size(1.1, 0.7, 0.6, 1.75),
+    ObjectClass.PEDESTRIAN: Size(0.25, 0.25, 0.5, 1.75),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectState:
+    """State at ``stamp_ns`` of the reference point in frame map; field meanings as in the message."""
+
+    object_id: str
+    object_class: ObjectClass
+    role: Role
+    stamp_ns: int
+    x_m: float
+    y_m: float
+    yaw_rad: float
+    speed_mps: float
+    acceleration_mps2: float
+    yaw_rate_radps: float
+    size: Size
+    sequence: int = 0
+    control_state: ControlState = ControlState.OFF
+    position_std_m: float = 0.0
+    reference_id: str = ""
+    error_longitudinal_m: float = 0.0
+    error_lateral_m: float = 0.0
+    error_yaw_rad: float = 0.0
+
+    @property
+    def pose(self) -> Pose2:
+        return Pose2(self.x_m, self.y_m, self.yaw_rad)
+
+    @property
+    def box(self) -> Box:
+        return Box(self.pose, self.size.front_m, self.size.rear_m, self.size.width_m)
+
+    @property
+    def is_finite(self) -> bool:
+        return all(
+            math.isfinite(v)
+            for v in (
+                self.x_m,
+                self.y_m,
+                self.yaw_rad,
+                self.speed_mps,
+                self.acceleration_mps2,
+                self.yaw_rate_radps,
+            )
+        )
+
+    def extrapolated(self, stamp_ns: int) -> ObjectState:
+        """The state at another time with speed and yaw rate held: straight or on a circle."""
+        dt = ns_to_seconds(stamp_ns - self.stamp_ns)
+        turn = self.yaw_rate_radps * dt
+        if abs(turn) < 1e-9:
+            dx, dy = self.speed_mps * dt, 0.0
+        else:
+            radius = self.speed_mps / self.yaw_rate_radps
+            dx, dy = radius * math.sin(turn), radius * (1.0 - math.cos(turn))
+        x, y = self.pose.to_parent(dx, dy)
+        return replace(
+            self, stamp_ns=stamp_ns, x_m=x, y_m=y, yaw_rad=wrap_angle(self.yaw_rad + turn)
+        )

@@ -1,0 +1,114 @@
+"""The closed vocabularies of METHOD 5.1, and the words around them."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+OBJECTS = ("car", "truck", "bus", "motorcycle", "cyclist", "pedestrian")
+POSITIONS = (
+    "front",
+    "front_left",
+    "front_right",
+    "left",
+    "right",
+    "rear",
+    "rear_left",
+    "rear_right",
+)
+MOTIONS = (
+    "stationary",
+    "same_direction",
+    "oncoming",
+    "cutting_in_from_left",
+    "cutting_in_from_right",
+    "cutting_out",
+    "crossing_from_left",
+    "crossing_from_right",
+    "receding",
+)
+CONFLICTS = ("no_conflict", "potential", "active", "resolved")
+LON_ACTIONS = ("stop", "decelerate", "maintain", "accelerate")
+LAT_ACTIONS = ("left", "straight", "right")
+DOMAINS = ("synthetic", "simulation", "physical")
+PHASES = ("approach", "trigger", "conflict", "resolution")
+
+
+class ObjectClass(IntEnum):
+    """Object classes by the numbers of ObjectState.msg."""
+
+    UNKNOWN = 0
+    CAR = 1
+    TRUCK = 2
+    BUS = 3
+    MOTORCYCLE = 4
+    CYCLIST = 5
+    PEDESTRIAN = 6
+
+    @property
+    def word(self) -> str:
+        """The word of METHOD 5.1, ``unknown`` for UNKNOWN."""
+        return self.name.lower()
+
+    @classmethod
+    def from_word(cls, word: str) -> ObjectClass:
+        """Raises KeyError for a word outside the vocabulary."""
+        return cls[word.upper()]
+
+
+class Role(IntEnum):
+    """Roles by the numbers of ObjectState.msg."""
+
+    UNKNOWN = 0
+    VUT = 1
+    OT = 2
+    TRAFFIC = 3
+
+
+class Phase(IntEnum):
+    """Phases by the numbers of PhaseEvent.msg."""
+
+    UNKNOWN = 0
+    APPROACH = 1
+    TRIGGER = 2
+    CONFLICT = 3
+    RESOLUTION = 4
+
+
+class ControlState(IntEnum):
+    """Object states with the names and numbers of ISO 22133."""
+
+    OFF = 0
+    INIT = 1
+    ARMED = 2
+    DISARMED = 3
+    RUNNING = 4
+    POSTRUN = 5
+    REMOTE_CONTROLLED = 6
+    ABORTING = 7
+    PRE_ARMING = 8
+    PRE_RUNNING = 9
+
+
+class SessionPhase(IntEnum):
+    """Session states by the numbers of SessionState.msg."""
+
+    UNKNOWN = 0
+    IDLE = 1
+    LOADED = 2
+    CONNECTED = 3
+    ARMED = 4
+    RUNNING = 5
+    STOPPING = 6
+    FINISHED = 7
+    ABORTING = 8
+    ABORTED = 9
+
+
+class Verdict(IntEnum):
+    """Verdicts of a run by the numbers of SessionState.msg."""
+
+    NONE = 0
+    VALID = 1
+    INVALID_HARNESS = 2
+    FAILED_SAFETY = 3
+    ABORTED = 4

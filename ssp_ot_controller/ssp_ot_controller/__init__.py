@@ -1,0 +1,1 @@
+"""Object targets: references, tracking and local safety; the SIL world and its camera."""

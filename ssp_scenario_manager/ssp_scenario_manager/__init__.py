@@ -1,0 +1,1 @@
+"""Event specification, triggers, session and supervisor of SSP."""

@@ -1,0 +1,1 @@
+"""Adapters and bridges from VLA services to topics."""
