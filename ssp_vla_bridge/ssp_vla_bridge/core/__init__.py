@@ -1,0 +1,1 @@
+"""What the VLA bridges know without ROS: requests, responses, adapters, trajectories."""
