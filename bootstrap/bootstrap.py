@@ -7,6 +7,7 @@ the environment was made from has changed; safe to call again after an interrupt
 from __future__ import annotations
 
 import ctypes
+import hashlib
 import os
 import shutil
 import subprocess
@@ -102,38 +103,42 @@ def check_interpreter() -> None:
         )
 
 
+def lock_hash() -> str:
+    """Hash of what .venv is made from: the two lock files and the interpreter."""
+    digest = hashlib.sha256(sys.version.encode())
+    for name in ("uv.lock", "requirements.lock"):
+        digest.update((ROOT / "bootstrap" / name).read_bytes())
+    return digest.hexdigest()
+
+
 def make_venv() -> Path:
-    """Creates .venv with this interpreter, unless it stands already with the same version."""
+    """Creates .venv with the locked packages, unless it stands already for the same lock.
+
+    The ROS wheels carry a second set of metadata under the ROS names, which `uv pip sync` would
+    take for foreign packages and remove: a changed lock therefore makes a new .venv.
+    """
     python = VENV / "bin" / "python"
-    config = VENV / "pyvenv.cfg"
-    wanted = f"version = {sys.version_info.major}.{sys.version_info.minor}."
-    if python.exists() and config.exists() and wanted in config.read_text():
+    made_for = VENV / "ssp-lock"
+    if made_for.exists() and made_for.read_text() == lock_hash():
         return python
     step(f"creating .venv (Python {sys.version.split()[0]})")
     shutil.rmtree(VENV, ignore_errors=True)
     run([sys.executable, "-m", "venv", str(VENV)], "creating .venv")
+    step("installing pinned packages (about 500 MB to download on a first start)")
+    pip = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+    run([*pip, "--require-hashes", "-r", str(ROOT / "bootstrap" / "uv.lock")], "installing uv")
+    uv = [str(VENV / "bin" / "uv"), "pip", "install", "--python", str(python), "--link-mode=copy"]
+    run(
+        [*uv, "--require-hashes", "-r", str(ROOT / "bootstrap" / "requirements.lock")],
+        "installing bootstrap/requirements.lock",
+    )
+    made_for.write_text(lock_hash())
     return python
 
 
-def install_packages(python: Path) -> None:
-    step("installing pinned packages (about 350 MB to download on a first start)")
-    pip = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
-    run([*pip, "--require-hashes", "-r", str(ROOT / "bootstrap" / "uv.lock")], "installing uv")
-    run(
-        [
-            str(VENV / "bin" / "uv"),
-            "pip",
-            "sync",
-            "--require-hashes",
-            "--python",
-            str(python),
-            "--link-mode=copy",
-            str(ROOT / "bootstrap" / "requirements.lock"),
-        ],
-        "installing bootstrap/requirements.lock",
-    )
+def link_sources() -> None:
+    """Puts the source folders on sys.path, so that an edit needs no build, then install/."""
     site = next((VENV / "lib").glob("python3.*/site-packages"))
-    # Sources first, so that an edit needs no build; the generated messages from install/.
     lines = [str(ROOT / name) for name in SOURCE_DIRS]
     lines.append(str(ROOT / "install" / "lib" / site.parent.name / "site-packages"))
     (site / "ssp_sources.pth").write_text("\n".join(lines) + "\n")
@@ -181,7 +186,7 @@ def main(fingerprint: str) -> int:
         stamp = VENV / "ssp-ready"
         stamp.unlink(missing_ok=True)
         python = make_venv()
-        install_packages(python)
+        link_sources()
         build_workspace(python)
         stamp.write_text(fingerprint + "\n")
     except BootstrapError as error:
