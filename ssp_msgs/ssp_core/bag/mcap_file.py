@@ -1,0 +1,261 @@
+"""One MCAP file opened for reading: checked summary, bounded reads, errors that name the file."""
+
+from __future__ import annotations
+
+import io
+import struct
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import EndOfFile, McapError
+from mcap.opcode import Opcode
+from mcap.reader import NonSeekingReader, SeekingReader
+from mcap.records import (
+    Attachment,
+    AttachmentIndex,
+    Channel,
+    ChunkIndex,
+    McapRecord,
+    Message,
+    MetadataIndex,
+    Schema,
+    Statistics,
+)
+from mcap.stream_reader import StreamReader
+from mcap.summary import Summary
+from mcap.writer import MCAP0_MAGIC
+
+from ssp_core.errors import InputError
+
+FOOTER_BYTES = 1 + 8 + 8 + 8 + 4
+RECORD_HEAD_BYTES = 1 + 8
+KNOWN_OPCODES = frozenset(int(opcode) for opcode in Opcode)
+REPAIR = "`ssp bag recover` keeps what can be read"
+
+# What the mcap package and its decompressors raise on bytes that are no MCAP; lz4 raises a plain
+# RuntimeError. KeyError and IndexError come from references to records that aren't there.
+DAMAGE = (
+    McapError,
+    ValueError,
+    KeyError,
+    IndexError,
+    OverflowError,
+    MemoryError,
+    RuntimeError,
+    struct.error,
+    zstandard.ZstdError,
+)
+
+
+class BoundedFile(io.BufferedReader):
+    """A file whose read() asks for no more than is there, whatever length damaged bytes claim."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(io.FileIO(path, "rb"))
+        self.size = self.seek(0, io.SEEK_END)
+        self.seek(0)
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        left = max(0, self.size - self.tell())
+        return super().read(left if size is None or size < 0 else min(size, left))
+
+
+@contextmanager
+def damage_of(path: Path) -> Iterator[None]:
+    """Turns what damaged bytes raise into an InputError that names the file."""
+    try:
+        yield
+    except DAMAGE as error:
+        text = str(error) or type(error).__name__
+        raise InputError(f"is damaged: {text}", file=path, remedy=REPAIR) from error
+    except OSError as error:
+        raise InputError(f"can't be read: {error.strerror or error}", file=path) from error
+
+
+def open_bounded(path: Path) -> BoundedFile:
+    """Opens a file.
+
+    Raises:
+        InputError: it can't be opened.
+    """
+    try:
+        return BoundedFile(path)
+    except OSError as error:
+        raise InputError(f"can't be read: {error.strerror}", file=path) from error
+
+
+def read_summary(stream: BoundedFile, path: Path) -> Summary:
+    """The summary section of a closed MCAP file, with its CRC checked.
+
+    Raises:
+        InputError: no MCAP file, not closed, without a summary, or damaged.
+    """
+    head = stream.read(len(MCAP0_MAGIC))
+    if head != MCAP0_MAGIC:
+        raise InputError("is no MCAP file", file=path)
+    tail_bytes = FOOTER_BYTES + len(MCAP0_MAGIC)
+    stream.seek(max(0, stream.size - tail_bytes))
+    tail = stream.read(tail_bytes)
+    if len(tail) < tail_bytes or not tail.endswith(MCAP0_MAGIC) or tail[0] != Opcode.FOOTER:
+        raise InputError("was not closed by its recorder, or is cut off", file=path, remedy=REPAIR)
+    summary_start, _, crc = struct.unpack_from("<QQI", tail, RECORD_HEAD_BYTES)
+    if not len(MCAP0_MAGIC) <= summary_start <= stream.size - tail_bytes:
+        raise InputError("has no summary section", file=path, remedy=REPAIR)
+    stream.seek(summary_start)
+    block = stream.read(stream.size - summary_start)
+    # The CRC stands last in the footer and covers everything before it.
+    if crc and zlib.crc32(block[: -len(MCAP0_MAGIC) - 4]) != crc:
+        raise InputError("is damaged: the summary's CRC is wrong", file=path, remedy=REPAIR)
+    summary = Summary()
+    with damage_of(path):
+        records = StreamReader(io.BytesIO(block), skip_magic=True, record_size_limit=len(block))
+        for record in records.records:
+            _collect(summary, record)
+    return summary
+
+
+def _collect(summary: Summary, record: McapRecord) -> None:
+    if isinstance(record, Schema):
+        summary.schemas[record.id] = record
+    elif isinstance(record, Channel):
+        summary.channels[record.id] = record
+    elif isinstance(record, Statistics):
+        summary.statistics = record
+    elif isinstance(record, ChunkIndex):
+        summary.chunk_indexes.append(record)
+    elif isinstance(record, AttachmentIndex):
+        summary.attachment_indexes.append(record)
+    elif isinstance(record, MetadataIndex):
+        summary.metadata_indexes.append(record)
+
+
+class McapFile:
+    """A closed MCAP file; a context manager.
+
+    Args:
+        path: the file.
+
+    Raises:
+        InputError: it can't be opened, is no closed MCAP file or its summary is damaged.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._stream = open_bounded(path)
+        try:
+            self.summary = read_summary(self._stream, path)
+            self._stream.seek(0)
+            with damage_of(path):
+                self._reader = SeekingReader(
+                    self._stream, validate_crcs=True, record_size_limit=self._stream.size
+                )
+        except BaseException:
+            self._stream.close()
+            raise
+
+    def records(
+        self, topics: frozenset[str] | None, start_ns: int | None, stop_ns: int | None
+    ) -> Iterator[tuple[Schema | None, Channel, Message]]:
+        """Messages in order of log time, chunks found by index and checked by their CRC.
+
+        Raises:
+            InputError: a chunk is damaged.
+        """
+        with damage_of(self.path):
+            if self.summary.chunk_indexes:
+                reader: SeekingReader | NonSeekingReader = self._reader
+            else:  # written without chunks: the only way is through the whole file
+                self._stream.seek(0)
+                reader = NonSeekingReader(
+                    self._stream, validate_crcs=True, record_size_limit=self._stream.size
+                )
+            yield from reader.iter_messages(topics, starting_at=start_ns, ending_before=stop_ns)
+
+    def attachment(self, name: str) -> bytes | None:
+        """The data of the first attachment of that name, with its CRC checked.
+
+        Raises:
+            InputError: it is damaged.
+        """
+        for index in self.summary.attachment_indexes:
+            if index.name == name:
+                return self._read_attachment(index.offset, index.length)
+        return None
+
+    def _read_attachment(self, offset: int, length: int) -> bytes:
+        with damage_of(self.path):
+            self._stream.seek(offset)
+            return parse_attachment(self._stream.read(length)).data
+
+    def close(self) -> None:
+        self._stream.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+def framed_records(stream: BoundedFile) -> Iterator[tuple[int, bytes]]:
+    """Offset and bytes of each record from the beginning of a file, whole ones only.
+
+    Raises:
+        ValueError: the file ends within a record, after the whole ones were given.
+    """
+    offset = stream.seek(len(MCAP0_MAGIC))
+    while offset < stream.size:
+        head = stream.read(RECORD_HEAD_BYTES)
+        if len(head) < RECORD_HEAD_BYTES:
+            raise ValueError("the file ends within a record")
+        length = struct.unpack_from("<Q", head, 1)[0]
+        if offset + RECORD_HEAD_BYTES + length > stream.size:
+            raise ValueError("the file ends within a record")
+        yield offset, head + stream.read(length)
+        offset += RECORD_HEAD_BYTES + length
+        stream.seek(offset)
+
+
+def parse_record(raw: bytes) -> McapRecord | None:
+    """One framed record, chunks as they are and attachments with their CRC checked; None for a
+    record of an unknown kind.
+
+    Raises:
+        one of DAMAGE: the bytes are no record of their kind.
+    """
+    if raw[0] == Opcode.ATTACHMENT:
+        return parse_attachment(raw)
+    reader = StreamReader(io.BytesIO(raw), skip_magic=True, emit_chunks=True)
+    try:
+        return next(reader.records)
+    except EndOfFile:
+        if raw[0] in KNOWN_OPCODES:
+            raise
+        return None
+
+
+def parse_attachment(raw: bytes) -> Attachment:
+    """An attachment from its framed record.
+
+    Raises:
+        ValueError: it is none, or its CRC is wrong.
+    """
+    if raw[:1] != bytes([Opcode.ATTACHMENT]):
+        raise ValueError("no attachment where one should be")
+    body = raw[RECORD_HEAD_BYTES:]
+    crc = struct.unpack("<I", body[-4:])[0]
+    if crc and zlib.crc32(body[:-4]) != crc:
+        raise ValueError("an attachment's CRC is wrong")
+    attachment: Attachment = Attachment.read(ReadDataStream(io.BytesIO(body)))
+    return attachment

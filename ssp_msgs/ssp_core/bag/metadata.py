@@ -1,0 +1,154 @@
+"""``metadata.yaml`` of a rosbag2 directory (version 9), from facts and back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import yaml
+
+from ssp_core.bag.qos import parse_offered_qos
+from ssp_core.errors import InputError
+from ssp_core.files import read_mapping
+
+VERSION = 9
+FILE_NAME = "metadata.yaml"
+ROOT_KEY = "rosbag2_bagfile_information"
+ROS_DISTRO = "jazzy"
+
+
+@dataclass(frozen=True, slots=True)
+class TopicFacts:
+    """One topic: name, full type name, offered QoS as YAML, RIHS01 hash, messages written."""
+
+    name: str
+    msgtype: str
+    offered_qos: str
+    type_hash: str
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
+class BagFacts:
+    """What metadata.yaml says of a bag with one file; times are log times in ns."""
+
+    file_name: str
+    start_ns: int
+    end_ns: int
+    topics: tuple[TopicFacts, ...]
+
+    @property
+    def count(self) -> int:
+        return sum(topic.count for topic in self.topics)
+
+
+def bag_information(facts: BagFacts) -> dict[str, Any]:
+    """The mapping under ``rosbag2_bagfile_information``, with every key of version 9."""
+    start = {"nanoseconds_since_epoch": facts.start_ns}
+    duration = {"nanoseconds": facts.end_ns - facts.start_ns}
+    return {
+        "version": VERSION,
+        "storage_identifier": "mcap",
+        "duration": dict(duration),
+        "starting_time": dict(start),
+        "message_count": facts.count,
+        "topics_with_message_count": [
+            {
+                "topic_metadata": {
+                    "name": topic.name,
+                    "type": topic.msgtype,
+                    "serialization_format": "cdr",
+                    "offered_qos_profiles": parse_offered_qos(topic.offered_qos),
+                    "type_description_hash": topic.type_hash,
+                },
+                "message_count": topic.count,
+            }
+            for topic in facts.topics
+        ],
+        "compression_format": "",
+        "compression_mode": "",
+        "relative_file_paths": [facts.file_name],
+        "files": [
+            {
+                "path": facts.file_name,
+                "starting_time": dict(start),
+                "duration": dict(duration),
+                "message_count": facts.count,
+            }
+        ],
+        "custom_data": None,
+        "ros_distro": ROS_DISTRO,
+    }
+
+
+def to_yaml(value: dict[str, Any]) -> str:
+    return yaml.safe_dump(value, sort_keys=False, allow_unicode=True)
+
+
+@dataclass(frozen=True, slots=True)
+class BagDirectory:
+    """What a reader needs of a metadata.yaml: the files in order, and the counts it claims."""
+
+    files: tuple[Path, ...]
+    message_count: int
+    topic_counts: dict[str, int]
+
+
+def read_metadata(folder: Path) -> BagDirectory:
+    """Reads the metadata.yaml of a bag directory of any version that names MCAP files.
+
+    Raises:
+        InputError: it isn't there, can't be parsed, or is of a bag that is not plain MCAP.
+    """
+    path = folder / FILE_NAME
+    if not path.is_file():
+        raise InputError(
+            f"has no {FILE_NAME}, so it is no closed bag",
+            file=folder,
+            remedy="`ssp bag recover` makes a readable bag of an interrupted recording",
+        )
+    information = read_mapping(path).get(ROOT_KEY)
+    if not isinstance(information, dict):
+        raise InputError("is missing or no mapping", file=path, field=ROOT_KEY)
+    storage = information.get("storage_identifier")
+    if storage != "mcap":
+        raise InputError(
+            "is a storage that is not read here",
+            file=path,
+            field=f"{ROOT_KEY}.storage_identifier",
+            value=storage,
+            remedy="convert the bag to mcap with `ros2 bag convert`",
+        )
+    if information.get("compression_mode") not in (None, "", "none", "NONE", "storage"):
+        raise InputError(
+            "compressed bags are not read here",
+            file=path,
+            field=f"{ROOT_KEY}.compression_mode",
+            value=information["compression_mode"],
+            remedy="convert the bag to plain mcap with `ros2 bag convert`",
+        )
+    names = information.get("relative_file_paths")
+    if not isinstance(names, list) or not names or not all(isinstance(n, str) for n in names):
+        raise InputError(
+            "must list the bag's files", file=path, field=f"{ROOT_KEY}.relative_file_paths"
+        )
+    # Only the name counts: old bags wrote paths, and a bag reads no file outside its directory.
+    files = tuple(folder / PurePosixPath(name).name for name in names)
+    for file in files:
+        if not file.is_file():
+            raise InputError(f"names {file.name}, which is not there", file=path)
+    return BagDirectory(files, *_counts(information, path))
+
+
+def _counts(information: dict[str, Any], path: Path) -> tuple[int, dict[str, int]]:
+    try:
+        topics = {
+            str(item["topic_metadata"]["name"]): int(item["message_count"])
+            for item in information["topics_with_message_count"]
+        }
+        return int(information["message_count"]), topics
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(
+            f"message counts are missing or malformed: {error}", file=path, field=ROOT_KEY
+        ) from error

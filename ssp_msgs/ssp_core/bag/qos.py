@@ -1,0 +1,48 @@
+"""Quality of service as a bag states it: the complete YAML that rosbag2 and rosbags need."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import yaml
+
+# rmw's infinite duration, as rosbag2 writes it.
+_INFINITE = {"sec": 9223372036, "nsec": 854775807}
+
+
+def offered_qos(depth: int, *, transient_local: bool = False) -> str:
+    """YAML of one reliable KEEP_LAST publisher, for BagWriter.add_topic.
+
+    Args:
+        depth: the publisher's history, messages.
+        transient_local: the publisher keeps its last messages for those that join later.
+    """
+    profile = {
+        "history": "keep_last",
+        "depth": depth,
+        "reliability": "reliable",
+        "durability": "transient_local" if transient_local else "volatile",
+        "deadline": dict(_INFINITE),
+        "lifespan": dict(_INFINITE),
+        "liveliness": "automatic",
+        "liveliness_lease_duration": dict(_INFINITE),
+        "avoid_ros_namespace_conventions": False,
+    }
+    return yaml.safe_dump([profile], sort_keys=False)
+
+
+def parse_offered_qos(text: str) -> list[dict[str, Any]]:
+    """The profiles in the YAML of a channel; an empty text has none.
+
+    Raises:
+        ValueError: the text is no YAML list of mappings.
+    """
+    if not text:
+        return []
+    try:
+        profiles = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise ValueError(f"offered_qos_profiles is no YAML: {error}") from error
+    if not isinstance(profiles, list) or not all(isinstance(item, dict) for item in profiles):
+        raise ValueError("offered_qos_profiles is no list of mappings")
+    return profiles

@@ -1,0 +1,236 @@
+"""Reads bags by index, with checksums verified and types taken from the bag itself."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Collection, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NamedTuple, Self
+
+from mcap.records import Channel, Schema
+from rosbags.serde import SerdeError
+from rosbags.typesys.store import Typestore
+
+from ssp_core.bag.mcap_file import DAMAGE, McapFile
+from ssp_core.bag.metadata import read_metadata
+from ssp_core.bag.types import TypeDefinition, store_from
+from ssp_core.errors import InputError
+
+
+@dataclass(frozen=True, slots=True)
+class TopicInfo:
+    """One topic of a bag: full type name, messages, offered QoS as YAML, RIHS01 hash."""
+
+    msgtype: str
+    count: int
+    offered_qos: str = ""
+    type_hash: str = ""
+
+
+class BagMessage(NamedTuple):
+    """One serialised message; log time is when it was received, publish time when it was sent."""
+
+    topic: str
+    log_time_ns: int
+    publish_time_ns: int
+    data: bytes
+    sequence: int = 0
+
+
+def type_definition(schema: Schema, channel: Channel) -> TypeDefinition:
+    """The definition that a file gives for a channel's type.
+
+    Raises:
+        ValueError: the definition is not UTF-8.
+    """
+    return TypeDefinition(
+        schema.name,
+        schema.encoding,
+        schema.data.decode("utf-8"),
+        channel.metadata.get("topic_type_hash", ""),
+    )
+
+
+def bag_files(path: Path) -> tuple[Path, ...]:
+    """The MCAP files of a bag directory in order, or the one file that was named.
+
+    Raises:
+        InputError: it isn't there or is no bag.
+    """
+    if path.is_dir():
+        return read_metadata(path).files
+    if not path.exists():
+        raise InputError("is not there", file=path, remedy="name a bag directory or a .mcap file")
+    return (path,)
+
+
+class BagReader:
+    """A bag directory or one .mcap file, open for reading; a context manager.
+
+    Args:
+        path: directory with metadata.yaml, or the file itself.
+
+    Raises:
+        InputError: not there, no bag, not closed, or damaged; the message names the file.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        self.topics: dict[str, TopicInfo] = {}
+        self._definitions: dict[str, TypeDefinition] = {}
+        self._stores: dict[str, Typestore] = {}
+        self._stack = ExitStack()
+        try:
+            self.files = bag_files(self.path)
+            self._parts = [self._stack.enter_context(McapFile(file)) for file in self.files]
+            for part in self._parts:
+                self._add_topics(part)
+        except BaseException:
+            self._stack.close()
+            raise
+
+    def _add_topics(self, part: McapFile) -> None:
+        summary = part.summary
+        counts = summary.statistics.channel_message_counts if summary.statistics else {}
+        for channel in summary.channels.values():
+            schema = summary.schemas.get(channel.schema_id)
+            if schema is None:
+                raise InputError(
+                    "has a channel without a type", file=part.path, field=channel.topic
+                )
+            try:
+                written = type_definition(schema, channel)
+            except ValueError as error:
+                raise InputError(
+                    "has a definition that is not UTF-8", file=part.path, field=schema.name
+                ) from error
+            before = self.topics.get(channel.topic)
+            if before is not None and before.msgtype != written.msgtype:
+                raise InputError(
+                    f"has messages of two types, {before.msgtype} and {written.msgtype}",
+                    file=part.path,
+                    field=channel.topic,
+                )
+            self._definitions.setdefault(channel.topic, written)
+            self.topics[channel.topic] = TopicInfo(
+                msgtype=written.msgtype,
+                count=(before.count if before else 0) + counts.get(channel.id, 0),
+                offered_qos=channel.metadata.get("offered_qos_profiles", ""),
+                type_hash=written.type_hash,
+            )
+
+    @property
+    def count(self) -> int:
+        """Messages in the bag."""
+        return sum(topic.count for topic in self.topics.values())
+
+    @property
+    def start_ns(self) -> int | None:
+        """Earliest log time, None for an empty bag."""
+        times = [s.message_start_time for s in self._statistics() if s.message_count]
+        return min(times, default=None)
+
+    @property
+    def end_ns(self) -> int | None:
+        """Latest log time, None for an empty bag."""
+        times = [s.message_end_time for s in self._statistics() if s.message_count]
+        return max(times, default=None)
+
+    def _statistics(self) -> list[Any]:
+        return [p.summary.statistics for p in self._parts if p.summary.statistics is not None]
+
+    @property
+    def attachments(self) -> tuple[str, ...]:
+        """Names of the attachments, in file order."""
+        return tuple(i.name for p in self._parts for i in p.summary.attachment_indexes)
+
+    def messages(
+        self,
+        topics: Collection[str] | None = None,
+        start_ns: int | None = None,
+        stop_ns: int | None = None,
+    ) -> Iterator[BagMessage]:
+        """Messages in order of log time; of equal times, in the order of the file.
+
+        Args:
+            topics: only these; names that the bag doesn't have give nothing.
+            start_ns: first log time.
+            stop_ns: the first log time that is no longer given.
+
+        Raises:
+            InputError: a chunk that is needed is damaged.
+            ValueError: stop lies before start.
+        """
+        if start_ns is not None and stop_ns is not None and stop_ns < start_ns:
+            raise ValueError(f"stop_ns {stop_ns} lies before start_ns {start_ns}")
+        wanted = None if topics is None else frozenset(topics)
+        parts = [self._part_messages(part, wanted, start_ns, stop_ns) for part in self._parts]
+        return parts[0] if len(parts) == 1 else heapq.merge(*parts, key=lambda m: m.log_time_ns)
+
+    @staticmethod
+    def _part_messages(
+        part: McapFile, topics: frozenset[str] | None, start_ns: int | None, stop_ns: int | None
+    ) -> Iterator[BagMessage]:
+        for _, channel, m in part.records(topics, start_ns, stop_ns):
+            yield BagMessage(channel.topic, m.log_time, m.publish_time, m.data, m.sequence)
+
+    def decode(self, message: BagMessage) -> Any:
+        """The message as an object with the type's fields, numeric arrays as numpy arrays.
+
+        The type is the one that stands in the bag, whatever this installation knows.
+
+        Raises:
+            InputError: the bytes don't fit the type, or its definition can't be used.
+            KeyError: the topic is not in this bag.
+        """
+        written = self._definitions[message.topic]
+        store = self._stores.get(message.topic)
+        if store is None:
+            try:
+                store = self._stores[message.topic] = store_from(written)
+            except InputError as error:
+                raise InputError(
+                    error.problem,
+                    file=self.path,
+                    field=error.field,
+                    value=error.value,
+                    remedy=error.remedy,
+                ) from error
+        try:
+            return store.deserialize_cdr(message.data, written.msgtype)
+        except (SerdeError, *DAMAGE) as error:
+            raise InputError(
+                f"holds a message at {message.log_time_ns} ns that is no {written.msgtype}: "
+                f"{error}",
+                file=self.path,
+                field=message.topic,
+            ) from error
+
+    def attachment(self, name: str) -> bytes | None:
+        """Data of an attachment, None when the bag has none of that name.
+
+        Raises:
+            InputError: it is damaged.
+        """
+        for part in self._parts:
+            data = part.attachment(name)
+            if data is not None:
+                return data
+        return None
+
+    def close(self) -> None:
+        self._stack.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()

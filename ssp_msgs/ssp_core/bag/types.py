@@ -1,0 +1,152 @@
+"""Message types without ROS: Jazzy's own and ssp_msgs, read from the .msg files themselves."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from pathlib import Path
+
+from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys.base import TypesysError
+from rosbags.typesys.store import Typestore
+
+from ssp_core.errors import HostError, InputError
+
+PACKAGE = "ssp_msgs"
+MSG_ENCODING = "ros2msg"
+IDL_ENCODING = "ros2idl"
+_SEPARATOR = "=" * 80 + "\n"
+
+
+@dataclass(frozen=True, slots=True)
+class TypeDefinition:
+    """What a bag says about one message type.
+
+    Args:
+        msgtype: full name, ``package/msg/Name``.
+        encoding: ``ros2msg`` or ``ros2idl``.
+        text: the definition followed by those of all types that it uses.
+        type_hash: ``RIHS01_<hex>`` as ROS 2 computes it, empty when it is not known.
+    """
+
+    msgtype: str
+    encoding: str
+    text: str
+    type_hash: str = ""
+
+
+def _interface_texts() -> dict[str, str]:
+    """The .msg files of ssp_msgs by name: beside the sources, in the wheel, or in a ROS install."""
+    folders = [Path(__file__).resolve().parents[2] / "msg"]
+    try:
+        packaged = resources.files("ssp_core.interfaces")
+    except ModuleNotFoundError:
+        pass
+    else:
+        texts = {
+            Path(entry.name).stem: entry.read_text("utf-8")
+            for entry in packaged.iterdir()
+            if entry.name.endswith(".msg")
+        }
+        if "ObjectState" in texts:
+            return texts
+    folders += [
+        Path(prefix) / "share" / PACKAGE / "msg"
+        for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+        if prefix
+    ]
+    for folder in folders:
+        # Other packages install folders named msg too; ours holds this file.
+        if (folder / "ObjectState.msg").is_file():
+            return {path.stem: path.read_text("utf-8") for path in sorted(folder.glob("*.msg"))}
+    raise HostError(
+        f"the message definitions of {PACKAGE} were not found (looked in "
+        f"{', '.join(str(folder) for folder in folders)}); install the project anew"
+    )
+
+
+@cache
+def _own_texts() -> dict[str, str]:
+    return {f"{PACKAGE}/msg/{name}": text for name, text in _interface_texts().items()}
+
+
+@cache
+def typestore() -> Typestore:
+    """The types of ROS 2 Jazzy and of ssp_msgs; one store, shared by all callers.
+
+    Raises:
+        HostError: the .msg files of ssp_msgs are not installed.
+    """
+    store = get_typestore(Stores.ROS2_JAZZY)
+    types = {}
+    for msgtype, text in _own_texts().items():
+        types.update(get_types_from_msg(text, msgtype))
+    store.register(types)
+    return store
+
+
+@cache
+def definition(msgtype: str) -> TypeDefinition:
+    """Definition of a known type with all that it uses, comments of ssp_msgs kept.
+
+    Raises:
+        InputError: neither Jazzy's common interfaces nor ssp_msgs hold the type.
+    """
+    store = typestore()
+    if msgtype not in store.fielddefs:
+        raise InputError("is no known message type", field=msgtype)
+    # A section is "MSG: package/Name\n<text>"; the first one has no such line.
+    first, *rest = store.generate_msgdef(msgtype, ros_version=2)[0].split(_SEPARATOR)
+    sections = [_own_texts().get(msgtype, first)]
+    for section in rest:
+        head, _, text = section.partition("\n")
+        package, _, name = head.removeprefix("MSG: ").partition("/")
+        own = _own_texts().get(f"{package}/msg/{name}", text)
+        sections.append(f"{head}\n{own}")
+    return TypeDefinition(msgtype, MSG_ENCODING, _SEPARATOR.join(sections), _hash(store, msgtype))
+
+
+def _hash(store: Typestore, msgtype: str) -> str:
+    return str(store.hash_rihs01(msgtype))
+
+
+def serialize(message: object) -> bytes:
+    """CDR (little endian, with its four bytes of encapsulation) of a message of typestore().
+
+    Args:
+        message: made with ``typestore().types[msgtype](...)``.
+    """
+    msgtype = getattr(message, "__msgtype__", None)
+    if not isinstance(msgtype, str):
+        raise TypeError(f"{type(message).__name__} is no message of the typestore")
+    return bytes(typestore().serialize_cdr(message, msgtype, little_endian=True))
+
+
+def store_from(written: TypeDefinition) -> Typestore:
+    """A store that knows exactly the types of one definition, as it stands in a bag.
+
+    Raises:
+        InputError: the definition can't be parsed or lacks the type that it is for.
+    """
+    store = get_typestore(Stores.EMPTY)
+    try:
+        if written.encoding == MSG_ENCODING:
+            types = get_types_from_msg(written.text, written.msgtype)
+        elif written.encoding == IDL_ENCODING:
+            types = get_types_from_idl(written.text)
+        else:
+            raise InputError(
+                "has a definition in an unknown encoding",
+                field=written.msgtype,
+                value=written.encoding,
+                remedy=f"{MSG_ENCODING} and {IDL_ENCODING} are understood",
+            )
+        store.register(types)
+        store.get_msgdef(written.msgtype)
+    except (TypesysError, KeyError, ValueError, SyntaxError, RecursionError) as error:
+        raise InputError(
+            f"has a definition that can't be used: {error}", field=written.msgtype
+        ) from error
+    return store
