@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
+from importlib.resources.abc import Traversable
 from pathlib import Path
 
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
@@ -37,39 +39,32 @@ class TypeDefinition:
     type_hash: str = ""
 
 
-def _interface_texts() -> dict[str, str]:
-    """The .msg files of ssp_msgs by name: beside the sources, in the wheel, or in a ROS install."""
-    folders = [Path(__file__).resolve().parents[2] / "msg"]
-    try:
-        packaged = resources.files("ssp_core.interfaces")
-    except ModuleNotFoundError:
-        pass
-    else:
-        texts = {
-            Path(entry.name).stem: entry.read_text("utf-8")
-            for entry in packaged.iterdir()
-            if entry.name.endswith(".msg")
-        }
-        if "ObjectState" in texts:
-            return texts
-    folders += [
-        Path(prefix) / "share" / PACKAGE / "msg"
-        for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
-        if prefix
-    ]
-    for folder in folders:
-        # Other packages install folders named msg too; ours holds this file.
-        if (folder / "ObjectState.msg").is_file():
-            return {path.stem: path.read_text("utf-8") for path in sorted(folder.glob("*.msg"))}
-    raise HostError(
-        f"the message definitions of {PACKAGE} were not found (looked in "
-        f"{', '.join(str(folder) for folder in folders)}); install the project anew"
-    )
+def _folders() -> list[Traversable]:
+    """Where the .msg files may be: beside the sources, in the wheel, in ROS install prefixes."""
+    folders: list[Traversable] = [Path(__file__).resolve().parents[2] / "msg"]
+    with suppress(ModuleNotFoundError):  # only a pip installation has it
+        folders.append(resources.files("ssp_core.interfaces"))
+    prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+    folders += [Path(prefix, "share", PACKAGE, "msg") for prefix in prefixes if prefix]
+    return folders
 
 
 @cache
 def _own_texts() -> dict[str, str]:
-    return {f"{PACKAGE}/msg/{name}": text for name, text in _interface_texts().items()}
+    """Text of each .msg file of ssp_msgs by full type name."""
+    folders = _folders()
+    for folder in folders:
+        # Other packages have folders named msg too; ours holds this file.
+        if folder.joinpath("ObjectState.msg").is_file():
+            return {
+                f"{PACKAGE}/msg/{entry.name.removesuffix('.msg')}": entry.read_text("utf-8")
+                for entry in sorted(folder.iterdir(), key=lambda entry: entry.name)
+                if entry.name.endswith(".msg")
+            }
+    raise HostError(
+        f"the message definitions of {PACKAGE} were not found (looked in "
+        f"{', '.join(str(folder) for folder in folders)}); install the project anew"
+    )
 
 
 @cache
@@ -99,17 +94,15 @@ def definition(msgtype: str) -> TypeDefinition:
         raise InputError("is no known message type", field=msgtype)
     # A section is "MSG: package/Name\n<text>"; the first one has no such line.
     first, *rest = store.generate_msgdef(msgtype, ros_version=2)[0].split(_SEPARATOR)
+    # Our own files stand in for what the store generates: their comments give the units.
     sections = [_own_texts().get(msgtype, first)]
     for section in rest:
         head, _, text = section.partition("\n")
         package, _, name = head.removeprefix("MSG: ").partition("/")
         own = _own_texts().get(f"{package}/msg/{name}", text)
         sections.append(f"{head}\n{own}")
-    return TypeDefinition(msgtype, MSG_ENCODING, _SEPARATOR.join(sections), _hash(store, msgtype))
-
-
-def _hash(store: Typestore, msgtype: str) -> str:
-    return str(store.hash_rihs01(msgtype))
+    text = _SEPARATOR.join(sections)
+    return TypeDefinition(msgtype, MSG_ENCODING, text, store.hash_rihs01(msgtype))
 
 
 def serialize(message: object) -> bytes:

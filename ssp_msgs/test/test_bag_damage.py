@@ -1,0 +1,230 @@
+"""Cut and damaged bags: an InputError that names the file, and all that is whole recovered."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from rosbags.highlevel import AnyReader
+from ssp_core.bag import BagReader, BagWriter, recover
+from ssp_core.bag.types import serialize, typestore
+from ssp_core.errors import InputError
+
+CLOCK = "rosgraph_msgs/msg/Clock"
+CHUNKS, PER_CHUNK = 4, 5
+
+# Writes two flushed chunks and a third that was not, then is killed the hard way.
+KILLED = """
+import os, signal, sys
+from ssp_core.bag import BagWriter
+from ssp_core.bag.types import serialize, typestore
+types = typestore().types
+writer = BagWriter(sys.argv[1])
+writer.attach("run.yaml", b"seed: 1\\n", "application/yaml")
+writer.add_topic("/clock", "rosgraph_msgs/msg/Clock")
+for k in range(250):
+    stamp = types["builtin_interfaces/msg/Time"](sec=k, nanosec=0)
+    cdr = serialize(types["rosgraph_msgs/msg/Clock"](clock=stamp))
+    writer.write("/clock", cdr, k * 10**9, k * 10**9)
+    if k in (99, 199):
+        writer.flush()
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def clock(k: int) -> bytes:
+    stamp = typestore().types["builtin_interfaces/msg/Time"](sec=k, nanosec=0)
+    return serialize(typestore().types[CLOCK](clock=stamp))
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Four chunks of five messages each, and an attachment."""
+    path = tmp_path_factory.mktemp("damage") / "bag"
+    with BagWriter(path) as writer:
+        writer.add_topic("/clock", CLOCK)
+        writer.attach("run.yaml", b"seed: 1\n" * 20, "application/yaml")
+        for k in range(CHUNKS * PER_CHUNK):
+            writer.write("/clock", clock(k), k, k)
+            if k % PER_CHUNK == PER_CHUNK - 1:
+                writer.flush()
+    return path
+
+
+def read_everything(path: Path) -> list[int]:
+    """Seconds of all clock messages, after reading the attachments too."""
+    with BagReader(path) as reader:
+        for name in reader.attachments:
+            reader.attachment(name)
+        return [reader.decode(message).clock.sec for message in reader.messages()]
+
+
+def test_a_killed_writer_loses_only_what_came_after_the_last_flush(tmp_path: Path) -> None:
+    source, target = tmp_path / "killed", tmp_path / "repaired"
+    done = subprocess.run([sys.executable, "-c", KILLED, str(source)], check=False, timeout=60)
+    assert done.returncode == -signal.SIGKILL
+    with pytest.raises(InputError, match=r"no metadata\.yaml.*ssp bag recover"):
+        BagReader(source)
+    with pytest.raises(InputError, match=r"was not closed.*ssp bag recover"):
+        BagReader(source / "killed_0.mcap")
+    report = recover(source, target)
+    assert report.messages == {"/clock": 200}
+    assert report.attachments == ("run.yaml",)
+    assert not report.complete
+    assert "not closed" in report.damage[0]
+    assert read_everything(target) == list(range(200))
+    with AnyReader([target]) as reader:
+        assert reader.message_count == 200
+
+
+def test_recovering_a_whole_bag_keeps_everything(bag: Path, tmp_path: Path) -> None:
+    report = recover(bag, tmp_path / "copy")
+    assert report.complete
+    assert report.bytes_read == report.bytes_total
+    with BagReader(bag) as before, BagReader(tmp_path / "copy") as after:
+        assert list(before.messages()) == list(after.messages())
+        assert before.topics == after.topics
+        assert before.attachment("run.yaml") == after.attachment("run.yaml")
+
+
+def test_a_damaged_chunk_is_left_out_and_the_rest_kept(bag: Path, tmp_path: Path) -> None:
+    data = bytearray((bag / "bag_0.mcap").read_bytes())
+    second = data.index(clock(PER_CHUNK))
+    data[second + 5] ^= 0x10
+    damaged = tmp_path / "damaged.mcap"
+    damaged.write_bytes(data)
+    with pytest.raises(InputError, match=r"damaged\.mcap: is damaged: crc"):
+        read_everything(damaged)
+    report = recover(damaged, tmp_path / "repaired")
+    assert len(report.damage) == 1
+    assert "crc validation failed in Chunk" in report.damage[0]
+    expected = [k for k in range(20) if not PER_CHUNK <= k < 2 * PER_CHUNK]
+    assert read_everything(tmp_path / "repaired") == expected
+
+
+def test_a_damaged_attachment_is_noticed(bag: Path, tmp_path: Path) -> None:
+    data = (bag / "bag_0.mcap").read_bytes().replace(b"seed: 1\nseed", b"seed: 9\nseed", 1)
+    damaged = tmp_path / "damaged.mcap"
+    damaged.write_bytes(data)
+    with pytest.raises(InputError, match="an attachment's CRC is wrong"):
+        read_everything(damaged)
+    report = recover(damaged, tmp_path / "repaired")
+    assert report.attachments == ()
+    assert report.count == 20
+
+
+def test_recover_refuses_what_is_no_bag(tmp_path: Path) -> None:
+    (tmp_path / "text.mcap").write_text("not an mcap")
+    with pytest.raises(InputError, match=r"text\.mcap: is no MCAP file"):
+        recover(tmp_path / "text.mcap", tmp_path / "out")
+    with pytest.raises(InputError, match="is not there"):
+        recover(tmp_path / "nowhere", tmp_path / "out")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputError, match=r"no \.mcap file"):
+        recover(tmp_path / "empty", tmp_path / "out")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["empty", "text.mcap"]
+
+
+def test_recover_never_overwrites(bag: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="exists already"):
+        recover(bag, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        ("[]", "must hold a mapping"),
+        ("rosbag2_bagfile_information: 3", "is missing or no mapping"),
+        ("rosbag2_bagfile_information: {storage_identifier: sqlite3}", "not read here"),
+        (
+            "rosbag2_bagfile_information: {storage_identifier: mcap, relative_file_paths: [x]}",
+            "names x, which is not there",
+        ),
+        (
+            "rosbag2_bagfile_information: {storage_identifier: mcap, relative_file_paths: []}",
+            "must list the bag's files",
+        ),
+        (
+            "rosbag2_bagfile_information: {storage_identifier: mcap, compression_mode: file}",
+            "compressed bags",
+        ),
+        (
+            "rosbag2_bagfile_information: {storage_identifier: mcap,"
+            " relative_file_paths: [../a.mcap], message_count: x, topics_with_message_count: []}",
+            "counts are missing or malformed",
+        ),
+    ],
+)
+def test_bad_metadata_names_the_file(tmp_path: Path, text: str, match: str) -> None:
+    (tmp_path / "a.mcap").write_bytes(b"")
+    (tmp_path / "metadata.yaml").write_text(text)
+    with pytest.raises(InputError, match=match) as caught:
+        BagReader(tmp_path)
+    assert caught.value.file == str(tmp_path / "metadata.yaml")
+
+
+def test_a_message_that_is_not_of_its_type_names_the_topic(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.add_topic("/clock", CLOCK)
+        writer.write("/clock", b"\x00\x01\x00\x00\x01", 3, 3)
+    with BagReader(tmp_path / "bag") as reader:
+        (message,) = reader.messages()
+        with pytest.raises(InputError, match=r"/clock.*at 3 ns that is no rosgraph"):
+            reader.decode(message)
+
+
+@settings(
+    max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(fraction=st.floats(0, 1, exclude_max=True))
+def test_any_cut_is_an_input_error_and_recovers_whole_chunks(
+    bag: Path, tmp_path_factory: pytest.TempPathFactory, fraction: float
+) -> None:
+    data = (bag / "bag_0.mcap").read_bytes()
+    cut = int(fraction * len(data))
+    folder = tmp_path_factory.mktemp("cut")
+    (folder / "cut.mcap").write_bytes(data[:cut])
+    with pytest.raises(InputError, match=r"cut\.mcap"):
+        BagReader(folder / "cut.mcap")
+    if cut < 8:
+        with pytest.raises(InputError, match="is no MCAP file"):
+            recover(folder / "cut.mcap", folder / "out")
+        return
+    report = recover(folder / "cut.mcap", folder / "out")
+    seconds = read_everything(folder / "out")
+    assert seconds == list(range(report.count))
+    assert report.count % PER_CHUNK == 0
+    ends = [data.index(clock(k)) + len(clock(k)) for k in range(4, 20, 5)]
+    assert report.count == PER_CHUNK * sum(end <= cut for end in ends)
+
+
+@settings(
+    max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(
+    flips=st.lists(
+        st.tuples(st.floats(0, 1, exclude_max=True), st.integers(1, 255)), min_size=1, max_size=3
+    )
+)
+def test_flipped_bytes_never_give_a_traceback_nor_wrong_messages(
+    bag: Path, tmp_path_factory: pytest.TempPathFactory, flips: list[tuple[float, int]]
+) -> None:
+    data = bytearray((bag / "bag_0.mcap").read_bytes())
+    for fraction, mask in flips:
+        data[int(fraction * len(data))] ^= mask
+    folder = tmp_path_factory.mktemp("flip")
+    (folder / "flip.mcap").write_bytes(data)
+    messages = []
+    for path in (folder / "flip.mcap", folder / "out"):
+        try:
+            if path.name == "out":
+                recover(folder / "flip.mcap", path)
+            assert set(read_everything(path)) <= set(range(20))
+        except InputError as error:
+            messages.append(str(error))
+    assert all(str(folder) in message for message in messages)
