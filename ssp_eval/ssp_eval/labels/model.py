@@ -1,0 +1,239 @@
+"""The labels file (METHOD 5.2): typed model, strict loading, writing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+from ssp_core.errors import InputError
+from ssp_core.files import read_mapping, read_text
+from ssp_core.vocab import (
+    CONFLICTS,
+    DOMAINS,
+    LAT_ACTIONS,
+    LON_ACTIONS,
+    MOTIONS,
+    OBJECTS,
+    PHASES,
+    POSITIONS,
+)
+
+from ssp_eval import strict
+from ssp_eval.strict import Place
+
+SCHEMA = "ssp.labels/1"
+
+_KEYS = (
+    "schema",
+    "scenario",
+    "domain",
+    "event_version",
+    "risk_time_s",
+    "first_frame_dynamics",
+    "labels",
+)
+_LABEL_KEYS = (
+    "t_s",
+    "phase",
+    "risk_visible",
+    "objects",
+    "position",
+    "motion",
+    "conflict",
+    "lon_actions",
+    "lat_actions",
+)
+
+
+@dataclass(frozen=True)
+class Label:
+    """What is true at one time of a clip; None marks a slot that can't be evaluated there.
+
+    Args:
+        t_s: clip time, s.
+        phase: one of approach, trigger, conflict, resolution.
+        risk_visible: whether the risk can be seen in the forward video by now.
+        objects: classes of the relevant road users; ``()`` says that there is nobody.
+        position: of the critical object, seen from the VUT.
+        motion: of the critical object, seen from the VUT.
+        conflict: state of the conflict.
+        lon_actions: longitudinal actions that are right here, at least one.
+        lat_actions: lateral actions that are right here, at least one.
+    """
+
+    t_s: float
+    phase: str
+    risk_visible: bool
+    objects: tuple[str, ...] | None
+    position: str | None
+    motion: str | None
+    conflict: str | None
+    lon_actions: tuple[str, ...]
+    lat_actions: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Labels:
+    """The labels of one scenario in one domain.
+
+    Args:
+        scenario: name of the scenario, such as ``cut_in``.
+        domain: synthetic, simulation or physical.
+        event_version: content hash of the K* that the clip realises.
+        risk_time_s: clip time of risk onset, s; None: the first label with risk_visible.
+        first_frame_dynamics: whether motion and conflict are evaluated at the earliest label.
+        labels: at least one, times rising strictly.
+    """
+
+    scenario: str
+    domain: str
+    event_version: str
+    risk_time_s: float | None
+    first_frame_dynamics: bool
+    labels: tuple[Label, ...]
+
+    @property
+    def risk_onset_s(self) -> float:
+        """t_r of METHOD 6.9: risk_time_s, else the time of the first label with risk_visible.
+
+        Raises:
+            ValueError: neither is there (a loaded file always has one).
+        """
+        if self.risk_time_s is not None:
+            return self.risk_time_s
+        for label in self.labels:
+            if label.risk_visible:
+                return label.t_s
+        raise ValueError("labels without risk onset")
+
+
+def load_labels(path: str | Path) -> Labels:
+    """The labels of a JSON file, or of a YAML file with the same keys.
+
+    A text that parses as JSON is read as JSON whatever its name (YAML reads some JSON numbers as
+    words); otherwise a name that ends in ``.json`` is refused and any other is read as YAML.
+
+    Raises:
+        InputError: the file can't be read or parsed, or parse_labels refuses it.
+    """
+    text = read_text(path).removeprefix("\ufeff")
+    try:
+        value = strict.parse_json(text, Place(path))
+    except InputError:
+        if Path(path).suffix.lower() == ".json":
+            raise
+        value = read_mapping(path)
+    return parse_labels(value, path)
+
+
+def parse_labels(value: object, file: str | Path) -> Labels:
+    """Labels from the parsed content of a labels file.
+
+    Args:
+        value: what the JSON or YAML text holds.
+        file: name for error messages.
+
+    Raises:
+        InputError: the first thing that is wrong, with its field path (METHOD 5.6): unknown
+            schema, missing or unknown keys, a value outside its vocabulary or of the wrong type,
+            times that don't rise, an empty action set, no labels, no risk onset.
+    """
+    place = Place(file)
+    found = strict.mapping(value, place, _KEYS)
+    strict.choice(found["schema"], place.at("schema"), (SCHEMA,))
+    risk = found["risk_time_s"]
+    result = Labels(
+        scenario=_name(found["scenario"], place.at("scenario")),
+        domain=strict.choice(found["domain"], place.at("domain"), DOMAINS),
+        event_version=_name(found["event_version"], place.at("event_version")),
+        risk_time_s=None if risk is None else strict.finite(risk, place.at("risk_time_s")),
+        first_frame_dynamics=strict.boolean(
+            found["first_frame_dynamics"], place.at("first_frame_dynamics")
+        ),
+        labels=_labels(found["labels"], place.at("labels")),
+    )
+    if risk is None and not any(label.risk_visible for label in result.labels):
+        raise place.at("risk_time_s").error(
+            "is null, and no label has risk_visible: true",
+            remedy="a labels file must say when the risk begins, in one way or the other",
+        )
+    return result
+
+
+def _labels(value: object, place: Place) -> tuple[Label, ...]:
+    labels = tuple(_label(item, place.at(i)) for i, item in enumerate(strict.items(value, place)))
+    if not labels:
+        raise place.error("must hold at least one label")
+    for i, (before, after) in enumerate(pairwise(labels), start=1):
+        if after.t_s <= before.t_s:
+            where = place.at(i).at("t_s")
+            raise where.error(
+                "must rise strictly from label to label",
+                after.t_s,
+                remedy=f"the label before has {before.t_s!r}",
+            )
+    return labels
+
+
+def _label(value: object, place: Place) -> Label:
+    found = strict.mapping(value, place, _LABEL_KEYS)
+
+    def optional(key: str, vocabulary: tuple[str, ...]) -> str | None:
+        given = found[key]
+        return None if given is None else strict.choice(given, place.at(key), vocabulary)
+
+    objects = found["objects"]
+    return Label(
+        t_s=strict.finite(found["t_s"], place.at("t_s")),
+        phase=strict.choice(found["phase"], place.at("phase"), PHASES),
+        risk_visible=strict.boolean(found["risk_visible"], place.at("risk_visible")),
+        objects=None if objects is None else strict.choices(objects, place.at("objects"), OBJECTS),
+        position=optional("position", POSITIONS),
+        motion=optional("motion", MOTIONS),
+        conflict=optional("conflict", CONFLICTS),
+        lon_actions=_actions(found["lon_actions"], place.at("lon_actions"), LON_ACTIONS),
+        lat_actions=_actions(found["lat_actions"], place.at("lat_actions"), LAT_ACTIONS),
+    )
+
+
+def _name(value: object, place: Place) -> str:
+    text = strict.string(value, place)
+    if not text.strip():
+        raise place.error("must not be blank")
+    return text
+
+
+def _actions(value: object, place: Place, vocabulary: tuple[str, ...]) -> tuple[str, ...]:
+    actions = strict.choices(value, place, vocabulary)
+    if not actions:
+        raise place.error("must not be empty", remedy=f"known are {', '.join(vocabulary)}")
+    return actions
+
+
+def labels_to_json(labels: Labels) -> dict[str, Any]:
+    """The content of a labels file (METHOD 5.2), ready for json.dump or files.write_json."""
+    return {
+        "schema": SCHEMA,
+        "scenario": labels.scenario,
+        "domain": labels.domain,
+        "event_version": labels.event_version,
+        "risk_time_s": labels.risk_time_s,
+        "first_frame_dynamics": labels.first_frame_dynamics,
+        "labels": [_label_json(label) for label in labels.labels],
+    }
+
+
+def _label_json(label: Label) -> dict[str, Any]:
+    return {
+        "t_s": label.t_s,
+        "phase": label.phase,
+        "risk_visible": label.risk_visible,
+        "objects": None if label.objects is None else list(label.objects),
+        "position": label.position,
+        "motion": label.motion,
+        "conflict": label.conflict,
+        "lon_actions": list(label.lon_actions),
+        "lat_actions": list(label.lat_actions),
+    }
