@@ -1,0 +1,111 @@
+"""References: what an object target is to do from ``execute_at`` on (Reference.msg without ROS)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ssp_core.clock import ns_to_seconds, seconds_to_ns
+from ssp_core.geometry import FloatArray, wrap_angle
+
+
+@dataclass(frozen=True, slots=True)
+class ReferencePoint:
+    """One point for the object's reference point, frame map.
+
+    Args:
+        t_s: s after the reference's execute_at.
+        x_m: m, east.
+        y_m: m, north.
+        yaw_rad: rad, counter-clockwise from east.
+        speed_mps: m/s along the heading, >= 0.
+        acceleration_mps2: m/s^2 along the heading.
+        curvature_1pm: 1/m, + turns left.
+    """
+
+    t_s: float
+    x_m: float
+    y_m: float
+    yaw_rad: float
+    speed_mps: float
+    acceleration_mps2: float
+    curvature_1pm: float
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A timed trajectory; field meanings as in Reference.msg.
+
+    Any points may be held, broken ones too: ``check_reference`` of the object target judges them.
+    """
+
+    reference_id: str
+    object_id: str
+    event_version: str
+    purpose: str
+    dispatched_ns: int
+    execute_at_ns: int
+    expires_at_ns: int
+    points: tuple[ReferencePoint, ...]
+
+    @cached_property
+    def columns(self) -> FloatArray:
+        """Points as columns t, x, y, yaw, speed, acceleration, curvature; shape (7, n)."""
+        rows = [
+            (p.t_s, p.x_m, p.y_m, p.yaw_rad, p.speed_mps, p.acceleration_mps2, p.curvature_1pm)
+            for p in self.points
+        ]
+        return np.array(rows, dtype=np.float64).reshape(-1, 7).T.copy()
+
+    @property
+    def end_ns(self) -> int:
+        """Time of the last point. Raises IndexError for a reference without points."""
+        return self.execute_at_ns + seconds_to_ns(self.points[-1].t_s)
+
+
+def _between(a: ReferencePoint, b: ReferencePoint, t_s: float) -> ReferencePoint:
+    """Cubic Hermite in position (speeds are its tangents), linear in everything else."""
+    span_s = b.t_s - a.t_s
+    u = (t_s - a.t_s) / span_s
+    h_a, h_b = (1.0 + 2.0 * u) * (1.0 - u) ** 2, u * u * (3.0 - 2.0 * u)
+    g_a, g_b = u * (1.0 - u) ** 2 * span_s, u * u * (u - 1.0) * span_s
+    va, vb = a.speed_mps, b.speed_mps
+    x = h_a * a.x_m + h_b * b.x_m
+    x += g_a * va * math.cos(a.yaw_rad) + g_b * vb * math.cos(b.yaw_rad)
+    y = h_a * a.y_m + h_b * b.y_m
+    y += g_a * va * math.sin(a.yaw_rad) + g_b * vb * math.sin(b.yaw_rad)
+    return ReferencePoint(
+        t_s=t_s,
+        x_m=x,
+        y_m=y,
+        yaw_rad=wrap_angle(a.yaw_rad + u * wrap_angle(b.yaw_rad - a.yaw_rad)),
+        speed_mps=va + u * (vb - va),
+        acceleration_mps2=a.acceleration_mps2 + u * (b.acceleration_mps2 - a.acceleration_mps2),
+        curvature_1pm=a.curvature_1pm + u * (b.curvature_1pm - a.curvature_1pm),
+    )
+
+
+def sample(reference: Reference, t_ns: int) -> ReferencePoint:
+    """The point that the object should be at, interpolated between the reference's points.
+
+    Before the first point it is that point without acceleration; after the last one a standstill
+    at that point.
+
+    Args:
+        reference: one that ``check_reference`` accepted.
+        t_ns: session time, ns.
+
+    Raises:
+        IndexError: the reference has no points.
+    """
+    t_s = ns_to_seconds(t_ns - reference.execute_at_ns)
+    first, last = reference.points[0], reference.points[-1]
+    if t_s < first.t_s:
+        return replace(first, t_s=t_s, acceleration_mps2=0.0)
+    if t_s >= last.t_s:
+        return replace(last, t_s=t_s, speed_mps=0.0, acceleration_mps2=0.0)
+    i = int(np.searchsorted(reference.columns[0], t_s, side="right"))
+    return _between(reference.points[i - 1], reference.points[i], t_s)

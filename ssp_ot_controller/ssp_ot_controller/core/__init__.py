@@ -1,0 +1,1 @@
+"""Decisions of object targets and their world, as pure functions without ROS."""

@@ -1,0 +1,77 @@
+"""Is a box, or a whole row of them, inside a geofence?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from ssp_core.geometry import Box, FloatArray
+from ssp_core.state import Size
+
+
+def corners_of(x_m: FloatArray, y_m: FloatArray, yaw_rad: FloatArray, size: Size) -> FloatArray:
+    """Corners of an object at n poses of its reference point, shape (n, 4, 2), as Box.corners."""
+    front, rear, half = size.front_m, -size.rear_m, size.width_m / 2.0
+    local = np.array([[front, half], [rear, half], [rear, -half], [front, -half]])
+    c, s = np.cos(yaw_rad)[:, None], np.sin(yaw_rad)[:, None]
+    x = x_m[:, None] + c * local[:, 0] - s * local[:, 1]
+    y = y_m[:, None] + s * local[:, 0] + c * local[:, 1]
+    return np.stack((x, y), axis=-1)
+
+
+def _inside(points: FloatArray, polygon: FloatArray) -> NDArray[np.bool_]:
+    """Even-odd rule for points of shape (k, 2)."""
+    a, b = polygon, np.roll(polygon, -1, axis=0)
+    px, py = points[:, None, 0], points[:, None, 1]
+    spans = (a[:, 1] > py) != (b[:, 1] > py)
+    rise = np.where(a[:, 1] == b[:, 1], 1.0, b[:, 1] - a[:, 1])
+    left = px < a[:, 0] + (py - a[:, 1]) * (b[:, 0] - a[:, 0]) / rise
+    inside: NDArray[np.bool_] = (spans & left).sum(axis=1) % 2 == 1
+    return inside
+
+
+def _distance_to_edges(points: FloatArray, polygon: FloatArray) -> FloatArray:
+    """Smallest distance of points (k, 2) to the outline of a polygon, shape (k,)."""
+    a, d = polygon, np.roll(polygon, -1, axis=0) - polygon
+    rel = points[:, None, :] - a
+    norm = np.maximum((d**2).sum(axis=-1), 1e-300)
+    t = np.clip((rel * d).sum(axis=-1) / norm, 0.0, 1.0)
+    distance: FloatArray = np.linalg.norm(rel - t[..., None] * d, axis=-1).min(axis=1)
+    return distance
+
+
+def excess_m(corners: FloatArray, fence: Sequence[tuple[float, float]]) -> FloatArray:
+    """How far each box sticks out of the fence in m; 0 for a box that is inside.
+
+    Counted are corners outside the fence and, for a fence with a notch, fence corners inside the
+    box. A value that isn't finite gives infinity: what can't be located is not inside.
+
+    Args:
+        corners: shape (n, 4, 2), m, frame of the fence.
+        fence: simple polygon, m.
+    """
+    polygon = np.asarray(fence, dtype=np.float64)
+    finite = np.isfinite(corners).all(axis=(1, 2))
+    excess = np.where(finite, 0.0, np.inf)
+    good = np.flatnonzero(finite)
+    flat = corners[good].reshape(-1, 2)
+    out = ~_inside(flat, polygon)
+    depth = np.zeros(len(flat))
+    if out.any():
+        depth[out] = _distance_to_edges(flat[out], polygon)
+    excess[good] = depth.reshape(-1, 4).max(axis=1)
+    # Only a fence corner within a box's circumcircle can be inside that box.
+    centres = corners[good].mean(axis=1)
+    radii = np.linalg.norm(corners[good] - centres[:, None, :], axis=-1).max(axis=1)
+    reach = np.linalg.norm(centres[:, None, :] - polygon, axis=-1).min(axis=1)
+    for i in good[(excess[good] == 0.0) & (reach < radii)]:
+        notch = polygon[_inside(polygon, corners[i])]
+        if len(notch):
+            excess[i] = float(_distance_to_edges(notch, corners[i]).max())
+    return excess
+
+
+def box_excess_m(box: Box, fence: Sequence[tuple[float, float]]) -> float:
+    """As ``excess_m`` for one box."""
+    return float(excess_m(np.array([box.corners()]), fence)[0])

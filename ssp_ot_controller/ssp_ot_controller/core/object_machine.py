@@ -1,0 +1,91 @@
+"""The object's state machine after ISO 22133, as one table.
+
+Everything that changes an object's control state goes through ``transition``. PRE_RUNNING and
+REMOTE_CONTROLLED are states of the standard that our objects don't enter; they stand in the table
+because abort must be legal wherever an object may be.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+from ssp_core.errors import PeerError
+from ssp_core.vocab import ControlState
+
+
+class ObjectEvent(IntEnum):
+    """Commands by the numbers of ObjectCommand.srv; from 100 on what the object itself notices."""
+
+    CONNECT = 1
+    ARM = 2
+    DISARM = 3
+    START = 4
+    STOP = 5
+    ABORT = 6
+    ALL_CLEAR = 7
+    INIT_DONE = 100
+    PRE_ARM_DONE = 101
+    STANDSTILL = 102
+    RUN_DONE = 103
+    LOCAL_STOP = 104
+
+
+class IllegalTransition(PeerError):
+    """An event that the present state doesn't know. The state is as it was."""
+
+    def __init__(self, state: ControlState, event: ObjectEvent) -> None:
+        self.state = state
+        self.event = event
+        known = ", ".join(e.name for e in TABLE[state])
+        super().__init__(f"{event.name} is not possible in {state.name} (possible: {known})")
+
+
+_ALWAYS: dict[ObjectEvent, ControlState] = {
+    ObjectEvent.ABORT: ControlState.ABORTING,
+    ObjectEvent.LOCAL_STOP: ControlState.ABORTING,
+}
+
+TABLE: dict[ControlState, dict[ObjectEvent, ControlState]] = {
+    ControlState.OFF: {ObjectEvent.CONNECT: ControlState.INIT, **_ALWAYS},
+    ControlState.INIT: {ObjectEvent.INIT_DONE: ControlState.DISARMED, **_ALWAYS},
+    ControlState.DISARMED: {
+        ObjectEvent.CONNECT: ControlState.INIT,
+        ObjectEvent.ARM: ControlState.PRE_ARMING,
+        **_ALWAYS,
+    },
+    ControlState.PRE_ARMING: {
+        ObjectEvent.PRE_ARM_DONE: ControlState.ARMED,
+        ObjectEvent.DISARM: ControlState.DISARMED,
+        **_ALWAYS,
+    },
+    ControlState.ARMED: {
+        ObjectEvent.START: ControlState.RUNNING,
+        ObjectEvent.DISARM: ControlState.DISARMED,
+        **_ALWAYS,
+    },
+    ControlState.PRE_RUNNING: dict(_ALWAYS),
+    ControlState.RUNNING: {
+        ObjectEvent.STOP: ControlState.POSTRUN,
+        ObjectEvent.RUN_DONE: ControlState.POSTRUN,
+        **_ALWAYS,
+    },
+    ControlState.POSTRUN: {ObjectEvent.STANDSTILL: ControlState.DISARMED, **_ALWAYS},
+    ControlState.REMOTE_CONTROLLED: dict(_ALWAYS),
+    ControlState.ABORTING: {
+        ObjectEvent.ALL_CLEAR: ControlState.DISARMED,
+        ObjectEvent.STANDSTILL: ControlState.ABORTING,
+        **_ALWAYS,
+    },
+}
+
+
+def transition(state: ControlState, event: ObjectEvent) -> ControlState:
+    """The state after an event.
+
+    Raises:
+        IllegalTransition: the table has no such pair.
+    """
+    try:
+        return TABLE[state][event]
+    except KeyError:
+        raise IllegalTransition(state, event) from None

@@ -1,0 +1,1 @@
+"""The software-in-the-loop world: SUMO, lockstep, disturbances."""
