@@ -1,0 +1,24 @@
+"""Puts the real packages into sys.modules before any test file is imported.
+
+Under ``--import-mode=importlib`` pytest names ``ssp_eval/test/test_x.py`` the module
+``ssp_eval.test.test_x`` and would make a namespace module of the folder ``ssp_eval/``, which then
+hides the package ``ssp_eval/ssp_eval/`` from the tests.
+"""
+
+from __future__ import annotations
+
+import importlib
+from importlib.util import find_spec
+
+for _name in (
+    "ssp_core",
+    "ssp_msgs",
+    "ssp_scenario_manager",
+    "ssp_ot_controller",
+    "ssp_monitor",
+    "ssp_vla_bridge",
+    "ssp_eval",
+):
+    # ssp_msgs holds generated code and is missing where ROS is.
+    if find_spec(_name) is not None:
+        importlib.import_module(_name)

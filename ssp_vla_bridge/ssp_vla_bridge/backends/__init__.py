@@ -1,0 +1,1 @@
+"""The backends that come with the project: baselines, controls and recorded answers."""

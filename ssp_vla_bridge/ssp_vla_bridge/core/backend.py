@@ -1,0 +1,159 @@
+"""The seam behind which a model sits, and the backends by name."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import traceback
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from ssp_core.errors import InputError
+
+from ssp_vla_bridge.core.request import Request, request_problems
+from ssp_vla_bridge.core.response import Answer, ErrorCode, Response
+
+# name: module:factory. A backend's module is imported when it is asked for, so that one
+# backend's dependencies are not another's.
+BACKENDS: dict[str, str] = {
+    "constant_velocity": "ssp_vla_bridge.backends.constant_velocity:make",
+    "perfect": "ssp_vla_bridge.backends.perfect:make",
+    "silent": "ssp_vla_bridge.backends.silent:make",
+    "recorded": "ssp_vla_bridge.backends.recorded:make",
+}
+
+
+class Backend(Protocol):
+    """A model, whatever it is; it sees the request and nothing else."""
+
+    @property
+    def model_id(self) -> str:
+        """Exact model and version."""
+
+    def answer(self, request: Request) -> Answer:
+        """The raw answer; raises whatever it likes, which costs this answer only."""
+
+
+class BackendFactory(Protocol):
+    """Makes a backend from its options."""
+
+    def __call__(self, options: Mapping[str, Any]) -> Backend:
+        """Raises InputError for options that it doesn't know or that are wrong."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A response, and the traceback behind its error (empty when nothing was raised)."""
+
+    response: Response
+    traceback: str = ""
+
+
+def parse_options(text: str) -> dict[str, Any]:
+    """The options in a JSON object; blank text has none.
+
+    Raises:
+        InputError: the text is no JSON object.
+    """
+    if not text.strip():
+        return {}
+    try:
+        value = json.loads(text)
+    except (json.JSONDecodeError, RecursionError) as error:
+        raise InputError(
+            f"is not valid JSON: {error}",
+            field="backend_options",
+            value=text,
+            remedy='give an object such as {"frames": 10}',
+        ) from error
+    if not isinstance(value, dict):
+        raise InputError("must be a JSON object", field="backend_options", value=text)
+    return value
+
+
+def make_backend(name: str, options: Mapping[str, Any]) -> Backend:
+    """The named backend, ready to answer.
+
+    Args:
+        name: a key of BACKENDS, or ``module:factory`` for a backend of one's own.
+        options: handed to its factory.
+
+    Raises:
+        InputError: the name or the options are wrong.
+    """
+    target = BACKENDS.get(name, name)
+    module_name, _, function = target.partition(":")
+    try:
+        factory: BackendFactory = getattr(importlib.import_module(module_name), function)
+    except (ImportError, AttributeError, ValueError, TypeError) as error:
+        raise InputError(
+            f"no such backend ({error})",
+            field="backend",
+            value=name,
+            remedy=f"known are {', '.join(sorted(BACKENDS))}; your own is given as module:factory",
+        ) from error
+    return factory(options)
+
+
+def check_options(backend: str, options: Mapping[str, Any], known: Mapping[str, type]) -> None:
+    """Refuses options that a backend doesn't know or that have the wrong type.
+
+    Raises:
+        InputError: naming the option.
+    """
+    for key, value in options.items():
+        if key not in known:
+            raise InputError(
+                f"is no option of {backend}",
+                field=f"backend_options.{key}",
+                remedy=f"known are {', '.join(sorted(known)) or 'none'}",
+            )
+        wanted = known[key]
+        # bool is an int to Python, and an int is a fine float.
+        fits = isinstance(value, (int, float) if wanted is float else wanted)
+        if not fits or (isinstance(value, bool) and wanted is not bool):
+            raise InputError(
+                f"must be of type {wanted.__name__}", field=f"backend_options.{key}", value=value
+            )
+
+
+def respond(backend: Backend, model: str, request: Request) -> Outcome:
+    """The response to one request, whatever the backend does (latency is left to the caller).
+
+    A request that can't be answered is ERROR_BAD_REQUEST and doesn't reach the backend; an
+    exception of the backend is ERROR_BACKEND with its last line as the message.
+    """
+    blank = Response(request.request_id, request.stamp_ns, model, backend.model_id)
+    problems = request_problems(request)
+    if problems:
+        return Outcome(failure(blank, ErrorCode.BAD_REQUEST, "; ".join(problems)))
+    try:
+        answer = backend.answer(request)
+        response = Response(
+            request_id=request.request_id,
+            stamp_ns=request.stamp_ns,
+            model=model,
+            model_id=backend.model_id,
+            text=answer.text,
+            arrays=answer.arrays,
+            decoding=answer.decoding,
+        )
+    except Exception as error:  # a model's failure costs one answer and goes to the caller's log
+        message = f"{type(error).__name__}: {error}"
+        return Outcome(failure(blank, ErrorCode.BACKEND, message), traceback.format_exc())
+    return Outcome(response)
+
+
+def failure(response: Response, code: ErrorCode, message: str) -> Response:
+    """An answer that says, on one line, why there is none."""
+    line = " ".join(message.split())
+    return Response(
+        request_id=response.request_id,
+        stamp_ns=response.stamp_ns,
+        model=response.model,
+        model_id=response.model_id,
+        latency_s=response.latency_s,
+        error_code=int(code),
+        error_msg=line if len(line) <= 400 else line[:397] + "...",
+    )

@@ -1,0 +1,226 @@
+"""Requests, responses, the inbox and the one function that answers."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+from dataclasses import replace
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from ssp_core.errors import InputError
+from ssp_vla_bridge.core.backend import (
+    BACKENDS,
+    check_options,
+    make_backend,
+    parse_options,
+    respond,
+)
+from ssp_vla_bridge.core.inbox import Inbox
+from ssp_vla_bridge.core.request import EgoSample, Frame, request_problems
+from ssp_vla_bridge.core.response import (
+    Answer,
+    ErrorCode,
+    NativeArray,
+    Response,
+    response_from_json,
+    response_to_json,
+)
+
+
+class Raising:
+    model_id = "raising/1"
+
+    def answer(self, request):
+        raise RuntimeError("weights\nare lost")
+
+
+class Echo:
+    model_id = "echo/1"
+
+    def answer(self, request):
+        return Answer(request.request_id, decoding={"temperature": 0})
+
+
+def test_a_good_request_has_no_problems(make_request, straight_history):
+    assert request_problems(make_request(history=straight_history(8.0))) == ()
+
+
+def test_garbage_cut_off_and_missing_frames_are_problems(make_request, grey_jpeg):
+    assert request_problems(make_request(jpegs=[])) == ("it has no frames",)
+    for bad in (b"", b"\x00" * 100, b"\xff\xd8garbage\xff\xd9", grey_jpeg[:-50]):
+        (problem,) = request_problems(make_request(jpegs=[grey_jpeg, bad]))
+        assert "frames[1]" in problem
+    assert request_problems(make_request(jpegs=[grey_jpeg + b"\0\0\0"])) == ()
+
+
+def test_frames_of_the_future_or_out_of_order_are_problems(make_request, grey_jpeg):
+    request = make_request(jpegs=[grey_jpeg, grey_jpeg])
+    late = replace(request, frames=(Frame(request.stamp_ns + 1, grey_jpeg),))
+    assert "later" in request_problems(late)[0]
+    assert "rise" in request_problems(replace(request, frames=request.frames[::-1]))[0]
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_a_history_that_is_not_finite_is_a_problem(make_request, value):
+    history = (EgoSample(0.0, 0.0, 0.0, 0.0, value, 0.0),)
+    assert "finite" in request_problems(make_request(history=history))[0]
+
+
+def test_history_order_and_future_are_problems(make_request, straight_history):
+    history = straight_history(8.0)
+    assert "rise" in request_problems(make_request(history=history[::-1]))[0]
+    future = (replace(history[-1], t_s=0.1),)
+    assert "after" in request_problems(make_request(history=future))[0]
+
+
+@pytest.mark.parametrize(
+    ("step_s", "horizon_s"), [(0.0, 2.0), (math.nan, 2.0), (3.0, 2.0), (0.5, 1e9), (0.5, math.inf)]
+)
+def test_a_task_without_a_plannable_horizon_is_a_problem(make_request, step_s, horizon_s):
+    request = make_request()
+    task = replace(request.task, trajectory_step_s=step_s, trajectory_horizon_s=horizon_s)
+    assert request_problems(replace(request, task=task))
+
+
+def test_respond_carries_id_stamp_and_decoding(make_request):
+    response = respond(Echo(), "echo", make_request("abc", 7_000)).response
+    assert (response.request_id, response.stamp_ns) == ("abc", 7_000)
+    assert (response.model, response.model_id, response.text) == ("echo", "echo/1", "abc")
+    assert response.decoding == {"temperature": 0}
+    assert response.error_code == ErrorCode.NONE
+
+
+def test_an_exception_becomes_one_line_and_a_traceback(make_request):
+    outcome = respond(Raising(), "m", make_request())
+    assert outcome.response.error_code == ErrorCode.BACKEND
+    assert outcome.response.error_msg == "RuntimeError: weights are lost"
+    assert "Traceback" in outcome.traceback
+    assert outcome.response.text == ""
+
+
+def test_a_bad_request_never_reaches_the_backend(make_request):
+    outcome = respond(Raising(), "m", make_request(jpegs=[]))
+    assert outcome.response.error_code == ErrorCode.BAD_REQUEST
+    assert outcome.traceback == ""
+
+
+def test_every_registered_backend_names_an_unknown_option():
+    for name in BACKENDS:
+        with pytest.raises(InputError, match=r"backend_options\.colour"):
+            make_backend(name, {"colour": 1})
+
+
+@pytest.mark.parametrize(
+    "name", ["nope", "nope:make", "ssp_vla_bridge.core.task:nothing", ":", "", "..a:b"]
+)
+def test_an_unknown_backend_names_the_known_ones(name):
+    with pytest.raises(InputError, match="constant_velocity"):
+        make_backend(name, {})
+
+
+def test_a_backend_of_ones_own_is_module_and_factory():
+    backend = make_backend("ssp_vla_bridge.backends.silent:make", {})
+    assert backend.model_id.startswith("ssp/silent")
+
+
+def test_options_are_a_json_object():
+    assert parse_options("  ") == {}
+    assert parse_options('{"frames": 3}') == {"frames": 3}
+    for text in ("[1]", "{", "nul", "[" * 100_000):
+        with pytest.raises(InputError, match="backend_options"):
+            parse_options(text)
+
+
+def test_option_types():
+    check_options("b", {"a": 1, "b": "x"}, {"a": float, "b": str})
+    for value in (True, "1"):
+        with pytest.raises(InputError, match="type int"):
+            check_options("b", {"a": value}, {"a": int})
+
+
+def test_inbox_is_bounded_and_in_order(make_request):
+    inbox = Inbox(limit=2, timeout_ns=100)
+    first, second = inbox.offer(make_request("a"), 0), inbox.offer(make_request("b"), 1)
+    assert inbox.offer(make_request("c"), 2) is None
+    assert inbox.take() == first
+    third = inbox.offer(make_request("c"), 3)
+    assert [inbox.take(), inbox.take(), inbox.take()] == [second, third, None]
+
+
+def test_inbox_answers_each_request_once(make_request):
+    inbox = Inbox(limit=3, timeout_ns=100)
+    working = inbox.offer(make_request("a"), 0)
+    waiting = inbox.offer(make_request("b"), 50)
+    inbox.take()
+    assert inbox.expire(100) == []
+    assert inbox.expire(101) == [working]
+    assert inbox.expire(151) == [waiting]
+    assert inbox.take() is None
+    assert not inbox.finish(working)
+    fresh = inbox.offer(make_request("a"), 200)
+    assert inbox.finish(fresh)
+    assert not inbox.finish(fresh)
+
+
+@pytest.mark.parametrize(("limit", "timeout_ns"), [(0, 1), (1, 0)])
+def test_inbox_refuses_limits_that_allow_nothing(limit, timeout_ns):
+    with pytest.raises(ValueError, match="positive"):
+        Inbox(limit, timeout_ns)
+
+
+json_values = st.recursive(
+    st.none() | st.booleans() | st.floats() | st.integers() | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner),
+    max_leaves=5,
+)
+native_arrays = st.builds(
+    NativeArray,
+    st.text(max_size=5),
+    st.lists(st.integers(0, 5), max_size=3).map(tuple),
+    st.lists(st.floats(), max_size=6).map(tuple),
+    st.text(max_size=5),
+    st.text(max_size=5),
+    st.floats(),
+    st.floats(),
+)
+responses = st.builds(
+    Response,
+    st.text(max_size=8),
+    st.integers(-(2**62), 2**62),
+    st.text(max_size=8),
+    st.text(max_size=8),
+    st.text(max_size=20),
+    st.lists(native_arrays, max_size=2).map(tuple),
+    st.dictionaries(st.text(max_size=5), st.integers() | st.text(max_size=5), max_size=3),
+    st.floats(0, 100),
+    st.integers(0, 65535),
+    st.text(max_size=8),
+)
+
+
+@settings(max_examples=60, deadline=None)
+@given(responses)
+def test_json_round_trip_keeps_every_number_and_text(response):
+    line = json.dumps(response_to_json(response), allow_nan=False)
+    again = response_from_json(json.loads(line))
+    # repr, because a NaN must come back and is not equal to itself
+    assert repr(again) == repr(response)
+
+
+@settings(max_examples=100, deadline=None)
+@given(json_values, st.sampled_from([*response_to_json(Response("", 0, "", "")), "x"]))
+def test_a_malformed_stored_response_is_an_input_error(value, key):
+    stored = {**response_to_json(Response("", 0, "", "")), key: value}
+    with contextlib.suppress(InputError):  # the only exception that is allowed
+        response_from_json(stored, file="raw.jsonl", line=3)
+
+
+def test_a_malformed_array_names_its_place():
+    response = Response("", 0, "", "", arrays=(NativeArray("a", (1,), (1.0,), "f", "m", 0, 0),))
+    stored = response_to_json(response)
+    stored["arrays"][0]["data"] = ["one"]
+    with pytest.raises(InputError, match=r"raw.jsonl:3: arrays\[0\].data"):
+        response_from_json(stored, file="raw.jsonl", line=3)

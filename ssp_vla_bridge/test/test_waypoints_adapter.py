@@ -1,0 +1,121 @@
+"""The adapter ``waypoints``: hand-computed readings, and that it repairs and raises nothing."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from ssp_core.errors import InputError
+from ssp_vla_bridge.core.adapters import adapt
+from ssp_vla_bridge.core.response import NativeArray, Response
+from ssp_vla_bridge.core.trajectory import check_trajectory
+
+
+def test_reads_rows_as_forward_and_left(make_response):
+    adapted = adapt("waypoints", make_response([(0, 0), (4, 0.1), (7.5, 0.3)]))
+    assert adapted.trajectory.t_s == (0.0, 0.5, 1.0)
+    assert adapted.trajectory.x_m == (0.0, 4.0, 7.5)
+    assert adapted.trajectory.y_m == (0.0, 0.1, 0.3)
+    assert adapted.invalid == ()
+    assert adapted.text == "I keep my speed."
+    assert not adapted.info.origin_added
+
+
+def test_adds_the_origin_to_a_start_one_step_late(make_response):
+    adapted = adapt("waypoints", make_response([(4, 0.1), (7.5, 0.3)], first_time_s=0.5))
+    assert adapted.trajectory.t_s == (0.0, 0.5, 1.0)
+    assert adapted.trajectory.x_m == (0.0, 4.0, 7.5)
+    assert adapted.info.origin_added
+
+
+@pytest.mark.parametrize("first_time_s", [0.2, 1.0])
+def test_adds_no_other_point(make_response, first_time_s):
+    response = make_response([(4, 0), (7, 0), (9, 0)], first_time_s=first_time_s)
+    adapted = adapt("waypoints", response)
+    assert adapted.trajectory is None
+    assert adapted.invalid == ("coverage",)
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"frame": "nuscenes_xy"}, "shape"),
+        ({"unit": "px"}, "shape"),
+        ({"shape": (6,)}, "shape"),
+        ({"shape": (2, 3)}, "shape"),
+        ({"shape": (3, 2, 1)}, "shape"),
+        ({"data": (0.0, 0.0)}, "shape"),
+        ({"shape": (0, 2), "data": ()}, "shape"),
+        ({"step_s": math.nan}, "timestamps"),
+        ({"step_s": 0.0}, "timestamps"),
+        ({"step_s": -0.5}, "timestamps"),
+        ({"first_time_s": math.inf}, "timestamps"),
+        ({"data": (0.0, 0.0, 1.0, math.nan, 2.0, 0.0)}, "non_finite"),
+        ({"step_s": 0.4}, "coverage"),
+        ({"name": "pred_xyz"}, "missing"),
+    ],
+)
+def test_names_why_there_is_no_trajectory(make_response, change, reason):
+    response = make_response([(0, 0), (4, 0), (7, 0)])
+    broken = replace(response, arrays=(replace(response.arrays[0], **change),))
+    adapted = adapt("waypoints", broken)
+    assert adapted.trajectory is None
+    assert adapted.invalid == (reason,)
+    assert adapted.text == response.text
+
+
+def test_two_arrays_of_the_name_are_not_chosen_between(make_response):
+    response = make_response([(0, 0), (4, 0), (7, 0)])
+    adapted = adapt("waypoints", replace(response, arrays=response.arrays * 2))
+    assert adapted.invalid == ("shape",)
+
+
+def test_an_error_is_a_missing_answer(make_response):
+    response = replace(make_response([(0, 0), (4, 0), (7, 0)]), error_code=1)
+    assert adapt("waypoints", response).invalid == ("missing",)
+
+
+def test_unknown_adapter_names_the_known_ones(make_response):
+    with pytest.raises(InputError, match="waypoints"):
+        adapt("no_such_adapter", make_response())
+
+
+numbers = st.floats() | st.sampled_from([0.0, 0.5, 1.0])
+arrays = st.builds(
+    NativeArray,
+    name=st.sampled_from(["trajectory", "other"]),
+    shape=st.lists(st.integers(0, 4), max_size=3).map(tuple),
+    data=st.lists(numbers, max_size=8).map(tuple),
+    frame=st.sampled_from(["ego_xy", "map"]),
+    unit=st.sampled_from(["m", "px"]),
+    step_s=numbers,
+    first_time_s=numbers,
+)
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.lists(arrays, max_size=2).map(tuple), st.integers(0, 4))
+def test_never_raises_and_gives_a_trajectory_or_a_reason(given_arrays, error_code):
+    response = Response("r", 0, "m", "m/1", "text", given_arrays, error_code=error_code)
+    adapted = adapt("waypoints", response)
+    assert (adapted.trajectory is None) == bool(adapted.invalid)
+    if adapted.trajectory is not None:
+        assert check_trajectory(adapted.trajectory) == ()
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    st.lists(st.tuples(st.floats(-100, 100), st.floats(-20, 20)), min_size=3, max_size=20),
+    st.booleans(),
+)
+def test_every_native_point_is_kept_as_it_is(rows, late):
+    data = tuple(value for row in rows for value in row)
+    array = NativeArray(
+        "trajectory", (len(rows), 2), data, "ego_xy", "m", 0.5, 0.5 if late else 0.0
+    )
+    trajectory = adapt("waypoints", Response("r", 0, "m", "m/1", "", (array,))).trajectory
+    skipped = 1 if late else 0
+    assert list(zip(trajectory.x_m, trajectory.y_m, strict=True))[skipped:] == rows
