@@ -24,6 +24,8 @@ from rclpy.qos import (
 from rclpy.signals import SignalHandlerOptions
 
 from ssp_core.clock import NS_PER_S
+from ssp_core.console import report_error
+from ssp_core.errors import SspError
 from ssp_core.names import NAMESPACE
 
 
@@ -79,7 +81,8 @@ def run_node(make: Callable[[StopRequest], Node], shutdown: Callable[[Any], None
     stops, so signals only set a flag; ``shutdown(node)`` then runs with the context still valid.
 
     Returns:
-        0 after an orderly stop, 1 when the node raised (the traceback is on standard error).
+        0 after an orderly stop, 1 when the node raised: an SspError is one message on standard
+        error, anything else is a traceback.
     """
     stop = StopRequest()
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
@@ -93,6 +96,9 @@ def run_node(make: Callable[[StopRequest], Node], shutdown: Callable[[Any], None
         executor.add_node(node)
         while stop.reason is None and rclpy.ok():
             executor.spin_once(timeout_sec=0.2)
+    except SspError as error:
+        report_error(str(error))
+        status = 1
     except Exception:
         traceback.print_exc()
         status = 1
@@ -100,6 +106,9 @@ def run_node(make: Callable[[StopRequest], Node], shutdown: Callable[[Any], None
         try:
             if node is not None:
                 shutdown(node)
+        except SspError as error:
+            report_error(str(error))
+            status = 1
         except Exception:
             traceback.print_exc()
             status = 1

@@ -1,0 +1,79 @@
+"""The one table of what a session's bag holds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from ssp_core import names
+from ssp_core.run_spec import RunSpec
+
+CLOCK_TYPE = "rosgraph_msgs/msg/Clock"
+
+
+class Profile(Enum):
+    """Named quality of service; node.py maps it to that of ssp_core.ros."""
+
+    STATE = "state"
+    COMMAND = "command"
+    SENSOR = "sensor"
+    LATCHED = "latched"
+
+
+@dataclass(frozen=True, slots=True)
+class TopicSpec:
+    """One topic to record.
+
+    Args:
+        name: absolute.
+        msgtype: full type name.
+        profile: what its publishers offer.
+        required: its publisher exists before a run; the recorder isn't ready without it.
+        single_publisher: gaps in the middleware's sequence numbers are losses. Numbers count per
+            publisher and don't say which, so with several they prove nothing.
+    """
+
+    name: str
+    msgtype: str
+    profile: Profile
+    required: bool = False
+    single_publisher: bool = True
+
+
+def bag_topics(run: RunSpec) -> tuple[TopicSpec, ...]:
+    """All topics of a session with their types, in the order in which they stand in the bag."""
+    state, reference = "ssp_msgs/msg/ObjectState", "ssp_msgs/msg/Reference"
+    topics = [
+        TopicSpec(names.CLOCK, CLOCK_TYPE, Profile.STATE),
+        TopicSpec(names.WORLD_TICK, "ssp_msgs/msg/WorldTick", Profile.STATE, required=True),
+        TopicSpec(names.state_topic(run.vut.id), state, Profile.STATE, required=True),
+    ]
+    for target in run.targets:
+        topics += [
+            TopicSpec(names.state_topic(target.id), state, Profile.STATE, required=True),
+            TopicSpec(names.reference_topic(target.id), reference, Profile.COMMAND),
+            TopicSpec(names.ack_topic(target.id), "ssp_msgs/msg/ReferenceAck", Profile.COMMAND),
+        ]
+    latched = Profile.LATCHED
+    topics += [
+        TopicSpec(names.SESSION_STATE, "ssp_msgs/msg/SessionState", latched, required=True),
+        TopicSpec(names.HEARTBEAT, "ssp_msgs/msg/Heartbeat", Profile.STATE),
+        TopicSpec(names.TRIGGER_EVENT, "ssp_msgs/msg/TriggerEvent", latched),
+        TopicSpec(names.PHASE_EVENT, "ssp_msgs/msg/PhaseEvent", latched),
+        TopicSpec(names.SAFETY_EVENT, "ssp_msgs/msg/SafetyEvent", latched, single_publisher=False),
+        TopicSpec(names.RECORDER_STATUS, "ssp_msgs/msg/RecorderStatus", Profile.STATE),
+        TopicSpec(
+            names.CAMERA_IMAGE, "sensor_msgs/msg/CompressedImage", Profile.SENSOR, required=True
+        ),
+        TopicSpec(names.CAMERA_INFO, "sensor_msgs/msg/CameraInfo", latched),
+        TopicSpec(names.CAMERA_MOUNT, "geometry_msgs/msg/TransformStamped", latched),
+    ]
+    return tuple(
+        TopicSpec(names.absolute(t.name), t.msgtype, t.profile, t.required, t.single_publisher)
+        for t in topics
+    )
+
+
+def uses_simulated_time(run: RunSpec) -> bool:
+    """Whether stamps count from the start of a simulated world, and /clock carries them."""
+    return run.stand_in or run.domain != "physical"

@@ -1,0 +1,213 @@
+"""The node ``monitor``: records a session into a bag and says whether it can.
+
+The subscriptions are outside any executor: one thread waits for them on a wait set and takes
+each message as it came, serialised, with the middleware's times and sequence number. That is
+what an executor's callbacks can't give (docs/decisions), and it is the cheapest way as well.
+"""
+
+from __future__ import annotations
+
+import sys
+import threading
+from contextlib import ExitStack
+
+import rclpy
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.impl.implementation_singleton import rclpy_implementation as rcl
+from rclpy.node import Node
+from rclpy.qos import QoSCompatibility, qos_check_compatible
+from rclpy.subscription import Subscription
+from ssp_core import names, ros
+from ssp_core.bag import BagMessage
+from ssp_core.errors import HostError
+from ssp_core.files import read_text
+from ssp_core.run_spec import load_run
+from ssp_core.safety_codes import MEANINGS, SafetyCode
+
+from ssp_monitor.conversions import message_class, recording_profile
+from ssp_monitor.core.losses import SequenceGaps
+from ssp_monitor.core.recorder import Recorder
+from ssp_monitor.core.stamps import SimulatedTime, begins_with_stamp
+from ssp_monitor.core.topics import TopicSpec, bag_topics, uses_simulated_time
+from ssp_monitor.params import read_params
+from ssp_msgs.msg import RecorderStatus, SafetyEvent
+
+STATUS_PERIOD_S = 0.5
+WAIT_NS = 50_000_000
+
+
+class Intake:
+    """Takes every message of the topics, in a thread, and hands it to the recorder.
+
+    Args:
+        topics: what to subscribe to.
+        recorder: where the messages go.
+        simulated_time: messages are dated by their own stamps; otherwise by the middleware's
+            times of reception and publication.
+    """
+
+    def __init__(
+        self, topics: tuple[TopicSpec, ...], recorder: Recorder, simulated_time: bool
+    ) -> None:
+        self.gaps = SequenceGaps()
+        self.time = SimulatedTime()
+        self.error: BaseException | None = None
+        self._topics = topics
+        self._recorder = recorder
+        self._simulated_time = simulated_time
+        self._stamped = {topic.name: begins_with_stamp(topic.msgtype) for topic in topics}
+        # A node of its own, since an executor takes the messages of all subscriptions of a node
+        # that it spins; without the process's arguments, which rename every node.
+        self._node = rclpy.create_node(
+            f"{names.MONITOR}_intake",
+            namespace=names.NAMESPACE,
+            use_global_arguments=False,
+            enable_rosout=False,
+            start_parameter_services=False,
+        )
+        self._subscriptions: list[tuple[TopicSpec, Subscription]] = [
+            (
+                topic,
+                self._node.create_subscription(
+                    message_class(topic.msgtype),
+                    topic.name,
+                    lambda _: None,
+                    recording_profile(topic.profile),
+                    raw=True,
+                ),
+            )
+            for topic in topics
+        ]
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="intake", daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Takes what has arrived and ends."""
+        self._stop.set()
+        self._thread.join()
+        self._node.destroy_node()
+
+    def _run(self) -> None:
+        try:
+            with ExitStack() as handles:
+                for _, subscription in self._subscriptions:
+                    handles.enter_context(subscription.handle)
+                wait_set = rcl.WaitSet(
+                    len(self._subscriptions), 0, 0, 0, 0, 0, self._node.context.handle
+                )
+                handles.enter_context(wait_set)
+                while not self._stop.is_set():
+                    wait_set.clear_entities()
+                    for _, subscription in self._subscriptions:
+                        wait_set.add_subscription(subscription.handle)
+                    wait_set.wait(WAIT_NS)
+                    for index, (topic, subscription) in enumerate(self._subscriptions):
+                        if wait_set.is_ready("subscription", index):
+                            self._take_all(topic, subscription)
+                for topic, subscription in self._subscriptions:
+                    self._take_all(topic, subscription)
+        except BaseException as error:
+            self.error = error
+            raise
+
+    def _take_all(self, topic: TopicSpec, subscription: Subscription) -> None:
+        while (taken := subscription.handle.take_message(subscription.msg_type, True)) is not None:
+            data, info = taken
+            sequence = info["publication_sequence_number"] or 0
+            if topic.single_publisher and sequence:
+                self.gaps.seen(topic.name, sequence)
+            if self._simulated_time:
+                log_ns = publish_ns = self.time.of(data, self._stamped[topic.name])
+            else:
+                log_ns, publish_ns = info["received_timestamp"], info["source_timestamp"]
+            self._recorder.put(BagMessage(topic.name, log_ns, publish_ns, data, sequence))
+
+
+class MonitorNode(Node):
+    """Owns recorder and intake, and publishes RecorderStatus twice a second.
+
+    Raises:
+        InputError: a parameter is missing, the run file is wrong or the bag directory exists.
+        HostError: the bag can't be written.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(names.MONITOR, namespace=names.NAMESPACE)
+        params = read_params(self)
+        run = load_run(params.run_file)
+        self._topics = bag_topics(run)
+        attachment = ("run.yaml", "application/yaml", read_text(params.run_file).encode())
+        self.recorder = Recorder(params.bag_dir, self._topics, [attachment])
+        self.intake = Intake(self._topics, self.recorder, uses_simulated_time(run))
+        self._failure_said = False
+        self._status = self.create_publisher(RecorderStatus, names.RECORDER_STATUS, ros.STATE)
+        self._safety = self.create_publisher(SafetyEvent, names.SAFETY_EVENT, ros.LATCHED)
+        # Steady: a frozen /clock must not silence the recorder.
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(STATUS_PERIOD_S, self._publish_status, clock=steady)
+
+    @property
+    def lost(self) -> int:
+        """Messages known to be lost: never arrived, or not written."""
+        return self.intake.gaps.total + self.recorder.state().dropped
+
+    def _has_publisher(self, topic: TopicSpec) -> bool:
+        wanted = recording_profile(topic.profile)
+        return any(
+            qos_check_compatible(publisher.qos_profile, wanted)[0] != QoSCompatibility.ERROR
+            for publisher in self.get_publishers_info_by_topic(topic.name)
+        )
+
+    def _publish_status(self) -> None:
+        if self.intake.error is not None:
+            raise HostError(f"reception ended: {self.intake.error}") from self.intake.error
+        state = self.recorder.state()
+        missing = [t.name for t in self._topics if t.required and not self._has_publisher(t)]
+        status = RecorderStatus()
+        status.header.stamp = ros.stamp_from_ns(self.intake.time.newest_ns)
+        status.ready = not missing and state.failure is None
+        status.bag = self.recorder.path.name
+        status.messages, status.bytes, status.lost = state.messages, state.bytes, self.lost
+        status.missing_topics = missing
+        self._status.publish(status)
+        if state.failure is not None and not self._failure_said:
+            self._failure_said = True
+            self.get_logger().error(f"nothing is recorded any more: {state.failure}")
+            self._publish_failure()
+
+    def _publish_failure(self) -> None:
+        event = SafetyEvent()
+        event.header.stamp = ros.stamp_from_ns(self.intake.time.newest_ns)
+        event.code = SafetyCode.RECORDER.value
+        event.limit_name = MEANINGS[SafetyCode.RECORDER].limit_name
+        event.unit = MEANINGS[SafetyCode.RECORDER].unit
+        event.source = names.MONITOR
+        event.measured = float(self.lost)
+        event.reaction = "abort"
+        self._safety.publish(event)
+
+    def close(self) -> None:
+        """Ends reception, closes the bag and prints one line about it.
+
+        Raises:
+            HostError: not everything that arrived is in the bag.
+        """
+        self.intake.stop()
+        state = self.recorder.stop()
+        print(
+            f"{names.MONITOR}: {state.messages} messages, {state.bytes / 1e6:.1f} MB in "
+            f"{self.recorder.path}, {self.lost} lost",
+            flush=True,
+        )
+        if state.failure is not None:
+            raise HostError(state.failure)
+
+
+def main() -> int:
+    return ros.run_node(lambda _: MonitorNode(), MonitorNode.close)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
