@@ -25,6 +25,9 @@ from ssp_vla_bridge.params import read_params
 _DEADLINE_CHECK_S = 0.05
 # A worker that is inside a model can't be interrupted; it is a daemon and dies with the process.
 _JOIN_S = 0.5
+# Discovery is not symmetric: a client that already reaches this node may not be reached yet.
+_LISTENER_WAIT_S = 2.0
+_LISTENER_POLL_S = 0.01
 
 
 class VlaBridge(Node):
@@ -86,10 +89,17 @@ class VlaBridge(Node):
                 if self._stopping:
                     return
             if ticket is not None:
-                self._finish(ticket, respond(self._backend, self._model, ticket.request))
+                outcome = respond(self._backend, self._model, ticket.request)
+                latency_ns = time.monotonic_ns() - ticket.received_ns
+                self._await_listener()
+                self._finish(ticket, outcome, ns_to_seconds(latency_ns))
 
-    def _finish(self, ticket: Ticket, outcome: Outcome) -> None:
-        latency_s = ns_to_seconds(time.monotonic_ns() - ticket.received_ns)
+    def _await_listener(self) -> None:
+        give_up_s = time.monotonic() + _LISTENER_WAIT_S
+        while self._publisher.get_subscription_count() == 0 and time.monotonic() < give_up_s:
+            time.sleep(_LISTENER_POLL_S)
+
+    def _finish(self, ticket: Ticket, outcome: Outcome, latency_s: float) -> None:
         response = replace(outcome.response, latency_s=latency_s)
         with self._changed:
             if self._stopping:
