@@ -24,7 +24,6 @@ from rclpy.qos import (
 from rclpy.signals import SignalHandlerOptions
 
 from ssp_core.clock import NS_PER_S
-from ssp_core.errors import SspError
 from ssp_core.console import report_error
 from ssp_core.errors import SspError
 from ssp_core.names import NAMESPACE
@@ -99,9 +98,6 @@ def run_node(make: Callable[[StopRequest], Node], shutdown: Callable[[Any], None
             executor.spin_once(timeout_sec=0.2)
     except SspError as error:
         report_error(str(error))
-        status = 1
-    except SspError as error:
-        print(f"error: {error}", file=sys.stderr)
         status = 1
     except Exception:
         traceback.print_exc()
