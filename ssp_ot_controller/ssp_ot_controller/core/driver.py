@@ -179,9 +179,9 @@ def follow(speed_mps: float, obstacle: Obstacle, driver: Driver) -> float:
     room = max(gap - driver.standstill_gap_m, _MIN_GAP_M)
     ahead_a = min(obstacle.acceleration_mps2, a)
     slower = max(ahead, 0.0)
-    if slower * closing <= -2.0 * room * ahead_a:
-        below = slower * slower - 2.0 * room * ahead_a
-        cah = v * v * ahead_a / below if below > 0.0 else ahead_a
+    below = slower * slower - 2.0 * room * ahead_a
+    if below > 0.0 and slower * closing <= -2.0 * room * ahead_a:
+        cah = v * v * ahead_a / below
     else:
         cah = ahead_a - (closing * closing / (2.0 * room) if closing > 0.0 else 0.0)
     if idm >= cah:
