@@ -140,7 +140,11 @@ class MonitorNode(Node):
         self._topics = bag_topics(run)
         attachment = ("run.yaml", "application/yaml", read_text(params.run_file).encode())
         self.recorder = Recorder(params.bag_dir, self._topics, [attachment])
-        self.intake = Intake(self._topics, self.recorder, uses_simulated_time(run))
+        try:
+            self.intake = Intake(self._topics, self.recorder, uses_simulated_time(run))
+        except BaseException:
+            self.recorder.stop()
+            raise
         self._failure_said = False
         self._status = self.create_publisher(RecorderStatus, names.RECORDER_STATUS, ros.STATE)
         self._safety = self.create_publisher(SafetyEvent, names.SAFETY_EVENT, ros.LATCHED)

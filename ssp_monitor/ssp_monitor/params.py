@@ -21,7 +21,7 @@ def _path(node: Node, name: str) -> Path:
     value = node.declare_parameter(name, "").value
     if not isinstance(value, str) or not value:
         raise InputError(
-            "must be a path", field=f"parameter {name}", value=value, remedy=f"-p {name}:=PATH"
+            "must be a path", field=f"parameter {name}", value=value, remedy=f"give -p {name}:=PATH"
         )
     return Path(value)
 

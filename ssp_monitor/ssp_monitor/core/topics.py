@@ -62,12 +62,15 @@ def bag_topics(run: RunSpec) -> tuple[TopicSpec, ...]:
         TopicSpec(names.PHASE_EVENT, "ssp_msgs/msg/PhaseEvent", latched),
         TopicSpec(names.SAFETY_EVENT, "ssp_msgs/msg/SafetyEvent", latched, single_publisher=False),
         TopicSpec(names.RECORDER_STATUS, "ssp_msgs/msg/RecorderStatus", Profile.STATE),
-        TopicSpec(
-            names.CAMERA_IMAGE, "sensor_msgs/msg/CompressedImage", Profile.SENSOR, required=True
-        ),
-        TopicSpec(names.CAMERA_INFO, "sensor_msgs/msg/CameraInfo", latched),
-        TopicSpec(names.CAMERA_MOUNT, "geometry_msgs/msg/TransformStamped", latched),
     ]
+    if run.camera is not None:
+        topics += [
+            TopicSpec(
+                names.CAMERA_IMAGE, "sensor_msgs/msg/CompressedImage", Profile.SENSOR, required=True
+            ),
+            TopicSpec(names.CAMERA_INFO, "sensor_msgs/msg/CameraInfo", latched),
+            TopicSpec(names.CAMERA_MOUNT, "geometry_msgs/msg/TransformStamped", latched),
+        ]
     return tuple(
         TopicSpec(names.absolute(t.name), t.msgtype, t.profile, t.required, t.single_publisher)
         for t in topics

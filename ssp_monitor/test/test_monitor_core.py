@@ -1,0 +1,166 @@
+"""What the recorder decides: which topics, which times, what counts as lost."""
+
+from __future__ import annotations
+
+import struct
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ssp_core.bag import BagMessage, BagReader
+from ssp_core.bag.types import serialize, typestore
+from ssp_core.clock import NS_PER_S
+from ssp_core.errors import InputError
+from ssp_core.run_spec import RunSpec
+from ssp_monitor.core.losses import SequenceGaps
+from ssp_monitor.core.recorder import FLUSH_S, Recorder
+from ssp_monitor.core.stamps import SimulatedTime, begins_with_stamp, leading_stamp_ns
+from ssp_monitor.core.topics import CLOCK_TYPE, Profile, TopicSpec, bag_topics, uses_simulated_time
+
+CLOCK = TopicSpec("/clock", CLOCK_TYPE, Profile.STATE)
+DEADLINE_S = 10.0
+
+
+def wait_for(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + DEADLINE_S
+    while not condition():
+        assert time.monotonic() < deadline, "nothing happened in time"
+        time.sleep(0.005)
+
+
+def test_a_bag_holds_every_topic_of_every_object(run_mapping: dict[str, Any]) -> None:
+    topics = {t.name: t for t in bag_topics(RunSpec.model_validate(run_mapping))}
+    assert len(topics) == 18
+    for object_id in ("ot1", "walker"):
+        for kind in ("state", "reference", "reference_ack"):
+            assert f"/ssp/{object_id}/{kind}" in topics
+    assert {name for name, t in topics.items() if t.required} == {
+        "/ssp/world/tick", "/ssp/vut/state", "/ssp/ot1/state", "/ssp/walker/state",
+        "/ssp/session_state", "/ssp/vut/front_camera/image/compressed",
+    }  # fmt: skip
+    assert all(t.msgtype in typestore().types for t in topics.values())
+
+
+def test_only_a_physical_session_without_stand_in_uses_the_system_clock(
+    run_mapping: dict[str, Any],
+) -> None:
+    run = RunSpec.model_validate(run_mapping)
+    assert uses_simulated_time(run)
+    assert not uses_simulated_time(run.model_copy(update={"domain": "physical"}))
+    assert uses_simulated_time(run.model_copy(update={"domain": "physical", "stand_in": True}))
+
+
+def test_every_recorded_type_begins_with_a_stamp(run_mapping: dict[str, Any]) -> None:
+    for topic in bag_topics(RunSpec.model_validate(run_mapping)):
+        assert begins_with_stamp(topic.msgtype), topic
+    assert not begins_with_stamp("ssp_msgs/msg/StepDone")
+    assert not begins_with_stamp("std_msgs/msg/Empty")
+
+
+@given(seconds=st.integers(0, 2**31 - 1), nanoseconds=st.integers(0, NS_PER_S - 1))
+def test_the_leading_stamp_is_that_of_the_message(seconds: int, nanoseconds: int) -> None:
+    types = typestore().types
+    stamp = types["builtin_interfaces/msg/Time"](sec=seconds, nanosec=nanoseconds)
+    header = types["std_msgs/msg/Header"](stamp=stamp, frame_id="map")
+    expected = seconds * NS_PER_S + nanoseconds
+    message = types["std_msgs/msg/Header"]
+    assert isinstance(header, message)
+    for little_endian in (True, False):
+        cdr = bytes(
+            typestore().serialize_cdr(header, "std_msgs/msg/Header", little_endian=little_endian)
+        )
+        assert leading_stamp_ns(cdr) == expected
+    assert leading_stamp_ns(serialize(types[CLOCK_TYPE](clock=stamp))) == expected
+
+
+def test_short_or_negative_stamps_are_none() -> None:
+    assert leading_stamp_ns(b"\x00\x01\x00\x00\x00\x00\x00\x00") is None
+    assert leading_stamp_ns(b"\x00\x01\x00\x00" + struct.pack("<iI", -1, 0)) is None
+
+
+def test_a_message_without_a_stamp_takes_the_newest_one(
+    clock_cdr: Callable[[int], bytes],
+) -> None:
+    simulated = SimulatedTime()
+    assert simulated.of(b"\x00\x01\x00\x00", stamped=False) == 0
+    assert simulated.of(clock_cdr(50), stamped=True) == 50
+    assert simulated.of(clock_cdr(30), stamped=True) == 30
+    assert simulated.of(clock_cdr(99), stamped=False) == 50
+
+
+def test_gaps_are_losses_and_a_new_publisher_is_none() -> None:
+    gaps = SequenceGaps()
+    assert [gaps.seen("/a", n) for n in (7, 8, 12, 13)] == [0, 0, 3, 0]
+    assert gaps.seen("/b", 1) == 0
+    assert [gaps.seen("/a", n) for n in (1, 2, 4)] == [0, 0, 1]
+    assert gaps.lost == {"/a": 4}
+    assert gaps.total == 4
+
+
+@given(st.lists(st.integers(1, 50), unique=True, min_size=1).map(sorted))
+def test_lost_and_seen_make_up_the_whole(sequences: list[int]) -> None:
+    gaps = SequenceGaps()
+    for sequence in sequences:
+        gaps.seen("/a", sequence)
+    assert gaps.total + len(sequences) == sequences[-1] - sequences[0] + 1
+
+
+def test_the_recorder_writes_what_it_was_given(
+    tmp_path: Path, clock_cdr: Callable[[int], bytes]
+) -> None:
+    recorder = Recorder(tmp_path / "bag", [CLOCK], [("run.yaml", "application/yaml", b"x")])
+    sent = [BagMessage("/clock", k, k + 1, clock_cdr(k), k) for k in range(1000)]
+    for message in sent:
+        recorder.put(message)
+    state = recorder.stop()
+    assert (state.messages, state.dropped, state.failure) == (1000, 0, None)
+    with BagReader(tmp_path / "bag") as reader:
+        assert list(reader.messages()) == sent
+        assert reader.attachment("run.yaml") == b"x"
+
+
+def test_a_slow_bag_is_on_disk_soon_after_each_message(
+    tmp_path: Path, clock_cdr: Callable[[int], bytes]
+) -> None:
+    recorder = Recorder(tmp_path / "bag", [CLOCK])
+    try:
+        file = tmp_path / "bag" / "bag_0.mcap"
+        before = file.stat().st_size
+        recorder.put(BagMessage("/clock", 1, 1, clock_cdr(1)))
+        put_at = time.monotonic()
+        wait_for(lambda: file.stat().st_size > before)
+        assert time.monotonic() - put_at < 4 * FLUSH_S
+    finally:
+        recorder.stop()
+
+
+def test_too_much_waiting_is_dropped_and_counted(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "bag", [CLOCK], queue_bytes=100)
+    recorder.put(BagMessage("/clock", 0, 0, bytes(101)))
+    state = recorder.stop()
+    assert (state.messages, state.dropped) == (0, 1)
+    assert recorder.dropped_by_topic == {"/clock": 1}
+
+
+def test_a_removed_bag_is_a_failure_that_counts_what_is_lost(
+    tmp_path: Path, clock_cdr: Callable[[int], bytes]
+) -> None:
+    recorder = Recorder(tmp_path / "bag", [CLOCK])
+    (tmp_path / "bag" / "bag_0.mcap").unlink()
+    wait_for(lambda: recorder.state().failure is not None)
+    for k in range(5):
+        recorder.put(BagMessage("/clock", k, k, clock_cdr(k)))
+    state = recorder.stop()
+    assert state.failure is not None
+    assert "bag_0.mcap: writing failed" in state.failure
+    assert (state.messages, state.dropped) == (0, 5)
+
+
+def test_the_recorder_refuses_a_directory_that_exists(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="exists already"):
+        Recorder(tmp_path, [CLOCK])

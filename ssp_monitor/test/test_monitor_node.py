@@ -1,0 +1,277 @@
+"""The recorder as a process: ready in time, loss-free, readable after SIGTERM and SIGKILL."""
+
+from __future__ import annotations
+
+import array
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+from builtin_interfaces.msg import Time
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import CompressedImage
+
+from ssp_core import names, ros
+from ssp_core.bag import BagReader, recover
+from ssp_core.domains import free_domain
+from ssp_core.errors import InputError
+from ssp_core.processes import remove_stale_shared_memory
+from ssp_core.safety_codes import SafetyCode
+from ssp_monitor.conversions import PUBLISHED, message_class, recording_profile
+from ssp_monitor.core.check import check_bag
+from ssp_monitor.core.recorder import OFFERED
+from ssp_msgs.msg import ObjectState, RecorderStatus, SafetyEvent, SessionState, WorldTick
+
+pytestmark = pytest.mark.ros
+DEADLINE_S = 20.0
+STEP_NS = 10_000_000
+
+
+class Session:
+    """Plays the rest of a session: publishes what a run publishes and listens to the recorder."""
+
+    def __init__(self, domain_id: int) -> None:
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=domain_id)
+        self.node = rclpy.create_node("session", namespace=names.NAMESPACE, context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.status: list[RecorderStatus] = []
+        self.safety: list[SafetyEvent] = []
+        self.publishers: dict[str, Any] = {}
+        for cls, topic, qos, seen in (
+            (RecorderStatus, names.RECORDER_STATUS, ros.STATE, self.status),
+            (SafetyEvent, names.SAFETY_EVENT, ros.LATCHED, self.safety),
+        ):
+            self.node.create_subscription(cls, topic, seen.append, qos)
+
+    def offer(self, *topics: tuple[type, str, Any]) -> None:
+        for cls, topic, qos in topics:
+            self.publishers[topic] = self.node.create_publisher(cls, topic, qos)
+
+    def offer_all(self) -> None:
+        self.offer(
+            (Clock, names.CLOCK, ros.STATE),
+            (WorldTick, names.WORLD_TICK, ros.STATE),
+            (ObjectState, "vut/state", ros.STATE),
+            (ObjectState, "ot1/state", ros.STATE),
+            (ObjectState, "walker/state", ros.STATE),
+            (SessionState, names.SESSION_STATE, ros.LATCHED),
+            (CompressedImage, names.CAMERA_IMAGE, ros.SENSOR),
+        )
+
+    def step(self, k: int) -> None:
+        """Everything that a world publishes at step k; an image every tenth."""
+        stamp = ros.stamp_from_ns(k * STEP_NS)
+        self.publishers[names.CLOCK].publish(Clock(clock=stamp))
+        for topic in ("vut/state", "ot1/state", "walker/state"):
+            self._send(topic, ObjectState(object_id=topic, sequence=k + 1, x=k / 8), stamp)
+        self._send(names.WORLD_TICK, WorldTick(step=k, objects=[ObjectState()] * 4), stamp)
+        if k % 10 == 0:
+            image = CompressedImage(format="jpeg", data=array.array("B", bytes([k % 256]) * 90_000))
+            self._send(names.CAMERA_IMAGE, image, stamp)
+
+    def _send(self, topic: str, message: Any, stamp: Time) -> None:
+        message.header.stamp = stamp
+        self.publishers[topic].publish(message)
+
+    def spin_until(self, condition: Callable[[], bool], what: str) -> None:
+        deadline = time.monotonic() + DEADLINE_S
+        while not condition():
+            assert time.monotonic() < deadline, f"no {what} in time"
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def wait_ready(self) -> None:
+        self.spin_until(lambda: bool(self.status) and self.status[-1].ready, "readiness")
+
+    def close(self) -> None:
+        self.executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self.context)
+
+
+@pytest.fixture
+def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    with free_domain() as domain_id:
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain_id))
+        yield domain_id
+    remove_stale_shared_memory()
+
+
+@pytest.fixture
+def session(domain: int) -> Iterator[Session]:
+    made = Session(domain)
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def monitor(domain: int, run_file: Path, tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
+    """The recorder, recording into tmp_path/bag."""
+    process = start(run_file, tmp_path / "bag")
+    yield process
+    if process.poll() is None:
+        process.kill()
+    process.communicate(timeout=DEADLINE_S)
+
+
+def start(run_file: Path, bag_dir: Path) -> subprocess.Popen[str]:
+    arguments = [sys.executable, "-m", "ssp_monitor.node", "--ros-args"]
+    arguments += [
+        "-r",
+        "__node:=monitor",
+        "-p",
+        f"run_file:={run_file}",
+        "-p",
+        f"bag_dir:={bag_dir}",
+    ]
+    return subprocess.Popen(
+        arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=dict(os.environ)
+    )
+
+
+def test_an_ordinary_stop_leaves_a_complete_bag(
+    session: Session, monitor: subprocess.Popen[str], run_file: Path, tmp_path: Path
+) -> None:
+    session.offer_all()
+    session.publishers[names.SESSION_STATE].publish(SessionState(state=SessionState.STATE_IDLE))
+    session.wait_ready()
+    steps = 300
+    for k in range(steps):
+        session.step(k)
+        time.sleep(0.002)
+    sent = steps * 5 + steps // 10 + 1
+    session.spin_until(lambda: session.status[-1].messages >= sent, f"{sent} messages")
+    monitor.send_signal(signal.SIGTERM)
+    out, err = monitor.communicate(timeout=DEADLINE_S)
+    assert (monitor.returncode, err) == (0, "")
+    assert f"{tmp_path / 'bag'}, 0 lost" in out
+
+    assert check_bag(tmp_path / "bag").problems == ()
+    with BagReader(tmp_path / "bag") as bag:
+        assert bag.attachment("run.yaml") == run_file.read_bytes()
+        counts = {name: info.count for name, info in bag.topics.items()}
+        for topic in ("/clock", "/ssp/world/tick", "/ssp/vut/state", "/ssp/walker/state"):
+            assert counts[topic] == steps
+        assert counts["/ssp/session_state"] == 1
+        assert counts["/ssp/vut/front_camera/image/compressed"] == steps // 10
+        assert counts["/ssp/recorder_status"] > 0
+        states = list(bag.messages(["/ssp/ot1/state"]))
+        assert [m.log_time_ns for m in states] == [k * STEP_NS for k in range(steps)]
+        assert [m.publish_time_ns for m in states] == [k * STEP_NS for k in range(steps)]
+        assert [bag.decode(m).x for m in states] == [k / 8 for k in range(steps)]
+
+
+def test_a_kill_leaves_everything_up_to_the_last_flush(
+    session: Session, monitor: subprocess.Popen[str], tmp_path: Path
+) -> None:
+    session.offer_all()
+    session.wait_ready()
+    steps = 50
+    for k in range(steps):
+        session.step(k)
+    file = tmp_path / "bag" / "bag_0.mcap"
+    # Five images of 90 kB: once they are in the file, so is what was taken with them.
+    session.spin_until(lambda: file.stat().st_size > 5 * 90_000, "flush")
+    session.spin_until(lambda: session.status[-1].messages >= steps * 5, "messages")
+    flushed = file.stat().st_size
+    session.spin_until(lambda: file.stat().st_size > flushed, "another flush")
+    monitor.kill()
+    monitor.wait(DEADLINE_S)
+    with pytest.raises(InputError, match="no metadata"):
+        BagReader(tmp_path / "bag")
+    report = recover(tmp_path / "bag", tmp_path / "recovered")
+    assert report.messages["/ssp/ot1/state"] == steps
+    assert report.messages["/ssp/vut/front_camera/image/compressed"] == 5
+    assert report.attachments == ("run.yaml",)
+    assert check_bag(tmp_path / "recovered").ok
+
+
+def test_it_is_ready_only_when_every_required_topic_has_a_publisher(
+    session: Session, monitor: subprocess.Popen[str]
+) -> None:
+    session.offer(
+        (WorldTick, names.WORLD_TICK, ros.STATE),
+        (ObjectState, "vut/state", ros.STATE),
+        (ObjectState, "ot1/state", ros.STATE),
+        # Volatile, where the recorder wants what was said before it came: not compatible.
+        (SessionState, names.SESSION_STATE, ros.STATE),
+    )
+    expected = [
+        "/ssp/walker/state", "/ssp/session_state", "/ssp/vut/front_camera/image/compressed",
+    ]  # fmt: skip
+    session.spin_until(
+        lambda: bool(session.status) and list(session.status[-1].missing_topics) == expected,
+        f"status that misses {expected}",
+    )
+    assert not session.status[-1].ready
+    session.offer_all()
+    session.wait_ready()
+    assert list(session.status[-1].missing_topics) == []
+    assert session.status[-1].bag == "bag"
+
+
+def test_a_bag_that_vanishes_is_said_aloud(
+    session: Session, monitor: subprocess.Popen[str], tmp_path: Path
+) -> None:
+    session.offer_all()
+    session.wait_ready()
+    (tmp_path / "bag" / "bag_0.mcap").unlink()
+    session.spin_until(lambda: bool(session.safety), "safety event")
+    assert session.safety[0].code == SafetyCode.RECORDER
+    assert session.safety[0].limit_name == "recorder"
+    session.spin_until(lambda: not session.status[-1].ready, "status that is not ready")
+    before = session.status[-1].lost
+    session.step(0)
+    session.spin_until(lambda: session.status[-1].lost >= before + 6, "count of lost messages")
+    monitor.send_signal(signal.SIGTERM)
+    _, err = monitor.communicate(timeout=DEADLINE_S)
+    assert monitor.returncode == 1
+    assert "bag_0.mcap: writing failed" in err
+    assert "Traceback" not in err
+
+
+@pytest.mark.parametrize(
+    ("break_it", "match"),
+    [
+        (lambda run, bag: bag.mkdir(), "bag: exists already"),
+        (lambda run, bag: run.write_text("{}"), "run.yaml: "),
+        (lambda run, bag: run.unlink(), "run.yaml: can't be read"),
+    ],
+)
+def test_wrong_input_is_one_message_and_exit_1(
+    domain: int,
+    run_file: Path,
+    tmp_path: Path,
+    break_it: Callable[[Path, Path], object],
+    match: str,
+) -> None:
+    break_it(run_file, tmp_path / "bag")
+    process = start(run_file, tmp_path / "bag")
+    _, err = process.communicate(timeout=DEADLINE_S)
+    assert process.returncode == 1
+    assert match in err
+    assert "Traceback" not in err
+
+
+def test_the_bag_states_the_profiles_that_publishers_have() -> None:
+    for profile, qos in PUBLISHED.items():
+        text = OFFERED[profile]
+        assert f"depth: {qos.depth}\n" in text
+        assert f"durability: {qos.durability.name.lower()}\n" in text
+        assert f"reliability: {qos.reliability.name.lower()}\n" in text
+        assert recording_profile(profile).depth > qos.depth
+
+
+def test_message_classes_are_found_by_name() -> None:
+    assert message_class("ssp_msgs/msg/ObjectState") is ObjectState
