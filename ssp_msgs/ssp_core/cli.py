@@ -13,17 +13,26 @@ from ssp_core.errors import SspError
 # verb: (module:function, one line of help). A verb's module is imported when it runs or shows
 # its own help, so that `ssp --help` and `ssp score` don't pay for SUMO, OpenCV or ROS.
 VERBS: dict[str, tuple[str, str]] = {
-    "demo": ("ssp_eval.demo.cli:demo", "Run both scenarios in three domains and report the scores."),
+    "demo": (
+        "ssp_eval.demo.cli:demo",
+        "Run both scenarios in three domains and report the scores.",
+    ),
     "run": ("ssp_scenario_manager.runner.cli:run", "Run one session and record it into a bag."),
     "import-video": ("ssp_eval.import_video.cli:import_video", "Make a bag from a video file."),
     "labels": ("ssp_eval.labels.cli:labels", "Propose and check labels files."),
-    "evaluate": ("ssp_eval.evaluate.cli:evaluate", "Replay bags through VLA bridges and score them."),
+    "evaluate": (
+        "ssp_eval.evaluate.cli:evaluate",
+        "Replay bags through VLA bridges and score them.",
+    ),
     "score": ("ssp_eval.score.cli:score", "Score records against labels (METHOD 5 and 6)."),
     "report": ("ssp_eval.report.cli:report", "Write the HTML report of evaluated cells."),
     "extract": ("ssp_eval.extract.cli:extract", "Extract slots with evidence from texts."),
     "bag": ("ssp_monitor.cli:bag", "Look into, check and repair bags."),
     "bench": ("ssp_eval.bench:bench", "Measure each path beside its own lower bound."),
-    "doctor": ("ssp_scenario_manager.doctor.cli:doctor", "Say what is installed, missing or broken."),
+    "doctor": (
+        "ssp_scenario_manager.doctor.cli:doctor",
+        "Say what is installed, missing or broken.",
+    ),
     "test": ("ssp_eval.selftest:test", "Run lint, types and all tests."),
 }
 

@@ -77,7 +77,9 @@ def boxes_overlap(a: Box, b: Box) -> bool:
     return True
 
 
-def _segment_distance(p: tuple[float, float], a: tuple[float, float], b: tuple[float, float]) -> float:
+def _segment_distance(
+    p: tuple[float, float], a: tuple[float, float], b: tuple[float, float]
+) -> float:
     dx, dy = b[0] - a[0], b[1] - a[1]
     norm = dx * dx + dy * dy
     t = 0.0 if norm == 0.0 else ((p[0] - a[0]) * dx + (p[1] - a[1]) * dy) / norm
@@ -133,7 +135,9 @@ class Polyline:
         self.points: FloatArray = array
         self.stations_m: FloatArray = np.concatenate(([0.0], np.cumsum(lengths)))
         self._yaw = np.arctan2(steps[:, 1], steps[:, 0])
-        turns = np.array([wrap_angle(b - a) for a, b in zip(self._yaw[:-1], self._yaw[1:], strict=True)])
+        turns = np.array(
+            [wrap_angle(b - a) for a, b in zip(self._yaw[:-1], self._yaw[1:], strict=True)]
+        )
         self._curvature = np.zeros(len(array))
         if len(turns):
             self._curvature[1:-1] = turns / (0.5 * (lengths[:-1] + lengths[1:]))
@@ -143,7 +147,7 @@ class Polyline:
         return float(self.stations_m[-1])
 
     def pose(self, station_m: float, offset_m: float = 0.0) -> Pose2:
-        """Pose at an arc length, shifted to the left by offset_m; extended straight at both ends."""
+        """Pose at an arc length, offset_m to the left of it; extended straight at both ends."""
         i = int(np.searchsorted(self.stations_m, station_m, side="right")) - 1
         i = min(max(i, 0), len(self._yaw) - 1)
         along = station_m - self.stations_m[i]

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ssp_core.geometry import FloatArray, Polyline, wrap_angle
+from ssp_core.geometry import FloatArray, Polyline, Pose2, wrap_angle
 from ssp_core.reference import ReferencePoint
 
 DEFAULT_STEP_S = 0.05
@@ -127,7 +127,7 @@ class SpeedProfile:
             return self.distance_m, 0.0, 0.0
         now = self._sharp(t_s)
         width = self._ramp_s
-        if width <= 0.0:
+        if width <= _SAME_TIME_S:
             i = bisect.bisect_right(self._starts, max(t_s, 0.0)) - 1
             return now[0], now[1], self._pieces[i].acceleration_mps2
         before = self._sharp(t_s - width)
@@ -223,7 +223,7 @@ def drive_along(
         station = start_station_m + distance
         pose = path.pose(station)
         yaw, curvature = heading.at(station)
-        points.append(ReferencePoint(t, pose.x_m, pose.y_m, yaw, v, a, curvature))
+        points.append(ReferencePoint(t, float(pose.x_m), float(pose.y_m), yaw, v, a, curvature))
     return points
 
 
@@ -309,8 +309,10 @@ def lane_change(
         distance, s1, s2 = speed.at(t)
         station = start_station_m + distance
         y, y1, y2 = shift.at(t)
-        pose = path.pose(station, y)
         yaw, k = heading.at(station)
+        foot = path.pose(station)
+        # Across the smooth heading: the polyline's own would throw the offset about at a vertex.
+        east, north = Pose2(foot.x_m, foot.y_m, yaw).to_parent(0.0, y)
         along, across = (1.0 - k * y) * s1, y1
         along_rate, across_rate = (1.0 - k * y) * s2 - k * y1 * s1, y2
         v = math.hypot(along, across)
@@ -321,5 +323,5 @@ def lane_change(
             yaw = wrap_angle(yaw + math.atan2(across, along))
         else:
             a, curvature = s2, k / (1.0 - k * y)
-        points.append(ReferencePoint(t, pose.x_m, pose.y_m, yaw, v, a, curvature))
+        points.append(ReferencePoint(t, float(east), float(north), yaw, v, a, curvature))
     return points

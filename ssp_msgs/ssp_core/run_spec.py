@@ -274,7 +274,7 @@ class RunSpec(Strict):
     limits: Limits
     disturbance: LinkDisturbance = LinkDisturbance()
     traffic: list[TrafficSpec] = []
-    camera: Camera = Camera()
+    camera: Camera | None = Field(Camera(), description="null: nothing is rendered")
     look: Look = Look()
     end: EndCondition = EndCondition()
 

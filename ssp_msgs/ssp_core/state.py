@@ -37,7 +37,7 @@ DEFAULT_SIZES: dict[ObjectClass, Size] = {
 
 @dataclass(frozen=True, slots=True)
 class ObjectState:
-    """State at ``stamp_ns`` of the reference point in frame map; field meanings as in the message."""
+    """State of the reference point in frame map; fields mean what they do in ObjectState.msg."""
 
     object_id: str
     object_class: ObjectClass

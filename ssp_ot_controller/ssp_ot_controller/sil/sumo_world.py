@@ -14,13 +14,13 @@ from pathlib import Path
 from types import TracebackType
 
 import libsumo  # type: ignore[import-untyped] # has no types
+
 from ssp_core.clock import seconds_to_ns
 from ssp_core.errors import HostError, InputError
 from ssp_core.geometry import Pose2, wrap_angle
 from ssp_core.run_spec import ParticipantSpec, RunSpec, TrafficSpec
 from ssp_core.state import DEFAULT_SIZES, ObjectState
 from ssp_core.vocab import ObjectClass, Role
-
 from ssp_ot_controller.sil.network import Network, write_network
 
 _VCLASS = {

@@ -1,0 +1,168 @@
+"""Node processes: started with a clean way to die, watched, and always gone at the end."""
+
+from __future__ import annotations
+
+import ctypes
+import fcntl
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+_PR_SET_PDEATHSIG = 1
+_SHM = Path("/dev/shm")
+_MIN_FREE_SHM_BYTES = 512 << 20
+
+
+def session_environment(domain_id: int, profile: Path | None = None) -> dict[str, str]:
+    """Environment for node processes: loopback only, a domain of their own, our DDS profile.
+
+    Args:
+        domain_id: see ssp_core.domains.
+        profile: Fast DDS profile with a large shared-memory segment; left out where /dev/shm is
+            too small for it (a container's default is 64 MB), since a write beyond its end kills
+            the process.
+    """
+    env = dict(os.environ)
+    env["ROS_DOMAIN_ID"] = str(domain_id)
+    env["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    env["RMW_IMPLEMENTATION"] = "rmw_fastrtps_cpp"
+    env["PYTHONUNBUFFERED"] = "1"
+    env.pop("ROS_STATIC_PEERS", None)
+    if profile is not None and _SHM.is_dir() and shutil.disk_usage(_SHM).free > _MIN_FREE_SHM_BYTES:
+        env["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(profile)
+    return env
+
+
+def _die_with_parent() -> None:
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+
+
+@dataclass
+class NodeProcess:
+    """One node in a process (and a process group) of its own, its output in a log file."""
+
+    name: str
+    process: subprocess.Popen[bytes]
+    log: Path
+    expected_to_stop: bool = False
+
+    @property
+    def returncode(self) -> int | None:
+        return self.process.poll()
+
+    def describe_exit(self) -> str:
+        """How it ended, for people."""
+        code = self.returncode
+        if code is None:
+            return "still running"
+        if code < 0:
+            return f"killed by {signal.Signals(-code).name}"
+        return f"exited with status {code}"
+
+    def log_tail(self, lines: int = 12) -> str:
+        try:
+            return "\n".join(self.log.read_text(errors="replace").splitlines()[-lines:])
+        except OSError:
+            return ""
+
+
+@dataclass
+class ProcessGroup:
+    """The node processes of one session; leaving the block ends every one of them."""
+
+    env: dict[str, str]
+    log_dir: Path
+    processes: dict[str, NodeProcess] = field(default_factory=dict)
+
+    def __enter__(self) -> ProcessGroup:
+        self.log_dir.mkdir(parents=True, exist_ok=True)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+        remove_stale_shared_memory()
+
+    def start_node(self, name: str, module: str, parameters: dict[str, object]) -> NodeProcess:
+        """Starts ``python -m module`` as a ROS node with parameters.
+
+        It receives SIGTERM when this process dies, however that happens, and no SIGINT from the
+        terminal: whoever runs the session ends it in order.
+        """
+        arguments = [sys.executable, "-m", module, "--ros-args", "-r", f"__node:={name}"]
+        for key, value in parameters.items():
+            arguments += ["-p", f"{key}:={value}"]
+        log = self.log_dir / f"{name}.log"
+        with log.open("ab") as stream:
+            process = subprocess.Popen(
+                arguments,
+                env=self.env,
+                stdin=subprocess.DEVNULL,
+                stdout=stream,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+                preexec_fn=_die_with_parent,
+            )
+        node = NodeProcess(name, process, log)
+        self.processes[name] = node
+        return node
+
+    def ended(self) -> list[NodeProcess]:
+        """Processes that have ended without having been asked to."""
+        return [
+            node
+            for node in self.processes.values()
+            if node.returncode is not None and not node.expected_to_stop
+        ]
+
+    def stop(self, timeout_s: float = 8.0) -> list[str]:
+        """SIGTERM to all that live, SIGKILL to those that don't react.
+
+        Returns:
+            Names of the processes that had to be killed.
+        """
+        alive = [node for node in self.processes.values() if node.returncode is None]
+        for node in alive:
+            node.expected_to_stop = True
+            node.process.terminate()
+        deadline = time.monotonic() + timeout_s
+        killed = []
+        for node in alive:
+            try:
+                node.process.wait(max(0.0, deadline - time.monotonic()))
+            except subprocess.TimeoutExpired:
+                os.killpg(node.process.pid, signal.SIGKILL)
+                node.process.wait()
+                killed.append(node.name)
+        return killed
+
+
+def remove_stale_shared_memory() -> int:
+    """Removes Fast DDS segments in /dev/shm whose owner is gone; returns how many.
+
+    Each segment has a lock file (``…_el``) that its owner holds locked while it lives; the
+    segments of running participants, ours or not, are left alone.
+    """
+    removed = 0
+    if not _SHM.is_dir():
+        return removed
+    for lock in _SHM.glob("fastrtps_*_el"):
+        try:
+            handle = os.open(lock, os.O_RDWR)
+        except OSError:
+            continue
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            continue
+        else:
+            (_SHM / lock.name.removesuffix("_el")).unlink(missing_ok=True)
+            lock.unlink(missing_ok=True)
+            removed += 1
+        finally:
+            os.close(handle)
+    return removed

@@ -1,0 +1,59 @@
+"""Who has still to answer a step before the world may go on (lockstep)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+
+class Barrier:
+    """Answers of the participants by step; those that were dropped aren't waited for.
+
+    Args:
+        participants: nodes that answer every step.
+        object_ids: objects whose actuator command is part of the answer of ``owner``.
+        owner: the participant that commands the objects.
+        camera: the participant that answers frame steps only, None for none.
+        frame_steps: every how many steps a frame is due; the camera may lag that much.
+    """
+
+    def __init__(
+        self,
+        participants: Iterable[str],
+        object_ids: Iterable[str],
+        owner: str,
+        camera: str | None,
+        frame_steps: int,
+    ) -> None:
+        # Nobody answers step 0: the world holds there until the session starts the run.
+        self._done = dict.fromkeys(participants, 0)
+        self._commanded = dict.fromkeys(object_ids, 0)
+        self._owner = owner
+        self._camera = camera
+        self._frame_steps = frame_steps
+        self._frame_done = -1
+        self.dropped: set[str] = set()
+
+    def on_done(self, participant: str, step: int) -> None:
+        if participant == self._camera:
+            self._frame_done = max(self._frame_done, step)
+        elif participant in self._done:
+            self._done[participant] = max(self._done[participant], step)
+
+    def on_command(self, object_id: str, step: int) -> None:
+        if object_id in self._commanded:
+            self._commanded[object_id] = max(self._commanded[object_id], step)
+
+    def drop(self, participant: str) -> None:
+        """From now on the world goes on without this participant."""
+        self.dropped.add(participant)
+
+    def waiting_for(self, step: int) -> list[str]:
+        """Participants that keep the world from going on from ``step`` to ``step + 1``."""
+        missing = [name for name, done in self._done.items() if done < step]
+        if self._owner not in missing and any(c < step for c in self._commanded.values()):
+            missing.append(self._owner)
+        if self._camera is not None:
+            newest_due = (step + 1 - self._frame_steps) // self._frame_steps * self._frame_steps
+            if newest_due >= 0 and self._frame_done < newest_due:
+                missing.append(self._camera)
+        return [name for name in missing if name not in self.dropped]

@@ -1,0 +1,1 @@
+"""The object target: takes references, tracks them, and stops by itself when it must."""

@@ -1,0 +1,1 @@
+"""Decisions of the scenario manager: pure, without ROS, without a clock."""

@@ -1,0 +1,158 @@
+"""Limits of a running session: one named predicate each, with the value it measured.
+
+A predicate returns None while its limit is kept. Limits are inclusive: a value equal to its limit
+is still allowed, as METHOD 6.11 has it for thresholds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ssp_core.clock import ns_to_seconds
+from ssp_core.geometry import box_distance
+from ssp_core.run_spec import Limits
+from ssp_core.safety_codes import MEANINGS, SafetyCode
+from ssp_core.state import ObjectState
+from ssp_core.vocab import ControlState, Verdict
+
+
+@dataclass(frozen=True, slots=True)
+class Violation:
+    """A limit that was passed: what, whose, how far, and when."""
+
+    code: SafetyCode
+    object_id: str
+    measured: float
+    limit: float
+    stamp_ns: int
+    detail: str = ""
+
+    @property
+    def text(self) -> str:
+        """The reason as it stands in verdicts and reports."""
+        meaning = MEANINGS[self.code]
+        who = f" {self.object_id}:" if self.object_id else ""
+        unit = f" {meaning.unit}" if meaning.unit else ""
+        figures = f"{self.measured:.3g}{unit}, limit {self.limit:.3g}{unit}"
+        detail = f" ({self.detail})" if self.detail else ""
+        return f"{meaning.limit_name}:{who} {figures}{detail}"
+
+
+def separation(a: ObjectState, b: ObjectState, limits: Limits) -> Violation | None:
+    """Distance between the two boxes; touching is a collision."""
+    distance = box_distance(a.box, b.box)
+    names = f"{a.object_id} and {b.object_id}"
+    if distance == 0.0:
+        return Violation(SafetyCode.COLLISION, b.object_id, 0.0, 0.0, a.stamp_ns, names)
+    if distance < limits.separation_m:
+        return Violation(
+            SafetyCode.SEPARATION, b.object_id, distance, limits.separation_m, a.stamp_ns, names
+        )
+    return None
+
+
+def silent(
+    code: SafetyCode, object_id: str, age_s: float, limit_s: float, stamp_ns: int
+) -> Violation | None:
+    """Nothing was heard for longer than allowed."""
+    if age_s > limit_s:
+        return Violation(code, object_id, age_s, limit_s, stamp_ns)
+    return None
+
+
+def ack_missing(
+    object_id: str, dispatched_ns: int, now_ns: int, limits: Limits
+) -> Violation | None:
+    """A reference was sent and not answered in time."""
+    return silent(
+        SafetyCode.ACK_MISSING,
+        object_id,
+        ns_to_seconds(now_ns - dispatched_ns),
+        limits.ack_s,
+        now_ns,
+    )
+
+
+def duration(started_ns: int, now_ns: int, limits: Limits) -> Violation | None:
+    """The run goes on for too long."""
+    return silent(
+        SafetyCode.DURATION, "", ns_to_seconds(now_ns - started_ns), limits.duration_s, now_ns
+    )
+
+
+def own_abort(state: ObjectState) -> Violation | None:
+    """An object went to ABORTING on its own."""
+    if state.control_state == ControlState.ABORTING:
+        return Violation(
+            SafetyCode.OBJECT_ABORTED, state.object_id, 1.0, 0.0, state.stamp_ns, "local stop"
+        )
+    return None
+
+
+def tracking_error(state: ObjectState, limits: Limits) -> Violation | None:
+    """The object's own report of its distance from the reference."""
+    if not state.reference_id:
+        return None
+    for code, value, limit in (
+        (
+            SafetyCode.ERROR_LONGITUDINAL,
+            abs(state.error_longitudinal_m),
+            limits.error_longitudinal_m,
+        ),
+        (SafetyCode.ERROR_LATERAL, abs(state.error_lateral_m), limits.error_lateral_m),
+        (SafetyCode.ERROR_YAW, abs(state.error_yaw_rad), limits.error_yaw_rad),
+    ):
+        if value > limit:
+            return Violation(code, state.object_id, value, limit, state.stamp_ns)
+    return None
+
+
+def violations(vut: ObjectState, targets: Sequence[ObjectState], limits: Limits) -> list[Violation]:
+    """All limits that the states of one instant pass, the gravest first.
+
+    Args:
+        vut: state of the VUT.
+        targets: states of the object targets at the VUT's stamp.
+        limits: the site's.
+    """
+    found: list[Violation] = []
+    everyone = [vut, *targets]
+    for i, a in enumerate(everyone):
+        for b in everyone[i + 1 :]:
+            violation = separation(a, b, limits)
+            if violation is not None:
+                found.append(violation)
+    for state in targets:
+        error = tracking_error(state, limits)
+        if error is not None:
+            found.append(error)
+    return sorted(found, key=lambda v: v.code != SafetyCode.COLLISION)
+
+
+# What an abort for this reason makes of the run; codes that aren't here fail on safety.
+_ABORTED = {
+    SafetyCode.OPERATOR,
+    SafetyCode.OBJECT_SILENT,
+    SafetyCode.VUT_SILENT,
+    SafetyCode.HEARTBEAT_LOST,
+    SafetyCode.ACK_MISSING,
+    SafetyCode.REFERENCE_REFUSED,
+    SafetyCode.STATE_STALE,
+}
+_HARNESS = {
+    SafetyCode.RECORDER,
+    SafetyCode.WORLD_SILENT,
+    SafetyCode.PARTICIPANT_LOST,
+    SafetyCode.OVERRUN,
+    SafetyCode.EVENT_MISSING,
+}
+
+
+def verdict_for(code: SafetyCode) -> Verdict:
+    """The verdict of a run whose first reason has this code."""
+    if code in _HARNESS:
+        return Verdict.INVALID_HARNESS
+    if code in _ABORTED:
+        return Verdict.ABORTED
+    return Verdict.FAILED_SAFETY

@@ -1,0 +1,125 @@
+"""The runner's own ROS node: asks for the run and listens to how it goes."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import rclpy
+from rclpy.action import ActionClient
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+from ssp_core import names, ros
+from ssp_core.errors import PeerError
+from ssp_core.vocab import Phase, SessionPhase, Verdict
+from ssp_msgs.action import RunScenario
+from ssp_msgs.msg import PhaseEvent, SafetyEvent, TriggerEvent
+from ssp_scenario_manager.runner.outcome import Outcome
+
+Listener = Callable[[str], None]
+
+
+class RunClient:
+    """A run_scenario goal and what is heard while it lasts.
+
+    Args:
+        env: environment of the session's processes; this process joins their domain with it.
+        say: takes one line for people per thing that happens.
+    """
+
+    def __init__(self, env: Mapping[str, str], say: Listener) -> None:
+        os.environ.update(
+            {k: v for k, v in env.items() if k.startswith(("ROS_", "RMW_", "FASTRTPS_"))}
+        )
+        self._context = rclpy.Context()
+        rclpy.init(
+            context=self._context,
+            domain_id=int(env["ROS_DOMAIN_ID"]),
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
+        self._node = Node("ssp_run", namespace=names.NAMESPACE, context=self._context)
+        self._executor = rclpy.executors.SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._client = ActionClient(self._node, RunScenario, names.RUN_SCENARIO)
+        self._say = say
+        self._goal: Any = None
+        self._result: Any = None
+        self._last_state: int | None = None
+        self.elapsed_s = 0.0
+        sub = self._node.create_subscription
+        sub(TriggerEvent, names.TRIGGER_EVENT, self._on_trigger, ros.LATCHED)
+        sub(PhaseEvent, names.PHASE_EVENT, self._on_phase, ros.LATCHED)
+        sub(SafetyEvent, names.SAFETY_EVENT, self._on_safety, ros.LATCHED)
+
+    def ready(self) -> bool:
+        """The manager offers the action."""
+        return self._client.server_is_ready()
+
+    def begin(self, run_file: str) -> None:
+        """Sends the goal; the answer is awaited by spinning."""
+        future = self._client.send_goal_async(
+            RunScenario.Goal(run_file=run_file), feedback_callback=self._on_feedback
+        )
+        future.add_done_callback(self._on_accepted)
+
+    def cancel(self) -> None:
+        """Asks the manager to abort."""
+        if self._goal is not None:
+            self._goal.cancel_goal_async()
+
+    def spin(self, timeout_s: float) -> None:
+        self._executor.spin_once(timeout_sec=timeout_s)
+
+    @property
+    def outcome(self) -> Outcome | None:
+        """The result once it is here."""
+        if self._result is None:
+            return None
+        result = self._result.result
+        reasons = list(result.reasons)
+        if result.error_msg and not reasons:
+            reasons = [result.error_msg]
+        return Outcome(Verdict(result.verdict), tuple(reasons))
+
+    def close(self) -> None:
+        self._executor.shutdown()
+        self._node.destroy_node()
+        rclpy.shutdown(context=self._context)
+
+    # -- callbacks -----------------------------------------------------------------------------
+
+    def _on_accepted(self, future: Any) -> None:
+        self._goal = future.result()
+        if not self._goal.accepted:
+            raise PeerError("the scenario manager is busy with another run")
+        self._goal.get_result_async().add_done_callback(self._on_result)
+
+    def _on_result(self, future: Any) -> None:
+        self._result = future.result()
+
+    def _on_feedback(self, message: Any) -> None:
+        feedback = message.feedback
+        self.elapsed_s = feedback.elapsed
+        if feedback.session_state != self._last_state:
+            self._last_state = feedback.session_state
+            self._say(f"session {SessionPhase(feedback.session_state).name}")
+
+    def _on_trigger(self, message: TriggerEvent) -> None:
+        crossing_s = ros.ns_from_stamp(message.crossing_time) / 1e9
+        self._say(
+            f"trigger {message.trigger_id}: {message.condition} at {crossing_s:.3f} s, reference "
+            f"{', '.join(message.reference_ids)} sent {message.processing * 1e3:.1f} ms later"
+        )
+
+    def _on_phase(self, message: PhaseEvent) -> None:
+        stamp_s = ros.ns_from_stamp(message.header.stamp) / 1e9
+        self._say(f"phase {Phase(message.phase).name.lower()} at {stamp_s:.2f} s")
+
+    def _on_safety(self, message: SafetyEvent) -> None:
+        who = f" {message.object_id}" if message.object_id else ""
+        self._say(
+            f"SAFETY {message.limit_name}{who}: {message.measured:.3g} {message.unit}, limit "
+            f"{message.limit:.3g} (seen by {message.source}, {message.reaction})"
+        )

@@ -1,0 +1,24 @@
+"""How a run ended."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ssp_core.vocab import Verdict
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """Verdict of a run, and the reasons for it, the primary one first."""
+
+    verdict: Verdict
+    reasons: tuple[str, ...]
+
+    @property
+    def ok(self) -> bool:
+        return self.verdict is Verdict.VALID
+
+    def with_reason(self, verdict: Verdict, reason: str) -> Outcome:
+        """The same with one more reason; the verdict only if there was none that says more."""
+        kept = self.verdict if self.verdict not in (Verdict.NONE, Verdict.VALID) else verdict
+        return Outcome(kept, (*self.reasons, reason))
