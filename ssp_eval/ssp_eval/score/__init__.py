@@ -1,0 +1,15 @@
+"""Scoring of behaviour records against labels (METHOD 6), without ROS, images or numpy."""
+
+from ssp_eval.score.cell import CellDetails, CellScore, score_cell
+from ssp_eval.score.judge import STAGES, Judgement
+from ssp_eval.score.thresholds import DEFAULT, Thresholds
+
+__all__ = [
+    "DEFAULT",
+    "STAGES",
+    "CellDetails",
+    "CellScore",
+    "Judgement",
+    "Thresholds",
+    "score_cell",
+]

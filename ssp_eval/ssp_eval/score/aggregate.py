@@ -1,0 +1,179 @@
+"""Means, ranks and relative differences over cells (METHOD 6.13)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+METRICS = (
+    "jovr",
+    "sem_cov",
+    "sem_acc_cond",
+    "sem_acc_eff",
+    "sem_acc_soft",
+    "cia_eff",
+    "act_acc_eff",
+    "stfr",
+    "tqsr",
+    "atc_eff",
+    "rsr",
+    "rl_s",
+    "ivcs",
+)
+
+# The groupings of METHOD 6.13.
+BY_DOMAIN = ("domain",)
+BY_MODEL = ("model",)
+BY_SCENARIO_DOMAIN = ("scenario", "domain")
+BY_SCENARIO_MODEL = ("scenario", "model")
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A scored cell with its score output (METHOD 6.14).
+
+    Args:
+        scenario: name of the scenario.
+        domain: synthetic, simulation or physical.
+        model: name of the model.
+        score: at least the keys of METRICS, unrounded, null as None.
+        paired: False where partners of the recording were refused by the audit; such a cell
+            stays out of domain means (METHOD 4).
+    """
+
+    scenario: str
+    domain: str
+    model: str
+    score: Mapping[str, float | None]
+    paired: bool = True
+
+
+@dataclass(frozen=True)
+class Mean:
+    """An unweighted mean with the number of cells that it is taken over.
+
+    Args:
+        value: None if no cell has a value.
+        n: cells with a value; null ones (an empty denominator, RL of a failure) don't count.
+    """
+
+    value: float | None
+    n: int
+
+
+def mean(values: Iterable[float | None]) -> Mean:
+    """The unweighted mean of the values that aren't null; their order doesn't matter."""
+    present = [value for value in values if value is not None]
+    return Mean(math.fsum(present) / len(present) if present else None, len(present))
+
+
+def means(cells: Sequence[Cell], by: Sequence[str]) -> dict[tuple[str, ...], dict[str, Mean]]:
+    """The mean of every metric per group (METHOD 6.13): RSR as 0/1, RL over successes only.
+
+    Args:
+        cells: those that are valid; a run that isn't never gets here.
+        by: BY_DOMAIN, BY_MODEL, BY_SCENARIO_DOMAIN or BY_SCENARIO_MODEL. Unpaired cells are left
+            out where the grouping has the domain.
+
+    Returns:
+        Per group, in sorted order, the means by metric.
+
+    Raises:
+        ValueError: the same scenario, domain and model occurs twice.
+    """
+    _refuse_duplicates(cells)
+    groups: dict[tuple[str, ...], list[Cell]] = {}
+    for cell in cells:
+        if cell.paired or "domain" not in by:
+            groups.setdefault(tuple(getattr(cell, key) for key in by), []).append(cell)
+    return {
+        key: {metric: mean(cell.score[metric] for cell in group) for metric in METRICS}
+        for key, group in sorted(groups.items())
+    }
+
+
+def _refuse_duplicates(cells: Sequence[Cell]) -> None:
+    seen: set[tuple[str, str, str]] = set()
+    for cell in cells:
+        key = (cell.scenario, cell.domain, cell.model)
+        if key in seen:
+            raise ValueError(f"cell {' / '.join(key)} occurs twice")
+        seen.add(key)
+
+
+def ranks(values: Mapping[str, float | None]) -> dict[str, int | None]:
+    """Rank per subject, 1 for the largest value; equal ones share a rank, null has none."""
+    present = [value for value in values.values() if value is not None]
+    return {
+        subject: None if value is None else 1 + sum(other > value for other in present)
+        for subject, value in values.items()
+    }
+
+
+@dataclass(frozen=True)
+class RankChange:
+    """A subject whose rank differs between two scenarios.
+
+    Args:
+        subject: the model or domain.
+        scenarios: the two scenarios, in sorted order.
+        ranks: its rank in each.
+    """
+
+    subject: str
+    scenarios: tuple[str, str]
+    ranks: tuple[int, int]
+
+
+@dataclass(frozen=True)
+class Ranking:
+    """Ranks of models or domains by one metric (METHOD 6.13).
+
+    Args:
+        scenarios: per scenario, rank by subject.
+        macro: rank by subject of its mean over all cells.
+        changes: every change of rank between two scenarios; pointed out, not averaged away.
+    """
+
+    scenarios: dict[str, dict[str, int | None]]
+    macro: dict[str, int | None]
+    changes: tuple[RankChange, ...]
+
+
+def ranking(cells: Sequence[Cell], subject: str, metric: str = "ivcs") -> Ranking:
+    """Ranks per scenario and for the macro average, from unrounded means (METHOD 6.13).
+
+    Args:
+        cells: see means.
+        subject: ``model`` or ``domain``.
+        metric: one of METRICS; the larger the better.
+
+    Raises:
+        ValueError: see means.
+    """
+    per_scenario: dict[str, dict[str, float | None]] = {}
+    for (scenario, name), group in means(cells, ("scenario", subject)).items():
+        per_scenario.setdefault(scenario, {})[name] = group[metric].value
+    macro = {name: group[metric].value for (name,), group in means(cells, (subject,)).items()}
+    by_scenario = {scenario: ranks(values) for scenario, values in per_scenario.items()}
+    return Ranking(by_scenario, ranks(macro), tuple(_changes(by_scenario, sorted(macro))))
+
+
+def _changes(
+    by_scenario: Mapping[str, Mapping[str, int | None]], subjects: Sequence[str]
+) -> Iterable[RankChange]:
+    for subject in subjects:
+        for first, second in combinations(sorted(by_scenario), 2):
+            before = by_scenario[first].get(subject)
+            after = by_scenario[second].get(subject)
+            if before is not None and after is not None and before != after:
+                yield RankChange(subject, (first, second), (before, after))
+
+
+def relative_difference(value: float | None, reference: float | None) -> float | None:
+    """(value − reference) / |reference|, from unrounded values; None if it has no meaning."""
+    if value is None or reference is None or reference == 0:
+        return None
+    return (value - reference) / abs(reference)
