@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import click
+
 from ssp_core.bag import BagReader, RecoverReport, recover
 from ssp_core.clock import ns_to_seconds
 from ssp_core.console import note, out, progress
-
 from ssp_monitor.core.check import CheckReport, check_bag
 
 BAG = click.Path(path_type=Path)

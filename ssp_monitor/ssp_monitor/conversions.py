@@ -5,9 +5,9 @@ from __future__ import annotations
 import importlib
 
 from rclpy.qos import HistoryPolicy, QoSProfile
+
 from ssp_core import ros
 from ssp_core.errors import HostError
-
 from ssp_monitor.core.topics import Profile
 
 PUBLISHED: dict[Profile, QoSProfile] = {

@@ -18,13 +18,13 @@ from rclpy.impl.implementation_singleton import rclpy_implementation as rcl
 from rclpy.node import Node
 from rclpy.qos import QoSCompatibility, qos_check_compatible
 from rclpy.subscription import Subscription
+
 from ssp_core import names, ros
 from ssp_core.bag import BagMessage
 from ssp_core.errors import HostError
 from ssp_core.files import read_text
 from ssp_core.run_spec import load_run
 from ssp_core.safety_codes import MEANINGS, SafetyCode
-
 from ssp_monitor.conversions import message_class, recording_profile
 from ssp_monitor.core.losses import SequenceGaps
 from ssp_monitor.core.recorder import Recorder

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rclpy.node import Node
+
 from ssp_core.errors import InputError
 
 

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from rosbags.highlevel import AnyReader
+
 from ssp_core.bag import BagReader, BagWriter, recover
 from ssp_core.bag.types import serialize, typestore
 from ssp_core.errors import InputError

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import yaml
 from rosbags.highlevel import AnyReader
+
 from ssp_core.bag import BagReader, BagWriter
 from ssp_core.bag.metadata import ROOT_KEY
 from ssp_core.bag.qos import offered_qos

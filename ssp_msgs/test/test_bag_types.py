@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+
 import ssp_core
 from ssp_core.bag.types import TypeDefinition, definition, serialize, store_from, typestore
 from ssp_core.errors import InputError

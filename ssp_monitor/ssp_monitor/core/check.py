@@ -9,6 +9,7 @@ from pathlib import Path
 
 from mcap.records import Channel, Message
 from mcap.stream_reader import StreamReader
+
 from ssp_core.bag import BagReader
 from ssp_core.bag.mcap_file import damage_of, open_bounded
 from ssp_core.bag.metadata import read_metadata

@@ -12,7 +12,6 @@ from pathlib import Path
 from ssp_core.bag import BagMessage, BagWriter
 from ssp_core.bag.qos import offered_qos
 from ssp_core.errors import SspError
-
 from ssp_monitor.core.topics import Profile, TopicSpec
 
 FLUSH_S = 0.5

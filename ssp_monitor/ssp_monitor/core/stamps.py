@@ -6,6 +6,7 @@ import struct
 from dataclasses import dataclass
 
 from rosbags.interfaces import Nodetype
+
 from ssp_core.bag.types import typestore
 from ssp_core.clock import NS_PER_S
 
