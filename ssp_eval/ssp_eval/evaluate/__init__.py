@@ -1,0 +1,1 @@
+"""From bags to scored cells: requests, raw answers, records, scores."""

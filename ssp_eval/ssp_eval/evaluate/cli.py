@@ -1,0 +1,194 @@
+"""``ssp evaluate``: bags through bridges to scored cells."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.table import Table
+from ssp_core import console
+from ssp_core.errors import InputError
+
+from ssp_eval.evaluate.asker import ModelSpec, bridge_spec
+from ssp_eval.evaluate.campaign import run_campaign
+from ssp_eval.evaluate.cell import CellOptions, CellResult
+from ssp_eval.evaluate.topics import TopicAskers
+
+_PATH = click.Path(path_type=Path)
+# Shown at the end; METHOD 6.14 has all of them.
+_COLUMNS = (("JOVR", "jovr"), ("Sem", "sem_acc_eff"), ("CIA", "cia_eff"), ("TQSR", "tqsr"))
+
+
+@click.command()
+@click.argument("bags", type=_PATH, nargs=-1, required=True)
+@click.option(
+    "--labels",
+    "labels_files",
+    type=_PATH,
+    multiple=True,
+    help="Labels file, once per BAG in the same order. Default: beside each bag.",
+)
+@click.option("--propose-labels", is_flag=True, help="Where there are none, propose them.")
+@click.option(
+    "--bridge",
+    "bridges",
+    multiple=True,
+    help='Model whose bridge is started here; NAME or NAME={"option": value}.',
+)
+@click.option("--attach", "attached", multiple=True, help="Model whose bridge runs already.")
+@click.option("--out", type=_PATH, required=True, help="Campaign folder; an existing one goes on.")
+@click.option("--adapter", default="waypoints", show_default=True)
+@click.option(
+    "--timeout",
+    "timeout_s",
+    type=click.FloatRange(0.1, 86400.0),
+    default=60.0,
+    show_default=True,
+    help="Seconds that a model has for one answer.",
+)
+@click.option("--fresh", is_flag=True, help="Ask again even where an answer is stored.")
+@click.option("--json", "as_json", is_flag=True, help="One line per cell, for programs.")
+def evaluate(
+    bags: tuple[Path, ...],
+    labels_files: tuple[Path, ...],
+    propose_labels: bool,
+    bridges: tuple[str, ...],
+    attached: tuple[str, ...],
+    out: Path,
+    adapter: str,
+    timeout_s: float,
+    fresh: bool,
+    as_json: bool,
+) -> int:
+    """Replays BAGS through VLA bridges and scores the answers.
+
+    Raw answers are stored in OUT before anything interprets them; asking is not repeated for what
+    is stored. Exit status 1 when some cell has no score.
+    """
+    if labels_files and len(labels_files) != len(bags):
+        raise click.UsageError(
+            f"--labels is given {len(labels_files)} times for {len(bags)} bags; give it once per "
+            "bag or not at all"
+        )
+    models = model_specs(bridges, attached)
+    paired: list[tuple[Path, Path | None]] = [(bag, None) for bag in bags]
+    if labels_files:
+        paired = list(zip(bags, labels_files, strict=True))
+    results = evaluate_bags(
+        paired, models, out, CellOptions(adapter, fresh), timeout_s, propose_labels
+    )
+    if as_json:
+        for result in results:
+            click.echo(json.dumps(_to_json(result), sort_keys=True))
+    else:
+        show(results, out)
+    return 0 if all(result.status == "ok" for result in results) else 1
+
+
+def model_specs(bridges: Sequence[str], attached: Sequence[str]) -> list[ModelSpec]:
+    """The models of a campaign.
+
+    Raises:
+        click.UsageError: there are none, or one stands twice.
+        InputError: a bridge's options are no JSON object.
+    """
+    models = [bridge_spec(text) for text in bridges]
+    models += [ModelSpec(name, attached=True) for name in attached]
+    if not models:
+        raise click.UsageError("name a model: --bridge NAME, or --attach NAME")
+    for name, count in Counter(model.name for model in models).items():
+        if count > 1:
+            raise click.UsageError(f"model {name} stands {count} times")
+        if not name.isidentifier():
+            raise InputError("is no name for a topic", field="bridge", value=name)
+    return models
+
+
+def evaluate_bags(
+    bags: Sequence[tuple[Path, Path | None]],
+    models: Sequence[ModelSpec],
+    out: Path,
+    options: CellOptions,
+    timeout_s: float = 60.0,
+    propose_labels: bool = False,
+) -> list[CellResult]:
+    """A campaign over topics with a progress bar; what the command line and the demo run.
+
+    Args:
+        bags: bag and its labels file (None: look beside it).
+        models: who is asked.
+        out: campaign folder.
+        options: adapter and reuse.
+        timeout_s: for one answer.
+        propose_labels: where there are no labels, propose them.
+
+    Raises:
+        InputError: a bag, its labels or an option is wrong.
+    """
+    attached = any(model.attached for model in models)
+    with (
+        console.progress("asking", None) as bar,
+        TopicAskers(out / "logs", timeout_s, attached) as askers,
+    ):
+        task = bar.task_ids[0]
+        return run_campaign(
+            bags,
+            models,
+            askers,
+            out,
+            options,
+            propose_labels,
+            on_total=lambda total: bar.update(task, total=total),
+            on_record=lambda: bar.advance(task),
+        )
+
+
+def show(results: Sequence[CellResult], out: Path) -> None:
+    """The table at the end of a campaign."""
+    table = Table(box=None, pad_edge=False)
+    for name in ("scenario", "domain", "model", "status"):
+        table.add_column(name)
+    for name in ("n", *(title for title, _ in _COLUMNS), "risk", "IVCS"):
+        table.add_column(name, justify="right")
+    for result in results:
+        table.add_row(
+            result.scenario, result.domain, result.model, result.status, *_numbers(result)
+        )
+    console.out.print(table)
+    for result in results:
+        place = f"{result.scenario}/{result.domain}/{result.model}"
+        if result.reasons:
+            console.note(f"{place}: {result.status}: {'; '.join(result.reasons)}")
+        elif result.missing:
+            console.note(f"{place}: {result.missing} answers are missing (see cell.json)")
+    console.note(f"written to {out}; `ssp report {out}` makes a page of it")
+
+
+def _numbers(result: CellResult) -> list[str]:
+    score = result.score
+    if score is None:
+        return ["–"] * (len(_COLUMNS) + 3)
+    cells = [f"{score['n']}"]
+    for _, key in _COLUMNS:
+        cells.append("–" if score[key] is None else f"{score[key]:.2f}")
+    risk = f"S@{score['rl_s']:.2f}" if score["rsr"] else "F"
+    return [*cells, risk, f"{score['ivcs']:.3f}"]
+
+
+def _to_json(result: CellResult) -> dict[str, Any]:
+    return {
+        "cell": result.folder.name,
+        "scenario": result.scenario,
+        "domain": result.domain,
+        "model": result.model,
+        "status": result.status,
+        "reasons": list(result.reasons),
+        "sent": result.asked,
+        "reused": result.reused,
+        "missing": result.missing,
+        "score": result.score,
+    }

@@ -1,0 +1,314 @@
+"""A bag as a clip: frames and ego history up to a time, and never anything later.
+
+Opening a clip reads stamps only; the pictures that a request needs are fetched by the index when
+it is built, so that the memory used doesn't grow with the recording.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NamedTuple, Self
+
+from ssp_core.bag import BagMessage, BagReader
+from ssp_core.clock import ns_to_seconds, seconds_to_ns
+from ssp_core.errors import InputError
+from ssp_core.geometry import wrap_angle
+from ssp_core.hashing import sha256_json
+from ssp_core.names import CAMERA_IMAGE, CAMERA_INFO, CAMERA_MOUNT, VUT_ID, absolute, state_topic
+from ssp_core.state import ObjectState
+from ssp_vla_bridge.core.request import CameraGeometry, EgoSample, Frame, Request
+from ssp_vla_bridge.core.task import TASK, DrivingTask
+
+from ssp_eval.evaluate.provenance import Provenance, read_provenance
+from ssp_eval.evaluate.states import object_state, peek_stamp_ns
+
+_IMAGE = absolute(CAMERA_IMAGE)
+_INFO = absolute(CAMERA_INFO)
+_MOUNT = absolute(CAMERA_MOUNT)
+_VUT_STATE = absolute(state_topic(VUT_ID))
+_IMAGE_TYPE = "sensor_msgs/msg/CompressedImage"
+# METHOD 6.1: a record further from its label than this could not be matched.
+MATCH_S = 0.11
+
+
+@dataclass(frozen=True)
+class Preprocessing:
+    """Which frames and which ego samples a request holds.
+
+    Args:
+        frames: at most this many.
+        frame_spacing_s: at least this far apart (0.1 s is 10 Hz).
+        frame_span_s: no frame is older than the newest by this much.
+        history_s: length of the ego history.
+        history_spacing_s: between ego samples.
+        state_age_s: an older newest state leaves the history empty.
+    """
+
+    frames: int = 10
+    frame_spacing_s: float = 0.1
+    frame_span_s: float = 1.0
+    history_s: float = 2.0
+    history_spacing_s: float = 0.1
+    state_age_s: float = 0.3
+
+    @property
+    def sha256(self) -> str:
+        return sha256_json(asdict(self))
+
+
+@dataclass(frozen=True)
+class Mount:
+    """Where the camera sits on the VUT: m ahead of its reference point, m up, rad down."""
+
+    forward_m: float
+    height_m: float
+    pitch_down_rad: float
+
+
+@dataclass(frozen=True)
+class Question:
+    """A request for one label time; ``t_s`` is the clip time of its newest frame."""
+
+    label_t_s: float
+    t_s: float
+    request: Request
+
+
+@dataclass(frozen=True)
+class NoQuestion:
+    """Why there is nothing to ask at a label time."""
+
+    label_t_s: float
+    reason: str
+
+
+class _FrameEntry(NamedTuple):
+    stamp_ns: int
+    log_time_ns: int
+
+
+class Clip:
+    """A recorded session or an imported video, open for evaluation; a context manager.
+
+    Args:
+        path: bag directory or .mcap file.
+        preprocessing: what goes into a request.
+        task: what is asked.
+
+    Raises:
+        InputError: it is no bag, wasn't made by this project, or has no camera frames.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        preprocessing: Preprocessing | None = None,
+        task: DrivingTask = TASK,
+    ) -> None:
+        self.path = Path(path)
+        self.preprocessing = preprocessing or Preprocessing()
+        self.task = task
+        self._stack = ExitStack()
+        try:
+            self._bag = self._stack.enter_context(BagReader(self.path))
+            self.provenance: Provenance = read_provenance(self._bag)
+            self._check_frames()
+            self._frames, self._states = self._index()
+            self.camera, self.mount = self._camera()
+        except BaseException:
+            self._stack.close()
+            raise
+        self._state_stamps = [stamp for stamp, _ in self._states]
+        self._frame_stamps = [frame.stamp_ns for frame in self._frames]
+        start_ns = self.provenance.session_start_ns
+        self.start_ns = self._frame_stamps[0] if start_ns is None else start_ns
+
+    def _check_frames(self) -> None:
+        info = self._bag.topics.get(_IMAGE)
+        if info is None or info.count == 0:
+            raise InputError(
+                f"has no camera frames (no message on {_IMAGE})",
+                file=self.path,
+                remedy=f"its topics are {', '.join(sorted(self._bag.topics)) or 'none'}",
+            )
+        if info.msgtype != _IMAGE_TYPE:
+            raise InputError(
+                f"must be of type {_IMAGE_TYPE}", file=self.path, field=_IMAGE, value=info.msgtype
+            )
+
+    def _index(self) -> tuple[list[_FrameEntry], list[tuple[int, BagMessage]]]:
+        frames: list[_FrameEntry] = []
+        states: list[tuple[int, BagMessage]] = []
+        for message in self._bag.messages([_IMAGE, _VUT_STATE]):
+            try:
+                stamp = peek_stamp_ns(message.data)
+            except ValueError as error:
+                raise InputError(
+                    f"holds a message at {message.log_time_ns} ns that is no message: {error}",
+                    file=self.path,
+                    field=message.topic,
+                ) from error
+            if message.topic == _IMAGE:
+                frames.append(_FrameEntry(stamp, message.log_time_ns))
+            else:
+                states.append((stamp, message))
+        frames.sort()
+        states.sort(key=lambda entry: entry[0])
+        return frames, states
+
+    def _camera(self) -> tuple[CameraGeometry | None, Mount | None]:
+        if self.provenance.camera == "unknown":
+            return None, None
+        info, transform = self._first(_INFO), self._first(_MOUNT)
+        if info is None or float(info.k[0]) <= 0.0:
+            return None, None
+        mount = None
+        if transform is not None:
+            mount = _mount(transform.transform)
+        geometry = CameraGeometry(
+            fx_px=float(info.k[0]),
+            fy_px=float(info.k[4]),
+            cx_px=float(info.k[2]),
+            cy_px=float(info.k[5]),
+            width_px=int(info.width),
+            height_px=int(info.height),
+            height_m=mount.height_m if mount else None,
+            pitch_down_rad=mount.pitch_down_rad if mount else None,
+        )
+        return geometry, mount
+
+    def _first(self, topic: str) -> Any:
+        message = next(iter(self._bag.messages([topic])), None)
+        return None if message is None else self._bag.decode(message)
+
+    @property
+    def first_s(self) -> float:
+        """Clip time of the first frame."""
+        return ns_to_seconds(self._frame_stamps[0] - self.start_ns)
+
+    @property
+    def last_s(self) -> float:
+        """Clip time of the last frame."""
+        return ns_to_seconds(self._frame_stamps[-1] - self.start_ns)
+
+    def question(self, label_t_s: float, request_id: str = "") -> Question | NoQuestion:
+        """What may be asked about a label time: nothing in it is later than that time.
+
+        The request's own time is the newest frame's, so that frames, history, trajectory and
+        record all mean the same instant (METHOD 5.4).
+        """
+        label_ns = self.start_ns + seconds_to_ns(label_t_s)
+        newest = bisect_right(self._frame_stamps, label_ns) - 1
+        if newest < 0:
+            return NoQuestion(label_t_s, "there is no frame at or before the label's time")
+        stamp = self._frame_stamps[newest]
+        age_s = ns_to_seconds(label_ns - stamp)
+        if age_s > MATCH_S + 1e-9:
+            return NoQuestion(
+                label_t_s, f"the newest frame is {age_s:.3f} s old, more than {MATCH_S} s"
+            )
+        history = self._history(stamp)
+        request = Request(
+            request_id=request_id,
+            stamp_ns=stamp,
+            frames=self._fetch(self._choose(newest)),
+            camera=self.camera,
+            history=history,
+            ego_provenance=self.provenance.ego if history else "unknown",
+            task=self.task,
+        )
+        return Question(label_t_s, ns_to_seconds(stamp - self.start_ns), request)
+
+    def _choose(self, newest: int) -> list[_FrameEntry]:
+        """From the newest frame backwards, at most the given rate, number and span."""
+        rules = self.preprocessing
+        spacing_ns = seconds_to_ns(rules.frame_spacing_s)
+        # Recorders stamp in ns and cameras in their own clock: 1 ms of slack keeps a 10 Hz camera
+        # at 10 Hz.
+        slack_ns = seconds_to_ns(0.001)
+        chosen = [self._frames[newest]]
+        oldest_ns = chosen[0].stamp_ns - seconds_to_ns(rules.frame_span_s) + slack_ns
+        i = newest - 1
+        while i >= 0 and len(chosen) < rules.frames and self._frames[i].stamp_ns >= oldest_ns:
+            if chosen[-1].stamp_ns - self._frames[i].stamp_ns >= spacing_ns - slack_ns:
+                chosen.append(self._frames[i])
+            i -= 1
+        return chosen[::-1]
+
+    def _fetch(self, chosen: list[_FrameEntry]) -> tuple[Frame, ...]:
+        wanted = {frame.stamp_ns for frame in chosen}
+        start_ns = min(frame.log_time_ns for frame in chosen)
+        stop_ns = max(frame.log_time_ns for frame in chosen) + 1
+        found: dict[int, bytes] = {}
+        for message in self._bag.messages([_IMAGE], start_ns, stop_ns):
+            stamp = peek_stamp_ns(message.data)
+            if stamp in wanted and stamp not in found:
+                found[stamp] = bytes(self._bag.decode(message).data)
+        return tuple(Frame(stamp, found[stamp]) for stamp in sorted(found))
+
+    def _history(self, now_ns: int) -> tuple[EgoSample, ...]:
+        """Ego samples up to a time, oldest first; empty when there is no state recent enough."""
+        rules = self.preprocessing
+        newest = bisect_right(self._state_stamps, now_ns) - 1
+        if self.provenance.ego == "unknown" or newest < 0:
+            return ()
+        if ns_to_seconds(now_ns - self._state_stamps[newest]) > rules.state_age_s:
+            return ()
+        origin = self._state(newest).extrapolated(now_ns)
+        samples = [_sample(origin, origin)]
+        last_ns = now_ns
+        for k in range(1, round(rules.history_s / rules.history_spacing_s) + 1):
+            wanted_ns = now_ns - seconds_to_ns(k * rules.history_spacing_s)
+            i = bisect_right(self._state_stamps, wanted_ns) - 1
+            if i < 0:
+                break
+            if self._state_stamps[i] < last_ns:
+                samples.append(_sample(self._state(i), origin))
+                last_ns = self._state_stamps[i]
+        return tuple(reversed(samples))
+
+    def _state(self, index: int) -> ObjectState:
+        return object_state(self._bag.decode(self._states[index][1]))
+
+    def close(self) -> None:
+        self._stack.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+def _sample(state: ObjectState, origin: ObjectState) -> EgoSample:
+    x_m, y_m = origin.pose.to_local(state.x_m, state.y_m)
+    return EgoSample(
+        t_s=ns_to_seconds(state.stamp_ns - origin.stamp_ns),
+        x_m=x_m,
+        y_m=y_m,
+        yaw_rad=wrap_angle(state.yaw_rad - origin.yaw_rad),
+        speed_mps=state.speed_mps,
+        yaw_rate_radps=state.yaw_rate_radps,
+    )
+
+
+def _mount(transform: Any) -> Mount:
+    """From the optical frame's pose: its z axis is the direction of view."""
+    q = transform.rotation
+    x, y, z, w = float(q.x), float(q.y), float(q.z), float(q.w)
+    forward, up = 2.0 * (x * z + w * y), 1.0 - 2.0 * (x * x + y * y)
+    return Mount(
+        forward_m=float(transform.translation.x),
+        height_m=float(transform.translation.z),
+        pitch_down_rad=-math.atan2(up, forward),
+    )

@@ -1,0 +1,141 @@
+"""The node ``evaluator``: sends requests on topics and hands answers to their exchange."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from rclpy.executors import Executor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
+from ssp_core.console import report_error
+from ssp_core.errors import SspError
+from ssp_core.names import vla_request_topic, vla_response_topic
+from ssp_core.ros import VLA, make_executor, make_node
+from ssp_vla_bridge.conversions import request_to_msg, response_from_msg
+from ssp_vla_bridge.core.request import Request
+
+from ssp_eval.evaluate.asker import ModelSpec
+from ssp_eval.evaluate.campaign import run_campaign
+from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.exchange import Exchange
+from ssp_eval.evaluate.topics import TopicAskers
+from ssp_msgs.msg import VlaRequest, VlaResponse
+
+NAME = "evaluator"
+
+
+class RosLink:
+    """The topics of one model."""
+
+    def __init__(self, node: Node, model: str, exchange: Exchange) -> None:
+        self._node = node
+        self._exchange = exchange
+        self._response_topic = vla_response_topic(model)
+        self._publisher = node.create_publisher(VlaRequest, vla_request_topic(model), VLA)
+        self._subscription = node.create_subscription(
+            VlaResponse, self._response_topic, self._on_response, VLA
+        )
+
+    def send(self, request: Request) -> None:
+        """Publishes a request."""
+        self._publisher.publish(request_to_msg(request))
+
+    def matched(self) -> bool:
+        """True while a bridge is on both topics."""
+        answers = self._node.count_publishers(self._response_topic)
+        return bool(answers and self._publisher.get_subscription_count())
+
+    def _on_response(self, msg: Any) -> None:
+        try:
+            response = response_from_msg(msg)
+        except ValueError as error:
+            self._exchange.offer_unreadable(msg.request_id, str(error))
+            return
+        self._exchange.offer(response)
+
+
+class RosTransport:
+    """The evaluator's node with its executor, which runs only while somebody waits."""
+
+    def __init__(self, node: Node, executor: Executor) -> None:
+        self._node = node
+        self._executor = executor
+
+    def link(self, model: str, exchange: Exchange) -> RosLink:
+        """The topics of a model."""
+        return RosLink(self._node, model, exchange)
+
+    def spin(self, timeout_s: float) -> None:
+        """Handles what came, for at most this long."""
+        self._executor.spin_once(timeout_sec=timeout_s)
+
+
+@contextmanager
+def open_transport() -> Iterator[RosTransport]:
+    """A node in the domain that the environment names; an rclpy that runs already is used.
+
+    Signals are left alone: Ctrl-C is a KeyboardInterrupt in whoever waits.
+    """
+    ours = not rclpy.ok()
+    if ours:
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    node = make_node(NAME)
+    executor = make_executor()
+    executor.add_node(node)
+    try:
+        yield RosTransport(node, executor)
+    finally:
+        executor.shutdown()
+        node.destroy_node()
+        if ours:
+            rclpy.try_shutdown()
+
+
+def main() -> int:
+    """Evaluates bags with bridges that are on the topics already (``ros2 run ssp_eval evaluator``).
+
+    ROS parameters: ``bags`` and ``models`` (lists), ``out`` (folder), ``adapter``, ``timeout_s``.
+    """
+    rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+    if len(remove_ros_args(sys.argv)) > 1:
+        report_error("takes ROS parameters only: --ros-args -p bags:=[...] -p models:=[...]")
+        return 2
+    try:
+        return _evaluate()
+    except SspError as error:
+        report_error(str(error))
+        return 1
+    finally:
+        rclpy.try_shutdown()
+
+
+def _evaluate() -> int:
+    settings = make_node(f"{NAME}_settings")
+    bags = list(settings.declare_parameter("bags", [""]).value)
+    models = list(settings.declare_parameter("models", [""]).value)
+    out = Path(str(settings.declare_parameter("out", "out/evaluation").value))
+    adapter = str(settings.declare_parameter("adapter", "waypoints").value)
+    timeout_s = float(settings.declare_parameter("timeout_s", 60.0).value)
+    settings.destroy_node()
+    specs = [ModelSpec(name, attached=True) for name in models if name]
+    with TopicAskers(out / "logs", timeout_s, attached=True) as askers:
+        results = run_campaign(
+            [(Path(bag), None) for bag in bags if bag],
+            specs,
+            askers,
+            out,
+            CellOptions(adapter=adapter),
+        )
+    for result in results:
+        print(f"{result.folder.name}: {result.status} {'; '.join(result.reasons)}".rstrip())
+    return 0 if results and all(result.status == "ok" for result in results) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

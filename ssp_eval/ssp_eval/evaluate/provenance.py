@@ -1,0 +1,177 @@
+"""What a bag says about itself: session or imported video, scenario, domain, verdict."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import yaml
+from pydantic import Field
+from ssp_core.bag import BagReader
+from ssp_core.errors import InputError
+from ssp_core.files import parse_model
+from ssp_core.hashing import sha256_file, sha256_json
+from ssp_core.names import SESSION_STATE, absolute
+from ssp_core.run_spec import RunSpec, Strict
+from ssp_core.vocab import SessionPhase, Verdict
+
+from ssp_eval.evaluate.states import stamp_ns
+
+RUN_ATTACHMENT = "run.yaml"
+IMPORT_ATTACHMENT = "import.json"
+# A domain is a part of a cell's folder name, and so is a scenario.
+SAFE_NAME = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"
+
+
+class ImportedEgo(Strict):
+    """How the camera moved, and how that is known."""
+
+    provenance: Literal["declared", "unknown"]
+    speed_mps: Annotated[float, Field(ge=0)] | None
+
+
+class ImportedCamera(Strict):
+    """Geometry of the camera, and how that is known."""
+
+    provenance: Literal["declared", "assumed", "unknown"]
+    hfov_deg: float | None
+    height_m: float | None
+    pitch_down_rad: float | None
+
+
+class ImportedVideo(Strict):
+    """The attachment ``import.json`` (schema ``ssp.import/1``), as far as evaluation needs it."""
+
+    schema_: Literal["ssp.import/1"] = Field(alias="schema")
+    source: dict[str, object]
+    crop: dict[str, object]
+    generator: str
+    domain: Literal["synthetic", "simulation", "physical"]
+    scenario: Annotated[str, Field(pattern=SAFE_NAME)] | None
+    event_version: str | None
+    ego: ImportedEgo
+    camera: ImportedCamera
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Where a clip comes from.
+
+    Args:
+        name: of the bag directory.
+        bag_sha256: content hash of its MCAP file or files.
+        scenario: None where an imported video doesn't say.
+        domain: of METHOD 5.2.
+        event_version: K* version, None where an imported video doesn't say.
+        origin: one line for people.
+        stand_in: a software stand-in for a physical session.
+        ego: measured, declared or unknown.
+        camera: measured, declared, assumed or unknown.
+        verdict: word of the run's verdict, None for an imported video.
+        verdict_reasons: reasons of the verdict, the primary one first.
+        session_start_ns: stamp of the first RUNNING state, None for an imported video.
+        run: the run file of a session.
+    """
+
+    name: str
+    bag_sha256: str
+    scenario: str | None
+    domain: str
+    event_version: str | None
+    origin: str
+    stand_in: bool
+    ego: str
+    camera: str
+    verdict: str | None
+    verdict_reasons: tuple[str, ...]
+    session_start_ns: int | None
+    run: RunSpec | None
+
+    @property
+    def refusal(self) -> str | None:
+        """Why the recording can't be scored at all; None when it can."""
+        if self.verdict in (None, Verdict.VALID.name.lower()):
+            return None
+        if self.verdict == Verdict.NONE.name.lower():
+            return "the recording ends before the run got a verdict"
+        why = "; ".join(self.verdict_reasons) or "no reason was recorded"
+        return f"the run's verdict is {self.verdict}: {why}"
+
+
+def read_provenance(bag: BagReader) -> Provenance:
+    """What the bag's attachments and session states say.
+
+    Raises:
+        InputError: it has neither attachment, or one that is not valid.
+    """
+    files = [sha256_file(file) for file in bag.files]
+    digest = files[0] if len(files) == 1 else sha256_json(files)
+    run_data, import_data = bag.attachment(RUN_ATTACHMENT), bag.attachment(IMPORT_ATTACHMENT)
+    if run_data is not None:
+        return _session(bag, digest, run_data)
+    if import_data is not None:
+        return _imported(bag, digest, import_data)
+    raise InputError(
+        f"has neither the attachment {RUN_ATTACHMENT} nor {IMPORT_ATTACHMENT}",
+        file=bag.path,
+        remedy="evaluate takes bags of `ssp run` and of `ssp import-video`",
+    )
+
+
+def _session(bag: BagReader, digest: str, data: bytes) -> Provenance:
+    place = f"{bag.path}:{RUN_ATTACHMENT}"
+    try:
+        value = yaml.safe_load(data)
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise InputError(f"is no YAML: {error}", file=place) from error
+    run = parse_model(RunSpec, value, place)
+    topic = absolute(SESSION_STATE)
+    states = [bag.decode(message) for message in bag.messages([topic])]
+    running = [stamp_ns(s.header) for s in states if s.state == SessionPhase.RUNNING]
+    verdict = Verdict(states[-1].verdict) if states else Verdict.NONE
+    reasons = tuple(str(reason) for reason in states[-1].reasons) if states else ()
+    if not running:
+        # Without a start there is no clip time; the verdict says why there was none.
+        verdict = verdict if verdict is not Verdict.VALID else Verdict.INVALID_HARNESS
+        reasons = (*reasons, "the session never reached RUNNING")
+    return Provenance(
+        name=bag.path.name,
+        bag_sha256=digest,
+        scenario=run.scenario,
+        domain=run.domain,
+        event_version=run.event_version,
+        origin=f"session {run.run_id} at {run.site}, seed {run.seed}, {run.mode}",
+        stand_in=run.stand_in,
+        ego="measured",
+        camera="measured",
+        verdict=verdict.name.lower(),
+        verdict_reasons=reasons,
+        session_start_ns=min(running, default=None),
+        run=run,
+    )
+
+
+def _imported(bag: BagReader, digest: str, data: bytes) -> Provenance:
+    place = f"{bag.path}:{IMPORT_ATTACHMENT}"
+    try:
+        value = json.loads(data)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"is no JSON: {error}", file=place) from error
+    video = parse_model(ImportedVideo, value, place)
+    crop = f"{video.crop.get('start_s')} to {video.crop.get('end_s')} s"
+    return Provenance(
+        name=bag.path.name,
+        bag_sha256=digest,
+        scenario=video.scenario,
+        domain=video.domain,
+        event_version=video.event_version,
+        origin=f"video {video.source.get('name')}, {crop}, made by {video.generator}",
+        stand_in=False,
+        ego=video.ego.provenance,
+        camera=video.camera.provenance,
+        verdict=None,
+        verdict_reasons=(),
+        session_start_ns=None,
+        run=None,
+    )

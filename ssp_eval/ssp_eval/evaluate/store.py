@@ -1,0 +1,167 @@
+"""Raw answers on disk: written before anything interprets them, found again by what was asked."""
+
+from __future__ import annotations
+
+import json
+import os
+import secrets
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from ssp_core.errors import HostError, InputError
+from ssp_core.files import write_text
+from ssp_core.hashing import sha256_bytes, sha256_json
+from ssp_vla_bridge.core.request import Request
+from ssp_vla_bridge.core.response import Response, response_from_json, response_to_json
+
+RAW_FILE = "raw.jsonl"
+REQUESTS_FILE = "requests.jsonl"
+REQUEST_SCHEMA = "ssp.request/1"
+_KEY_DIGITS = 32
+
+
+def request_key(request: Request, model: str, options: Any) -> str:
+    """Hash of everything that an answer may depend on; the request's id is not part of it.
+
+    Args:
+        request: what is asked.
+        model: name of the model.
+        options: of its backend, JSON values.
+    """
+    content = {
+        "request": request_to_json(replace(request, request_id="")),
+        "task": asdict(request.task),
+        "model": model,
+        "options": options,
+    }
+    return sha256_json(content).removeprefix("sha256:")[:_KEY_DIGITS]
+
+
+def new_request_id(key: str) -> str:
+    """An id that tells what was asked, and is never used twice."""
+    return f"{key}-{secrets.token_hex(4)}"
+
+
+def request_to_json(request: Request) -> dict[str, Any]:
+    """What was asked, with the frames as hashes."""
+    return {
+        "schema": REQUEST_SCHEMA,
+        "request_id": request.request_id,
+        "stamp_ns": request.stamp_ns,
+        "frames": [
+            {"stamp_ns": frame.stamp_ns, "sha256": sha256_bytes(frame.jpeg)}
+            for frame in request.frames
+        ],
+        "camera": None if request.camera is None else asdict(request.camera),
+        "history": [asdict(sample) for sample in request.history],
+        "ego_provenance": request.ego_provenance,
+    }
+
+
+@dataclass(frozen=True)
+class Asked:
+    """One label time of a cell: what was asked, and what came of it.
+
+    Args:
+        label_t_s: clip time of the label.
+        t_s: clip time of the newest frame sent, None where nothing could be asked.
+        request: as sent, None where nothing could be asked.
+        response: the raw answer, None where there is none.
+        missing: why there is no record, empty where there is one.
+        reused: the answer was stored by an earlier run.
+    """
+
+    label_t_s: float
+    t_s: float | None
+    request: Request | None
+    response: Response | None
+    missing: str = ""
+    reused: bool = False
+
+    @property
+    def record_from(self) -> Response | None:
+        """The response that makes a record, None where the output is missing."""
+        return None if self.missing else self.response
+
+
+class RawStore:
+    """The raw answers of one cell, appended one by one and safe against a kill at any time.
+
+    Args:
+        cell: the cell's folder.
+
+    Raises:
+        InputError: the stored answers can't be read.
+    """
+
+    def __init__(self, cell: Path) -> None:
+        self._path = cell / RAW_FILE
+        self._requests_path = cell / REQUESTS_FILE
+        self._by_key: dict[str, Response] = {}
+        if self._path.exists():
+            self._load()
+
+    def _load(self) -> None:
+        lines = self._path.read_bytes().split(b"\n")
+        for number, line in enumerate(lines, start=1):
+            if not line.strip():
+                continue
+            try:
+                value = json.loads(line)
+            except ValueError as error:
+                if number == len(lines):
+                    return  # a run was killed while it wrote this line; it is asked again
+                raise InputError(f"is no JSON: {error}", file=self._path, line=number) from error
+            response = response_from_json(value, file=str(self._path), line=number)
+            if not response.error_code:
+                self._by_key[response.request_id.split("-")[0]] = response
+
+    def find(self, key: str) -> Response | None:
+        """The stored answer to the same question; errors don't count as answers."""
+        return self._by_key.get(key)
+
+    def forget(self) -> None:
+        """Makes everything be asked again; what is on disk stays until ``finish``."""
+        self._by_key.clear()
+
+    def append(self, response: Response) -> None:
+        """Stores a raw answer, on disk when this returns.
+
+        Raises:
+            HostError: the disk doesn't take it.
+        """
+        line = json.dumps(response_to_json(response), allow_nan=False) + "\n"
+        try:
+            with open(self._path, "ab+") as stream:
+                if stream.tell() and not _ends_with_newline(stream):
+                    stream.write(b"\n")
+                stream.write(line.encode())
+                stream.flush()
+                os.fsync(stream.fileno())
+        except OSError as error:
+            raise HostError(f"{self._path}: can't be written: {error.strerror}") from error
+
+    def finish(self, asked: Sequence[Asked]) -> None:
+        """Leaves exactly one line per answered label time, in order, and what was asked."""
+        answers = [response_to_json(one.response) for one in asked if one.response is not None]
+        _write_lines(self._path, answers)
+        requests = []
+        for one in asked:
+            sent = {} if one.request is None else request_to_json(one.request)
+            if one.response is not None:
+                sent["request_id"] = one.response.request_id
+            place = {"label_t_s": one.label_t_s, "t_s": one.t_s, "missing": one.missing}
+            requests.append({**place, **sent})
+        _write_lines(self._requests_path, requests)
+
+
+def _ends_with_newline(stream: Any) -> bool:
+    stream.seek(-1, os.SEEK_END)
+    return bool(stream.read(1) == b"\n")
+
+
+def _write_lines(path: Path, values: Sequence[dict[str, Any]]) -> None:
+    lines = [json.dumps(value, allow_nan=False) for value in values]
+    write_text(path, "".join(line + "\n" for line in lines))

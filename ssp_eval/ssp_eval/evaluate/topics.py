@@ -1,0 +1,275 @@
+"""Bridges over topics: started here in a ROS domain of their own, or attached where they run."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Protocol, Self
+
+import ssp_core
+from ssp_core.domains import free_domain
+from ssp_core.errors import HostError, PeerError
+from ssp_core.processes import NodeProcess, ProcessGroup, session_environment
+from ssp_vla_bridge.core.request import Request
+
+from ssp_eval.evaluate.asker import Asker, Ignored, ModelSpec, Reply
+from ssp_eval.evaluate.exchange import Exchange
+
+BRIDGE_MODULE = "ssp_vla_bridge.node"
+PROFILE = Path(ssp_core.__file__).parent / "config" / "fastdds_one_host.xml"
+# A bridge has this long to appear on the topics; loading a large model is its own affair and
+# happens before it subscribes.
+CONNECT_S = 30.0
+_SPIN_S = 0.05
+# The bridge's own timeout comes first, so that its numbered error is what is recorded.
+_GRACE_S = 2.0
+_MAX_RESTARTS = 2
+_VARIABLES = (
+    "ROS_DOMAIN_ID",
+    "ROS_AUTOMATIC_DISCOVERY_RANGE",
+    "RMW_IMPLEMENTATION",
+    "FASTRTPS_DEFAULT_PROFILES_FILE",
+)
+
+
+class Link(Protocol):
+    """The topics of one model, as the evaluator's node has them."""
+
+    def send(self, request: Request) -> None:
+        """Publishes a request."""
+
+    def matched(self) -> bool:
+        """True while a bridge is on both topics."""
+
+
+class Transport(Protocol):
+    """A node that talks to bridges; spun only while somebody waits."""
+
+    def link(self, model: str, exchange: Exchange) -> Link:
+        """The topics of a model; its answers go to the exchange."""
+
+    def spin(self, timeout_s: float) -> None:
+        """Handles what came, for at most this long."""
+
+
+class TopicAsker:
+    """Asks one model over its topics.
+
+    Args:
+        model: name.
+        transport: the evaluator's node.
+        exchange: the model's conversation.
+        link: the model's topics.
+        timeout_s: for one answer.
+        start: starts the bridge (again); None: it is attached and not ours.
+    """
+
+    def __init__(
+        self,
+        model: str,
+        transport: Transport,
+        exchange: Exchange,
+        link: Link,
+        timeout_s: float,
+        start: Callable[[], NodeProcess] | None,
+    ) -> None:
+        self._model = model
+        self._transport = transport
+        self._exchange = exchange
+        self._link = link
+        self._timeout_s = timeout_s
+        self._start = start
+        self._process: NodeProcess | None = None
+        self._deaths = 0
+        self._connected = False
+
+    @property
+    def ignored(self) -> Ignored:
+        """Answers that came and weren't used."""
+        return self._exchange.ignored
+
+    def connect(self) -> None:
+        """Starts the bridge where it is ours, and waits until it is on the topics.
+
+        Raises:
+            PeerError: it doesn't come, or ends before that.
+        """
+        if self._start is not None and (
+            self._process is None or self._process.returncode is not None
+        ):
+            self._process = self._start()
+        deadline = time.monotonic() + CONNECT_S
+        while not self._link.matched():
+            if self._process is not None and self._process.returncode is not None:
+                raise PeerError(self._died("ended before it was ready"))
+            if time.monotonic() > deadline:
+                raise PeerError(f"no bridge for {self._model} on its topics within {CONNECT_S:g} s")
+            self._transport.spin(_SPIN_S)
+        if not self._connected:
+            # We see the bridge; that it sees our subscription too can't be asked, and an answer
+            # that it publishes before it does is lost.
+            settle = time.monotonic() + 0.2
+            while time.monotonic() < settle:
+                self._transport.spin(_SPIN_S)
+        self._connected = True
+
+    def ask(self, request: Request) -> Reply:
+        """The reply to one request; whatever the bridge does costs this reply only."""
+        if not self._alive():
+            if self._deaths > _MAX_RESTARTS:
+                return Reply(None, f"the bridge died {self._deaths} times and was given up")
+            self._connected = False
+            try:
+                self.connect()
+            except PeerError as error:
+                self._deaths += 1
+                return Reply(None, str(error))
+        self._exchange.open(request)
+        self._link.send(request)
+        deadline = time.monotonic() + self._timeout_s + _GRACE_S
+        while time.monotonic() < deadline:
+            self._transport.spin(_SPIN_S)
+            reply = self._exchange.take()
+            if reply is not None:
+                return reply
+            if not self._alive():
+                self._deaths += 1
+                self._exchange.give_up()
+                return Reply(None, self._died("died before it answered"))
+        self._exchange.give_up()
+        return Reply(None, f"no answer within {self._timeout_s:g} s")
+
+    def _alive(self) -> bool:
+        if self._process is not None:
+            return self._process.returncode is None
+        return self._link.matched()
+
+    def _died(self, what: str) -> str:
+        if self._process is None:
+            return f"the bridge of {self._model} left its topics"
+        tail = self._process.log_tail(3).strip().replace("\n", " | ")
+        how = f"the bridge {what} ({self._process.describe_exit()})"
+        return f"{how}: {tail}" if tail else how
+
+
+class TopicAskers:
+    """The bridges of a campaign; leaving the block ends those that were started here.
+
+    Nothing is started before the first asker is wanted, so that a campaign whose answers are all
+    stored needs no ROS.
+
+    Args:
+        log_dir: for the bridges' output.
+        timeout_s: for one answer.
+        attached: some bridge runs already: stay in the domain that the environment names.
+    """
+
+    def __init__(self, log_dir: Path, timeout_s: float, attached: bool) -> None:
+        self._log_dir = log_dir
+        self._timeout_s = timeout_s
+        self._attached = attached
+        self._stack = ExitStack()
+        self._transport: Transport | None = None
+        self._group: ProcessGroup | None = None
+        self._askers: dict[str, tuple[str, TopicAsker]] = {}
+        self._exchanges: dict[str, tuple[Exchange, Link]] = {}
+        self._running: dict[str, NodeProcess] = {}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._stack.close()
+
+    def asker(self, model: ModelSpec, options: Mapping[str, Any]) -> Asker:
+        """The asker of a model with its backend's options; bridges are kept while these stay.
+
+        Raises:
+            PeerError: the bridge doesn't start or isn't on the topics.
+            HostError: ROS isn't here.
+        """
+        text = json.dumps(dict(options), sort_keys=True)
+        known = self._askers.get(model.name)
+        if known is not None and known[0] == text:
+            return known[1]
+        transport = self._open()
+        if model.name not in self._exchanges:
+            exchange = Exchange()
+            self._exchanges[model.name] = exchange, transport.link(model.name, exchange)
+        exchange, link = self._exchanges[model.name]
+        exchange.ignored = Ignored()
+        start = None if model.attached else lambda: self._start(model.name, text)
+        if known is not None:
+            self._stop(model.name, link, transport)
+        asker = TopicAsker(model.name, transport, exchange, link, self._timeout_s, start)
+        asker.connect()
+        self._askers[model.name] = text, asker
+        return asker
+
+    def _open(self) -> Transport:
+        if self._transport is None:
+            environment = dict(os.environ)
+            if not self._attached:
+                domain_id = self._stack.enter_context(free_domain())
+                environment = session_environment(domain_id, PROFILE)
+            self._stack.enter_context(_variables(environment))
+            self._group = self._stack.enter_context(ProcessGroup(environment, self._log_dir))
+            try:
+                node = importlib.import_module("ssp_eval.evaluate.node")
+            except ImportError as error:
+                raise HostError(
+                    f"ROS 2 can't be imported ({error}); bridges are reached over topics, so use "
+                    "`./ssp`, or a shell in which ROS 2 Jazzy and this workspace are set up"
+                ) from error
+            transport: Transport = self._stack.enter_context(node.open_transport())
+            self._transport = transport
+        return self._transport
+
+    def _start(self, model: str, options: str) -> NodeProcess:
+        if self._group is None:
+            raise ValueError("bridges are started after the transport was opened")
+        parameters: dict[str, object] = {"model": model, "timeout_s": float(self._timeout_s)}
+        if options != "{}":
+            # Parameter values are read as YAML; the quoted text stays one string.
+            parameters["backend_options"] = json.dumps(options)
+        process = self._group.start_node(f"bridge_{model}", BRIDGE_MODULE, parameters)
+        self._running[model] = process
+        return process
+
+    def _stop(self, model: str, link: Link, transport: Transport) -> None:
+        """Ends a bridge whose options change, and waits until it has left the topics."""
+        process = self._running.get(model)
+        if process is None:
+            return
+        process.expected_to_stop = True
+        process.process.terminate()
+        process.process.wait(10.0)
+        deadline = time.monotonic() + 10.0
+        while link.matched() and time.monotonic() < deadline:
+            transport.spin(_SPIN_S)
+
+
+@contextmanager
+def _variables(environment: Mapping[str, str]) -> Iterator[None]:
+    """Gives this process the bridges' ROS environment, and its own back afterwards."""
+    before = {name: os.environ.get(name) for name in _VARIABLES}
+    os.environ.update({n: environment[n] for n in _VARIABLES if n in environment})
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value

@@ -1,0 +1,189 @@
+"""Ground truth of a clip for label proposals: from a recorded session or a clip's truth file.
+
+Only `ssp labels` and `--propose-labels` read it. No request is ever built from it.
+"""
+
+from __future__ import annotations
+
+import math
+from enum import IntEnum
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Literal, TypeVar
+
+from pydantic import ConfigDict, Field
+from ssp_core.bag import BagReader
+from ssp_core.clock import ns_to_seconds, seconds_to_ns
+from ssp_core.errors import InputError
+from ssp_core.files import load_model
+from ssp_core.names import CAMERA_IMAGE, VUT_ID, WORLD_TICK, absolute
+from ssp_core.run_spec import Strict
+from ssp_core.state import ObjectState, Size
+from ssp_core.vocab import ObjectClass, Role
+
+from ssp_eval.evaluate.provenance import read_provenance
+from ssp_eval.evaluate.states import object_state, peek_stamp_ns, stamp_ns
+from ssp_eval.labels.event import EventThresholds
+from ssp_eval.labels.propose import Truth
+
+_TICK = absolute(WORLD_TICK)
+_IMAGE = absolute(CAMERA_IMAGE)
+# A labels file must name a version; this one says that nobody knows it.
+UNKNOWN_VERSION = "unknown"
+
+Word = TypeVar("Word", bound=IntEnum)
+
+
+def truth_from_bag(path: str | Path) -> Truth:
+    """Ground truth of a recorded session, in clip time.
+
+    Raises:
+        InputError: it is no bag of a session, never ran, or holds no ground truth or frames.
+    """
+    with BagReader(path) as bag:
+        provenance = read_provenance(bag)
+        run = provenance.run
+        if run is None:
+            raise InputError(
+                "is an imported video and holds no ground truth",
+                file=path,
+                remedy="give the clip's own --truth file, or write labels by hand",
+            )
+        start_ns = provenance.session_start_ns
+        if start_ns is None:
+            raise InputError("holds a session that never reached RUNNING", file=path)
+        series = [
+            (
+                ns_to_seconds(stamp_ns(tick.header) - start_ns),
+                [object_state(o) for o in tick.objects],
+            )
+            for tick in (bag.decode(message) for message in bag.messages([_TICK]))
+            if tick.running and stamp_ns(tick.header) >= start_ns
+        ]
+        frames_s = sorted(
+            ns_to_seconds(peek_stamp_ns(message.data) - start_ns)
+            for message in bag.messages([_IMAGE])
+        )
+    if not series:
+        raise InputError(f"holds no ground truth (no message on {_TICK})", file=path)
+    if not frames_s:
+        raise InputError(f"has no camera frames (no message on {_IMAGE})", file=path)
+    return Truth(
+        scenario=run.scenario,
+        domain=run.domain,
+        event_version=run.event_version,
+        start_s=max(0.0, frames_s[0]),
+        end_s=frames_s[-1],
+        vut_id=run.vut.id,
+        target_ids=tuple(target.id for target in run.targets),
+        series=series,
+        source=str(path),
+        hfov_rad=math.radians(run.camera.hfov_deg),
+        thresholds=EventThresholds(
+            ttc_s=run.thresholds.ttc_s, arrival_gap_s=run.thresholds.arrival_gap_s
+        ),
+    )
+
+
+class TruthSize(Strict):
+    """Extent from the reference point, m."""
+
+    front_m: float
+    rear_m: float
+    width_m: float
+    height_m: float
+
+
+class TruthObject(Strict):
+    """One object of a truth file, fields as in ssp_core.state.ObjectState."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True)
+
+    object_id: str
+    object_class: int | str
+    role: int | str = int(Role.UNKNOWN)
+    x_m: float
+    y_m: float
+    yaw_rad: float
+    speed_mps: float
+    acceleration_mps2: float = 0.0
+    yaw_rate_radps: float = 0.0
+    size: TruthSize
+
+
+class TruthFrame(Strict):
+    """All objects at one clip time."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True)
+
+    t_s: float
+    objects: list[TruthObject]
+
+
+class TruthFile(Strict):
+    """``ssp.truth/1``: what the maker of a clip knows about it."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True)
+
+    schema_: Literal["ssp.truth/1"] = Field(alias="schema")
+    scenario: str
+    event_version: str | None = None
+    frames: Annotated[list[TruthFrame], Field(min_length=1)]
+
+
+def truth_from_file(path: str | Path, domain: str, event_version: str | None = None) -> Truth:
+    """Ground truth that a clip's maker wrote beside it, in the clip's own time.
+
+    Args:
+        path: the truth file.
+        domain: of the clip, METHOD 5.2.
+        event_version: K* version, where the file names none.
+
+    Raises:
+        InputError: it is not valid, or the frames' times don't rise.
+    """
+    found = load_model(TruthFile, path)
+    for before, after in pairwise(found.frames):
+        if after.t_s <= before.t_s:
+            raise InputError("must rise strictly", file=path, field="frames.t_s", value=after.t_s)
+    series = [(f.t_s, [_object(o, f.t_s, path) for o in f.objects]) for f in found.frames]
+    first = series[0][1]
+    targets = tuple(state.object_id for state in first if state.role is Role.OT)
+    return Truth(
+        scenario=found.scenario,
+        domain=domain,
+        event_version=found.event_version or event_version or UNKNOWN_VERSION,
+        start_s=series[0][0],
+        end_s=series[-1][0],
+        vut_id=next((s.object_id for s in first if s.role is Role.VUT), VUT_ID),
+        target_ids=targets or tuple(s.object_id for s in first if s.object_id != VUT_ID),
+        series=series,
+        source=str(path),
+    )
+
+
+def _object(found: TruthObject, t_s: float, path: str | Path) -> ObjectState:
+    return ObjectState(
+        object_id=found.object_id,
+        object_class=_member(ObjectClass, found.object_class, "object_class", path),
+        role=_member(Role, found.role, "role", path),
+        stamp_ns=seconds_to_ns(t_s),
+        x_m=found.x_m,
+        y_m=found.y_m,
+        yaw_rad=found.yaw_rad,
+        speed_mps=found.speed_mps,
+        acceleration_mps2=found.acceleration_mps2,
+        yaw_rate_radps=found.yaw_rate_radps,
+        size=Size(**found.size.model_dump()),
+    )
+
+
+def _member(enum: type[Word], given: int | str, field: str, path: str | Path) -> Word:
+    """The member of an enumeration by its number or its word."""
+    try:
+        return enum[given.upper()] if isinstance(given, str) else enum(given)
+    except (KeyError, ValueError):
+        words = ", ".join(member.name.lower() for member in enum)
+        raise InputError(
+            "is not known", file=path, field=field, value=given, remedy=f"known are {words}"
+        ) from None

@@ -1,0 +1,211 @@
+"""How an object lies and moves relative to the VUT: what labels are proposed from.
+
+Everything is measured along the path that the VUT drove, extended straight at both ends, so that
+"ahead" and "beside" mean the same in a bend as on a straight road. Stations run along that path,
+offsets are + to the left.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ssp_core.geometry import Box, Polyline, Pose2, wrap_angle
+from ssp_core.state import ObjectState
+from ssp_core.vocab import ObjectClass
+
+# METHOD 1: swept corridors are as wide as the object plus this on each side.
+CORRIDOR_MARGIN_M = 0.3
+_EXTENSION_M = 500.0
+_POINT_SPACING_M = 0.5
+# A direction between these two angles to the path crosses it.
+_ALONG_RAD = math.radians(45.0)
+_AGAINST_RAD = math.radians(135.0)
+# Seen from the VUT's front, an object this far to the side is beside it rather than ahead.
+_BESIDE_RAD = math.radians(60.0)
+
+
+@dataclass(frozen=True)
+class MotionThresholds:
+    """Where one class of motion ends and another begins.
+
+    Args:
+        standstill_mps: below this speed an object is stationary.
+        walker_standstill_mps: the same for pedestrians.
+        lateral_mps: lateral speed above which a lane change is observable (METHOD 1).
+        receding_mps: opening speed above which an object ahead pulls away from the VUT.
+    """
+
+    standstill_mps: float = 0.3
+    walker_standstill_mps: float = 0.15
+    lateral_mps: float = 0.2
+    receding_mps: float = 3.0
+
+
+DEFAULT_MOTION = MotionThresholds()
+
+
+@dataclass(frozen=True)
+class Extent:
+    """Stations and offsets that a box covers along a path, m."""
+
+    s_min_m: float
+    s_max_m: float
+    l_min_m: float
+    l_max_m: float
+
+
+@dataclass(frozen=True)
+class Corridor:
+    """The VUT's swept corridor (METHOD 1): its path, and half the width plus the margin."""
+
+    path: Polyline
+    half_width_m: float
+
+    @classmethod
+    def of(cls, vut: Sequence[ObjectState]) -> Corridor:
+        """The corridor of a recorded VUT.
+
+        Args:
+            vut: its states in time order, at least one.
+        """
+        points = [(vut[0].x_m, vut[0].y_m)]
+        for state in vut[1:]:
+            if math.dist(points[-1], (state.x_m, state.y_m)) >= _POINT_SPACING_M:
+                points.append((state.x_m, state.y_m))
+        points.insert(0, vut[0].pose.to_parent(-_EXTENSION_M, 0.0))
+        end = Pose2(*points[-1], vut[-1].yaw_rad)
+        points.append(end.to_parent(_EXTENSION_M, 0.0))
+        return cls(Polyline(points), vut[0].size.width_m / 2.0 + CORRIDOR_MARGIN_M)
+
+    def extent(self, state: ObjectState, side_margin_m: float = 0.0) -> Extent:
+        """What an object's box covers, widened by a margin on both of its sides."""
+        size = state.size
+        box = Box(state.pose, size.front_m, size.rear_m, size.width_m + 2.0 * side_margin_m)
+        projected = [self.path.project(x, y) for x, y in box.corners()]
+        stations = [station for station, _ in projected]
+        offsets = [offset for _, offset in projected]
+        return Extent(min(stations), max(stations), min(offsets), max(offsets))
+
+    def overlaps(self, extent: Extent) -> bool:
+        """True when an extent reaches into the corridor sideways."""
+        return extent.l_min_m < self.half_width_m and extent.l_max_m > -self.half_width_m
+
+    def gap_to_side_m(self, extent: Extent) -> float:
+        """Lateral distance from an extent to the corridor, m; 0 when it reaches into it."""
+        return max(0.0, extent.l_min_m - self.half_width_m, -self.half_width_m - extent.l_max_m)
+
+    def velocity(self, state: ObjectState) -> tuple[float, float]:
+        """Speed along the path and to its left, m/s."""
+        station, _ = self.path.project(state.x_m, state.y_m)
+        angle = wrap_angle(state.yaw_rad - self.path.pose(station).yaw_rad)
+        return state.speed_mps * math.cos(angle), state.speed_mps * math.sin(angle)
+
+    def offset_m(self, state: ObjectState) -> float:
+        """Offset of the middle of an object's box, + is left."""
+        extent = self.extent(state)
+        return (extent.l_min_m + extent.l_max_m) / 2.0
+
+    def front_m(self, vut: ObjectState) -> float:
+        """Station of the VUT's front bumper."""
+        return self.path.project(*vut.pose.to_parent(vut.size.front_m, 0.0))[0]
+
+    def lateral_speed_inwards_mps(self, state: ObjectState) -> float:
+        """Lateral speed towards the path, m/s; negative moves away from it."""
+        return -math.copysign(1.0, self.offset_m(state)) * self.velocity(state)[1]
+
+
+def ttc_s(corridor: Corridor, vut: ObjectState, other: ObjectState) -> float:
+    """TTC after METHOD 1: bumper gap over closing speed along the VUT's path.
+
+    Args:
+        corridor: of the VUT.
+        vut: its state.
+        other: another object's state at the same time.
+
+    Returns:
+        Seconds; 0 when the gap is used up, +inf while not closing, behind the VUT's front or
+        outside its corridor.
+    """
+    extent = corridor.extent(other, CORRIDOR_MARGIN_M)
+    front_m = corridor.front_m(vut)
+    if not corridor.overlaps(extent) or extent.s_max_m <= front_m:
+        return math.inf
+    closing_mps = corridor.velocity(vut)[0] - corridor.velocity(other)[0]
+    if closing_mps <= 1e-6:
+        return math.inf
+    return max(0.0, corridor.extent(other).s_min_m - front_m) / closing_mps
+
+
+def position_word(corridor: Corridor, vut: ObjectState, other: ObjectState) -> str:
+    """The position slot (METHOD 5.1): where an object is, seen from the VUT.
+
+    Level with the VUT, or ahead but more than 60 degrees off its front: ``left`` or ``right``.
+    Otherwise ahead or behind; ``front`` and ``rear`` where it reaches into the VUT's corridor,
+    else the corner on whose side its middle lies.
+    """
+    extent = corridor.extent(other)
+    front_m = corridor.front_m(vut)
+    rear_m = front_m - vut.size.length_m
+    side = "left" if extent.l_min_m + extent.l_max_m > 0 else "right"
+    inside = corridor.overlaps(extent)
+    if extent.s_max_m < rear_m:
+        return "rear" if inside else f"rear_{side}"
+    if inside:
+        return "front"
+    middle_m = (extent.s_min_m + extent.s_max_m) / 2.0 - front_m
+    beside = abs(extent.l_min_m + extent.l_max_m) / 2.0 > middle_m * math.tan(_BESIDE_RAD)
+    return side if extent.s_min_m <= front_m or beside else f"front_{side}"
+
+
+def motion_word(
+    corridor: Corridor,
+    vut: ObjectState,
+    other: ObjectState,
+    thresholds: MotionThresholds = DEFAULT_MOTION,
+) -> str:
+    """The motion slot (METHOD 5.1): how an object moves over the ground, in the VUT's frame.
+
+    The direction of its velocity against the VUT's path decides between crossing (45 to 135
+    degrees), oncoming, and the same direction. In the same direction, lateral speed above the
+    threshold towards a path that it doesn't drive on yet is a cut-in, and away from one that it
+    reached into a cut-out; an object ahead in the corridor that opens the gap fast is receding.
+    """
+    walker = other.object_class is ObjectClass.PEDESTRIAN
+    standstill = thresholds.walker_standstill_mps if walker else thresholds.standstill_mps
+    if abs(other.speed_mps) < standstill:
+        return "stationary"
+    along_mps, left_mps = corridor.velocity(other)
+    direction_rad = abs(math.atan2(left_mps, along_mps))
+    if direction_rad > _AGAINST_RAD:
+        return "oncoming"
+    if direction_rad > _ALONG_RAD:
+        return "crossing_from_right" if left_mps > 0 else "crossing_from_left"
+    extent = corridor.extent(other)
+    offset_m = (extent.l_min_m + extent.l_max_m) / 2.0
+    if abs(left_mps) > thresholds.lateral_mps and not walker:
+        inwards = left_mps * offset_m < 0
+        if inwards:
+            return "cutting_in_from_left" if offset_m > 0 else "cutting_in_from_right"
+        if corridor.overlaps(extent):
+            return "cutting_out"
+    ahead = extent.s_min_m > corridor.front_m(vut)
+    opening_mps = along_mps - corridor.velocity(vut)[0]
+    if ahead and corridor.overlaps(extent) and opening_mps > thresholds.receding_mps:
+        return "receding"
+    return "same_direction"
+
+
+def in_view(vut: ObjectState, other: ObjectState, hfov_rad: float, range_m: float) -> bool:
+    """True when some corner of an object lies in the forward camera's field and range.
+
+    Occlusion by others is not looked at.
+    """
+    eye = Pose2(*vut.pose.to_parent(vut.size.front_m / 2.0, 0.0), vut.yaw_rad)
+    for x_m, y_m in [*other.box.corners(), (other.x_m, other.y_m)]:
+        ahead_m, left_m = eye.to_local(x_m, y_m)
+        inside = ahead_m > 0 and abs(math.atan2(left_m, ahead_m)) <= hfov_rad / 2.0
+        if inside and math.hypot(ahead_m, left_m) <= range_m:
+            return True
+    return False

@@ -1,0 +1,221 @@
+"""A small recorded run, written without ROS: what evaluation reads."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from ssp_core.bag import BagWriter
+from ssp_core.bag.types import serialize, typestore
+from ssp_core.vocab import ObjectClass, Role, SessionPhase, Verdict
+
+VERSION = "sha256:" + "1" * 64
+STEP_NS = 20_000_000
+FRAME_STEPS = 5
+LEAD_STEPS = 25  # steps before the session runs
+LANE_M = 3.5
+# Log times are receive times of a wall clock: not the stamps, and not even at their pace.
+LOG_START_NS = 1_700_000_000_000_000_000
+
+
+def run_file(scenario: str, domain: str, stand_in: bool) -> dict[str, Any]:
+    """A valid run file; nothing here reads more of it than names, camera and thresholds."""
+    path = [[0.0, 0.0], [400.0, 0.0]]
+    return {
+        "schema": "ssp.run/1",
+        "run_id": "r1",
+        "scenario": scenario,
+        "interaction": "cut_in",
+        "domain": domain,
+        "stand_in": stand_in,
+        "event_version": VERSION,
+        "site": "made_up",
+        "site_version": "sha256:" + "2" * 64,
+        "seed": 1,
+        "mode": "lockstep",
+        "road": {
+            "origin": {"x_m": 0.0, "y_m": 0.0, "yaw_rad": 0.0},
+            "length_m": 400.0,
+            "lanes": [{"y_m": 0.0, "width_m": LANE_M, "direction": "forward"}],
+        },
+        "geofence": [[0.0, -9.0], [400.0, -9.0], [400.0, 9.0]],
+        "vut": {
+            "id": "vut",
+            "object_class": "car",
+            "start": {"x_m": 0.0, "y_m": 0.0, "yaw_rad": 0.0},
+        },
+        "driver": {"cruise_mps": 10.0},
+        "targets": [
+            {
+                "id": "ot1",
+                "object_class": "car",
+                "start": {"x_m": 14.0, "y_m": -LANE_M, "yaw_rad": 0.0},
+            }
+        ],
+        "triggers": [
+            {
+                "id": "t1",
+                "condition": {"type": "relative_distance", "object_id": "ot1", "below_m": 15.0},
+                "object_id": "ot1",
+                "manoeuvre": {
+                    "kind": "follow_path",
+                    "motion": {"path": path, "cruise_mps": 9.0},
+                },
+            }
+        ],
+        "limits": {"speed_mps": 20.0, "acceleration_mps2": 6.0},
+    }
+
+
+class RunBag:
+    """Writes messages of the recorder's topics at stamps."""
+
+    def __init__(self, path: Path) -> None:
+        self.types = typestore().types
+        self.writer = BagWriter(path)
+        self.count = 0
+        self.topics: set[str] = set()
+
+    def header(self, stamp_ns: int, frame: str = "map") -> Any:
+        time = self.types["builtin_interfaces/msg/Time"](
+            sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9
+        )
+        return self.types["std_msgs/msg/Header"](stamp=time, frame_id=frame)
+
+    def write(self, topic: str, message: Any, stamp_ns: int) -> None:
+        if topic not in self.topics:
+            self.topics.add(topic)
+            self.writer.add_topic(topic, message.__msgtype__)
+        self.count += 1
+        log_ns = LOG_START_NS + self.count * 1_000_000
+        self.writer.write(topic, serialize(message), log_ns, log_ns - 500)
+
+    def state(self, stamp_ns: int, name: str, role: Role, pose: tuple[float, ...]) -> Any:
+        x, y, yaw, speed, acceleration = pose
+        return self.types["ssp_msgs/msg/ObjectState"](
+            header=self.header(stamp_ns), object_id=name, object_class=int(ObjectClass.CAR),
+            role=int(role), control_state=4, sequence=1, x=x, y=y, yaw=yaw, speed=speed,
+            acceleration=acceleration, yaw_rate=0.0, front=3.6, rear=0.9, width=1.8, height=1.5,
+            position_std=0.0, reference_id="", error_longitudinal=0.0, error_lateral=0.0,
+            error_yaw=0.0,
+        )  # fmt: skip
+
+    def tick(self, stamp_ns: int, step: int, objects: list[Any]) -> Any:
+        """A tick with its lockstep counters at 0: nobody here reads them."""
+        cls = self.types["ssp_msgs/msg/WorldTick"]
+        given = {"header": self.header(stamp_ns), "step": step, "running": True, "lockstep": True}
+        counters = {
+            f.name: 0
+            for f in fields(cls)
+            if f.init and f.name not in (*given, "objects", "__msgtype__")
+        }
+        return cls(**given, **counters, objects=objects)
+
+    def frame(self, stamp_ns: int, jpeg: bytes) -> None:
+        image = self.types["sensor_msgs/msg/CompressedImage"](
+            header=self.header(stamp_ns, "vut/front_camera_optical"),
+            format="jpeg",
+            data=np.frombuffer(jpeg, dtype=np.uint8),
+        )
+        self.write("/ssp/vut/front_camera/image/compressed", image, stamp_ns)
+
+    def camera(self, stamp_ns: int) -> None:
+        """96×54 px, 75° across, 1.45 m high, 1.8 m ahead, looking 0.03 rad down."""
+        focal = 48.0 / math.tan(math.radians(37.5))
+        roi = self.types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
+        info = self.types["sensor_msgs/msg/CameraInfo"](
+            header=self.header(stamp_ns), height=54, width=96, distortion_model="plumb_bob",
+            d=np.zeros(5), k=np.array([focal, 0, 48, 0, focal, 27, 0, 0, 1.0]),
+            r=np.eye(3).ravel(), p=np.zeros(12), binning_x=0, binning_y=0, roi=roi,
+        )  # fmt: skip
+        self.write("/ssp/vut/front_camera/camera_info", info, stamp_ns)
+        # Columns: the optical x, y, z axes in base_link (right, down, ahead), pitched down.
+        half = (math.pi / 2 + 0.03) / 2
+        yaw = (math.cos(-math.pi / 4), math.sin(-math.pi / 4))
+        # Rotation about z by -90°, then about the new x by -(90° + pitch).
+        w, x = math.cos(-half), math.sin(-half)
+        quaternion = self.types["geometry_msgs/msg/Quaternion"](
+            x=yaw[0] * x, y=yaw[1] * x, z=yaw[1] * w, w=yaw[0] * w
+        )
+        mount = self.types["geometry_msgs/msg/TransformStamped"](
+            header=self.header(stamp_ns, "vut/base_link"),
+            child_frame_id="vut/front_camera_optical",
+            transform=self.types["geometry_msgs/msg/Transform"](
+                translation=self.types["geometry_msgs/msg/Vector3"](x=1.8, y=0.0, z=1.45),
+                rotation=quaternion,
+            ),
+        )
+        self.write("/ssp/vut/front_camera/mount", mount, stamp_ns)
+
+    def session(self, stamp_ns: int, phase: SessionPhase, verdict: Verdict, why: list[str]) -> None:
+        message = self.types["ssp_msgs/msg/SessionState"](
+            header=self.header(stamp_ns), state=int(phase), previous=0, event="test", reason="",
+            run_id="r1", scenario="cut_in", event_version=VERSION, verdict=int(verdict),
+            reasons=why,
+        )  # fmt: skip
+        self.write("/ssp/session_state", message, stamp_ns)
+
+
+def picture(index: int) -> bytes:
+    """A small JPEG that differs from frame to frame."""
+    image = np.full((54, 96, 3), 90, np.uint8)
+    image[27:, :] = (60, 60, 60)
+    cv2.rectangle(image, (index % 90, 20), (index % 90 + 6, 30), (0, 0, 200), -1)
+    cv2.putText(image, str(index), (2, 50), cv2.FONT_HERSHEY_PLAIN, 0.8, (255, 255, 255))
+    return cv2.imencode(".jpg", image)[1].tobytes()
+
+
+def poses(t_s: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """VUT at 10 m/s, and a car that changes into its lane from the right between 4 and 6.5 s."""
+    progress = min(max((t_s - 4.0) / 2.5, 0.0), 1.0)
+    y_m = -LANE_M * 0.5 * (1.0 + math.cos(math.pi * progress))
+    left = LANE_M * 0.5 * math.pi / 2.5 * math.sin(math.pi * progress) if 0 < progress < 1 else 0.0
+    car = (14.0 + 9.0 * t_s, y_m, math.atan2(left, 9.0), math.hypot(9.0, left), 0.0)
+    return (10.0 * t_s, 0.0, 0.0, 10.0, 0.0), car
+
+
+@pytest.fixture
+def make_bag(tmp_path: Path) -> Callable[..., Path]:
+    """Writes a recorded cut-in of 9 s at 50 Hz with frames at 10 Hz; simulated time is not 0."""
+
+    def make(
+        name: str = "bag",
+        scenario: str = "cut_in",
+        domain: str = "simulation",
+        verdict: Verdict = Verdict.VALID,
+        reasons: tuple[str, ...] = (),
+        stand_in: bool = False,
+        frames: bool = True,
+        duration_s: float = 9.0,
+    ) -> Path:
+        bag = RunBag(tmp_path / name)
+        start_ns = LEAD_STEPS * STEP_NS
+        with bag.writer:
+            run = json.dumps(run_file(scenario, domain, stand_in)).encode()
+            bag.writer.attach("run.yaml", run, "application/yaml")
+            bag.session(0, SessionPhase.ARMED, Verdict.NONE, [])
+            bag.camera(0)
+            for k in range(LEAD_STEPS + round(duration_s * 50)):
+                stamp_ns = k * STEP_NS
+                if stamp_ns == start_ns:
+                    bag.session(stamp_ns, SessionPhase.RUNNING, Verdict.NONE, [])
+                own, other = poses((stamp_ns - start_ns) / 1e9)
+                vut = bag.state(stamp_ns, "vut", Role.VUT, own)
+                car = bag.state(stamp_ns, "ot1", Role.OT, other)
+                tick = bag.tick(stamp_ns, k, [car, vut])
+                bag.write("/ssp/world/tick", tick, stamp_ns)
+                bag.write("/ssp/vut/state", vut, stamp_ns)
+                if frames and k % FRAME_STEPS == 0:
+                    bag.frame(stamp_ns, picture(k))
+            bag.session(k * STEP_NS, SessionPhase.FINISHED, verdict, list(reasons))
+        return bag.writer.path
+
+    return make

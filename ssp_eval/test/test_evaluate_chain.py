@@ -1,0 +1,261 @@
+"""The whole chain without ROS: bag, requests, raw answers, adapter, extraction, records, score."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ssp_core.errors import InputError, PeerError
+from ssp_core.vocab import Verdict
+from ssp_eval.evaluate.asker import Asker, DirectAskers, Ignored, ModelSpec, Reply, bridge_spec
+from ssp_eval.evaluate.campaign import run_campaign
+from ssp_eval.evaluate.cell import CellOptions, CellResult
+from ssp_eval.labels.model import load_labels
+from ssp_eval.records import load_records
+from ssp_eval.score import score_cell
+from ssp_vla_bridge.core.request import Request
+from ssp_vla_bridge.core.response import ErrorCode, Response, response_from_json
+
+BagMaker = Callable[..., Path]
+ONES = (
+    "jovr", "sem_cov", "sem_acc_cond", "sem_acc_eff", "sem_acc_soft", "cia_eff", "act_acc_eff",
+    "stfr", "tqsr", "atc_eff", "rsr", "ivcs",
+)  # fmt: skip
+
+
+class Counting:
+    """Passes requests on to in-process backends and counts them."""
+
+    def __init__(self) -> None:
+        self.inner = DirectAskers()
+        self.requests: list[Request] = []
+
+    def asker(self, model: ModelSpec, options: Mapping[str, Any]) -> Asker:
+        return _CountingAsker(self, self.inner.asker(model, options))
+
+
+class _CountingAsker:
+    def __init__(self, owner: Counting, inner: Asker) -> None:
+        self.owner, self.inner = owner, inner
+
+    @property
+    def ignored(self) -> Ignored:
+        return Ignored()
+
+    def ask(self, request: Request) -> Reply:
+        self.owner.requests.append(request)
+        return self.inner.ask(request)
+
+
+class Scripted:
+    """Answers by position: a reply, or an exception to raise."""
+
+    def __init__(self, script: Callable[[int, Request], Reply]) -> None:
+        self.script = script
+        self.count = 0
+
+    @property
+    def ignored(self) -> Ignored:
+        return Ignored()
+
+    def asker(self, model: ModelSpec, options: Mapping[str, Any]) -> Asker:
+        return self
+
+    def ask(self, request: Request) -> Reply:
+        self.count += 1
+        return self.script(self.count - 1, request)
+
+
+def evaluate(
+    bag: Path, out: Path, *names: str, askers: Any = None, **options: Any
+) -> list[CellResult]:
+    return run_campaign(
+        [(bag, None)], [bridge_spec(name) for name in names], askers or DirectAskers(), out,
+        CellOptions(**options), propose_labels=True,
+    )  # fmt: skip
+
+
+def cell_json(result: CellResult) -> dict[str, Any]:
+    value = json.loads((result.folder / "cell.json").read_text())
+    assert isinstance(value, dict)
+    return value
+
+
+def test_perfect_answers_score_1_in_every_metric(make_bag: BagMaker, tmp_path: Path) -> None:
+    (result,) = evaluate(make_bag(), tmp_path / "out", "perfect")
+    assert result.status == "ok"
+    assert result.score is not None
+    assert {key: result.score[key] for key in ONES} == dict.fromkeys(ONES, pytest.approx(1.0))
+    assert result.score["n"] == result.score["matched"] == 9
+    assert result.score["rl_s"] is not None
+    assert result.score["denominators"]["semantic"] == 9 * 4 - 2
+
+
+def test_silence_scores_0_or_null(make_bag: BagMaker, tmp_path: Path) -> None:
+    (result,) = evaluate(make_bag(), tmp_path / "out", "silent")
+    assert result.status == "ok"
+    assert result.score is not None
+    zero = [key for key in ONES if key != "sem_acc_cond"]
+    assert {key: result.score[key] for key in zero} == dict.fromkeys(zero, 0)
+    assert result.score["sem_acc_cond"] is None
+    assert result.score["rl_s"] is None
+
+
+def test_a_cell_s_folder_is_complete(make_bag: BagMaker, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    (result,) = evaluate(make_bag(stand_in=True, domain="physical"), out, "perfect")
+    assert result.folder == out / "cells" / "cut_in__physical__perfect"
+    raw = (result.folder / "raw.jsonl").read_text().splitlines()
+    responses = [response_from_json(json.loads(line)) for line in raw]
+    assert len(responses) == 9
+    labels = load_labels(result.folder / "labels.json")
+    records = load_records(result.folder / "records.jsonl")
+    assert score_cell(labels, records).to_json() == result.score
+    assert json.loads((result.folder / "score.json").read_text()) == result.score
+    cell = cell_json(result)
+    assert (cell["status"], cell["stand_in"], cell["labels_proposed"]) == ("ok", True, True)
+    assert cell["clip"]["ego"] == "measured"
+    for name in ("bag", "labels", "task", "preprocessing", "decoding", "extractor", "thresholds"):
+        assert cell["hashes"][name].startswith("sha256:"), name
+    asked = [json.loads(line) for line in (result.folder / "requests.jsonl").open()]
+    assert [one["request_id"] for one in asked] == [r.request_id for r in responses]
+    for one in asked:
+        newest = one["frames"][-1]["sha256"].removeprefix("sha256:")[:32]
+        assert (out / "frames" / f"{newest}.jpg").is_file()
+        assert one["stamp_ns"] <= cell["clip"]["start_ns"] + one["label_t_s"] * 1e9
+
+
+def test_stored_answers_are_not_asked_again(make_bag: BagMaker, tmp_path: Path) -> None:
+    bag, out = make_bag(), tmp_path / "out"
+    first = Counting()
+    (before,) = evaluate(bag, out, "constant_velocity", askers=first)
+    assert len(first.requests) == before.asked == 9
+    again = Counting()
+    (after,) = evaluate(bag, out, "constant_velocity", askers=again)
+    assert again.requests == []
+    assert (after.asked, after.reused, after.score) == (0, 9, before.score)
+    fresh = Counting()
+    evaluate(bag, out, "constant_velocity", askers=fresh, fresh=True)
+    assert len(fresh.requests) == 9
+    other = Counting()
+    evaluate(bag, out, "constant_velocity={}", askers=other)
+    assert other.requests == []
+
+
+def test_an_interrupted_run_goes_on_where_it_stopped(make_bag: BagMaker, tmp_path: Path) -> None:
+    bag, out = make_bag(), tmp_path / "out"
+
+    def stop(index: int, request: Request) -> Reply:
+        if index == 4:
+            raise KeyboardInterrupt
+        return Reply(Response(request.request_id, request.stamp_ns, "m", "m/1", text=f"{index}"))
+
+    with pytest.raises(KeyboardInterrupt):
+        evaluate(bag, out, "m", askers=Scripted(stop))
+    raw = out / "cells" / "cut_in__simulation__m" / "raw.jsonl"
+    assert len(raw.read_text().splitlines()) == 4
+    # A kill in the middle of a line leaves the end of it.
+    with raw.open("a") as stream:
+        stream.write('{"schema": "ssp.resp')
+    rest = Scripted(
+        lambda index, request: Reply(
+            Response(request.request_id, request.stamp_ns, "m", "m/1", text=f"later {index}")
+        )
+    )
+    (result,) = evaluate(bag, out, "m", askers=rest)
+    assert rest.count == 5
+    assert (result.asked, result.reused) == (5, 4)
+    texts = [record.text for record in load_records(result.folder / "records.jsonl")]
+    assert texts == ["0", "1", "2", "3", *(f"later {k}" for k in range(5))]
+    assert len(raw.read_text().splitlines()) == 9
+
+
+def test_missing_answers_cost_their_records_only(make_bag: BagMaker, tmp_path: Path) -> None:
+    def some(index: int, request: Request) -> Reply:
+        if index == 2:
+            return Reply(None, "no answer within 1 s")
+        error = int(ErrorCode.BACKEND) if index == 5 else 0
+        return Reply(
+            Response(
+                request.request_id, request.stamp_ns, "m", "m/1", "A car is ahead.",
+                error_code=error, error_msg="out of memory" if error else "",
+            )
+        )  # fmt: skip
+
+    out, bag = tmp_path / "out", make_bag()
+    (result,) = evaluate(bag, out, "m", askers=Scripted(some))
+    assert (result.status, result.missing) == ("ok", 2)
+    assert result.score is not None
+    assert result.score["matched"] == 7
+    missing = cell_json(result)["answers"]["missing"]
+    assert [entry["reason"] for entry in missing] == [
+        "no answer within 1 s",
+        "the bridge answered error 2: out of memory",
+    ]
+    # Errors aren't answers: both are asked again.
+    again = Scripted(some)
+    evaluate(bag, out, "m", askers=again)
+    assert again.count == 2
+
+
+def test_nothing_at_all_is_a_failure_of_ours(make_bag: BagMaker, tmp_path: Path) -> None:
+    class Unreachable:
+        def asker(self, model: ModelSpec, options: Mapping[str, Any]) -> Asker:
+            raise PeerError("no bridge for m on its topics")
+
+    (result,) = evaluate(make_bag(), tmp_path / "out", "m", askers=Unreachable())
+    assert result.status == "failed"
+    assert result.reasons == ("no bridge for m on its topics",)
+    assert result.score is None
+    assert not (result.folder / "score.json").exists()
+
+
+def test_an_invalid_run_is_refused_and_never_scored(make_bag: BagMaker, tmp_path: Path) -> None:
+    bag, out = make_bag(), tmp_path / "out"
+    evaluate(bag, out, "perfect")
+    labels = bag.parent / "bag.labels.json"
+    unsafe = make_bag(
+        "unsafe", verdict=Verdict.INVALID_HARNESS, reasons=("the recorder lost 3 messages",)
+    )
+    (tmp_path / "unsafe.labels.json").write_text(labels.read_text())
+    asked = Counting()
+    (result,) = evaluate(unsafe, out, "perfect", askers=asked)
+    assert result.status == "refused"
+    assert "the recorder lost 3 messages" in result.reasons[0]
+    assert asked.requests == []
+    # The folder is the same; the score of the earlier, valid run must not survive in it.
+    assert not (result.folder / "score.json").exists()
+    assert cell_json(result)["status"] == "refused"
+
+
+def test_labels_of_another_clip_are_noticed(make_bag: BagMaker, tmp_path: Path) -> None:
+    bag, out = make_bag(), tmp_path / "out"
+    evaluate(bag, out, "silent")
+    path = bag.parent / "bag.labels.json"
+    value = json.loads(path.read_text())
+    path.write_text(json.dumps({**value, "domain": "physical"}))
+    with pytest.raises(InputError, match="is for 'physical'"):
+        evaluate(bag, out, "silent")
+    path.write_text(json.dumps({**value, "event_version": "sha256:other"}))
+    (result,) = evaluate(bag, out, "silent")
+    assert result.status == "refused"
+    assert "event version" in result.reasons[0]
+    assert cell_json(result)["labels_proposed"] is False
+
+
+def test_no_labels_and_twice_the_same_cell_are_said(make_bag: BagMaker, tmp_path: Path) -> None:
+    bag = make_bag()
+    models, askers, options = [ModelSpec("silent")], DirectAskers(), CellOptions()
+    with pytest.raises(InputError, match="--propose-labels"):
+        run_campaign([(bag, None)], models, askers, tmp_path / "out", options)
+    twin = make_bag("twin")
+    with pytest.raises(InputError, match="and so is"):
+        run_campaign(
+            [(bag, None), (twin, None)], models, askers, tmp_path / "out", options, True
+        )  # fmt: skip
+    with pytest.raises(InputError, match="unknown adapter"):
+        evaluate(bag, tmp_path / "out", "silent", adapter="nonsense")

@@ -1,0 +1,144 @@
+"""What of a bag enters a request: frames and history up to a time, and nothing later."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from ssp_core.bag import BagWriter
+from ssp_core.errors import InputError
+from ssp_core.vocab import Verdict
+from ssp_eval.evaluate.clip import Clip, NoQuestion, Preprocessing, Question
+from ssp_eval.evaluate.truth import truth_from_bag
+from ssp_vla_bridge.core.request import request_problems
+
+BagMaker = Callable[..., Path]
+START_NS = 500_000_000
+
+
+@pytest.fixture
+def clip(make_bag: BagMaker) -> Clip:
+    return Clip(make_bag())
+
+
+def asked(clip: Clip, t_s: float) -> Question:
+    question = clip.question(t_s)
+    assert isinstance(question, Question), question
+    return question
+
+
+def test_facts_of_a_session(clip: Clip) -> None:
+    facts = clip.provenance
+    assert (facts.scenario, facts.domain, facts.verdict) == ("cut_in", "simulation", "valid")
+    assert facts.ego == facts.camera == "measured"
+    assert facts.refusal is None
+    # The session runs from the 25th step of 20 ms on.
+    assert clip.start_ns == START_NS
+    assert clip.first_s == pytest.approx(-0.5)
+    assert clip.last_s == pytest.approx(8.9)
+
+
+def test_a_request_holds_the_last_second_and_the_ego_history(clip: Clip) -> None:
+    question = asked(clip, 4.03)
+    request = question.request
+    assert question.t_s == pytest.approx(4.0)
+    assert request.stamp_ns == START_NS + 4_000_000_000
+    stamps = [(frame.stamp_ns - START_NS) / 1e9 for frame in request.frames]
+    assert stamps == pytest.approx([3.1 + 0.1 * k for k in range(10)])
+    history = request.history
+    assert [s.t_s for s in history] == pytest.approx([-2.0 + 0.1 * k for k in range(21)])
+    # 10 m/s straight on: the past lies behind the origin.
+    assert [s.x_m for s in history] == pytest.approx([-20.0 + k for k in range(21)])
+    assert all(abs(s.y_m) < 1e-9 and s.speed_mps == 10.0 for s in history)
+    assert request.ego_provenance == "measured"
+    assert request_problems(request) == ()
+
+
+def test_camera_geometry_and_mount(clip: Clip) -> None:
+    request = asked(clip, 4.0).request
+    assert request.camera is not None
+    assert clip.mount is not None
+    assert request.camera.width_px == 96
+    assert request.camera.fx_px == pytest.approx(48.0 / math.tan(math.radians(37.5)))
+    assert request.camera.height_m == pytest.approx(1.45)
+    assert request.camera.pitch_down_rad == pytest.approx(0.03)
+    assert clip.mount.forward_m == pytest.approx(1.8)
+
+
+@settings(
+    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(t_s=st.floats(-1.0, 12.0, allow_nan=False))
+def test_nothing_later_than_the_label_enters_a_request(clip: Clip, t_s: float) -> None:
+    question = clip.question(t_s)
+    limit_ns = START_NS + t_s * 1e9 + 0.5
+    if isinstance(question, NoQuestion):
+        assert t_s < -0.5 or t_s > 8.9 + 0.11
+        return
+    request = question.request
+    assert request.stamp_ns <= limit_ns
+    assert question.t_s <= t_s + 1e-9
+    assert all(frame.stamp_ns <= request.stamp_ns for frame in request.frames)
+    assert request.frames[-1].stamp_ns == request.stamp_ns
+    assert all(sample.t_s <= 0.0 for sample in request.history)
+    assert request_problems(request) == ()
+
+
+def test_the_start_of_a_clip_has_less_to_show(clip: Clip) -> None:
+    request = asked(clip, -0.5).request
+    assert len(request.frames) == 1
+    assert [sample.t_s for sample in request.history] == [0.0]
+
+
+def test_preprocessing_is_a_choice(make_bag: BagMaker) -> None:
+    rules = Preprocessing(frames=3, frame_spacing_s=0.2, history_s=0.5)
+    with Clip(make_bag(), rules) as clip:
+        request = asked(clip, 4.0).request
+        stamps = [(frame.stamp_ns - START_NS) / 1e9 for frame in request.frames]
+        assert stamps == pytest.approx([3.6, 3.8, 4.0])
+        assert len(request.history) == 6
+    assert rules.sha256 != Preprocessing().sha256
+
+
+def test_too_old_a_frame_asks_nothing(clip: Clip) -> None:
+    question = clip.question(9.5)
+    assert isinstance(question, NoQuestion)
+    assert "0.600 s old" in question.reason
+
+
+def test_verdicts_other_than_valid_refuse(make_bag: BagMaker) -> None:
+    bag = make_bag(verdict=Verdict.FAILED_SAFETY, reasons=("separation 0.3 m under 0.5 m",))
+    with Clip(bag) as clip:
+        refusal = clip.provenance.refusal
+    assert refusal is not None
+    assert "failed_safety" in refusal
+    assert "separation" in refusal
+    with Clip(make_bag("cut", verdict=Verdict.NONE)) as clip:
+        assert "before the run got a verdict" in (clip.provenance.refusal or "")
+
+
+def test_no_frames_no_bag_and_no_attachment_are_said(make_bag: BagMaker, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="has no camera frames"):
+        Clip(make_bag("blind", frames=False))
+    (tmp_path / "text.txt").write_text("no bag")
+    with pytest.raises(InputError):
+        Clip(tmp_path / "text.txt")
+    with pytest.raises(InputError, match="is not there"):
+        Clip(tmp_path / "nowhere")
+    with BagWriter(tmp_path / "bare") as writer:
+        writer.add_topic("/chatter", "std_msgs/msg/String")
+    with pytest.raises(InputError, match=r"run\.yaml"):
+        Clip(tmp_path / "bare")
+
+
+def test_ground_truth_of_a_session(make_bag: BagMaker) -> None:
+    truth = truth_from_bag(make_bag())
+    assert truth.series[0][0] == pytest.approx(0.0)
+    assert truth.target_ids == ("ot1",)
+    assert (truth.start_s, truth.end_s) == (0.0, pytest.approx(8.9))
+    assert truth.hfov_rad == pytest.approx(math.radians(75.0))
