@@ -1,0 +1,1 @@
+"""The demonstration: both scenarios in three domains, through all verbs of the command line."""

@@ -1,0 +1,121 @@
+"""``ssp demo``: the whole way from scenario to report in one command."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import click
+
+from ssp_core import console
+from ssp_core.errors import InputError, PeerError
+from ssp_core.files import write_json
+from ssp_eval.demo.plan import Step, steps
+
+MARKER = "demo.json"
+_TAIL = 15
+
+
+@contextmanager
+def _own_folder(out: Path) -> Iterator[Path]:
+    """The folder, or the next free number beside it while another demonstration works there.
+
+    Raises:
+        InputError: it holds something that no demonstration made.
+    """
+    for number in range(1, 100):
+        folder = out if number == 1 else out.with_name(f"{out.name}-{number}")
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        handle = os.open(folder.with_name(f".{folder.name}.lock"), os.O_CREAT | os.O_RDWR, 0o644)
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(handle)
+            continue
+        try:
+            if folder.exists() and any(folder.iterdir()) and not (folder / MARKER).is_file():
+                raise InputError(
+                    "is not empty and not from a demonstration",
+                    file=folder,
+                    remedy="name another folder with --out",
+                )
+            shutil.rmtree(folder, ignore_errors=True)
+            folder.mkdir()
+            write_json(folder / MARKER, {"schema": "ssp.demo/1"})
+            yield folder
+        finally:
+            os.close(handle)
+        return
+    raise InputError("and 98 folders beside it are in use", file=out)
+
+
+def _run(step: Step, log: Path) -> None:
+    """Runs one step with its output in a log file.
+
+    Raises:
+        PeerError: it failed; the message ends with the last lines of its output.
+    """
+    with log.open("ab") as stream:
+        stream.write(f"\n$ {' '.join(step.command('python'))}\n".encode())
+        stream.flush()
+        done = subprocess.run(
+            step.command(sys.executable),
+            stdout=stream,
+            stderr=subprocess.STDOUT,
+            stdin=subprocess.DEVNULL,
+            check=False,
+        )
+    if done.returncode != 0:
+        tail = "\n".join(log.read_text(errors="replace").splitlines()[-_TAIL:])
+        raise PeerError(f"{step.title}: failed with status {done.returncode}\n{tail}")
+
+
+@click.command()
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    default=Path("out/demo"),
+    show_default=True,
+    help="Folder for everything; an earlier demonstration there is replaced.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print a summary as JSON.")
+def demo(out: Path, as_json: bool) -> int:
+    """Run both scenarios in three domains, ask two bridges, score, and write a report.
+
+    The `physical` sessions are a software stand-in on another site with disturbances: no vehicle
+    moves, and no figure of this demonstration says anything about one.
+    """
+    from ssp_eval.demo.plan import SCENARIOS
+    from ssp_scenario_manager.scenario import load_scenario
+
+    started = time.monotonic()
+    versions = {name: load_scenario(name)[1] for name in SCENARIOS}
+    with _own_folder(out) as folder:
+        if folder != out:
+            console.note(f"another demonstration works in {out}; this one goes to {folder}")
+        console.note("the physical sessions are a software stand-in, not a vehicle")
+        plan = steps(folder, versions)
+        (folder / "clips").mkdir()
+        with console.progress("demo", len(plan)) as bar:
+            for number, step in enumerate(plan, 1):
+                bar.update(bar.task_ids[0], description=step.title)
+                if not sys.stderr.isatty():
+                    console.note(f"[{number}/{len(plan)}] {step.title}")
+                _run(step, folder / "demo.log")
+                bar.advance(bar.task_ids[0])
+        seconds = time.monotonic() - started
+        index = folder / "index.html"
+        write_json(folder / MARKER, {"schema": "ssp.demo/1", "wall_s": round(seconds, 1)})
+    if as_json:
+        click.echo(json.dumps({"report": str(index), "wall_s": round(seconds, 1)}))
+    else:
+        console.out.print(f"done in {seconds:.0f} s; open {index}", markup=False)
+    return 0
