@@ -1,0 +1,282 @@
+"""ssp import-video: frames, times and declared facts get into the bag, and nothing else does."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rosbags.highlevel import AnyReader
+
+from ssp_core.bag import BagReader
+from ssp_core.cli import main
+from ssp_core.hashing import sha256_file
+from ssp_eval.import_video.messages import mount_quaternion
+from ssp_eval.import_video.options import keep_every, output_size
+from ssp_eval.import_video.video import VideoInfo
+
+IMAGE = "/ssp/vut/front_camera/image/compressed"
+INFO = "/ssp/vut/front_camera/camera_info"
+MOUNT = "/ssp/vut/front_camera/mount"
+STATE = "/ssp/vut/state"
+
+
+def make_video(path: Path, fps: float, frames: int, size: tuple[int, int] = (64, 48)) -> Path:
+    """A video whose frame k shows k in binary, as eight black or white columns."""
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), fps, size)
+    assert writer.isOpened()
+    for k in range(frames):
+        columns = [255 * (k >> bit & 1) for bit in range(8)]
+        row = np.repeat(np.array(columns, dtype=np.uint8), size[0] // 8)
+        writer.write(np.broadcast_to(row[None, :, None], (size[1], size[0], 3)).copy())
+    writer.release()
+    return path
+
+
+@pytest.fixture
+def video(tmp_path: Path) -> Path:
+    """Four seconds at 25 frames per second."""
+    return make_video(tmp_path / "source.avi", 25.0, 100)
+
+
+def run(*args: object) -> int:
+    return main(["import-video", *map(str, args)])
+
+
+def source_frames(bag: Path) -> list[int]:
+    """Numbers of the source frames in the bag, read from their pictures."""
+    numbers = []
+    with BagReader(bag) as reader:
+        for message in reader.messages([IMAGE]):
+            picture = cv2.imdecode(reader.decode(message).data, cv2.IMREAD_COLOR)
+            assert picture is not None
+            levels = picture.reshape(picture.shape[0], 8, -1).mean(axis=(0, 2))
+            numbers.append(sum(1 << bit for bit in range(8) if levels[bit] > 128))
+    return numbers
+
+
+def test_the_crop_gets_into_the_bag_with_times_from_zero(
+    video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "bag"
+    assert run(video, "--start", 1, "--end", 3, "--ego-unknown", "--out", out, "--json") == 0
+    shown = json.loads(capsys.readouterr().out)
+    assert (shown["frames"], shown["keep_every"], shown["rate_hz"]) == (25, 2, 12.5)
+    assert source_frames(out) == list(range(25, 75, 2))
+    with BagReader(out) as reader:
+        frames = list(reader.messages([IMAGE]))
+        expected = [k * 80_000_000 for k in range(25)]
+        assert [m.log_time_ns for m in frames] == expected
+        headers = [reader.decode(m).header.stamp for m in frames]
+        assert [h.sec * 10**9 + h.nanosec for h in headers] == expected
+        assert reader.decode(frames[0]).format == "jpeg"
+        assert set(reader.topics) == {IMAGE}
+    with AnyReader([out]) as reader:
+        assert reader.message_count == 25
+
+
+def test_import_json_says_what_is_known_and_what_is_not(video: Path, tmp_path: Path) -> None:
+    out = tmp_path / "bag"
+    assert run(video, "--start", 1, "--end", 3, "--ego-unknown", "--out", out) == 0
+    with BagReader(out) as reader:
+        data = reader.attachment("import.json")
+    assert data is not None
+    assert json.loads(data) == {
+        "schema": "ssp.import/1",
+        "source": {
+            "name": "source.avi", "sha256": sha256_file(video), "width_px": 64, "height_px": 48,
+            "fps": 25.0, "frames": 100,
+        },
+        "crop": {"start_s": 1.0, "end_s": 3.0},
+        "generator": "unknown",
+        "domain": "synthetic",
+        "scenario": None,
+        "event_version": None,
+        "ego": {"provenance": "unknown", "speed_mps": None},
+        "camera": {
+            "provenance": "unknown", "hfov_deg": None, "height_m": None, "pitch_down_rad": None,
+        },
+    }  # fmt: skip
+
+
+def test_a_declared_speed_becomes_a_straight_motion(video: Path, tmp_path: Path) -> None:
+    out = tmp_path / "bag"
+    assert run(video, "--start", 0, "--end", 2, "--ego-speed", 12.5, "--out", out) == 0
+    with BagReader(out) as reader:
+        states = [reader.decode(m) for m in reader.messages([STATE])]
+        times = [m.log_time_ns for m in reader.messages([STATE])]
+        record = json.loads(reader.attachment("import.json") or b"")
+    assert record["ego"] == {"provenance": "declared", "speed_mps": 12.5}
+    assert times == [k * 20_000_000 for k in range(97)]
+    assert [s.sequence for s in states] == list(range(1, 98))
+    for state, time_ns in zip(states, times, strict=True):
+        assert state.x == pytest.approx(12.5 * time_ns / 1e9, abs=1e-9)
+        assert (state.y, state.yaw, state.speed, state.object_id) == (0.0, 0.0, 12.5, "vut")
+
+
+def test_declared_geometry_becomes_camera_info_and_mount(video: Path, tmp_path: Path) -> None:
+    out = tmp_path / "bag"
+    camera = ["--hfov-deg", 90, "--camera-height", 1.5, "--camera-pitch-deg", 3]
+    facts = ["--scenario", "cut_in", "--generator", "model x", "--event-version"]
+    facts += ["sha256:" + "0" * 64]
+    assert run(video, "--start", 0, "--end", 1, "--ego-unknown", "--out", out, *camera, *facts) == 0
+    with BagReader(out) as reader:
+        info = reader.decode(next(iter(reader.messages([INFO]))))
+        mount = reader.decode(next(iter(reader.messages([MOUNT]))))
+        record = json.loads(reader.attachment("import.json") or b"")
+    assert info.k.tolist() == pytest.approx([32, 0, 32, 0, 32, 24, 0, 0, 1])
+    assert (info.width, info.height) == (64, 48)
+    assert mount.transform.translation.z == 1.5
+    assert (mount.header.frame_id, mount.child_frame_id) == (
+        "vut/base_link", "vut/front_camera_optical",
+    )  # fmt: skip
+    assert record["camera"]["provenance"] == "declared"
+    assert record["camera"]["pitch_down_rad"] == pytest.approx(math.radians(3))
+    assert (record["scenario"], record["generator"]) == ("cut_in", "model x")
+
+
+def test_a_guessed_geometry_is_marked(video: Path, tmp_path: Path) -> None:
+    out = tmp_path / "bag"
+    args = ["--hfov-deg", 60, "--camera-assumed", "--ego-unknown", "--out", out]
+    assert run(video, "--start", 0, "--end", 1, *args) == 0
+    with BagReader(out) as reader:
+        record = json.loads(reader.attachment("import.json") or b"")
+        assert set(reader.topics) == {IMAGE, INFO}
+    assert record["camera"]["provenance"] == "assumed"
+
+
+def test_wide_frames_are_scaled_and_the_camera_with_them(tmp_path: Path) -> None:
+    video = make_video(tmp_path / "wide.avi", 10.0, 10, (320, 160))
+    out = tmp_path / "bag"
+    args = ["--ego-unknown", "--max-width", 80, "--hfov-deg", 90, "--out", out]
+    assert run(video, "--start", 0, "--end", 1, *args) == 0
+    with BagReader(out) as reader:
+        image = reader.decode(next(iter(reader.messages([IMAGE]))))
+        info = reader.decode(next(iter(reader.messages([INFO]))))
+    picture = cv2.imdecode(image.data, cv2.IMREAD_COLOR)
+    assert picture is not None
+    assert picture.shape == (40, 80, 3)
+    assert (info.width, info.height, info.k[0]) == (80, 40, pytest.approx(40.0))
+
+
+def test_the_same_video_gives_the_same_bytes(video: Path, tmp_path: Path) -> None:
+    for folder in ("a", "b"):
+        out = tmp_path / folder / "bag"
+        assert run(video, "--start", 0, "--end", 1, "--ego-speed", 3, "--out", out) == 0
+    one, other = ((tmp_path / f / "bag" / "bag_0.mcap").read_bytes() for f in ("a", "b"))
+    assert one == other
+
+
+@pytest.mark.parametrize(
+    ("args", "status", "match"),
+    [
+        (["--start", 0, "--end", 1], 2, "exactly one of --ego-speed M_PER_S and --ego-unknown"),
+        (["--start", 0, "--end", 1, "--ego-unknown", "--ego-speed", 1], 2, "exactly one of"),
+        (["--start", 1, "--end", 1, "--ego-unknown"], 2, "must lie before"),
+        (["--start", -1, "--end", 1, "--ego-unknown"], 2, "no number from 0"),
+        (["--start", "nan", "--end", 1, "--ego-unknown"], 2, "no number from 0"),
+        (["--start", 0, "--end", 1, "--ego-speed", "inf"], 2, "no number from 0 up to 100"),
+        (["--start", 0, "--end", 1, "--ego-unknown", "--rate", 0], 2, "no number above 0"),
+        (["--start", 0, "--end", 1, "--ego-unknown", "--scenario", "a/b"], 2, "no name of"),
+        (["--start", 0, "--end", 1, "--ego-unknown", "--event-version", "1"], 2, "64 hex"),
+        (["--start", 0, "--end", 1, "--ego-unknown", "--camera-height", 1], 2, "belong together"),
+        (["--start", 0, "--end", 1, "--ego-unknown", "--camera-assumed"], 2, "without --hfov-deg"),
+        (["--start", 0, "--end", 1, "--ego-unknown", "--rate", 60], 1, "25 frames per second"),
+        (["--start", 3, "--end", 5, "--ego-unknown"], 1, "the video is 4.000 s long"),
+        (["--start", 7, "--end", 9, "--ego-unknown"], 1, "the video is 4.000 s long"),
+    ],
+)
+def test_wrong_use_is_explained_and_leaves_nothing(
+    video: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    args: list[object],
+    status: int,
+    match: str,
+) -> None:
+    assert run(video, *args, "--out", tmp_path / "bag") == status
+    assert match in " ".join(capsys.readouterr().err.split())
+    assert [p.name for p in tmp_path.iterdir()] == ["source.avi"]
+
+
+def test_what_is_no_video_is_one_message(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    text = tmp_path / "text.mp4"
+    text.write_text("not a video")
+    rest = ["--start", 0, "--end", 1, "--ego-unknown", "--out", tmp_path / "bag"]
+    for path, match in (
+        (text, "text.mp4: is no video"),
+        (tmp_path / "nowhere.mp4", "nowhere.mp4: is not there"),
+        (tmp_path, "is no file"),
+    ):
+        assert run(path, *rest) == 1
+        assert match in capfd.readouterr().err
+    assert [p.name for p in tmp_path.iterdir()] == ["text.mp4"]
+
+
+def test_a_bag_that_exists_is_not_touched(
+    video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "bag"
+    out.mkdir()
+    assert run(video, "--start", 0, "--end", 1, "--ego-unknown", "--out", out) == 1
+    assert f"{out}: exists already" in capsys.readouterr().err
+    assert list(out.iterdir()) == []
+
+
+def test_a_video_that_ends_early_leaves_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole = make_video(tmp_path / "whole.avi", 10.0, 40)
+    cut = tmp_path / "cut.avi"
+    cut.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
+    assert run(cut, "--start", 0, "--end", 4, "--ego-unknown", "--out", tmp_path / "bag") == 1
+    assert "cut.avi: " in capsys.readouterr().err
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["cut.avi", "whole.avi"]
+
+
+@given(fps=st.floats(1, 240), rate=st.floats(0.5, 240))
+def test_every_nth_frame_keeps_at_least_the_wanted_rate(fps: float, rate: float) -> None:
+    if rate > fps * 1.001:
+        with pytest.raises(ValueError, match="frames per second"):
+            keep_every(fps, rate)
+        return
+    n = keep_every(fps, rate)
+    assert n >= 1
+    assert fps / n >= rate * 0.995
+    assert fps / (n + 1) < rate * 1.001
+
+
+@pytest.mark.parametrize(
+    ("fps", "n"), [(5, 1), (10, 1), (15, 1), (24, 2), (25, 2), (29.97, 2), (30, 3), (60, 6)]
+)
+def test_ten_hertz_at_least_by_default(fps: float, n: int) -> None:
+    assert keep_every(fps, None) == n
+
+
+@given(pitch=st.floats(-1.0, 1.0))
+def test_the_mount_looks_forward_and_down(pitch: float) -> None:
+    x, y, z, w = mount_quaternion(pitch)
+    assert math.hypot(x, y, z, w) == pytest.approx(1.0)
+    rotation = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    right, down, forward = rotation.T
+    assert forward == pytest.approx([math.cos(pitch), 0.0, -math.sin(pitch)], abs=1e-12)
+    assert right == pytest.approx([0.0, -1.0, 0.0], abs=1e-12)
+    assert down == pytest.approx([-math.sin(pitch), 0.0, -math.cos(pitch)], abs=1e-12)
+
+
+def test_narrow_frames_keep_their_size() -> None:
+    info = VideoInfo(640, 360, 25.0, 10)
+    assert output_size(info, None) == (640, 360)
+    assert output_size(info, 640) == (640, 360)
+    assert output_size(info, 320) == (320, 180)
