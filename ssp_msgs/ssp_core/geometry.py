@@ -150,7 +150,7 @@ class Polyline:
         """Pose at an arc length, offset_m to the left of it; extended straight at both ends."""
         i = int(np.searchsorted(self.stations_m, station_m, side="right")) - 1
         i = min(max(i, 0), len(self._yaw) - 1)
-        along = station_m - self.stations_m[i]
+        along = station_m - float(self.stations_m[i])
         yaw = float(self._yaw[i])
         c, s = math.cos(yaw), math.sin(yaw)
         x = float(self.points[i, 0]) + c * along - s * offset_m

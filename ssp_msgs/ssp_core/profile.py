@@ -223,7 +223,7 @@ def drive_along(
         station = start_station_m + distance
         pose = path.pose(station)
         yaw, curvature = heading.at(station)
-        points.append(ReferencePoint(t, float(pose.x_m), float(pose.y_m), yaw, v, a, curvature))
+        points.append(ReferencePoint(t, pose.x_m, pose.y_m, yaw, v, a, curvature))
     return points
 
 
@@ -323,5 +323,5 @@ def lane_change(
             yaw = wrap_angle(yaw + math.atan2(across, along))
         else:
             a, curvature = s2, k / (1.0 - k * y)
-        points.append(ReferencePoint(t, float(east), float(north), yaw, v, a, curvature))
+        points.append(ReferencePoint(t, east, north, yaw, v, a, curvature))
     return points

@@ -16,7 +16,6 @@ from ssp_core.geometry import Polyline, wrap_angle
 from ssp_core.run_spec import Driver
 from ssp_core.state import ObjectState
 from ssp_core.vocab import ObjectClass
-
 from ssp_ot_controller.core.bodies import LIMITS, Command
 
 VULNERABLE = frozenset({ObjectClass.PEDESTRIAN, ObjectClass.CYCLIST})

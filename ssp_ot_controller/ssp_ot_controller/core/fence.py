@@ -6,8 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+
 from ssp_core.geometry import Box, FloatArray
 from ssp_core.state import Size
+
+# A corner that touches the fence is inside, however its coordinates were rounded.
+_ROUNDING_M = 1e-9
 
 
 def corners_of(x_m: FloatArray, y_m: FloatArray, yaw_rad: FloatArray, size: Size) -> FloatArray:
@@ -60,6 +64,7 @@ def excess_m(corners: FloatArray, fence: Sequence[tuple[float, float]]) -> Float
     depth = np.zeros(len(flat))
     if out.any():
         depth[out] = _distance_to_edges(flat[out], polygon)
+        depth[depth < _ROUNDING_M] = 0.0
     excess[good] = depth.reshape(-1, 4).max(axis=1)
     # Only a fence corner within a box's circumcircle can be inside that box.
     centres = corners[good].mean(axis=1)

@@ -17,7 +17,6 @@ from ssp_core.run_spec import Limits
 from ssp_core.safety_codes import MEANINGS, SafetyCode
 from ssp_core.state import ObjectState
 from ssp_core.vocab import ControlState
-
 from ssp_ot_controller.core.fence import box_excess_m
 from ssp_ot_controller.core.tracking import TrackingError
 

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
+
 from ssp_core.clock import ns_to_seconds
 from ssp_core.geometry import Pose2, wrap_angle
 from ssp_core.reference import Reference, sample
 from ssp_core.run_spec import Limits
 from ssp_core.state import ObjectState
 from ssp_core.vocab import ControlState, ObjectClass
-
 from ssp_ot_controller.core.bodies import BodyLimits
 from ssp_ot_controller.core.fence import corners_of, excess_m
 

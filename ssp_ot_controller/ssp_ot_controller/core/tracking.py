@@ -15,12 +15,12 @@ from functools import lru_cache
 
 import numpy as np
 from scipy.linalg import solve_discrete_are  # type: ignore[import-untyped] # has no types
+
 from ssp_core.clock import seconds_to_ns
 from ssp_core.geometry import FloatArray, wrap_angle
 from ssp_core.reference import Reference, ReferencePoint, sample
 from ssp_core.state import ObjectState
 from ssp_core.vocab import ObjectClass
-
 from ssp_ot_controller.core.bodies import LIMITS, BodyLimits, Command
 
 # Below this speed the gains stay those of this speed, so that they don't grow without bound.

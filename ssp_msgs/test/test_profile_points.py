@@ -1,0 +1,183 @@
+"""Profiles: consistent in themselves, inside their limits, standing where they should."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ssp_core.geometry import FloatArray, Polyline
+from ssp_core.profile import SpeedProfile, drive_along, lane_change
+from ssp_core.reference import ReferencePoint
+
+STRAIGHT = Polyline([(0.0, 0.0), (300.0, 0.0)])
+
+
+def arc(radius_m: float = 40.0, points: int = 120) -> Polyline:
+    a = np.linspace(0.0, math.pi / 2.0, points)
+    return Polyline(np.stack((radius_m * np.sin(a), radius_m * (1.0 - np.cos(a))), axis=1))
+
+
+def columns(points: list[ReferencePoint]) -> FloatArray:
+    return np.array(
+        [
+            (p.t_s, p.x_m, p.y_m, p.yaw_rad, p.speed_mps, p.acceleration_mps2, p.curvature_1pm)
+            for p in points
+        ]
+    ).T
+
+
+def assert_consistent(
+    points: list[ReferencePoint], position_m: float, yaw_rad: float, speed_mps: float = 0.01
+) -> None:
+    """Integrating speed, yaw, acceleration and curvature gives the points again, step by step."""
+    t, x, y, yaw, v, a, k = columns(points)
+    dt = np.diff(t)
+    assert (dt > 0.0).all()
+    middle = yaw[:-1] + 0.5 * np.angle(np.exp(1j * np.diff(yaw)))
+    moved = 0.5 * (v[:-1] + v[1:]) * dt
+    assert np.abs(np.diff(x) - moved * np.cos(middle)).max() < position_m
+    assert np.abs(np.diff(y) - moved * np.sin(middle)).max() < position_m
+    assert np.abs(np.diff(v) - 0.5 * (a[:-1] + a[1:]) * dt).max() < speed_mps
+    turned = np.angle(np.exp(1j * np.diff(yaw)))
+    assert np.abs(turned - 0.5 * (k[:-1] + k[1:]) * moved).max() < yaw_rad
+
+
+profiles = st.tuples(
+    st.floats(0.0, 15.0),
+    st.floats(0.5, 20.0),
+    st.floats(1.0, 200.0),
+    st.floats(0.5, 4.0),
+    st.floats(0.5, 6.0),
+    st.floats(0.0, 0.8),
+)
+
+
+@given(profiles)
+@settings(max_examples=100, deadline=None)
+def test_a_speed_profile_keeps_its_limits_and_stands_at_its_end(
+    values: tuple[float, float, float, float, float, float],
+) -> None:
+    v0, cruise, room, a_max, d_max, ramp = values
+    room += v0 * v0 / (2.0 * d_max) + 0.5 * v0 * ramp
+    p = SpeedProfile(v0, cruise, room, a_max, d_max, ramp)
+    assert p.at(0.0)[:2] == pytest.approx((0.0, v0), abs=1e-9)
+    assert p.at(p.duration_s) == (room, 0.0, 0.0)
+    # The end isn't reached by the closing statement but by the motion itself.
+    assert p.at(p.duration_s - 1e-7)[:2] == pytest.approx((room, 0.0), abs=1e-4)
+    times = np.linspace(0.0, p.duration_s, 200)
+    s, v, a = np.array([p.at(float(t)) for t in times]).T
+    assert (np.diff(s) >= -1e-9).all()
+    assert v.min() >= 0.0
+    assert v.max() <= max(v0, cruise) + 1e-9
+    assert a.max() <= a_max + 1e-9
+    assert a.min() >= -d_max - 1e-9
+
+
+def test_cruise_speed_is_reached_and_held() -> None:
+    p = SpeedProfile(0.0, 10.0, 150.0, 2.0, 2.0)
+    assert p.at(8.0)[1:] == pytest.approx((10.0, 0.0))
+    assert p.peak_mps == 10.0
+
+
+def test_acceleration_has_no_jump() -> None:
+    points = drive_along(STRAIGHT, 0.0, 0.0, 12.0, 2.0, 3.0)
+    assert np.abs(np.diff(columns(points)[5])).max() <= 3.0 * 0.05 / 0.4 + 1e-9
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"start_mps": -0.1},
+        {"cruise_mps": 0.0},
+        {"acceleration_mps2": 0.0},
+        {"deceleration_mps2": -1.0},
+        {"distance_m": 24.9},
+        {"distance_m": math.nan},
+    ],
+)
+def test_an_impossible_speed_profile_is_refused(change: dict[str, float]) -> None:
+    good = {
+        "start_mps": 10.0,
+        "cruise_mps": 10.0,
+        "distance_m": 25.1,
+        "acceleration_mps2": 2.0,
+        "deceleration_mps2": 2.0,
+        "ramp_s": 0.0,
+    }
+    SpeedProfile(**good)
+    with pytest.raises(ValueError, match=r"must be|too short|finite"):
+        SpeedProfile(**{**good, **change})
+
+
+def test_driving_along_a_line_ends_in_a_standstill_at_the_paths_end() -> None:
+    points = drive_along(STRAIGHT, 20.0, 0.0, 12.0, 2.0, 2.5)
+    assert (points[0].x_m, points[0].speed_mps) == (20.0, 0.0)
+    assert (points[-1].x_m, points[-1].y_m) == (300.0, 0.0)
+    assert (points[-1].speed_mps, points[-1].acceleration_mps2) == (0.0, 0.0)
+    assert_consistent(points, 1e-3, 1e-9)
+
+
+def test_driving_along_an_arc_is_consistent() -> None:
+    points = drive_along(arc(), 0.0, 0.0, 8.0, 2.0, 2.0)
+    assert_consistent(points, 0.01, 2e-3)
+    middle = points[len(points) // 2]
+    assert middle.curvature_1pm == pytest.approx(1.0 / 40.0, rel=0.01)
+
+
+def test_driving_on_from_speed_starts_at_that_speed() -> None:
+    first = drive_along(STRAIGHT, 5.0, 9.0, 12.0, 2.0, 2.0)[0]
+    assert (first.x_m, first.speed_mps) == (5.0, 9.0)
+    assert first.acceleration_mps2 == 0.0
+
+
+@pytest.mark.parametrize("shift_m", [3.5, -3.5])
+@pytest.mark.parametrize("cruise_mps", [9.0, 12.0, 14.0])
+def test_a_lane_change_ends_parallel_to_the_path_at_its_end(
+    shift_m: float, cruise_mps: float
+) -> None:
+    points = lane_change(STRAIGHT, 30.0, 12.0, shift_m, 2.5, cruise_mps, 2.0)
+    assert_consistent(points, 2e-3, 1e-3)
+    assert (points[0].y_m, points[0].yaw_rad, points[0].curvature_1pm) == (0.0, 0.0, 0.0)
+    after = [p for p in points if p.t_s >= 2.5]
+    assert after[0].t_s == 2.5
+    assert all(p.y_m == pytest.approx(shift_m, abs=1e-9) for p in after)
+    assert all(abs(p.yaw_rad) < 1e-9 and abs(p.curvature_1pm) < 1e-9 for p in after)
+    assert max(p.speed_mps for p in after) == pytest.approx(cruise_mps, abs=1e-9)
+    assert (points[-1].x_m, points[-1].speed_mps) == (300.0, 0.0)
+
+
+def test_lane_changes_to_both_sides_are_mirror_images() -> None:
+    left = columns(lane_change(STRAIGHT, 0.0, 12.0, 3.5, 2.5, 12.0, 2.0))
+    right = columns(lane_change(STRAIGHT, 0.0, 12.0, -3.5, 2.5, 12.0, 2.0))
+    sign = np.array([1, 1, -1, -1, 1, 1, -1])[:, None]
+    assert np.allclose(left, sign * right)
+
+
+def test_a_lane_change_on_an_arc_is_consistent() -> None:
+    points = lane_change(arc(120.0, 240), 5.0, 10.0, -3.0, 3.0, 10.0, 2.0)
+    # Beside a path whose curvature ends at once, speed steps: v = (1 - k y) s'.
+    assert_consistent(points, 0.01, 2e-3, speed_mps=0.05)
+    last = points[-1]
+    assert math.hypot(last.x_m, last.y_m - 120.0) == pytest.approx(123.0, abs=0.01)
+
+
+def test_a_lane_change_can_start_beside_the_path_and_end_before_its_end() -> None:
+    points = lane_change(
+        STRAIGHT, 0.0, 12.0, 2.0, 2.5, 12.0, 2.0, start_offset_m=1.0, end_station_m=200.0
+    )
+    assert points[0].y_m == pytest.approx(1.0)
+    assert (points[-1].x_m, points[-1].y_m) == pytest.approx((200.0, 3.0))
+
+
+@pytest.mark.parametrize(
+    ("start_mps", "duration_s", "station_m"), [(0.0, 2.5, 0.0), (10.0, 0.0, 0.0), (4.0, 9.0, 290.0)]
+)
+def test_a_lane_change_needs_a_moving_object(
+    start_mps: float, duration_s: float, station_m: float
+) -> None:
+    with pytest.raises(ValueError, match="lane change"):
+        lane_change(STRAIGHT, station_m, start_mps, 3.5, duration_s, 12.0, 2.0)

@@ -1,0 +1,187 @@
+"""The built-in driver in closed loop: keeps its lane and speed, hits nobody, goes on afterwards."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import pytest
+
+from ssp_core.geometry import Polyline, box_distance
+from ssp_core.run_spec import Driver
+from ssp_core.state import DEFAULT_SIZES, ObjectState
+from ssp_core.vocab import ObjectClass, Role
+from ssp_ot_controller.core.bodies import BodyState, step_body
+from ssp_ot_controller.core.driver import Obstacle, drive, find_obstacles, follow
+
+DT = 0.02
+PATH = Polyline([(0.0, 0.0), (250.0, 0.0)])
+DRIVER = Driver(cruise_mps=13.9)
+CAR = ObjectClass.CAR
+FRONT = DEFAULT_SIZES[CAR].front_m
+
+
+def state_of(
+    cls: ObjectClass, x_m: float, y_m: float, yaw_rad: float = 0.0, speed_mps: float = 0.0
+) -> ObjectState:
+    return ObjectState(
+        "ot", cls, Role.OT, 0, x_m, y_m, yaw_rad, speed_mps, 0.0, 0.0, DEFAULT_SIZES[cls]
+    )
+
+
+def vut_of(body: BodyState) -> ObjectState:
+    return ObjectState(
+        "vut",
+        CAR,
+        Role.VUT,
+        0,
+        body.x_m,
+        body.y_m,
+        body.yaw_rad,
+        body.speed_mps,
+        body.acceleration_mps2,
+        body.yaw_rate_radps,
+        DEFAULT_SIZES[CAR],
+    )
+
+
+@dataclass(frozen=True)
+class Outcome:
+    nearest_m: float
+    slowest_mps: float
+    hardest_mps2: float
+    end: BodyState
+
+
+def simulate(
+    others: Callable[[float], list[ObjectState]],
+    seconds: float,
+    body: BodyState | None = None,
+    driver: Driver = DRIVER,
+) -> Outcome:
+    body = body or BodyState(20.0, 0.0, 0.0, 13.9)
+    nearest, slowest, hardest = math.inf, math.inf, 0.0
+    for k in range(round(seconds / DT)):
+        around = others(k * DT)
+        vut = vut_of(body)
+        nearest = min([nearest, *(box_distance(vut.box, o.box) for o in around)])
+        body = step_body(CAR, body, drive(vut, around, PATH, driver, DT), DT)
+        slowest = min(slowest, body.speed_mps)
+        hardest = min(hardest, body.acceleration_mps2)
+    return Outcome(nearest, slowest, hardest, body)
+
+
+def cut_in(t_s: float) -> list[ObjectState]:
+    """A car at 11 m/s whose rear is 12 m ahead, from the right lane in 2.5 s."""
+    u = min(t_s / 2.5, 1.0)
+    y = -3.5 + 3.5 * u**3 * (10.0 + u * (6.0 * u - 15.0))
+    rear = DEFAULT_SIZES[CAR].rear_m
+    return [state_of(CAR, 20.0 + FRONT + 12.0 + rear + 11.0 * t_s, y, 0.0, 11.0)]
+
+
+def crossing(delay_s: float, speed_mps: float = 1.4) -> Callable[[float], list[ObjectState]]:
+    """Steps off 4 m beside the path, delay_s after the VUT is 3.5 s away, and walks over it."""
+    x = 20.0 + FRONT + 3.5 * 13.9
+
+    def at(t_s: float) -> list[ObjectState]:
+        y = min(-4.0 + speed_mps * max(t_s - delay_s, 0.0), 6.0)
+        walking = t_s >= delay_s and y < 6.0
+        v = speed_mps if walking else 0.0
+        return [state_of(ObjectClass.PEDESTRIAN, x, y, math.pi / 2, v)]
+
+    return at
+
+
+def test_a_slower_car_cutting_in_is_followed_without_contact() -> None:
+    out = simulate(cut_in, 8.0)
+    assert out.nearest_m > 4.0
+    assert out.hardest_mps2 > -4.0
+    assert out.end.speed_mps < 11.5
+
+
+def test_without_reaction_the_same_cut_in_is_hit() -> None:
+    out = simulate(cut_in, 8.0, driver=Driver(cruise_mps=13.9, reacts=False))
+    assert out.nearest_m == 0.0
+    assert out.end.speed_mps == pytest.approx(13.9, abs=0.1)
+
+
+@pytest.mark.parametrize("delay_s", [-1.0, -0.5, 0.0, 0.5, 1.0, 1.5])
+def test_a_crossing_pedestrian_is_let_over_and_then_it_goes_on(delay_s: float) -> None:
+    out = simulate(crossing(delay_s), 14.0)
+    assert out.nearest_m > 1.0
+    assert out.slowest_mps < 12.0
+    assert out.end.speed_mps > 11.0
+
+
+def test_at_the_specified_crossing_braking_stays_moderate() -> None:
+    assert simulate(crossing(0.0), 10.0).hardest_mps2 > -4.0
+
+
+def test_a_pedestrian_at_the_kerb_is_no_reason_to_brake() -> None:
+    waiting = state_of(ObjectClass.PEDESTRIAN, 70.0, -4.0, math.pi / 2)
+    out = simulate(lambda _: [waiting], 6.0)
+    assert out.slowest_mps > 13.8
+
+
+def test_a_pedestrian_who_left_the_corridor_is_forgotten() -> None:
+    gone = state_of(ObjectClass.PEDESTRIAN, 40.0, 1.6, math.pi / 2, 1.4)
+    assert find_obstacles(vut_of(BodyState(20.0, 0.0, 0.0, 10.0)), [gone], PATH, DRIVER) == []
+
+
+def test_it_stops_before_somebody_standing_in_the_lane_and_waits() -> None:
+    standing = state_of(ObjectClass.PEDESTRIAN, 120.0, 0.3, math.pi / 2)
+    out = simulate(lambda _: [standing], 20.0)
+    assert out.end.speed_mps == 0.0
+    assert 2.0 < out.nearest_m < 5.0
+
+
+def test_it_stops_behind_a_standing_car_with_its_gap() -> None:
+    out = simulate(lambda _: [state_of(CAR, 120.0, 0.0)], 20.0)
+    assert out.end.speed_mps == 0.0
+    assert out.nearest_m == pytest.approx(DRIVER.standstill_gap_m, abs=0.5)
+
+
+@pytest.mark.parametrize("y_m", [3.5, -3.5])
+def test_a_car_in_the_next_lane_is_no_obstacle(y_m: float) -> None:
+    vut = vut_of(BodyState(20.0, 0.0, 0.0, 13.9))
+    assert find_obstacles(vut, [state_of(CAR, 40.0, y_m)], PATH, DRIVER) == []
+
+
+def test_what_is_behind_is_no_obstacle() -> None:
+    vut = vut_of(BodyState(60.0, 0.0, 0.0, 13.9))
+    behind = [state_of(CAR, 40.0, 0.0), state_of(ObjectClass.PEDESTRIAN, 50.0, 0.0)]
+    assert find_obstacles(vut, behind, PATH, DRIVER) == []
+
+
+def test_gap_and_speed_are_along_the_path() -> None:
+    vut = vut_of(BodyState(20.0, 0.0, 0.0, 13.9))
+    [o] = find_obstacles(vut, [state_of(CAR, 40.0, 0.0, 0.0, 9.0)], PATH, DRIVER)
+    assert o.gap_m == pytest.approx(20.0 - FRONT - DEFAULT_SIZES[CAR].rear_m)
+    assert o.speed_mps == pytest.approx(9.0)
+
+
+def test_it_reaches_cruise_speed_keeps_it_and_stands_at_the_paths_end() -> None:
+    fast = simulate(lambda _: [], 10.0, BodyState(0.0, 0.4, 0.05))
+    assert fast.end.speed_mps == pytest.approx(13.9, abs=0.6)
+    assert abs(fast.end.y_m) < 0.02
+    end = simulate(lambda _: [], 30.0, BodyState(0.0, 0.0, 0.0))
+    assert end.end.speed_mps == 0.0
+    assert end.end.x_m == pytest.approx(250.0, abs=0.3)
+    assert end.hardest_mps2 > -3.0
+
+
+@pytest.mark.parametrize("acceleration_mps2", [-3.0, 0.0, 2.0])
+def test_the_nearer_the_harder(acceleration_mps2: float) -> None:
+    gaps = [3.5, 5.0, 10.0, 20.0, 40.0, 80.0]
+    wanted = [follow(12.0, Obstacle("o", g, 8.0, acceleration_mps2), DRIVER) for g in gaps]
+    assert wanted == sorted(wanted)
+    assert all(math.isfinite(a) for a in wanted)
+
+
+def test_a_standing_obstacle_is_braked_for_at_least_as_physics_asks() -> None:
+    gap = 40.0
+    room = gap - DRIVER.standstill_gap_m
+    needed = 13.9**2 / (2.0 * room)
+    for still in (0.0, -2.0):
+        assert follow(13.9, Obstacle("o", gap, 0.0, still), DRIVER) <= -needed

@@ -1,0 +1,182 @@
+"""Local safety: every limit from both sides of its boundary, and what isn't watched."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from ssp_core.geometry import Polyline
+from ssp_core.profile import drive_along
+from ssp_core.reference import Reference
+from ssp_core.run_spec import Limits
+from ssp_core.safety_codes import MEANINGS, SafetyCode
+from ssp_core.state import DEFAULT_SIZES, ObjectState
+from ssp_core.vocab import ControlState, ObjectClass, Role
+from ssp_ot_controller.core import local_safety as ls
+from ssp_ot_controller.core.tracking import TrackingError
+
+S = 1_000_000_000
+NOW = 20 * S
+FENCE = [(-10.0, -5.0), (110.0, -5.0), (110.0, 5.0), (-10.0, 5.0)]
+LIMITS = Limits(
+    speed_mps=15.0,
+    acceleration_mps2=3.0,
+    heartbeat_s=0.5,
+    state_age_s=0.3,
+    error_longitudinal_m=2.0,
+    error_lateral_m=0.8,
+    error_yaw_rad=0.35,
+)
+POINTS = tuple(drive_along(Polyline([(0.0, 0.0), (100.0, 0.0)]), 0.0, 0.0, 10.0, 2.0, 2.0))
+REFERENCE = Reference("r", "ot", "v", "approach", 0, 18 * S, 19 * S, POINTS)
+STATE = ObjectState(
+    "ot",
+    ObjectClass.CAR,
+    Role.OT,
+    NOW,
+    50.0,
+    0.0,
+    0.0,
+    10.0,
+    0.0,
+    0.0,
+    DEFAULT_SIZES[ObjectClass.CAR],
+)
+ZERO = TrackingError(0.0, 0.0, 0.0)
+
+
+def decide(**changes: Any) -> ls.Continue | ls.StopNow:
+    arguments: dict[str, Any] = {
+        "now_ns": NOW,
+        "control_state": ControlState.RUNNING,
+        "heartbeat_ns": NOW,
+        "state": STATE,
+        "reference": REFERENCE,
+        "error": ZERO,
+        "limits": LIMITS,
+        "geofence": FENCE,
+    }
+    return ls.decide(**{**arguments, **changes})
+
+
+def state(**changes: Any) -> dict[str, Any]:
+    return {"state": replace(STATE, **changes)}
+
+
+def test_all_well_goes_on() -> None:
+    assert decide() == ls.Continue(brake=False)
+
+
+BOUNDARIES = [
+    (SafetyCode.HEARTBEAT_LOST, {"heartbeat_ns": NOW - S // 2}, {"heartbeat_ns": NOW - S // 2 - 1}),
+    (SafetyCode.HEARTBEAT_LOST, {}, {"heartbeat_ns": None}),
+    (SafetyCode.STATE_STALE, state(stamp_ns=NOW - 3 * S // 10), state(stamp_ns=NOW - S // 3)),
+    (SafetyCode.STATE_STALE, {}, {"state": None}),
+    (SafetyCode.STATE_NOT_FINITE, {}, state(y_m=math.nan)),
+    (SafetyCode.STATE_NOT_FINITE, {}, state(speed_mps=math.inf)),
+    (SafetyCode.OUTSIDE_GEOFENCE, state(y_m=4.1), state(y_m=4.1 + 1e-6)),
+    (SafetyCode.OUTSIDE_GEOFENCE, state(x_m=106.4), state(x_m=106.4 + 1e-6)),
+    (SafetyCode.OVER_SPEED, state(speed_mps=15.0), state(speed_mps=15.0 + 1e-9)),
+    (SafetyCode.OVER_SPEED, state(speed_mps=-15.0), state(speed_mps=-15.0 - 1e-9)),
+    (
+        SafetyCode.OVER_ACCELERATION,
+        state(acceleration_mps2=-3.0),
+        state(acceleration_mps2=-3.0 - 1e-9),
+    ),
+    (
+        SafetyCode.ERROR_LONGITUDINAL,
+        {"error": TrackingError(-2.0, 0.0, 0.0)},
+        {"error": TrackingError(-2.0 - 1e-9, 0.0, 0.0)},
+    ),
+    (
+        SafetyCode.ERROR_LATERAL,
+        {"error": TrackingError(0.0, 0.8, 0.0)},
+        {"error": TrackingError(0.0, 0.8 + 1e-9, 0.0)},
+    ),
+    (
+        SafetyCode.ERROR_YAW,
+        {"error": TrackingError(0.0, 0.0, -0.35)},
+        {"error": TrackingError(0.0, 0.0, -0.35 - 1e-9)},
+    ),
+    (SafetyCode.ERROR_LATERAL, {}, {"error": TrackingError(0.0, math.nan, 0.0)}),
+]
+
+
+@pytest.mark.parametrize(("code", "inside", "outside"), BOUNDARIES)
+def test_limits_at_their_boundaries(
+    code: SafetyCode, inside: dict[str, Any], outside: dict[str, Any]
+) -> None:
+    assert decide(**inside) == ls.Continue(brake=False)
+    stop = decide(**outside)
+    assert isinstance(stop, ls.StopNow)
+    assert stop.code is code
+    assert (stop.limit_name, stop.unit) == (MEANINGS[code].limit_name, MEANINGS[code].unit)
+    assert not abs(stop.measured) <= stop.limit
+
+
+def test_measured_value_and_limit_are_told() -> None:
+    stop = decide(error=TrackingError(0.0, -1.25, 0.0))
+    assert stop == ls.StopNow(SafetyCode.ERROR_LATERAL, "error_lateral", -1.25, 0.8, "m")
+
+
+@pytest.mark.parametrize("control", list(ControlState), ids=lambda s: s.name)
+def test_silence_counts_wherever_an_object_may_move(control: ControlState) -> None:
+    watched = {"PRE_ARMING", "ARMED", "PRE_RUNNING", "RUNNING", "POSTRUN", "REMOTE_CONTROLLED"}
+    answer = decide(control_state=control, heartbeat_ns=NOW - S)
+    if control.name in watched:
+        assert isinstance(answer, ls.StopNow)
+    else:
+        assert answer == ls.Continue(brake=True)
+
+
+@pytest.mark.parametrize("control", list(ControlState), ids=lambda s: s.name)
+def test_only_running_moves(control: ControlState) -> None:
+    assert decide(control_state=control) == ls.Continue(brake=control is not ControlState.RUNNING)
+
+
+@pytest.mark.parametrize(
+    ("reference", "brake"),
+    [
+        (None, True),
+        (replace(REFERENCE, execute_at_ns=NOW + 1), True),
+        (replace(REFERENCE, execute_at_ns=NOW), False),
+        (replace(REFERENCE, execute_at_ns=NOW - REFERENCE.end_ns + 18 * S), True),
+        (replace(REFERENCE, execute_at_ns=NOW - REFERENCE.end_ns + 18 * S + 1), False),
+    ],
+    ids=["none", "not_begun", "begins", "ends", "last_instant"],
+)
+def test_without_a_reference_that_asks_for_motion_it_brakes(
+    reference: Reference | None, brake: bool
+) -> None:
+    assert decide(reference=reference) == ls.Continue(brake=brake)
+
+
+def test_errors_and_braking_do_not_count_while_it_brakes_for_another_reason() -> None:
+    hard = {**state(acceleration_mps2=-6.0), "error": TrackingError(9.0, 9.0, 3.0)}
+    assert decide(reference=None, **hard) == ls.Continue(brake=True)
+    assert decide(control_state=ControlState.POSTRUN, **hard) == ls.Continue(brake=True)
+    assert isinstance(decide(**hard), ls.StopNow)
+
+
+def test_the_first_step_has_no_error_yet() -> None:
+    assert decide(error=None) == ls.Continue(brake=False)
+
+
+def test_no_number_passes_for_nan() -> None:
+    for predicate in (
+        ls.heartbeat_lost,
+        ls.state_stale,
+        ls.over_speed,
+        ls.over_acceleration,
+        ls.error_longitudinal,
+        ls.error_lateral,
+        ls.error_yaw,
+    ):
+        assert predicate(math.nan, 1.0)
+        assert not predicate(1.0, 1.0)
+        assert predicate(math.nextafter(1.0, 2.0), 1.0)
+    assert ls.outside_geofence(math.nan)
+    assert not ls.outside_geofence(0.0)

@@ -1,0 +1,220 @@
+"""Refusals of references: every number, at its boundary, with measured value and limit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from ssp_core.geometry import Polyline
+from ssp_core.profile import drive_along, lane_change
+from ssp_core.reference import Reference, ReferencePoint
+from ssp_core.run_spec import Limits
+from ssp_core.state import DEFAULT_SIZES, ObjectState
+from ssp_core.vocab import ControlState, ObjectClass, Role
+from ssp_ot_controller.core.bodies import LIMITS
+from ssp_ot_controller.core.reference_check import RefusalCode, check_reference
+
+S = 1_000_000_000
+PATH = Polyline([(0.0, 0.0), (200.0, 0.0)])
+FENCE = [(-10.0, -10.0), (220.0, -10.0), (220.0, 10.0), (-10.0, 10.0)]
+VERSION = "sha256:aa"
+
+
+def standing(cls: ObjectClass = ObjectClass.CAR, **changes: Any) -> ObjectState:
+    base = ObjectState("ot", cls, Role.OT, 10 * S, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, DEFAULT_SIZES[cls])
+    return replace(base, **changes)
+
+
+def reference(**changes: Any) -> Reference:
+    points = drive_along(PATH, 0.0, 0.0, 12.0, 2.0, 2.0)
+    base = Reference(
+        "r1", "ot", VERSION, "approach", 10 * S, 10 * S + S // 10, 11 * S, tuple(points)
+    )
+    return replace(base, **changes)
+
+
+def edited(index: int, **changes: float) -> Reference:
+    points = list(reference().points)
+    points[index] = replace(points[index], **changes)
+    return reference(points=tuple(points))
+
+
+def check(ref: Reference, **changes: Any) -> RefusalCode | None:
+    arguments: dict[str, Any] = {
+        "now_ns": 10 * S,
+        "current": standing(),
+        "previous": None,
+        "limits": Limits(speed_mps=15.0, acceleration_mps2=3.0),
+        "geofence": FENCE,
+        "body_limits": LIMITS[ObjectClass.CAR],
+        "event_version": VERSION,
+        "control_state": ControlState.RUNNING,
+    }
+    refusal = check_reference(ref, **{**arguments, **changes})
+    if refusal is None:
+        return None
+    assert refusal.message
+    return refusal.code
+
+
+def test_a_good_reference_is_taken() -> None:
+    assert check(reference()) is None
+
+
+@pytest.mark.parametrize("state", list(ControlState), ids=lambda s: s.name)
+def test_references_are_taken_in_running_only(state: ControlState) -> None:
+    expected = None if state is ControlState.RUNNING else RefusalCode.STATE
+    assert check(reference(), control_state=state) is expected
+
+
+def test_another_version_is_refused() -> None:
+    assert check(reference(), event_version="sha256:bb") is RefusalCode.VERSION
+
+
+def test_late_and_expired_at_their_nanosecond() -> None:
+    ref = reference()
+    assert check(ref, now_ns=ref.execute_at_ns) is None
+    assert check(ref, now_ns=ref.execute_at_ns + 1) is RefusalCode.LATE
+    assert check(ref, now_ns=ref.expires_at_ns - 1) is RefusalCode.LATE
+    assert check(ref, now_ns=ref.expires_at_ns) is RefusalCode.EXPIRED
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: reference(points=()),
+        lambda: reference(points=reference().points[:1]),
+        lambda: edited(5, x_m=math.nan),
+        lambda: edited(5, yaw_rad=math.inf),
+        lambda: edited(5, t_s=reference().points[4].t_s),
+        lambda: edited(0, t_s=-0.1),
+        lambda: edited(5, speed_mps=-0.01),
+        lambda: edited(60, x_m=reference().points[60].x_m + 0.5),
+        lambda: reference(object_id="somebody_else"),
+    ],
+    ids=["empty", "one", "nan", "inf", "times", "before", "reverse", "jump", "addressee"],
+)
+def test_malformed(make: Callable[[], Reference]) -> None:
+    assert check(make()) is RefusalCode.MALFORMED
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"x_m": 0.49}, None),
+        ({"x_m": 0.51}, RefusalCode.DISCONTINUOUS),
+        ({"y_m": -0.51}, RefusalCode.DISCONTINUOUS),
+        ({"yaw_rad": 0.19}, None),
+        ({"yaw_rad": -0.21}, RefusalCode.DISCONTINUOUS),
+        ({"speed_mps": 0.99}, None),
+        ({"speed_mps": 1.01}, RefusalCode.DISCONTINUOUS),
+        ({"x_m": math.nan}, RefusalCode.DISCONTINUOUS),
+        ({"x_m": -1.0, "speed_mps": 0.9, "stamp_ns": 9 * S + S // 10}, None),
+    ],
+)
+def test_the_start_must_be_where_the_object_will_be(
+    changes: dict[str, Any], expected: RefusalCode | None
+) -> None:
+    assert check(reference(), current=standing(**changes)) is expected
+
+
+def test_with_a_previous_reference_its_point_counts_and_not_the_state() -> None:
+    previous = reference()
+    execute = 10 * S + 6 * S
+    station = next(p for p in previous.points if p.t_s >= 5.9)
+    points = lane_change(PATH, station.x_m, station.speed_mps, 3.5, 2.5, 12.0, 2.0)
+    ref = reference(
+        points=tuple(points), execute_at_ns=execute, expires_at_ns=execute + S, purpose="manoeuvre"
+    )
+    assert check(ref, now_ns=execute - S // 10, previous=previous) is None
+    assert check(ref, now_ns=execute - S // 10) is RefusalCode.DISCONTINUOUS
+
+
+def test_a_pedestrian_may_start_with_any_heading() -> None:
+    path = Polyline([(0.0, 0.0), (0.0, 6.0)])
+    points = tuple(drive_along(path, 0.0, 0.0, 1.4, 1.5, 1.5))
+    ref = reference(points=points)
+    walker = {
+        "current": standing(ObjectClass.PEDESTRIAN),
+        "body_limits": LIMITS[ObjectClass.PEDESTRIAN],
+    }
+    assert check(ref, **walker) is None
+    assert check(ref) is RefusalCode.DISCONTINUOUS
+
+
+@pytest.mark.parametrize(
+    ("limits", "expected"),
+    [
+        ({"speed_mps": 12.0}, None),
+        ({"speed_mps": 11.99}, RefusalCode.LIMIT),
+        ({"acceleration_mps2": 2.0}, None),
+        ({"acceleration_mps2": 1.99}, RefusalCode.LIMIT),
+    ],
+)
+def test_limits_of_the_site(limits: dict[str, float], expected: RefusalCode | None) -> None:
+    site = Limits(**{"speed_mps": 15.0, "acceleration_mps2": 3.0, **limits})
+    assert check(reference(), limits=site) is expected
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"speed_mps": 11.9}, RefusalCode.LIMIT),
+        ({"acceleration_mps2": 1.9}, RefusalCode.LIMIT),
+        ({"deceleration_mps2": 1.9}, RefusalCode.LIMIT),
+        ({"curvature_1pm": 1e-9, "lateral_acceleration_mps2": 1e-3}, None),
+    ],
+)
+def test_limits_of_the_body(changes: dict[str, float], expected: RefusalCode | None) -> None:
+    body = replace(LIMITS[ObjectClass.CAR], **changes)
+    assert check(reference(), body_limits=body) is expected
+
+
+def test_curvature_and_grip_are_limits_too() -> None:
+    assert check(edited(100, curvature_1pm=0.21)) is RefusalCode.LIMIT
+    fast = edited(100, curvature_1pm=0.08)
+    assert (
+        fast.points[100].speed_mps ** 2 * 0.08 > LIMITS[ObjectClass.CAR].lateral_acceleration_mps2
+    )
+    assert check(fast) is RefusalCode.LIMIT
+
+
+def test_the_whole_path_with_its_corners_must_be_inside() -> None:
+    end = 200.0 + DEFAULT_SIZES[ObjectClass.CAR].front_m
+    tight = [(-10.0, -1.0), (end + 0.01, -1.0), (end + 0.01, 1.0), (-10.0, 1.0)]
+    assert check(reference(), geofence=tight) is None
+    short = [(x - 0.02 if x > 0.0 else x, y) for x, y in tight]
+    assert check(reference(), geofence=short) is RefusalCode.FENCE
+    narrow = [(x, 0.89 * y) for x, y in tight]
+    assert check(reference(), geofence=narrow) is RefusalCode.FENCE
+
+
+def test_a_moving_end_is_refused() -> None:
+    points = reference().points
+    assert check(reference(points=points[:-1])) is RefusalCode.MOVING_END
+
+
+def test_messages_name_measured_value_and_limit() -> None:
+    refusal = check_reference(
+        reference(),
+        now_ns=10 * S,
+        current=standing(x_m=0.75),
+        previous=None,
+        limits=Limits(speed_mps=15.0, acceleration_mps2=3.0),
+        geofence=FENCE,
+        body_limits=LIMITS[ObjectClass.CAR],
+        event_version=VERSION,
+        control_state=ControlState.RUNNING,
+    )
+    assert refusal is not None
+    assert "0.750 m" in refusal.message
+    assert "limit is 0.5 m" in refusal.message
+
+
+def test_a_point_type_is_what_columns_hold() -> None:
+    assert isinstance(reference().points[0], ReferencePoint)
+    assert [c.value for c in RefusalCode] == list(range(1, 10))
