@@ -1,0 +1,140 @@
+"""Makes a synthetic clip and the ground truth beside it.
+
+``python -m ssp_ot_controller.camera.clip --scenario cut_in --out clip.mp4`` writes ``clip.mp4`` and
+``clip.truth.json``. The clip stands in for a generated source video: like one, it is imported
+and evaluated as bare frames; the truth file is for labels only.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+import cv2
+
+from ssp_core import console
+from ssp_core.errors import HostError, SspError
+from ssp_core.files import write_json
+from ssp_core.state import ObjectState
+from ssp_ot_controller.camera.render import Scene, render
+from ssp_ot_controller.camera.storyboard import INTERACTIONS, Storyboard, storyboard
+from ssp_ot_controller.camera.travel import Odometer
+
+TRUTH_SCHEMA = "ssp.truth/1"
+GENERATOR = "ssp-clip/1"
+
+
+def truth_path(video: Path) -> Path:
+    """``clip.truth.json`` for ``clip.mp4``."""
+    return video.with_suffix(".truth.json")
+
+
+def object_record(state: ObjectState) -> dict[str, Any]:
+    """Plain fields of a state as the truth file holds them; class and role by their words."""
+    size = state.size
+    return {
+        "object_id": state.object_id,
+        "object_class": state.object_class.word,
+        "role": state.role.name.lower(),
+        "stamp_ns": state.stamp_ns,
+        "x_m": state.x_m,
+        "y_m": state.y_m,
+        "yaw_rad": state.yaw_rad,
+        "speed_mps": state.speed_mps,
+        "acceleration_mps2": state.acceleration_mps2,
+        "yaw_rate_radps": state.yaw_rate_radps,
+        "size": {
+            "front_m": size.front_m,
+            "rear_m": size.rear_m,
+            "width_m": size.width_m,
+            "height_m": size.height_m,
+        },
+    }
+
+
+def truth(board: Storyboard) -> dict[str, Any]:
+    """The truth file's content: states per frame, ego speed, road, camera and look."""
+    times = board.times()
+    camera = board.camera.model_dump(mode="json") | {"provenance": "declared"}
+    return {
+        "schema": TRUTH_SCHEMA,
+        "scenario": board.scenario,
+        "generator": GENERATOR,
+        "domain": "synthetic",
+        "seed": board.seed,
+        "fps": board.fps,
+        "frame_count": len(times),
+        "ego_speed_mps": [{"t_s": t, "speed_mps": board.vut.state(t).speed_mps} for t in times],
+        "frames": [
+            {"t_s": t, "objects": [object_record(s) for s in board.states(t)]} for t in times
+        ],
+        "road": board.road.model_dump(mode="json"),
+        "camera": camera,
+        "look": board.look.model_dump(mode="json"),
+    }
+
+
+def write_clip(board: Storyboard, video: Path, advance: Callable[[], None] = lambda: None) -> None:
+    """Draws the clip into an MP4 file and writes its truth file beside it.
+
+    Args:
+        board: what to draw.
+        video: the file to write; its folder is made.
+        advance: called after each frame.
+
+    Raises:
+        HostError: OpenCV can't write MP4 here.
+    """
+    video.parent.mkdir(parents=True, exist_ok=True)
+    size = (board.camera.width_px, board.camera.height_px)
+    code = cv2.VideoWriter.fourcc(*"mp4v")
+    writer = cv2.VideoWriter(str(video), code, board.fps, size)
+    if not writer.isOpened():
+        raise HostError(
+            f"{video}: OpenCV can't write MP4 (mp4v) here; check folder and OpenCV build"
+        )
+    odometer = Odometer()
+    try:
+        for index, t_s in enumerate(board.times()):
+            states = board.states(t_s)
+            odometer.update(states)
+            scene = Scene(board.road, board.vut.state(t_s), states, odometer.snapshot())
+            writer.write(render(scene, board.look, board.camera, index, board.seed))
+            advance()
+    finally:
+        writer.release()
+    write_json(truth_path(video), truth(board))
+
+
+@click.command()
+@click.option("--scenario", required=True, type=click.Choice(INTERACTIONS))
+@click.option("--out", required=True, type=click.Path(dir_okay=False, path_type=Path))
+@click.option("--seed", default=1, show_default=True, type=click.IntRange(0, 2**31))
+def clip(scenario: str, out: Path, seed: int) -> int:
+    """Make a synthetic clip (MP4) of a scenario and, beside it, its truth file."""
+    board = storyboard(scenario, seed)
+    with console.progress(f"drawing {out.name}", len(board.times())) as bar:
+        task = bar.task_ids[0]
+        write_clip(board, out, lambda: bar.advance(task))
+    click.echo(f"{out}\n{truth_path(out)}")
+    return 0
+
+
+def main() -> int:
+    """Runs the command line and returns its exit status."""
+    try:
+        clip.main(prog_name="python -m ssp_ot_controller.camera.clip", standalone_mode=False)
+    except click.ClickException as error:
+        error.show()
+        return error.exit_code
+    except SspError as error:
+        console.report_error(str(error))
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,46 @@
+"""The camera's own messages."""
+
+from __future__ import annotations
+
+from array import array
+
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import TransformStamped
+from sensor_msgs.msg import CameraInfo, CompressedImage
+
+from ssp_ot_controller.camera.model import BASE_FRAME, OPTICAL_FRAME, Intrinsics, Mount
+
+
+def image_message(stamp: Time, jpeg: bytes) -> CompressedImage:
+    """A frame; ``array`` takes the bytes at once, a list would take them one by one."""
+    msg = CompressedImage()
+    msg.header.stamp = stamp
+    msg.header.frame_id = OPTICAL_FRAME
+    msg.format = "jpeg"
+    msg.data = array("B", jpeg)
+    return msg
+
+
+def info_message(stamp: Time, lens: Intrinsics) -> CameraInfo:
+    """Size and pinhole numbers, without distortion."""
+    msg = CameraInfo()
+    msg.header.stamp = stamp
+    msg.header.frame_id = OPTICAL_FRAME
+    msg.width, msg.height = lens.width_px, lens.height_px
+    msg.distortion_model = "plumb_bob"
+    msg.d = [0.0] * 5
+    msg.k = lens.k()
+    msg.r = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
+    msg.p = lens.p()
+    return msg
+
+
+def mount_message(mounting: Mount) -> TransformStamped:
+    """The transform from the VUT's base_link to the optical frame."""
+    msg = TransformStamped()
+    msg.header.frame_id = BASE_FRAME
+    msg.child_frame_id = OPTICAL_FRAME
+    move, turn = msg.transform.translation, msg.transform.rotation
+    move.x, move.y, move.z = mounting.translation_m
+    turn.x, turn.y, turn.z, turn.w = mounting.quaternion_xyzw
+    return msg

@@ -1,0 +1,263 @@
+"""Triangle meshes: the few solids that vehicles, people and scenery are built from.
+
+A mesh lives in the frame of its object: x forward, y left, z up, metres. Colours are albedos,
+blue, green, red, 0-255.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ssp_core.geometry import Pose2
+from ssp_ot_controller.camera.jit import Array
+from ssp_ot_controller.camera.surfaces import MATTE
+
+Colour = tuple[float, float, float]
+Vec = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """n triangles.
+
+    Args:
+        corners: shape (n, 3, 3), m.
+        normals: shape (n, 3, 3), unit, per corner.
+        colours: shape (n, 3, 3), per corner.
+        uv: shape (n, 3, 2), surface coordinates in m.
+        kinds: shape (n,), surface kinds.
+    """
+
+    corners: Array
+    normals: Array
+    colours: Array
+    uv: Array
+    kinds: Array
+
+    def __len__(self) -> int:
+        return len(self.corners)
+
+    def placed(self, pose: Pose2, z_m: float = 0.0) -> Mesh:
+        """The mesh in the pose's parent frame, raised by z_m."""
+        c, s = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
+        turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]], dtype=np.float32)
+        shift = np.array([pose.x_m, pose.y_m, z_m], dtype=np.float32)
+        corners = (self.corners.reshape(-1, 3) @ turn + shift).reshape(self.corners.shape)
+        normals = (self.normals.reshape(-1, 3) @ turn).reshape(self.normals.shape)
+        return Mesh(corners, normals, self.colours, self.uv, self.kinds)
+
+    def moved(self, x_m: float, y_m: float, z_m: float) -> Mesh:
+        shift = np.array([x_m, y_m, z_m], dtype=np.float32)
+        return Mesh(self.corners + shift, self.normals, self.colours, self.uv, self.kinds)
+
+
+def join(meshes: Iterable[Mesh]) -> Mesh:
+    """All triangles in one mesh."""
+    parts = list(meshes)
+    if not parts:
+        none = np.zeros((0, 3, 3), dtype=np.float32)
+        return Mesh(none, none, none, np.zeros((0, 3, 2), np.float32), np.zeros(0, np.uint8))
+    return Mesh(
+        np.concatenate([m.corners for m in parts]),
+        np.concatenate([m.normals for m in parts]),
+        np.concatenate([m.colours for m in parts]),
+        np.concatenate([m.uv for m in parts]),
+        np.concatenate([m.kinds for m in parts]),
+    )
+
+
+def triangles(
+    corners: ArrayLike,
+    colour: Colour,
+    kind: int = MATTE,
+    normals: ArrayLike | None = None,
+    uv: ArrayLike | None = None,
+) -> Mesh:
+    """A mesh of one colour; without normals triangles are flat, seen counter-clockwise in front."""
+    points = np.asarray(corners, dtype=np.float32).reshape(-1, 3, 3)
+    if normals is None:
+        flat = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
+        length = np.linalg.norm(flat, axis=1, keepdims=True)
+        flat = flat / np.maximum(length, 1e-12)
+        directions = np.repeat(flat[:, None, :], 3, axis=1)
+    else:
+        directions = np.asarray(normals, dtype=np.float32).reshape(-1, 3, 3)
+    n = len(points)
+    if uv is None:
+        plane = np.zeros((n, 3, 2), dtype=np.float32)
+    else:
+        plane = np.asarray(uv, dtype=np.float32).reshape(-1, 3, 2)
+    colours = np.broadcast_to(np.asarray(colour, dtype=np.float32), (n, 3, 3))
+    return Mesh(
+        points,
+        directions.astype(np.float32),
+        np.ascontiguousarray(colours),
+        plane,
+        np.full(n, kind, dtype=np.uint8),
+    )
+
+
+def quad(
+    a: Vec,
+    b: Vec,
+    c: Vec,
+    d: Vec,
+    colour: Colour,
+    kind: int = MATTE,
+    uv: Sequence[tuple[float, float]] | None = None,
+) -> Mesh:
+    """A flat quadrilateral, counter-clockwise as seen from outside."""
+    plane = None if uv is None else [uv[0], uv[1], uv[2], uv[0], uv[2], uv[3]]
+    return triangles([a, b, c, a, c, d], colour, kind, uv=plane)
+
+
+def hexahedron(low: Sequence[Vec], high: Sequence[Vec], colour: Colour, kind: int = MATTE) -> Mesh:
+    """A solid between two quadrilaterals, each counter-clockwise as seen from above."""
+    faces = [quad(high[0], high[1], high[2], high[3], colour, kind)]
+    faces.append(quad(low[3], low[2], low[1], low[0], colour, kind))
+    for i in range(4):
+        j = (i + 1) % 4
+        faces.append(quad(low[i], low[j], high[j], high[i], colour, kind))
+    return join(faces)
+
+
+def _rectangle(x0: float, x1: float, y0: float, y1: float, z: float) -> list[Vec]:
+    return [(x0, y0, z), (x1, y0, z), (x1, y1, z), (x0, y1, z)]
+
+
+def box(
+    x: tuple[float, float],
+    y: tuple[float, float],
+    z: tuple[float, float],
+    colour: Colour,
+    kind: int = MATTE,
+) -> Mesh:
+    """A box between the given limits along x, y and z."""
+    return hexahedron(_rectangle(*x, *y, z[0]), _rectangle(*x, *y, z[1]), colour, kind)
+
+
+def loft(sections: ArrayLike, colour: Colour, kind: int = MATTE) -> Mesh:
+    """A smooth skin over closed outlines of equally many points, with flat ends.
+
+    Args:
+        sections: shape (m, k, 3); outlines counter-clockwise as seen from the last section
+            towards the first.
+    """
+    rings = np.asarray(sections, dtype=np.float64)
+    m, k, _ = rings.shape
+    around = np.roll(rings, -1, axis=1) - np.roll(rings, 1, axis=1)
+    along = np.gradient(rings, axis=0)
+    normals = np.cross(around, along)
+    normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-12)
+    i, j = (part.ravel() for part in np.indices((m - 1, k)))
+    jn = (j + 1) % k
+    index = np.stack([(i, j), (i, jn), (i + 1, jn), (i, j), (i + 1, jn), (i + 1, j)])
+    order = index.transpose(2, 0, 1).reshape(-1, 2)
+    skin = triangles(
+        rings[order[:, 0], order[:, 1]], colour, kind, normals[order[:, 0], order[:, 1]]
+    )
+    return join([skin, fan(rings[0][::-1], colour, kind), fan(rings[-1], colour, kind)])
+
+
+def fan(outline: ArrayLike, colour: Colour, kind: int = MATTE) -> Mesh:
+    """A flat convex polygon, shape (k, 3), counter-clockwise as seen from outside."""
+    points = np.asarray(outline, dtype=np.float64)
+    centre = points.mean(axis=0)
+    following = np.roll(points, -1, axis=0)
+    middle = np.broadcast_to(centre, points.shape)
+    return triangles(np.stack([middle, points, following], axis=1), colour, kind)
+
+
+def _perpendicular(axis: Array) -> tuple[Array, Array]:
+    helper = np.array([0.0, 0.0, 1.0]) if abs(axis[2]) < 0.9 else np.array([1.0, 0.0, 0.0])
+    side = np.cross(axis, helper)
+    side /= np.linalg.norm(side)
+    return side, np.cross(axis, side)
+
+
+def tube(
+    start: Vec,
+    end: Vec,
+    start_radius_m: float,
+    end_radius_m: float,
+    colour: Colour,
+    sides: int = 8,
+    kind: int = MATTE,
+) -> Mesh:
+    """A round bar, cone or disc between two points, with flat ends."""
+    p, q = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
+    length = float(np.linalg.norm(q - p))
+    axis = (q - p) / length
+    side, other = _perpendicular(axis)
+    angles = 2.0 * np.pi * np.arange(sides) / sides
+    circle = np.cos(angles)[:, None] * side + np.sin(angles)[:, None] * other
+    return loft([p + start_radius_m * circle, q + end_radius_m * circle], colour, kind)
+
+
+def ellipsoid(
+    centre: Vec,
+    radii: Vec,
+    colour: Colour,
+    rings: int = 6,
+    sides: int = 10,
+    kind: int = MATTE,
+    ripple: Array | None = None,
+) -> Mesh:
+    """A rounded body; ``ripple``, shape (rings + 1, sides), scales its radius here and there."""
+    polar = np.pi * np.arange(rings + 1) / rings
+    angles = 2.0 * np.pi * np.arange(sides) / sides
+    unit = np.stack(
+        [
+            np.sin(polar)[:, None] * np.cos(angles)[None, :],
+            np.sin(polar)[:, None] * np.sin(angles)[None, :],
+            np.broadcast_to(np.cos(polar)[:, None], (rings + 1, sides)),
+        ],
+        axis=2,
+    )
+    scale = np.ones((rings + 1, sides)) if ripple is None else ripple
+    points = np.asarray(centre) + unit * scale[:, :, None] * np.asarray(radii)
+    outward = unit / np.asarray(radii)
+    outward /= np.linalg.norm(outward, axis=2, keepdims=True)
+    i, j = (part.ravel() for part in np.indices((rings, sides)))
+    jn = (j + 1) % sides
+    index = np.stack([(i, j), (i + 1, j), (i + 1, jn), (i, j), (i + 1, jn), (i, jn)])
+    order = index.transpose(2, 0, 1).reshape(-1, 2)
+    at = (order[:, 0], order[:, 1])
+    plane = np.stack([points[..., 0] + points[..., 1], points[..., 2]], axis=2)
+    return triangles(points[at], colour, kind, outward[at], plane[at])
+
+
+def ring(
+    centre: Vec,
+    radius_m: float,
+    thickness_m: float,
+    width_m: float,
+    colour: Colour,
+    sides: int = 18,
+) -> Mesh:
+    """An upright tyre whose axle lies along y: both faces and the tread."""
+    angles = 2.0 * np.pi * np.arange(sides + 1) / sides
+    direction = np.stack([np.cos(angles), np.zeros(sides + 1), np.sin(angles)], axis=1)
+    middle = np.asarray(centre, dtype=np.float64)
+    parts = []
+    half = np.array([0.0, width_m / 2, 0.0])
+    outer, inner = direction * radius_m, direction * (radius_m - thickness_m)
+    bands = (
+        (outer + half, inner + half, np.array([0.0, 1.0, 0.0])),
+        (inner - half, outer - half, np.array([0.0, -1.0, 0.0])),
+        (outer - half, outer + half, None),
+    )
+    for a, b, normal in bands:
+        corners = np.stack([a[:-1], b[:-1], b[1:], a[:-1], b[1:], a[1:]], axis=1) + middle
+        if normal is None:
+            d0, d1 = direction[:-1], direction[1:]
+            facing = np.stack([d0, d0, d1, d0, d1, d1], axis=1)
+        else:
+            facing = np.broadcast_to(normal, corners.shape)
+        parts.append(triangles(corners, colour, MATTE, facing))
+    return join(parts)

@@ -1,0 +1,132 @@
+"""The node ``front_camera``: renders the VUT's forward view on the world's ticks."""
+
+from __future__ import annotations
+
+import sys
+from collections import deque
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import TransformStamped
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from sensor_msgs.msg import CameraInfo, CompressedImage
+
+from ssp_core import names
+from ssp_core.conversions import state_from_msg
+from ssp_core.errors import InputError
+from ssp_core.ros import LATCHED, SENSOR, STATE, StopRequest, run_node
+from ssp_core.run_spec import Camera, RunSpec, load_run
+from ssp_msgs.msg import StepDone, WorldTick
+from ssp_ot_controller.camera import conversions
+from ssp_ot_controller.camera.encode import jpeg
+from ssp_ot_controller.camera.model import intrinsics, mount
+from ssp_ot_controller.camera.render import Scene, render, warm_up
+from ssp_ot_controller.camera.schedule import Schedule, steps_per_frame
+from ssp_ot_controller.camera.travel import Odometer
+
+_CHECK_PERIOD_S = 0.2
+_DROP_REPORT_PERIOD_S = 5.0
+_REALTIME_BACKLOG = 1  # frames that may wait while one is drawn
+
+
+@dataclass(frozen=True)
+class _Job:
+    step: int
+    stamp: Time
+    scene: Scene
+
+
+class FrontCamera(Node):
+    """Draws in a worker thread, in order; in lockstep nothing is dropped.
+
+    Parameter ``run_file``: path of the run (``ssp.run/1``).
+    """
+
+    def __init__(self) -> None:
+        super().__init__(names.FRONT_CAMERA, namespace=names.NAMESPACE)
+        self.declare_parameter("run_file", "")
+        run_file = self.get_parameter("run_file").value
+        self._run: RunSpec = load_run(run_file)
+        if self._run.camera is None:
+            raise InputError(
+                "asks for no pictures", file=run_file, field="camera",
+                remedy="give the run a camera, or don't start front_camera",
+            )  # fmt: skip
+        self._camera: Camera = self._run.camera
+        self._lens = intrinsics(self._camera)
+        self._schedule = Schedule(steps_per_frame(self._camera.rate_hz, self._run.step_s))
+        self._odometer = Odometer()
+        # Compiling or loading kernels takes seconds: do it before anybody can see this node.
+        warm_up(self._run.road, self._run.look, self._camera, self._run.seed)
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._worker = ThreadPoolExecutor(1, thread_name_prefix="render")
+        self._waiting: deque[Future[None]] = deque()
+        self._dropped = 0
+        self._reported = 0
+        self._image = self.create_publisher(CompressedImage, names.CAMERA_IMAGE, SENSOR)
+        self._info = self.create_publisher(CameraInfo, names.CAMERA_INFO, SENSOR)
+        self._done = self.create_publisher(StepDone, names.STEP_DONE, STATE)
+        self._mount = self.create_publisher(TransformStamped, names.CAMERA_MOUNT, LATCHED)
+        self._mount.publish(conversions.mount_message(mount(self._camera)))
+        self.create_subscription(WorldTick, names.WORLD_TICK, self._on_tick, STATE)
+        self.create_timer(_CHECK_PERIOD_S, self._check, clock=self._steady)
+        self.create_timer(_DROP_REPORT_PERIOD_S, self._report_drops, clock=self._steady)
+
+    def _on_tick(self, tick: WorldTick) -> None:
+        states = [state_from_msg(o) for o in tick.objects]
+        self._odometer.update(states)
+        now_ns = self._steady.now().nanoseconds
+        wanted, self._schedule = self._schedule.decide(tick.step, tick.running, now_ns)
+        if not wanted:
+            return
+        vut = next((s for s in states if s.object_id == self._run.vut.id), None)
+        if vut is None:
+            raise ValueError(f"tick {tick.step} has no object {self._run.vut.id!r}")
+        self._check()
+        if not tick.lockstep and len(self._waiting) > _REALTIME_BACKLOG:
+            self._dropped += 1
+            return
+        scene = Scene(self._run.road, vut, tuple(states), self._odometer.snapshot())
+        job = _Job(tick.step, tick.header.stamp, scene)
+        self._waiting.append(self._worker.submit(self._publish_frame, job))
+
+    def _publish_frame(self, job: _Job) -> None:
+        """Runs in the worker thread: draws, publishes, and answers the step."""
+        run = self._run
+        index = job.step // self._schedule.every
+        picture = render(job.scene, run.look, self._camera, index, run.seed)
+        data = jpeg(picture, self._camera.jpeg_quality)
+        self._info.publish(conversions.info_message(job.stamp, self._lens))
+        self._image.publish(conversions.image_message(job.stamp, data))
+        self._done.publish(StepDone(participant=names.FRONT_CAMERA, step=job.step))
+
+    def _check(self) -> None:
+        """Forgets finished frames; raises the worker's error here, where it stops the node."""
+        while self._waiting and self._waiting[0].done():
+            self._waiting.popleft().result()
+
+    def _report_drops(self) -> None:
+        if self._dropped > self._reported:
+            self.get_logger().warning(
+                f"{self._dropped - self._reported} frames dropped, {self._dropped} in all: "
+                "drawing doesn't keep up with the wall clock"
+            )
+            self._reported = self._dropped
+
+    def close(self) -> None:
+        """Finishes the frame being drawn, drops those that wait, and says what was lost."""
+        self._worker.shutdown(wait=True, cancel_futures=True)
+        self._report_drops()
+
+
+def main() -> int:
+    def make(_: StopRequest) -> Node:
+        return FrontCamera()
+
+    return run_node(make, FrontCamera.close)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,356 @@
+"""The front camera's picture of a scene, as a pure function.
+
+All work is done in the block's frame (x along the road, y left, z up, road surface at 0), where
+coordinates are small and the road is a function of y. Two samples per pixel and axis for bodies;
+the ground is averaged analytically.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+import numpy as np
+
+from ssp_core.geometry import Pose2
+from ssp_core.run_spec import Camera, Look, Road
+from ssp_core.state import DEFAULT_SIZES, ObjectState
+from ssp_core.vocab import ObjectClass, Role
+from ssp_ot_controller.camera import compose, ground, light, people, scenery, sky, vehicles
+from ssp_ot_controller.camera.jit import Array
+from ssp_ot_controller.camera.mesh import Mesh, join
+from ssp_ot_controller.camera.model import View, view_from
+from ssp_ot_controller.camera.palettes import PALETTES, Palette, rgb
+from ssp_ot_controller.camera.raster import (
+    STYLE_LENGTH,
+    T_FOG,
+    T_FOG_PER_M,
+    T_GLASS,
+    T_LIT,
+    T_LIT_SHARE,
+    rasterise,
+    rasterise_cover,
+)
+from ssp_ot_controller.camera.surfaces import make_noise
+
+BRAKE_MPS2 = -0.5  # brake lamps shine below this acceleration
+_SCENERY_RANGE_M = 230.0
+_SHADOW_RANGE_M = 110.0
+_CONTACT_REACH_M = 0.45
+_VIGNETTE = 0.10
+_BUS_PAINTS = (rgb("c9432f"), rgb("2f6fae"), rgb("e0b23c"))
+
+
+@dataclass(frozen=True)
+class Detail:
+    """What the surroundings hold beside the road itself; tests turn it off."""
+
+    scenery: bool = True
+    texture: bool = True
+
+
+FULL = Detail()
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What is there at one instant.
+
+    Args:
+        road: the block.
+        vut: state of the vehicle that carries the camera; it isn't drawn, but casts a shadow.
+        objects: ground truth of all others, frame map; the VUT may be among them.
+        travelled_m: distance travelled so far by object id, which moves legs and pedals.
+    """
+
+    road: Road
+    vut: ObjectState
+    objects: tuple[ObjectState, ...]
+    travelled_m: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class _Static:
+    """Scenery as one list of triangles in the block's frame, and where each prop's part lies.
+
+    Args:
+        bodies: the triangles with their colours.
+        shadows: shape (m, 3, 3), their shadows on the ground.
+        places: shape (props, 3): x, y, radius.
+        body_ranges, shadow_ranges: shape (props, 2): first and end of a prop's triangles.
+    """
+
+    bodies: light.Lit
+    shadows: Array
+    places: Array
+    body_ranges: Array
+    shadow_ranges: Array
+
+
+@dataclass(frozen=True)
+class _Stage:
+    """Everything of a run that doesn't change: built once, used for every frame."""
+
+    palette: Palette
+    sun: tuple[float, float, float]
+    noise: Array
+    ground_tables: Array
+    ground_numbers: Array
+    panorama: Array
+    style: Array
+    static: _Static
+
+
+class _Buffers(threading.local):
+    """Sample buffers of the last frame size, kept per thread: allocating them is slow."""
+
+    def __init__(self) -> None:
+        self.size = (0, 0)
+        self._arrays: tuple[Array, Array, Array, Array] | None = None
+
+    def cleared(self, height: int, width: int) -> tuple[Array, Array, Array, Array]:
+        if self._arrays is None or self.size != (height, width):
+            n = compose.SAMPLES
+            self.size = (height, width)
+            self._arrays = (
+                np.empty((n * height, n * width), np.float32),
+                np.empty((n * height, n * width, 3), np.uint8),
+                np.empty((n * height, n * width), np.uint8),
+                np.empty((height, width), np.float32),
+            )
+        inverse_depth, _, cover, dark = self._arrays
+        inverse_depth.fill(0.0)
+        cover.fill(0)
+        dark.fill(0.0)
+        return self._arrays
+
+
+_BUFFERS = _Buffers()
+
+
+@lru_cache(maxsize=4)
+def _stage(road_json: str, look_json: str, seed: int, detail: Detail) -> _Stage:
+    road, look = Road.model_validate_json(road_json), Look.model_validate_json(look_json)
+    palette = PALETTES[look.palette]
+    sun = sky.sun_direction(
+        math.radians(look.sun_azimuth_deg) - road.origin.yaw_rad,
+        math.radians(look.sun_elevation_deg),
+    )
+    outline = sky.build_outline(palette, look.palette, seed) if detail.scenery else np.full(8, 0.01)
+    noise = make_noise(seed)
+    style = np.zeros(STYLE_LENGTH)
+    style[T_FOG : T_FOG + 3], style[T_FOG_PER_M] = palette.fog, look.fog_per_m
+    style[T_GLASS : T_GLASS + 3] = palette.window_glass
+    style[T_LIT : T_LIT + 3], style[T_LIT_SHARE] = palette.window_lit, palette.window_lit_share
+    props = []
+    if detail.scenery:
+        props = scenery.build_scenery(road, look.palette, palette, ground.KERB_HEIGHT_M, seed)
+    sky_numbers = sky.build_parameters(palette, sun, outline, detail.texture)
+    return _Stage(
+        palette,
+        sun,
+        noise,
+        ground.build_tables(road, palette),
+        ground.build_parameters(road, palette, detail.texture),
+        sky.build_panorama(sky_numbers, outline, noise),
+        style,
+        _static(props, palette, sun),
+    )
+
+
+def _static(
+    props: Sequence[scenery.Prop], palette: Palette, sun: tuple[float, float, float]
+) -> _Static:
+    bodies = light.lit(join([p.mesh for p in props]), palette, sun)
+    shadows = [np.zeros((0, 3, 3), np.float32)]
+    for prop in props:
+        if prop.casts_shadow:
+            floor = float(prop.mesh.corners[..., 2].min())
+            shadows.append(light.shadow_on_ground(prop.mesh.corners, sun, floor))
+    return _Static(
+        bodies,
+        np.concatenate(shadows),
+        np.array([(p.x_m, p.y_m, p.radius_m) for p in props]).reshape(-1, 3),
+        _ranges([len(p.mesh) for p in props]),
+        _ranges([len(p.mesh) if p.casts_shadow else 0 for p in props]),
+    )
+
+
+def _ranges(lengths: Sequence[int]) -> Array:
+    """Shape (n, 2): first and end of consecutive runs of the given lengths."""
+    ends = np.cumsum(np.asarray(lengths, dtype=np.int64))
+    return np.stack([ends - np.asarray(lengths, dtype=np.int64), ends], axis=1)
+
+
+def body(state: ObjectState, palette: Palette, travelled_m: float) -> Mesh:
+    """The mesh of an object in its own frame; colours follow from its id."""
+    number = zlib.crc32(state.object_id.encode())
+    lamps = vehicles.Lights(state.acceleration_mps2 < BRAKE_MPS2, palette.lamps_on)
+    paint = palette.paints[number % len(palette.paints)]
+    look = people.outfit(number, palette.clothes, palette.trousers)
+    match state.object_class:
+        case ObjectClass.TRUCK:
+            return vehicles.truck(state.size, paint, lamps)
+        case ObjectClass.BUS:
+            return vehicles.bus(state.size, _BUS_PAINTS[number % len(_BUS_PAINTS)], lamps)
+        case ObjectClass.MOTORCYCLE:
+            return people.motorcycle(state.size, look, lamps.brake, lamps.lamps)
+        case ObjectClass.CYCLIST:
+            return people.cyclist(state.size, look, travelled_m, lamps.lamps)
+        case ObjectClass.PEDESTRIAN:
+            return people.pedestrian(state.size, look, travelled_m, state.speed_mps)
+        case _:
+            return vehicles.car(state.size, paint, number // 16, lamps)
+
+
+def _to_block(pose: Pose2, origin: Pose2) -> Pose2:
+    x, y = origin.to_local(pose.x_m, pose.y_m)
+    return Pose2(x, y, pose.yaw_rad - origin.yaw_rad)
+
+
+def _visible(places: Array, view: View, range_m: float) -> Array:
+    """Indices of props within range that reach into the horizontal field of view, nearest first."""
+    forward = view.rotation[2, :2] / np.linalg.norm(view.rotation[2, :2])
+    slope = view.intrinsics.width_px / (2 * view.intrinsics.fx_px)
+    dx, dy = places[:, 0] - view.position_m[0], places[:, 1] - view.position_m[1]
+    radius = places[:, 2]
+    ahead = dx * forward[0] + dy * forward[1]
+    aside = np.abs(dx * forward[1] - dy * forward[0])
+    inside = aside < ahead * slope + radius * math.sqrt(1.0 + slope * slope)
+    kept = np.flatnonzero((ahead > -radius) & (ahead < range_m) & inside)
+    return np.asarray(kept[np.argsort(ahead[kept], kind="stable")])
+
+
+def render(
+    scene: Scene,
+    look: Look,
+    camera: Camera,
+    frame_index: int,
+    seed: int,
+    detail: Detail = FULL,
+) -> Array:
+    """The picture that the VUT's front camera takes.
+
+    The same arguments give the same pixels. The seed places scenery and texture; seed and
+    frame_index together draw the sensor noise.
+
+    Args:
+        scene: what is there.
+        look: palette, fog, sun (azimuth counter-clockwise from the map's x axis), exposure, noise.
+        camera: lens and mounting.
+        frame_index: number of the frame in its run.
+        seed: of the run.
+        detail: leaves scenery or texture away.
+
+    Returns:
+        Shape (height, width, 3), uint8, blue, green, red.
+    """
+    stage = _stage(scene.road.model_dump_json(), look.model_dump_json(), seed, detail)
+    origin = scene.road.origin.pose
+    view = view_from(_to_block(scene.vut.pose, origin), camera)
+    bodies: list[light.Lit] = []
+    shadows: list[Array] = []
+    boxes: list[tuple[float, ...]] = []
+    others = [o for o in scene.objects if o.object_id != scene.vut.object_id]
+    for state in [*others, scene.vut]:
+        pose = _to_block(state.pose, origin)
+        floor = ground.ground_height(scene.road, pose.y_m)
+        mesh = body(state, stage.palette, scene.travelled_m.get(state.object_id, 0.0))
+        placed = mesh.placed(pose, floor)
+        shadows.append(light.shadow_on_ground(placed.corners, stage.sun, floor))
+        if state is scene.vut:
+            continue
+        bodies.append(light.lit(placed, stage.palette, stage.sun, floor))
+        size = state.size
+        inset = 0.12 * size.width_m
+        boxes.append(
+            (pose.x_m, pose.y_m, math.cos(pose.yaw_rad), math.sin(pose.yaw_rad),
+             size.front_m - inset, size.rear_m - inset, size.width_m / 2 - inset)
+        )  # fmt: skip
+    return _draw(stage, look, view, bodies, shadows, boxes, _noise_state(seed, frame_index))
+
+
+def warm_up(road: Road, look: Look, camera: Camera, seed: int) -> None:
+    """Draws one picture, so that kernels are compiled and scenery is built before time matters."""
+    x, y = road.origin.pose.to_parent(0.0, road.lanes[0].y_m)
+    states = [
+        ObjectState(
+            name, ObjectClass.CAR, role, 0, x, y, road.origin.yaw_rad, 0.0, 0.0, 0.0,
+            DEFAULT_SIZES[ObjectClass.CAR],
+        )
+        for name, role in (("carrier", Role.VUT), ("other", Role.TRAFFIC))
+    ]  # fmt: skip
+    render(Scene(road, states[0], (states[1],)), look, camera, 0, seed)
+
+
+def _draw(
+    stage: _Stage,
+    look: Look,
+    view: View,
+    bodies: Sequence[light.Lit],
+    shadows: Sequence[Array],
+    boxes: Sequence[tuple[float, ...]],
+    noise_state: np.uint64,
+) -> Array:
+    """Runs the kernels for one frame."""
+    lens = view.intrinsics
+    inverse_depth, pixels, cover, dark = _BUFFERS.cleared(lens.height_px, lens.width_px)
+    n = compose.SAMPLES
+    # Sample i of a pixel's n lies at (i + 0.5) / n - 0.5 px from its centre.
+    samples = np.array(
+        [n * lens.fx_px, n * lens.fy_px, n * lens.cx_px + (n - 1) / 2, n * lens.cy_px + (n - 1) / 2]
+    )
+    columns, rows = view.rotation[0] / lens.fx_px, view.rotation[1] / lens.fy_px
+    corner = view.rotation[2] - lens.cx_px * columns - lens.cy_px * rows
+    rays = np.stack([corner, columns, rows])
+    eye, axes, static = view.position_m, view.rotation, stage.static
+    near = _visible(static.places, view, _SHADOW_RANGE_M)
+    flat = np.concatenate(shadows)
+    rasterise_cover(flat, _ranges([len(flat)]), eye, axes, samples, cover)
+    rasterise_cover(static.shadows, static.shadow_ranges[near], eye, axes, samples, cover)
+    if boxes:
+        compose.contact(np.array(boxes), eye, rays, _CONTACT_REACH_M, dark)
+        moving = light.gather(bodies)
+        whole = _ranges([len(moving.kinds)])
+        rasterise(
+            moving.corners, moving.attributes, moving.kinds, whole, eye, axes, samples,
+            stage.style, stage.noise, inverse_depth, pixels,
+        )  # fmt: skip
+    far = _visible(static.places, view, _SCENERY_RANGE_M)
+    rasterise(
+        static.bodies.corners, static.bodies.attributes, static.bodies.kinds,
+        static.body_ranges[far], eye, axes, samples, stage.style, stage.noise,
+        inverse_depth, pixels,
+    )  # fmt: skip
+    numbers = np.zeros(compose.PARAMETERS)
+    numbers[compose.C_FOG : compose.C_FOG + 3] = stage.palette.fog
+    numbers[compose.C_SHADOW : compose.C_SHADOW + 3] = stage.palette.shadow
+    numbers[compose.C_FOG_PER_M] = look.fog_per_m
+    numbers[compose.C_EXPOSURE] = look.exposure
+    numbers[compose.C_NOISE] = look.noise_sigma
+    numbers[compose.C_VIGNETTE] = _VIGNETTE
+    out = np.empty((lens.height_px, lens.width_px, 3), np.uint8)
+    compose.compose(
+        numbers,
+        stage.ground_tables,
+        stage.ground_numbers,
+        stage.panorama,
+        stage.noise,
+        eye,
+        rays,
+        inverse_depth,
+        pixels,
+        cover,
+        dark,
+        noise_state,
+        out,
+    )
+    return out
+
+
+def _noise_state(seed: int, frame_index: int) -> np.uint64:
+    return np.uint64(np.random.SeedSequence([seed, frame_index]).generate_state(1, np.uint64)[0])

@@ -1,0 +1,41 @@
+"""Which ticks become frames."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ssp_core.clock import NS_PER_S
+
+HOLD_PERIOD_NS = NS_PER_S  # while the world holds at step 0
+
+
+def steps_per_frame(rate_hz: float, step_s: float) -> int:
+    """N of a run: step k has a frame when k % N == 0."""
+    return max(1, round(1.0 / (rate_hz * step_s)))
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """Decides per tick; a new schedule holds what has been decided.
+
+    Args:
+        every: steps per frame.
+        last_step: step of the newest frame, None before the first.
+        last_ns: steady time at which it was decided.
+    """
+
+    every: int
+    last_step: int | None = None
+    last_ns: int = 0
+
+    def decide(self, step: int, running: bool, now_ns: int) -> tuple[bool, Schedule]:
+        """Whether this tick becomes a frame, and the schedule from then on.
+
+        A frame step is taken once when the world runs. While it holds at step 0 the same tick
+        comes again and again, and gives one frame per second of steady time.
+        """
+        if step % self.every != 0:
+            return False, self
+        if step == self.last_step and (running or now_ns - self.last_ns < HOLD_PERIOD_NS):
+            return False, self
+        return True, Schedule(self.every, step, now_ns)
