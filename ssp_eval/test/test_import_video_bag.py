@@ -172,6 +172,15 @@ def test_the_same_video_gives_the_same_bytes(video: Path, tmp_path: Path) -> Non
     assert one == other
 
 
+def test_without_a_crop_the_whole_video_is_taken(video: Path, tmp_path: Path) -> None:
+    out = tmp_path / "bag"
+    assert run(video, "--ego-unknown", "--out", out) == 0
+    assert source_frames(out) == list(range(0, 100, 2))
+    with BagReader(out) as reader:
+        record = json.loads(reader.attachment("import.json") or b"")
+    assert record["crop"] == {"start_s": 0.0, "end_s": pytest.approx(4.0)}
+
+
 @pytest.mark.parametrize(
     ("args", "status", "match"),
     [
@@ -189,6 +198,8 @@ def test_the_same_video_gives_the_same_bytes(video: Path, tmp_path: Path) -> Non
         (["--start", 0, "--end", 1, "--ego-unknown", "--rate", 60], 1, "25 frames per second"),
         (["--start", 3, "--end", 5, "--ego-unknown"], 1, "the video is 4.000 s long"),
         (["--start", 7, "--end", 9, "--ego-unknown"], 1, "the video is 4.000 s long"),
+        (["--start", 7, "--ego-unknown"], 1, "the crop from 7 s on lies beyond"),
+        (["--start", 4, "--ego-unknown"], 1, "the crop from 4 s on lies beyond"),
     ],
 )
 def test_wrong_use_is_explained_and_leaves_nothing(

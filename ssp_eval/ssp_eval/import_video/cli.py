@@ -57,8 +57,8 @@ def _matching(
 
 @click.command("import-video")
 @click.argument("video", type=click.Path(path_type=Path))
-@click.option("--start", type=Number(0), required=True, help="Start of the crop, s.")
-@click.option("--end", type=Number(0), required=True, help="End of the crop, s.")
+@click.option("--start", type=Number(0), default=0.0, help="Start of the crop, s [default: 0].")
+@click.option("--end", type=Number(0), help="End of the crop, s [default: end of the video].")
 @click.option("--ego-speed", type=Number(0, 100), help="Declared constant speed, m/s.")
 @click.option("--ego-unknown", is_flag=True, help="The vehicle's speed is not known.")
 @click.option(
@@ -94,7 +94,7 @@ def _matching(
 def import_video(
     video: Path,
     start: float,
-    end: float,
+    end: float | None,
     ego_speed: float | None,
     ego_unknown: bool,
     target: Path | None,
@@ -110,7 +110,7 @@ def import_video(
     max_width: int | None,
     json_: bool,
 ) -> None:
-    """Make a bag from a span of a video file.
+    """Make a bag from a video file, or from a span of it.
 
     A video doesn't tell how fast its camera moved: state the speed with --ego-speed (recorded as
     declared), or say --ego-unknown. Times in the bag count from the first frame of the crop.
@@ -120,7 +120,7 @@ def import_video(
             "give exactly one of --ego-speed M_PER_S and --ego-unknown: a video doesn't tell how "
             "fast its camera moved, and it is never guessed"
         )
-    if start >= end:
+    if end is not None and start >= end:
         raise click.UsageError(f"--start {start:g} must lie before --end {end:g}")
     options = ImportOptions(
         video=video,
@@ -177,7 +177,7 @@ def _as_json(summary: ImportSummary) -> dict[str, object]:
 
 def _report(summary: ImportSummary) -> None:
     if summary.keep_every > 1:
-        note(f"kept every {summary.keep_every}th frame: {summary.rate_hz:g} Hz")
+        note(f"kept one frame in {summary.keep_every}: {summary.rate_hz:g} Hz")
     out.print(
         f"{summary.bag}: {summary.frames} frames of {summary.width_px}x{summary.height_px} px, "
         f"{summary.duration_s:.3f} s",

@@ -93,7 +93,8 @@ def import_clip(
 
 def _keep_every(video: Video, options: ImportOptions) -> int:
     length_s = video.info.frames / video.info.fps
-    if video.info.frames and options.end_s > length_s + 1.0 / video.info.fps:
+    last_s = options.start_s if options.end_s is None else options.end_s
+    if video.info.frames and last_s > length_s + 1.0 / video.info.fps:
         raise _outside(options, length_s)
     try:
         return keep_every(video.info.fps, options.rate_hz)
@@ -102,8 +103,9 @@ def _keep_every(video: Video, options: ImportOptions) -> int:
 
 
 def _outside(options: ImportOptions, length_s: float) -> InputError:
+    end = "on" if options.end_s is None else f"to {options.end_s:g} s"
     return InputError(
-        f"the crop from {options.start_s:g} s to {options.end_s:g} s reaches beyond the end",
+        f"the crop from {options.start_s:g} s {end} lies beyond the video, in part or wholly",
         file=options.video,
         remedy=f"the video is {length_s:.3f} s long",
     )
@@ -128,10 +130,11 @@ def _write(
         writer.write(IMAGE, messages.image(stamp_ns, jpeg), stamp_ns, stamp_ns, count + 1)
         count += 1
         advance(1)
-    if count == 0 or video.reached_s < options.end_s - 0.5 / video.info.fps:
+    end_s = video.reached_s if options.end_s is None else options.end_s
+    if count == 0 or video.reached_s < end_s - 0.5 / video.info.fps:
         raise _outside(options, video.reached_s)
     _write_states(writer, options, stamp_ns)
-    record = import_record(options, video.info, sha256_file(options.video), start_s)
+    record = import_record(options, video.info, sha256_file(options.video), start_s, end_s)
     data = json.dumps(record, indent=1, allow_nan=False).encode() + b"\n"
     writer.attach(ATTACHMENT, data, "application/json")
     return ImportSummary(

@@ -38,7 +38,7 @@ class ImportOptions:
         video: source file.
         out: bag directory to make.
         start_s: crop, source time.
-        end_s: crop, source time, exclusive.
+        end_s: crop, source time, exclusive; None: the end of the video.
         ego_speed_mps: constant speed of the camera's vehicle on a straight line, None: unknown.
         rate_hz: at least this many frames per second are kept, None: at least 10 where the video
             has them.
@@ -53,7 +53,7 @@ class ImportOptions:
     video: Path
     out: Path
     start_s: float
-    end_s: float
+    end_s: float | None
     ego_speed_mps: float | None
     rate_hz: float | None = None
     max_width_px: int | None = None
@@ -91,7 +91,7 @@ def output_size(info: VideoInfo, max_width_px: int | None) -> tuple[int, int]:
 
 
 def import_record(
-    options: ImportOptions, info: VideoInfo, sha256: str, start_s: float
+    options: ImportOptions, info: VideoInfo, sha256: str, start_s: float, end_s: float
 ) -> dict[str, Any]:
     """The content of import.json.
 
@@ -100,6 +100,7 @@ def import_record(
         info: what the container says.
         sha256: hash of the source file.
         start_s: source time of the first frame, which is t = 0 of the clip.
+        end_s: source time at which the crop ends.
     """
     speed = options.ego_speed_mps
     return {
@@ -112,7 +113,7 @@ def import_record(
             "fps": info.fps,
             "frames": info.frames,
         },
-        "crop": {"start_s": start_s, "end_s": options.end_s},
+        "crop": {"start_s": start_s, "end_s": end_s},
         "generator": options.generator,
         "domain": options.domain,
         "scenario": options.scenario,

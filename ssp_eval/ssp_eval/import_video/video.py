@@ -73,12 +73,12 @@ class Video:
             frames=max(0, int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT))),
         )
 
-    def frames(self, start_s: float, end_s: float, keep_every: int) -> Iterator[VideoFrame]:
+    def frames(self, start_s: float, end_s: float | None, keep_every: int) -> Iterator[VideoFrame]:
         """Every n-th frame of a span, counted from its first one.
 
         Args:
             start_s: the first frame is the first one not before this time.
-            end_s: frames from this time on are left out.
+            end_s: frames from this time on are left out, None: no end.
             keep_every: n.
 
         Raises:
@@ -99,7 +99,7 @@ class Video:
             self.reached_s = time_s + 1.0 / self.info.fps
             if time_s < start_s - slack_s:
                 continue
-            if time_s >= end_s - slack_s:
+            if end_s is not None and time_s >= end_s - slack_s:
                 return
             first = number if first is None else first
             if (number - first) % keep_every == 0:
