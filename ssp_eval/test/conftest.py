@@ -110,7 +110,7 @@ class RunBag:
 
     def tick(self, stamp_ns: int, step: int, objects: list[Any]) -> Any:
         """A tick with its lockstep counters at 0: nobody here reads them."""
-        cls = self.types["ssp_msgs/msg/WorldTick"]
+        cls: Any = self.types["ssp_msgs/msg/WorldTick"]
         given = {"header": self.header(stamp_ns), "step": step, "running": True, "lockstep": True}
         counters = {
             f.name: 0

@@ -140,5 +140,6 @@ def test_ground_truth_of_a_session(make_bag: BagMaker) -> None:
     truth = truth_from_bag(make_bag())
     assert truth.series[0][0] == pytest.approx(0.0)
     assert truth.target_ids == ("ot1",)
-    assert (truth.start_s, truth.end_s) == (0.0, pytest.approx(8.9))
+    assert truth.start_s == 0.0
+    assert truth.end_s == pytest.approx(8.9)
     assert truth.hfov_rad == pytest.approx(math.radians(75.0))

@@ -8,7 +8,6 @@ from pathlib import Path
 
 from ssp_core.errors import InputError
 from ssp_core.files import write_json
-
 from ssp_eval.evaluate.asker import Askers, ModelSpec
 from ssp_eval.evaluate.cell import CellOptions, CellResult, LabelledClip, evaluate_cell
 from ssp_eval.evaluate.clip import Clip

@@ -12,7 +12,6 @@ from ssp_core import __version__
 from ssp_core.errors import PeerError
 from ssp_core.files import write_bytes, write_json, write_text
 from ssp_core.hashing import sha256_bytes, sha256_file, sha256_json
-
 from ssp_eval.evaluate.asker import Asker, Askers, Ignored, ModelSpec
 from ssp_eval.evaluate.clip import Clip, NoQuestion, Question
 from ssp_eval.evaluate.interpret import records_of

@@ -10,9 +10,9 @@ from typing import Any
 
 import click
 from rich.table import Table
+
 from ssp_core import console
 from ssp_core.errors import InputError
-
 from ssp_eval.evaluate.asker import ModelSpec, bridge_spec
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions, CellResult

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
+from ssp_eval.evaluate.asker import Ignored, Reply
 from ssp_vla_bridge.core.request import Request
 from ssp_vla_bridge.core.response import Response
-
-from ssp_eval.evaluate.asker import Ignored, Reply
 
 
 class Exchange:

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict
 
-from ssp_vla_bridge.core.adapters import adapt
-
 from ssp_eval.evaluate.store import Asked
 from ssp_eval.extract import extract
 from ssp_eval.records import BehaviourRecord
+from ssp_vla_bridge.core.adapters import adapt
 
 
 def records_of(asked: Sequence[Asked], adapter: str) -> list[BehaviourRecord]:

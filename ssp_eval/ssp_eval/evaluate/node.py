@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -13,19 +13,19 @@ from rclpy.executors import Executor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
+
 from ssp_core.console import report_error
 from ssp_core.errors import SspError
 from ssp_core.names import vla_request_topic, vla_response_topic
 from ssp_core.ros import VLA, make_executor, make_node
-from ssp_vla_bridge.conversions import request_to_msg, response_from_msg
-from ssp_vla_bridge.core.request import Request
-
 from ssp_eval.evaluate.asker import ModelSpec
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.exchange import Exchange
 from ssp_eval.evaluate.topics import TopicAskers
 from ssp_msgs.msg import VlaRequest, VlaResponse
+from ssp_vla_bridge.conversions import request_to_msg, response_from_msg
+from ssp_vla_bridge.core.request import Request
 
 NAME = "evaluator"
 
@@ -36,10 +36,11 @@ class RosLink:
     def __init__(self, node: Node, model: str, exchange: Exchange) -> None:
         self._node = node
         self._exchange = exchange
-        self._response_topic = vla_response_topic(model)
-        self._publisher = node.create_publisher(VlaRequest, vla_request_topic(model), VLA)
+        self._topics = vla_request_topic(model), vla_response_topic(model)
+        self._gone: set[bytes] = set()
+        self._publisher = node.create_publisher(VlaRequest, self._topics[0], VLA)
         self._subscription = node.create_subscription(
-            VlaResponse, self._response_topic, self._on_response, VLA
+            VlaResponse, self._topics[1], self._on_response, VLA
         )
 
     def send(self, request: Request) -> None:
@@ -47,9 +48,27 @@ class RosLink:
         self._publisher.publish(request_to_msg(request))
 
     def matched(self) -> bool:
-        """True while a bridge is on both topics."""
-        answers = self._node.count_publishers(self._response_topic)
-        return bool(answers and self._publisher.get_subscription_count())
+        """True while a bridge that wasn't forgotten is on both topics."""
+        readers, writers = self._endpoints()
+        matched = self._publisher.get_subscription_count() > 0
+        return matched and bool(readers - self._gone) and bool(writers - self._gone)
+
+    def forget(self) -> None:
+        """What is on the topics now is gone: DDS believes in a killed process for a while yet."""
+        readers, writers = self._endpoints()
+        self._gone |= readers | writers
+
+    def _endpoints(self) -> tuple[set[bytes], set[bytes]]:
+        readers = self._node.get_subscriptions_info_by_topic(
+            self._node.resolve_topic_name(self._topics[0])
+        )
+        writers = self._node.get_publishers_info_by_topic(
+            self._node.resolve_topic_name(self._topics[1])
+        )
+        return (
+            {bytes(info.endpoint_gid) for info in readers},
+            {bytes(info.endpoint_gid) for info in writers},
+        )
 
     def _on_response(self, msg: Any) -> None:
         try:
@@ -82,19 +101,16 @@ def open_transport() -> Iterator[RosTransport]:
 
     Signals are left alone: Ctrl-C is a KeyboardInterrupt in whoever waits.
     """
-    ours = not rclpy.ok()
-    if ours:
-        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    node = make_node(NAME)
-    executor = make_executor()
-    executor.add_node(node)
-    try:
+    with ExitStack() as stack:
+        if not rclpy.ok():
+            rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+            stack.callback(rclpy.try_shutdown)
+        node = make_node(NAME)
+        stack.callback(node.destroy_node)
+        executor = make_executor()
+        stack.callback(executor.shutdown)
+        executor.add_node(node)
         yield RosTransport(node, executor)
-    finally:
-        executor.shutdown()
-        node.destroy_node()
-        if ours:
-            rclpy.try_shutdown()
 
 
 def main() -> int:

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 
 import yaml
 from pydantic import Field
+
 from ssp_core.bag import BagReader
 from ssp_core.errors import InputError
 from ssp_core.files import parse_model
@@ -15,7 +16,6 @@ from ssp_core.hashing import sha256_file, sha256_json
 from ssp_core.names import SESSION_STATE, absolute
 from ssp_core.run_spec import RunSpec, Strict
 from ssp_core.vocab import SessionPhase, Verdict
-
 from ssp_eval.evaluate.states import stamp_ns
 
 RUN_ATTACHMENT = "run.yaml"

@@ -16,10 +16,9 @@ import ssp_core
 from ssp_core.domains import free_domain
 from ssp_core.errors import HostError, PeerError
 from ssp_core.processes import NodeProcess, ProcessGroup, session_environment
-from ssp_vla_bridge.core.request import Request
-
 from ssp_eval.evaluate.asker import Asker, Ignored, ModelSpec, Reply
 from ssp_eval.evaluate.exchange import Exchange
+from ssp_vla_bridge.core.request import Request
 
 BRIDGE_MODULE = "ssp_vla_bridge.node"
 PROFILE = Path(ssp_core.__file__).parent / "config" / "fastdds_one_host.xml"
@@ -45,7 +44,10 @@ class Link(Protocol):
         """Publishes a request."""
 
     def matched(self) -> bool:
-        """True while a bridge is on both topics."""
+        """True while a bridge that wasn't forgotten is on both topics."""
+
+    def forget(self) -> None:
+        """The bridge that is on the topics now has ended, whatever discovery still says."""
 
 
 class Transport(Protocol):
@@ -85,7 +87,7 @@ class TopicAsker:
         self._link = link
         self._timeout_s = timeout_s
         self._start = start
-        self._process: NodeProcess | None = None
+        self.process: NodeProcess | None = None
         self._deaths = 0
         self._connected = False
 
@@ -101,12 +103,13 @@ class TopicAsker:
             PeerError: it doesn't come, or ends before that.
         """
         if self._start is not None and (
-            self._process is None or self._process.returncode is not None
+            self.process is None or self.process.returncode is not None
         ):
-            self._process = self._start()
+            self._link.forget()
+            self.process = self._start()
         deadline = time.monotonic() + CONNECT_S
         while not self._link.matched():
-            if self._process is not None and self._process.returncode is not None:
+            if self.process is not None and self.process.returncode is not None:
                 raise PeerError(self._died("ended before it was ready"))
             if time.monotonic() > deadline:
                 raise PeerError(f"no bridge for {self._model} on its topics within {CONNECT_S:g} s")
@@ -146,15 +149,15 @@ class TopicAsker:
         return Reply(None, f"no answer within {self._timeout_s:g} s")
 
     def _alive(self) -> bool:
-        if self._process is not None:
-            return self._process.returncode is None
+        if self.process is not None:
+            return self.process.returncode is None
         return self._link.matched()
 
     def _died(self, what: str) -> str:
-        if self._process is None:
+        if self.process is None:
             return f"the bridge of {self._model} left its topics"
-        tail = self._process.log_tail(3).strip().replace("\n", " | ")
-        how = f"the bridge {what} ({self._process.describe_exit()})"
+        tail = self.process.log_tail(3).strip().replace("\n", " | ")
+        how = f"the bridge {what} ({self.process.describe_exit()})"
         return f"{how}: {tail}" if tail else how
 
 
@@ -211,7 +214,7 @@ class TopicAskers:
         exchange.ignored = Ignored()
         start = None if model.attached else lambda: self._start(model.name, text)
         if known is not None:
-            self._stop(model.name, link, transport)
+            self._stop(model.name, link)
         asker = TopicAsker(model.name, transport, exchange, link, self._timeout_s, start)
         asker.connect()
         self._askers[model.name] = text, asker
@@ -247,17 +250,15 @@ class TopicAskers:
         self._running[model] = process
         return process
 
-    def _stop(self, model: str, link: Link, transport: Transport) -> None:
-        """Ends a bridge whose options change, and waits until it has left the topics."""
+    def _stop(self, model: str, link: Link) -> None:
+        """Ends a bridge whose options change."""
         process = self._running.get(model)
         if process is None:
             return
         process.expected_to_stop = True
         process.process.terminate()
         process.process.wait(10.0)
-        deadline = time.monotonic() + 10.0
-        while link.matched() and time.monotonic() < deadline:
-            transport.spin(_SPIN_S)
+        link.forget()
 
 
 @contextmanager

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Annotated, Literal, TypeVar
 
 from pydantic import ConfigDict, Field
+
 from ssp_core.bag import BagReader
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.errors import InputError
@@ -20,7 +21,6 @@ from ssp_core.names import CAMERA_IMAGE, VUT_ID, WORLD_TICK, absolute
 from ssp_core.run_spec import Strict
 from ssp_core.state import ObjectState, Size
 from ssp_core.vocab import ObjectClass, Role
-
 from ssp_eval.evaluate.provenance import read_provenance
 from ssp_eval.evaluate.states import object_state, peek_stamp_ns, stamp_ns
 from ssp_eval.labels.event import EventThresholds
@@ -78,7 +78,7 @@ def truth_from_bag(path: str | Path) -> Truth:
         target_ids=tuple(target.id for target in run.targets),
         series=series,
         source=str(path),
-        hfov_rad=math.radians(run.camera.hfov_deg),
+        hfov_rad=None if run.camera is None else math.radians(run.camera.hfov_deg),
         thresholds=EventThresholds(
             ttc_s=run.thresholds.ttc_s, arrival_gap_s=run.thresholds.arrival_gap_s
         ),

@@ -6,10 +6,10 @@ import json
 from pathlib import Path
 
 import click
+
 from ssp_core import console
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_file
-
 from ssp_eval.evaluate.truth import truth_from_bag, truth_from_file
 from ssp_eval.labels.model import load_labels
 from ssp_eval.labels.proposal_file import is_unreviewed, sidecar, write_proposal

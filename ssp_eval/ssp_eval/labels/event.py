@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from ssp_core.state import ObjectState
-
 from ssp_eval.labels.geometry import CORRIDOR_MARGIN_M, Corridor, Extent, ttc_s
 
 # Below this a participant has no predicted arrival.

@@ -13,7 +13,6 @@ from pathlib import Path
 
 from ssp_core.files import read_mapping, write_json
 from ssp_core.hashing import sha256_file
-
 from ssp_eval.labels.model import labels_to_json
 from ssp_eval.labels.propose import Proposal
 

@@ -35,7 +35,6 @@ from itertools import pairwise
 from ssp_core.errors import InputError
 from ssp_core.state import ObjectState
 from ssp_core.vocab import LON_ACTIONS
-
 from ssp_eval.labels.event import Event, EventThresholds, find_event, samples_of
 from ssp_eval.labels.geometry import (
     DEFAULT_MOTION,

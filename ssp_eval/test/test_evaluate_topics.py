@@ -1,0 +1,107 @@
+"""The topic path: real bridges in processes of their own, in a domain of their own."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ssp_eval.evaluate.asker import Asker, Ignored, ModelSpec, Reply, bridge_spec
+from ssp_eval.evaluate.campaign import run_campaign
+from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.cli import evaluate as evaluate_command
+from ssp_eval.evaluate.topics import TopicAsker, TopicAskers
+from ssp_vla_bridge.core.request import Request
+
+BagMaker = Callable[..., Path]
+
+
+class Killing:
+    """Kills the bridge before one of the requests is sent."""
+
+    def __init__(self, inner: TopicAskers, at: int) -> None:
+        self.inner, self.at, self.count = inner, at, 0
+        self.pids: list[int] = []
+
+    def asker(self, model: ModelSpec, options: Mapping[str, Any]) -> Asker:
+        asker = self.inner.asker(model, options)
+        if not isinstance(asker, TopicAsker):
+            raise TypeError(asker)
+        return _KillingAsker(self, asker)
+
+
+class _KillingAsker:
+    def __init__(self, owner: Killing, inner: TopicAsker) -> None:
+        self.owner, self.inner = owner, inner
+
+    @property
+    def ignored(self) -> Ignored:
+        return self.inner.ignored
+
+    def ask(self, request: Request) -> Reply:
+        process = self.inner.process
+        if process is None:
+            raise ValueError("the bridge was not started here")
+        self.owner.pids.append(process.process.pid)
+        if self.owner.count == self.owner.at:
+            # A stopped process takes the request and never answers; then it is killed for good.
+            os.kill(process.process.pid, signal.SIGSTOP)
+            os.kill(process.process.pid, signal.SIGKILL)
+        self.owner.count += 1
+        return self.inner.ask(request)
+
+
+@pytest.mark.ros
+def test_a_campaign_over_topics_and_a_killed_bridge(make_bag: BagMaker, tmp_path: Path) -> None:
+    bag, out = make_bag(), tmp_path / "out"
+    before = dict(os.environ)
+    with TopicAskers(out / "logs", 20.0, attached=False) as askers:
+        killing = Killing(askers, at=3)
+        (result,) = run_campaign(
+            [(bag, None)], [bridge_spec("constant_velocity")], killing, out, CellOptions(), True
+        )
+    assert dict(os.environ) == before
+    assert result.status == "ok"
+    # The bridge was started again; the record that died with it is the only loss, and where it
+    # was noticed before the request went out, there is none at all.
+    assert result.missing <= 1
+    assert len(set(killing.pids)) == 2
+    for entry in json.loads((result.folder / "cell.json").read_text())["answers"]["missing"]:
+        assert "killed by SIGKILL" in entry["reason"]
+    for pid in set(killing.pids):
+        assert not Path(f"/proc/{pid}").exists()
+
+
+@pytest.mark.ros
+def test_the_command_line_reaches_1_with_the_perfect_bridge(
+    make_bag: BagMaker, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    arguments = [
+        str(make_bag()), "--propose-labels", "--bridge", "perfect", "--out",
+        str(tmp_path / "out"), "--json",
+    ]  # fmt: skip
+    # Not through click's runner: the executor wants a standard error with a file descriptor.
+    assert evaluate_command.main(arguments, standalone_mode=False) == 0
+    line = json.loads(capfd.readouterr().out.splitlines()[-1])
+    assert line["score"]["ivcs"] == pytest.approx(1.0)
+    assert line["sent"] == 9
+
+
+@pytest.mark.ros
+def test_a_bridge_that_can_t_start_fails_its_cell_only(make_bag: BagMaker, tmp_path: Path) -> None:
+    with TopicAskers(tmp_path / "logs", 20.0, attached=False) as askers:
+        results = run_campaign(
+            [(make_bag(), None)],
+            [ModelSpec("nonsense"), ModelSpec("silent")],
+            askers,
+            tmp_path / "out",
+            CellOptions(),
+            True,
+        )
+    assert [result.status for result in results] == ["failed", "ok"]
+    assert "no such backend" in results[0].reasons[0]
