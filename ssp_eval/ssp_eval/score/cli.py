@@ -18,6 +18,7 @@ from ssp_eval.score.show import score_notes, score_table
 
 LABELS_FILES = ("labels.json", "labels.yaml", "labels.yml")
 RECORDS_FILE = "records.jsonl"
+_WIDEST = 10_000
 
 
 @click.command()
@@ -41,8 +42,9 @@ def score(case_dirs: tuple[Path, ...], as_json: bool) -> None:
         return
     table = score_table(scored)
     # A narrow terminal or a pipe gets long lines rather than cut numbers.
-    width = max(console.out.width, console.out.measure(table).maximum)
-    console.out.print(table, width=width)
+    unbounded = console.out.options.update(max_width=_WIDEST)
+    table.width = console.out.measure(table, options=unbounded).maximum
+    console.out.print(table)
     for note in score_notes(scored):
         console.out.print(note, markup=False)
 

@@ -41,7 +41,7 @@ class Judgement:
         trajectory_valid: v_trj (5.3).
         slots: e, z, h, s and the values of the four semantic slots (6.3).
         interaction_evaluable: E (6.4).
-        interaction_correct: C (6.4).
+        interaction_correct: C (6.4), False where E = 0.
         text_lon, text_lat: the actions that the text commits to with evidence, or None (6.5).
         trajectory_lon, trajectory_lat: the inferred actions, None if v_trj = 0 (6.6).
         feasible: F (6.6), None if v_trj = 0.

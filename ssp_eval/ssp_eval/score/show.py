@@ -61,7 +61,7 @@ def score_notes(cells: Sequence[tuple[str, CellScore]]) -> list[str]:
     for case, score in cells:
         if score.details.ivcs_nulls:
             names = ", ".join(score.details.ivcs_nulls)
-            notes.append(f"* {case}: {names} has no denominator and counts as 0 in IVCS.")
+            notes.append(f"* {case}: no denominator for {names}, counted as 0 in IVCS.")
         if unmatched := score.details.unmatched_records:
-            notes.append(f"{case}: {len(unmatched)} records match no label and are ignored.")
+            notes.append(f"{case}: records that match no label, ignored: {len(unmatched)}.")
     return notes

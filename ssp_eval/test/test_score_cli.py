@@ -1,0 +1,207 @@
+"""``ssp score`` as people and programs call it."""
+
+import json
+import math
+
+import pytest
+
+from ssp_core.cli import main
+from ssp_eval.score import DEFAULT
+
+KEYS = [
+    "n",
+    "matched",
+    "jovr",
+    "sem_cov",
+    "sem_acc_cond",
+    "sem_acc_eff",
+    "sem_acc_soft",
+    "cia_eff",
+    "act_acc_eff",
+    "stfr",
+    "tqsr",
+    "atc_eff",
+    "rsr",
+    "rl_s",
+    "ivcs",
+    "denominators",
+]
+NAMES = ("objects", "position", "motion", "conflict", "lon_action", "lat_action")
+
+
+def label(t_s):
+    return {
+        "t_s": t_s,
+        "phase": "conflict",
+        "risk_visible": True,
+        "objects": ["car"],
+        "position": "front",
+        "motion": "same_direction",
+        "conflict": "active",
+        "lon_actions": ["decelerate"],
+        "lat_actions": ["straight"],
+    }
+
+
+def record(t_s, text="slow down for the car"):
+    values = (["car"], "front", "same_direction", "active", "decelerate", "straight")
+    return {
+        "schema": "ssp.record/1",
+        "t_s": t_s,
+        "text": text,
+        "slots": {
+            name: {"value": value, "evidence": [[0, 4]]}
+            for name, value in zip(NAMES, values, strict=True)
+        },
+        "trajectory": {"t_s": [0.0, 0.5, 1.0], "x_m": [0.0, 5.0, 9.0], "y_m": [0.0] * 3},
+        "invalid": [],
+    }
+
+
+@pytest.fixture
+def make_case(tmp_path):
+    """Writes a folder with labels at 1.0 and 1.5 s and the records given."""
+
+    def make(name, records=(), **labels):
+        folder = tmp_path / name
+        folder.mkdir(parents=True)
+        content = {
+            "schema": "ssp.labels/1",
+            "scenario": "cut_in",
+            "domain": "physical",
+            "event_version": "v",
+            "risk_time_s": 0.75,
+            "first_frame_dynamics": True,
+            "labels": [label(1.0), label(1.5)],
+        } | labels
+        (folder / "labels.json").write_text(json.dumps(content))
+        lines = [item if isinstance(item, str) else json.dumps(item) for item in records]
+        (folder / "records.jsonl").write_text("".join(f"{line}\n" for line in lines))
+        return folder
+
+    return make
+
+
+@pytest.fixture
+def run(capsys):
+    """Runs ``ssp score`` and returns status, standard output, standard error."""
+
+    def call(*args):
+        capsys.readouterr()
+        status = main(["score", *map(str, args)])
+        captured = capsys.readouterr()
+        return status, captured.out, captured.err
+
+    return call
+
+
+def test_json_gives_one_line_per_folder_sorted_by_name(make_case, run):
+    perfect = make_case("b_perfect", [record(1.0), record(1.5)])
+    silent = make_case("a_silent")
+    status, out, err = run(perfect, silent, "--json")
+    assert (status, err) == (0, "")
+    first, second = map(json.loads, out.splitlines())
+    assert list(first) == ["case", *KEYS, "thresholds_sha256"]
+    assert (first["case"], second["case"]) == ("a_silent", "b_perfect")
+    assert (first["ivcs"], first["rl_s"], first["sem_acc_cond"]) == (0.0, None, None)
+    assert (second["ivcs"], second["rl_s"]) == (1.0, 0.25)
+    assert second["denominators"] == {"semantic": 8, "cia": 2}
+    assert second["thresholds_sha256"] == DEFAULT.sha256
+
+
+def test_json_keeps_full_double_precision(make_case, run):
+    folder = make_case("thirds", [record(1.0)], labels=[label(1.0), label(1.5), label(2.0)])
+    assert json.loads(run(folder, "--json")[1])["jovr"] == 1 / 3
+
+
+def test_the_table_shows_response_nulls_and_the_disclaimer(make_case, run):
+    nothing = dict.fromkeys(("objects", "position", "motion", "conflict"))
+    folders = [
+        make_case("late", [record(1.0), record(1.5), record(9.0)]),
+        make_case("[red]null", [record(1.0)], labels=[label(1.0) | nothing]),
+    ]
+    status, out, _ = run(*folders)
+    rows = {line.split("│")[1].strip(): line for line in out.splitlines() if line.startswith("│")}
+    assert status == 0
+    assert "S@0.25" in rows["late"]
+    assert " F " in rows["[red]null"]
+    assert "–" in rows["[red]null"]
+    assert "0.400*" in rows["[red]null"]
+    assert "IVCS is no safety certificate" in out
+    assert "no denominator for sem_acc_eff, cia_eff, counted as 0 in IVCS" in out
+    assert "late: records that match no label, ignored: 1." in out
+    assert "…" not in out
+
+
+def test_folders_that_share_a_name_are_told_apart_by_their_paths(make_case, run):
+    folders = [make_case(f"{parent}/same") for parent in ("x", "y")]
+    _, out, _ = run(*reversed(folders), "--json")
+    assert [json.loads(line)["case"] for line in out.splitlines()] == [str(f) for f in folders]
+
+
+def test_the_name_of_the_present_folder_is_found(make_case, run, monkeypatch):
+    monkeypatch.chdir(make_case("here"))
+    assert json.loads(run(".", "--json")[1])["case"] == "here"
+
+
+def test_labels_in_yaml_are_found_and_two_labels_files_are_refused(make_case, run):
+    folder = make_case("case")
+    (folder / "labels.json").rename(folder / "labels.yaml")
+    assert run(folder, "--json")[0] == 0
+    (folder / "labels.json").write_text("{}")
+    status, out, err = run(folder, "--json")
+    assert (status, out) == (1, "")
+    assert "labels.json, labels.yaml" in err
+
+
+@pytest.mark.parametrize(
+    ("records", "labels", "expected"),
+    [
+        ([record(1.0), "{"], {}, "records.jsonl:2: is not valid JSON"),
+        ([record(1.0), record(1.0)], {}, "records.jsonl:2: t_s: must rise strictly"),
+        ([record(math.nan)], {}, "records.jsonl:1: t_s: must be a finite number"),
+        ([record(1.0) | {"text": 3}], {}, "records.jsonl:1: text: must be a string"),
+        ([record(1.0) | {"schema": "x"}], {}, "records.jsonl:1: schema: is outside"),
+        ([], {"domain": "moon"}, "labels.json: domain: is outside the vocabulary"),
+        ([], {"labels": []}, "labels.json: labels: must hold at least one label"),
+        (
+            [],
+            {"labels": [label(1.0) | {"lon_actions": []}]},
+            "labels.json: labels[0].lon_actions: must not be empty",
+        ),
+        (
+            [],
+            {"labels": [label(1.0) | {"risk_visible": False}], "risk_time_s": None},
+            "labels.json: risk_time_s: is null",
+        ),
+    ],
+)
+@pytest.mark.parametrize("form", [["--json"], []])
+def test_one_bad_file_means_that_nothing_is_scored(make_case, run, records, labels, expected, form):
+    good = make_case("a_good", [record(1.0), record(1.5)])
+    bad = make_case("b_bad", records, **labels)
+    status, out, err = run(good, bad, *form)
+    assert (status, out) == (1, "")
+    assert f"{bad}/{expected}" in err
+    assert "Traceback" not in err
+
+
+@pytest.mark.parametrize("missing", ["labels.json", "records.jsonl"])
+def test_a_missing_file_is_named(make_case, run, missing):
+    folder = make_case("case")
+    (folder / missing).unlink()
+    status, out, err = run(folder, "--json")
+    assert (status, out) == (1, "")
+    assert f"{folder}/{missing}: can't be read" in err
+
+
+def test_a_missing_folder_is_named(tmp_path, run):
+    status, out, err = run(tmp_path / "nowhere", "--json")
+    assert (status, out) == (1, "")
+    assert "nowhere: is no folder" in err
+
+
+@pytest.mark.parametrize("args", [[], ["--json"], ["--yaml", "x"]])
+def test_wrong_usage_exits_with_2(run, args):
+    status, out, _ = run(*args)
+    assert (status, out) == (2, "")

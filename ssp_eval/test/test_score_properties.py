@@ -1,0 +1,261 @@
+"""What must hold for any labels and any outputs (METHOD 6)."""
+
+import json
+import math
+from dataclasses import replace
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ssp_core.vocab import (
+    CONFLICTS,
+    LAT_ACTIONS,
+    LON_ACTIONS,
+    MOTIONS,
+    OBJECTS,
+    PHASES,
+    POSITIONS,
+)
+from ssp_eval.labels.model import Label, Labels
+from ssp_eval.records import BehaviourRecord, Slot, Slots
+from ssp_eval.score import STAGES, Thresholds, score_cell
+from ssp_vla_bridge.core.trajectory import Trajectory
+
+RATIOS = (
+    "jovr",
+    "sem_cov",
+    "sem_acc_cond",
+    "sem_acc_eff",
+    "sem_acc_soft",
+    "cia_eff",
+    "act_acc_eff",
+    "stfr",
+    "tqsr",
+    "atc_eff",
+    "ivcs",
+)
+MOVES = {
+    "stop": (1.0, 1.0),
+    "decelerate": (5.0, 9.0),
+    "maintain": (5.0, 10.0),
+    "accelerate": (5.0, 11.0),
+}
+SHIFTS = {"left": 0.5, "straight": 0.0, "right": -0.5}
+
+
+def some(vocabulary, least=0):
+    return st.lists(st.sampled_from(vocabulary), unique=True, min_size=least).map(tuple)
+
+
+def rising(largest):
+    return st.lists(st.integers(0, largest), min_size=1, max_size=7, unique=True).map(
+        lambda steps: [0.05 * step for step in sorted(steps)]
+    )
+
+
+labels_of_one_time = st.builds(
+    Label,
+    t_s=st.just(0.0),
+    phase=st.sampled_from(PHASES),
+    risk_visible=st.booleans(),
+    objects=st.none() | some(OBJECTS),
+    position=st.none() | st.sampled_from(POSITIONS),
+    motion=st.none() | st.sampled_from(MOTIONS),
+    conflict=st.none() | st.sampled_from(CONFLICTS),
+    lon_actions=some(LON_ACTIONS, 1),
+    lat_actions=some(LAT_ACTIONS, 1),
+)
+
+
+@st.composite
+def any_labels(draw):
+    items = [replace(draw(labels_of_one_time), t_s=time) for time in draw(rising(40))]
+    return Labels("cut_in", "physical", "v", draw(st.floats(0, 2)), draw(st.booleans()), (*items,))
+
+
+spans = st.lists(st.tuples(st.integers(-2, 8), st.integers(-2, 8)), max_size=2).map(tuple)
+
+
+def slots_of(vocabulary):
+    return st.none() | st.builds(Slot, st.sampled_from(vocabulary), spans)
+
+
+numbers = st.floats(-30, 30) | st.sampled_from([math.nan, math.inf, -1e308, 1e308])
+trajectories = (
+    st.none()
+    | st.builds(
+        Trajectory,
+        st.sampled_from([(0.0, 0.5, 1.0), (0.0, 1.0, 2.0), (0.0, 0.5, 0.9)]),
+        st.tuples(numbers, numbers, numbers),
+        st.tuples(numbers, numbers, numbers),
+    )
+    | st.builds(Trajectory, *[st.lists(numbers, max_size=3).map(tuple) for _ in range(3)])
+    | st.sampled_from(
+        [Trajectory((0.0, 0.5, 1.0), (0.0, *xs), (0.0,) * 3) for xs in MOVES.values()]
+    )
+)
+
+
+@st.composite
+def any_records(draw):
+    return [
+        BehaviourRecord(
+            t_s=time,
+            text=draw(st.sampled_from(["", " ", "a car", "slow down"])),
+            slots=Slots(
+                objects=draw(st.none() | st.builds(Slot, some(OBJECTS), spans)),
+                position=draw(slots_of(POSITIONS)),
+                motion=draw(slots_of(MOTIONS)),
+                conflict=draw(slots_of(CONFLICTS)),
+                lon_action=draw(slots_of(LON_ACTIONS)),
+                lat_action=draw(slots_of(LAT_ACTIONS)),
+            ),
+            trajectory=draw(trajectories),
+        )
+        for time in draw(rising(40))
+    ]
+
+
+@settings(max_examples=100, deadline=None)
+@given(labels=any_labels(), records=any_records())
+def test_every_score_is_in_its_range(labels, records):
+    cell = score_cell(labels, records)
+    score = cell.to_json()
+    assert all(score[key] is None or 0 <= score[key] <= 1 for key in RATIOS)
+    assert score["matched"] <= min(score["n"], len(records))
+    assert score["rsr"] in (0, 1)
+    assert (score["rl_s"] is None) == (score["rsr"] == 0)
+    assert score["rl_s"] is None or score["rl_s"] >= 0
+    assert (score["sem_acc_eff"] is None) == (score["denominators"]["semantic"] == 0)
+    assert (score["cia_eff"] is None) == (score["denominators"]["cia"] == 0)
+    json.dumps(score, allow_nan=False)
+    json.dumps(cell.details.to_json(), allow_nan=False)
+
+
+@settings(max_examples=100, deadline=None)
+@given(labels=any_labels(), records=any_records())
+def test_what_is_contained_in_what(labels, records):
+    """A conjunction never scores more than its parts (METHOD 6.2 to 6.8)."""
+    cell = score_cell(labels, records)
+    assert cell.tqsr <= cell.stfr
+    assert cell.jovr * cell.n <= cell.matched
+    if cell.sem_acc_eff is not None and cell.sem_cov is not None:
+        assert cell.sem_acc_eff <= cell.sem_acc_soft <= cell.sem_cov
+    assert sum(cell.details.first_failures.values()) <= cell.n
+    assert set(cell.details.first_failures) == set(STAGES)
+    for item in cell.details.judgements:
+        assert item.record is not None or item.first_failure == "output_validity"
+        assert not item.candidate or item.record is not None
+
+
+@settings(max_examples=60, deadline=None)
+@given(labels=any_labels(), records=any_records(), data=st.data())
+def test_a_record_far_from_every_label_changes_nothing_but_the_count(labels, records, data):
+    stray = replace(data.draw(st.sampled_from(records)), t_s=100.0)
+    before, after = score_cell(labels, records), score_cell(labels, [*records, stray])
+    assert after.to_json() == before.to_json()
+    assert after.details.judgements == before.details.judgements
+    assert after.details.unmatched_records == (*before.details.unmatched_records, len(records))
+
+
+@settings(max_examples=60, deadline=None)
+@given(labels=any_labels(), records=any_records())
+def test_inputs_are_not_changed(labels, records):
+    before = repr(records), repr(labels)
+    score_cell(labels, records)
+    assert (repr(records), repr(labels)) == before
+
+
+def right_answer(label):
+    text, evidence = "said", ((0, 4),)
+
+    def slot(value):
+        return None if value is None else Slot(value, evidence)
+
+    lon, lat = label.lon_actions[0], label.lat_actions[0]
+    shift = SHIFTS[lat]
+    return BehaviourRecord(
+        t_s=label.t_s,
+        text=text,
+        slots=Slots(
+            slot(label.objects),
+            slot(label.position),
+            slot(label.motion),
+            slot(label.conflict),
+            slot(lon),
+            slot(lat),
+        ),
+        trajectory=Trajectory((0.0, 0.5, 1.0), (0.0, *MOVES[lon]), (0.0, shift / 2, shift)),
+    )
+
+
+@settings(max_examples=60, deadline=None)
+@given(labels=any_labels())
+def test_a_perfect_answer_scores_one_everywhere(labels):
+    items = [
+        replace(item, conflict="active", lon_actions=("decelerate", "stop"), t_s=0.5 * i)
+        for i, item in enumerate(labels.labels * 3)
+    ]
+    labels = replace(labels, labels=tuple(items), risk_time_s=0.25)
+    cell = score_cell(labels, [right_answer(item) for item in items])
+    score = cell.to_json()
+    assert {key for key in RATIOS if key != "ivcs" and score[key] not in (1.0, None)} == set()
+    assert score["rsr"] == 1
+    # The label at 0 lies before the risk; the response begins at the one after it.
+    assert score["rl_s"] == 0.25
+    nulls = cell.details.ivcs_nulls
+    lost = sum({"sem_acc_eff": 0.3, "cia_eff": 0.2}[name] for name in nulls)
+    assert score["ivcs"] == pytest.approx(1 - lost, abs=1e-12)
+    assert set(cell.details.first_failures.values()) == {0}
+
+
+@settings(max_examples=60, deadline=None)
+@given(labels=any_labels())
+def test_silence_scores_zero_or_null(labels):
+    score = score_cell(labels, []).to_json()
+    assert score["matched"] == 0
+    assert score["rl_s"] is None
+    assert score["sem_acc_cond"] is None
+    assert {score[key] for key in RATIOS} <= {0, None}
+
+
+def test_the_hash_of_the_thresholds_is_in_the_result_and_follows_each_of_them():
+    labels = Labels(
+        "s",
+        "physical",
+        "v",
+        0.0,
+        True,
+        (Label(0.0, "approach", False, None, None, None, None, ("maintain",), ("straight",)),),
+    )
+    hashes = {Thresholds().sha256}
+    for name, value in vars(Thresholds()).items():
+        changed = replace(Thresholds(), **{name: value + 1})
+        assert score_cell(labels, [], changed).details.thresholds_sha256 == changed.sha256
+        hashes.add(changed.sha256)
+    assert len(hashes) == 1 + len(vars(Thresholds()))
+
+
+def test_the_thresholds_are_those_of_the_method():
+    """A changed default is a changed method: this hash moves only with METHOD 5.4 and 6."""
+    assert vars(Thresholds()) == {
+        "tolerance": 1e-9,
+        "match_window_s": 0.11,
+        "soft_credit": 0.5,
+        "support_end_s": 1.0,
+        "stop_speed_mps": 0.5,
+        "accel_mps2": 0.5,
+        "lateral_shift_m": 0.3,
+        "max_backward_m": 0.2,
+        "max_speed_mps": 25.0,
+        "max_lateral_speed_mps": 5.0,
+        "max_accel_mps2": 8.0,
+        "response_count": 2,
+        "response_gap_s": 0.6,
+        "weight_jovr": 0.1,
+        "weight_sem_acc_eff": 0.3,
+        "weight_cia_eff": 0.2,
+        "weight_tqsr": 0.3,
+        "weight_rsr": 0.1,
+    }
