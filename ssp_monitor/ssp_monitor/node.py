@@ -157,18 +157,20 @@ class MonitorNode(Node):
         """Messages known to be lost: never arrived, or not written."""
         return self.intake.gaps.total + self.recorder.state().dropped
 
-    def _has_publisher(self, topic: TopicSpec) -> bool:
+    def _is_missing(self, topic: TopicSpec) -> bool:
+        """No publisher where one must be, or one that the recorder can't hear, anywhere."""
         wanted = recording_profile(topic.profile)
-        return any(
+        heard = [
             qos_check_compatible(publisher.qos_profile, wanted)[0] != QoSCompatibility.ERROR
             for publisher in self.get_publishers_info_by_topic(topic.name)
-        )
+        ]
+        return not all(heard) or (topic.required and not heard)
 
     def _publish_status(self) -> None:
         if self.intake.error is not None:
             raise HostError(f"reception ended: {self.intake.error}") from self.intake.error
         state = self.recorder.state()
-        missing = [t.name for t in self._topics if t.required and not self._has_publisher(t)]
+        missing = [topic.name for topic in self._topics if self._is_missing(topic)]
         status = RecorderStatus()
         status.header.stamp = ros.stamp_from_ns(self.intake.time.newest_ns)
         status.ready = not missing and state.failure is None

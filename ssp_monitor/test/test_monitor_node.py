@@ -29,7 +29,14 @@ from ssp_core.safety_codes import SafetyCode
 from ssp_monitor.conversions import PUBLISHED, message_class, recording_profile
 from ssp_monitor.core.check import check_bag
 from ssp_monitor.core.recorder import OFFERED
-from ssp_msgs.msg import ObjectState, RecorderStatus, SafetyEvent, SessionState, WorldTick
+from ssp_msgs.msg import (
+    ObjectState,
+    RecorderStatus,
+    SafetyEvent,
+    SessionState,
+    TriggerEvent,
+    WorldTick,
+)
 
 pytestmark = pytest.mark.ros
 DEADLINE_S = 20.0
@@ -204,17 +211,22 @@ def test_it_is_ready_only_when_every_required_topic_has_a_publisher(
         (WorldTick, names.WORLD_TICK, ros.STATE),
         (ObjectState, "vut/state", ros.STATE),
         (ObjectState, "ot1/state", ros.STATE),
-        # Volatile, where the recorder wants what was said before it came: not compatible.
+        # Volatile, where the recorder wants what was said before it came: not compatible, which
+        # counts for every topic.
         (SessionState, names.SESSION_STATE, ros.STATE),
+        (TriggerEvent, names.TRIGGER_EVENT, ros.STATE),
     )
     expected = [
-        "/ssp/walker/state", "/ssp/session_state", "/ssp/vut/front_camera/image/compressed",
+        "/ssp/walker/state", "/ssp/session_state", "/ssp/trigger_event",
+        "/ssp/vut/front_camera/image/compressed",
     ]  # fmt: skip
     session.spin_until(
         lambda: bool(session.status) and list(session.status[-1].missing_topics) == expected,
         f"status that misses {expected}",
     )
     assert not session.status[-1].ready
+    for topic in (names.SESSION_STATE, names.TRIGGER_EVENT):
+        session.node.destroy_publisher(session.publishers[topic])
     session.offer_all()
     session.wait_ready()
     assert list(session.status[-1].missing_topics) == []

@@ -68,7 +68,7 @@ def bag_topics(run: RunSpec) -> tuple[TopicSpec, ...]:
             TopicSpec(
                 names.CAMERA_IMAGE, "sensor_msgs/msg/CompressedImage", Profile.SENSOR, required=True
             ),
-            TopicSpec(names.CAMERA_INFO, "sensor_msgs/msg/CameraInfo", latched),
+            TopicSpec(names.CAMERA_INFO, "sensor_msgs/msg/CameraInfo", Profile.SENSOR),
             TopicSpec(names.CAMERA_MOUNT, "geometry_msgs/msg/TransformStamped", latched),
         ]
     return tuple(
