@@ -40,10 +40,9 @@ from typing import Any
 
 from ssp_core.files import read_text
 from ssp_core.vocab import CONFLICTS, LAT_ACTIONS, LON_ACTIONS, MOTIONS, OBJECTS, POSITIONS
-from ssp_vla_bridge.core.trajectory import INVALID_REASONS, Trajectory
-
 from ssp_eval import strict
 from ssp_eval.strict import Place
+from ssp_vla_bridge.core.trajectory import INVALID_REASONS, Trajectory
 
 SCHEMA = "ssp.record/1"
 

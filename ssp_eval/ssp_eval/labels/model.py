@@ -19,7 +19,6 @@ from ssp_core.vocab import (
     PHASES,
     POSITIONS,
 )
-
 from ssp_eval import strict
 from ssp_eval.strict import Place
 

@@ -8,9 +8,9 @@ from collections import Counter
 from pathlib import Path
 
 import click
+
 from ssp_core import console
 from ssp_core.errors import InputError
-
 from ssp_eval.labels.model import Labels, load_labels
 from ssp_eval.records import BehaviourRecord, load_records
 from ssp_eval.score.cell import CellScore, score_cell

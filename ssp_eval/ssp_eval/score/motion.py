@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from ssp_vla_bridge.core.trajectory import Trajectory, interpolate
-
 from ssp_eval.score.thresholds import DEFAULT, Thresholds
+from ssp_vla_bridge.core.trajectory import Trajectory, interpolate
 
 
 @dataclass(frozen=True)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from ssp_vla_bridge.core.trajectory import Trajectory, check_trajectory
-
 from ssp_eval.records import BehaviourRecord, Slot
 from ssp_eval.score.thresholds import Thresholds
+from ssp_vla_bridge.core.trajectory import Trajectory, check_trajectory
 
 
 def text_valid(record: BehaviourRecord | None) -> bool:

@@ -1,0 +1,77 @@
+"""Reading a trajectory between its samples (METHOD 5.4) and what it does (METHOD 6.6)."""
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ssp_eval.score.motion import Motion, feasible, lat_action, lon_action, measure
+from ssp_vla_bridge.core.trajectory import Trajectory, check_trajectory, interpolate
+
+BENT = Trajectory((-1.0, 0.25, 0.75, 2.0), (-4.0, 1.0, 4.0, 4.0), (0.0, 0.0, 1.0, -4.0))
+
+
+@pytest.mark.parametrize(
+    ("t_s", "position"),
+    [
+        (-1.0, (-4.0, 0.0)),
+        (-1.0 - 5e-10, (-4.0, 0.0)),
+        (0.0, (0.0, 0.0)),
+        (0.25, (1.0, 0.0)),
+        (0.5, (2.5, 0.5)),
+        (0.75, (4.0, 1.0)),
+        (1.0, (4.0, 0.0)),
+        (2.0, (4.0, -4.0)),
+        (2.0 + 5e-10, (4.0, -4.0)),
+    ],
+)
+def test_interpolation_is_linear_between_samples(t_s, position):
+    assert interpolate(BENT, t_s) == pytest.approx(position, abs=1e-12)
+
+
+@pytest.mark.parametrize("t_s", [-1.000000002, 2.000000002, 50.0])
+def test_nothing_is_read_outside_the_support(t_s):
+    with pytest.raises(ValueError, match="outside the support"):
+        interpolate(BENT, t_s)
+
+
+def test_a_shorter_horizon_can_be_asked_for():
+    short = Trajectory((0.0, 0.5), (0.0, 1.0), (0.0, 0.0))
+    assert check_trajectory(short) == ("coverage",)
+    assert check_trajectory(short, support_end_s=0.5) == ()
+
+
+def test_what_is_measured():
+    motion = measure(BENT)
+    assert motion == Motion((0.0, 2.5, 4.0), (0.0, 0.5, 0.0), 0.5)
+    assert motion.forward_steps_m == (2.5, 1.5)
+    assert motion.left_steps_m == (0.5, -0.5)
+    assert (motion.end_speed_mps, motion.accel_mps2, motion.shift_m) == (3.0, -4.0, 0.0)
+
+
+# Multiples of 1/8 m are exact, so shifting and mirroring them is too.
+eighths = st.integers(-120, 120).map(lambda steps: steps / 8)
+motions = st.builds(
+    Motion, st.tuples(eighths, eighths, eighths), st.tuples(eighths, eighths, eighths), st.just(0.5)
+)
+
+
+@settings(max_examples=100, deadline=None)
+@given(motions)
+def test_left_is_right_in_a_mirror_and_nothing_else_changes(motion):
+    mirrored = Motion(motion.forward_m, tuple(-value for value in motion.left_m), motion.step_s)
+    swapped = {"left": "right", "right": "left", "straight": "straight"}
+    assert lat_action(mirrored) == swapped[lat_action(motion)]
+    assert lon_action(mirrored) == lon_action(motion)
+    assert feasible(mirrored) == feasible(motion)
+
+
+@settings(max_examples=100, deadline=None)
+@given(motions, eighths, eighths)
+def test_only_differences_count(motion, forward_m, left_m):
+    moved = Motion(
+        tuple(value + forward_m for value in motion.forward_m),
+        tuple(value + left_m for value in motion.left_m),
+        motion.step_s,
+    )
+    for judge in (lon_action, lat_action, feasible):
+        assert judge(moved) == judge(motion)
