@@ -1,8 +1,8 @@
 """The node ``monitor``: records a session into a bag and says whether it can.
 
 The subscriptions are outside any executor: one thread waits for them on a wait set and takes
-each message as it came, serialised, with the middleware's times and sequence number. That is
-what an executor's callbacks can't give (docs/decisions), and it is the cheapest way as well.
+each message as it came, serialised, with the middleware's times and sequence number. An
+EventsExecutor gives its callbacks no such information, and losses are found by it.
 """
 
 from __future__ import annotations

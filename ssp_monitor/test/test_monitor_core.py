@@ -46,6 +46,11 @@ def test_a_bag_holds_every_topic_of_every_object(run_mapping: dict[str, Any]) ->
     assert all(t.msgtype in typestore().types for t in topics.values())
 
 
+def test_a_run_without_a_camera_waits_for_none(run_mapping: dict[str, Any]) -> None:
+    run = RunSpec.model_validate({**run_mapping, "camera": None})
+    assert not [t.name for t in bag_topics(run) if "camera" in t.name]
+
+
 def test_only_a_physical_session_without_stand_in_uses_the_system_clock(
     run_mapping: dict[str, Any],
 ) -> None:
