@@ -77,6 +77,14 @@ def test_braking_ends_in_a_standstill_that_holds(cls: ObjectClass) -> None:
     assert (later.x_m, later.y_m, later.yaw_rad) == (stopped.x_m, stopped.y_m, stopped.yaw_rad)
 
 
+@pytest.mark.parametrize("cls", CLASSES, ids=lambda c: c.name)
+def test_the_last_braking_step_ends_where_the_speed_does(cls: ObjectClass) -> None:
+    moving = BodyState(0.0, 0.0, 0.0, speed_mps=0.02, acceleration_mps2=-2.0)
+    stopped = step_body(cls, moving, Command(-2.0, 0.0, 0.0), DT)
+    assert (stopped.speed_mps, stopped.acceleration_mps2) == (0.0, 0.0)
+    assert stopped.x_m == pytest.approx(0.02**2 / (2.0 * 2.0))
+
+
 def test_stopping_distance_is_that_of_the_deceleration_plus_the_lag() -> None:
     start = BodyState(0.0, 0.0, 0.0, speed_mps=14.0)
     stopped = stepped(CAR, start, Command(-4.0, 0.0, 0.0), 6.0)

@@ -129,6 +129,27 @@ def test_a_pedestrian_who_left_the_corridor_is_forgotten() -> None:
     assert find_obstacles(vut_of(BodyState(20.0, 0.0, 0.0, 10.0)), [gone], PATH, DRIVER) == []
 
 
+@pytest.mark.parametrize(
+    ("x_m", "y_m", "speed_mps", "meets"),
+    [
+        (60.0, -3.0, 1.4, True),
+        # Over and away long before the VUT, which is 8 s off, comes by.
+        (140.0, -3.0, 2.0, False),
+        # Still on the way when the VUT has long passed.
+        (60.0, -20.0, 1.4, False),
+        # Walks away from the corridor.
+        (60.0, -3.0, -1.4, False),
+    ],
+)
+def test_who_crosses_counts_when_both_would_be_there(
+    x_m: float, y_m: float, speed_mps: float, meets: bool
+) -> None:
+    vut = vut_of(BodyState(20.0, 0.0, 0.0, 13.9))
+    yaw = math.copysign(math.pi / 2, speed_mps)
+    walker = state_of(ObjectClass.PEDESTRIAN, x_m, y_m, yaw, abs(speed_mps))
+    assert bool(find_obstacles(vut, [walker], PATH, DRIVER)) is meets
+
+
 def test_it_stops_before_somebody_standing_in_the_lane_and_waits() -> None:
     standing = state_of(ObjectClass.PEDESTRIAN, 120.0, 0.3, math.pi / 2)
     out = simulate(lambda _: [standing], 20.0)

@@ -158,8 +158,6 @@ def _advance(
             max(command.acceleration_mps2, -limits.deceleration_mps2), limits.acceleration_mps2
         )
     v0 = state.speed_mps
-    if v0 <= 0.0 and target <= 0.0:
-        return 0.0, 0.0, 0.0
     a = _follow(
         state.acceleration_mps2,
         target,
