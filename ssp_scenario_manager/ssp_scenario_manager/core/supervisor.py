@@ -6,6 +6,7 @@ is still allowed, as METHOD 6.11 has it for thresholds.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -39,8 +40,16 @@ class Violation:
         return f"{meaning.limit_name}:{who} {figures}{detail}"
 
 
+def _reach_m(state: ObjectState) -> float:
+    """No point of the object is farther than this from its reference point."""
+    return max(state.size.front_m, state.size.rear_m) + 0.5 * state.size.width_m
+
+
 def separation(a: ObjectState, b: ObjectState, limits: Limits) -> Violation | None:
     """Distance between the two boxes; touching is a collision."""
+    between = math.hypot(a.x_m - b.x_m, a.y_m - b.y_m)
+    if between - _reach_m(a) - _reach_m(b) > limits.separation_m:
+        return None
     distance = box_distance(a.box, b.box)
     names = f"{a.object_id} and {b.object_id}"
     if distance == 0.0:

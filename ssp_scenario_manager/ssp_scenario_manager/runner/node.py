@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -48,6 +49,8 @@ class RunClient:
         self._result: Any = None
         self._last_state: int | None = None
         self.elapsed_s = 0.0
+        self._running_since: float | None = None
+        self.running_wall_s = 0.0
         sub = self._node.create_subscription
         sub(TriggerEvent, names.TRIGGER_EVENT, self._on_trigger, ros.LATCHED)
         sub(PhaseEvent, names.PHASE_EVENT, self._on_phase, ros.LATCHED)
@@ -102,6 +105,10 @@ class RunClient:
     def _on_feedback(self, message: Any) -> None:
         feedback = message.feedback
         self.elapsed_s = feedback.elapsed
+        if feedback.elapsed > 0.0:
+            now = time.monotonic()
+            self._running_since = self._running_since or now
+            self.running_wall_s = now - self._running_since
         if feedback.session_state != self._last_state:
             self._last_state = feedback.session_state
             self._say(f"session {SessionPhase(feedback.session_state).name}")

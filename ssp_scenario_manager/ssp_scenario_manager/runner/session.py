@@ -42,6 +42,7 @@ class RunResult:
     bag: Path
     wall_s: float
     session_s: float
+    running_wall_s: float
 
 
 class _Interrupt:
@@ -102,10 +103,10 @@ def run_session(
             if name == names.MONITOR:
                 parameters["bag_dir"] = bag
             group.start_node(name, module, parameters)
-        outcome, session_s = _follow(group, run_file, say, interrupt)
+        outcome, session_s, running_wall_s = _follow(group, run_file, say, interrupt)
         outcome = _shut_down(group, outcome)
     outcome = _check_bag(group, bag, outcome, say)
-    result = RunResult(outcome, bag, time.monotonic() - started, session_s)
+    result = RunResult(outcome, bag, time.monotonic() - started, session_s, running_wall_s)
     write_json(
         folder / "result.json",
         {
@@ -118,6 +119,7 @@ def run_session(
             "bag": bag.name,
             "session_s": round(session_s, 3),
             "wall_s": round(result.wall_s, 3),
+            "running_wall_s": round(running_wall_s, 3),
         },
     )
     return result
@@ -125,7 +127,7 @@ def run_session(
 
 def _follow(
     group: ProcessGroup, run_file: Path, say: Callable[[str], None], interrupt: _Interrupt
-) -> tuple[Outcome, float]:
+) -> tuple[Outcome, float, float]:
     """Waits for the manager, has the run done, and watches processes and signals meanwhile."""
     from ssp_scenario_manager.runner.node import RunClient
 
@@ -138,14 +140,15 @@ def _follow(
             if ended:
                 raise PeerError(_obituary(ended[0]))
             if interrupt.count:
-                return Outcome(Verdict.ABORTED, ("interrupted before the start",)), 0.0
+                return Outcome(Verdict.ABORTED, ("interrupted before the start",)), 0.0, 0.0
             if time.monotonic() > deadline:
                 raise PeerError(
                     f"the scenario manager did not answer within {START_TIMEOUT_S:g} s; "
                     "`ssp doctor` tests whether processes can talk on this host"
                 )
         client.begin(str(run_file))
-        return _wait(group, client, say, interrupt), client.elapsed_s
+        outcome = _wait(group, client, say, interrupt)
+        return outcome, client.elapsed_s, client.running_wall_s
     finally:
         client.close()
 
