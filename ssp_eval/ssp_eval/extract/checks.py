@@ -1,0 +1,32 @@
+"""Stage 7: drops what a later reader could not verify (METHOD 5.5 c)."""
+
+from __future__ import annotations
+
+from ssp_eval.records import VOCABULARIES, Slot
+
+
+def check(text: str, name: str, slot: Slot) -> Slot | None:
+    """The slot if its label is legal and its spans are whole words of the text, else None.
+
+    Args:
+        text: the model's text.
+        name: the slot's name.
+        slot: a proposal of the rules or of another extractor.
+    """
+    values = slot.value if isinstance(slot.value, tuple) else (slot.value,)
+    if (name == "objects") != isinstance(slot.value, tuple):
+        return None
+    if any(value not in VOCABULARIES[name] for value in values):
+        return None
+    if not slot.evidence or not all(_whole(text, *span) for span in slot.evidence):
+        return None
+    return slot
+
+
+def _whole(text: str, start: int, end: int) -> bool:
+    """Whether a span lies in the text, isn't blank and cuts no word."""
+    if not 0 <= start < end <= len(text) or not text[start:end].strip():
+        return False
+    cut_before = start > 0 and text[start - 1].isalnum() and text[start].isalnum()
+    cut_after = end < len(text) and text[end].isalnum() and text[end - 1].isalnum()
+    return not (cut_before or cut_after)

@@ -1,0 +1,160 @@
+"""Stage 6: from what was read to the six slots, with the words that support each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from ssp_core.vocab import OBJECTS
+from ssp_eval.extract.motions import CUTTING_IN, MOVING_BESIDE
+from ssp_eval.extract.world import Actor, Commitment, Statement, World
+
+Found = tuple[str | tuple[str, ...], tuple[Statement | Commitment, ...]]
+
+_PARTNER = {"active": 3, "potential": 2, "resolved": 1}
+_NEVER_ALONG = frozenset({"pedestrian"})
+
+
+def decide(world: World) -> dict[str, Found]:
+    """The value of each slot that the text fills, with its support in words (LABELLING.md)."""
+    found: dict[str, Found] = {}
+    objects = _objects(world)
+    if objects:
+        names = tuple(name for name in OBJECTS if any(a.name == name for a in objects))
+        support = tuple(next(a.mentions[0] for a in objects if a.name == name) for name in names)
+        found["objects"] = names, support
+    elif world.nobody is not None:
+        found["objects"] = (), (world.nobody,)
+    critical = _critical(objects)
+    about = [world.loose] if critical is None else [critical, world.loose]
+    readers: dict[str, Callable[[Actor], Found | None]] = {
+        "position": _position,
+        "motion": _motion,
+        "conflict": _conflict,
+    }
+    for slot, read in readers.items():
+        for actor in about:
+            value = read(actor)
+            if value is not None:
+                found[slot] = value
+                break
+    if critical is None and "conflict" not in found:
+        for actor in world.actors:
+            harmless = _conflict(actor)
+            if harmless is not None and actor.mentions:
+                found["conflict"] = harmless
+    for slot in ("lon_action", "lat_action"):
+        action = _action(world, slot)
+        if action is not None:
+            found[slot] = action
+    return found
+
+
+def _objects(world: World) -> list[Actor]:
+    """Who is present and matters: marked as such, or all where the text marks nobody."""
+    present = [actor for actor in world.actors if actor.mentions]
+    present = [a for a in present if not a.background or a.critical or a.reaction == 2]
+    present = [a for a in present if not a.parked or _marked(a)]
+    marked = [actor for actor in present if _marked(actor)]
+    return marked or present
+
+
+def _marked(actor: Actor) -> bool:
+    if actor.parked:
+        return actor.critical or actor.matters or actor.reaction == 2 or _partner(actor)
+    return bool(
+        actor.critical or actor.matters or actor.reaction or actor.intruding or _partner(actor)
+    )
+
+
+def _partner(actor: Actor) -> bool:
+    return any(said.value in _PARTNER for said in actor.conflicts)
+
+
+def _critical(objects: list[Actor]) -> Actor | None:
+    """The conflict partner, else what the plan reacts to, else the first critical object."""
+    if not objects:
+        return None
+    return max(
+        objects,
+        key=lambda a: (
+            max((_PARTNER.get(said.value, 0) for said in a.conflicts[-1:]), default=0),
+            a.reaction == 2,
+            a.intruding and a.reaction > 0,
+            a.reaction,
+            a.intruding,
+            a.critical,
+            -a.order,
+        ),
+    )
+
+
+def _position(actor: Actor) -> Found | None:
+    """The last sentence's place, put together from its parts: ahead + on the right."""
+    if not actor.places:
+        return None
+    last = actor.places[-1].sentence
+    said = [place for place in actor.places if place.sentence == last]
+    parts = {part for place in said for part in place.value.split("_")}
+    if {"left", "right"} <= parts or {"front", "rear"} <= parts:
+        return None
+    order = ("front", "rear", "left", "right")
+    return "_".join(part for part in order if part in parts), tuple(said)
+
+
+def _motion(actor: Actor) -> Found | None:
+    """The last motion that is complete: some need company (ahead, beside) or a side."""
+    values: dict[str, Statement] = {}
+    for said in actor.motions:
+        value = _complete(said.value, actor)
+        if value is not None:
+            values.pop(value, None)
+            values[value] = said
+    if not values:
+        return None
+    value, said = list(values.items())[-1]
+    for specific, other in values.items():
+        if value == "same_direction" and specific != value and other.sentence == said.sentence:
+            return specific, (other,)
+    return value, (said,)
+
+
+def _complete(value: str, actor: Actor) -> str | None:
+    places = _position(actor)
+    place = str(places[0]) if places is not None else ""
+    if value == MOVING_BESIDE:
+        beside = place and not place.startswith("rear") and actor.name not in _NEVER_ALONG
+        return "same_direction" if beside else None
+    if value == CUTTING_IN:
+        side = "left" if "left" in place else "right" if "right" in place else ""
+        return f"cutting_in_from_{side}" if side else None
+    return value
+
+
+def _conflict(actor: Actor) -> Found | None:
+    if not actor.conflicts:
+        return None
+    said = actor.conflicts[-1]
+    for other in actor.conflicts:
+        if other.sentence == said.sentence and other.value == "active":
+            said = other
+    return said.value, (said,)
+
+
+def _action(world: World, slot: str) -> Found | None:
+    """The final plan's first step; slowing down and then stopping is a stop."""
+    said = [one for one in world.commitments if one.slot == slot]
+    units = {one.unit for one in world.commitments}
+    revision = max((unit for unit in world.revised if unit in units), default=0)
+    said = [one for one in said if one.unit >= revision]
+    said = [one for one in said if one.final] or said
+    now = [one for one in said if not one.later] or said
+    if not now:
+        return None
+    last = now[-1].unit
+    steps = [one for one in said if one.unit == last]
+    first = next((one for one in steps if not one.later), steps[0])
+    if first.value == "decelerate":
+        for step in steps:
+            if step.value == "stop" and step.linked and step.first >= first.first:
+                return "stop", (first, step)
+    return first.value, (first,)

@@ -1,0 +1,344 @@
+"""Stage 2: finds the phrases of the lexicon in the words of a text."""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import Any
+
+from ssp_eval.extract import grammar, lexicon, verbs
+from ssp_eval.extract.directions import place_stop, side
+from ssp_eval.extract.hits import Hit, Kind
+from ssp_eval.extract.keeping import HEADS, keep
+
+Entry = tuple[Kind, str, str]
+_ENTRY = ""  # the key of a node's own entry; no word is empty
+
+_MARKS = frozenset(
+    {".", "?", "\n", ",", ";", ":", '"', "=", "|", "[", "(", "{", "<", ")", "}", ">"}
+)
+_PRONE_TO_NOUN = frozenset({"the", "a", "this", "that", "at", "zebra", "an", "marked"})
+
+
+def _entries() -> dict[str, Entry]:
+    """Every phrase with what it is; a phrase stands for one thing only."""
+    table: dict[str, Entry] = {}
+
+    def add(phrase: str, kind: Kind, value: str, form: str = "") -> None:
+        table.setdefault(phrase, (kind, value, form))
+
+    for phrase in lexicon.SKIPPED:
+        add(phrase, Kind.SKIP, "")
+    for phrase in lexicon.EGO:
+        add(phrase, Kind.EGO, "")
+    for name, nouns in lexicon.OBJECT_NOUNS.items():
+        for noun in nouns:
+            add(noun, Kind.OBJECT, name)
+    for value, listed in lexicon.STATES.items():
+        for phrase in listed:
+            add(phrase, Kind.STATE, value)
+    for value, listed in lexicon.CONFLICTS.items():
+        for phrase in listed:
+            add(phrase, Kind.CONFLICT, value)
+    for phrase in lexicon.RISK:
+        add(phrase, Kind.RISK, "alone" if phrase in lexicon.RISK_ALONE else "")
+    for kind, values in grammar.KINDS.items():
+        for value, listed in values.items():
+            for phrase in listed:
+                add(phrase, kind, value)
+    for value, listed in lexicon.PLACES.items():
+        for phrase in listed:
+            add(phrase, Kind.PLACE, value)
+    for lemma, listed in verbs.VERBS.items():
+        for phrase in listed:
+            for words, form in verbs.inflect(phrase):
+                add(words, Kind.VERB, lemma, form)
+    for lemma, forms in verbs.EXTRA_FORMS.items():
+        for words, form in forms:
+            add(words, Kind.VERB, lemma, form)
+    owners = ("", "a ", "the ", "our ", "my ", "its ")
+    paces = ("constant", "current", "same", "steady", "present")
+    for prep, owner, pace, noun in product(("at", "with"), owners, paces, ("speed", "velocity")):
+        add(f"{prep} {owner}{pace} {noun}", Kind.VERB, "keep_speed", "noun")
+    for pace, noun in product(("constant", "steady", "same"), ("speed", "velocity")):
+        add(f"{pace} {noun}", Kind.VERB, "keep_speed", "noun")
+    for prep, owner in product(
+        ("in", "within", "inside"), ("our", "my", "its", "the ego", "the current")
+    ):
+        add(f"{prep} {owner} lane", Kind.IN_LANE, "")
+        add(f"{prep} {owner} path", Kind.IN_LANE, "path")
+    for scene in lexicon.SCENE:
+        add(scene, Kind.SCENE, "")
+    return table
+
+
+ENTRIES = _entries()
+_KEYS = {phrase: slot for slot, listed in lexicon.KEYS.items() for phrase in listed}
+
+
+def _trie() -> dict[str, Any]:
+    root: dict[str, Any] = {}
+    for phrase, entry in ENTRIES.items():
+        node = root
+        for word in phrase.split():
+            node = node.setdefault(word, {})
+        node[_ENTRY] = entry
+    return root
+
+
+_ROOT = _trie()
+_DEFINITE = frozenset({"the", "this", "that", "these", "those", "same", "said"})
+_INDEFINITE = frozenset(
+    {
+        "a",
+        "an",
+        "another",
+        "one",
+        "two",
+        "three",
+        "several",
+        "some",
+        "many",
+        "few",
+        "other",
+        "multiple",
+        "second",
+        "no",
+    }
+)
+_NP_ENDS = frozenset(
+    {"of", "in", "on", "to", "and", "by", "for", "with", "from", "or", "at", "is", "are", "but"}
+)
+_CROSSED = frozenset({"from", "the", "our", "my", "in", "left", "right", "a", "slowly", "quickly"})
+_NOUN_MARKERS = frozenset(
+    {"the", "a", "an", "this", "that", "next", "bus", "tram", "at", "very", "sharp", "of"}
+)
+_NOUNY = frozenset(
+    {
+        "stop",
+        "turn",
+        "turns",
+        "change",
+        "merge",
+        "walk",
+        "run",
+        "shift",
+        "start",
+        "pass",
+        "open",
+        "edge",
+        "bear",
+        "drive",
+        "ride",
+        "cross",
+        "offset",
+        "stand",
+        "park",
+        "idle",
+        "head",
+        "nudge",
+    }
+)
+_BARE_VALUES = {
+    "straight": "keep_lane",
+    "maintain": "keep_speed",
+    "left": "change_left",
+    "right": "change_right",
+    "keep": "keep_speed",
+}
+_FRAMES = {"frame", "image", "picture", "timestep"}
+_ORDINALS = {
+    "first": 1,
+    "second": 2,
+    "third": 3,
+    "fourth": 4,
+    "fifth": 5,
+    "last": 10**6,
+    "final": 10**6,
+    "current": 10**6,
+    "latest": 10**6,
+    "newest": 10**6,
+    "previous": 0,
+    "earlier": 0,
+    "past": 0,
+    "initial": 0,
+    "oldest": 0,
+    "one": 1,
+    "two": 2,
+    "three": 3,
+    "four": 4,
+    "five": 5,
+}
+
+
+def find(words: list[str]) -> list[Hit]:
+    """The hits of a text in order, not overlapping but for a verb that keeps two things."""
+    hits: list[Hit] = []
+    count = len(words)
+    at = 0
+    while at < count:
+        word = words[at]
+        if word in _MARKS:
+            if word in ":=":
+                _key(words, at, hits)
+            hits.append(Hit(Kind.MARK, word, "", at, at + 1))
+            at += 1
+            continue
+        if word in _BARE_VALUES:
+            bare = _bare_value(words, at)
+            if bare is not None:
+                hits.append(Hit(Kind.VERB, *bare, at, at + 1))
+                at += 1
+                continue
+        if word in HEADS:
+            kept = keep(words, at)
+            if kept:
+                hits.extend(Hit(Kind.VERB, lemma, form, a, b) for lemma, form, a, b in kept)
+                at = kept[-1][3] if len(kept) > 1 else kept[0][3]
+                continue
+        if word == "left" or word == "right":
+            at = _side(words, at, hits)
+            continue
+        if word in _FRAMES:
+            at = _frame(words, at, hits)
+            continue
+        node = _ROOT.get(word)
+        if node is None:
+            at += 1
+            continue
+        entry: Entry | None = node.get(_ENTRY)
+        here = stop = at + 1
+        while here < count:
+            node = node.get(words[here])
+            if node is None:
+                break
+            here += 1
+            if _ENTRY in node:
+                entry, stop = node[_ENTRY], here
+        at = _add(words, at, stop, entry, hits) if entry is not None else at + 1
+    return hits
+
+
+def _add(words: list[str], at: int, stop: int, entry: Entry, hits: list[Hit]) -> int:
+    kind, value, form = entry
+    if kind is Kind.PLACE:
+        end = place_stop(words, stop, value)
+        if end is None:
+            return stop
+        hits.append(Hit(kind, value, form, at, end))
+        return end
+    if kind is Kind.OBJECT:
+        form = _article(words, at)
+    elif kind is Kind.VERB and stop == at + 1 and _is_noun(words, at):
+        return stop
+    if kind is Kind.VERB and value == "wait" and words[stop : stop + 1] == [","]:
+        kind = Kind.REVISE
+    if kind is Kind.VERB and value == "cross" and form == "ing" and at:
+        next_word = words[stop] if stop < len(words) else ""
+        if words[at - 1] in _PRONE_TO_NOUN and next_word not in ENTRIES:
+            return stop
+    if (
+        kind is Kind.SKIP
+        and words[at:stop] == ["pedestrian", "crossing"]
+        and (words[stop : stop + 1] and words[stop] in _CROSSED)
+    ):
+        return _add(words, at, at + 1, ENTRIES["pedestrian"], hits)
+    if kind is not Kind.SKIP:
+        hits.append(Hit(kind, value, form, at, stop))
+    return stop
+
+
+def _article(words: list[str], at: int) -> str:
+    """Whether a noun is introduced (indefinite), known (definite) or bare."""
+    for back in range(at - 1, max(at - 6, -1), -1):
+        word = words[back]
+        if word in _DEFINITE:
+            return "definite"
+        if word in _INDEFINITE:
+            return "indefinite"
+        if word in _MARKS or word in _NP_ENDS:
+            return ""
+    return ""
+
+
+def _is_noun(words: list[str], at: int) -> bool:
+    """The stop, a turn, slow traffic: words that look like verbs and aren't."""
+    word = words[at]
+    before = words[at - 1] if at else ""
+    after = words[at + 1] if at + 1 < len(words) else ""
+    if word == "slow":
+        entry = ENTRIES.get(after)
+        return (
+            before in _NOUN_MARKERS
+            or after in ("speed", "moving", "pace")
+            or (entry is not None and entry[0] in (Kind.OBJECT, Kind.SCENE))
+        )
+    return word in _NOUNY and before in _NOUN_MARKERS
+
+
+def _bare_value(words: list[str], at: int) -> tuple[str, str] | None:
+    """A value that stands alone between marks, as in ['STRAIGHT', 'MAINTAIN']."""
+    lemma = _BARE_VALUES.get(words[at])
+    alone = (at == 0 or words[at - 1] in _MARKS) and (
+        at + 1 == len(words) or words[at + 1] in _MARKS
+    )
+    return (lemma, "value") if lemma and alone else None
+
+
+def _side(words: list[str], at: int, hits: list[Hit]) -> int:
+    node: Any = _ROOT[words[at]]
+    entry: Entry | None = None
+    here = stop = at + 1
+    while here < len(words) and (node := node.get(words[here])) is not None:
+        here += 1
+        if _ENTRY in node:
+            entry, stop = node[_ENTRY], here
+    if entry is not None:
+        return _add(words, at, stop, entry, hits)
+    found = side(words, at)
+    if found is None:
+        return at + 1
+    value, form, first, stop = found
+    while hits and hits[-1].stop > first:
+        if hits[-1].kind is Kind.VERB:
+            first = hits[-1].stop
+            break
+        hits.pop()  # "to", "on" and "by" belong to the direction now
+    hits.append(Hit(Kind.SIDE, value, form, first, stop))
+    return stop
+
+
+def _frame(words: list[str], at: int, hits: list[Hit]) -> int:
+    number: int | None = None
+    stop = at + 1
+    if at and words[at - 1] in _ORDINALS:
+        number = _ORDINALS[words[at - 1]]
+    elif stop < len(words):
+        after = words[stop]
+        number = (
+            int(after)
+            if after.isascii() and after.isdigit() and len(after) < 6
+            else (_ORDINALS.get(after))
+        )
+        stop += number is not None
+    if number is None:
+        hits.append(Hit(Kind.SCENE, "", "", at, at + 1))
+    else:
+        hits.append(Hit(Kind.FRAME, str(number), "", at, stop))
+    return stop
+
+
+def _key(words: list[str], colon: int, hits: list[Hit]) -> None:
+    """Turns the words before a colon into a field name, if they are one and stand alone."""
+    stop = colon
+    while stop and words[stop - 1] in ('"', ")", "|"):
+        stop -= 1
+    for length in (3, 2, 1):
+        first = stop - length
+        if first < 0:
+            continue
+        slot = _KEYS.get(" ".join(words[first:stop]))
+        if slot and (first == 0 or words[first - 1] in _MARKS):
+            while hits and hits[-1].stop > first:
+                hits.pop()
+            hits.append(Hit(Kind.KEY, slot, "", first, stop))
+            return

@@ -1,0 +1,179 @@
+"""Stage 5c: what the ego commits itself to, in plan units."""
+
+from __future__ import annotations
+
+from ssp_eval.extract.hits import Hit, Kind
+from ssp_eval.extract.scope import Scope
+from ssp_eval.extract.verbs import LAT_ACTIONS, LON_ACTIONS, STEERING
+from ssp_eval.extract.world import Commitment, World
+
+_BETWEEN = frozenset({Kind.PURPOSE, Kind.SCENE, Kind.IN_LANE, Kind.AUX})
+_LINKS = frozenset({Kind.JOIN, Kind.PURPOSE, Kind.THEN, Kind.CONDITION})
+_ORDERS = frozenset({",", ":", ";", "\n", "[", '"', "("})
+REACH = 5
+MAX_WORDS = 6
+
+
+class Planner:
+    """Collects commitments; the reader tells it which verbs are the ego's."""
+
+    def __init__(self, words: list[str], hits: list[Hit], flags: list[int], world: World) -> None:
+        self.words, self.hits, self.flags, self.world = words, hits, flags, world
+        self.unit = 0
+        self.final = False
+        self.start = self.stop = 0
+        self.later = False
+        self.sides: set[int] = set()  # direction words that belong to a steering verb
+        self.first: int | None = None  # first committed verb of the sentence
+        self.either = False
+        self.last: tuple[int, int, int] | None = None  # hit, first and stop of its commitments
+
+    def begin(self, start: int, stop: int) -> None:
+        """A new sentence is a new unit."""
+        self.start, self.stop = start, stop
+        self.first = None
+        self._unit()
+
+    def _unit(self) -> None:
+        self.unit += 1
+        self.later = False
+        self.either = False
+        self.last = None
+
+    def end(self) -> int | None:
+        """Index of the first committed verb of the sentence, if any."""
+        return self.first
+
+    def key(self, index: int, hit: Hit) -> None:
+        """A field of a structured answer: an action field is the final plan."""
+        if hit.value in ("action", "lon_action", "lat_action") and not self.flags[index]:
+            self.final = True
+        self.either = False
+        self.last = None
+
+    def other(self, index: int, hit: Hit) -> None:
+        """Hits that concern only the plan."""
+        if hit.kind is Kind.FINAL:
+            self.final = True
+        elif hit.kind is Kind.THEN:
+            self.later = True
+        elif hit.kind is Kind.REVISE:
+            if self.last is None:
+                self._unit()
+            self.world.revised.append(self.unit)
+
+    def join(self, index: int, hit: Hit) -> None:
+        """``but`` opens a unit; ``or`` between two actions takes both back."""
+        if hit.value == "or":
+            self.either = self.last is not None
+        elif hit.value == "but":
+            self._unit()
+
+    def mark(self, index: int, hit: Hit) -> None:
+        """A semicolon opens a unit."""
+        if hit.value == ";":
+            self._unit()
+
+    def steers(self, hit: Hit) -> bool:
+        """Whether a verb needs a direction to be a lateral action."""
+        return hit.value in STEERING
+
+    def takes_side(self, index: int) -> bool:
+        """Whether a direction word has been used by a steering verb."""
+        return index in self.sides
+
+    def commands(self, index: int, other: bool, key: str) -> bool:
+        """Whether a verb after somebody else's clause is an order to the ego."""
+        hit = self.hits[index]
+        if key in ("action", "lon_action", "lat_action"):
+            return True
+        previous = self.hits[index - 1] if index > self.start else None
+        if previous is None:
+            return not other
+        if hit.form == "value":
+            return previous.value in _ORDERS
+        acts = hit.value in LON_ACTIONS or hit.value in LAT_ACTIONS or hit.value in STEERING
+        return (
+            hit.form == "base"
+            and acts
+            and (previous.value in (",", ":", "\n") or previous.kind is Kind.THEN)
+        )
+
+    def verb(self, index: int, hit: Hit, named: bool) -> None:
+        """A verb whose subject is the ego (``named``) or nobody: an order or a heading."""
+        lateral = self._lateral(index, hit)
+        longitudinal = LON_ACTIONS.get(hit.value)
+        if hit.form == "ed" or (hit.form == "s" and not named):
+            return
+        if lateral is None and longitudinal is None:
+            return
+        flags = self.flags[index] & ~Scope.AHEAD
+        if flags:
+            if flags & ~Scope.READY == 0:
+                return
+            self.last = None if not self.either else self.last
+            return
+        if self.either:
+            self._take_back()
+            return
+        linked = self._linked(index)
+        if longitudinal is not None:
+            self._commit("lon_action", longitudinal, hit.first, hit.stop, linked)
+        if lateral is not None:
+            self._commit("lat_action", lateral[0], hit.first, lateral[1], linked)
+        self.last = (index, hit.first, lateral[1] if lateral else hit.stop)
+        if self.first is None:
+            self.first = index
+
+    def _lateral(self, index: int, hit: Hit) -> tuple[str, int] | None:
+        value = LAT_ACTIONS.get(hit.value)
+        if value is not None:
+            return value, hit.stop
+        if hit.value not in STEERING:
+            return None
+        for after in range(index + 1, min(index + REACH, self.stop)):
+            following = self.hits[after]
+            if following.first - hit.stop > MAX_WORDS:
+                return None
+            if following.kind is Kind.SIDE:
+                if following.form not in ("bare", "to", "into", "lane"):
+                    return None
+                if hit.value == "cut_in" and following.form == "to":
+                    return None
+                self.sides.add(after)
+                return following.value, following.stop
+            if following.kind not in _BETWEEN:
+                return None
+        return None
+
+    def in_lane(self, index: int, hit: Hit, own: bool) -> None:
+        """brake in my lane: the braking is the commitment, the lane rides on it."""
+        if not own or hit.value == "path" or self.flags[index] or self.last is None:
+            return
+        last, first, _ = self.last
+        if index - last <= 2 and self.hits[last].value in LON_ACTIONS:
+            self._commit("lat_action", "straight", first, hit.stop, True)
+
+    def _commit(self, slot: str, value: str, first: int, stop: int, linked: bool) -> None:
+        self.world.commitments.append(
+            Commitment(slot, value, first, stop, self.unit, self.later, self.final, linked)
+        )
+
+    def _linked(self, index: int) -> bool:
+        """Whether only and, to, then or until stand between this action and the one before."""
+        if self.last is None:
+            return False
+        between = self.hits[self.last[0] + 1 : index][:8]
+        joined = any(h.kind in _LINKS and h.value != "or" for h in between)
+        listed = any(h.kind is Kind.MARK and h.value in ('"', "[", ";") for h in between)
+        return joined and not listed
+
+    def _take_back(self) -> None:
+        """brake or change lanes: neither is a commitment."""
+        self.either = False
+        if self.last is not None:
+            first = self.last[1]
+            kept = self.world.commitments
+            while kept and kept[-1].first >= first:
+                kept.pop()
+        self.last = None

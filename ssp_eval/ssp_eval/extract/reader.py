@@ -1,0 +1,119 @@
+"""Stage 5: goes through the hits of each sentence from left to right and binds who does what."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from ssp_eval.extract import conflicts, moves, places, subjects, weights
+from ssp_eval.extract.hits import Hit, Kind
+from ssp_eval.extract.talk import EGO, Talk
+from ssp_eval.extract.world import Actor, Statement, World
+
+
+def read(
+    words: list[str], hits: list[Hit], flags: list[int], ranges: list[tuple[int, int]]
+) -> World:
+    """What the text says of road users and of the ego's plan.
+
+    Args:
+        words: the words of stage 1.
+        hits: the phrases of stage 2.
+        flags: the scope of each hit.
+        ranges: half-open ranges of hits, one per sentence.
+    """
+    talk = Talk(words, hits, flags)
+    for start, stop in ranges:
+        talk.number += 1
+        talk.begin(start, stop)
+        talk.planner.begin(start, stop)
+        for index in range(start, stop):
+            hit = hits[index]
+            _TABLE[hit.kind](talk, index, hit)
+        _end(talk)
+    return talk.world
+
+
+def _end(talk: Talk) -> None:
+    planned = talk.planner.end()
+    for index, actor in talk.named:
+        if planned is not None:
+            actor.reaction = max(actor.reaction, 2 if index > planned else 1)
+    if {"car", "pedestrian", "cyclist"} <= talk.denied:
+        first, stop = talk.hits[talk.start].first, talk.hits[talk.stop - 1].stop
+        talk.world.nobody = Statement("", first, stop, talk.number)
+    last = talk.hits[talk.stop - 1]
+    before = talk.hits[talk.stop - 2] if talk.stop - 2 >= talk.start else None
+    if not (before is not None and before.value == ":" and last.value == "\n"):
+        talk.key = ""
+    if planned is not None or talk.subject is EGO:
+        talk.listing = False
+
+
+# who is talked about
+
+
+def _plan(talk: Talk, index: int, hit: Hit) -> None:
+    talk.planner.other(index, hit)
+
+
+def _join(talk: Talk, index: int, hit: Hit) -> None:
+    talk.planner.join(index, hit)
+    if hit.value in ("and", "or"):
+        _carry(talk, index)
+        return
+    following = talk.hits[index + 1] if index + 1 < talk.stop else None
+    if hit.value == "while" and following is not None and following.form == "ing":
+        return
+    if hit.value == "now":
+        return
+    if hit.value == "because" and not isinstance(talk.subject, Actor):
+        talk.reacting = True
+    elif hit.value == "but" or hit.value == "so":
+        talk.reacting = False
+    talk.clear()
+
+
+def _carry(talk: Talk, index: int) -> None:
+    """After "and" the subject goes on; a noun for a participle doesn't."""
+    following = talk.hits[index + 1] if index + 1 < talk.stop else None
+    if following is None or following.kind is not Kind.OBJECT:
+        talk.near = talk.subject if isinstance(talk.subject, Actor) else None
+    talk.busy = False
+
+
+def _mark(talk: Talk, index: int, hit: Hit) -> None:
+    talk.planner.mark(index, hit)
+    if hit.value in (";", ":", "["):
+        talk.clear()
+    elif hit.value == ",":
+        talk.adjectives = []
+        talk.busy = False
+        if not isinstance(talk.subject, Actor):
+            talk.reacting = talk.reacting and talk.subject is not EGO
+
+
+_HANDLERS: dict[Kind, Callable[[Talk, int, Hit], None]] = {
+    Kind.OBJECT: subjects.read_object,
+    Kind.EGO: subjects.read_ego,
+    Kind.PRONOUN: subjects.read_pronoun,
+    Kind.RELATIVE: subjects.read_relative,
+    Kind.SCENE: subjects.read_scene,
+    Kind.PLACE: places.read_place,
+    Kind.SIDE: places.read_side,
+    Kind.VERB: moves.read_verb,
+    Kind.STATE: moves.read_state,
+    Kind.RISK: conflicts.read_risk,
+    Kind.CONFLICT: conflicts.read_conflict,
+    Kind.IN_LANE: conflicts.read_in_lane,
+    Kind.MODAL: conflicts.read_modal,
+    Kind.CRITICAL: weights.read_critical,
+    Kind.REACT: weights.read_react,
+    Kind.REJECT: weights.read_react,
+    Kind.BACKGROUND: weights.read_background,
+    Kind.MATTERS: weights.read_matters,
+    Kind.NOBODY: weights.read_nobody,
+    Kind.KEY: weights.read_key,
+    Kind.JOIN: _join,
+    Kind.MARK: _mark,
+}
+_TABLE = [_HANDLERS.get(kind, _plan) for kind in Kind]

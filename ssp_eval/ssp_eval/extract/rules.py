@@ -1,0 +1,54 @@
+"""The pipeline of the rules: text in, slots with evidence out. It sees nothing but the text."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+from ssp_core.hashing import sha256_bytes, sha256_json
+from ssp_eval.extract.checks import check
+from ssp_eval.extract.decide import decide
+from ssp_eval.extract.match import find
+from ssp_eval.extract.reader import read
+from ssp_eval.extract.scope import scopes, sentences
+from ssp_eval.extract.tokens import tokenise
+from ssp_eval.records import Slot, Slots
+
+RULES_VERSION = "1"
+
+
+def extract(text: str) -> Slots:
+    """What the text asserts about the present, in the closed vocabularies (METHOD 5.5 a, c).
+
+    High precision before recall: where the rules aren't sure a slot is None. Linear in the length
+    of the text; raises on no string.
+
+    Args:
+        text: a model's text, with nothing else.
+    """
+    tokens = tokenise(text)
+    hits = find(tokens.words)
+    ranges = sentences(hits)
+    world = read(tokens.words, hits, scopes(hits, ranges), ranges)
+    slots: dict[str, Slot] = {}
+    for name, (value, support) in decide(world).items():
+        spans = sorted({tokens.span(said.first, said.stop) for said in support})
+        slot = check(text, name, Slot(value, tuple(spans)))
+        if slot is not None:
+            slots[name] = slot
+    return Slots(**slots)
+
+
+@cache
+def extractor_hash() -> str:
+    """Hash of the rules, ``sha256:<hex>``, for the provenance of what they extracted.
+
+    It covers the version and the source of every module of the rules, words and logic alike, so
+    that no change of what they extract can go unnoticed.
+    """
+    modules = {
+        path.name: sha256_bytes(path.read_bytes())
+        for path in sorted(Path(__file__).parent.glob("*.py"))
+        if path.name != "cli.py"
+    }
+    return sha256_json({"version": RULES_VERSION, "modules": modules})

@@ -1,0 +1,299 @@
+"""Stage 4: which hits are asserted about the present, and which are not, and why not.
+
+Flags are worked out in one pass over a sentence. A clause ends at a mark or a conjunction; a
+condition reaches to the end of its sentence or to the next ``but``.
+"""
+
+from __future__ import annotations
+
+from ssp_eval.extract.hits import Hit, Kind
+
+
+class Scope:
+    """Reasons for which a hit is no evidence, as bits; 0 is asserted.
+
+    Plain integers: an IntFlag costs more than all the rest of the stage.
+    """
+
+    NONE = 0
+    DENIED = 1
+    IMAGINED = 2  # if, when, until, option A
+    POSSIBLE = 4  # may, could
+    AHEAD = 8  # will, about to
+    PAST = 16
+    QUOTED = 32
+    REJECTED = 64
+    READY = 128
+    GONE = 256  # no longer
+
+
+SENTENCE_MARKS = frozenset({".", "?", "\n"})
+_CLAUSE_JOINS = frozenset({"but", "so", "because", "while", "now", "by"})
+REACH = 24  # hits that a backward look covers, so that the whole stays linear
+
+
+def sentences(hits: list[Hit]) -> list[tuple[int, int]]:
+    """The half-open ranges of hits between full stops, question marks and line breaks."""
+    ranges = []
+    start = 0
+    for index, hit in enumerate(hits):
+        if hit.kind is Kind.MARK and hit.value in SENTENCE_MARKS:
+            ranges.append((start, index + 1))
+            start = index + 1
+    if start < len(hits):
+        ranges.append((start, len(hits)))
+    return ranges
+
+
+def scopes(hits: list[Hit], ranges: list[tuple[int, int]]) -> list[int]:
+    """The flags of every hit, in the order of the hits."""
+    flags = [0] * len(hits)
+    for start, stop in ranges:
+        _Sentence(hits, flags, start, stop).run()
+    _mark_quotes(hits, flags, ranges)
+    _mark_frames(hits, flags)
+    return flags
+
+
+class _Sentence:
+    """One pass over the hits of a sentence, with what is in force at each."""
+
+    def __init__(self, hits: list[Hit], flags: list[int], start: int, stop: int) -> None:
+        self.hits, self.flags, self.start, self.stop = hits, flags, start, stop
+        self.clause = start  # first hit of the clause
+        self.local = 0  # in force until the clause ends
+        self.wide = 0  # in force until the sentence ends or "but"
+        self.verb: int | None = None  # the last verb since "but" or the start
+        self.predicate = False  # an auxiliary has been seen since the verb
+
+    def run(self) -> None:
+        """Sets the flags of the sentence's hits."""
+        hits, flags = self.hits, self.flags
+        for index in range(self.start, self.stop):
+            hit = hits[index]
+            kind = hit.kind
+            if kind is Kind.MARK:
+                self._mark(index, hit.value)
+            elif kind is Kind.JOIN:
+                self._join(index, hit.value)
+            elif kind is Kind.THEN:
+                self._and(index)
+            elif kind is Kind.VERB:
+                flags[index] |= self.local | self.wide
+                self.verb, self.predicate = index, False
+            elif kind is Kind.OBJECT:
+                flags[index] |= self._for_object(index)
+            elif kind is Kind.CONDITION:
+                self._condition(index, hit.value)
+            else:
+                flags[index] |= self.local | self.wide
+                self._operator(index, hit)
+
+    def _operator(self, index: int, hit: Hit) -> None:
+        kind, value = hit.kind, hit.value
+        if kind is Kind.NOT:
+            self.local |= Scope.DENIED
+            self._deny_subject(index, Scope.DENIED)
+        elif kind is Kind.NO_LONGER:
+            self.local |= Scope.GONE
+        elif kind is Kind.MODAL:
+            if value == "may":
+                self.local |= Scope.POSSIBLE
+                self._deny_subject(index, Scope.POSSIBLE)
+            elif value == "will":
+                self.local |= Scope.AHEAD
+        elif kind is Kind.AUX:
+            self.predicate = True
+            if value == "past":
+                self._clause_back(index, Scope.PAST)
+                self.local |= Scope.PAST
+        elif kind is Kind.HISTORY:
+            self._clause_back(index, Scope.PAST)
+            self.local |= Scope.PAST
+        elif kind is Kind.READY:
+            self.local |= Scope.READY
+        elif kind is Kind.REJECT:
+            self.local |= Scope.REJECTED
+        elif kind is Kind.REJECTED:
+            for verb in range(max(self.clause, index - REACH), index):
+                if self.hits[verb].kind is Kind.VERB:
+                    self.flags[verb] |= Scope.REJECTED
+        elif kind is Kind.HYPOTHETICAL:
+            self.local |= Scope.POSSIBLE
+
+    def _deny_subject(self, index: int, flag: int) -> None:
+        """Braking is not necessary: the verb is the clause's subject and is what is denied."""
+        if self.verb is None or (flag is Scope.DENIED and not self.predicate):
+            return
+        if self.verb < self.clause or self.hits[self.verb].form not in ("ing", "noun"):
+            return
+        subjects = (Kind.EGO, Kind.OBJECT, Kind.PRONOUN, Kind.SCENE)
+        if not any(
+            self.hits[i].kind in subjects
+            for i in range(max(self.clause, self.verb - REACH), self.verb)
+        ):
+            self._clause_back(index, flag)
+
+    def _clause_back(self, index: int, flag: int) -> None:
+        for before in range(max(self.clause, index - REACH), index):
+            self.flags[before] |= flag
+
+    def _for_object(self, index: int) -> int:
+        """Presence: denied by no, imagined by if; not touched by what is done to it."""
+        local = self.local & ~(Scope.REJECTED | Scope.READY | Scope.AHEAD)
+        if local & (Scope.DENIED | Scope.POSSIBLE | Scope.GONE) and self._known(index):
+            local &= ~(Scope.DENIED | Scope.POSSIBLE | Scope.GONE)
+        return local | self.wide
+
+    def _known(self, index: int) -> bool:
+        """Whether the object is only what is (not) acted upon: hit the car, affect the bus."""
+        for before in range(index - 1, max(self.clause, index - REACH) - 1, -1):
+            hit = self.hits[before]
+            if hit.kind is Kind.NOT and hit.value == "no":
+                return False
+            if hit.kind in (Kind.NOT, Kind.HYPOTHETICAL, Kind.MODAL, Kind.NO_LONGER):
+                return self.hits[index].form == "definite"
+        return True
+
+    def _mark(self, index: int, value: str) -> None:
+        if value == "," and self._continues_list(index):
+            self.flags[index] = self.local
+            return
+        self.local = 0
+        self.clause = index + 1
+        self.predicate = False
+        if value == ";" and not self._next_is_otherwise(index):
+            self.wide = 0
+            self.verb = None
+
+    def _next_is_otherwise(self, index: int) -> bool:
+        after = index + 1
+        return after < self.stop and self.hits[after].kind is Kind.CONDITION
+
+    def _continues_list(self, index: int) -> bool:
+        """no cars, trucks or buses: the comma stands between nouns."""
+        if index == self.start or self.hits[index - 1].kind is not Kind.OBJECT:
+            return False
+        for after in range(index + 1, min(index + 4, self.stop)):
+            hit = self.hits[after]
+            if hit.kind is Kind.OBJECT:
+                return True
+            if hit.kind is not Kind.JOIN or hit.value not in ("and", "or"):
+                return False
+        return False
+
+    def _join(self, index: int, value: str) -> None:
+        self.flags[index] |= self.local | self.wide
+        if value == "or":
+            return
+        if value == "and":
+            self._and(index)
+            return
+        self.local = 0
+        self.clause = index + 1
+        self.predicate = False
+        if value == "but":
+            self.wide = 0
+            self.verb = None
+        elif value == "so":
+            self.verb = None
+
+    def _and(self, index: int) -> None:
+        after = index + 1
+        if after >= self.stop:
+            return
+        following = self.hits[after]
+        if following.kind is Kind.OBJECT and self.hits[index - 1].kind is Kind.OBJECT:
+            return
+        if following.kind is Kind.VERB and following.form in ("base", "ing"):
+            before = next(
+                (h for h in self.hits[max(index - 3, self.clause) : index] if h.kind is Kind.VERB),
+                None,
+            )
+            if before is not None and before.form == following.form and not self._do_not():
+                return
+        self.local = 0
+        self.clause = after
+        self.predicate = False
+
+    def _do_not(self) -> bool:
+        """Whether the denial in force is a plain "do not", which ends at "and"."""
+        kinds = [hit.kind for hit in self.hits[self.clause : self.clause + 6]]
+        return bool(self.local & Scope.DENIED) and Kind.MODAL not in kinds
+
+    def _condition(self, index: int, value: str) -> None:
+        previous = self.hits[index - 1] if index > self.start else None
+        opens = previous is None or previous.kind in (Kind.MARK, Kind.JOIN)
+        trailing = self.verb is not None and (value == "needed" or not opens)
+        if trailing and value != "until" and self.verb is not None:
+            self.flags[self.verb] |= Scope.IMAGINED
+        if value == "until" or (value == "after" and not opens) or value == "after":
+            self.local |= Scope.IMAGINED
+        elif value != "needed":
+            self.wide |= Scope.IMAGINED
+
+
+def _mark_quotes(hits: list[Hit], flags: list[int], ranges: list[tuple[int, int]]) -> None:
+    """Questions, prompts and options, and what stands in quotation marks after such a word."""
+    quoted = False
+    for start, stop in ranges:
+        opener: int | None = None
+        question = hits[stop - 1].kind is Kind.MARK and hits[stop - 1].value == "?"
+        for index in range(start, stop):
+            hit = hits[index]
+            if hit.kind is Kind.QUOTE:
+                opener = index
+            elif hit.kind is Kind.MARK and hit.value == '"':
+                if quoted:
+                    quoted = False
+                    opener = None
+                elif opener is not None and index - opener <= 4:
+                    quoted = True
+            if quoted or question or _after_colon(hits, opener, index, start):
+                flags[index] |= Scope.QUOTED
+
+
+def _after_colon(hits: list[Hit], opener: int | None, index: int, start: int) -> bool:
+    """Whether a hit follows "Prompt:" or "Option A:" in its own sentence."""
+    if opener is None or index <= opener:
+        return False
+    if opener > start and hits[opener - 1].kind is not Kind.MARK:
+        return False
+    after = hits[opener + 1]
+    return after.kind is Kind.MARK and after.value in (":", ")", '"', "=")
+
+
+def _mark_frames(hits: list[Hit], flags: list[int]) -> None:
+    """Of several numbered frames only the last is the present."""
+    frames = [int(hit.value) for hit in hits if hit.kind is Kind.FRAME]
+    if not frames:
+        return
+    newest = max(frames)
+    if newest < 10**6 and len(set(frames)) == 1:
+        return
+    current = newest
+    clause = 0
+    for index, hit in enumerate(hits):
+        if hit.kind is Kind.FRAME:
+            current = int(hit.value)
+            leads = index == clause
+            if leads:
+                flags[index] = _dated(flags[index], current, newest)
+            else:
+                for before in range(clause, index):
+                    flags[before] = _dated(flags[before], current, newest)
+                current = newest
+                clause = index + 1
+        elif hit.kind is Kind.MARK and hit.value != ":":
+            clause = index + 1
+            if hit.value == "\n":
+                current = newest
+        elif hit.kind is Kind.JOIN or hit.kind is Kind.FINAL:
+            clause = index + 1
+            if hit.kind is Kind.FINAL:
+                current = newest
+        flags[index] = _dated(flags[index], current, newest)
+
+
+def _dated(flag: int, frame: int, newest: int) -> int:
+    return flag | Scope.PAST if frame < newest else flag

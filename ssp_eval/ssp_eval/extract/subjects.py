@@ -1,0 +1,100 @@
+"""Stage 5: nouns and pronouns: who is named, and who is the subject."""
+
+from __future__ import annotations
+
+from ssp_eval.extract import actors, moves
+from ssp_eval.extract.hits import Hit, Kind
+from ssp_eval.extract.scope import Scope
+from ssp_eval.extract.talk import EGO, SCENE, Talk
+from ssp_eval.extract.world import Actor, Statement
+
+MAX_GROUP = 6
+
+
+def read_object(talk: Talk, index: int, hit: Hit) -> None:
+    flags = talk.flags[index]
+    place = actors.own_place(talk.hits, index, talk.stop)
+    if flags & (Scope.DENIED | Scope.GONE) and hit.form != "definite":
+        talk.denied.add(hit.value)
+        talk.subject = SCENE
+        talk.near = None
+        return
+    actor = actors.resolve(talk.world, talk.words, hit, place)
+    previous = talk.hits[index - 1] if index > talk.start else None
+    coordinated = (
+        bool(talk.named)
+        and previous is not None
+        and (previous.kind is Kind.JOIN or previous.value == ",")
+        and talk.named[-1][0] >= index - 3
+        and talk.near is not None
+        and talk.hits[index - 2].kind is Kind.OBJECT
+    )
+    talk.group = [*talk.group[-MAX_GROUP:], actor] if coordinated else [actor]
+    talk.named.append((index, actor))
+    if not flags:
+        actor.mentions.append(talk.said(hit.value, hit))
+    actor.critical = actor.critical or talk.listing or talk.key == "objects"
+    if talk.reacting:
+        actor.reaction = 2
+    if talk.is_background:
+        actor.background = True
+    object_of_verb = talk.busy and talk.subject is not None
+    if not (actors.governed(talk.words, hit) or object_of_verb) or coordinated:
+        talk.subject = actor
+        talk.busy = False
+    talk.near = talk.last = actor
+    lead = actors.leading(talk.words, hit)
+    if lead is not None and not flags:
+        actor.places.append(Statement("front", lead, hit.stop, talk.number))
+    for before in talk.pending:
+        talk.put(actor, before, flags)
+    for before in talk.adjectives:
+        moves.be(talk, actor, before, flags)
+    talk.pending, talk.adjectives = [], []
+
+
+def read_ego(talk: Talk, index: int, hit: Hit) -> None:
+    if index > talk.start and talk.hits[index - 1].kind is Kind.REACT:
+        return
+    if (
+        talk.busy
+        and talk.subject is not None
+        and hit.stop - hit.first == 1
+        and (talk.words[hit.first] in ("us", "me"))
+    ):
+        return
+    if talk.words[hit.first] not in ("us", "me"):
+        talk.subject = EGO
+        talk.busy = False
+        talk.near = None
+        talk.pending = []
+
+
+def read_pronoun(talk: Talk, index: int, hit: Hit) -> None:
+    if talk.words[hit.first] in ("its", "their", "them", "him", "her"):
+        return
+    if talk.last is not None and talk.subject is not EGO:
+        talk.subject = talk.last
+        talk.near = talk.last
+        talk.group = [talk.last]
+        talk.named.append((index, talk.last))
+        talk.busy = False
+
+
+def read_relative(talk: Talk, index: int, hit: Hit) -> None:
+    previous = talk.hits[index - 1] if index > talk.start else None
+    if (
+        talk.near is not None
+        and previous is not None
+        and (previous.kind in (Kind.OBJECT, Kind.PLACE, Kind.SIDE) or previous.value == ",")
+    ):
+        talk.subject = talk.near
+        talk.busy = False
+
+
+def read_scene(talk: Talk, index: int, hit: Hit) -> None:
+    """A scene noun becomes the subject only where it opens a clause."""
+    opens = talk.near is None and not isinstance(talk.subject, Actor) and talk.subject != EGO
+    if opens and not talk.busy and not actors.governed(talk.words, hit):
+        talk.subject = SCENE
+        talk.pending = []

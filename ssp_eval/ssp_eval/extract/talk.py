@@ -1,0 +1,95 @@
+"""Stage 5: who is being talked about, and the few questions that all readers ask."""
+
+from __future__ import annotations
+
+from ssp_eval.extract.hits import Hit, Kind
+from ssp_eval.extract.plan import Planner
+from ssp_eval.extract.scope import Scope
+from ssp_eval.extract.world import Actor, Statement, World
+
+EGO = "ego"
+SCENE = "scene"
+REACH = 24  # hits that a look along the sentence covers, so that the whole stays linear
+CONNECTS = frozenset({Kind.AUX, Kind.JOIN, Kind.NOT, Kind.MODAL, Kind.THEN})
+# A noun's place or state stays true whatever is planned or ruled out about the noun.
+NOT_NOW = ~(Scope.READY | Scope.REJECTED | Scope.AHEAD | Scope.DENIED | Scope.POSSIBLE)
+
+
+class Talk:
+    """What a careful reader keeps in mind while going through a text, hit by hit."""
+
+    def __init__(self, words: list[str], hits: list[Hit], flags: list[int]) -> None:
+        self.words, self.hits, self.flags = words, hits, flags
+        self.world = World()
+        self.planner = Planner(words, hits, flags, self.world)
+        self.last: Actor | None = None  # for pronouns
+        self.key = ""  # field of a structured answer
+        self.listing = False  # under a heading such as "Critical objects:"
+        self.number = -1  # of the sentence
+        self.begin(0, 0)
+
+    def begin(self, start: int, stop: int) -> None:
+        """Forgets the last sentence but for what pronouns and headings need."""
+        self.start, self.stop = start, stop
+        self.subject: Actor | str | None = None
+        self.near: Actor | None = None  # the noun last named in the clause
+        self.group: list[Actor] = []  # nouns joined by and
+        self.pending: list[int] = []  # places before their noun
+        self.adjectives: list[int] = []  # states before their noun
+        self.named: list[tuple[int, Actor]] = []
+        self.denied: set[str] = set()
+        self.busy = False  # the clause has its verb
+        self.reacting = False  # what is named next is what the plan is about
+        self.in_path: tuple[Actor, int] | None = None
+        self.is_background = False
+
+    def target(self, index: int, hit: Hit) -> Actor | None:
+        """Whom a finite verb or a participle speaks of."""
+        previous = self.hits[index - 1] if index > self.start else None
+        if previous is not None and previous.kind in CONNECTS and isinstance(self.subject, Actor):
+            return self.subject
+        if hit.form in ("base", "s") and isinstance(self.subject, Actor):
+            return self.subject
+        if self.near is not None and self.subject is not EGO:
+            return (
+                self.near
+                if not isinstance(self.subject, Actor) or not self.busy
+                else (self.near if self.adjoins(index) else self.subject)
+            )
+        if self.near is not None and self.adjoins(index):
+            return self.near
+        if isinstance(self.subject, Actor):
+            return self.subject
+        return self.world.loose if self.key in ("motion", "position", "conflict") else None
+
+    def adjoins(self, index: int) -> bool:
+        """Whether only places stand between a word and the noun before it."""
+        for before in range(index - 1, max(index - 4, self.start - 1), -1):
+            kind = self.hits[before].kind
+            if kind in (Kind.OBJECT, Kind.PRONOUN, Kind.RELATIVE):
+                return True
+            if kind not in (Kind.PLACE, Kind.SIDE, Kind.STATE):
+                return False
+        return False
+
+    def put(self, actor: Actor, index: int, flags: int) -> None:
+        if flags & NOT_NOW or (flags and actor is not self.near):
+            return
+        hit = self.hits[index]
+        actor.places.append(self.said(hit.value, hit))
+        self.show(actor, index)
+
+    def show(self, actor: Actor, index: int) -> None:
+        """An asserted attribute makes a road user present that was only named before."""
+        if not actor.mentions and actor.first_named is not None and not self.flags[index]:
+            actor.mentions.append(actor.first_named)
+
+    def said(self, value: str, hit: Hit, stop: int | None = None) -> Statement:
+        return Statement(value, hit.first, stop or hit.stop, self.number)
+
+    def clear(self) -> None:
+        self.subject = None
+        self.near = None
+        self.busy = False
+        self.pending, self.adjectives = [], []
+        self.is_background = False

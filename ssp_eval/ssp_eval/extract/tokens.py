@@ -1,0 +1,125 @@
+"""Stage 1: text to words with character offsets. One pass, no backtracking, any string."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+# One character for one, so that offsets stay those of the text.
+_PLAIN = {
+    **dict.fromkeys(map(ord, "\u2018\u2019\u02bc\u00b4`"), "'"),
+    **dict.fromkeys(map(ord, "\u201c\u201d\u00ab\u00bb"), '"'),
+    **dict.fromkeys(map(ord, "\u2010\u2011"), "-"),
+    **dict.fromkeys(map(ord, "\u2013\u2014"), ","),
+    **dict.fromkeys(map(ord, "\u00a0\u2009\u202f\r"), " "),
+    **dict.fromkeys(map(ord, "\u2022\u25cf\u25e6\u2028\u2029"), "\n"),
+    **dict.fromkeys(map(ord, "\u3002\u2026"), "."),
+    **dict.fromkeys(map(ord, "\uff0c\u3001"), ","),
+    ord("\u2192"): ",",
+    ord("\uff1a"): ":",
+    ord("\uff1b"): ";",
+    ord("\u2212"): "-",
+}
+
+# Alternatives are disjoint in their first character, except for the tag, whose length is bounded.
+_TOKEN = re.compile(
+    r"[a-z]+(?:'[a-z]+)*|[0-9]+(?:\.[0-9]+)*|</?[a-z_|]{1,24}>|[.!?]+|\n\s*"
+    r"|,+|;+|:+|\"+|=+|\|+|[()\[\]{}<>][()\[\]{}<> ]*|(?<=\s)-+(?=\s)|[^\x00-\x7f]+"
+)
+
+_NEGATIONS = frozenset({"cannot", "cant", "dont", "doesnt", "isnt", "wont"})
+_SINGLE = frozenset(',;:"=|')
+_LISTS = "-*#>0123456789\"'[({<"
+
+SENTENCE_END = "."
+QUESTION = "?"
+BREAK = "\n"
+FOREIGN = "~"
+
+
+@dataclass(frozen=True, slots=True)
+class Tokens:
+    """The words of a text in plain lower case, with their half-open character spans.
+
+    Words are letters only, so that ``cut-in``, ``cut_in`` and ``cut in`` are the same two words; a
+    possessive or contracted ending is folded away (``don't`` becomes ``not``). Marks are words of
+    one character: the constants above and ``, ; : " = | [ ( { < ) } >``; a run of brackets is one.
+
+    Args:
+        words: the words and marks.
+        starts: start of each, characters.
+        ends: end of each, characters.
+    """
+
+    words: list[str]
+    starts: list[int]
+    ends: list[int]
+
+    def span(self, first: int, stop: int) -> tuple[int, int]:
+        """The characters from word ``first`` up to but without word ``stop``."""
+        return self.starts[first], self.ends[stop - 1]
+
+
+def plain(text: str) -> str:
+    """The text in lower case with plain quotes and dashes, character for character."""
+    if not text.isascii():
+        text = text.translate(_PLAIN)
+        lower = text.lower()
+        if len(lower) != len(text):
+            lower = "".join(c.lower() if len(c.lower()) == 1 else c for c in text)
+        return lower
+    return text.lower().replace("`", "'").replace("\r", " ")
+
+
+def tokenise(text: str) -> Tokens:
+    """The words of a text with their offsets."""
+    lower = plain(text)
+    words: list[str] = []
+    starts: list[int] = []
+    ends: list[int] = []
+    for match in _TOKEN.finditer(lower):
+        word = match.group()
+        start, end = match.span()
+        first = word[0]
+        if "a" <= first <= "z":
+            if word in _NEGATIONS:
+                word = "not"
+            elif "'" in word:
+                word = _fold(word)
+        elif not "0" <= first <= "9":
+            if first == "\n" and word.count("\n") < 2 and not _starts_item(text, end):
+                continue
+            word = _mark(word)
+        words.append(word)
+        starts.append(start)
+        ends.append(end)
+    return Tokens(words, starts, ends)
+
+
+def _fold(word: str) -> str:
+    if word.endswith("n't"):
+        return "not"
+    stem, _, ending = word.partition("'")
+    return "would" if ending == "d" else stem
+
+
+def _mark(word: str) -> str:
+    """The mark that a token without letters or digits at its start stands for."""
+    first = word[0]
+    if first in _SINGLE:
+        return first
+    if first in ".!?":
+        return QUESTION if "?" in word else SENTENCE_END
+    if first == "\n" or (first == "<" and len(word) > 2 and word[-1] == ">"):
+        return BREAK
+    if first in "()[]{}<>":
+        return "[" if "[" in word or "]" in word else first
+    return "," if first == "-" else FOREIGN
+
+
+def _starts_item(text: str, start: int) -> bool:
+    """Whether a line looks like a new item rather than the rest of a wrapped sentence."""
+    if start >= len(text):
+        return True
+    first = text[start]
+    return first in _LISTS or (first.isupper() and text[start : start + 2] != "I ")

@@ -1,0 +1,315 @@
+"""Verbs as data: what the ego does with them and what they say about somebody else."""
+
+from __future__ import annotations
+
+from ssp_eval.extract.lexicon import phrases
+
+# lemma: verbs that mean it, as "base particle" with irregular forms given as base|s|ing|ed.
+VERBS: dict[str, tuple[str, ...]] = {
+    "slow": phrases("slow down, decelerate, slow, ease off, back off, coast, give way"),
+    "brake": phrases("brake, brakes|brakes|braking|braked"),
+    "yield": phrases("yield"),
+    "reduce": phrases(
+        """
+        reduce speed, reduce our speed, reduce my speed, reduce its speed, reduce the speed,
+        lower speed, lower our speed, lower my speed, reduce our pace, decrease speed,
+        decrease our speed, decrease my speed, reduce velocity, let off the gas, let off the
+        accelerator, lift off the accelerator, drop speed, reduce our velocity, ease off the
+        accelerator, ease off the gas, release the accelerator, cut our speed, cut speed,
+        cut my speed, decrease the speed, decrease its speed
+        """
+    ),
+    "stop": phrases(
+        """
+        stop, halt, come to a stop, come to a halt, come to a full stop, come to a complete
+        stop, come to a complete halt, make a full stop, make a complete stop, brake to a
+        stop, slow to a stop, decelerate to a stop, hold position, hold our position, hold
+        my position, hold its position, remain stopped, stay stopped, remain stationary,
+        stay stationary, brake to a halt, brake to a standstill, bring the car to a stop,
+        slow to a halt, bring the vehicle to a stop, perform an emergency stop, make an
+        emergency stop, come to a standstill, decelerate to a full stop, brake to a full
+        stop, stand still, remain at a standstill, come to a controlled stop, come to a
+        smooth stop
+        """
+    ),
+    "wait": phrases("wait, stand"),
+    "park": phrases("park"),
+    "stall": phrases("stall, idle, be stuck|is stuck|being stuck|been stuck"),
+    "accelerate": phrases(
+        """
+        accelerate, speed up, resume speed, resume our speed, resume normal speed, resume my
+        speed, set off, increase speed, increase our speed, increase my speed, pick up
+        speed, gain speed, move off, start moving, resume its speed, speed back up, resume
+        cruising speed, regain speed, increase the speed, increase its speed, resume our
+        normal speed, resume the speed, resume the original speed, resume the previous
+        speed, resume target speed
+        """
+    ),
+    "cruise": phrases("cruise"),
+    "steer": phrases(
+        """
+        steer, nudge, shift, swerve, veer, drift, edge, bear, deviate, offset, divert
+        """
+    ),
+    "turn": phrases(
+        """
+        turn, make a|makes a|making a|made a, take a|takes a|taking a|took a, perform
+        a|performs a|performing a|performed a, execute a|executes a|executing a|executed a,
+        initiate a|initiates a|initiating a|initiated a
+        """
+    ),
+    "merge": phrases("merge"),
+    "change": phrases(
+        """
+        change lane, change lanes, switch lane, switch lanes, change to, change into, switch
+        to, switch into
+        """
+    ),
+    "move": phrases(
+        """
+        move, pull over, pull, go, move over, shift over, squeeze, head, come, get over
+        """
+    ),
+    "step": phrases(
+        """
+        step, walk, run, dart, rush, stride, jog, jump, sprint, emerge, wander, stroll, roll
+        """
+    ),
+    "cross": phrases("cross, traverse"),
+    "enter": phrases("enter, encroach, intrude"),
+    "cut_in": phrases(
+        """
+        cut in, cut into, cut in front, pull in, pull into, move into, swerve into, drift
+        into, veer into, steer into, merge into, shift into, squeeze into, push into, change
+        into our lane, cut us off, cut me off, encroach on, encroach into, intrude into,
+        push in, squeeze in, move in front, pull in front, merge in front, swerve in front,
+        cut off, enter our lane, enter my lane, come into our lane, come into my lane,
+        change lanes into our lane, change lane into our lane, change lanes into my lane,
+        change into my lane, change to our lane, change lanes to our lane, edge into
+        """
+    ),
+    "cut_out": phrases(
+        """
+        cut out, leave our lane, leave my lane, leave the lane, move out of our lane, move
+        out of my lane, exit our lane, pull out of our lane, merge out of our lane, exit my
+        lane, change out of our lane, change out of my lane, drift out of our lane, swerve
+        out of our lane, vacate our lane, leave our path, pull out of my lane, leave the ego
+        lane, move out of the ego lane
+        """
+    ),
+    "drive": phrases("drive, travel, proceed, ride, progress"),
+    "overtake": phrases(
+        """
+        overtake us, overtake the ego, overtake me, overtake our vehicle, pass us, pass me,
+        overtake the ego vehicle, overtake the ego car
+        """
+    ),
+    "tailgate": phrases(
+        """
+        tailgate, tailgate us, follow us, follow me, follow closely behind us, follow the
+        ego, follow us closely
+        """
+    ),
+    "recede": phrases(
+        """
+        pull away, recede, drive away, move away, speed away, drive off, accelerate away,
+        speed off, run away, gain distance
+        """
+    ),
+    "approach": phrases(
+        """
+        approach us, approach me, drive towards us, drive toward us, come towards us, come
+        toward us, move towards us, move toward us, head towards us, head toward us, drive
+        towards me, come towards me, drive toward me, come toward me, move towards the ego,
+        head toward me, head towards me, travel towards us, travel toward us, ride towards
+        us, ride toward us, move toward me, move towards me, drive towards the ego, drive
+        toward the ego, approach from ahead, approach from the front, come from ahead, move
+        toward the ego, approach head on, come at us
+        """
+    ),
+    "clear": phrases(
+        """
+        clear, clear our lane, clear our path, clear the road, clear the lane, clear the
+        crosswalk, clear my lane, clear my path, clear the intersection, exit
+        """
+    ),
+    "pass_by": phrases("pass, pass by"),
+    "leave": phrases(
+        """
+        leave the road, leave the crosswalk, leave the scene, leave the roadway, leave the
+        street, leave the intersection, leave the conflict zone
+        """
+    ),
+    "finish": phrases(
+        """
+        finish crossing, complete crossing, finish its crossing, complete its crossing,
+        finish their crossing, complete the crossing, finish the crossing, finish passing,
+        finish merging, get across
+        """
+    ),
+    "open": phrases("open, collide, fall, appear, react, lose control"),
+    "continue": phrases("start, begin, continue"),
+}
+
+# Forms that the rules of _inflect don't give.
+IRREGULAR: dict[str, tuple[str, str, str]] = {
+    "come": ("comes", "coming", "came"),
+    "give": ("gives", "giving", "gave"),
+    "cut": ("cuts", "cutting", "cut"),
+    "set": ("sets", "setting", "set"),
+    "stop": ("stops", "stopping", "stopped"),
+    "run": ("runs", "running", "ran"),
+    "get": ("gets", "getting", "got"),
+    "let": ("lets", "letting", "let"),
+    "go": ("goes", "going", "went"),
+    "jog": ("jogs", "jogging", "jogged"),
+    "drop": ("drops", "dropping", "dropped"),
+    "step": ("steps", "stepping", "stepped"),
+    "hold": ("holds", "holding", "held"),
+    "drive": ("drives", "driving", "drove"),
+    "ride": ("rides", "riding", "rode"),
+    "leave": ("leaves", "leaving", "left"),
+    "bring": ("brings", "bringing", "brought"),
+    "stand": ("stands", "standing", "stood"),
+    "bear": ("bears", "bearing", "bore"),
+    "speed": ("speeds", "speeding", "sped"),
+    "fall": ("falls", "falling", "fell"),
+    "begin": ("begins", "beginning", "began"),
+    "lose": ("loses", "losing", "lost"),
+    "travel": ("travels", "traveling", "traveled"),
+    "stall": ("stalls", "stalling", "stalled"),
+    "yield": ("yields", "yielding", "yielded"),
+    "roll": ("rolls", "rolling", "rolled"),
+    "stroll": ("strolls", "strolling", "strolled"),
+}
+EXTRA_FORMS: dict[str, tuple[tuple[str, str], ...]] = {
+    "drive": (("travelling", "ing"), ("travelled", "ed")),
+    "slow": (("deceleration", "noun"), ("slowdown", "noun"), ("give right of way", "base")),
+    "brake": (
+        ("hard braking", "noun"),
+        ("emergency braking", "noun"),
+        ("apply brakes", "base"),
+        ("apply the brakes", "base"),
+        ("applying the brakes", "ing"),
+        ("press the brake", "base"),
+        ("hit the brakes", "base"),
+        ("gentle braking", "noun"),
+        ("apply gentle braking", "base"),
+        ("apply moderate braking", "base"),
+    ),
+    "reduce": (("speed reduction", "noun"),),
+    "stop": (("full stop", "noun"), ("complete stop", "noun"), ("emergency stop", "noun")),
+    "accelerate": (("acceleration", "noun"),),
+    "change": (("lane change", "noun"), ("lane changing", "noun")),
+    "change_left": (
+        ("change lanes left", "base"),
+        ("change lane left", "base"),
+        ("turn left", "base"),
+        ("turning left", "ing"),
+        ("turns left", "s"),
+        ("lane change left", "noun"),
+        ("left lane change", "noun"),
+        ("left turn", "noun"),
+        ("left turns", "noun"),
+        ("left merge", "noun"),
+        ("left nudge", "noun"),
+        ("left shift", "noun"),
+        ("turned left", "ed"),
+        ("leftward nudge", "noun"),
+    ),
+    "change_right": (
+        ("change lanes right", "base"),
+        ("change lane right", "base"),
+        ("turn right", "base"),
+        ("turning right", "ing"),
+        ("turns right", "s"),
+        ("lane change right", "noun"),
+        ("right lane change", "noun"),
+        ("right turn", "noun"),
+        ("right turns", "noun"),
+        ("right merge", "noun"),
+        ("right nudge", "noun"),
+        ("right shift", "noun"),
+        ("turned right", "ed"),
+        ("rightward nudge", "noun"),
+    ),
+    "keep_lane": (
+        ("lane keeping", "noun"),
+        ("no steering", "noun"),
+        ("without steering", "noun"),
+        ("keep lane", "base"),
+        ("no steering input", "noun"),
+        ("lane keep", "noun"),
+        ("keeping lane", "ing"),
+        ("no lateral movement", "noun"),
+        ("no lateral action", "noun"),
+        ("no steering needed", "noun"),
+        ("keep the steering straight", "base"),
+        ("lane follow", "noun"),
+        ("keep the wheel straight", "base"),
+        ("keep steering straight", "base"),
+    ),
+}
+
+LON_ACTIONS = {
+    "slow": "decelerate",
+    "brake": "decelerate",
+    "yield": "decelerate",
+    "reduce": "decelerate",
+    "stop": "stop",
+    "accelerate": "accelerate",
+    "cruise": "maintain",
+    "keep_speed": "maintain",
+}
+# The direction stands in the verb, or beside it (steer, nudge … left).
+LAT_ACTIONS = {"change_left": "left", "change_right": "right", "keep_lane": "straight"}
+STEERING = frozenset({"steer", "turn", "merge", "change", "move", "cut_in"})
+
+# What a movement of somebody else is; some need a side or company, see motions.py.
+STANDING = frozenset({"stop", "wait", "park", "stall"})
+MOVING = frozenset({"slow", "brake", "reduce", "drive", "move", "accelerate", "cruise"})
+ALONG = frozenset({"overtake", "tailgate"})
+INTO_LANE = frozenset({"merge", "steer", "change", "move", "enter"})
+ACROSS = frozenset({"step", "move", "drive", "enter"})
+CLEARING = frozenset({"clear", "pass_by", "leave", "finish", "cut_out", "cross"})
+# May, could … + one of these by somebody else: a potential conflict.
+ENDANGERING = frozenset(
+    {
+        "cross",
+        "cut_in",
+        "merge",
+        "enter",
+        "step",
+        "steer",
+        "move",
+        "turn",
+        "brake",
+        "stop",
+        "change",
+        "open",
+        "slow",
+        "change_left",
+        "change_right",
+        "accelerate",
+        "cut_out",
+    }
+)
+
+
+def inflect(phrase: str) -> tuple[tuple[str, str], ...]:
+    """The forms of a verb phrase, as (words, form) with form base, s, ing or ed."""
+    if "|" in phrase:
+        words = phrase.split("|")
+        forms = ("base", "s", "ing", "ed")
+        return tuple(zip(words, forms, strict=False))
+    head, _, rest = phrase.partition(" ")
+    third, ing, past = IRREGULAR.get(head) or _regular(head)
+    tail = f" {rest}" if rest else ""
+    pairs = [(head + tail, "base"), (third + tail, "s"), (ing + tail, "ing"), (past + tail, "ed")]
+    return tuple(dict(reversed(pairs)).items())
+
+
+def _regular(head: str) -> tuple[str, str, str]:
+    third = head + ("es" if head.endswith(("s", "sh", "ch", "x")) else "s")
+    stem = head[:-1] if head.endswith("e") else head
+    return third, stem + "ing", stem + "ed"

@@ -1,0 +1,100 @@
+"""Stage 5: what the text says matters, or doesn't, or that nobody is there."""
+
+from __future__ import annotations
+
+from ssp_eval.extract.hits import Hit, Kind
+from ssp_eval.extract.scope import Scope
+from ssp_eval.extract.talk import EGO, REACH, SCENE, Talk
+from ssp_eval.extract.world import Actor, Statement
+
+_CONFLICT_WORDS = {
+    "potential": "potential",
+    "possible": "potential",
+    "active": "active",
+    "resolved": "resolved",
+    "none": "no_conflict",
+    "no": "no_conflict",
+    "imminent": "active",
+}
+
+
+def read_critical(talk: Talk, index: int, hit: Hit) -> None:
+    if talk.flags[index] & ~(Scope.AHEAD | Scope.READY):
+        return
+    previous = talk.hits[index - 1] if index > talk.start else None
+    if (
+        isinstance(talk.subject, Actor)
+        and previous is not None
+        and (previous.kind in (Kind.AUX, Kind.MODAL) or previous.kind is Kind.OBJECT)
+    ):
+        talk.subject.critical = True
+        return
+    talk.listing = True
+    if talk.subject is not EGO:
+        talk.subject = None
+
+
+def read_react(talk: Talk, index: int, hit: Hit) -> None:
+    if not isinstance(talk.subject, Actor) and talk.subject is not SCENE:
+        talk.reacting = True
+
+
+def read_background(talk: Talk, index: int, hit: Hit) -> None:
+    if talk.flags[index] & ~Scope.READY:
+        return
+    if isinstance(talk.subject, Actor) or talk.near is not None:
+        actor = talk.subject if isinstance(talk.subject, Actor) else talk.near
+        if actor is not None:
+            for one in (*talk.group, actor):
+                one.background = True
+    else:
+        talk.is_background = True
+
+
+def read_matters(talk: Talk, index: int, hit: Hit) -> None:
+    if talk.flags[index]:
+        return
+    if isinstance(talk.subject, Actor):
+        talk.subject.matters = True
+    elif talk.near is not None:
+        talk.near.matters = True
+
+
+def read_nobody(talk: Talk, index: int, hit: Hit) -> None:
+    if talk.flags[index] & ~Scope.DENIED:
+        return
+    for after in range(index + 1, min(index + REACH, talk.stop)):
+        kind = talk.hits[after].kind
+        if kind is Kind.VERB:
+            return
+        if kind in (Kind.MARK, Kind.JOIN):
+            break
+    talk.world.nobody = talk.said("", hit)
+
+
+def read_key(talk: Talk, index: int, hit: Hit) -> None:
+    talk.key = hit.value
+    talk.subject = None
+    talk.near = None
+    talk.busy = False
+    talk.listing = hit.value == "objects"
+    talk.planner.key(index, hit)
+    if hit.value == "conflict":
+        for at in range(hit.stop, min(hit.stop + 4, len(talk.words))):
+            value = _CONFLICT_WORDS.get(talk.words[at])
+            if value is not None and not talk.flags[index]:
+                said = Statement(value, hit.first, at + 1, talk.number)
+                talk.world.loose.conflicts.append(said)
+                break
+    if hit.value == "objects" and not talk.flags[index]:
+        _empty_list(talk, hit)
+
+
+def _empty_list(talk: Talk, hit: Hit) -> None:
+    """Critical objects: none."""
+    for at in range(hit.stop, min(hit.stop + 4, len(talk.words))):
+        word = talk.words[at]
+        if word == "not" or word.isalpha():
+            if word in ("none", "nobody"):
+                talk.world.nobody = Statement("", hit.first, at + 1, talk.number)
+            return
