@@ -7,8 +7,8 @@ from array import array
 from typing import Any
 
 from sensor_msgs.msg import CameraInfo, CompressedImage
-from ssp_core.ros import ns_from_stamp, stamp_from_ns
 
+from ssp_core.ros import ns_from_stamp, stamp_from_ns
 from ssp_msgs.msg import EgoSample as EgoSampleMsg
 from ssp_msgs.msg import NativeArray as NativeArrayMsg
 from ssp_msgs.msg import VlaRequest, VlaResponse, VlaTask

@@ -10,10 +10,10 @@ from typing import Any
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.names import vla_request_topic, vla_response_topic
 from ssp_core.ros import VLA, StopRequest, make_node, run_node
-
 from ssp_msgs.msg import VlaRequest, VlaResponse
 from ssp_vla_bridge.conversions import request_from_msg, response_to_msg
 from ssp_vla_bridge.core.backend import Outcome, failure, make_backend, respond

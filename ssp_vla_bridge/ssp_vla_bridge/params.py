@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from rclpy.node import Node
-from ssp_core.errors import InputError
 
+from ssp_core.errors import InputError
 from ssp_vla_bridge.core.backend import parse_options
 
 _TOPIC_WORD = re.compile(r"[A-Za-z][A-Za-z0-9_]*")

@@ -10,6 +10,7 @@ from dataclasses import replace
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from ssp_core.errors import InputError
 from ssp_vla_bridge.core.backend import (
     BACKENDS,

@@ -21,8 +21,10 @@ rclpy = pytest.importorskip("rclpy", reason="needs ROS 2")
 pytestmark = pytest.mark.ros
 
 from sensor_msgs.msg import CompressedImage  # noqa: E402 - the domain must be set before
+
 from ssp_core.names import vla_request_topic, vla_response_topic  # noqa: E402
 from ssp_core.ros import VLA, make_node, stamp_from_ns  # noqa: E402
+from ssp_msgs.msg import VlaRequest, VlaResponse  # noqa: E402
 from ssp_vla_bridge.conversions import (  # noqa: E402
     request_from_msg,
     request_to_msg,
@@ -30,8 +32,6 @@ from ssp_vla_bridge.conversions import (  # noqa: E402
     response_to_msg,
 )
 from ssp_vla_bridge.core.request import CameraGeometry  # noqa: E402
-
-from ssp_msgs.msg import VlaRequest, VlaResponse  # noqa: E402
 
 # A backend that does what the request's id says; the bridge finds it as module:factory.
 ODD_BACKEND = """

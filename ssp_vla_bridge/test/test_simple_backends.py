@@ -9,6 +9,7 @@ from dataclasses import replace
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from ssp_core.errors import InputError, PeerError
 from ssp_core.vocab import CONFLICTS, LAT_ACTIONS, LON_ACTIONS, MOTIONS, OBJECTS, POSITIONS
 from ssp_vla_bridge.backends.perfect import Perfect, PerfectLabel

@@ -8,6 +8,7 @@ from dataclasses import replace
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from ssp_core.errors import InputError
 from ssp_vla_bridge.core.adapters import adapt
 from ssp_vla_bridge.core.response import NativeArray, Response

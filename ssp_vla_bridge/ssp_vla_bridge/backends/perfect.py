@@ -14,7 +14,6 @@ from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError, PeerError
 from ssp_core.files import read_mapping
 from ssp_core.vocab import CONFLICTS, LAT_ACTIONS, LON_ACTIONS, MOTIONS, OBJECTS, POSITIONS
-
 from ssp_vla_bridge.backends.phrases import (
     NOBODY_SENTENCE,
     action_sentence,

@@ -8,7 +8,6 @@ from typing import Any
 
 from ssp_core.errors import InputError, PeerError
 from ssp_core.files import read_text
-
 from ssp_vla_bridge.core.backend import check_options
 from ssp_vla_bridge.core.request import Request
 from ssp_vla_bridge.core.response import Answer, ErrorCode, Response, response_from_json

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from ssp_core.errors import InputError
-
 from ssp_vla_bridge.core.request import Request, request_problems
 from ssp_vla_bridge.core.response import Answer, ErrorCode, Response
 
@@ -18,6 +17,7 @@ from ssp_vla_bridge.core.response import Answer, ErrorCode, Response
 # backend's dependencies are not another's.
 BACKENDS: dict[str, str] = {
     "constant_velocity": "ssp_vla_bridge.backends.constant_velocity:make",
+    "opencv_baseline": "ssp_vla_bridge.backends.opencv_baseline:make",
     "perfect": "ssp_vla_bridge.backends.perfect:make",
     "silent": "ssp_vla_bridge.backends.silent:make",
     "recorded": "ssp_vla_bridge.backends.recorded:make",

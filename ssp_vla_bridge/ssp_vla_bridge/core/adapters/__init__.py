@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ssp_core.errors import InputError
-
 from ssp_vla_bridge.core.adapters.types import Adapted, AdapterInfo
 from ssp_vla_bridge.core.adapters.waypoints import adapt_waypoints
 from ssp_vla_bridge.core.response import Response
