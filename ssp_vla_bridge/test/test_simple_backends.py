@@ -130,8 +130,8 @@ def test_perfect_answers_the_label_at_the_clip_time(tmp_path, make_request, stra
     options = {"labels_file": write_labels(tmp_path, LABEL), "clip_start_ns": 9 * 10**9}
     response, trajectory = run("perfect", options, make_request(history=straight_history(8.0)))
     assert response.text == (
-        "A pedestrian is ahead on the right and is crossing from the right. A collision with "
-        "the pedestrian is imminent. I also watch a car. I stop and stay in my lane."
+        "I watch a pedestrian and a car. The pedestrian is ahead on the right and is crossing "
+        "from the right. A collision with the pedestrian is imminent. I stop and stay in my lane."
     )
     assert inferred(trajectory) == ("stop", "straight", True)
 

@@ -14,13 +14,7 @@ import cv2
 import numpy as np
 
 from ssp_core.clock import ns_to_seconds
-from ssp_vla_bridge.backends.phrases import (
-    NOBODY_SENTENCE,
-    action_sentence,
-    conflict_sentence,
-    object_sentence,
-    watch_sentence,
-)
+from ssp_vla_bridge.backends.phrases import action_sentence, scene_text
 from ssp_vla_bridge.backends.plan import point_times, travelled_m, waypoints
 from ssp_vla_bridge.backends.vision.detect import find_things
 from ssp_vla_bridge.backends.vision.ground_plane import GroundPlane, ground_plane
@@ -76,7 +70,11 @@ class OpencvBaseline:
         speed = request.history[-1].speed_mps if request.ego_known else None
         situation = judge(sight.tracks, speed)
         lon_action = choose_action(situation, speed, sight.blind)
-        scene = _BLIND_SENTENCE if sight.blind else describe(situation)
+        scene = scene_text(
+            situation.objects, situation.position, situation.motion, situation.conflict
+        )
+        if sight.blind:
+            scene = _BLIND_SENTENCE
         arrays: tuple[NativeArray, ...] = ()
         if speed is not None:
             acceleration = _ACCELERATION_MPS2[lon_action]
@@ -142,20 +140,6 @@ def choose_action(situation: Situation, speed_mps: float | None, blind: bool) ->
     slow = speed_mps is not None and speed_mps <= _STOP_BELOW_MPS
     near = blind or (situation.distance_m is not None and situation.distance_m < _STOP_WITHIN_M)
     return "stop" if standing or (slow and near) else "decelerate"
-
-
-def describe(situation: Situation) -> str:
-    """The situation in full sentences."""
-    if not situation.objects:
-        return f"{NOBODY_SENTENCE} {conflict_sentence('no_conflict', '')}"
-    critical, *others = situation.objects
-    sentences = [
-        object_sentence(critical, situation.position, situation.motion),
-        conflict_sentence(situation.conflict, critical),
-    ]
-    if others:
-        sentences.append(watch_sentence(others))
-    return " ".join(sentences)
 
 
 def _decode(frame: Frame) -> ByteImage:

@@ -14,13 +14,7 @@ from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError, PeerError
 from ssp_core.files import read_mapping
 from ssp_core.vocab import CONFLICTS, LAT_ACTIONS, LON_ACTIONS, MOTIONS, OBJECTS, POSITIONS
-from ssp_vla_bridge.backends.phrases import (
-    NOBODY_SENTENCE,
-    action_sentence,
-    conflict_sentence,
-    object_sentence,
-    watch_sentence,
-)
+from ssp_vla_bridge.backends.phrases import action_sentence, scene_text
 from ssp_vla_bridge.backends.plan import point_times, travelled_m, waypoints
 from ssp_vla_bridge.core.backend import check_options
 from ssp_vla_bridge.core.request import Request
@@ -75,25 +69,12 @@ class Perfect:
         lon_action = next(action for action in _PREFERRED if action in label.lon_actions)
         lat_action = "straight" if "straight" in label.lat_actions else label.lat_actions[0]
         speed_mps = request.history[-1].speed_mps if request.ego_known else 8.0
+        scene = scene_text(label.objects, label.position, label.motion, label.conflict)
         return Answer(
-            f"{_scene(label)} {action_sentence(lon_action, lat_action)}".strip(),
+            f"{scene} {action_sentence(lon_action, lat_action)}".strip(),
             (_trajectory(request, speed_mps, lon_action, lat_action),),
             {"privileged": True, "label_t_s": label.t_s},
         )
-
-
-def _scene(label: PerfectLabel) -> str:
-    critical = label.objects[0] if label.objects else ""
-    sentences = []
-    if label.objects == ():
-        sentences.append(NOBODY_SENTENCE)
-    if critical or label.position is not None or label.motion is not None:
-        sentences.append(object_sentence(critical, label.position, label.motion))
-    if label.conflict is not None:
-        sentences.append(conflict_sentence(label.conflict, critical))
-    if label.objects is not None and len(label.objects) > 1:
-        sentences.append(watch_sentence(list(label.objects[1:])))
-    return " ".join(sentences)
 
 
 def _trajectory(

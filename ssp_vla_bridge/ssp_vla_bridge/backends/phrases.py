@@ -33,10 +33,11 @@ _MOTIONS = {
 }
 _CONFLICTS = {
     "no_conflict": "There is no risk of a collision.",
-    "potential": "There is a risk of a collision{with_it}.",
-    "active": "A collision{with_it} is imminent.",
-    "resolved": "The conflict{with_it} has cleared.",
+    "potential": "There is a risk of a collision{partner}.",
+    "active": "A collision{partner} is imminent.",
+    "resolved": "The conflict{partner} has cleared.",
 }
+_NOBODY = "There are no road users that matter to me."
 _LON = {
     "stop": "I stop",
     "decelerate": "I slow down",
@@ -50,38 +51,58 @@ _LAT = {
 }
 
 
-def noun(object_class: str) -> str:
-    """``a car`` for ``car``; a class without a word of its own is an object."""
-    return _NOUNS.get(object_class, "an object")
-
-
 def action_sentence(lon_action: str, lat_action: str) -> str:
     """The VUT's own action: ``I slow down and stay in my lane.``"""
     return f"{_LON[lon_action]} and {_LAT[lat_action]}."
 
 
-def object_sentence(object_class: str, position: str | None, motion: str | None) -> str:
-    """Where an object is and how it moves; what is None is left out."""
-    subject = noun(object_class)
-    subject = subject[0].upper() + subject[1:]
-    if position is None and motion is None:
-        return f"{subject} matters to me."
-    if position is None:
-        return f"{subject} {_MOTIONS[motion or '']}."
-    if motion is None:
-        return f"{subject} is {_PLACES[position]}."
-    return f"{subject} is {_PLACES[position]} and {_MOTIONS[motion]}."
+def scene_text(
+    objects: tuple[str, ...] | None,
+    position: str | None,
+    motion: str | None,
+    conflict: str | None,
+) -> str:
+    """The closed slots of METHOD 5.1 in full sentences; what is None is left unsaid.
+
+    Args:
+        objects: the critical one first; empty says that nobody is there.
+        position: of the critical object.
+        motion: of the critical object.
+        conflict: with the critical object.
+    """
+    sentences = []
+    critical = objects[0] if objects else ""
+    subject = _capital(_noun(critical))
+    if objects == ():
+        sentences.append(_NOBODY)
+    elif critical and (len(objects or ()) > 1 or (position is None and motion is None)):
+        # Named together first, so that what follows is said of the critical one only.
+        sentences.append(f"I watch {_listed([_noun(word) for word in objects or ()])}.")
+        subject = f"The {_word(critical)}"
+    said = []
+    if position is not None:
+        said.append(f"is {_PLACES[position]}")
+    if motion is not None:
+        said.append(_MOTIONS[motion])
+    if said:
+        sentences.append(f"{subject} {' and '.join(said)}.")
+    if conflict is not None:
+        partner = f" with the {_word(critical)}" if critical else ""
+        sentences.append(_CONFLICTS[conflict].format(partner=partner))
+    return " ".join(sentences)
 
 
-def watch_sentence(classes: list[str]) -> str:
-    """Further objects that matter: ``I also watch a car and a truck.``"""
-    return f"I also watch {' and '.join(noun(word) for word in classes)}."
+def _word(object_class: str) -> str:
+    return _noun(object_class).split(" ", 1)[1]
 
 
-def conflict_sentence(conflict: str, object_class: str) -> str:
-    """Whether there is a conflict with the object, or with anything if no class is given."""
-    it = noun(object_class).split(" ", 1)[1]
-    return _CONFLICTS[conflict].format(with_it=f" with the {it}" if object_class else "")
+def _noun(object_class: str) -> str:
+    return _NOUNS.get(object_class, "an object")
 
 
-NOBODY_SENTENCE = "There are no road users that matter to me."
+def _capital(text: str) -> str:
+    return text[0].upper() + text[1:]
+
+
+def _listed(words: list[str]) -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
