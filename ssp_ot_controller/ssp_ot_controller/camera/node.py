@@ -66,7 +66,7 @@ class FrontCamera(Node):
         self._dropped = 0
         self._reported = 0
         self._image = self.create_publisher(CompressedImage, names.CAMERA_IMAGE, SENSOR)
-        self._info = self.create_publisher(CameraInfo, names.CAMERA_INFO, SENSOR)
+        self._info = self.create_publisher(CameraInfo, names.CAMERA_INFO, LATCHED)
         self._done = self.create_publisher(StepDone, names.STEP_DONE, STATE)
         self._mount = self.create_publisher(TransformStamped, names.CAMERA_MOUNT, LATCHED)
         self._mount.publish(conversions.mount_message(mount(self._camera)))

@@ -149,7 +149,7 @@ def _stage(road_json: str, look_json: str, seed: int, detail: Detail) -> _Stage:
     props = []
     if detail.scenery:
         props = scenery.build_scenery(road, look.palette, palette, ground.KERB_HEIGHT_M, seed)
-    sky_numbers = sky.build_parameters(palette, sun, outline, detail.texture)
+    sky_numbers = sky.build_parameters(palette, sun, outline, look.fog_per_m, detail.texture)
     return _Stage(
         palette,
         sun,

@@ -13,10 +13,13 @@ from ssp_ot_controller.camera.surfaces import noise_at
 _AZIMUTHS = 4096
 
 # Layout of the vector of numbers of the sky's painter.
-(S_ZENITH, S_HORIZON, S_GLOW, S_CLOUD, S_SUN, S_OUTLINE, S_COVER, S_TOP, S_LIT, S_LAMP) = (
-    0, 3, 6, 9, 12, 15, 18, 19, 20, 21,
-)  # fmt: skip
-PARAMETERS = 24
+(S_ZENITH, S_HORIZON, S_GLOW, S_CLOUD, S_SUN, S_OUTLINE, S_LAMP, S_FOG) = range(0, 24, 3)
+S_COVER, S_TOP, S_LIT, S_FOG_PER_M = range(24, 28)
+PARAMETERS = 28
+
+# Fog lies low: a ray leaves it after this height, and what stands on the horizon is this far.
+_FOG_HEIGHT_M, _OUTLINE_DISTANCE_M = 10.0, 350.0
+
 
 # The panorama: columns by azimuth from -pi on, rows by slope / (1 + slope) from 0 to 1, where
 # slope is the tangent of the elevation. Finer at the horizon than a 720p camera.
@@ -37,14 +40,19 @@ def build_outline(palette: Palette, palette_name: str, seed: int) -> Array:
         heights = palette.skyline_height * rng.uniform(0.25, 1.0, 191) ** 1.6
         return np.asarray(heights[np.searchsorted(edges, np.arange(_AZIMUTHS))])
     angle = 2.0 * np.pi * np.arange(_AZIMUTHS) / _AZIMUTHS
-    outline = np.full(_AZIMUTHS, 0.55)
-    for wave in (3, 5, 11, 23, 61, 173, 419):
-        outline += 0.55 / wave**0.55 * np.sin(wave * angle + rng.uniform(0, 2 * np.pi)) * 0.6
-    return np.asarray(palette.skyline_height * np.clip(outline, 0.1, 1.0))
+    outline = np.zeros(_AZIMUTHS)
+    for wave in (5, 11, 23, 61, 173, 419):
+        outline += wave**-0.5 * np.sin(wave * angle + rng.uniform(0, 2 * np.pi))
+    outline = (outline - outline.min()) / np.ptp(outline)
+    return np.asarray(palette.skyline_height * (0.25 + 0.75 * outline))
 
 
 def build_parameters(
-    palette: Palette, sun: tuple[float, float, float], outline: Array, clouds: bool
+    palette: Palette,
+    sun: tuple[float, float, float],
+    outline: Array,
+    fog_per_m: float,
+    clouds: bool,
 ) -> Array:
     """The vector of the sky's painter, shape (PARAMETERS,)."""
     numbers = np.zeros(PARAMETERS)
@@ -53,10 +61,8 @@ def build_parameters(
     numbers[S_GLOW : S_GLOW + 3] = palette.sun_glow
     numbers[S_CLOUD : S_CLOUD + 3] = palette.cloud
     numbers[S_SUN : S_SUN + 3] = sun
-    # What stands on the horizon is seen through kilometres of air.
-    numbers[S_OUTLINE : S_OUTLINE + 3] = np.add(
-        np.multiply(palette.skyline, 0.62), np.multiply(palette.fog, 0.38)
-    )
+    numbers[S_OUTLINE : S_OUTLINE + 3] = palette.skyline
+    numbers[S_FOG : S_FOG + 3], numbers[S_FOG_PER_M] = palette.fog, fog_per_m
     numbers[S_COVER] = palette.cloud_cover if clouds else 0.0
     numbers[S_TOP] = outline.max()
     numbers[S_LIT] = palette.window_lit_share
@@ -76,7 +82,7 @@ def _shade(
             if numbers[S_LIT] > 0.0:
                 row = int(slope / 0.0045)
                 number = (index // 3 * 73856093) ^ (row * 83492791)
-                lit = 0.55 if (number >> 4) & 15 < 3 else 0.0
+                lit = 0.4 if (number >> 4) & 15 < 3 else 0.0
             for k in range(3):
                 colour[k] = numbers[S_OUTLINE + k] * (1.0 - lit) + numbers[S_LAMP + k] * lit
             return
@@ -107,9 +113,13 @@ def _fill_panorama(numbers: Array, outline: Array, noise: Array, panorama: Array
         share = row / rows
         for column in range(columns):
             azimuth = 2.0 * math.pi * (column + 0.5) / columns - math.pi
-            _shade(numbers, outline, noise, azimuth, share / (1.0 - share), colour)
+            slope = share / (1.0 - share)
+            _shade(numbers, outline, noise, azimuth, slope, colour)
+            through = min(_OUTLINE_DISTANCE_M, _FOG_HEIGHT_M / max(slope, 1e-6))
+            clear = math.exp(-numbers[S_FOG_PER_M] * through)
             for k in range(3):
-                panorama[row, column, k] = min(255.0, max(0.0, colour[k] + 0.5))
+                value = numbers[S_FOG + k] + clear * (colour[k] - numbers[S_FOG + k])
+                panorama[row, column, k] = min(255.0, max(0.0, value + 0.5))
 
 
 def build_panorama(numbers: Array, outline: Array, noise: Array) -> Array:

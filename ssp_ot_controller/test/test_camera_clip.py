@@ -1,0 +1,136 @@
+"""Storyboards show the interaction that they name; a clip and its truth file agree."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ssp_core.errors import InputError
+from ssp_core.geometry import box_distance
+from ssp_core.state import ObjectState
+from ssp_core.vocab import ObjectClass, Role
+from ssp_ot_controller.camera.clip import truth, truth_path, write_clip
+from ssp_ot_controller.camera.storyboard import (
+    INTERACTIONS,
+    Actor,
+    Line,
+    Ramp,
+    Storyboard,
+    storyboard,
+)
+
+seeds = st.integers(0, 2**31)
+
+
+def partner(states: tuple[ObjectState, ...]) -> ObjectState:
+    return next(s for s in states if s.role is Role.OT)
+
+
+def vut(states: tuple[ObjectState, ...]) -> ObjectState:
+    return next(s for s in states if s.role is Role.VUT)
+
+
+@given(start=st.floats(0, 5), duration=st.floats(0.1, 5), change=st.floats(-10, 10))
+@settings(max_examples=60)
+def test_speed_is_the_derivative_of_the_position(
+    start: float, duration: float, change: float
+) -> None:
+    line = Line(3.0, 4.0, (Ramp(start, duration, change),))
+    h = 1e-5
+    for t in np.linspace(0.05, 11.0, 23):
+        slope = (line.position(t + h) - line.position(t - h)) / (2 * h)
+        assert slope == pytest.approx(line.speed(t), abs=1e-4)
+    assert line.speed(11.0) == pytest.approx(4.0 + change)
+
+
+def test_state_of_an_actor_that_turns_sideways() -> None:
+    actor = Actor(
+        "a", ObjectClass.CAR, Role.OT, Line(0.0, 3.0), Line(1.0, 0.0, (Ramp(1.0, 1.0, -4.0),))
+    )
+    before, after = actor.state(0.0), actor.state(5.0)
+    assert (before.yaw_rad, before.speed_mps, before.acceleration_mps2) == (0.0, 3.0, 0.0)
+    assert after.speed_mps == pytest.approx(5.0)
+    assert after.yaw_rad == pytest.approx(-0.9273, abs=1e-4)
+
+
+@given(seed=seeds)
+@settings(max_examples=25)
+def test_cut_in_comes_from_the_left_and_the_vut_brakes(seed: int) -> None:
+    board = storyboard("cut_in", seed)
+    series = [board.states(t) for t in board.times()]
+    first, last = series[0], series[-1]
+    assert partner(first).y_m - vut(first).y_m == pytest.approx(3.4)
+    assert partner(last).y_m == pytest.approx(vut(last).y_m, abs=1e-6)
+    assert partner(last).x_m - partner(last).size.rear_m > vut(last).x_m + vut(last).size.front_m
+    speeds = [vut(s).speed_mps for s in series]
+    assert speeds[: round(3 * board.fps)] == [speeds[0]] * round(3 * board.fps)
+    assert speeds[-1] < speeds[0] - 3.0
+    assert min(box_distance(vut(s).box, partner(s).box) for s in series) > 2.0
+
+
+@given(seed=seeds)
+@settings(max_examples=25)
+def test_pedestrian_crosses_from_the_right_and_the_vut_brakes(seed: int) -> None:
+    board = storyboard("vru_crossing", seed)
+    series = [board.states(t) for t in board.times()]
+    first, last = partner(series[0]), partner(series[-1])
+    assert first.object_class is ObjectClass.PEDESTRIAN
+    assert first.y_m < board.road.right_edge_m
+    assert first.speed_mps == 0.0
+    assert last.y_m > board.vut.state(0.0).y_m + 2.0
+    assert vut(series[-1]).speed_mps == pytest.approx(0.0, abs=1e-9)
+    assert min(box_distance(vut(s).box, partner(s).box) for s in series) > 2.0
+
+
+@pytest.mark.parametrize("scenario", INTERACTIONS)
+def test_seed_varies_the_clip_and_only_the_seed(scenario: str) -> None:
+    assert storyboard(scenario, 4) == storyboard(scenario, 4)
+    assert storyboard(scenario, 4) != storyboard(scenario, 5)
+
+
+def test_unknown_scenario() -> None:
+    with pytest.raises(InputError, match="u_turn"):
+        storyboard("u_turn", 1)
+
+
+@pytest.fixture
+def short_board() -> Storyboard:
+    board = storyboard("vru_crossing", 2)
+    camera = board.camera.model_copy(update={"width_px": 160, "height_px": 96})
+    return replace(board, camera=camera, duration_s=0.5)
+
+
+def test_clip_and_truth_agree(short_board: Storyboard, tmp_path: Path) -> None:
+    video = tmp_path / "made" / "clip.mp4"
+    drawn: list[int] = []
+    write_clip(short_board, video, lambda: drawn.append(1))
+    capture = cv2.VideoCapture(str(video))
+    frames = 0
+    while capture.read()[0]:
+        frames += 1
+    rate, width = capture.get(cv2.CAP_PROP_FPS), capture.get(cv2.CAP_PROP_FRAME_WIDTH)
+    capture.release()
+    found = json.loads(truth_path(video).read_text())
+    assert truth_path(video).name == "clip.truth.json"
+    assert (frames, len(drawn), len(found["frames"])) == (12, 12, 12)
+    assert (rate, width) == (24.0, 160.0)
+    assert found == json.loads(json.dumps(truth(short_board)))
+
+
+def test_truth_holds_what_labels_need(short_board: Storyboard) -> None:
+    found = truth(short_board)
+    assert (found["schema"], found["scenario"]) == ("ssp.truth/1", "vru_crossing")
+    frame = found["frames"][3]
+    assert frame["t_s"] == pytest.approx(3 / 24)
+    assert [o["object_id"] for o in frame["objects"]] == ["oncoming_car", "ot1", "vut"]
+    assert [o["role"] for o in frame["objects"]] == ["traffic", "ot", "vut"]
+    assert frame["objects"][1]["object_class"] == "pedestrian"
+    assert found["ego_speed_mps"][3]["speed_mps"] == frame["objects"][2]["speed_mps"]
+    assert found["camera"]["hfov_deg"] == 66.0

@@ -1,0 +1,263 @@
+"""The front_camera node as a process, on ticks of a world that this test plays."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import rclpy
+from geometry_msgs.msg import TransformStamped
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from sensor_msgs.msg import CameraInfo, CompressedImage
+
+from ssp_core import names, ros
+from ssp_core.conversions import state_to_msg
+from ssp_core.domains import free_domain
+from ssp_core.processes import remove_stale_shared_memory
+from ssp_core.run_spec import (
+    Camera,
+    Driver,
+    Lane,
+    LaneChange,
+    Limits,
+    ParticipantSpec,
+    RelativeDistance,
+    Road,
+    RunSpec,
+    Start,
+    TriggerSpec,
+)
+from ssp_core.state import DEFAULT_SIZES, ObjectState
+from ssp_core.vocab import ObjectClass, Role
+from ssp_msgs.msg import StepDone, WorldTick
+
+pytestmark = pytest.mark.ros
+START_DEADLINE_S = 90.0  # the first start on a machine compiles the kernels
+DEADLINE_S = 20.0
+STEP_NS = 20_000_000
+EVERY = 5  # 10 Hz at 20 ms a step
+
+
+def run_spec(camera: Camera | None) -> RunSpec:
+    return RunSpec(
+        schema_="ssp.run/1",
+        run_id="camera_test",
+        scenario="cut_in",
+        interaction="cut_in",
+        domain="simulation",
+        stand_in=False,
+        event_version="sha256:0",
+        site="nowhere",
+        site_version="sha256:0",
+        seed=5,
+        mode="lockstep",
+        road=Road(
+            origin=Start(x_m=0.0, y_m=0.0, yaw_rad=0.0),
+            length_m=100.0,
+            lanes=[Lane(y_m=0.0, width_m=3.5, direction="forward")],
+            crossing_x_m=None,
+        ),
+        geofence=[(0.0, -5.0), (100.0, -5.0), (100.0, 5.0)],
+        vut=ParticipantSpec(
+            id="vut", object_class="car", start=Start(x_m=5.0, y_m=0.0, yaw_rad=0.0)
+        ),
+        driver=Driver(cruise_mps=10.0),
+        targets=[
+            ParticipantSpec(
+                id="ot1", object_class="car", start=Start(x_m=20.0, y_m=0.0, yaw_rad=0.0)
+            )
+        ],
+        triggers=[
+            TriggerSpec(
+                id="go",
+                condition=RelativeDistance(type="relative_distance", object_id="ot1", below_m=9.0),
+                object_id="ot1",
+                manoeuvre=LaneChange(
+                    kind="lane_change", lateral_shift_m=1.0, duration_s=2.0, cruise_mps=5.0
+                ),
+            )
+        ],
+        limits=Limits(speed_mps=15.0, acceleration_mps2=4.0),
+        camera=camera,
+    )
+
+
+class World:
+    """Publishes ticks and keeps what the camera says."""
+
+    def __init__(self, domain_id: int) -> None:
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=domain_id)
+        self.node = rclpy.create_node("world", namespace=names.NAMESPACE, context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.images: list[CompressedImage] = []
+        self.infos: list[CameraInfo] = []
+        self.mounts: list[TransformStamped] = []
+        self.heard: list[tuple[str, int]] = []  # images and answers in the order they came
+        subscribe = self.node.create_subscription
+        subscribe(CompressedImage, names.CAMERA_IMAGE, self._on_image, ros.SENSOR)
+        subscribe(CameraInfo, names.CAMERA_INFO, self.infos.append, ros.LATCHED)
+        subscribe(TransformStamped, names.CAMERA_MOUNT, self.mounts.append, ros.LATCHED)
+        subscribe(StepDone, names.STEP_DONE, self._on_done, ros.STATE)
+        self.ticks = self.node.create_publisher(WorldTick, names.WORLD_TICK, ros.STATE)
+
+    def _on_image(self, message: CompressedImage) -> None:
+        self.images.append(message)
+        self.heard.append(("image", ros.ns_from_stamp(message.header.stamp) // STEP_NS))
+
+    def _on_done(self, message: StepDone) -> None:
+        assert message.participant == names.FRONT_CAMERA
+        self.heard.append(("done", message.step))
+
+    def steps(self, kind: str) -> list[int]:
+        return [step for what, step in self.heard if what == kind]
+
+    def tick(self, step: int, running: bool = True, lockstep: bool = True) -> None:
+        x = 5.0 + 0.2 * step
+        objects = [
+            ObjectState(
+                name, ObjectClass.CAR, role, step * STEP_NS, at, 0.0, 0.0, 10.0, 0.0, 0.0,
+                DEFAULT_SIZES[ObjectClass.CAR],
+            )
+            for name, role, at in (("ot1", Role.OT, x + 15.0), ("vut", Role.VUT, x))
+        ]  # fmt: skip
+        message = WorldTick(
+            step=step,
+            running=running,
+            lockstep=lockstep,
+            objects=[state_to_msg(o) for o in objects],
+        )
+        message.header.stamp = ros.stamp_from_ns(step * STEP_NS)
+        self.ticks.publish(message)
+
+    def spin_until(
+        self, condition: Callable[[], bool], what: str, limit_s: float = DEADLINE_S
+    ) -> None:
+        deadline = time.monotonic() + limit_s
+        while not condition():
+            assert time.monotonic() < deadline, f"no {what} in time"
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def close(self) -> None:
+        self.executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self.context)
+
+
+def start(run_file: Path) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", "ssp_ot_controller.camera.node", "--ros-args"]
+    command += ["-p", f"run_file:={run_file}"]
+    return subprocess.Popen(
+        command, env=os.environ.copy(), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    )
+
+
+def write_run(path: Path, camera: Camera | None) -> Path:
+    path.write_text(run_spec(camera).model_dump_json(by_alias=True))
+    return path
+
+
+@pytest.fixture
+def world(monkeypatch: pytest.MonkeyPatch) -> Iterator[World]:
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    with free_domain() as domain_id:
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain_id))
+        made = World(domain_id)
+        yield made
+        made.close()
+    remove_stale_shared_memory()
+
+
+@pytest.fixture
+def camera_node(world: World, tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
+    """The node, seen by the world; small pictures keep it quick."""
+    process = start(write_run(tmp_path / "run.json", Camera(width_px=320, height_px=180)))
+
+    def connected() -> bool:
+        assert process.poll() is None, process.communicate()[0]
+        return bool(world.mounts) and world.ticks.get_subscription_count() == 1
+
+    try:
+        world.spin_until(connected, "front_camera", START_DEADLINE_S)
+        yield process
+    finally:
+        if process.poll() is None:
+            process.kill()
+        process.communicate(timeout=DEADLINE_S)
+
+
+def test_a_lockstep_run(world: World, camera_node: subprocess.Popen[str]) -> None:
+    # While the world holds, the picture of step 0 comes again after a second.
+    def hold_until(answers: int) -> float:
+        deadline = time.monotonic() + DEADLINE_S
+        while len(world.steps("done")) < answers:
+            assert time.monotonic() < deadline, "no picture of step 0 in time"
+            world.tick(0, running=False)
+            world.executor.spin_once(timeout_sec=0.1)
+        return time.monotonic()
+
+    first = hold_until(1)
+    assert hold_until(2) - first > 0.7
+    # Faster than it can draw: all frame steps come, in order, each answered after its picture.
+    steps = range(1, 8 * EVERY + 1)
+    for step in steps:
+        world.tick(step)
+    expected = [0, 0] + [s for s in steps if s % EVERY == 0]
+    world.spin_until(lambda: len(world.steps("done")) == len(expected), "answers")
+    world.spin_until(lambda: len(world.images) == len(expected), "pictures")
+    assert world.steps("done") == expected
+    assert world.steps("image") == expected
+    world.spin_until(lambda: len(world.infos) == len(expected), "camera infos")
+
+    image = world.images[-1]
+    picture = cv2.imdecode(np.asarray(image.data, np.uint8), cv2.IMREAD_COLOR)
+    assert picture is not None
+    assert picture.shape == (180, 320, 3)
+    assert picture.std() > 20
+    assert (image.format, image.header.frame_id) == ("jpeg", "vut/front_camera_optical")
+    info = world.infos[-1]
+    assert (info.width, info.height, info.header.stamp) == (320, 180, image.header.stamp)
+    assert info.k[2] == 159.5
+    assert len(world.mounts) == 1
+    mount = world.mounts[0]
+    assert mount.header.frame_id == "vut/base_link"
+    assert mount.child_frame_id == "vut/front_camera_optical"
+    assert mount.transform.translation.z == 1.45
+
+    camera_node.send_signal(signal.SIGTERM)
+    assert camera_node.wait(DEADLINE_S) == 0
+
+
+def test_realtime_drops_what_it_cannot_draw_and_says_so(
+    world: World, camera_node: subprocess.Popen[str]
+) -> None:
+    sent = 200
+    for k in range(1, sent + 1):
+        world.tick(k * EVERY, lockstep=False)
+    first = len(world.images)
+    world.spin_until(lambda: len(world.images) > first, "a picture")
+    camera_node.send_signal(signal.SIGTERM)
+    assert camera_node.wait(DEADLINE_S) == 0
+    output = camera_node.communicate()[0]
+    assert "frames dropped" in output
+    drawn = world.steps("image")
+    assert drawn == sorted(drawn)
+    assert len(drawn) < sent
+
+
+def test_a_run_without_camera_is_refused(tmp_path: Path, world: World) -> None:
+    process = start(write_run(tmp_path / "run.json", None))
+    output = process.communicate(timeout=DEADLINE_S)[0]
+    assert process.returncode == 1
+    assert "camera" in output
+    assert "Traceback" not in output
