@@ -1,0 +1,74 @@
+"""Slot by slot (METHOD 6.3): what a report shows beside the ratios that the golden cases check."""
+
+import itertools
+
+import pytest
+
+from ssp_core.vocab import CONFLICTS, MOTIONS, POSITIONS
+from ssp_eval.labels.model import Label
+from ssp_eval.records import BehaviourRecord, Slot, Slots
+from ssp_eval.score.semantics import SlotScore, object_f1, score_slots, soft_score
+
+LABEL = Label(
+    t_s=1.0,
+    phase="conflict",
+    risk_visible=True,
+    objects=("car", "bus"),
+    position="front",
+    motion="oncoming",
+    conflict=None,
+    lon_actions=("stop",),
+    lat_actions=("straight",),
+)
+RECORD = BehaviourRecord(
+    t_s=1.0,
+    text="a car",
+    slots=Slots(
+        objects=Slot(("car",), ((2, 5),)),
+        position=Slot("front_left", ((0, 5),)),
+        motion=Slot("oncoming", ((9, 12),)),
+        conflict=Slot("active", ((0, 1),)),
+    ),
+)
+
+
+def test_what_each_slot_shows():
+    assert score_slots(LABEL, RECORD, dynamics_masked=False, soft_credit=0.5) == {
+        "objects": SlotScore(True, True, 2 / 3, 2 / 3, ("car",), ("car", "bus")),
+        "position": SlotScore(True, True, 0.0, 0.5, "front_left", "front"),
+        "motion": SlotScore(True, False, 0.0, 0.0, None, "oncoming"),
+        "conflict": SlotScore(False, True, None, None, "active", None),
+    }
+
+
+def test_a_masked_slot_keeps_its_values_but_has_no_score():
+    slots = score_slots(LABEL, RECORD, dynamics_masked=True, soft_credit=0.5)
+    assert slots["motion"] == SlotScore(False, False, None, None, None, "oncoming")
+    assert slots["conflict"].h is None
+    assert slots["position"].evaluable
+
+
+def test_without_a_record_every_evaluable_slot_scores_zero():
+    slots = score_slots(LABEL, None, dynamics_masked=False, soft_credit=0.5)
+    assert [slot.evaluable for slot in slots.values()] == [True, True, True, False]
+    assert [(slot.given, slot.h, slot.s) for slot in slots.values()] == [
+        (False, 0.0, 0.0),
+        (False, 0.0, 0.0),
+        (False, 0.0, 0.0),
+        (False, None, None),
+    ]
+
+
+@pytest.mark.parametrize(("vocabulary", "adjacent"), [(POSITIONS, 8), (CONFLICTS, 4), (MOTIONS, 0)])
+def test_adjacency_is_symmetric_and_as_large_as_the_method_says(vocabulary, adjacent):
+    pairs = list(itertools.permutations(vocabulary, 2))
+    assert sum(soft_score(a, b, 0.5) == 0.5 for a, b in pairs) == adjacent
+    assert all(soft_score(a, b, 0.5) == soft_score(b, a, 0.5) for a, b in pairs)
+    assert all(soft_score(a, a, 0.5) == 1.0 for a in vocabulary)
+
+
+def test_f1_of_sets():
+    assert object_f1([], []) == 1.0
+    assert object_f1(["car"], []) == 0.0
+    assert object_f1(["car", "car"], ["car"]) == 1.0
+    assert object_f1(["car", "bus"], ["car", "truck", "bus", "cyclist"]) == 2 / 3
