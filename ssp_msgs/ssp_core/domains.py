@@ -16,7 +16,7 @@ from ssp_core.errors import HostError
 DOMAINS = range(20, 101)
 
 
-def _ports(domain_id: int) -> range:
+def domain_ports(domain_id: int) -> range:
     """UDP ports that DDS participants of a domain may use (RTPS 2.2, 9.6.1.1)."""
     return range(7400 + 250 * domain_id, 7400 + 250 * (domain_id + 1))
 
@@ -39,7 +39,9 @@ def free_domain() -> Iterator[int]:
         HostError: all of them are in use.
     """
     folder = Path(tempfile.gettempdir()) / "ssp-domains"
-    folder.mkdir(mode=0o777, exist_ok=True)
+    if not folder.is_dir():
+        folder.mkdir(exist_ok=True)
+        folder.chmod(0o1777)  # for all users, as the host's domains are
     try:
         busy = ports_in_use(Path("/proc/net/udp").read_text())
     except OSError:
@@ -47,9 +49,12 @@ def free_domain() -> Iterator[int]:
     start = os.getpid() % len(DOMAINS)
     for k in range(len(DOMAINS)):
         domain_id = DOMAINS[(start + k) % len(DOMAINS)]
-        if busy.intersection(_ports(domain_id)):
+        if busy.intersection(domain_ports(domain_id)):
             continue
-        handle = os.open(folder / str(domain_id), os.O_CREAT | os.O_RDWR, 0o666)
+        try:
+            handle = os.open(folder / str(domain_id), os.O_CREAT | os.O_RDWR, 0o666)
+        except PermissionError:  # another user's
+            continue
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

@@ -13,6 +13,8 @@ import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from ssp_core.domains import domain_ports
+
 _PR_SET_PDEATHSIG = 1
 _SHM = Path("/dev/shm")
 _MIN_FREE_SHM_BYTES = 512 << 20
@@ -38,8 +40,12 @@ def session_environment(domain_id: int, profile: Path | None = None) -> dict[str
     return env
 
 
+# Loaded here: between fork and exec as little as possible may happen.
+_LIBC = ctypes.CDLL(None)
+
+
 def _die_with_parent() -> None:
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 @dataclass
@@ -86,6 +92,7 @@ class ProcessGroup:
     def __exit__(self, *_: object) -> None:
         self.stop()
         remove_stale_shared_memory()
+        remove_shared_ports(int(self.env["ROS_DOMAIN_ID"]))
 
     def start_node(self, name: str, module: str, parameters: dict[str, object]) -> NodeProcess:
         """Starts ``python -m module`` as a ROS node with parameters.
@@ -139,6 +146,16 @@ class ProcessGroup:
                 node.process.wait()
                 killed.append(node.name)
         return killed
+
+
+def remove_shared_ports(domain_id: int) -> None:
+    """Removes what killed participants of a domain leave of their ports in /dev/shm.
+
+    Only for a domain that the caller holds and in which nothing runs any more.
+    """
+    for port in domain_ports(domain_id):
+        for name in (f"fastrtps_port{port}", f"sem.fastrtps_port{port}_mutex"):
+            (_SHM / name).unlink(missing_ok=True)
 
 
 def remove_stale_shared_memory() -> int:

@@ -71,7 +71,11 @@ def _measure(context: rclpy.Context, group: ProcessGroup) -> Link:
     executor = rclpy.executors.SingleThreadedExecutor(context=context)
     executor.add_node(node)
     answers: list[int] = []
-    node.create_subscription(Heartbeat, PONG, lambda m: answers.append(m.sequence), ros.STATE)
+
+    def take(message: Heartbeat) -> None:
+        answers.append(message.sequence)
+
+    node.create_subscription(Heartbeat, PONG, take, ros.STATE)
     ping = node.create_publisher(Heartbeat, PING, ros.STATE)
     started = time.monotonic()
     # Both directions must be matched: an answer to a ping is the proof.

@@ -58,7 +58,7 @@ class RunClient:
 
     def ready(self) -> bool:
         """The manager offers the action."""
-        return self._client.server_is_ready()
+        return bool(self._client.server_is_ready())
 
     def begin(self, run_file: str) -> None:
         """Sends the goal; the answer is awaited by spinning."""

@@ -18,6 +18,7 @@ from ssp_core.files import write_json, write_text
 from ssp_core.processes import NodeProcess, ProcessGroup, session_environment
 from ssp_core.run_spec import RunSpec
 from ssp_core.vocab import Verdict
+from ssp_scenario_manager.runner.node import RunClient
 from ssp_scenario_manager.runner.outcome import Outcome
 
 START_TIMEOUT_S = 30.0
@@ -129,8 +130,6 @@ def _follow(
     group: ProcessGroup, run_file: Path, say: Callable[[str], None], interrupt: _Interrupt
 ) -> tuple[Outcome, float, float]:
     """Waits for the manager, has the run done, and watches processes and signals meanwhile."""
-    from ssp_scenario_manager.runner.node import RunClient
-
     client = RunClient(group.env, say)
     try:
         deadline = time.monotonic() + START_TIMEOUT_S
@@ -154,12 +153,8 @@ def _follow(
 
 
 def _wait(
-    group: ProcessGroup, client: object, say: Callable[[str], None], interrupt: _Interrupt
+    group: ProcessGroup, client: RunClient, say: Callable[[str], None], interrupt: _Interrupt
 ) -> Outcome:
-    from ssp_scenario_manager.runner.node import RunClient
-
-    if not isinstance(client, RunClient):
-        raise TypeError("client must be a RunClient")
     told: set[str] = set()
     cancelled = 0
     deadline: float | None = None
@@ -184,6 +179,8 @@ def _wait(
         if deadline is not None and time.monotonic() > deadline:
             break
     outcome = client.outcome or Outcome(Verdict.INVALID_HARNESS, ())
+    if cancelled:
+        outcome = Outcome(outcome.verdict, ("interrupted from the terminal", *outcome.reasons))
     dead = [group.processes[name] for name in sorted(told)]
     for node in dead:
         outcome = outcome.with_reason(Verdict.INVALID_HARNESS, _obituary(node))
@@ -192,11 +189,11 @@ def _wait(
     return outcome
 
 
-def _let_objects_stop(client: object) -> None:
+def _let_objects_stop(client: RunClient) -> None:
     """Gives the objects, which hear no manager any more, the time to come to a standstill."""
     until = time.monotonic() + 5.0
     while time.monotonic() < until:
-        client.spin(0.1)  # type: ignore[attr-defined]  # RunClient, imported lazily
+        client.spin(0.1)
 
 
 def _obituary(node: NodeProcess) -> str:
@@ -228,8 +225,9 @@ def _check_bag(
     unfinished = bag.with_name(bag.name + ".unfinished")
     bag.rename(unfinished)
     report = recover(unfinished, bag)
-    say(f"bag recovered: {report.messages} messages")
+    kept = sum(report.messages.values())
+    say(f"bag recovered: {kept} messages")
     return outcome.with_reason(
         Verdict.INVALID_HARNESS,
-        f"the recorder did not close its bag; {report.messages} messages were recovered",
+        f"the recorder did not close its bag; {kept} messages were recovered",
     )
