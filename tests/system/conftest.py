@@ -1,0 +1,118 @@
+"""Sessions in processes of their own, started through the command line as a user does."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+START_DEADLINE_S = 90.0
+END_DEADLINE_S = 90.0
+
+
+def ssp_command(*arguments: str) -> list[str]:
+    return [sys.executable, "-m", "ssp_core.cli", *arguments]
+
+
+def processes_of(folder: Path) -> dict[str, int]:
+    """Live node processes whose command line names a run's folder: node name to pid."""
+    found = {}
+    for entry in Path("/proc").iterdir():
+        if not entry.name.isdigit():
+            continue
+        try:
+            words = (entry / "cmdline").read_bytes().decode(errors="replace").split("\0")
+            state = (entry / "stat").read_text().rsplit(")", 1)[1].split()[0]
+        except OSError:
+            continue
+        if state != "Z" and any(str(folder) in w for w in words):
+            names = [w.removeprefix("__node:=") for w in words if w.startswith("__node:=")]
+            found[names[0] if names else words[-1]] = int(entry.name)
+    return found
+
+
+@dataclass
+class Session:
+    """One ``ssp run`` under way."""
+
+    folder: Path
+    process: subprocess.Popen[str]
+    lines: list[str]
+
+    def wait_for(self, text: str) -> None:
+        """Reads what the run says until a line holds the text."""
+        deadline = time.monotonic() + START_DEADLINE_S
+        if self.process.stderr is None:
+            raise RuntimeError("the run's standard error is not a pipe")
+        for line in self.process.stderr:
+            self.lines.append(line)
+            if text in line:
+                return
+            if time.monotonic() > deadline:
+                break
+        pytest.fail(f"no line with {text!r} came; there were:\n{''.join(self.lines)}")
+
+    def kill(self, node: str, number: signal.Signals = signal.SIGKILL) -> None:
+        os.kill(self.pid_of(node), number)
+
+    def pid_of(self, node: str) -> int:
+        if node == "scenario_manager":
+            # It gets its run file with the goal, so its command line doesn't name the folder.
+            log = (self.folder / "logs" / f"{node}.log").resolve()
+            for entry in Path("/proc").iterdir():
+                if not entry.name.isdigit():
+                    continue
+                try:
+                    if (entry / "fd" / "1").resolve() == log:
+                        return int(entry.name)
+                except OSError:
+                    continue
+            pytest.fail("the scenario manager has no process")
+        return processes_of(self.folder)[node]
+
+    def finish(self) -> dict[str, Any]:
+        """Waits for the end and returns result.json."""
+        out, err = self.process.communicate(timeout=END_DEADLINE_S)
+        self.lines += [out, err]
+        result: dict[str, Any] = json.loads((self.folder / "result.json").read_text())
+        return result
+
+
+@pytest.fixture
+def start_session(tmp_path: Path) -> Iterator[Any]:
+    """Starts ``ssp run`` in a folder of the test; nothing of it outlives the test."""
+    started: list[Session] = []
+
+    def start(scenario: str = "cut_in", *arguments: str, name: str = "run") -> Session:
+        folder = tmp_path / name
+        process = subprocess.Popen(
+            ssp_command("run", scenario, "--out", str(folder), *arguments),
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        session = Session(folder, process, [])
+        started.append(session)
+        return session
+
+    yield start
+    for session in started:
+        if session.process.poll() is None:
+            session.process.kill()
+            session.process.communicate()
+        for pid in processes_of(session.folder).values():
+            os.kill(pid, signal.SIGKILL)
+
+
+@pytest.fixture
+def live_processes() -> Any:
+    return processes_of

@@ -1,0 +1,129 @@
+"""Whole sessions: valid, repeatable, side by side, and with a bag that others can read."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from rosbags.highlevel import AnyReader
+
+pytestmark = [pytest.mark.ros, pytest.mark.system]
+
+STATE_TOPICS = ("/ssp/vut/state", "/ssp/ot1/state", "/ssp/ot1/reference", "/ssp/ot1/reference_ack")
+
+
+def messages(bag: Path, topic: str) -> list[Any]:
+    with AnyReader([bag]) as reader:
+        chosen = [c for c in reader.connections if c.topic == topic]
+        return [
+            reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages(connections=chosen)
+        ]
+
+
+def moving_bytes(bag: Path, topic: str) -> list[bytes]:
+    """Serialised messages from the start of the run on (before it the world holds at time 0)."""
+    with AnyReader([bag]) as reader:
+        chosen = [c for c in reader.connections if c.topic == topic]
+        kept = []
+        for connection, _, raw in reader.messages(connections=chosen):
+            stamp = reader.deserialize(raw, connection.msgtype).header.stamp
+            if stamp.sec or stamp.nanosec:
+                kept.append(bytes(raw))
+        return kept
+
+
+@pytest.mark.parametrize("scenario", ["cut_in", "vru_crossing"])
+@pytest.mark.parametrize("site", ["boulevard", "north_track"])
+def test_both_scenarios_are_valid_on_both_sites(
+    scenario: str, site: str, start_session: Any
+) -> None:
+    session = start_session(scenario, "--site", site, "--no-camera")
+    result = session.finish()
+    assert (session.process.returncode, result["verdict"], result["reasons"]) == (0, "valid", [])
+
+    bag = session.folder / "bag"
+    phases = [m.phase for m in messages(bag, "/ssp/phase_event")]
+    assert phases == [1, 2, 3, 4]
+    (trigger,) = messages(bag, "/ssp/trigger_event")
+    stamp_ns = trigger.crossing_time.sec * 10**9 + trigger.crossing_time.nanosec
+    low, high = (t.sec * 10**9 + t.nanosec for t in trigger.sample_stamps)
+    assert low <= stamp_ns <= high
+    acks = messages(bag, "/ssp/ot1/reference_ack")
+    assert acks
+    assert all(a.accepted for a in acks)
+    assert {a.reference_id for a in acks} >= set(trigger.reference_ids)
+    tracked = [m for m in messages(bag, "/ssp/ot1/state") if m.reference_id]
+    assert max(abs(m.error_lateral) for m in tracked) < 0.3
+    assert not messages(bag, "/ssp/safety_event")
+
+
+def test_the_bag_reads_with_types_from_the_file_and_agrees_with_its_metadata(
+    start_session: Any,
+) -> None:
+    session = start_session("cut_in")
+    assert session.finish()["verdict"] == "valid"
+    bag = session.folder / "bag"
+    listed = yaml.safe_load((bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    with AnyReader([bag]) as reader:
+        counts = {c.topic: c.msgcount for c in reader.connections}
+        decoded = dict.fromkeys(counts, 0)
+        for connection, _, raw in reader.messages():
+            reader.deserialize(raw, connection.msgtype)
+            decoded[connection.topic] += 1
+    in_metadata = {
+        t["topic_metadata"]["name"]: t["message_count"] for t in listed["topics_with_message_count"]
+    }
+    assert decoded == counts == in_metadata
+    assert listed["message_count"] == sum(decoded.values())
+    assert decoded["/ssp/vut/front_camera/image/compressed"] > 100
+    frames = messages(bag, "/ssp/vut/front_camera/image/compressed")
+    stamps = [f.header.stamp.sec * 10**9 + f.header.stamp.nanosec for f in frames]
+    moving = [s for s in stamps if s > 0]
+    assert {b - a for a, b in itertools.pairwise(moving)} == {100_000_000}
+
+
+def test_the_same_seed_gives_the_same_states_byte_for_byte(start_session: Any) -> None:
+    arguments = ("--site", "north_track", "--no-camera", "--seed", "5")
+    first = start_session("cut_in", *arguments, name="first")
+    second = start_session("cut_in", *arguments, name="second")  # at the same time, on purpose
+    for session in (first, second):
+        assert session.finish()["verdict"] == "valid"
+    for topic in STATE_TOPICS:
+        ours = moving_bytes(first.folder / "bag", topic)
+        theirs = moving_bytes(second.folder / "bag", topic)
+        # The last messages depend on when the processes were ended.
+        common = min(len(ours), len(theirs))
+        assert common > (1 if topic.endswith(("reference", "ack")) else 600)
+        assert ours[:common] == theirs[:common]
+
+
+def test_another_seed_gives_other_states_where_there_is_noise(start_session: Any) -> None:
+    bags = []
+    for seed in ("5", "6"):
+        session = start_session(
+            "cut_in", "--site", "north_track", "--no-camera", "--seed", seed, name=f"seed{seed}"
+        )
+        assert session.finish()["verdict"] == "valid"
+        bags.append(moving_bytes(session.folder / "bag", "/ssp/vut/state"))
+    assert bags[0] != bags[1]
+
+
+def test_a_folder_that_holds_something_is_refused(start_session: Any, tmp_path: Path) -> None:
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "mine.txt").write_text("keep")
+    session = start_session("cut_in")
+    _, err = session.process.communicate(timeout=60)
+    assert session.process.returncode == 1
+    assert "is not empty" in err
+    assert (tmp_path / "run" / "mine.txt").read_text() == "keep"
+
+
+def test_result_as_json(start_session: Any) -> None:
+    session = start_session("vru_crossing", "--no-camera", "--json")
+    out, _ = session.process.communicate(timeout=90)
+    assert session.process.returncode == 0
+    assert json.loads(out)["verdict"] == "valid"
