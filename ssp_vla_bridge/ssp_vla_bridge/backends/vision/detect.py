@@ -166,8 +166,8 @@ def _top_row(ycc: NDArray[np.float32], blob: _Blob, scale: float) -> int:
         return blob.top
     rows = slice(highest, blob.top)
     # A few dozen columns tell as much as all of them.
-    step = max(1, (blob.right - blob.left) // _INSIDE_COLUMNS)
-    inside = ycc[rows, blob.left : blob.right : step]
+    count = min(blob.right - blob.left, _INSIDE_COLUMNS)
+    inside = ycc[rows, np.linspace(blob.left, blob.right - 1, count).round().astype(int)]
     wide = blob.right - blob.left > _WIDE_M * scale
     beside = _beside(ycc, blob, scale, _WIDE_FLANK_COLUMNS if wide else _FLANK_COLUMNS)[rows]
     if beside.shape[1] == 0:

@@ -78,9 +78,11 @@ def learn_surface(frames: Sequence[NDArray[np.float32]], plane: GroundPlane) -> 
     # Only as far as needed to see a strip at all: farther away, something stands on it.
     reach_m = _LEARN_TO_M + _LEARN_PER_ASIDE * np.abs(np.nan_to_num(plane.lateral_m))
     near = (index >= 0) & (plane.row_x_m[:, None] < reach_m)
-    # Every third pixel of every third row is plenty.
+    # Every third pixel of every third row is plenty; counted from both sides, so that a mirrored
+    # picture is learned from the mirrored pixels.
+    columns = np.arange(plane.width_px)
     thin = np.zeros_like(near)
-    thin[::3, ::3] = True
+    thin[::3] = np.minimum(columns, columns[::-1]) % 3 == 0
     rows, columns = np.nonzero(near & thin)
     strips = index[rows, columns]
     order = np.argsort(strips, kind="stable")
