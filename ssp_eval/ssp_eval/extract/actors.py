@@ -35,6 +35,7 @@ _PREPOSITIONS = frozenset(
     }
 )
 _OTHERS = frozenset({"another", "other", "second", "additional"})
+_AFTER_LABEL = frozenset({"is", "has", "may", "might", "could", "will", ",", ":", ")", "(", "."})
 MAX_RECENT = 12
 
 
@@ -48,7 +49,12 @@ def resolve(world: World, words: list[str], hit: Hit, place: str | None) -> Acto
         place: where the noun's own phrase puts it; a known actor elsewhere is another one.
     """
     recent = world.actors[-MAX_RECENT:]
-    if hit.form != "indefinite" and not _OTHERS & set(words[max(hit.first - 3, 0) : hit.first]):
+    label = _label(words, hit.stop)
+    if label:
+        for actor in reversed(recent):
+            if actor.name == hit.value and actor.label == label:
+                return actor
+    elif hit.form != "indefinite" and not _OTHERS & set(words[max(hit.first - 3, 0) : hit.first]):
         for actor in reversed(recent):
             if actor.name == hit.value and _fits(actor, place):
                 return actor
@@ -56,10 +62,19 @@ def resolve(world: World, words: list[str], hit: Hit, place: str | None) -> Acto
             for actor in reversed(recent):
                 if actor.name in _MOTORISED and _fits(actor, place):
                     return actor
-    actor = Actor(hit.value, len(world.actors))
+    actor = Actor(hit.value, len(world.actors), label)
     actor.first_named = Statement(hit.value, hit.first, hit.stop, -1)
     world.actors.append(actor)
     return actor
+
+
+def _label(words: list[str], at: int) -> str:
+    """The A of "Vehicle A", the 2 of "car 2"."""
+    word = words[at] if at < len(words) else ""
+    if len(word) != 1 or not word.isascii() or not word.isalnum():
+        return ""
+    after = words[at + 1] if at + 1 < len(words) else ""
+    return "" if word in ("a", "i", "m", "s") and after not in _AFTER_LABEL else word
 
 
 def _fits(actor: Actor, place: str | None) -> bool:

@@ -7,10 +7,11 @@ from ssp_eval.extract.lexicon import EGO_WORDS, phrases
 _FILLERS = frozenset(
     phrases(
         """
-    our, my, the, your, its, their, his, her, adjacent, immediate, far, next, same, near,
-    neighbouring, neighboring, other, outer, inner, immediately, directly, extreme, opposite, a,
-    slightly, very, host, ego, adjoining, parallel, just, straight, hard, front, slight, gently
-    """
+        our, my, the, your, its, their, his, her, adjacent, immediate, far, next, same,
+        near, neighbouring, neighboring, other, outer, inner, immediately, directly,
+        extreme, opposite, a, slightly, very, host, ego, adjoining, parallel, just,
+        straight, hard, slight, gently
+        """
     )
 )
 _FORMS = {
@@ -32,31 +33,37 @@ _FORMS = {
 _HEADS = frozenset(
     phrases(
         """
-    lane, lanes, shoulder, side, curb, kerb, sidewalk, pavement, edge, roadside, margin, verge,
-    footpath, border, boundary, adjacent, kerbside, curbside
-    """
+        lane, lanes, shoulder, side, curb, kerb, sidewalk, pavement, edge, roadside,
+        margin, verge, footpath, border, boundary, adjacent, kerbside, curbside
+        """
     )
 )
 # What a side may be "of" and still be seen from the VUT.
 _FRAME_NOUNS = frozenset(
     phrases(
         """
-    road, street, lane, image, frame, picture, view, roadway, intersection, scene, junction,
-    crosswalk, highway, screen, us, me
-    """
+        road, street, lane, image, frame, picture, view, roadway, intersection, scene,
+        junction, crosswalk, highway, screen, us, me
+        """
     )
 )
 _NO_SIDE_AFTER_RIGHT = frozenset(
     phrases("of, now, away, ahead, behind, before, after, next, here, there, in")
 )
-_VERB_BEFORE_LEFT = frozenset(phrases("has, have, had, just, already, is, was, having, been, are"))
+_VERB_BEFORE_LEFT = frozenset(
+    phrases(
+        """
+    has, have, had, just, already, is, was, having, been, are
+    """
+    )
+)
 _OPPOSITE = {"left": "right", "right": "left"}
 _ARTICLES = frozenset(
     phrases(
         """
-    the, a, an, that, this, its, another, their, it, them, him, her, which, these, those, some,
-    two
-    """
+        the, a, an, that, this, its, another, their, it, them, him, her, which, these,
+        those, some, two
+        """
     )
 )
 MAX_BACK = 4

@@ -21,18 +21,14 @@ KINDS: dict[Kind, Table] = {
         "not": phrases("not, never, hardly"),
     },
     Kind.NO_LONGER: {
-        "": phrases(
-            """
-            no longer, not anymore, not any more, no more, not any longer
-            """
-        ),
+        "": phrases("no longer, not anymore, not any more, no more, not any longer"),
     },
     Kind.MODAL: {
         "may": phrases(
             """
             may, might, could, can, would, possibly, potentially, perhaps, maybe,
-            likely, probably, may be, might be, could be, seems, appears, seem, appear,
-            probable, possible
+            likely, probably, may be, might be, could be, seems, appears, seem,
+            appear, probable, possible
             """
         ),
         "will": phrases("will, going to, gonna, shall"),
@@ -41,9 +37,10 @@ KINDS: dict[Kind, Table] = {
     Kind.CONDITION: {
         "if": phrases(
             """
-            if, in case, in the event, unless, when, whenever, once, assuming, suppose,
-            supposing, provided, as soon as, as long as, should the, should it, should
-            a, should they, whether, otherwise, were to, in the case of, hypothetically
+            if, in case, in the event, unless, when, whenever, once, assuming,
+            suppose, supposing, provided, as soon as, as long as, should the, should
+            it, should a, should they, whether, otherwise, were to, in the case of,
+            hypothetically
             """
         ),
         "after": phrases("after, following which"),
@@ -72,15 +69,15 @@ KINDS: dict[Kind, Table] = {
     Kind.READY: {
         "": phrases(
             """
-            prepare to, preparing to, prepared to, ready to, be ready for, prepare for,
-            preparing for, about to, intends to, intend to, wants to, want to, trying
-            to, tries to, try to, planning to, wishing to, waiting to, signaling to,
+            prepare to, preparing to, prepared to, ready to, be ready for, prepare
+            for, preparing for, about to, intends to, intend to, wants to, want to,
+            trying to, tries to, try to, planning to, wishing to, signaling to,
             signalling to, expected to, likely to, in a position to, appears to, seems
-            to, ready for, intending to, wanting to, attempting to, looking to, able to,
-            allowed to, preparing, signaling, signalling, signals, indicating, intention
-            to, poised to, set to, due to turn, has the option to, reserve, allow,
-            allowing, allows, let, letting, lets, enable, enabling, hoping to, prepares
-            to, consider, considering, considered
+            to, ready for, intending to, wanting to, attempting to, looking to, able
+            to, allowed to, preparing, signaling, signalling, signals, indicating,
+            intention to, poised to, set to, due to turn, has the option to, reserve,
+            allow, allowing, allows, let, letting, lets, enable, enabling, hoping to,
+            prepares to, consider, considering, considered
             """
         ),
     },
@@ -89,11 +86,11 @@ KINDS: dict[Kind, Table] = {
             """
             instead of, rather than, without, avoid, avoids, avoiding, no need to, no
             need for, not need to, no reason to, unnecessary to, not necessary to,
-            unsafe to, refrain from, refraining from, against, it would be, opposed to,
-            as opposed to, rejected, reject, rejecting, ruled out, rule out, discard,
-            not have to, not required to, too risky to, not safe to, could also,
-            alternative is, alternative would be, other option is, prevent, preventing,
-            prevents
+            unsafe to, refrain from, refraining from, against, it would be, opposed
+            to, as opposed to, rejected, reject, rejecting, ruled out, rule out,
+            discard, not have to, not required to, too risky to, not safe to, could
+            also, alternative is, alternative would be, other option is, prevent,
+            preventing, prevents
             """
         ),
     },
@@ -101,25 +98,17 @@ KINDS: dict[Kind, Table] = {
         "": phrases(
             """
             unnecessary, is ruled out, are ruled out, is rejected, unsafe, too risky,
-            not an option, not possible, impossible, is discarded, discarded, dismissed,
-            too dangerous, was rejected, was discarded, out of the question, too late,
-            excluded, prohibited, forbidden
+            not an option, not possible, impossible, is discarded, discarded,
+            dismissed, too dangerous, was rejected, was discarded, out of the
+            question, too late, excluded, prohibited, forbidden
             """
         ),
     },
     Kind.JOIN: {
         "and": phrases("and, plus, as well as"),
         "or": phrases("or"),
-        "but": phrases(
-            """
-            but, however, though, although, whereas, yet, still, nevertheless
-            """
-        ),
-        "so": phrases(
-            """
-            so, therefore, thus, hence, consequently, accordingly, that way
-            """
-        ),
+        "but": phrases("but, however, though, although, whereas, yet, still, nevertheless"),
+        "so": phrases("so, therefore, thus, hence, consequently, accordingly, that way"),
         "because": phrases(
             """
             because, since, as, due to, because of, given, for, owing to, in response
@@ -136,13 +125,13 @@ KINDS: dict[Kind, Table] = {
             critical, critical object, critical objects, notable object, notable
             objects, pay attention to, paying attention to, watch, watching, monitor,
             monitoring, key object, key objects, attention to, keep an eye on, keeping
-            an eye on, important, relevant, be aware of, aware of, main object, relevant
-            object, relevant objects, most critical, focus on, critical road user,
-            critical road users, object of interest, objects of interest, be careful of,
-            mind, observe, observing, relevant road user, relevant road users, important
-            object, important objects, main hazard, must be watched, needs to be
-            watched, should be watched, to be watched, needs attention, requires
-            attention, key agent, key agents, critical agent, critical agents
+            an eye on, important, relevant, be aware of, aware of, main object,
+            relevant object, relevant objects, most critical, focus on, critical road
+            user, critical road users, object of interest, objects of interest, be
+            careful of, mind, observe, observing, relevant road user, relevant road
+            users, important object, important objects, main hazard, must be watched,
+            needs to be watched, should be watched, to be watched, needs attention,
+            requires attention, key agent, key agents, critical agent, critical agents
             """
         ),
     },
@@ -150,9 +139,9 @@ KINDS: dict[Kind, Table] = {
         "": phrases(
             """
             background, irrelevant, not relevant, can be ignored, not matter, not
-            important, negligible, far away, unrelated, of no importance, not critical,
-            ignore, ignoring, of no concern, no relevance, not of interest, in the
-            distance, of no relevance, off the road
+            important, negligible, far away, unrelated, of no importance, not
+            critical, ignore, ignoring, of no concern, no relevance, not of interest,
+            in the distance, of no relevance, off the road
             """
         ),
     },
@@ -161,60 +150,60 @@ KINDS: dict[Kind, Table] = {
             """
             obstacle, obstacles, obstruct, obstructs, obstructing, obstruction, block,
             blocks, blocking, blocked by, hide, hides, hiding, hidden behind, occlude,
-            occludes, occluding, occluded by, hidden by, narrows, narrowing, encroaches,
-            encroaching, obstructed by, protrudes, protruding, limits our view, limiting
-            our view, blocks our view, in our way, in the way
+            occludes, occluding, occluded by, hidden by, narrows, narrowing,
+            encroaches, encroaching, obstructed by, protrudes, protruding, limits our
+            view, limiting our view, blocks our view, in our way, in the way
             """
         ),
     },
     Kind.REACT: {
         "": phrases(
             """
-            clearance, clearance from, clearance to, distance to, distance from, gap to,
-            safe distance, gap from, follow, following, overtake, overtaking, around,
-            space to, room for, space for, make way for, room to, wait for, waiting for,
-            headway to, close to, away from, collide with, colliding with, hit, hitting,
-            distance behind, pass, passing, distance with
+            clearance, clearance from, clearance to, distance to, distance from, gap
+            to, safe distance, gap from, follow, following, overtake, overtaking,
+            around, space to, room for, space for, make way for, room to, wait for,
+            waiting for, headway to, close to, away from, collide with, colliding
+            with, hit, hitting, distance behind, pass, passing, distance with
             """
         ),
     },
     Kind.HYPOTHETICAL: {
         "": phrases(
             """
-            potential, possible, any, imaginary, hypothetical, imagine, what if, unseen,
-            unexpected, invisible, watch for, watch out for, look out for, alert for,
-            alert to, vigilant for, on the lookout for, lookout for, scan for, check
-            for, beware of, watching for, scanning for, checking for, looking for,
-            watching out for, looking out for, in search of
+            potential, possible, any, imaginary, hypothetical, imagine, what if,
+            unseen, unexpected, invisible, watch for, watch out for, look out for,
+            alert for, alert to, vigilant for, on the lookout for, lookout for, scan
+            for, check for, beware of, watching for, scanning for, checking for,
+            looking for, watching out for, looking out for, in search of
             """
         ),
     },
     Kind.NOBODY: {
         "": phrases(
             """
-            nobody, no one, noone, no road users, no road user, no other road users, no
-            other road user, no traffic participants, no other traffic participants, no
-            critical objects, no critical object, no relevant objects, no agents, no
-            relevant road users, no critical road users, road is empty, street is empty,
-            no relevant road user, no critical road user, road ahead is empty, empty
-            road, no objects, no other agents, no notable objects, not any road users,
-            no relevant object, nobody else, no one else, no vehicles or people, no
-            vehicles or pedestrians, no vehicles nor pedestrians, no vehicles and no
-            pedestrians, no pedestrians or vehicles, no pedestrians or other vehicles,
-            no other vehicles or pedestrians, no pedestrians and no vehicles, free of
-            road users, no visible road users, without any road users, without road
-            users, no road users or obstacles
+            nobody, no one, noone, no road users, no road user, no other road users,
+            no other road user, no traffic participants, no other traffic
+            participants, no critical objects, no critical object, no relevant
+            objects, no agents, no relevant road users, no critical road users, road
+            is empty, street is empty, no relevant road user, no critical road user,
+            road ahead is empty, empty road, no objects, no other agents, no notable
+            objects, not any road users, no relevant object, nobody else, no one else,
+            no vehicles or people, no vehicles or pedestrians, no vehicles nor
+            pedestrians, no vehicles and no pedestrians, no pedestrians or vehicles,
+            no pedestrians or other vehicles, no other vehicles or pedestrians, no
+            pedestrians and no vehicles, free of road users, no visible road users,
+            without any road users, without road users, no road users or obstacles
             """
         ),
     },
     Kind.FINAL: {
         "": phrases(
             """
-            final plan, final decision, final action, final answer, final driving plan,
-            decision, final maneuver, final manoeuvre, in conclusion, conclusion,
-            driving plan, chosen action, selected action, final intent, correct action,
-            revised plan, updated plan, new plan, final output, to conclude, my
-            decision, final choice, chosen plan
+            final plan, final decision, final action, final answer, final driving
+            plan, decision, final maneuver, final manoeuvre, in conclusion,
+            conclusion, driving plan, chosen action, selected action, final intent,
+            correct action, revised plan, updated plan, new plan, final output, to
+            conclude, my decision, final choice, chosen plan
             """
         ),
     },
@@ -230,8 +219,8 @@ KINDS: dict[Kind, Table] = {
     Kind.REVISE: {
         "": phrases(
             """
-            actually, on second thought, on second thoughts, correction, scratch that, i
-            change my mind, change of plan, instead, no wait, hold on, revising, i
+            actually, on second thought, on second thoughts, correction, scratch that,
+            i change my mind, change of plan, instead, no wait, hold on, revising, i
             revise, we revise, let me revise, re evaluating, reconsidering
             """
         ),

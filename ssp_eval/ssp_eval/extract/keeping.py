@@ -5,52 +5,45 @@ from __future__ import annotations
 from ssp_eval.extract.lexicon import phrases
 
 _KEEP = frozenset(
-    phrases(
-        """
-    keep, keeps, keeping, maintain, maintains, maintaining, hold, holds, holding
-    """
-    )
+    phrases("keep, keeps, keeping, maintain, maintains, maintaining, hold, holds, holding")
 )
 _STAY = frozenset(phrases("stay, stays, staying, remain, remains, remaining"))
 _GO = frozenset(
     phrases(
         """
-    continue, continues, continuing, drive, drives, driving, proceed, proceeds, proceeding, go,
-    goes, going, travel, travels, traveling, travelling, head, heads, heading, move, moves,
-    moving, cruise, cruises, cruising, steer, steers, steering
-    """
+        continue, continues, continuing, drive, drives, driving, proceed, proceeds,
+        proceeding, go, goes, going, travel, travels, traveling, travelling, head, heads,
+        heading, move, moves, moving, cruise, cruises, cruising, steer, steers, steering
+        """
     )
 )
 HEADS = _KEEP | _STAY | _GO
 _ON = frozenset(
     phrases(
         """
-    going, driving, moving, traveling, travelling, on, heading, to, proceeding, cruising
-    """
+        going, driving, moving, traveling, travelling, on, heading, to, proceeding,
+        cruising
+        """
     )
 )
 _OWN = frozenset(
     phrases(
         """
-    my, our, the, its, a, both, own, ego, this, current, constant, steady, same, present,
-    existing, original, cruising, vehicle, through, initial, forward, set
-    """
+        my, our, the, its, a, both, own, ego, this, current, constant, steady, same,
+        present, existing, original, cruising, vehicle, through, initial, forward, set
+        """
     )
 )
 _STEADY = frozenset(
-    phrases(
-        """
-    current, constant, steady, same, present, existing, cruising, original
-    """
-    )
+    phrases("current, constant, steady, same, present, existing, cruising, original")
 )
 _SPEEDS = frozenset(phrases("speed, velocity, pace, speeds"))
 _NOT_KEPT = frozenset(
     phrases(
         """
-    low, below, under, down, reduced, slow, moderate, limit, limits, close, appropriate, safe,
-    adapted, adjustment, reduction, in, as, differences, difference
-    """
+        low, below, under, down, reduced, slow, moderate, limit, limits, close,
+        appropriate, safe, adapted, adjustment, reduction, in, as, differences, difference
+        """
     )
 )
 _IN = frozenset(phrases("in, within, inside, to"))
@@ -158,7 +151,7 @@ def _lane(words: list[str], at: int, form: str) -> tuple[Found, ...]:
         here += 1
     else:
         return ()
-    if not (inside or words[at] in _KEEP) or words[at + 1] == "to":
+    if words[at] not in _KEEP and (not inside or words[at + 1] == "to"):
         return ()
     stop = here + 1
     if stop < count and words[stop] in ("change", "changes", "departure", "discipline", "ahead"):

@@ -22,20 +22,21 @@ OBJECT_NOUNS: Table = {
         hatchback, cab, jeep, convertible, station wagon, coupe, police car, patrol car,
         delivery van, cargo van, pick up truck, motor vehicle, passenger car, robotaxi,
         cars, vehicles, automobiles, sedans, suvs, vans, minivans, taxis, pickups, pickup
-        trucks, hatchbacks, cabs, jeeps, convertibles, station wagons, coupes, police cars,
-        patrol cars, delivery vans, cargo vans, pick up trucks, motor vehicles, passenger
-        cars, robotaxis, taxies
+        trucks, hatchbacks, cabs, jeeps, convertibles, station wagons, coupes, police
+        cars, patrol cars, delivery vans, cargo vans, pick up trucks, motor vehicles,
+        passenger cars, robotaxis, taxies
         """
     ),
     "truck": phrases(
         """
         truck, lorry, semi, semi truck, tractor trailer, tow truck, garbage truck, box
         truck, dump truck, fire truck, delivery truck, semi trailer, articulated lorry,
-        tanker, tractor trailer truck, cement truck, trash truck, refuse truck, cargo truck,
-        trucks, lorrys, semis, semi trucks, tractor trailers, tow trucks, garbage trucks,
-        box trucks, dump trucks, fire trucks, delivery trucks, semi trailers, articulated
-        lorrys, tankers, tractor trailer trucks, cement trucks, trash trucks, refuse trucks,
-        cargo trucks, lorries, heavy goods vehicle, heavy goods vehicles, hgv
+        tanker, tractor trailer truck, cement truck, trash truck, refuse truck, cargo
+        truck, trucks, lorrys, semis, semi trucks, tractor trailers, tow trucks, garbage
+        trucks, box trucks, dump trucks, fire trucks, delivery trucks, semi trailers,
+        articulated lorrys, tankers, tractor trailer trucks, cement trucks, trash trucks,
+        refuse trucks, cargo trucks, lorries, heavy goods vehicle, heavy goods vehicles,
+        hgv
         """
     ),
     "bus": phrases(
@@ -48,40 +49,40 @@ OBJECT_NOUNS: Table = {
         """
         motorcycle, motorbike, scooter, motorcyclist, moped, motor bike, motor scooter,
         motorcycle rider, motorbike rider, scooter rider, motor cyclist, motorcycles,
-        motorbikes, scooters, motorcyclists, mopeds, motor bikes, motor scooters, motorcycle
-        riders, motorbike riders, scooter riders, motor cyclists
+        motorbikes, scooters, motorcyclists, mopeds, motor bikes, motor scooters,
+        motorcycle riders, motorbike riders, scooter riders, motor cyclists
         """
     ),
     "cyclist": phrases(
         """
-        cyclist, bicycle, bike, bicyclist, bicycle rider, bike rider, cycle rider, person on
-        a bicycle, person on a bike, person riding a bicycle, person riding a bike, man on a
-        bicycle, man on a bike, woman on a bicycle, woman on a bike, e bike, ebike, child on
-        a bicycle, child on a bike, man riding a bike, woman riding a bike, man riding a
-        bicycle, woman riding a bicycle, child riding a bike, child riding a bicycle,
-        someone on a bike, people on bike, people on bicycle, cyclists, bicycles, bikes,
-        bicyclists, bicycle riders, bike riders, cycle riders, person on a bicycles, person
-        on a bikes, person riding a bicycles, person riding a bikes, man on a bicycles, man
-        on a bikes, woman on a bicycles, woman on a bikes, e bikes, ebikes, child on a
-        bicycles, child on a bikes, man riding a bikes, woman riding a bikes, man riding a
-        bicycles, woman riding a bicycles, child riding a bikes, child riding a bicycles,
-        someone on a bikes, people on bikes, people on bicycles
+        cyclist, bicycle, bike, bicyclist, bicycle rider, bike rider, cycle rider, person
+        on a bicycle, person on a bike, person riding a bicycle, person riding a bike, man
+        on a bicycle, man on a bike, woman on a bicycle, woman on a bike, e bike, ebike,
+        child on a bicycle, child on a bike, man riding a bike, woman riding a bike, man
+        riding a bicycle, woman riding a bicycle, child riding a bike, child riding a
+        bicycle, someone on a bike, people on bike, people on bicycle, cyclists, bicycles,
+        bikes, bicyclists, bicycle riders, bike riders, cycle riders, person on a
+        bicycles, person on a bikes, person riding a bicycles, person riding a bikes, man
+        on a bicycles, man on a bikes, woman on a bicycles, woman on a bikes, e bikes,
+        ebikes, child on a bicycles, child on a bikes, man riding a bikes, woman riding a
+        bikes, man riding a bicycles, woman riding a bicycles, child riding a bikes, child
+        riding a bicycles, someone on a bikes, people on bikes, people on bicycles
         """
     ),
     "pedestrian": phrases(
         """
         pedestrian, person, kid, jogger, worker, road worker, construction worker,
         wheelchair user, walker, runner, boy, girl, toddler, crossing guard, adult, passer
-        by, schoolchild, person in a wheelchair, person pushing a bicycle, person pushing a
-        bike, person walking a bike, person walking a bicycle, pedestrian pushing a bike,
-        pedestrian pushing a bicycle, policeman, police officer, woman, man, pedestrians,
-        persons, kids, joggers, workers, road workers, construction workers, wheelchair
-        users, walkers, runners, boys, girls, toddlers, crossing guards, adults, passer bys,
-        schoolchilds, person in a wheelchairs, person pushing a bicycles, person pushing a
-        bikes, person walking a bikes, person walking a bicycles, pedestrian pushing a
-        bikes, pedestrian pushing a bicycles, policemans, police officers, womans, mans,
-        people, child, children, men, women, schoolchildren, passers by, pedestrian dummy,
-        someone, somebody
+        by, schoolchild, person in a wheelchair, person pushing a bicycle, person pushing
+        a bike, person walking a bike, person walking a bicycle, pedestrian pushing a
+        bike, pedestrian pushing a bicycle, policeman, police officer, woman, man,
+        pedestrians, persons, kids, joggers, workers, road workers, construction workers,
+        wheelchair users, walkers, runners, boys, girls, toddlers, crossing guards,
+        adults, passer bys, schoolchilds, person in a wheelchairs, person pushing a
+        bicycles, person pushing a bikes, person walking a bikes, person walking a
+        bicycles, pedestrian pushing a bikes, pedestrian pushing a bicycles, policemans,
+        police officers, womans, mans, people, child, children, men, women,
+        schoolchildren, passers by, pedestrian dummy, someone, somebody
         """
     ),
 }
@@ -89,46 +90,50 @@ OBJECT_NOUNS: Table = {
 # Look like road users or actions and are none.
 SKIPPED = phrases(
     """
-    bus stop, bus stops, bus lane, bus lanes, bus station, bus shelter, bus bay, bike lane, bike
-    lanes, bicycle lane, bicycle lanes, cycle lane, bike path, bicycle path, cycle path, bike
-    rack, bike box, cyclist lane, truck lane, truck stop, car park, car parks, car door, car
-    lane, car wash, taxi stand, taxi rank, pedestrian crossing, pedestrian crossings, pedestrian
+    right turn only, left turn only, right turn lane, left turn lane, right turn lanes, left
+    turn lanes, right turn pocket, left turn pocket, right turn signal, left turn signal,
+    right turn arrow, left turn arrow, left turning, right turning, left turn bay, bus stop,
+    bus stops, bus lane, bus lanes, bus station, bus shelter, bus bay, bike lane, bike lanes,
+    bicycle lane, bicycle lanes, cycle lane, bike path, bicycle path, cycle path, bike rack,
+    bike box, cyclist lane, truck lane, truck stop, car park, car parks, car door, car lane,
+    car wash, taxi stand, taxi rank, pedestrian crossing, pedestrian crossings, pedestrian
     crosswalk, pedestrian crosswalks, pedestrian signal, pedestrian light, pedestrian lights,
     pedestrian signals, pedestrian bridge, pedestrian area, pedestrian zone, pedestrian path,
     pedestrian traffic, pedestrian walkway, pedestrian activity, pedestrian island, pedestrian
     refuge, pedestrian traffic light, vehicle traffic, vehicle speed, vehicle speeds, vehicle
-    control, vehicle dynamics, vehicle motion, vehicle state, child seat, construction vehicle,
-    construction vehicles, two wheeled vehicle, emergency services, motorcycle lane, lane for
-    cars, rail car, street car, cable car, worker sign, children sign, car length, car lengths,
-    stop sign, stop signs, stop line, stop lines, stop light, stop lights, stop bar, stop and
-    go, stopping distance, braking distance, brake light, brake lights, braking lights, yield
-    sign, yield signs, yield line, turn lane, turn lanes, turn signal, turn signals, turn only,
-    turn pocket, turn arrow, turn bay, turning lane, turning lanes, turn indicator, right of
-    way, right now, right away, right behind, right in front, right angle, right angles, right
-    after, right next, all right, right here, right there, merge lane, merging lane, merging
-    traffic, merge sign, parking lane, parking lot, parking space, parking spaces, passing lane,
-    slow traffic, slow lane, slow zone, speed limit, lane change maneuver ahead, no entry, no
-    parking, no stopping, no overtaking sign, no overtaking, not only, no matter, no turn, of
-    course, crossing sign, zebra crossing, level crossing, railway crossing, rail crossing,
-    crossing point, crossing area, school crossing, crossing lines, stop request, shift gear,
-    change in speed, lane change signal, straight line, straight road, straight lane, straight
-    section, straight ahead lane, straight stretch, curve to the left, curve to the right,
-    curves to the left, curves to the right, curves left, curves right, bends left, bends right,
-    bends to the left, bends to the right, left curve, right curve, left bend, right bend, bend
-    to the left, bend to the right, curving left, curving right, curving to the left, curving to
-    the right, turns yellow, turns red, turns green, turned green, turned red, turning red,
-    turning yellow, turning green, turn red, turn green, turn yellow, will be fine, can be seen,
-    can see, could see, may i, moving forward, move forward, moves forward
+    control, vehicle dynamics, vehicle motion, vehicle state, child seat, construction
+    vehicle, construction vehicles, two wheeled vehicle, emergency services, motorcycle lane,
+    lane for cars, rail car, street car, cable car, worker sign, children sign, car length,
+    car lengths, stop sign, stop signs, stop line, stop lines, stop light, stop lights, stop
+    bar, stop and go, stopping distance, braking distance, brake light, brake lights, braking
+    lights, yield sign, yield signs, yield line, turn lane, turn lanes, turn signal, turn
+    signals, turn only, turn pocket, turn arrow, turn bay, turning lane, turning lanes, turn
+    indicator, right of way, right now, right away, right behind, right in front, right angle,
+    right angles, right after, right next, all right, right here, right there, merge lane,
+    merging lane, merging traffic, merge sign, parking lane, parking lot, parking space,
+    parking spaces, passing lane, slow traffic, slow lane, slow zone, speed limit, lane change
+    maneuver ahead, no entry, no parking, no stopping, no overtaking sign, no overtaking, not
+    only, no matter, no turn, of course, crossing sign, zebra crossing, level crossing,
+    railway crossing, rail crossing, crossing point, crossing area, school crossing, crossing
+    lines, stop request, shift gear, change in speed, lane change signal, straight line,
+    straight road, straight lane, straight section, straight ahead lane, straight stretch,
+    curve to the left, curve to the right, curves to the left, curves to the right, curves
+    left, curves right, bends left, bends right, bends to the left, bends to the right, left
+    curve, right curve, left bend, right bend, bend to the left, bend to the right, curving
+    left, curving right, curving to the left, curving to the right, turns yellow, turns red,
+    turns green, turned green, turned red, turning red, turning yellow, turning green, turn
+    red, turn green, turn yellow, will be fine, can be seen, can see, could see, may i, moving
+    forward, move forward, moves forward
     """
 )
 
 EGO = phrases(
     """
     ego, ego vehicle, ego car, ego agent, ego truck, we, i, us, me, our vehicle, our car, our
-    own vehicle, our own car, my vehicle, my car, my own car, the vut, vut, vehicle under test,
-    the vehicle under test, host vehicle, host car, own vehicle, own car, self driving car, self
-    driving vehicle, autonomous vehicle, autonomous car, automated vehicle, av, the av, subject
-    vehicle, your vehicle, your car, you, myself
+    own vehicle, our own car, my vehicle, my car, my own car, the vut, vut, vehicle under
+    test, the vehicle under test, host vehicle, host car, own vehicle, own car, self driving
+    car, self driving vehicle, autonomous vehicle, autonomous car, automated vehicle, av, the
+    av, subject vehicle, your vehicle, your car, you, myself
     """
 )
 
@@ -142,8 +147,8 @@ SCENE = phrases(
     junction, path, curve, sign, signs, traffic, obstacle, cone, cones, speed, gap, distance,
     picture, image, weather, sun, sky, trees, buildings, building, tram, trams, animal, dog,
     cat, deer, debris, traffic light, traffic lights, lane markings, sidewalk, scene,
-    environment, roadway, train, visibility, surface, trajectory, curvature, curvatures, speeds,
-    driveway, corner, shoulder, barrier, barriers, construction, work zone, roundabout
+    environment, roadway, train, visibility, surface, trajectory, curvature, curvatures,
+    speeds, driveway, corner, shoulder, barrier, barriers, construction, work zone, roundabout
     """
 )
 
@@ -153,20 +158,20 @@ PLACES: Table = {
         """
         ahead, up ahead, directly ahead, just ahead, in front, directly in front, right in
         front, right ahead, immediately ahead, immediately in front, straight in front,
-        front, at the front, to the front, further ahead, farther ahead, dead ahead, in the
-        front, straight ahead
+        front, at the front, to the front, further ahead, farther ahead, dead ahead, in
+        the front, straight ahead
         """
     ),
     "rear": phrases(
         """
-        behind, directly behind, right behind, rear, at the rear, in the rear, to the rear,
-        immediately behind, close behind, just behind
+        behind, directly behind, right behind, rear, at the rear, in the rear, to the
+        rear, immediately behind, close behind, just behind
         """
     ),
     "front_left": phrases(
         """
-        front left, ahead left, left front, forward left, left ahead, ahead and left, front
-        and left, left of center ahead
+        front left, ahead left, left front, forward left, left ahead, ahead and left,
+        front and left, left of center ahead
         """
     ),
     "front_right": phrases(
@@ -176,11 +181,7 @@ PLACES: Table = {
         """
     ),
     "rear_left": phrases("rear left, left rear, behind left, back left, behind and left"),
-    "rear_right": phrases(
-        """
-        rear right, right rear, behind right, back right, behind and right
-        """
-    ),
+    "rear_right": phrases("rear right, right rear, behind right, back right, behind and right"),
 }
 
 # Before a noun: "the lead vehicle" is in front.
@@ -189,8 +190,8 @@ LEADING = phrases("lead, leading, preceding")
 STATES: Table = {
     "stationary": phrases(
         """
-        stationary, motionless, at a standstill, at rest, not moving, immobile, broken down,
-        disabled, at a stop, at a halt
+        stationary, motionless, at a standstill, at rest, not moving, immobile, broken
+        down, disabled, at a stop, at a halt
         """
     ),
     "oncoming": phrases(
@@ -213,12 +214,12 @@ RISK = phrases(
     """
     risk, risks, risk of collision, collision risk, hazard, hazards, threat, threats, danger,
     dangers, conflict, conflicts, collision, crash, potential conflict, potential hazard,
-    potential collision, potential risk, potential danger, potential threat, possible conflict,
-    possible collision, possible hazard, potential hazards, potential conflicts, danger of
-    collision, collision hazard, conflict risk, crash risk, risk of a collision, risk of
-    conflict, potential collision risk, potentially dangerous, potentially hazardous,
-    potentially conflicting, collision threat, collision danger, danger of a collision, risk of
-    hitting, risk of a conflict, potentially conflicts
+    potential collision, potential risk, potential danger, potential threat, possible
+    conflict, possible collision, possible hazard, potential hazards, potential conflicts,
+    danger of collision, collision hazard, conflict risk, crash risk, risk of a collision,
+    risk of conflict, potential collision risk, potentially dangerous, potentially hazardous,
+    potentially conflicting, collision threat, collision danger, danger of a collision, risk
+    of hitting, risk of a conflict, potentially conflicts
     """
 )
 # Alone these say that a risk exists; of the rest ("collision", "conflict") only a denial counts.
@@ -232,18 +233,18 @@ RISK_ALONE = frozenset(
 CONFLICTS: Table = {
     "active": phrases(
         """
-        collision course, imminent, active conflict, conflict is active, imminent collision,
-        imminent conflict, immediate collision risk
+        collision course, imminent, active conflict, conflict is active, imminent
+        collision, imminent conflict, immediate collision risk
         """
     ),
     "no_conflict": phrases(
         """
-        harmless, not affect us, not affect our, not affect the ego, not interfere with us,
-        not interfere with our, no conflict, not in conflict, not affect me, not affect my,
-        not a concern, not conflict with us, not conflict with our, not affecting us, not
-        affecting our, not interfering with our, conflict free, not endanger us, not concern
-        us, no impact on our, no impact on us, no effect on us, no effect on our, not
-        dangerous, risk free
+        harmless, not affect us, not affect our, not affect the ego, not interfere with
+        us, not interfere with our, no conflict, not in conflict, not affect me, not
+        affect my, not a concern, not conflict with us, not conflict with our, not
+        affecting us, not affecting our, not interfering with our, conflict free, not
+        endanger us, not concern us, no impact on our, no impact on us, no effect on us,
+        no effect on our, not dangerous, risk free
         """
     ),
     "resolved": phrases(
@@ -251,9 +252,9 @@ CONFLICTS: Table = {
         conflict is resolved, conflict has been resolved, conflict resolved, risk is over,
         danger is over, danger has passed, risk has passed, conflict is over, hazard has
         passed, threat has passed, conflict has passed, resolved, conflict has ended, risk
-        has ended, out of danger, conflict has been cleared, conflict has cleared, clear of
-        our lane, clear of our path, clear of the road, clear of my lane, clear of my path,
-        out of our lane now, out of our path now
+        has ended, out of danger, conflict has been cleared, conflict has cleared, clear
+        of our lane, clear of our path, clear of the road, clear of my lane, clear of my
+        path, out of our lane now, out of our path now
         """
     ),
 }
@@ -262,27 +263,25 @@ CONFLICTS: Table = {
 KEYS: Table = {
     "objects": phrases(
         """
-        objects, object, critical objects, critical object, road users, object class, class,
-        agents, critical road users, relevant objects, actors, actor, agent, critical agent,
-        type, road user
+        objects, object, critical objects, critical object, road users, object class,
+        class, agents, critical road users, relevant objects, actors, actor, agent,
+        critical agent, type, road user
         """
     ),
     "position": phrases("position, location, relative position, where, object position"),
-    "motion": phrases(
-        """
-        motion, movement, motion state, behavior, behaviour, object motion
-        """
-    ),
+    "motion": phrases("motion, movement, motion state, behavior, behaviour, object motion"),
     "conflict": phrases(
         """
-        conflict, conflict status, conflict state, risk, conflict level, risk level,
-        interaction, risk status
+        potential conflict, potential conflicts, conflicts, potential risk, potential
+        risks, potential hazard, potential hazards, hazards, collision risk, conflict,
+        conflict status, conflict state, risk, conflict level, risk level, interaction,
+        risk status
         """
     ),
     "lon_action": phrases(
         """
-        lon action, longitudinal, longitudinal action, speed action, lon, longitudinal plan,
-        speed plan, speed decision, longitudinal decision
+        lon action, longitudinal, longitudinal action, speed action, lon, longitudinal
+        plan, speed plan, speed decision, longitudinal decision
         """
     ),
     "lat_action": phrases(
@@ -294,8 +293,8 @@ KEYS: Table = {
     "action": phrases(
         """
         action, actions, correct action, meta action, meta actions, driving plan, plan,
-        decision, final decision, maneuver, manoeuvre, final action, final plan, ego action,
-        driving action, intent
+        decision, final decision, maneuver, manoeuvre, final action, final plan, ego
+        action, driving action, intent
         """
     ),
 }

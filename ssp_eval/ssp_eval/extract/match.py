@@ -292,7 +292,8 @@ def _side(words: list[str], at: int, hits: list[Hit]) -> int:
         here += 1
         if _ENTRY in node:
             entry, stop = node[_ENTRY], here
-    if entry is not None:
+    named = at > 0 and words[at - 1] in ("the", "our", "my")  # on the right ahead
+    if entry is not None and not (named and entry[0] is Kind.PLACE):
         return _add(words, at, stop, entry, hits)
     found = side(words, at)
     if found is None:

@@ -108,5 +108,5 @@ def _into_ours(words: list[str], at: int) -> bool:
 
 
 def _over_road(words: list[str], at: int) -> bool:
-    near = words[at : at + 6]
+    near = words[at : at + 9]
     return bool(_ACROSS_WORDS & set(near)) and bool(_ROADS & set(near))

@@ -20,7 +20,9 @@ def read_place(talk: Talk, index: int, hit: Hit) -> None:
         noun = talk.named[-1][0] if talk.named else index
         talk.put(actor, index, talk.flags[index] & talk.flags[noun])
     else:
-        talk.put(actor, index, talk.flags[index])
+        together = talk.group if actor in talk.group else [actor]
+        for one in together:
+            talk.put(one, index, talk.flags[index])
 
 
 def read_side(talk: Talk, index: int, hit: Hit) -> None:

@@ -45,8 +45,18 @@ def _end(talk: Talk) -> None:
     before = talk.hits[talk.stop - 2] if talk.stop - 2 >= talk.start else None
     if not (before is not None and before.value == ":" and last.value == "\n"):
         talk.key = ""
-    if planned is not None or talk.subject is EGO:
-        talk.listing = False
+    _carry_list(talk, planned is not None or talk.subject is EGO)
+
+
+def _carry_list(talk: Talk, ego: bool) -> None:
+    """A list of critical objects goes on over its items and ends with prose or the plan."""
+    item = talk.stop - talk.start == 1 and talk.hits[talk.start].value == "\n"
+    heading = talk.hits[talk.stop - 1].value == "\n"
+    if item:
+        talk.listing = talk.listing or talk.listed
+    else:
+        talk.listed = talk.listing and not ego
+        talk.listing = talk.listed and heading
 
 
 # who is talked about

@@ -141,6 +141,8 @@ class _Sentence:
     def _for_object(self, index: int) -> int:
         """Presence: denied by no, imagined by if; not touched by what is done to it."""
         local = self.local & ~(Scope.REJECTED | Scope.READY | Scope.AHEAD)
+        if self.hits[index].form == "definite":
+            local &= ~Scope.IMAGINED  # until the car has passed: it is there
         if local & (Scope.DENIED | Scope.POSSIBLE | Scope.GONE) and self._known(index):
             local &= ~(Scope.DENIED | Scope.POSSIBLE | Scope.GONE)
         return local | self.wide
@@ -225,6 +227,9 @@ class _Sentence:
         previous = self.hits[index - 1] if index > self.start else None
         opens = previous is None or previous.kind in (Kind.MARK, Kind.JOIN)
         trailing = self.verb is not None and (value == "needed" or not opens)
+        following = self.hits[index + 1] if index + 1 < self.stop else None
+        if value == "after" and following is not None and following.form == "ing":
+            trailing = False  # after yielding, merge: a sequence, no condition
         if trailing and value != "until" and self.verb is not None:
             self.flags[self.verb] |= Scope.IMAGINED
         if value == "until" or (value == "after" and not opens) or value == "after":

@@ -9,6 +9,7 @@ from ssp_eval.extract.talk import EGO, SCENE, Talk
 from ssp_eval.extract.world import Actor, Statement
 
 MAX_GROUP = 6
+_EITHER = frozenset({"turn", "change_left", "change_right", "keep_lane", "keep_speed", "change"})
 
 
 def read_object(talk: Talk, index: int, hit: Hit) -> None:
@@ -18,6 +19,10 @@ def read_object(talk: Talk, index: int, hit: Hit) -> None:
         talk.denied.add(hit.value)
         talk.subject = SCENE
         talk.near = None
+        return
+    role = _ego_role(talk, index, hit)
+    if role:
+        talk.subject, talk.near, talk.busy = role, None, False
         return
     actor = actors.resolve(talk.world, talk.words, hit, place)
     previous = talk.hits[index - 1] if index > talk.start else None
@@ -31,9 +36,17 @@ def read_object(talk: Talk, index: int, hit: Hit) -> None:
     )
     talk.group = [*talk.group[-MAX_GROUP:], actor] if coordinated else [actor]
     talk.named.append((index, actor))
-    if not flags:
+    following = talk.hits[index + 1] if index + 1 < talk.stop else None
+    doubtful = (
+        hit.form == "indefinite"
+        and following is not None
+        and following.kind is Kind.MODAL
+        and "be" in talk.words[following.first : following.stop + 1]
+    )
+    if not flags and not doubtful:
         actor.mentions.append(talk.said(hit.value, hit))
     actor.critical = actor.critical or talk.listing or talk.key == "objects"
+    actor.matters = actor.matters or talk.revealing
     if talk.reacting:
         actor.reaction = 2
     if talk.is_background:
@@ -98,3 +111,22 @@ def read_scene(talk: Talk, index: int, hit: Hit) -> None:
     if opens and not talk.busy and not actors.governed(talk.words, hit):
         talk.subject = SCENE
         talk.pending = []
+
+
+def _ego_role(talk: Talk, index: int, hit: Hit) -> str:
+    """What an unmodified "the car" is that nobody introduced: some texts call the VUT so.
+
+    With "should" it is the VUT; with a turn or a lane keeping it may be either and counts for none.
+    """
+    known = any(actor.name == hit.value for actor in talk.world.actors)
+    bare = hit.first > 0 and talk.words[hit.first - 1] == "the"
+    if known or not bare or hit.value != "car" or index + 1 >= talk.stop:
+        return ""
+    following = talk.hits[index + 1]
+    if following.kind is Kind.MODAL and following.value == "must":
+        return EGO
+    if following.kind is Kind.AUX and index + 2 < talk.stop:
+        following = talk.hits[index + 2]
+    if following.kind is Kind.VERB and following.value in _EITHER:
+        return SCENE
+    return ""

@@ -24,6 +24,7 @@ class Talk:
         self.planner = Planner(words, hits, flags, self.world)
         self.last: Actor | None = None  # for pronouns
         self.key = ""  # field of a structured answer
+        self.listed = False  # the sentence before stood under such a heading
         self.listing = False  # under a heading such as "Critical objects:"
         self.number = -1  # of the sentence
         self.begin(0, 0)
@@ -42,6 +43,7 @@ class Talk:
         self.reacting = False  # what is named next is what the plan is about
         self.in_path: tuple[Actor, int] | None = None
         self.is_background = False
+        self.revealing = False  # hiding, blocking: who is named next matters too
 
     def target(self, index: int, hit: Hit) -> Actor | None:
         """Whom a finite verb or a participle speaks of."""

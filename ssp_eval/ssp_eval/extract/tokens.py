@@ -28,6 +28,7 @@ _TOKEN = re.compile(
 )
 
 _NEGATIONS = frozenset({"cannot", "cant", "dont", "doesnt", "isnt", "wont"})
+_OPENERS: tuple[list[str], ...] = ([], [":"], ["."], ["\n"])
 _SINGLE = frozenset(',;:"=|')
 _LISTS = "-*#>0123456789\"'[({<"
 
@@ -90,6 +91,8 @@ def tokenise(text: str) -> Tokens:
             if first == "\n" and word.count("\n") < 2 and not _starts_item(text, end):
                 continue
             word = _mark(word)
+            if word == SENTENCE_END and words and words[-1].isdigit() and words[-2:-1] in _OPENERS:
+                word = BREAK  # the number of an item
         words.append(word)
         starts.append(start)
         ends.append(end)

@@ -11,25 +11,25 @@ VERBS: dict[str, tuple[str, ...]] = {
     "yield": phrases("yield"),
     "reduce": phrases(
         """
-        reduce speed, reduce our speed, reduce my speed, reduce its speed, reduce the speed,
-        lower speed, lower our speed, lower my speed, reduce our pace, decrease speed,
-        decrease our speed, decrease my speed, reduce velocity, let off the gas, let off the
-        accelerator, lift off the accelerator, drop speed, reduce our velocity, ease off the
-        accelerator, ease off the gas, release the accelerator, cut our speed, cut speed,
-        cut my speed, decrease the speed, decrease its speed
+        reduce speed, reduce our speed, reduce my speed, reduce its speed, reduce the
+        speed, lower speed, lower our speed, lower my speed, reduce our pace, decrease
+        speed, decrease our speed, decrease my speed, reduce velocity, let off the gas,
+        let off the accelerator, lift off the accelerator, drop speed, reduce our
+        velocity, ease off the accelerator, ease off the gas, release the accelerator, cut
+        our speed, cut speed, cut my speed, decrease the speed, decrease its speed
         """
     ),
     "stop": phrases(
         """
-        stop, halt, come to a stop, come to a halt, come to a full stop, come to a complete
-        stop, come to a complete halt, make a full stop, make a complete stop, brake to a
-        stop, slow to a stop, decelerate to a stop, hold position, hold our position, hold
-        my position, hold its position, remain stopped, stay stopped, remain stationary,
-        stay stationary, brake to a halt, brake to a standstill, bring the car to a stop,
-        slow to a halt, bring the vehicle to a stop, perform an emergency stop, make an
-        emergency stop, come to a standstill, decelerate to a full stop, brake to a full
-        stop, stand still, remain at a standstill, come to a controlled stop, come to a
-        smooth stop
+        stop, halt, come to a stop, come to a halt, come to a full stop, come to a
+        complete stop, come to a complete halt, make a full stop, make a complete stop,
+        brake to a stop, slow to a stop, decelerate to a stop, hold position, hold our
+        position, hold my position, hold its position, remain stopped, stay stopped,
+        remain stationary, stay stationary, brake to a halt, brake to a standstill, bring
+        the car to a stop, slow to a halt, bring the vehicle to a stop, perform an
+        emergency stop, make an emergency stop, come to a standstill, decelerate to a full
+        stop, brake to a full stop, stand still, remain at a standstill, come to a
+        controlled stop, come to a smooth stop
         """
     ),
     "wait": phrases("wait, stand"),
@@ -37,8 +37,8 @@ VERBS: dict[str, tuple[str, ...]] = {
     "stall": phrases("stall, idle, be stuck|is stuck|being stuck|been stuck"),
     "accelerate": phrases(
         """
-        accelerate, speed up, resume speed, resume our speed, resume normal speed, resume my
-        speed, set off, increase speed, increase our speed, increase my speed, pick up
+        accelerate, speed up, resume speed, resume our speed, resume normal speed, resume
+        my speed, set off, increase speed, increase our speed, increase my speed, pick up
         speed, gain speed, move off, start moving, resume its speed, speed back up, resume
         cruising speed, regain speed, increase the speed, increase its speed, resume our
         normal speed, resume the speed, resume the original speed, resume the previous
@@ -54,15 +54,15 @@ VERBS: dict[str, tuple[str, ...]] = {
     "turn": phrases(
         """
         turn, make a|makes a|making a|made a, take a|takes a|taking a|took a, perform
-        a|performs a|performing a|performed a, execute a|executes a|executing a|executed a,
-        initiate a|initiates a|initiating a|initiated a
+        a|performs a|performing a|performed a, execute a|executes a|executing a|executed
+        a, initiate a|initiates a|initiating a|initiated a
         """
     ),
     "merge": phrases("merge"),
     "change": phrases(
         """
-        change lane, change lanes, switch lane, switch lanes, change to, change into, switch
-        to, switch into
+        change lane, change lanes, switch lane, switch lanes, change to, change into,
+        switch to, switch into
         """
     ),
     "move": phrases(
@@ -72,7 +72,8 @@ VERBS: dict[str, tuple[str, ...]] = {
     ),
     "step": phrases(
         """
-        step, walk, run, dart, rush, stride, jog, jump, sprint, emerge, wander, stroll, roll
+        step, walk, run, dart, rush, stride, jog, jump, sprint, emerge, wander, stroll,
+        roll
         """
     ),
     "cross": phrases("cross, traverse"),
@@ -80,28 +81,28 @@ VERBS: dict[str, tuple[str, ...]] = {
     "cut_in": phrases(
         """
         cut in, cut into, cut in front, pull in, pull into, move into, swerve into, drift
-        into, veer into, steer into, merge into, shift into, squeeze into, push into, change
-        into our lane, cut us off, cut me off, encroach on, encroach into, intrude into,
-        push in, squeeze in, move in front, pull in front, merge in front, swerve in front,
-        cut off, enter our lane, enter my lane, come into our lane, come into my lane,
-        change lanes into our lane, change lane into our lane, change lanes into my lane,
-        change into my lane, change to our lane, change lanes to our lane, edge into
+        into, veer into, steer into, merge into, shift into, squeeze into, push into,
+        change into our lane, cut us off, cut me off, encroach on, encroach into, intrude
+        into, push in, squeeze in, move in front, pull in front, merge in front, swerve in
+        front, cut off, enter our lane, enter my lane, come into our lane, come into my
+        lane, change lanes into our lane, change lane into our lane, change lanes into my
+        lane, change into my lane, change to our lane, change lanes to our lane, edge into
         """
     ),
     "cut_out": phrases(
         """
         cut out, leave our lane, leave my lane, leave the lane, move out of our lane, move
-        out of my lane, exit our lane, pull out of our lane, merge out of our lane, exit my
-        lane, change out of our lane, change out of my lane, drift out of our lane, swerve
-        out of our lane, vacate our lane, leave our path, pull out of my lane, leave the ego
-        lane, move out of the ego lane
+        out of my lane, exit our lane, pull out of our lane, merge out of our lane, exit
+        my lane, change out of our lane, change out of my lane, drift out of our lane,
+        swerve out of our lane, vacate our lane, leave our path, pull out of my lane,
+        leave the ego lane, move out of the ego lane
         """
     ),
     "drive": phrases("drive, travel, proceed, ride, progress"),
     "overtake": phrases(
         """
-        overtake us, overtake the ego, overtake me, overtake our vehicle, pass us, pass me,
-        overtake the ego vehicle, overtake the ego car
+        overtake us, overtake the ego, overtake me, overtake our vehicle, pass us, pass
+        me, overtake the ego vehicle, overtake the ego car
         """
     ),
     "tailgate": phrases(
@@ -118,13 +119,16 @@ VERBS: dict[str, tuple[str, ...]] = {
     ),
     "approach": phrases(
         """
-        approach us, approach me, drive towards us, drive toward us, come towards us, come
-        toward us, move towards us, move toward us, head towards us, head toward us, drive
-        towards me, come towards me, drive toward me, come toward me, move towards the ego,
-        head toward me, head towards me, travel towards us, travel toward us, ride towards
-        us, ride toward us, move toward me, move towards me, drive towards the ego, drive
-        toward the ego, approach from ahead, approach from the front, come from ahead, move
-        toward the ego, approach head on, come at us
+        approach us, approach me, move towards the camera, move toward the camera, come
+        towards the camera, come toward the camera, drive towards the camera, face us,
+        head towards the camera, travel towards the camera, ride towards the camera, drive
+        towards us, drive toward us, come towards us, come toward us, move towards us,
+        move toward us, head towards us, head toward us, drive towards me, come towards
+        me, drive toward me, come toward me, move towards the ego, head toward me, head
+        towards me, travel towards us, travel toward us, ride towards us, ride toward us,
+        move toward me, move towards me, drive towards the ego, drive toward the ego,
+        approach from ahead, approach from the front, come from ahead, move toward the
+        ego, approach head on, come at us
         """
     ),
     "clear": phrases(
@@ -147,7 +151,12 @@ VERBS: dict[str, tuple[str, ...]] = {
         finish merging, get across
         """
     ),
-    "open": phrases("open, collide, fall, appear, react, lose control"),
+    "open": phrases(
+        """
+        open, hit us, hit me, hit the ego, strike us, collide with us, collide with me,
+        collide, fall, appear, react, lose control
+        """
+    ),
     "continue": phrases("start, begin, continue"),
 }
 

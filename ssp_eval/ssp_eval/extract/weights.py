@@ -56,6 +56,7 @@ def read_matters(talk: Talk, index: int, hit: Hit) -> None:
         return
     if isinstance(talk.subject, Actor):
         talk.subject.matters = True
+        talk.revealing = True
     elif talk.near is not None:
         talk.near.matters = True
 
@@ -94,7 +95,12 @@ def _empty_list(talk: Talk, hit: Hit) -> None:
     """Critical objects: none."""
     for at in range(hit.stop, min(hit.stop + 4, len(talk.words))):
         word = talk.words[at]
-        if word == "not" or word.isalpha():
+        if word == "[":
+            inside = talk.words[at + 1] if at + 1 < len(talk.words) else ""
+            if inside != '"' and not inside.isalpha():
+                talk.world.nobody = Statement("", hit.first, at + 1, talk.number)
+            return
+        if word.isalpha():
             if word in ("none", "nobody"):
                 talk.world.nobody = Statement("", hit.first, at + 1, talk.number)
             return

@@ -48,10 +48,15 @@ class Commitment(NamedTuple):
 
 @dataclass(eq=False, slots=True)
 class Actor:
-    """A road user of the text. ``reaction``: 0 none, 1 in a sentence with a plan, 2 its object."""
+    """A road user of the text.
+
+    ``label`` is the A of "Vehicle A"; ``reaction`` is 0 for none, 1 for one named in a sentence
+    with a plan, 2 for the plan's object.
+    """
 
     name: str
     order: int
+    label: str = ""
     mentions: list[Statement] = field(default_factory=list)
     places: list[Statement] = field(default_factory=list)
     motions: list[Statement] = field(default_factory=list)

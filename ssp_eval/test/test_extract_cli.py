@@ -1,0 +1,77 @@
+"""``ssp extract`` as a user meets it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from ssp_core.cli import main
+from ssp_eval.extract.cli import extract
+
+LINES = '{"id": "a", "text": "I slow down."}\n\n{"id": 7, "text": ""}\n'
+
+
+def _run(path: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, str, str]:
+    code = main(["extract", str(path)])
+    captured = capsys.readouterr()
+    return code, captured.out, captured.err
+
+
+def test_each_text_gives_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "texts.jsonl"
+    path.write_text(LINES, encoding="utf-8")
+    code, out, _ = _run(path, capsys)
+    first, second = [json.loads(line) for line in out.splitlines()]
+    empty = dict.fromkeys(["objects", "position", "motion", "conflict", "lon_action", "lat_action"])
+    assert code == 0
+    assert first == {
+        "id": "a",
+        "slots": {**empty, "lon_action": {"value": "decelerate", "evidence": [[2, 11]]}},
+    }
+    assert second == {"id": 7, "slots": empty}
+
+
+def test_standard_input() -> None:
+    result = CliRunner().invoke(extract, ["-"], input=LINES)
+    assert result.exit_code == 0
+    assert len(result.output.splitlines()) == 2
+
+
+@pytest.mark.parametrize(
+    ("line", "told"),
+    [
+        ('{"id": "a"}', "text"),
+        ('{"id": "a", "text": 3}', "text"),
+        ('{"id": null, "text": ""}', "id"),
+        ('{"id": true, "text": ""}', "id"),
+        ('{"id": "a", "text": "", "label": "car"}', "label"),
+        ('["a"]', "object"),
+        ("{", "JSON"),
+    ],
+)
+def test_a_bad_line_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], line: str, told: str
+) -> None:
+    path = tmp_path / "texts.jsonl"
+    path.write_text('{"id": 1, "text": "Stop."}\n' + line + "\n", encoding="utf-8")
+    code, _, err = _run(path, capsys)
+    assert code == 1
+    assert f"{path.name}:2" in err
+    assert told in err
+
+
+def test_other_encodings_and_missing_files(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "latin.jsonl"
+    path.write_bytes('{"id": 1, "text": "é"}\n'.encode("latin-1"))
+    code, _, err = _run(path, capsys)
+    assert code == 1
+    assert "UTF-8" in err
+    code, _, err = _run(tmp_path / "none.jsonl", capsys)
+    assert code == 1
+    assert "none.jsonl" in err
+    assert main(["extract"]) == 2

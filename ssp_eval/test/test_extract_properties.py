@@ -1,0 +1,222 @@
+"""What holds for every text: spans, legality, speed, and that nothing but the text is seen."""
+
+from __future__ import annotations
+
+import inspect
+import random
+import time
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ssp_eval.extract import extract, extractor_hash
+from ssp_eval.extract.checks import check
+from ssp_eval.extract.match import ENTRIES
+from ssp_eval.extract.tokens import tokenise
+from ssp_eval.records import (
+    SLOT_NAMES,
+    VOCABULARIES,
+    BehaviourRecord,
+    Slot,
+    Slots,
+    parse_records,
+    record_to_json,
+)
+
+PIECES = [*sorted(ENTRIES), ".", ",", "?", "\n", ":", ";", '"', "(", "[", "left", "right", "not",
+          "if", "the", "a", "frame 2", "lane", "İ", "ﬁ", "—", "don't", "3.5"]  # fmt: skip
+
+texts = st.one_of(
+    st.text(max_size=200),
+    st.lists(st.sampled_from(PIECES), max_size=40).map(" ".join),
+)
+
+
+def _given(slots: Slots) -> dict[str, Slot]:
+    found = {name: getattr(slots, name) for name in SLOT_NAMES}
+    return {name: slot for name, slot in found.items() if slot is not None}
+
+
+@settings(max_examples=100, deadline=None)
+@given(texts)
+def test_every_slot_is_legal_and_supported_by_the_text(text: str) -> None:
+    for name, slot in _given(extract(text)).items():
+        values = slot.value if isinstance(slot.value, tuple) else (slot.value,)
+        assert isinstance(slot.value, tuple) == (name == "objects")
+        assert set(values) <= set(VOCABULARIES[name])
+        assert slot.evidence
+        assert all(0 <= start < end <= len(text) for start, end in slot.evidence)
+        assert all(text[start:end].strip() for start, end in slot.evidence)
+
+
+@settings(max_examples=60, deadline=None)
+@given(texts)
+def test_slots_survive_a_record(text: str) -> None:
+    slots = extract(text)
+    record = BehaviourRecord(0.0, text, slots)
+    assert parse_records(record_to_json(record), "memory")[0].slots == slots
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.text(max_size=200))
+def test_tokens_lie_in_the_text_in_order(text: str) -> None:
+    tokens = tokenise(text)
+    edges = [edge for pair in zip(tokens.starts, tokens.ends, strict=True) for edge in pair]
+    assert edges == sorted(edges)
+    assert all(0 <= start < end for start, end in zip(tokens.starts, tokens.ends, strict=True))
+    assert not edges or edges[-1] <= len(text)
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.text(alphabet=" \t\r\n", max_size=20))
+def test_blank_text_gives_nothing(text: str) -> None:
+    assert extract(text) == Slots()
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.text(alphabet="éßЖ漢İ“”—•\u00a0", max_size=30))
+def test_offsets_hold_behind_other_scripts(prefix: str) -> None:
+    text = f"{prefix}\n\nI slow down and stay in my lane."
+    slots = extract(text)
+    assert slots.lon_action is not None
+    assert slots.lat_action is not None
+    assert [text[a:b] for a, b in slots.lon_action.evidence] == ["slow down"]
+    assert [text[a:b] for a, b in slots.lat_action.evidence] == ["stay in my lane"]
+
+
+@pytest.mark.parametrize(
+    ("text", "evidence"),
+    [
+        (
+            "A Van is Ahead on the RIGHT; it is cutting in from the right.",
+            {
+                "objects": ["Van"],
+                "position": ["Ahead", "on the RIGHT"],
+                "motion": ["cutting in from the right"],
+            },
+        ),
+        (
+            "The lead vehicle is no longer a risk. Slow down and stop.",
+            {
+                "objects": ["vehicle"],
+                "position": ["lead vehicle"],
+                "conflict": ["no longer a risk"],
+                "lon_action": ["Slow down", "stop"],
+            },
+        ),
+        (
+            "Change to the left‑lane; don’t brake. The cyclist could swerve.",
+            {
+                "objects": ["cyclist"],
+                "conflict": ["could swerve"],
+                "lat_action": ["Change to the left‑lane"],
+            },
+        ),
+        (
+            "A pedestrian poses no risk. Maintain speed and lane.",
+            {
+                "objects": ["pedestrian"],
+                "conflict": ["no risk"],
+                "lon_action": ["Maintain speed"],
+                "lat_action": ["Maintain speed and lane"],
+            },
+        ),
+    ],
+)
+def test_evidence_is_the_words_that_say_it(text: str, evidence: dict[str, list[str]]) -> None:
+    given_slots = _given(extract(text))
+    quoted = {name: [text[a:b] for a, b in slot.evidence] for name, slot in given_slots.items()}
+    assert quoted == evidence
+
+
+def test_extract_sees_the_text_and_nothing_else() -> None:
+    assert list(inspect.signature(extract).parameters) == ["text"]
+
+
+def test_the_same_text_gives_the_same_slots_whatever_came_before() -> None:
+    text = "It is crossing from the left, so I stop."
+    before = extract(text)
+    extract("A pedestrian is ahead on the right. Final plan: accelerate.")
+    assert extract(text) == before
+
+
+def test_case_and_line_ends_dont_matter() -> None:
+    text = "A pedestrian is ahead on the left.\nI slow down."
+    assert extract(text.upper()) == extract(text)
+    crlf = extract(text.replace("\n", "\r\n"))
+    assert crlf.lon_action is not None
+    assert crlf.lon_action.value == "decelerate"
+
+
+@pytest.mark.parametrize(
+    "unit", ["[", "a", "(", "{", "<", "-", "'", '"', ".", "\n", "é", "<a", "{[("]
+)
+def test_a_megabyte_of_one_thing_takes_under_a_second(unit: str) -> None:
+    text = unit * (1_000_000 // len(unit)) if unit != "<a" else unit * 200_000
+    started = time.process_time()
+    assert extract(text) == Slots()
+    assert time.process_time() - started < 1.0
+
+
+@pytest.mark.parametrize(
+    "unit",
+    ["a car and ", "no car or ", "if ", "was ", "nobody ", "brake and ", "left ", "it is ahead. ",
+     "frame 1 ", "keep my ", "braking is not ", "the car on the left of ", "critical: "],
+)  # fmt: skip
+def test_time_grows_in_proportion_to_the_text(unit: str) -> None:
+    def seconds(count: int) -> float:
+        text = unit * count
+        started = time.process_time()
+        extract(text)
+        return time.process_time() - started
+
+    small = min(seconds(1000) for _ in range(3))
+    large = min(seconds(8000) for _ in range(2))
+    assert large < 24 * small + 0.05
+
+
+def test_two_thousand_texts_of_a_hundred_words_take_seconds() -> None:
+    rng = random.Random(7)
+    sentences = [
+        "The scene shows a two-lane urban road in daylight with dry asphalt and light traffic.",
+        "A white van is ahead on the right and is drifting into our lane from the right.",
+        "There is a risk of collision with the van if nothing changes in the next seconds.",
+        "The ego vehicle should slow down gently and stay in its lane to keep a safe gap.",
+        "Trees and buildings line the street, and the sky is slightly overcast at this hour.",
+        "A pedestrian is waiting on the left sidewalk and does not affect our path.",
+    ]
+    batch = [" ".join(rng.sample(sentences, 6)) for _ in range(200)]
+    assert 80 <= len(batch[0].split()) <= 110
+    started = time.process_time()
+    for text in batch:
+        extract(text)
+    assert time.process_time() - started < 0.5  # five times slower than measured on one core
+
+
+def test_the_hash_names_the_rules() -> None:
+    first = extractor_hash()
+    assert first.startswith("sha256:")
+    assert len(first) == 71
+    assert extractor_hash() == first
+
+
+@pytest.mark.parametrize(
+    ("name", "slot", "kept"),
+    [
+        ("lon_action", Slot("stop", ((2, 6),)), True),
+        ("lon_action", Slot("halt", ((2, 6),)), False),
+        ("lon_action", Slot("left", ((2, 6),)), False),
+        ("lon_action", Slot("stop", ()), False),
+        ("lon_action", Slot("stop", ((2, 5),)), False),
+        ("lon_action", Slot("stop", ((3, 6),)), False),
+        ("lon_action", Slot("stop", ((6, 2),)), False),
+        ("lon_action", Slot("stop", ((2, 60),)), False),
+        ("lon_action", Slot("stop", ((1, 2),)), False),
+        ("objects", Slot("car", ((2, 6),)), False),
+        ("objects", Slot(("car",), ((2, 6),)), True),
+        ("lon_action", Slot(("stop",), ((2, 6),)), False),
+    ],
+)
+def test_what_fails_a_check_is_dropped(name: str, slot: Slot, kept: bool) -> None:
+    assert (check("I stop.", name, slot) is not None) == kept
