@@ -81,6 +81,8 @@ def steps(out: Path, event_versions: dict[str, str]) -> list[Step]:
                     "new",
                     "--truth",
                     str(clip.with_suffix(".truth.json")),
+                    "--event-version",
+                    event_versions[scenario],
                     "--out",
                     str(folder / "labels.json"),
                 ),
