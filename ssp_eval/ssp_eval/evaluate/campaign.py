@@ -7,7 +7,6 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from ssp_core.errors import InputError
-from ssp_core.files import write_json
 from ssp_eval.evaluate.asker import Askers, ModelSpec
 from ssp_eval.evaluate.cell import CellOptions, CellResult, LabelledClip, evaluate_cell
 from ssp_eval.evaluate.clip import Clip
@@ -15,9 +14,6 @@ from ssp_eval.evaluate.truth import truth_from_bag
 from ssp_eval.labels.model import Labels, load_labels
 from ssp_eval.labels.proposal_file import is_unreviewed, write_proposal
 from ssp_eval.labels.propose import propose
-
-EVALUATION_FILE = "evaluation.json"
-EVALUATION_SCHEMA = "ssp.evaluation/1"
 
 
 def find_labels(bag: Path) -> Path | None:
@@ -128,10 +124,4 @@ def run_campaign(
             for model in models:
                 result = evaluate_cell(labelled, model, askers, out, options, on_record)
                 results.append(result)
-        cells = [result.folder.name for result in results]
-        bags_sha256 = {c.name: c.clip.provenance.bag_sha256 for c in clips}
-        write_json(
-            out / EVALUATION_FILE,
-            {"schema": EVALUATION_SCHEMA, "cells": cells, "bags": bags_sha256},
-        )
     return results

@@ -151,14 +151,15 @@ def show(results: Sequence[CellResult], out: Path) -> None:
     """The table at the end of a campaign."""
     table = Table(box=None, pad_edge=False)
     for name in ("scenario", "domain", "model", "status"):
-        table.add_column(name)
+        table.add_column(name, no_wrap=True)
     for name in ("n", *(title for title, _ in _COLUMNS), "risk", "IVCS"):
-        table.add_column(name, justify="right")
+        table.add_column(name, justify="right", no_wrap=True)
     for result in results:
         table.add_row(
             result.scenario, result.domain, result.model, result.status, *_numbers(result)
         )
-    console.out.print(table)
+    # A narrow terminal or a pipe gets long lines rather than cut names.
+    console.out.print(table, width=max(console.out.width, console.out.measure(table).maximum))
     for result in results:
         place = f"{result.scenario}/{result.domain}/{result.model}"
         if result.reasons:

@@ -5,6 +5,7 @@ Only `ssp labels` and `--propose-labels` read it. No request is ever built from 
 
 from __future__ import annotations
 
+import json
 import math
 from enum import IntEnum
 from itertools import pairwise
@@ -16,14 +17,13 @@ from pydantic import ConfigDict, Field
 from ssp_core.bag import BagReader
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.errors import InputError
-from ssp_core.files import load_model
+from ssp_core.files import parse_model, read_text
 from ssp_core.names import CAMERA_IMAGE, VUT_ID, WORLD_TICK, absolute
 from ssp_core.run_spec import Strict
 from ssp_core.state import ObjectState, Size
 from ssp_core.vocab import ObjectClass, Role
 from ssp_eval.evaluate.provenance import read_provenance
 from ssp_eval.evaluate.states import object_state, peek_stamp_ns, stamp_ns
-from ssp_eval.labels.event import EventThresholds
 from ssp_eval.labels.propose import Truth
 
 _TICK = absolute(WORLD_TICK)
@@ -79,9 +79,7 @@ def truth_from_bag(path: str | Path) -> Truth:
         series=series,
         source=str(path),
         hfov_rad=None if run.camera is None else math.radians(run.camera.hfov_deg),
-        thresholds=EventThresholds(
-            ttc_s=run.thresholds.ttc_s, arrival_gap_s=run.thresholds.arrival_gap_s
-        ),
+        thresholds=run.thresholds,
     )
 
 
@@ -120,6 +118,14 @@ class TruthFrame(Strict):
     objects: list[TruthObject]
 
 
+class TruthCamera(Strict):
+    """The clip's camera, as far as labels need it."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True)
+
+    hfov_deg: Annotated[float, Field(gt=1, lt=180)] | None = None
+
+
 class TruthFile(Strict):
     """``ssp.truth/1``: what the maker of a clip knows about it."""
 
@@ -127,22 +133,31 @@ class TruthFile(Strict):
 
     schema_: Literal["ssp.truth/1"] = Field(alias="schema")
     scenario: str
+    domain: str = "synthetic"
     event_version: str | None = None
+    camera: TruthCamera = TruthCamera()
     frames: Annotated[list[TruthFrame], Field(min_length=1)]
 
 
-def truth_from_file(path: str | Path, domain: str, event_version: str | None = None) -> Truth:
+def truth_from_file(
+    path: str | Path, domain: str | None = None, event_version: str | None = None
+) -> Truth:
     """Ground truth that a clip's maker wrote beside it, in the clip's own time.
 
     Args:
         path: the truth file.
-        domain: of the clip, METHOD 5.2.
+        domain: of the clip, where it isn't the one that the file names (METHOD 5.2).
         event_version: K* version, where the file names none.
 
     Raises:
         InputError: it is not valid, or the frames' times don't rise.
     """
-    found = load_model(TruthFile, path)
+    # Such a file is large, and always JSON: the YAML reader would take seconds.
+    try:
+        value = json.loads(read_text(path))
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"is no JSON: {error}", file=path) from error
+    found = parse_model(TruthFile, value, path)
     for before, after in pairwise(found.frames):
         if after.t_s <= before.t_s:
             raise InputError("must rise strictly", file=path, field="frames.t_s", value=after.t_s)
@@ -151,7 +166,7 @@ def truth_from_file(path: str | Path, domain: str, event_version: str | None = N
     targets = tuple(state.object_id for state in first if state.role is Role.OT)
     return Truth(
         scenario=found.scenario,
-        domain=domain,
+        domain=domain or found.domain,
         event_version=found.event_version or event_version or UNKNOWN_VERSION,
         start_s=series[0][0],
         end_s=series[-1][0],
@@ -159,6 +174,7 @@ def truth_from_file(path: str | Path, domain: str, event_version: str | None = N
         target_ids=targets or tuple(s.object_id for s in first if s.object_id != VUT_ID),
         series=series,
         source=str(path),
+        hfov_rad=None if found.camera.hfov_deg is None else math.radians(found.camera.hfov_deg),
     )
 
 

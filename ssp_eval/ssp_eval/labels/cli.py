@@ -10,6 +10,7 @@ import click
 from ssp_core import console
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_file
+from ssp_core.vocab import DOMAINS
 from ssp_eval.evaluate.truth import truth_from_bag, truth_from_file
 from ssp_eval.labels.model import load_labels
 from ssp_eval.labels.proposal_file import is_unreviewed, sidecar, write_proposal
@@ -27,7 +28,7 @@ def labels() -> None:
 @click.argument("bag", type=_PATH, required=False)
 @click.option("--truth", type=_PATH, help="Truth file of a clip (ssp.truth/1), in place of a bag.")
 @click.option("--out", type=_PATH, required=True, help="Labels file to write.")
-@click.option("--domain", default="synthetic", show_default=True, help="With --truth.")
+@click.option("--domain", type=click.Choice(DOMAINS), help="Where it isn't the truth file's own.")
 @click.option("--event-version", help="K* version, where the truth file names none.")
 @click.option("--count", type=click.IntRange(1, 1000), default=9, show_default=True)
 @click.option(
@@ -42,7 +43,7 @@ def new(
     bag: Path | None,
     truth: Path | None,
     out: Path,
-    domain: str,
+    domain: str | None,
     event_version: str | None,
     count: int,
     spacing: float,

@@ -11,12 +11,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ssp_core.geometry import Box, Polyline, Pose2, wrap_angle
+from ssp_core.geometry import Polyline, Pose2, wrap_angle
+from ssp_core.interaction import CORRIDOR_MARGIN_M, OBSERVABLE_LATERAL_MPS
 from ssp_core.state import ObjectState
 from ssp_core.vocab import ObjectClass
 
-# METHOD 1: swept corridors are as wide as the object plus this on each side.
-CORRIDOR_MARGIN_M = 0.3
 _EXTENSION_M = 500.0
 _POINT_SPACING_M = 0.5
 # A direction between these two angles to the path crosses it.
@@ -34,12 +33,14 @@ class MotionThresholds:
         standstill_mps: below this speed an object is stationary.
         walker_standstill_mps: the same for pedestrians.
         lateral_mps: lateral speed above which a lane change is observable (METHOD 1).
+        leaving_m: an object this near the middle of the VUT's path isn't leaving it yet.
         receding_mps: opening speed above which an object ahead pulls away from the VUT.
     """
 
     standstill_mps: float = 0.3
     walker_standstill_mps: float = 0.15
-    lateral_mps: float = 0.2
+    lateral_mps: float = OBSERVABLE_LATERAL_MPS
+    leaving_m: float = 0.5
     receding_mps: float = 3.0
 
 
@@ -79,11 +80,9 @@ class Corridor:
         points.append(end.to_parent(_EXTENSION_M, 0.0))
         return cls(Polyline(points), vut[0].size.width_m / 2.0 + CORRIDOR_MARGIN_M)
 
-    def extent(self, state: ObjectState, side_margin_m: float = 0.0) -> Extent:
-        """What an object's box covers, widened by a margin on both of its sides."""
-        size = state.size
-        box = Box(state.pose, size.front_m, size.rear_m, size.width_m + 2.0 * side_margin_m)
-        projected = [self.path.project(x, y) for x, y in box.corners()]
+    def extent(self, state: ObjectState) -> Extent:
+        """What an object's box covers."""
+        projected = [self.path.project(x, y) for x, y in state.box.corners()]
         stations = [station for station, _ in projected]
         offsets = [offset for _, offset in projected]
         return Extent(min(stations), max(stations), min(offsets), max(offsets))
@@ -92,50 +91,15 @@ class Corridor:
         """True when an extent reaches into the corridor sideways."""
         return extent.l_min_m < self.half_width_m and extent.l_max_m > -self.half_width_m
 
-    def gap_to_side_m(self, extent: Extent) -> float:
-        """Lateral distance from an extent to the corridor, m; 0 when it reaches into it."""
-        return max(0.0, extent.l_min_m - self.half_width_m, -self.half_width_m - extent.l_max_m)
-
     def velocity(self, state: ObjectState) -> tuple[float, float]:
         """Speed along the path and to its left, m/s."""
         station, _ = self.path.project(state.x_m, state.y_m)
         angle = wrap_angle(state.yaw_rad - self.path.pose(station).yaw_rad)
         return state.speed_mps * math.cos(angle), state.speed_mps * math.sin(angle)
 
-    def offset_m(self, state: ObjectState) -> float:
-        """Offset of the middle of an object's box, + is left."""
-        extent = self.extent(state)
-        return (extent.l_min_m + extent.l_max_m) / 2.0
-
     def front_m(self, vut: ObjectState) -> float:
         """Station of the VUT's front bumper."""
         return self.path.project(*vut.pose.to_parent(vut.size.front_m, 0.0))[0]
-
-    def lateral_speed_inwards_mps(self, state: ObjectState) -> float:
-        """Lateral speed towards the path, m/s; negative moves away from it."""
-        return -math.copysign(1.0, self.offset_m(state)) * self.velocity(state)[1]
-
-
-def ttc_s(corridor: Corridor, vut: ObjectState, other: ObjectState) -> float:
-    """TTC after METHOD 1: bumper gap over closing speed along the VUT's path.
-
-    Args:
-        corridor: of the VUT.
-        vut: its state.
-        other: another object's state at the same time.
-
-    Returns:
-        Seconds; 0 when the gap is used up, +inf while not closing, behind the VUT's front or
-        outside its corridor.
-    """
-    extent = corridor.extent(other, CORRIDOR_MARGIN_M)
-    front_m = corridor.front_m(vut)
-    if not corridor.overlaps(extent) or extent.s_max_m <= front_m:
-        return math.inf
-    closing_mps = corridor.velocity(vut)[0] - corridor.velocity(other)[0]
-    if closing_mps <= 1e-6:
-        return math.inf
-    return max(0.0, corridor.extent(other).s_min_m - front_m) / closing_mps
 
 
 def position_word(corridor: Corridor, vut: ObjectState, other: ObjectState) -> str:
@@ -188,7 +152,7 @@ def motion_word(
         inwards = left_mps * offset_m < 0
         if inwards:
             return "cutting_in_from_left" if offset_m > 0 else "cutting_in_from_right"
-        if corridor.overlaps(extent):
+        if corridor.overlaps(extent) and abs(offset_m) >= thresholds.leaving_m:
             return "cutting_out"
     ahead = extent.s_min_m > corridor.front_m(vut)
     opening_mps = along_mps - corridor.velocity(vut)[0]

@@ -32,10 +32,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
+from ssp_core.clock import seconds_to_ns
 from ssp_core.errors import InputError
+from ssp_core.run_spec import ConflictThresholds
 from ssp_core.state import ObjectState
 from ssp_core.vocab import LON_ACTIONS
-from ssp_eval.labels.event import Event, EventThresholds, find_event, samples_of
+from ssp_eval.labels.event import Event, find_event, samples_of
 from ssp_eval.labels.geometry import (
     DEFAULT_MOTION,
     Corridor,
@@ -116,7 +118,7 @@ class Truth:
     series: Sequence[tuple[float, Sequence[ObjectState]]]
     source: str
     hfov_rad: float | None = None
-    thresholds: EventThresholds = field(default_factory=EventThresholds)
+    thresholds: ConflictThresholds = field(default_factory=ConflictThresholds)
 
 
 @dataclass(frozen=True)
@@ -173,7 +175,7 @@ def _critical_event(
     events = []
     for object_id in truth.target_ids:
         samples = samples_of(series, truth.vut_id, object_id)
-        event = find_event(samples, corridor, truth.thresholds) if samples else None
+        event = find_event(samples, corridor.path, truth.thresholds) if samples else None
         if event is not None:
             events.append(event)
     if not events:
@@ -241,7 +243,9 @@ def _own_motion(
         state = series[i][1].get(vut_id) if i >= 0 else None
         if state is None or ticks_s[-1] < t_s + ahead_s - _TOLERANCE_S:
             return _OwnMotion()
-        states.append(state)
+        # Clips have frames 40 ms apart: without this, their jitter would look like acceleration.
+        rest_ns = seconds_to_ns(t_s + ahead_s - ticks_s[i])
+        states.append(state.extrapolated(state.stamp_ns + rest_ns))
     points = [states[0].pose.to_local(state.x_m, state.y_m) for state in states]
     v1_mps = (points[1][0] - points[0][0]) / 0.5
     v2_mps = (points[2][0] - points[1][0]) / 0.5

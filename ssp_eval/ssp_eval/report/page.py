@@ -1,0 +1,135 @@
+"""Puts the page together: data, figures, pictures, template, style and script in one file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jinja2
+from markupsafe import Markup
+
+from ssp_core import __version__
+from ssp_core.files import write_text
+from ssp_eval.evaluate.cell import frame_path
+from ssp_eval.report.load import CellData, load_cells
+from ssp_eval.report.matrix import matrix
+from ssp_eval.report.pictures import data_uri
+from ssp_eval.report.tables import (
+    MEAN_COLUMNS,
+    STAGE_NAMES,
+    failure_rows,
+    mean_tables,
+    rank_tables,
+    scored,
+)
+from ssp_eval.report.view import RecordView, record_views
+
+PAGE = "index.html"
+_HERE = Path(__file__).parent
+SLOTS = ("objects", "position", "motion", "conflict", "lon_action", "lat_action")
+
+
+def write_report(out: Path, on_picture: Callable[[int, int], None] = lambda done, of: None) -> Path:
+    """Writes ``index.html`` into a campaign folder.
+
+    Args:
+        out: campaign folder.
+        on_picture: told how many pictures are done, and of how many.
+
+    Returns:
+        The file.
+
+    Raises:
+        InputError: it is no campaign folder, or a file in it is damaged.
+    """
+    cells = load_cells(out)
+    views = {cell.id: record_views(cell) for cell in cells}
+    used = sorted({v.frame for of_cell in views.values() for v in of_cell if v.frame is not None})
+    pictures: dict[str, str] = {}
+    for done, frame in enumerate(used, start=1):
+        path = frame_path(out, frame)
+        if path.exists():
+            pictures[frame] = data_uri(path)
+        on_picture(done, len(used))
+    target = out / PAGE
+    write_text(target, render(cells, views, pictures))
+    return target
+
+
+def render(
+    cells: list[CellData], views: dict[str, list[RecordView]], pictures: dict[str, str]
+) -> str:
+    """The page as HTML.
+
+    Args:
+        cells: in the order in which they are shown.
+        views: by cell id, its label times.
+        pictures: data URIs by frame hash.
+    """
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(_HERE),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["svg"] = Markup
+    environment.filters["words"] = lambda text: str(text).replace("_", " ")
+    environment.filters["short"] = _short
+    environment.filters["json"] = lambda value: json.dumps(value, sort_keys=True)
+    entering = scored(cells)
+    template = environment.get_template("page.html.j2")
+    return template.render(
+        cells=cells,
+        views=views,
+        pictures=Markup(_script_json(pictures)),
+        style=Markup((_HERE / "style.css").read_text("utf-8")),
+        script=Markup((_HERE / "page.js").read_text("utf-8")),
+        matrix=Markup(matrix(cells)),
+        means=mean_tables(entering),
+        mean_columns=MEAN_COLUMNS,
+        ranks=rank_tables(entering) if entering else [],
+        failures=failure_rows(cells),
+        stages=STAGE_NAMES,
+        slots=SLOTS,
+        facts=_facts(cells, views),
+        version=__version__,
+    )
+
+
+def _short(digest: str) -> str:
+    return digest.removeprefix("sha256:")[:12]
+
+
+def _script_json(value: Any) -> str:
+    """JSON that can stand in a script element."""
+    return json.dumps(value, sort_keys=True).replace("</", "<\\/")
+
+
+def _facts(cells: list[CellData], views: dict[str, list[RecordView]]) -> dict[str, Any]:
+    ok = [cell for cell in cells if cell.score is not None]
+    return {
+        "scenarios": sorted({cell.scenario for cell in cells}),
+        "domains": list(dict.fromkeys(cell.domain for cell in cells)),
+        "models": list(dict.fromkeys(cell.model for cell in cells)),
+        "records": sum(len(of_cell) for of_cell in views.values()),
+        "scored": len(ok),
+        "out": [cell for cell in cells if cell.score is None],
+        "stand_in": sorted({f"{c.scenario} / {c.domain}" for c in cells if c.facts["stand_in"]}),
+        "proposed": any(cell.facts["labels_proposed"] for cell in cells),
+        "controls": sorted({cell.model for cell in cells if cell.is_control}),
+        "nulls": [cell for cell in ok if cell.score and cell.score.details.ivcs_nulls],
+        "unmatched": [cell for cell in ok if cell.score and cell.score.details.unmatched_records],
+        "notes": [cell for cell in cells if cell.notes],
+        "assumed": sorted(
+            {
+                f"{c.scenario} / {c.domain}: ego motion {c.facts['clip']['ego']}, camera "
+                f"{c.facts['clip']['camera']}"
+                for c in cells
+                if (c.facts["clip"]["ego"], c.facts["clip"]["camera"]) != ("measured", "measured")
+            }
+        ),
+        "missing": sum(len(cell.facts["answers"]["missing"]) for cell in ok),
+    }

@@ -1,0 +1,86 @@
+"""A planned trajectory on the forward picture: drawn after the fact, never in a model's input."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from ssp_eval.report import svg
+from ssp_vla_bridge.core.trajectory import Trajectory, interpolate
+
+_NEAREST_M = 1.0
+_HALF_WIDTH_M = 0.9
+_STEP_S = 0.1
+
+
+def project(
+    x_m: float, y_m: float, geometry: dict[str, Any], mount_forward_m: float
+) -> tuple[float, float] | None:
+    """Pixel (u, v) of a point on the ground, None where it isn't ahead of the camera.
+
+    Args:
+        x_m: forward of the VUT's reference point.
+        y_m: to its left.
+        geometry: fields of CameraGeometry, with height_m and pitch_down_rad known.
+        mount_forward_m: of the camera, ahead of the reference point.
+    """
+    pitch, height_m = float(geometry["pitch_down_rad"]), float(geometry["height_m"])
+    ahead_m = x_m - mount_forward_m
+    depth_m = ahead_m * math.cos(pitch) + height_m * math.sin(pitch)
+    down_m = height_m * math.cos(pitch) - ahead_m * math.sin(pitch)
+    if depth_m < _NEAREST_M:
+        return None
+    u = geometry["cx_px"] - geometry["fx_px"] * y_m / depth_m
+    v = geometry["cy_px"] + geometry["fy_px"] * down_m / depth_m
+    return u, v
+
+
+def overlay(
+    trajectory: Trajectory, geometry: dict[str, Any] | None, mount_forward_m: float | None
+) -> str:
+    """SVG over the picture: the ribbon that the VUT would cover, with a dot every half second.
+
+    Args:
+        trajectory: a valid one.
+        geometry: of the camera, None: not known.
+        mount_forward_m: of the camera, None: not known.
+
+    Returns:
+        Empty where the camera's pose isn't known or nothing of the path lies in front of it.
+    """
+    if geometry is None or mount_forward_m is None:
+        return ""
+    if geometry.get("height_m") is None or geometry.get("pitch_down_rad") is None:
+        return ""
+    start_s, end_s = trajectory.t_s[0], trajectory.t_s[-1]
+    count = max(2, math.ceil((end_s - start_s) / _STEP_S))
+    times = [start_s + (end_s - start_s) * k / count for k in range(count + 1)]
+    path = [interpolate(trajectory, t_s) for t_s in times]
+    left, right, middle = [], [], []
+    for k, (x_m, y_m) in enumerate(path):
+        ahead = path[min(k + 1, count)], path[max(k - 1, 0)]
+        heading = math.atan2(ahead[0][1] - ahead[1][1], ahead[0][0] - ahead[1][0])
+        dx_m, dy_m = -math.sin(heading) * _HALF_WIDTH_M, math.cos(heading) * _HALF_WIDTH_M
+        sides = [
+            project(x_m + dx_m, y_m + dy_m, geometry, mount_forward_m),
+            project(x_m - dx_m, y_m - dy_m, geometry, mount_forward_m),
+            project(x_m, y_m, geometry, mount_forward_m),
+        ]
+        if sides[0] and sides[1] and sides[2]:
+            left.append(sides[0])
+            right.append(sides[1])
+            middle.append(sides[2])
+    dots = []
+    for t_s in (0.5 * k for k in range(1, int(2 * end_s + 1e-6) + 1)):
+        if t_s < start_s:
+            continue
+        spot = project(*interpolate(trajectory, min(t_s, end_s)), geometry, mount_forward_m)
+        if spot:
+            dots.append(svg.element("circle", cx=spot[0], cy=spot[1], r=geometry["width_px"] / 160))
+    if len(middle) < 2 and not dots:
+        return ""
+    ribbon = svg.element("polygon", points=svg.points(left + right[::-1]), class_="ribbon")
+    line = svg.element("polyline", points=svg.points(middle), class_="path")
+    body = (ribbon + line if len(middle) >= 2 else "") + "".join(dots)
+    box = f"0 0 {geometry['width_px']} {geometry['height_px']}"
+    return svg.element("svg", body, class_="overlay", viewBox=box, preserveAspectRatio="none")

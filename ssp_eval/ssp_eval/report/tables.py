@@ -1,0 +1,166 @@
+"""Means, ranks and first failures as tables of text (METHOD 6.12, 6.13)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ssp_eval.report.load import CellData
+from ssp_eval.score import STAGES
+from ssp_eval.score.aggregate import (
+    BY_DOMAIN,
+    BY_MODEL,
+    BY_SCENARIO_DOMAIN,
+    BY_SCENARIO_MODEL,
+    Cell,
+    Mean,
+    means,
+    ranking,
+)
+from ssp_eval.score.show import NULL
+
+MEAN_COLUMNS = (
+    ("jovr", "JOVR"),
+    ("sem_acc_eff", "SemAcc"),
+    ("cia_eff", "CIA"),
+    ("tqsr", "TQSR"),
+    ("rsr", "RSR"),
+    ("rl_s", "RL (s)"),
+    ("ivcs", "IVCS"),
+    ("act_acc_eff", "ActAcc"),
+    ("stfr", "STFR"),
+    ("atc_eff", "ATC"),
+)
+_GROUPINGS = (
+    ("By model", BY_MODEL),
+    ("By domain", BY_DOMAIN),
+    ("By scenario and domain", BY_SCENARIO_DOMAIN),
+    ("By scenario and model", BY_SCENARIO_MODEL),
+)
+STAGE_NAMES = dict(
+    zip(
+        STAGES,
+        (
+            "output validity", "semantics", "critical interaction", "action commitment",
+            "trajectory quality", "text–trajectory consistency", "risk response",
+        ),
+        strict=True,
+    )
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class MeanCell:
+    """One mean: text, the share of a bar behind it, and n where it differs from the row's."""
+
+    text: str
+    bar: float | None
+    n: str
+
+
+@dataclass(frozen=True)
+class MeanRow:
+    """One group of cells."""
+
+    keys: tuple[str, ...]
+    n: int
+    values: tuple[MeanCell, ...]
+
+
+@dataclass(frozen=True)
+class MeanTable:
+    """One grouping."""
+
+    title: str
+    keys: tuple[str, ...]
+    rows: tuple[MeanRow, ...]
+
+
+def scored(cells: Sequence[CellData]) -> list[Cell]:
+    """The cells that may enter means: valid ones, controls left out."""
+    return [
+        Cell(c.scenario, c.domain, c.model, c.score.to_json())
+        for c in cells
+        if c.score is not None and not c.is_control
+    ]
+
+
+def mean_tables(cells: Sequence[Cell]) -> list[MeanTable]:
+    """The groupings of METHOD 6.13, n with each mean."""
+    tables = []
+    for title, keys in _GROUPINGS:
+        rows = []
+        for group, by_metric in means(cells, keys).items():
+            n = by_metric["ivcs"].n
+            values = tuple(_mean_cell(by_metric[key], n, key) for key, _ in MEAN_COLUMNS)
+            rows.append(MeanRow(group, n, values))
+        tables.append(MeanTable(title, keys, tuple(rows)))
+    return tables
+
+
+def _mean_cell(found: Mean, n: int, key: str) -> MeanCell:
+    if found.value is None:
+        return MeanCell(NULL, None, "")
+    digits = 2 if key == "rl_s" else 3
+    bar = None if key == "rl_s" else min(max(found.value, 0.0), 1.0)
+    return MeanCell(f"{found.value:.{digits}f}", bar, f"n={found.n}" if found.n != n else "")
+
+
+@dataclass(frozen=True)
+class RankTable:
+    """Ranks of models or domains by IVCS, per scenario and over all."""
+
+    title: str
+    subject: str
+    scenarios: tuple[str, ...]
+    rows: tuple[tuple[str, tuple[str, ...]], ...]
+    changes: tuple[str, ...]
+
+
+def rank_tables(cells: Sequence[Cell]) -> list[RankTable]:
+    """Ranks per scenario and for the macro average, with every change between scenarios."""
+    tables = []
+    for title, subject in (("Models", "model"), ("Domains", "domain")):
+        found = ranking(cells, subject)
+        if len(found.macro) < 2:
+            continue
+        scenarios = tuple(sorted(found.scenarios))
+        rows = []
+        for name in sorted(found.macro, key=lambda n: (found.macro[n] or 99, n)):
+            columns = [found.scenarios[scenario].get(name) for scenario in scenarios]
+            ranks = tuple(NULL if r is None else str(r) for r in (*columns, found.macro[name]))
+            rows.append((name, ranks))
+        changes = tuple(
+            f"{change.subject}: rank {change.ranks[0]} in {change.scenarios[0]}, "
+            f"{change.ranks[1]} in {change.scenarios[1]}"
+            for change in found.changes
+        )
+        tables.append(RankTable(title, subject, scenarios, tuple(rows), changes))
+    return tables
+
+
+@dataclass(frozen=True)
+class FailureRow:
+    """First failures of one cell: count and share per stage, and of the records without one."""
+
+    cell: CellData
+    counts: tuple[tuple[int, float], ...]
+    clean: tuple[int, float]
+
+
+def failure_rows(cells: Sequence[CellData]) -> list[FailureRow]:
+    """Per scored cell, how many labels fail first at which stage (METHOD 6.12)."""
+    rows = []
+    for cell in cells:
+        if cell.score is None:
+            continue
+        counts = [cell.score.details.first_failures[stage] for stage in STAGES]
+        clean = cell.score.n - sum(counts)
+        rows.append(
+            FailureRow(
+                cell,
+                tuple((count, count / cell.score.n) for count in counts),
+                (clean, clean / cell.score.n),
+            )
+        )
+    return rows

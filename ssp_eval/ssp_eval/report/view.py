@@ -1,0 +1,198 @@
+"""What the page shows of one label time: picture, text, slots, plan and verdicts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ssp_eval.labels.model import Label
+from ssp_eval.records import SLOT_NAMES, BehaviourRecord
+from ssp_eval.report.load import CellData
+from ssp_eval.report.projection import overlay
+from ssp_eval.report.spans import Segment, segments
+from ssp_eval.report.tables import STAGE_NAMES
+from ssp_eval.report.topview import top_view
+from ssp_eval.score import Judgement
+from ssp_eval.score.semantics import SlotScore
+from ssp_eval.score.show import NULL
+
+HIT, SOFT, MISS, MISSING, MASKED = "hit", "near", "miss", "missing", "masked"
+
+
+@dataclass(frozen=True)
+class SlotRow:
+    """One slot: what the model said, what is true, and how that counts."""
+
+    name: str
+    answer: str
+    truth: str
+    mark: str
+
+
+@dataclass(frozen=True)
+class ActionRow:
+    """One axis of action: text, trajectory, and what is admissible."""
+
+    name: str
+    text: str
+    text_mark: str
+    trajectory: str
+    trajectory_mark: str
+    allowed: str
+
+
+@dataclass(frozen=True)
+class RecordView:
+    """One label time of one cell.
+
+    Args:
+        anchor: in the page.
+        label: what is true.
+        t_s: clip time of the record, None where there is none.
+        frame: hash of the newest frame sent, None where nothing was sent.
+        frames_sent: how many frames were.
+        missing: why there is no answer, empty where there is one.
+        text: pieces with their evidence.
+        slots: four semantic slots.
+        actions: longitudinal and lateral.
+        feasible: yes, no, or – where there is no valid trajectory.
+        notes: of the adapter, and why a trajectory is invalid.
+        failure: name of the first failing stage, empty if none.
+        stage: its key, ``none`` if none.
+        response: this record begins the risk response.
+        candidate: it counts for the risk response.
+        overlay: SVG over the picture.
+        plan: SVG of the plan.
+    """
+
+    anchor: str
+    label: Label
+    t_s: float | None
+    frame: str | None
+    frames_sent: int
+    missing: str
+    text: tuple[Segment, ...]
+    slots: tuple[SlotRow, ...]
+    actions: tuple[ActionRow, ...]
+    feasible: str
+    notes: tuple[str, ...]
+    failure: str
+    stage: str
+    response: bool
+    candidate: bool
+    overlay: str
+    plan: str
+
+
+def record_views(cell: CellData) -> list[RecordView]:
+    """The views of a scored cell, one per label."""
+    if cell.score is None:
+        return []
+    details = cell.score.details
+    return [
+        _view(cell, index, label, judgement, details.response_record)
+        for index, (label, judgement) in enumerate(
+            zip(cell.labels.labels, details.judgements, strict=True)
+        )
+    ]
+
+
+def _view(
+    cell: CellData, index: int, label: Label, judgement: Judgement, response: int | None
+) -> RecordView:
+    record = None if judgement.record is None else cell.records[judgement.record]
+    request = _request(cell.requests, label.t_s)
+    frames: Sequence[dict[str, Any]] = request.get("frames", [])
+    valid = record is not None and judgement.trajectory_valid
+    trajectory = record.trajectory if record is not None and valid else None
+    clip = cell.facts["clip"]
+    drawn = ""
+    if trajectory is not None:
+        drawn = overlay(trajectory, clip["geometry"], clip["mount_forward_m"])
+    stage = judgement.first_failure
+    return RecordView(
+        anchor=f"{cell.id}-{index}",
+        label=label,
+        t_s=judgement.record_t_s,
+        frame=frames[-1]["sha256"] if frames else None,
+        frames_sent=len(frames),
+        missing=str(request.get("missing", "")),
+        text=_text(record),
+        slots=tuple(_slot(name, score) for name, score in judgement.slots.items()),
+        actions=(
+            _action(
+                "longitudinal", judgement.text_lon, judgement.trajectory_lon, label.lon_actions
+            ),
+            _action("lateral", judgement.text_lat, judgement.trajectory_lat, label.lat_actions),
+        ),
+        feasible={True: "yes", False: "no", None: NULL}[judgement.feasible],
+        notes=_notes(record),
+        failure=STAGE_NAMES[stage] if stage else "",
+        stage=stage or "none",
+        response=response is not None and judgement.record == response,
+        candidate=judgement.candidate,
+        overlay=drawn,
+        plan=top_view(trajectory, request.get("history", [])),
+    )
+
+
+def _request(requests: Sequence[dict[str, Any]], label_t_s: float) -> dict[str, Any]:
+    return next((r for r in requests if r.get("label_t_s") == label_t_s), {})
+
+
+def _text(record: BehaviourRecord | None) -> tuple[Segment, ...]:
+    if record is None or not record.text:
+        return ()
+    evidence = {
+        name: slot.evidence
+        for name in SLOT_NAMES
+        if (slot := getattr(record.slots, name)) is not None
+    }
+    return segments(record.text, evidence)
+
+
+def _words(value: str | tuple[str, ...] | None) -> str:
+    if value is None:
+        return NULL
+    if isinstance(value, str):
+        return value
+    return ", ".join(value) or "nobody"
+
+
+def _slot(name: str, score: SlotScore) -> SlotRow:
+    if not score.evaluable:
+        mark = MASKED
+    elif not score.given:
+        mark = MISSING
+    elif score.h == 1.0:
+        mark = HIT
+    elif score.s:
+        mark = SOFT
+    else:
+        mark = MISS
+    return SlotRow(name, _words(score.answer), _words(score.truth), mark)
+
+
+def _action(
+    name: str, text: str | None, trajectory: str | None, allowed: Sequence[str]
+) -> ActionRow:
+    def mark(given: str | None) -> str:
+        if given is None:
+            return MISSING
+        return HIT if given in allowed else MISS
+
+    return ActionRow(
+        name, _words(text), mark(text), _words(trajectory), mark(trajectory), " / ".join(allowed)
+    )
+
+
+def _notes(record: BehaviourRecord | None) -> tuple[str, ...]:
+    if record is None:
+        return ()
+    notes = [f"trajectory invalid: {reason}" for reason in record.invalid]
+    if record.adapter is not None:
+        if record.adapter["origin_added"]:
+            notes.append("the frame's origin was added as the point at t = 0")
+        notes += record.adapter["notes"]
+    return tuple(notes)
