@@ -1,14 +1,78 @@
-"""The one way in which this package compiles kernels."""
+"""The one way in which this package compiles kernels, and where it keeps the machine code.
+
+numba's cache looks only at the file of the function that it compiled, not at the files of the
+functions that went into it. Here the cache lies in a folder named after the contents of all
+sources of this package, so that no change is ever answered with old machine code.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import os
+import shutil
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numba
 from numpy.typing import NDArray
 
 Array = NDArray[Any]
+
+_PACKAGE = Path(__file__).parent
+_PREFIX = "kernels-"
+_SETTINGS: Any = numba.config  # its attributes are made at run time
+
+
+def digest(folder: Path) -> str:
+    """A short hash of the names and contents of a folder's Python files."""
+    total = hashlib.sha256()
+    for path in sorted(folder.glob("*.py")):
+        content = path.read_bytes()
+        total.update(f"{path.name} {len(content)}\n".encode() + content)
+    return total.hexdigest()[:16]
+
+
+def cache_folder(sources: Path, places: list[Path]) -> Path | None:
+    """The folder for the machine code of these sources, in the first place that can be written.
+
+    Folders of earlier sources in the same place are removed. None: no place can be written, and
+    kernels are compiled anew in each process.
+    """
+    name = _PREFIX + digest(sources)
+    for place in places:
+        try:
+            (place / name).mkdir(parents=True, exist_ok=True)
+        except OSError:
+            continue
+        if not os.access(place / name, os.W_OK):
+            continue
+        for old in place.glob(_PREFIX + "*"):
+            if old.name != name:
+                shutil.rmtree(old, ignore_errors=True)
+        return place / name
+    return None
+
+
+def _places() -> list[Path]:
+    if _SETTINGS.CACHE_DIR:  # NUMBA_CACHE_DIR
+        return [Path(_SETTINGS.CACHE_DIR)]
+    home = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"))
+    return [_PACKAGE / "__pycache__", home / "ssp"]
+
+
+_CACHE = cache_folder(_PACKAGE, _places())
+
+
+def _jit(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
+    before = _SETTINGS.CACHE_DIR
+    try:
+        _SETTINGS.CACHE_DIR = str(_CACHE or before)
+        make: Any = numba.njit(cache=_CACHE is not None, nogil=True, error_model="numpy", **options)
+        kernel: Callable[..., Any] = make(function)
+        return kernel
+    finally:
+        _SETTINGS.CACHE_DIR = before
 
 
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -17,9 +81,9 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     The interpreter lock is released while the kernel runs, so that a node's executor stays
     responsive; one thread, so that the order of operations and with it every pixel is fixed.
     """
-    return numba.njit(cache=True, nogil=True, error_model="numpy")(function)
+    return _jit(function)
 
 
 def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
     """As compiled, for small helpers of inner loops: callers take them in whole."""
-    return numba.njit(cache=True, nogil=True, error_model="numpy", forceinline=True)(function)
+    return _jit(function, forceinline=True)

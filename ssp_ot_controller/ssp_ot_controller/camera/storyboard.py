@@ -169,7 +169,7 @@ def _camera() -> Camera:
 def _look(rng: np.random.Generator) -> Look:
     return Look(
         palette="dusk_city",
-        fog_per_m=float(rng.uniform(0.002, 0.004)),
+        fog_per_m=float(rng.uniform(0.001, 0.002)),
         sun_azimuth_deg=float(rng.uniform(15.0, 40.0)),
         sun_elevation_deg=float(rng.uniform(9.0, 16.0)),
         exposure=1.15,
@@ -183,10 +183,10 @@ def _vut(speed_mps: float, ramps: tuple[Ramp, ...]) -> Actor:
 
 def _cut_in(seed: int, rng: np.random.Generator) -> Storyboard:
     speed = float(rng.uniform(11.0, 12.0))
-    slower = float(rng.uniform(3.3, 3.7))  # closing speed at the start
+    slower = float(rng.uniform(4.1, 4.5))  # closing speed at the start
     cut_s, change_s = float(rng.uniform(2.9, 3.4)), 2.4
-    gap_m = 12.5  # bumper gap when the lane change starts
-    brake_s = cut_s + 1.2
+    gap_m = 15.0  # bumper gap when the lane change starts
+    brake_s = cut_s + 1.3
     size = DEFAULT_SIZES[ObjectClass.CAR]
     ahead = gap_m + slower * cut_s + size.front_m + size.rear_m
     # Across: a speed that swells and goes back; its integral is one lane width.
@@ -203,7 +203,7 @@ def _cut_in(seed: int, rng: np.random.Generator) -> Storyboard:
         "oncoming_car",
         ObjectClass.CAR,
         Role.TRAFFIC,
-        Line(175.0, -9.0),
+        Line(150.0, -9.0),
         Line(2 * _LANE_M, 0.0),
         math.pi,
     )
