@@ -310,6 +310,65 @@ WHOLE = [
     ("A pedestrian\nis crossing from the left,\nso I brake.",
      "o=pedestrian m=crossing_from_left lon=decelerate"),
     ("I don’t brake. The bus isn’t crossing. I’ll keep my speed.", "o=bus lon=maintain"),
+    (
+        "The scene shows a two-lane road. There are several parked cars on the right side. A "
+        "pedestrian in a red jacket is walking from the right sidewalk into the road, about 15 "
+        "meters ahead. The ego vehicle should decelerate and be prepared to stop, while "
+        "maintaining its current lane.",
+        "o=pedestrian p=front m=crossing_from_right lon=decelerate lat=straight",
+    ),
+    (
+        "A white sedan in the adjacent right lane is gradually moving into the ego lane. There is "
+        "a potential for collision if both vehicles continue. The ego vehicle should slow down.",
+        "o=car p=right m=cutting_in_from_right lon=decelerate",
+    ),
+    (
+        "Critical object: a silver SUV located in front-left, moving in the same direction. "
+        "Potential conflict: none. Plan: maintain speed, keep lane.",
+        "o=car p=front_left m=same_direction c=no_conflict lon=maintain lat=straight",
+    ),
+    (
+        "I considered changing lanes to the left, but a bus is alongside on the left, so I brake "
+        "and stay in my lane.",
+        "o=bus p=left lon=decelerate lat=straight",
+    ),
+    (
+        "There's a jogger on the left sidewalk, but she does not affect our path. Keep going "
+        "straight at the current speed.",
+        "o=pedestrian p=left c=no_conflict lon=maintain lat=straight",
+    ),
+    (
+        "The closest road user is a cyclist at the right edge of the road. It's moving in the same "
+        "direction as us. There's a potential conflict if it moves left. The plan: ease off the "
+        "accelerator and give it room by shifting left.",
+        "o=cyclist p=right m=same_direction c=potential lon=decelerate lat=left",
+    ),
+    (
+        "Since the cyclist ahead on the right might swerve, I nudge left and reduce speed.",
+        "o=cyclist p=front_right c=potential lon=decelerate lat=left",
+    ),
+    (
+        "A woman with a stroller is crossing in front of us from the right; we must stop now.",
+        "o=pedestrian p=front m=crossing_from_right lon=stop",
+    ),
+    (
+        "Wait for the pedestrian to cross, then accelerate.",
+        "o=pedestrian",
+    ),
+    (
+        "The car is making a left turn, so I expect the curvature to be negative.",
+        "",
+    ),
+    (
+        "Critical objects:\n1. A cyclist on the right.\n2. A bus.\nA truck is visible as well.",
+        "o=bus,cyclist p=right",
+    ),
+    ("Vehicle A is ahead in our lane; vehicle B is in the left lane.", "o=car p=front"),
+    ("Turn left at the intersection after yielding to the truck.", "o=truck lat=left"),
+    (
+        "Critical objects:\n• a cyclist on the right.\n• a bus.\n\nPlan: keep lane. A truck is there.",
+        "o=bus,cyclist p=right lat=straight",
+    ),
     ("", ""),
     ("   \n", ""),
 ]  # fmt: skip

@@ -147,7 +147,9 @@ def _action(world: World, slot: str) -> Found | None:
     revision = max((unit for unit in world.revised if unit in units), default=0)
     said = [one for one in said if one.unit >= revision]
     said = [one for one in said if one.final] or said
-    now = [one for one in said if not one.later] or said
+    now = [one for one in said if not one.later]
+    if slot == "lat_action":  # a later manoeuvre counts when it is the only lateral one
+        now = now or said
     if not now:
         return None
     last = now[-1].unit

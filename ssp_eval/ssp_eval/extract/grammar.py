@@ -115,7 +115,7 @@ KINDS: dict[Kind, Table] = {
             to, given that, so that
             """
         ),
-        "while": phrases("while, with, whilst"),
+        "while": phrases("while, whilst"),
         "by": phrases("by"),
         "now": phrases("now, currently, for now, at present"),
     },
@@ -212,7 +212,7 @@ KINDS: dict[Kind, Table] = {
             """
             then, after that, afterwards, afterward, later, next, subsequently,
             thereafter, eventually, later on, in the future, at the next, in a few
-            seconds, soon, following that, finally
+            seconds, soon, following that
             """
         ),
     },

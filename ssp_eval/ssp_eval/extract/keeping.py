@@ -29,7 +29,7 @@ _ON = frozenset(
 _OWN = frozenset(
     phrases(
         """
-        my, our, the, its, a, both, own, ego, this, current, constant, steady, same,
+        my, our, your, the, its, a, both, own, ego, this, current, constant, steady, same,
         present, existing, original, cruising, vehicle, through, initial, forward, set
         """
     )

@@ -170,6 +170,10 @@ _ORDINALS = {
 }
 
 
+# Words with which a rule can begin; the rest is passed over at once.
+_STARTS = frozenset(_ROOT) | _MARKS | HEADS | _FRAMES | frozenset(_BARE_VALUES)
+
+
 def find(words: list[str]) -> list[Hit]:
     """The hits of a text in order, not overlapping but for a verb that keeps two things."""
     hits: list[Hit] = []
@@ -177,6 +181,9 @@ def find(words: list[str]) -> list[Hit]:
     at = 0
     while at < count:
         word = words[at]
+        if word not in _STARTS:
+            at += 1
+            continue
         if word in _MARKS:
             if word in ":=":
                 _key(words, at, hits)
@@ -201,10 +208,7 @@ def find(words: list[str]) -> list[Hit]:
         if word in _FRAMES:
             at = _frame(words, at, hits)
             continue
-        node = _ROOT.get(word)
-        if node is None:
-            at += 1
-            continue
+        node: Any = _ROOT.get(word, {})
         entry: Entry | None = node.get(_ENTRY)
         here = stop = at + 1
         while here < count:

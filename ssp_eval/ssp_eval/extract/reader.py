@@ -34,6 +34,7 @@ def read(
 
 
 def _end(talk: Talk) -> None:
+    """What only the whole sentence shows: whom its plan concerns, and whether nobody is there."""
     planned = talk.planner.end()
     for index, actor in talk.named:
         if planned is not None:
@@ -48,18 +49,22 @@ def _end(talk: Talk) -> None:
     _carry_list(talk, planned is not None or talk.subject is EGO)
 
 
+def _opens_item(talk: Talk, hit: Hit) -> bool:
+    """A line break before a bullet, or the number of an item."""
+    words = talk.words
+    bullet = words[hit.stop : hit.stop + 1] == [","]
+    return bullet or (hit.first > 0 and words[hit.first - 1].isdigit())
+
+
 def _carry_list(talk: Talk, ego: bool) -> None:
     """A list of critical objects goes on over its items and ends with prose or the plan."""
-    item = talk.stop - talk.start == 1 and talk.hits[talk.start].value == "\n"
     heading = talk.hits[talk.stop - 1].value == "\n"
-    if item:
-        talk.listing = talk.listing or talk.listed
+    if heading and talk.stop - talk.start == 1:
+        opens = _opens_item(talk, talk.hits[talk.start])
+        talk.listing = talk.listing or (talk.listed and opens)
     else:
         talk.listed = talk.listing and not ego
         talk.listing = talk.listed and heading
-
-
-# who is talked about
 
 
 def _plan(talk: Talk, index: int, hit: Hit) -> None:

@@ -232,7 +232,7 @@ class _Sentence:
             trailing = False  # after yielding, merge: a sequence, no condition
         if trailing and value != "until" and self.verb is not None:
             self.flags[self.verb] |= Scope.IMAGINED
-        if value == "until" or (value == "after" and not opens) or value == "after":
+        if value in ("until", "after"):
             self.local |= Scope.IMAGINED
         elif value != "needed":
             self.wide |= Scope.IMAGINED
@@ -241,9 +241,12 @@ class _Sentence:
 def _mark_quotes(hits: list[Hit], flags: list[int], ranges: list[tuple[int, int]]) -> None:
     """Questions, prompts and options, and what stands in quotation marks after such a word."""
     quoted = False
+    any_opener = any(hit.kind is Kind.QUOTE for hit in hits)
     for start, stop in ranges:
         opener: int | None = None
         question = hits[stop - 1].kind is Kind.MARK and hits[stop - 1].value == "?"
+        if not (any_opener or question):
+            continue
         for index in range(start, stop):
             hit = hits[index]
             if hit.kind is Kind.QUOTE:

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 _PLAIN = {
     **dict.fromkeys(map(ord, "\u2018\u2019\u02bc\u00b4`"), "'"),
     **dict.fromkeys(map(ord, "\u201c\u201d\u00ab\u00bb"), '"'),
-    **dict.fromkeys(map(ord, "\u2010\u2011"), "-"),
+    **dict.fromkeys(map(ord, "\u2010\u2011\u2022\u25cf\u25e6"), "-"),
     **dict.fromkeys(map(ord, "\u2013\u2014"), ","),
     **dict.fromkeys(map(ord, "\u00a0\u2009\u202f\r"), " "),
-    **dict.fromkeys(map(ord, "\u2022\u25cf\u25e6\u2028\u2029"), "\n"),
+    **dict.fromkeys(map(ord, "\u2028\u2029"), "\n"),
     **dict.fromkeys(map(ord, "\u3002\u2026"), "."),
     **dict.fromkeys(map(ord, "\uff0c\u3001"), ","),
     ord("\u2192"): ",",
@@ -24,13 +24,14 @@ _PLAIN = {
 # Alternatives are disjoint in their first character, except for the tag, whose length is bounded.
 _TOKEN = re.compile(
     r"[a-z]+(?:'[a-z]+)*|[0-9]+(?:\.[0-9]+)*|</?[a-z_|]{1,24}>|[.!?]+|\n\s*"
-    r"|,+|;+|:+|\"+|=+|\|+|[()\[\]{}<>][()\[\]{}<> ]*|(?<=\s)-+(?=\s)|[^\x00-\x7f]+"
+    r"|,+|;+|:+|\"+|=+|\|+|[()\[\]{}<>][()\[\]{}<> ]*|(?<=\s)[-*]+(?=\s)|[^\x00-\x7f]+"
 )
 
 _NEGATIONS = frozenset({"cannot", "cant", "dont", "doesnt", "isnt", "wont"})
 _OPENERS: tuple[list[str], ...] = ([], [":"], ["."], ["\n"])
+_DROPPED = ""
 _SINGLE = frozenset(',;:"=|')
-_LISTS = "-*#>0123456789\"'[({<"
+_LISTS = "\u2022\u25cf\u25e6-*#>0123456789\"'[({<"
 
 SENTENCE_END = "."
 QUESTION = "?"
@@ -75,28 +76,41 @@ def plain(text: str) -> str:
 def tokenise(text: str) -> Tokens:
     """The words of a text with their offsets."""
     lower = plain(text)
-    words: list[str] = []
-    starts: list[int] = []
-    ends: list[int] = []
-    for match in _TOKEN.finditer(lower):
-        word = match.group()
-        start, end = match.span()
+    found = list(_TOKEN.finditer(lower))
+    words = [match.group() for match in found]
+    for index, word in enumerate(words):
         first = word[0]
         if "a" <= first <= "z":
             if word in _NEGATIONS:
-                word = "not"
+                words[index] = "not"
             elif "'" in word:
-                word = _fold(word)
+                words[index] = _fold(word)
         elif not "0" <= first <= "9":
-            if first == "\n" and word.count("\n") < 2 and not _starts_item(text, end):
+            if (
+                first == "\n"
+                and word.count("\n") < 2
+                and not _starts_item(text, found[index].end())
+            ):
+                words[index] = _DROPPED
                 continue
-            word = _mark(word)
-            if word == SENTENCE_END and words and words[-1].isdigit() and words[-2:-1] in _OPENERS:
-                word = BREAK  # the number of an item
-        words.append(word)
-        starts.append(start)
-        ends.append(end)
+            words[index] = _mark(word)
+            if words[index] == SENTENCE_END and _numbers_item(words, index):
+                words[index] = BREAK
+    if _DROPPED in words:
+        found = [match for match, word in zip(found, words, strict=True) if word]
+        words = [word for word in words if word]
+    starts = [match.start() for match in found]
+    ends = [match.end() for match in found]
     return Tokens(words, starts, ends)
+
+
+def _numbers_item(words: list[str], index: int) -> bool:
+    """Whether a full stop belongs to the number of a list's item."""
+    return (
+        index > 0
+        and words[index - 1].isdigit()
+        and words[max(index - 2, 0) : index - 1] in _OPENERS
+    )
 
 
 def _fold(word: str) -> str:
@@ -117,7 +131,7 @@ def _mark(word: str) -> str:
         return BREAK
     if first in "()[]{}<>":
         return "[" if "[" in word or "]" in word else first
-    return "," if first == "-" else FOREIGN
+    return "," if first in "-*" else FOREIGN
 
 
 def _starts_item(text: str, start: int) -> bool:

@@ -148,7 +148,7 @@ VERBS: dict[str, tuple[str, ...]] = {
         """
         finish crossing, complete crossing, finish its crossing, complete its crossing,
         finish their crossing, complete the crossing, finish the crossing, finish passing,
-        finish merging, get across
+        get across
         """
     ),
     "open": phrases(
