@@ -149,11 +149,9 @@ def test_case_and_line_ends_dont_matter() -> None:
     assert crlf.lon_action.value == "decelerate"
 
 
-@pytest.mark.parametrize(
-    "unit", ["[", "a", "(", "{", "<", "-", "'", '"', ".", "\n", "é", "<a", "{[("]
-)
+@pytest.mark.parametrize("unit", ["[", "a", "(", "{", "<", "-", "'", '"', ".", "\n", "é", "{[("])
 def test_a_megabyte_of_one_thing_takes_under_a_second(unit: str) -> None:
-    text = unit * (1_000_000 // len(unit)) if unit != "<a" else unit * 200_000
+    text = unit * (1_000_000 // len(unit))
     started = time.process_time()
     assert extract(text) == Slots()
     assert time.process_time() - started < 1.0
@@ -162,7 +160,7 @@ def test_a_megabyte_of_one_thing_takes_under_a_second(unit: str) -> None:
 @pytest.mark.parametrize(
     "unit",
     ["a car and ", "no car or ", "if ", "was ", "nobody ", "brake and ", "left ", "it is ahead. ",
-     "frame 1 ", "keep my ", "braking is not ", "the car on the left of ", "critical: "],
+     "frame 1 ", "keep my ", "braking is not ", "the car on the left of ", "critical: ", "<a"],
 )  # fmt: skip
 def test_time_grows_in_proportion_to_the_text(unit: str) -> None:
     def seconds(count: int) -> float:

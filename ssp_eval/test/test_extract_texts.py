@@ -366,7 +366,8 @@ WHOLE = [
     ("Vehicle A is ahead in our lane; vehicle B is in the left lane.", "o=car p=front"),
     ("Turn left at the intersection after yielding to the truck.", "o=truck lat=left"),
     (
-        "Critical objects:\n• a cyclist on the right.\n• a bus.\n\nPlan: keep lane. A truck is there.",
+        "Critical objects:\n• a cyclist on the right.\n• a bus.\n\nPlan: keep lane. A truck is "
+        "there.",
         "o=bus,cyclist p=right lat=straight",
     ),
     ("", ""),

@@ -28,7 +28,6 @@ class Scope:
 
 
 SENTENCE_MARKS = frozenset({".", "?", "\n"})
-_CLAUSE_JOINS = frozenset({"but", "so", "because", "while", "now", "by"})
 REACH = 24  # hits that a backward look covers, so that the whole stays linear
 
 
