@@ -19,6 +19,7 @@ from ssp_eval.evaluate.cell import CellOptions, CellResult
 from ssp_eval.evaluate.topics import TopicAskers
 
 _PATH = click.Path(path_type=Path)
+_WIDEST = 400
 # Shown at the end; METHOD 6.14 has all of them.
 _COLUMNS = (("JOVR", "jovr"), ("Sem", "sem_acc_eff"), ("CIA", "cia_eff"), ("TQSR", "tqsr"))
 
@@ -159,7 +160,9 @@ def show(results: Sequence[CellResult], out: Path) -> None:
             result.scenario, result.domain, result.model, result.status, *_numbers(result)
         )
     # A narrow terminal or a pipe gets long lines rather than cut names.
-    console.out.print(table, width=max(console.out.width, console.out.measure(table).maximum))
+    unbounded = console.out.options.update(max_width=_WIDEST)
+    table.width = console.out.measure(table, options=unbounded).maximum
+    console.out.print(table)
     for result in results:
         place = f"{result.scenario}/{result.domain}/{result.model}"
         if result.reasons:

@@ -143,10 +143,10 @@ def _outcome(score: CellScore, y: float) -> str:
 def _legend(y: float) -> str:
     parts = [svg.text(10, y + 4, "Circle area and shade", class_="note")]
     for index, value in enumerate((0.25, 0.5, 0.75, 1.0)):
-        x = 150 + 64 * index
+        x = 166 + 64 * index
         radius = _RADIUS * math.sqrt(value)
         parts.append(svg.element("circle", cx=x, cy=y, r=radius, fill=shade(value)))
         parts.append(svg.text(x + _RADIUS + 3, y + 4, f"{value:g}", class_="note"))
     rest = "S@t: risk response after t seconds · F: none · –: no denominator"
-    parts.append(svg.text(_LABELS + 180, y + 4, rest, class_="note"))
+    parts.append(svg.text(_LABELS + 200, y + 4, rest, class_="note"))
     return "".join(parts)

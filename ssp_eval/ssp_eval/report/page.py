@@ -108,12 +108,27 @@ def _script_json(value: Any) -> str:
     return json.dumps(value, sort_keys=True).replace("</", "<\\/")
 
 
+def _title(models: list[str], scenarios: list[str]) -> str:
+    """Who was evaluated on what, in words; counts where there are many."""
+
+    def listed(names: list[str], many: str) -> str:
+        words = [name.replace("_", " ") for name in names]
+        return " and ".join(words) if 0 < len(words) <= 2 else f"{len(words)} {many}"
+
+    title = f"{listed(models, 'models')} on {listed(scenarios, 'scenarios')}"
+    return title[0].upper() + title[1:]
+
+
 def _facts(cells: list[CellData], views: dict[str, list[RecordView]]) -> dict[str, Any]:
     ok = [cell for cell in cells if cell.score is not None]
+    driven = list(dict.fromkeys(c.model for c in cells if not c.is_control))
+    scenarios = sorted({cell.scenario for cell in cells})
     return {
-        "scenarios": sorted({cell.scenario for cell in cells}),
+        "title": _title(driven, scenarios),
+        "scenarios": scenarios,
         "domains": list(dict.fromkeys(cell.domain for cell in cells)),
         "models": list(dict.fromkeys(cell.model for cell in cells)),
+        "driven": len(driven),
         "records": sum(len(of_cell) for of_cell in views.values()),
         "scored": len(ok),
         "out": [cell for cell in cells if cell.score is None],

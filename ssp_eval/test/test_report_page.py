@@ -1,0 +1,213 @@
+"""The report: one self-contained file that holds what the cells hold."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Callable, Sequence
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ssp_core.errors import InputError
+from ssp_core.vocab import Verdict
+from ssp_eval.evaluate.asker import DirectAskers, bridge_spec
+from ssp_eval.evaluate.campaign import run_campaign
+from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.report.cli import report
+from ssp_eval.report.load import load_cells
+from ssp_eval.report.matrix import matrix, shade
+from ssp_eval.report.page import write_report
+from ssp_eval.report.projection import overlay, project
+from ssp_eval.report.spans import segments
+from ssp_eval.report.topview import top_view
+from ssp_vla_bridge.core.trajectory import Trajectory
+
+BagMaker = Callable[..., Path]
+MODELS = ("constant_velocity", "perfect")
+GEOMETRY = {
+    "fx_px": 500.0, "fy_px": 500.0, "cx_px": 480.0, "cy_px": 270.0, "width_px": 960,
+    "height_px": 540, "height_m": 1.4, "pitch_down_rad": 0.05,
+}  # fmt: skip
+
+
+class Collector(HTMLParser):
+    """What a page refers to, and whether its tags close."""
+
+    VOID = frozenset({"meta", "link", "img", "input", "br"})
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.references: list[str] = []
+        self.anchors: list[str] = []
+        self.ids: list[str] = []
+        self.open: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: Sequence[tuple[str, str | None]]) -> None:
+        for key, value in attrs:
+            if key == "id" and value:
+                self.ids.append(value)
+            if key in ("src", "href", "data", "poster") and value:
+                (self.anchors if value.startswith("#") else self.references).append(value)
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: Sequence[tuple[str, str | None]]) -> None:
+        self.handle_starttag(tag, attrs)
+        if tag not in self.VOID:
+            self.handle_endtag(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        if not self.open or self.open.pop() != tag:
+            raise AssertionError(f"</{tag}> closes nothing")
+
+
+@pytest.fixture
+def campaign(make_bag: BagMaker, tmp_path: Path) -> Path:
+    out = tmp_path / "out"
+    bags = [make_bag(), make_bag("track", domain="physical", stand_in=True)]
+    lost = {"verdict": Verdict.FAILED_SAFETY, "reasons": ("<b>fence</b>",)}
+    bags.append(make_bag("lost", scenario="vru_crossing", **lost))
+    models = [bridge_spec(name) for name in MODELS]
+    run_campaign([(bag, None) for bag in bags], models, DirectAskers(), out, CellOptions(), True)
+    return out
+
+
+def test_the_page_stands_alone(campaign: Path) -> None:
+    page = write_report(campaign).read_text()
+    collector = Collector()
+    collector.feed(page)
+    assert collector.open == []
+    assert collector.references == ["data:,"]
+    assert {anchor[1:] for anchor in collector.anchors} <= set(collector.ids)
+    assert len(collector.ids) == len(set(collector.ids))
+    assert not re.search(r"https?://", page)
+    assert "@import" not in page
+    pictures = json.loads(page.split('id="pictures">')[1].split("</script>")[0])
+    # Nine label times of two admitted clips that show the same frames.
+    assert len(pictures) == 9
+    assert all(data.startswith("data:image/jpeg;base64,") for data in pictures.values())
+    wanted = set(re.findall(r'data-frame="([^"]+)"', page))
+    assert wanted == set(pictures)
+
+
+def test_what_must_be_said_is_said(campaign: Path) -> None:
+    page = write_report(campaign).read_text()
+    assert "IVCS is no safety certificate" in page
+    assert "software stand-in here, not a vehicle" in page
+    assert "means and ranks leave it out" in page
+    assert "no person has reviewed them" in page
+    assert "cut in / physical" in page
+    # A refused run with its reason, as text and not as markup.
+    assert "failed_safety: &lt;b&gt;fence&lt;/b&gt;" in page
+    assert "<b>fence" not in page
+    for cell in load_cells(campaign):
+        for digest in cell.facts["hashes"].values():
+            assert digest in page
+        if cell.score is not None:
+            assert f"{cell.score.ivcs:.3f}" in page
+
+
+def test_controls_and_refused_cells_enter_no_mean(campaign: Path) -> None:
+    page = write_report(campaign).read_text()
+    means = page.split('<section id="means">')[1].split("</section>")[0]
+    assert "constant velocity" in means
+    assert "perfect" not in means
+    assert "vru crossing" not in means
+    drawn = matrix(load_cells(campaign))
+    assert "perfect (control)" in drawn
+    assert "refused: " in drawn
+
+
+def test_a_score_that_doesn_t_fit_its_records_is_noticed(campaign: Path) -> None:
+    cell = next(c for c in load_cells(campaign) if c.score is not None)
+    path = cell.folder / "score.json"
+    path.write_text(json.dumps({**json.loads(path.read_text()), "ivcs": 0.99}))
+    assert "The stored score differs" in write_report(campaign).read_text()
+
+
+def test_a_model_s_text_can_t_break_the_page(campaign: Path) -> None:
+    cell = next(c for c in load_cells(campaign) if c.score is not None)
+    path = cell.folder / "records.jsonl"
+    lines = [json.loads(line) for line in path.read_text().splitlines()]
+    lines[0]["text"] = "</script><script>alert(1)</script> & <img src=x>"
+    path.write_text("".join(json.dumps(line) + "\n" for line in lines))
+    page = write_report(campaign).read_text()
+    assert "<script>alert" not in page
+    assert "&lt;script&gt;alert(1)" in page
+
+
+def test_the_command_line(campaign: Path, tmp_path: Path) -> None:
+    run = CliRunner().invoke(report, [str(campaign)])
+    assert run.exit_code == 0, run.output
+    assert str(campaign / "index.html") in run.output
+    nothing = CliRunner().invoke(report, [str(tmp_path)])
+    assert isinstance(nothing.exception, InputError)
+    assert "holds no evaluated cells" in str(nothing.exception)
+
+
+def test_a_damaged_cell_is_named(campaign: Path) -> None:
+    (campaign / "cells" / "cut_in__simulation__perfect" / "cell.json").write_text("{")
+    with pytest.raises(InputError, match=r"cut_in__simulation__perfect.*cell\.json"):
+        write_report(campaign)
+
+
+spans = st.lists(st.tuples(st.integers(-3, 25), st.integers(-3, 25)), max_size=4)
+
+
+@given(text=st.text(max_size=20), evidence=st.dictionaries(st.sampled_from("abc"), spans))
+def test_segments_are_the_text_whatever_the_spans(
+    text: str, evidence: dict[str, list[tuple[int, int]]]
+) -> None:
+    pieces = segments(text, evidence)
+    assert "".join(piece.text for piece in pieces) == text
+    position = 0
+    for piece in pieces:
+        for offset in range(len(piece.text)):
+            covered = {
+                slot
+                for slot, found in evidence.items()
+                if any(a <= position + offset < b for a, b in found)
+            }
+            assert set(piece.slots) == covered
+        position += len(piece.text)
+
+
+def test_projection_of_a_pinhole_camera() -> None:
+    # The horizon lies tan(pitch) above the middle; a point far away is near it.
+    horizon = 270.0 - 500.0 * math.tan(0.05)
+    far = project(1e6, 0.0, GEOMETRY, 1.8)
+    assert far == pytest.approx((480.0, horizon), abs=0.01)
+    # Without pitch, 1.4 m below at 10 m: 500 · 1.4 / 10 pixels under the middle.
+    level = {**GEOMETRY, "pitch_down_rad": 0.0}
+    assert project(11.8, 2.0, level, 1.8) == pytest.approx((480.0 - 100.0, 270.0 + 70.0))
+    assert project(0.0, 0.0, GEOMETRY, 1.8) is None
+
+
+def test_overlay_needs_a_known_camera_and_something_ahead() -> None:
+    ahead = Trajectory((0.0, 0.5, 1.0), (0.0, 5.0, 10.0), (0.0, 0.0, 0.5))
+    drawn = overlay(ahead, GEOMETRY, 1.8)
+    assert drawn.count("<circle") == 2
+    assert "polygon" in drawn
+    assert overlay(ahead, None, None) == ""
+    assert overlay(ahead, {**GEOMETRY, "height_m": None}, 1.8) == ""
+    standing = Trajectory((0.0, 1.0), (0.0, 0.0), (0.0, 0.0))
+    assert overlay(standing, GEOMETRY, 1.8) == ""
+
+
+def test_top_view_shows_that_there_is_nothing() -> None:
+    assert "no valid trajectory" in top_view(None, [])
+    plan = top_view(Trajectory((0.0, 1.0), (0.0, 10.0), (0.0, 2.0)), [])
+    assert plan.count("<circle") == 2
+
+
+def test_shade_goes_from_light_to_dark() -> None:
+    assert shade(0.0) == "#d6e4f0"
+    assert shade(1.0) == "#084081"
+    brightness = [int(shade(v / 10)[1:3], 16) for v in range(11)]
+    assert brightness == sorted(brightness, reverse=True)
