@@ -15,7 +15,8 @@ from ssp_core.run_spec import Camera, Lane, Look, Road, Start
 from ssp_core.state import DEFAULT_SIZES, ObjectState
 from ssp_core.vocab import ObjectClass, Role
 from ssp_ot_controller.camera.model import image_box, view_from
-from ssp_ot_controller.camera.render import Detail, Scene, render
+from ssp_ot_controller.camera.render import Scene, render
+from ssp_ot_controller.camera.stage import Detail
 
 Image = NDArray[np.uint8]
 

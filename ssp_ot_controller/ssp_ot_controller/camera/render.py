@@ -12,7 +12,6 @@ import threading
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
 
 import numpy as np
 
@@ -20,22 +19,21 @@ from ssp_core.geometry import Pose2
 from ssp_core.run_spec import Camera, Look, Road
 from ssp_core.state import DEFAULT_SIZES, ObjectState
 from ssp_core.vocab import ObjectClass, Role
-from ssp_ot_controller.camera import compose, ground, light, people, scenery, sky, vehicles
-from ssp_ot_controller.camera.jit import Array
-from ssp_ot_controller.camera.mesh import Mesh, join
-from ssp_ot_controller.camera.model import View, view_from
-from ssp_ot_controller.camera.palettes import PALETTES, Palette, rgb
-from ssp_ot_controller.camera.raster import (
-    STYLE_LENGTH,
-    T_FOG,
-    T_FOG_PER_M,
-    T_GLASS,
-    T_LIT,
-    T_LIT_SHARE,
-    rasterise,
-    rasterise_cover,
+from ssp_ot_controller.camera import (
+    cars,
+    compose,
+    ground,
+    heavy_vehicles,
+    light,
+    people,
 )
-from ssp_ot_controller.camera.surfaces import make_noise
+from ssp_ot_controller.camera.jit import Array
+from ssp_ot_controller.camera.mesh import Mesh
+from ssp_ot_controller.camera.model import View, view_from
+from ssp_ot_controller.camera.palettes import Palette, rgb
+from ssp_ot_controller.camera.raster import rasterise, rasterise_cover
+from ssp_ot_controller.camera.stage import FULL, Detail, Stage, ranges, stage_for
+from ssp_ot_controller.camera.vehicle_parts import Lights
 
 BRAKE_MPS2 = -0.5  # brake lamps shine below this acceleration
 _SCENERY_RANGE_M = 230.0
@@ -43,17 +41,6 @@ _SHADOW_RANGE_M = 110.0
 _CONTACT_REACH_M = 0.45
 _VIGNETTE = 0.10
 _BUS_PAINTS = (rgb("c9432f"), rgb("2f6fae"), rgb("e0b23c"))
-
-
-@dataclass(frozen=True)
-class Detail:
-    """What the surroundings hold beside the road itself; tests turn it off."""
-
-    scenery: bool = True
-    texture: bool = True
-
-
-FULL = Detail()
 
 
 @dataclass(frozen=True)
@@ -71,38 +58,6 @@ class Scene:
     vut: ObjectState
     objects: tuple[ObjectState, ...]
     travelled_m: Mapping[str, float] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class _Static:
-    """Scenery as one list of triangles in the block's frame, and where each prop's part lies.
-
-    Args:
-        bodies: the triangles with their colours.
-        shadows: shape (m, 3, 3), their shadows on the ground.
-        places: shape (props, 3): x, y, radius.
-        body_ranges, shadow_ranges: shape (props, 2): first and end of a prop's triangles.
-    """
-
-    bodies: light.Lit
-    shadows: Array
-    places: Array
-    body_ranges: Array
-    shadow_ranges: Array
-
-
-@dataclass(frozen=True)
-class _Stage:
-    """Everything of a run that doesn't change: built once, used for every frame."""
-
-    palette: Palette
-    sun: tuple[float, float, float]
-    noise: Array
-    ground_tables: Array
-    ground_numbers: Array
-    panorama: Array
-    style: Array
-    static: _Static
 
 
 class _Buffers(threading.local):
@@ -132,71 +87,17 @@ class _Buffers(threading.local):
 _BUFFERS = _Buffers()
 
 
-@lru_cache(maxsize=4)
-def _stage(road_json: str, look_json: str, seed: int, detail: Detail) -> _Stage:
-    road, look = Road.model_validate_json(road_json), Look.model_validate_json(look_json)
-    palette = PALETTES[look.palette]
-    sun = sky.sun_direction(
-        math.radians(look.sun_azimuth_deg) - road.origin.yaw_rad,
-        math.radians(look.sun_elevation_deg),
-    )
-    outline = sky.build_outline(palette, look.palette, seed) if detail.scenery else np.full(8, 0.01)
-    noise = make_noise(seed)
-    style = np.zeros(STYLE_LENGTH)
-    style[T_FOG : T_FOG + 3], style[T_FOG_PER_M] = palette.fog, look.fog_per_m
-    style[T_GLASS : T_GLASS + 3] = palette.window_glass
-    style[T_LIT : T_LIT + 3], style[T_LIT_SHARE] = palette.window_lit, palette.window_lit_share
-    props = []
-    if detail.scenery:
-        props = scenery.build_scenery(road, look.palette, palette, ground.KERB_HEIGHT_M, seed)
-    sky_numbers = sky.build_parameters(palette, sun, outline, look.fog_per_m, detail.texture)
-    return _Stage(
-        palette,
-        sun,
-        noise,
-        ground.build_tables(road, palette),
-        ground.build_parameters(road, palette, detail.texture),
-        sky.build_panorama(sky_numbers, outline, noise),
-        style,
-        _static(props, palette, sun),
-    )
-
-
-def _static(
-    props: Sequence[scenery.Prop], palette: Palette, sun: tuple[float, float, float]
-) -> _Static:
-    bodies = light.lit(join([p.mesh for p in props]), palette, sun)
-    shadows = [np.zeros((0, 3, 3), np.float32)]
-    for prop in props:
-        if prop.casts_shadow:
-            floor = float(prop.mesh.corners[..., 2].min())
-            shadows.append(light.shadow_on_ground(prop.mesh.corners, sun, floor))
-    return _Static(
-        bodies,
-        np.concatenate(shadows),
-        np.array([(p.x_m, p.y_m, p.radius_m) for p in props]).reshape(-1, 3),
-        _ranges([len(p.mesh) for p in props]),
-        _ranges([len(p.mesh) if p.casts_shadow else 0 for p in props]),
-    )
-
-
-def _ranges(lengths: Sequence[int]) -> Array:
-    """Shape (n, 2): first and end of consecutive runs of the given lengths."""
-    ends = np.cumsum(np.asarray(lengths, dtype=np.int64))
-    return np.stack([ends - np.asarray(lengths, dtype=np.int64), ends], axis=1)
-
-
 def body(state: ObjectState, palette: Palette, travelled_m: float) -> Mesh:
     """The mesh of an object in its own frame; colours follow from its id."""
     number = zlib.crc32(state.object_id.encode())
-    lamps = vehicles.Lights(state.acceleration_mps2 < BRAKE_MPS2, palette.lamps_on)
+    lamps = Lights(state.acceleration_mps2 < BRAKE_MPS2, palette.lamps_on)
     paint = palette.paints[number % len(palette.paints)]
     look = people.outfit(number, palette.clothes, palette.trousers)
     match state.object_class:
         case ObjectClass.TRUCK:
-            return vehicles.truck(state.size, paint, lamps)
+            return heavy_vehicles.truck(state.size, paint, lamps)
         case ObjectClass.BUS:
-            return vehicles.bus(state.size, _BUS_PAINTS[number % len(_BUS_PAINTS)], lamps)
+            return heavy_vehicles.bus(state.size, _BUS_PAINTS[number % len(_BUS_PAINTS)], lamps)
         case ObjectClass.MOTORCYCLE:
             return people.motorcycle(state.size, look, lamps.brake, lamps.lamps)
         case ObjectClass.CYCLIST:
@@ -204,7 +105,7 @@ def body(state: ObjectState, palette: Palette, travelled_m: float) -> Mesh:
         case ObjectClass.PEDESTRIAN:
             return people.pedestrian(state.size, look, travelled_m, state.speed_mps)
         case _:
-            return vehicles.car(state.size, paint, number // 16, lamps)
+            return cars.car(state.size, paint, number // 16, lamps)
 
 
 def _to_block(pose: Pose2, origin: Pose2) -> Pose2:
@@ -249,7 +150,7 @@ def render(
     Returns:
         Shape (height, width, 3), uint8, blue, green, red.
     """
-    stage = _stage(scene.road.model_dump_json(), look.model_dump_json(), seed, detail)
+    stage = stage_for(scene.road, look, seed, detail)
     origin = scene.road.origin.pose
     view = view_from(_to_block(scene.vut.pose, origin), camera)
     bodies: list[light.Lit] = []
@@ -288,7 +189,7 @@ def warm_up(road: Road, look: Look, camera: Camera, seed: int) -> None:
 
 
 def _draw(
-    stage: _Stage,
+    stage: Stage,
     look: Look,
     view: View,
     bodies: Sequence[light.Lit],
@@ -310,12 +211,12 @@ def _draw(
     eye, axes, static = view.position_m, view.rotation, stage.static
     near = _visible(static.places, view, _SHADOW_RANGE_M)
     flat = np.concatenate(shadows)
-    rasterise_cover(flat, _ranges([len(flat)]), eye, axes, samples, cover)
+    rasterise_cover(flat, ranges([len(flat)]), eye, axes, samples, cover)
     rasterise_cover(static.shadows, static.shadow_ranges[near], eye, axes, samples, cover)
     if boxes:
         compose.contact(np.array(boxes), eye, rays, _CONTACT_REACH_M, dark)
         moving = light.gather(bodies)
-        whole = _ranges([len(moving.kinds)])
+        whole = ranges([len(moving.kinds)])
         rasterise(
             moving.corners, moving.attributes, moving.kinds, whole, eye, axes, samples,
             stage.style, stage.noise, inverse_depth, pixels,
