@@ -9,16 +9,17 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 import click
+from rich.progress import Progress
 
 from ssp_core import console
 from ssp_core.errors import InputError, PeerError
 from ssp_core.files import write_json
-from ssp_eval.demo.plan import Step, steps
+from ssp_eval.demo import plan
 
 MARKER = "demo.json"
 _TAIL = 15
@@ -57,7 +58,7 @@ def _own_folder(out: Path) -> Iterator[Path]:
     raise InputError("and 98 folders beside it are in use", file=out)
 
 
-def _run(step: Step, log: Path) -> None:
+def _run(step: plan.Step, log: Path) -> None:
     """Runs one step with its output in a log file.
 
     Raises:
@@ -78,6 +79,24 @@ def _run(step: Step, log: Path) -> None:
         raise PeerError(f"{step.title}: failed with status {done.returncode}\n{tail}")
 
 
+class _Follower:
+    """Runs steps one after the other and shows where it is."""
+
+    def __init__(self, bar: Progress, total: int, log: Path) -> None:
+        self._bar, self._total, self._log = bar, total, log
+        self._task = bar.task_ids[0]
+        self._number = 0
+
+    def run(self, steps: Sequence[plan.Step]) -> None:
+        for step in steps:
+            self._number += 1
+            self._bar.update(self._task, description=step.title)
+            if not sys.stderr.isatty():
+                console.note(f"[{self._number}/{self._total}] {step.title}")
+            _run(step, self._log)
+            self._bar.advance(self._task)
+
+
 @click.command()
 @click.option(
     "--out",
@@ -93,24 +112,26 @@ def demo(out: Path, as_json: bool) -> int:
     The `physical` sessions are a software stand-in on another site with disturbances: no vehicle
     moves, and no figure of this demonstration says anything about one.
     """
-    from ssp_eval.demo.plan import SCENARIOS
     from ssp_scenario_manager.scenario import load_scenario
 
     started = time.monotonic()
-    versions = {name: load_scenario(name)[1] for name in SCENARIOS}
+    versions = {name: load_scenario(name)[1] for name in plan.SCENARIOS}
     with _own_folder(out) as folder:
         if folder != out:
             console.note(f"another demonstration works in {out}; this one goes to {folder}")
         console.note("the physical sessions are a software stand-in, not a vehicle")
-        plan = steps(folder, versions)
         (folder / "clips").mkdir()
-        with console.progress("demo", len(plan)) as bar:
-            for number, step in enumerate(plan, 1):
-                bar.update(bar.task_ids[0], description=step.title)
-                if not sys.stderr.isatty():
-                    console.note(f"[{number}/{len(plan)}] {step.title}")
-                _run(step, folder / "demo.log")
-                bar.advance(bar.task_ids[0])
+        before, after = plan.clip_steps(folder), plan.scoring_steps(folder)
+        recorded = plan.recording_steps(folder, versions, dict.fromkeys(versions, ()))
+        total = len(before) + len(recorded) + len(after)
+        with console.progress("demo", total) as bar:
+            follow = _Follower(bar, total, folder / "demo.log")
+            follow.run(before)
+            declared = {
+                name: plan.declared_options(plan.clip_path(folder, name)) for name in versions
+            }
+            follow.run(plan.recording_steps(folder, versions, declared))
+            follow.run(after)
         seconds = time.monotonic() - started
         index = folder / "index.html"
         write_json(folder / MARKER, {"schema": "ssp.demo/1", "wall_s": round(seconds, 1)})
