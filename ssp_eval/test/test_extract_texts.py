@@ -370,6 +370,16 @@ WHOLE = [
         "there.",
         "o=bus,cyclist p=right lat=straight",
     ),
+    (
+        "The car is making a left turn, so I expect a curve since it's turning left. The speed is "
+        "decreasing, which makes sense as the car adjusts to the turn.",
+        "",
+    ),
+    (
+        "Pay attention to the bicycle in the center. This road user is important because bicycles "
+        "are not designed to handle the same level of traffic as cars and motorcycles.",
+        "o=cyclist",
+    ),
     ("", ""),
     ("   \n", ""),
 ]  # fmt: skip

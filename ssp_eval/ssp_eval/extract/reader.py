@@ -81,7 +81,8 @@ def _join(talk: Talk, index: int, hit: Hit) -> None:
         return
     if hit.value == "now":
         return
-    if hit.value == "because" and not isinstance(talk.subject, Actor):
+    talk.listing = False
+    if hit.value == "because" and talk.planner.first is not None:
         talk.reacting = True
     elif hit.value == "but" or hit.value == "so":
         talk.reacting = False

@@ -78,6 +78,7 @@ def read_ego(talk: Talk, index: int, hit: Hit) -> None:
         return
     if talk.words[hit.first] not in ("us", "me"):
         talk.subject = EGO
+        talk.ego_named = talk.ego_named or talk.words[hit.first] not in ("i", "we", "you")
         talk.busy = False
         talk.near = None
         talk.pending = []
@@ -86,6 +87,8 @@ def read_ego(talk: Talk, index: int, hit: Hit) -> None:
 def read_pronoun(talk: Talk, index: int, hit: Hit) -> None:
     if talk.words[hit.first] in ("its", "their", "them", "him", "her"):
         return
+    if talk.last is None and talk.subject is None:
+        talk.subject = EGO if talk.ego_named else SCENE
     if talk.last is not None and talk.subject is not EGO:
         talk.subject = talk.last
         talk.near = talk.last
@@ -128,5 +131,7 @@ def _ego_role(talk: Talk, index: int, hit: Hit) -> str:
     if following.kind is Kind.AUX and index + 2 < talk.stop:
         following = talk.hits[index + 2]
     if following.kind is Kind.VERB and following.value in _EITHER:
+        talk.ego_is_car = True
+    if talk.ego_is_car and following.kind not in (Kind.PLACE, Kind.SIDE):
         return SCENE
     return ""

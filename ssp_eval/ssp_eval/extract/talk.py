@@ -23,6 +23,8 @@ class Talk:
         self.world = World()
         self.planner = Planner(words, hits, flags, self.world)
         self.last: Actor | None = None  # for pronouns
+        self.ego_named = False
+        self.ego_is_car = False  # the text may call the VUT "the car"
         self.key = ""  # field of a structured answer
         self.listed = False  # the sentence before stood under such a heading
         self.listing = False  # under a heading such as "Critical objects:"
