@@ -1,0 +1,166 @@
+"""Bag → requests → trivial model → scores, against a bare read of the frames that it needs."""
+
+from __future__ import annotations
+
+import json
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+from measure import report
+
+from ssp_core.bag import BagReader, BagWriter
+from ssp_core.bag.types import serialize, typestore
+from ssp_core.files import write_json
+from ssp_eval.evaluate.asker import DirectAskers, ModelSpec
+from ssp_eval.evaluate.campaign import run_campaign
+from ssp_eval.evaluate.cell import CellOptions
+
+IMAGE = "/ssp/vut/front_camera/image/compressed"
+STATE = "/ssp/vut/state"
+SECONDS, FRAME_HZ, STATE_HZ = 60, 10, 50
+LABELS = 9
+ROUNDS = 3
+
+
+def make_bag(folder: Path) -> list[float]:
+    """A minute of noise frames (which compress badly, as road surfaces do) and states."""
+    types = typestore().types
+    time_t = types["builtin_interfaces/msg/Time"]
+    header_t = types["std_msgs/msg/Header"]
+    image_t = types["sensor_msgs/msg/CompressedImage"]
+    rng = np.random.default_rng(1)
+    base = cv2.GaussianBlur(rng.integers(0, 256, (540, 960, 3), dtype=np.uint8), (5, 5), 0)
+    jpegs = []
+    for k in range(20):
+        ok, jpeg = cv2.imencode(".jpg", np.roll(base, 7 * k, axis=1))
+        if not ok:
+            raise RuntimeError("OpenCV did not encode a frame")
+        jpegs.append(jpeg)
+    with BagWriter(folder / "bag") as writer:
+        writer.add_topic(IMAGE, "sensor_msgs/msg/CompressedImage")
+        writer.add_topic(STATE, "ssp_msgs/msg/ObjectState")
+        state_t = types["ssp_msgs/msg/ObjectState"]
+        for k in range(SECONDS * STATE_HZ):
+            ns = k * 1_000_000_000 // STATE_HZ
+            stamp = time_t(sec=ns // 10**9, nanosec=ns % 10**9)
+            header = header_t(stamp=stamp, frame_id="map")
+            values = {
+                f: 0.0
+                for f in state_t.__dataclass_fields__
+                if state_t.__dataclass_fields__[f].type == "float"
+            }
+            values |= {"x": 10.0 * k / STATE_HZ, "speed": 10.0, "front": 3.6, "rear": 0.9}
+            state = state_t(
+                header=header,
+                object_id="vut",
+                object_class=1,
+                role=1,
+                control_state=0,
+                sequence=k + 1,
+                reference_id="",
+                **values,
+            )
+            writer.write(STATE, serialize(state), ns, ns)
+            if k % (STATE_HZ // FRAME_HZ) == 0:
+                jpeg = jpegs[k // (STATE_HZ // FRAME_HZ) % len(jpegs)].ravel()
+                image = image_t(header=header, format="jpeg", data=jpeg)
+                writer.write(IMAGE, serialize(image), ns, ns)
+        facts = {
+            "schema": "ssp.import/1",
+            "source": {
+                "name": "bench.mp4",
+                "sha256": "sha256:" + "0" * 64,
+                "width_px": 960,
+                "height_px": 540,
+                "fps": FRAME_HZ,
+                "frames": SECONDS * FRAME_HZ,
+            },
+            "crop": {"start_s": 0.0, "end_s": float(SECONDS)},
+            "generator": "bench",
+            "domain": "synthetic",
+            "scenario": "bench",
+            "event_version": "sha256:" + "0" * 64,
+            "ego": {"provenance": "declared", "speed_mps": 10.0},
+            "camera": {
+                "provenance": "unknown",
+                "hfov_deg": None,
+                "height_m": None,
+                "pitch_down_rad": None,
+            },
+        }
+        writer.attach("import.json", json.dumps(facts).encode(), "application/json")
+    times = [5.0 + 6.0 * k for k in range(LABELS)]
+    label = {
+        "phase": "approach",
+        "risk_visible": True,
+        "objects": ["car"],
+        "position": "front",
+        "motion": "same_direction",
+        "conflict": "active",
+        "lon_actions": ["decelerate"],
+        "lat_actions": ["straight"],
+    }
+    write_json(
+        folder / "labels.json",
+        {
+            "schema": "ssp.labels/1",
+            "scenario": "bench",
+            "domain": "synthetic",
+            "event_version": "sha256:" + "0" * 64,
+            "risk_time_s": 5.0,
+            "first_frame_dynamics": False,
+            "labels": [{"t_s": t, **label} for t in times],
+        },
+    )
+    return times
+
+
+def evaluate(folder: Path, out: Path) -> float:
+    started = time.perf_counter()
+    (result,) = run_campaign(
+        [(folder / "bag", folder / "labels.json")],
+        [ModelSpec("constant_velocity")],
+        DirectAskers(),
+        out,
+        CellOptions(),
+    )
+    seconds = time.perf_counter() - started
+    if result.status != "ok":
+        raise RuntimeError(f"the cell is {result.status}: {result.reasons}")
+    return seconds
+
+
+def bare_read(folder: Path, times: list[float]) -> float:
+    """The frames of the last second before each label, read by the index and deserialised."""
+    started = time.perf_counter()
+    with BagReader(folder / "bag") as reader:
+        for t in times:
+            end = int(t * 1e9) + 1
+            for message in reader.messages([IMAGE], end - 1_000_000_000, end):
+                if reader.decode(message).data.size == 0:
+                    raise RuntimeError("a frame is empty")
+    return time.perf_counter() - started
+
+
+def main() -> None:
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        times = make_bag(folder)
+        bound = [bare_read(folder, times) for _ in range(ROUNDS)]
+        ours = [evaluate(folder, folder / f"out{k}") for k in range(ROUNDS)]
+    report(
+        "replay: bag to scores",
+        min(ours) * 1e3,
+        min(bound) * 1e3,
+        "ms",
+        f"{SECONDS} s bag, {LABELS} label times, trivial model, best of {ROUNDS}",
+        lower=True,
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())
