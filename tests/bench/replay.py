@@ -1,9 +1,8 @@
-"""Bag → requests → trivial model → scores, against a bare read of the frames that it needs."""
+"""Bag → requests → trivial model → scores, against reading the frames that it needs."""
 
 from __future__ import annotations
 
 import json
-import sys
 import tempfile
 import time
 from pathlib import Path
@@ -134,15 +133,16 @@ def evaluate(folder: Path, out: Path) -> float:
     return seconds
 
 
-def bare_read(folder: Path, times: list[float]) -> float:
-    """The frames of the last second before each label, read by the index and deserialised."""
+def bare_read(folder: Path, times: list[float], decode: bool) -> float:
+    """The frames of the last second before each label, read by the index (and decoded)."""
     started = time.perf_counter()
     with BagReader(folder / "bag") as reader:
         for t in times:
             end = int(t * 1e9) + 1
             for message in reader.messages([IMAGE], end - 1_000_000_000, end):
-                if reader.decode(message).data.size == 0:
-                    raise RuntimeError("a frame is empty")
+                data = reader.decode(message).data
+                if decode and cv2.imdecode(data, cv2.IMREAD_COLOR) is None:
+                    raise RuntimeError("a frame did not decode")
     return time.perf_counter() - started
 
 
@@ -150,17 +150,20 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         times = make_bag(folder)
-        bound = [bare_read(folder, times) for _ in range(ROUNDS)]
+        read = [bare_read(folder, times, decode=False) for _ in range(ROUNDS)]
+        decoded = [bare_read(folder, times, decode=True) for _ in range(ROUNDS)]
         ours = [evaluate(folder, folder / f"out{k}") for k in range(ROUNDS)]
-    report(
-        "replay: bag to scores",
-        min(ours) * 1e3,
-        min(bound) * 1e3,
-        "ms",
-        f"{SECONDS} s bag, {LABELS} label times, trivial model, best of {ROUNDS}",
-        lower=True,
-    )
+    note = f"{SECONDS} s bag, {LABELS} label times, trivial model, best of {ROUNDS}"
+    for name, bound in (("read and decode", decoded), ("bare read", read)):
+        report(
+            f"replay: bag to scores / {name}",
+            min(ours) * 1e3,
+            min(bound) * 1e3,
+            "ms",
+            note,
+            lower=True,
+        )
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()
