@@ -13,7 +13,7 @@ from ssp_msgs.msg import ReferencePoint as ReferencePointMsg
 
 
 def state_to_msg(state: ObjectState) -> ObjectStateMsg:
-    """ObjectState.msg of a state; stamps before zero raise ValueError."""
+    """ObjectState.msg of a state."""
     message = ObjectStateMsg()
     message.header.stamp = stamp_from_ns(state.stamp_ns)
     message.header.frame_id = MAP_FRAME

@@ -6,6 +6,7 @@ import json
 import os
 import tempfile
 from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -24,13 +25,17 @@ class _NoAliasLoader(yaml.SafeLoader):
 
     def compose_node(self, parent: Any, index: Any) -> Any:
         if self.check_event(yaml.events.AliasEvent):
-            event = self.peek_event()
+            event = self.peek_event()  # type: ignore[no-untyped-call]  # PyYAML's stubs lack it
             raise yaml.MarkedYAMLError(
                 problem="aliases (*name) are not accepted", problem_mark=event.start_mark
             )
         return super().compose_node(parent, index)
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
+        if not isinstance(node, yaml.MappingNode):
+            raise yaml.MarkedYAMLError(
+                problem="a mapping was announced here", problem_mark=node.start_mark
+            )
         seen: set[Any] = set()
         for key_node, _ in node.value:
             key = self.construct_object(key_node, deep=True)
@@ -57,12 +62,47 @@ def read_text(path: str | Path) -> str:
             data = stream.read(MAX_TEXT_BYTES + 1)
     except OSError as error:
         raise InputError(f"can't be read: {error.strerror}", file=path) from error
+    except ValueError as error:  # a name with a NUL byte
+        raise InputError(f"can't be read: {error}", file=path) from error
     if len(data) > MAX_TEXT_BYTES:
         raise InputError(f"is larger than {MAX_TEXT_BYTES >> 20} MiB", file=path)
     try:
         return data.decode("utf-8")
     except UnicodeDecodeError as error:
         raise InputError(f"is not UTF-8 (byte {error.start})", file=path) from error
+
+
+# PyYAML's constructors raise whatever they stumble over in a scalar with a tag of its own.
+_PARSE_ERRORS = (
+    yaml.YAMLError,
+    RecursionError,
+    ValueError,
+    TypeError,
+    LookupError,
+    AttributeError,
+)
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    mapping = dict(pairs)
+    if len(mapping) < len(pairs):
+        raise ValueError("a key stands twice")
+    return mapping
+
+
+def _no_number(word: str) -> Any:
+    raise ValueError(f"{word} is no JSON")
+
+
+def _parse(text: str) -> Any:
+    """JSON by JSON's rules (YAML 1.1 reads 1e5 and surrogate pairs otherwise), all else as YAML.
+
+    What isn't JSON goes to the YAML loader, which also says in which line something is wrong.
+    """
+    if text.lstrip().startswith("{"):
+        with suppress(ValueError, RecursionError):
+            return json.loads(text, object_pairs_hook=_once, parse_constant=_no_number)
+    return yaml.load(text, Loader=_NoAliasLoader)
 
 
 def read_mapping(path: str | Path) -> dict[str, Any]:
@@ -73,10 +113,10 @@ def read_mapping(path: str | Path) -> dict[str, Any]:
     """
     text = read_text(path)
     try:
-        value = yaml.load(text, Loader=_NoAliasLoader)
-    except (yaml.YAMLError, RecursionError, ValueError) as error:
+        value = _parse(text)
+    except _PARSE_ERRORS as error:
         mark = getattr(error, "problem_mark", None)
-        problem = getattr(error, "problem", None) or str(error).splitlines()[0]
+        problem = getattr(error, "problem", None) or str(error).partition("\n")[0]
         raise InputError(
             f"is not valid YAML or JSON: {problem}",
             file=path,
@@ -87,10 +127,22 @@ def read_mapping(path: str | Path) -> dict[str, Any]:
     return value
 
 
-def field_path(location: Iterable[str | int]) -> str:
-    """``labels[3].position`` for the location of a pydantic error."""
+def field_path(location: Iterable[str | int], value: Any = None) -> str:
+    """``labels[3].position`` for the location of a pydantic error.
+
+    Args:
+        location: as pydantic gives it.
+        value: what was validated. Where pydantic names the chosen kind of a union, which is no
+            key of the file, the part is left out.
+    """
     text = ""
     for part in location:
+        if isinstance(value, dict) and part not in value and part in value.values():
+            continue
+        try:
+            value = value[part]
+        except (TypeError, LookupError):
+            value = None
         text += f"[{part}]" if isinstance(part, int) else (f".{part}" if text else str(part))
     return text
 
@@ -111,7 +163,7 @@ def parse_model(model: type[Model], value: Any, file: str | Path) -> Model:
         raise InputError(
             first["msg"] + more,
             file=file,
-            field=field_path(first["loc"]),
+            field=field_path(first["loc"], value),
             value=given if first["type"] != "missing" else None,
         ) from error
 

@@ -123,7 +123,7 @@ class Polyline:
     """
 
     def __init__(self, points: Sequence[Sequence[float]] | FloatArray) -> None:
-        array = np.asarray(points, dtype=np.float64)
+        array = np.array(points, dtype=np.float64)
         if array.ndim != 2 or array.shape[0] < 2 or array.shape[1] != 2:
             raise ValueError(f"a path needs at least two (x, y) points, got shape {array.shape}")
         if not np.isfinite(array).all():
@@ -173,3 +173,11 @@ class Polyline:
         station = float(self.stations_m[i] + t[i] * math.hypot(d[i, 0], d[i, 1]))
         side = d[i, 0] * (y_m - a[i, 1]) - d[i, 1] * (x_m - a[i, 0])
         return station, math.copysign(float(distance[i]), side) if side else float(distance[i])
+
+    def project_beyond(self, x_m: float, y_m: float) -> tuple[float, float]:
+        """As project, but the path goes on straight beyond both its ends."""
+        station, offset = self.project(x_m, y_m)
+        if 0.0 < station < self.length_m:
+            return station, offset
+        along, across = self.pose(station).to_local(x_m, y_m)
+        return station + along, across

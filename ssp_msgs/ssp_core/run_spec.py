@@ -17,7 +17,7 @@ from ssp_core.geometry import Pose2
 from ssp_core.state import DEFAULT_SIZES, Size
 from ssp_core.vocab import ObjectClass
 
-RUN_SCHEMA = "ssp.run/1"
+RUN_SCHEMA: Literal["ssp.run/1"] = "ssp.run/1"
 
 
 def _finite(value: float) -> float:

@@ -19,6 +19,7 @@ from ssp_core.conversions import reference_to_msg, state_from_msg
 from ssp_core.errors import InputError
 from ssp_core.run_spec import RunSpec, load_run
 from ssp_core.safety_codes import SafetyCode
+from ssp_core.state import ObjectState as State
 from ssp_core.vocab import ControlState, SessionPhase
 from ssp_msgs.action import RunScenario
 from ssp_msgs.msg import (
@@ -47,8 +48,11 @@ WATCHDOG_PERIOD_S = 0.05
 # A simulated world that is silent this long on the steady clock is taken for dead.
 WORLD_SILENT_LOCKSTEP_S = 4.0
 WORLD_SILENT_REALTIME_S = 0.5
+RECORDER_SILENT_S = 2.0
+CAMERA_SILENT_S = 3.0
 ARM_CONFIRMATION_S = 3.0
 ABORT_STANDSTILL_S = 15.0
+_ENDING = (SessionPhase.STOPPING, SessionPhase.ABORTING)
 
 
 class ScenarioManager(Node):
@@ -72,6 +76,7 @@ class ScenarioManager(Node):
         self._aborting_since_ns: int | None = None
         self._object_io: dict[str, tuple[Any, Any]] = {}
         self._arrival_ns = 0
+        self._start_world = False
         self._make_endpoints()
 
     # -- wiring --------------------------------------------------------------------------------
@@ -162,7 +167,9 @@ class ScenarioManager(Node):
     def _on_vut_state(self, message: ObjectState) -> None:
         self._hear(names.VUT_ID)
         self._arrival_ns = time.monotonic_ns()
-        self._session.on_vut_state(state_from_msg(message))
+        state = self._state(message)
+        if state is not None:
+            self._session.on_vut_state(state)
         if not self._lockstep:
             self._now_ns = max(self._now_ns, ros.ns_from_stamp(message.header.stamp))
             if self._running_world:
@@ -173,10 +180,19 @@ class ScenarioManager(Node):
 
     def _on_target_state(self, message: ObjectState) -> None:
         self._hear(message.object_id)
-        state = state_from_msg(message)
-        self._session.on_target_state(state)
-        self._inputs.states += state.stamp_ns > 0
+        state = self._state(message)
+        if state is not None:
+            self._session.on_target_state(state)
+        self._inputs.states += ros.ns_from_stamp(message.header.stamp) > 0
         self._step_when_complete()
+
+    def _state(self, message: ObjectState) -> State | None:
+        """The state, None for one with an unknown number in it: as good as silence."""
+        try:
+            return state_from_msg(message)
+        except ValueError as error:
+            self.get_logger().error(f"state of {message.object_id} dropped: {error}")
+            return None
 
     def _on_ack(self, message: ReferenceAck) -> None:
         self._session.on_ack(
@@ -211,7 +227,8 @@ class ScenarioManager(Node):
                 message.limit,
                 ros.ns_from_stamp(message.header.stamp),
                 f"seen by {message.source}",
-            )
+            ),
+            announced=True,
         )
         self._flush()
 
@@ -255,7 +272,8 @@ class ScenarioManager(Node):
 
     def _watchdog(self) -> None:
         """On the steady clock: heartbeats outside lockstep, silence, arming, the run's script."""
-        if not (self._lockstep and self._running_world):
+        in_lockstep = self._lockstep and self._running_world
+        if not in_lockstep:
             self._send_heartbeat()
         spec = self._session.spec
         self._session.facts = Facts(
@@ -269,18 +287,25 @@ class ScenarioManager(Node):
         self._watch_silence()
         self._watch_arming()
         self._watch_abort()
+        if not in_lockstep and self._session.state in _ENDING:
+            # The world holds, so that no step will come; whatever stands may be believed.
+            self._session.step(self._now_ns)
         self._drive_script()
         self._flush()
 
     def _watch_silence(self) -> None:
-        if self._session.state is not SessionPhase.RUNNING:
+        if self._session.state not in (SessionPhase.RUNNING, SessionPhase.STOPPING):
             return
         limit_s = WORLD_SILENT_LOCKSTEP_S if self._lockstep else WORLD_SILENT_REALTIME_S
-        for code, who, limit in (
+        watched = [
             (SafetyCode.WORLD_SILENT, names.SIL_WORLD, limit_s),
             (SafetyCode.VUT_SILENT, names.VUT_ID, limit_s),
-            (SafetyCode.RECORDER, names.MONITOR, 2.0),
-        ):
+            (SafetyCode.RECORDER, names.MONITOR, RECORDER_SILENT_S),
+        ]
+        spec = self._session.spec
+        if spec is not None and spec.camera is not None:
+            watched.append((SafetyCode.PARTICIPANT_LOST, names.FRONT_CAMERA, CAMERA_SILENT_S))
+        for code, who, limit in watched:
             violation = supervisor.silent(code, who, self._age_s(who), limit, self._now_ns)
             if violation is not None:
                 self._session.fail(violation)
@@ -342,6 +367,11 @@ class ScenarioManager(Node):
                 )
             else:
                 self._command_objects(ObjectCommand.Request.COMMAND_ALL_CLEAR)
+        if self._start_world:
+            # Last, so that the heartbeat counts the references that were sent with the start.
+            self._start_world = False
+            self._send_heartbeat()
+            self._answer_world()
 
     def _send_reference(self, fact: outbox.Dispatch) -> None:
         object_id = fact.reference.object_id
@@ -354,13 +384,14 @@ class ScenarioManager(Node):
         self.get_logger().info(
             f"{change.previous.name} -> {change.state.name} ({change.event}): {change.reason}"
         )
+        if change.event == SessionEvent.ARM_FAILED.value and self._script is not None:
+            self._script.on_setback(change.reason)
         if change.state is SessionPhase.ARMED:
             self._arming_since_ns = time.monotonic_ns()
             self._report_blind_distance()
         if self._lockstep and not self._running_world and change.state is SessionPhase.RUNNING:
             # The world holds at step 0 until it hears that the session runs.
-            self._send_heartbeat()
-            self._answer_world()
+            self._start_world = True
 
     def _report_blind_distance(self) -> None:
         spec = self._session.spec
@@ -461,15 +492,23 @@ class ScenarioManager(Node):
         feedback.elapsed = self._session.elapsed_s(self._now_ns)
         self._goal.publish_feedback(feedback)
         if self._script.finished:
+            if self._script.problems and self._session.state is SessionPhase.ARMED:
+                self._session.command(
+                    SessionEvent.DISARM, self._now_ns, "run_scenario", "the run can't start"
+                )
             goal, self._goal = self._goal, None
             goal.execute()
 
     def _finish_goal(self, goal: Any) -> RunScenario.Result:
-        problems = self._script.problems if self._script else ()
+        script = self._script
+        problems = script.problems if script else ()
         result = RunScenario.Result()
-        result.verdict = int(self._session.verdict)
-        result.reasons = list(self._session.reasons) or list(problems)
-        result.run_id = self._session.spec.run_id if self._session.spec else ""
+        if script is not None and script.begun:
+            # Otherwise the session is somebody else's, and so is its verdict.
+            result.verdict = int(self._session.verdict)
+            result.reasons = list(self._session.reasons)
+            result.run_id = self._session.spec.run_id if self._session.spec else ""
+        result.reasons = list(result.reasons) or list(problems)
         if problems:
             result.error_code = 1
             result.error_msg = "; ".join(problems)

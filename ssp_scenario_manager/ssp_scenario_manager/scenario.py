@@ -377,7 +377,7 @@ def resolve_run(
     left = frame.left_kerb_m + block.sidewalk_left_m + block.fence_margin_m
     right = frame.right_kerb_m - block.sidewalk_right_m - block.fence_margin_m
     return RunSpec(
-        schema="ssp.run/1",
+        schema_="ssp.run/1",
         run_id=run_id,
         scenario=scenario.name,
         interaction=scenario.interaction,

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.qos import QoSProfile
 
 from ssp_core import names, ros
 from ssp_core.clock import NS_PER_S, ns_to_seconds
 from ssp_core.conversions import reference_from_msg, state_from_msg, state_to_msg
+from ssp_core.errors import HostError, InputError
 from ssp_core.reference import Reference
 from ssp_core.run_spec import RunSpec, load_run
 from ssp_core.safety_codes import MEANINGS, SafetyCode
@@ -36,6 +39,12 @@ from ssp_ot_controller.target.target import Target
 WATCHDOG_PERIOD_S = 0.05
 # Lockstep: the world may take this long for a step (others may be dropped meanwhile).
 WORLD_HANG_S = 4.0
+_MAY_MOVE = (
+    ControlState.PRE_ARMING,
+    ControlState.ARMED,
+    ControlState.RUNNING,
+    ControlState.POSTRUN,
+)
 
 
 class ObjectTargetNode(LifecycleNode):
@@ -47,9 +56,12 @@ class ObjectTargetNode(LifecycleNode):
         self.declare_parameter("object_ids", "")
         autostart = self.declare_parameter("autostart", True).value
         self._targets: dict[str, Target] = {}
+        self._destroyers: list[Callable[[], object]] = []
+        self._failure: Exception | None = None
         if autostart:
-            self.trigger_configure()
-            self.trigger_activate()
+            for trigger in (self.trigger_configure, self.trigger_activate):
+                if trigger() is not TransitionCallbackReturn.SUCCESS:
+                    raise self._failure or HostError("the node could not be activated")
 
     # -- lifecycle -----------------------------------------------------------------------------
 
@@ -59,8 +71,29 @@ class ObjectTargetNode(LifecycleNode):
         except Exception as error:
             # rclpy turns an exception here into ERROR without a word.
             self.get_logger().error(f"can't configure: {error}")
+            self._failure = error
             raise
         return super().on_configure(state)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self._halt()
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self._halt()
+        while self._destroyers:
+            self._destroyers.pop()()
+        return super().on_cleanup(state)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self._halt()
+        return super().on_shutdown(state)
+
+    def _halt(self) -> None:
+        """Whatever may move stops, and stays stopped until it is cleared."""
+        for target in self._targets.values():
+            if target.state in _MAY_MOVE:
+                target.local_stop()
 
     def _configure(self) -> None:
         self._run: RunSpec = load_run(self.get_parameter("run_file").value)
@@ -68,7 +101,12 @@ class ObjectTargetNode(LifecycleNode):
         known = [t.id for t in self._run.targets]
         unknown = sorted(set(wanted) - set(known))
         if unknown:
-            raise ValueError(f"object_ids: {', '.join(unknown)} not in the run ({known})")
+            raise InputError(
+                "not in the run",
+                field="parameter object_ids",
+                value=", ".join(unknown),
+                remedy=f"the run has {', '.join(known)}",
+            )
         ids = wanted or known
         self._targets = {i: Target(i, self._run) for i in ids}
         noise, seed = self._run.disturbance, self._run.seed
@@ -86,7 +124,7 @@ class ObjectTargetNode(LifecycleNode):
             target.power_on()
 
     def _make_endpoints(self) -> None:
-        pub, sub = self.create_publisher, self.create_subscription
+        pub, sub = self._pub, self._sub
         self._pub_command = pub(ActuatorCommand, names.ACTUATOR_COMMAND, ros.COMMAND)
         self._pub_done = pub(StepDone, names.STEP_DONE, ros.STATE)
         self._pub_safety = pub(SafetyEvent, names.SAFETY_EVENT, ros.LATCHED)
@@ -95,20 +133,34 @@ class ObjectTargetNode(LifecycleNode):
             self._pub_state[object_id] = pub(ObjectState, names.state_topic(object_id), ros.STATE)
             self._pub_ack[object_id] = pub(ReferenceAck, names.ack_topic(object_id), ros.COMMAND)
             sub(ReferenceMsg, names.reference_topic(object_id), self._on_reference, ros.COMMAND)
-            self.create_service(
+            service = self.create_service(
                 ObjectCommand,
                 names.command_service(object_id),
                 partial(self._on_object_command, object_id),
             )
+            self._destroyers.append(partial(self.destroy_service, service))
         sub(Heartbeat, names.HEARTBEAT, self._on_heartbeat, ros.STATE)
         sub(WorldTick, names.WORLD_TICK, self._on_tick, ros.STATE)
-        self.create_timer(
+        timer = self.create_timer(
             WATCHDOG_PERIOD_S, self._watchdog, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )
+        self._destroyers.append(partial(self.destroy_timer, timer))
+
+    def _pub(self, kind: Any, topic: str, qos: QoSProfile) -> Any:
+        publisher = self.create_publisher(kind, topic, qos)
+        self._destroyers.append(partial(self.destroy_publisher, publisher))
+        return publisher
+
+    def _sub(self, kind: Any, topic: str, callback: Callable[[Any], None], qos: QoSProfile) -> None:
+        subscription = self.create_subscription(kind, topic, callback, qos)
+        self._destroyers.append(partial(self.destroy_subscription, subscription))
 
     # -- what arrives --------------------------------------------------------------------------
 
     def _on_heartbeat(self, message: Heartbeat) -> None:
+        if len(message.object_ids) != len(message.references_sent):
+            self.get_logger().error("heartbeat dropped: object_ids and references_sent differ")
+            return
         self._heartbeat_arrived_ns = time.monotonic_ns()
         counts = dict(zip(message.object_ids, message.references_sent, strict=True))
         self._inbox.on_heartbeat(
@@ -133,6 +185,9 @@ class ObjectTargetNode(LifecycleNode):
         self, object_id: str, request: ObjectCommand.Request, response: ObjectCommand.Response
     ) -> ObjectCommand.Response:
         target = self._targets[object_id]
+        if request.command == ObjectCommand.Request.COMMAND_ALL_CLEAR:
+            # Beats that came before this command must not abort the object again after it.
+            self._take_heartbeats(None, holding=False)
         try:
             event = ObjectEvent(request.command)
         except ValueError:
@@ -158,10 +213,7 @@ class ObjectTargetNode(LifecycleNode):
         now_ns = ros.ns_from_stamp(tick.header.stamp)
         in_step = tick.lockstep and tick.running
         holding = tick.lockstep and not tick.running and tick.step == 0
-        for beat in self._inbox.heartbeats(tick.heartbeat if in_step else None, holding):
-            self._heartbeat_session_ns = beat.stamp_ns
-            for target in self._targets.values():
-                target.on_session_state(beat.session)
+        self._take_heartbeats(tick.heartbeat if in_step else None, holding)
         truths = {m.object_id: m for m in tick.objects if m.object_id in self._targets}
         for object_id, message in truths.items():
             self._step_target(object_id, message, tick, now_ns)
@@ -175,13 +227,20 @@ class ObjectTargetNode(LifecycleNode):
                 )
             )
 
+    def _take_heartbeats(self, up_to: int | None, holding: bool) -> None:
+        for beat in self._inbox.heartbeats(up_to, holding):
+            self._heartbeat_session_ns = beat.stamp_ns
+            for target in self._targets.values():
+                target.on_session_state(beat.session)
+
     def _step_target(
         self, object_id: str, message: ObjectState, tick: WorldTick, now_ns: int
     ) -> None:
         target = self._targets[object_id]
         truth = state_from_msg(message)
         own = self._localisation[object_id].measure(truth) if tick.running else truth
-        if target.state is ControlState.RUNNING:
+        # While armed they wait for the start, which may be under way on another topic.
+        if target.state is not ControlState.ARMED:
             for reference in self._inbox.references(object_id):
                 self._answer(target, reference, now_ns)
         outcome = target.step(own, now_ns, self._heartbeat_age_s(tick, now_ns))
@@ -254,7 +313,7 @@ class ObjectTargetNode(LifecycleNode):
         if silence_s <= limit_s:
             return
         for target in self._targets.values():
-            if target.state in (ControlState.ARMED, ControlState.RUNNING, ControlState.POSTRUN):
+            if target.state in _MAY_MOVE:
                 target.local_stop()
                 meaning = MEANINGS[SafetyCode.STATE_STALE]
                 self.get_logger().error(
@@ -264,7 +323,7 @@ class ObjectTargetNode(LifecycleNode):
 
 def main() -> None:
     """Entry point of the node."""
-    sys.exit(ros.run_node(ObjectTargetNode, lambda node: None))
+    sys.exit(ros.run_node(ObjectTargetNode, lambda node: node.trigger_shutdown()))
 
 
 if __name__ == "__main__":

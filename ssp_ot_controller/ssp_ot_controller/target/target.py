@@ -16,6 +16,18 @@ from ssp_ot_controller.core.reference_check import Refusal, RefusalCode, check_r
 from ssp_ot_controller.core.tracking import Tracker, TrackingError
 
 STANDSTILL_MPS = 0.02
+# What the manager may ask for; the other events are for the object itself to notice.
+_COMMANDS = frozenset(
+    {
+        ObjectEvent.CONNECT,
+        ObjectEvent.ARM,
+        ObjectEvent.DISARM,
+        ObjectEvent.START,
+        ObjectEvent.STOP,
+        ObjectEvent.ABORT,
+        ObjectEvent.ALL_CLEAR,
+    }
+)
 # What an object does when the manager's session is in this state and the object is RUNNING.
 _WHEN_RUNNING = {
     SessionPhase.RUNNING: None,
@@ -70,6 +82,8 @@ class Target:
 
     def command(self, event: ObjectEvent, event_version: str) -> Reply:
         """A command of the manager; refused ones change nothing."""
+        if event not in _COMMANDS:
+            return Reply(False, 1, f"{event.name} is no command")
         if event is ObjectEvent.ARM and event_version != self._run.event_version:
             return Reply(
                 False,
@@ -134,10 +148,12 @@ class Target:
         """
         self._own = own
         self._advance(own)
-        if self._next is not None and now_ns >= self._next.execute_at_ns:
+        running = self.state is ControlState.RUNNING
+        # A manoeuvre that waits when the object has to stop must not begin any more.
+        if running and self._next is not None and now_ns >= self._next.execute_at_ns:
             self._reference, self._next, self._error = self._next, None, None
         tracking: Command | None = None
-        if self._reference is not None and self.state is ControlState.RUNNING:
+        if running and self._reference is not None and own.is_finite:
             tracking, self._error = self._tracker.track(own, self._reference, now_ns)
         verdict = decide(
             now_ns=now_ns,

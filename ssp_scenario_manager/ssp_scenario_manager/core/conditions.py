@@ -16,7 +16,7 @@ STANDSTILL_MPS = 0.1
 
 def front_station_m(state: ObjectState, path: Polyline) -> float:
     """Arc length of an object's foremost point along a path."""
-    station, _ = path.project(state.x_m, state.y_m)
+    station, _ = path.project_beyond(state.x_m, state.y_m)
     return station + state.size.front_m
 
 
@@ -41,7 +41,7 @@ def condition_value(
         other = others.get(condition.object_id)
         if other is None:
             return math.inf
-        station, _ = vut_path.project(other.x_m, other.y_m)
+        station, _ = vut_path.project_beyond(other.x_m, other.y_m)
         gap = station - other.size.rear_m - front
         return gap if gap >= 0.0 else math.inf
     station, _ = vut_path.project(*condition.anchor)

@@ -31,11 +31,15 @@ class PhaseStart:
 
 @dataclass(frozen=True, slots=True)
 class PhaseWatch:
-    """Present phase, and since when the condition of the next one has held."""
+    """Present phase, and since when the condition of the next one has held.
+
+    ``conflict`` is the first conflict after a trigger that is still being confirmed.
+    """
 
     phase: Phase = Phase.APPROACH
     since_ns: int | None = None
     evidence: str = ""
+    conflict: PhaseStart | None = None
 
 
 def _text(meeting: Encounter) -> str:
@@ -66,6 +70,8 @@ def watch_phases(
     """
     if watch.phase is Phase.RESOLUTION:
         return watch, None
+    if watch.phase is Phase.TRIGGER and watch.conflict is not None:
+        return PhaseWatch(Phase.CONFLICT), watch.conflict
     meeting = encounter(vut, target, path)
     conflict = is_conflict(meeting, thresholds.ttc_s, thresholds.arrival_gap_s)
     if watch.phase is Phase.APPROACH:
@@ -79,10 +85,14 @@ def watch_phases(
     else:
         met, confirm_s, following = not conflict, RESOLUTION_CONFIRMATION_S, Phase.RESOLUTION
     if not met:
-        return replace(watch, since_ns=None, evidence=""), None
+        return PhaseWatch(watch.phase), None
     if watch.since_ns is None:
         watch = replace(watch, since_ns=vut.stamp_ns, evidence=_text(meeting))
+    elif watch.phase is Phase.APPROACH and conflict and watch.conflict is None:
+        start = PhaseStart(Phase.CONFLICT, vut.stamp_ns, _text(meeting))
+        watch = replace(watch, conflict=start)
     since = watch.since_ns if watch.since_ns is not None else vut.stamp_ns
     if vut.stamp_ns - since < seconds_to_ns(confirm_s):
         return watch, None
-    return PhaseWatch(following), PhaseStart(following, since, watch.evidence)
+    begun = PhaseStart(following, since, watch.evidence)
+    return PhaseWatch(following, conflict=watch.conflict), begun

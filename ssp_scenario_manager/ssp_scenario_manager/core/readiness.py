@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from ssp_core.geometry import Polyline, box_distance, point_in_polygon
-from ssp_core.run_spec import RelativeDistance, RunSpec
+from ssp_core.run_spec import LaneChange, Path2, RelativeDistance, RunSpec
 from ssp_core.state import ObjectState
 from ssp_core.vocab import ControlState
 
@@ -35,13 +35,21 @@ CAMERA_FRESH_S = 3.0
 
 def cannot_fire(spec: RunSpec) -> list[str]:
     """Reasons for which a run's triggers could never fire; refused at load, not on the track."""
-    problems = []
-    ids = {target.id for target in spec.targets}
-    path = Polyline(spec.vut.approach.path) if spec.vut.approach else None
-    if path is None:
+    if spec.vut.approach is None:
         return ["vut.approach: the VUT has no path, so that nothing it does can trigger"]
+    problems = _not_unique(spec) + _not_paths(spec)
+    if problems:
+        return problems
+    ids = {target.id for target in spec.targets}
+    leaving = {target.id for target in spec.targets if target.approach is not None}
+    path = Polyline(spec.vut.approach.path)
     for i, trigger in enumerate(spec.triggers):
         field = f"triggers[{i}]"
+        if isinstance(trigger.manoeuvre, LaneChange) and trigger.object_id in ids - leaving:
+            problems.append(
+                f"{field}.manoeuvre: {trigger.object_id} has no approach that a lane change could "
+                "leave"
+            )
         if trigger.object_id not in ids:
             problems.append(f"{field}.object_id: {trigger.object_id} is no target of this run")
         condition = trigger.condition
@@ -65,6 +73,43 @@ def cannot_fire(spec: RunSpec) -> list[str]:
                 f"{field}.not_before_s: {trigger.not_before_s:g} s is not before the end of the "
                 f"run ({spec.end.at_latest_s:g} s)"
             )
+    return problems
+
+
+def _not_unique(spec: RunSpec) -> list[str]:
+    problems = []
+    known = {spec.vut.id}
+    for i, target in enumerate(spec.targets):
+        if target.id in known:
+            problems.append(f"targets[{i}].id: {target.id} stands twice")
+        known.add(target.id)
+    seen: set[str] = set()
+    for i, trigger in enumerate(spec.triggers):
+        if trigger.id in seen:
+            problems.append(f"triggers[{i}].id: {trigger.id} stands twice")
+        seen.add(trigger.id)
+    return problems
+
+
+def _not_paths(spec: RunSpec) -> list[str]:
+    """Paths along which nothing can move."""
+    paths: list[tuple[str, Path2]] = []
+    for field, participant in [
+        ("vut", spec.vut),
+        *((f"targets[{i}]", target) for i, target in enumerate(spec.targets)),
+    ]:
+        if participant.approach is not None:
+            paths.append((f"{field}.approach.path", participant.approach.path))
+    for i, trigger in enumerate(spec.triggers):
+        if not isinstance(trigger.manoeuvre, LaneChange):
+            path = trigger.manoeuvre.motion.path
+            paths.append((f"triggers[{i}].manoeuvre.motion.path", path))
+    problems = []
+    for field, path in paths:
+        try:
+            Polyline(path)
+        except ValueError as error:
+            problems.append(f"{field}: {error}")
     return problems
 
 
@@ -114,16 +159,16 @@ def missing_to_arm(
     return missing
 
 
-def missing_to_start(spec: RunSpec, facts: Facts, targets: dict[str, ObjectState]) -> list[str]:
-    """Every object reports that it is armed, and the recorder is still there."""
-    missing = []
+def missing_to_start(
+    spec: RunSpec, facts: Facts, vut: ObjectState | None, targets: dict[str, ObjectState]
+) -> list[str]:
+    """Everybody is still heard, every object reports that it is armed, the recorder is there."""
+    missing = missing_to_connect(spec, facts, vut, targets)
     if not facts.recorder_ready or facts.recorder_age_s > RECORDER_FRESH_S:
         missing.append("the recorder is not ready")
     for target in spec.targets:
         state = targets.get(target.id)
-        if state is None:
-            missing.append(f"no state of {target.id} arrives")
-        elif state.control_state is not ControlState.ARMED:
+        if state is not None and state.control_state is not ControlState.ARMED:
             missing.append(f"{target.id} is {state.control_state.name}, not ARMED")
     return missing
 

@@ -11,7 +11,6 @@ from ssp_scenario_manager.core.session_machine import SessionEvent
 PATIENCE_S = 20.0
 
 _NEXT = {
-    SessionPhase.IDLE: SessionEvent.LOAD,
     SessionPhase.LOADED: SessionEvent.CONNECT,
     SessionPhase.CONNECTED: SessionEvent.ARM,
     SessionPhase.ARMED: SessionEvent.START,
@@ -20,42 +19,64 @@ _OVER = (SessionPhase.FINISHED, SessionPhase.ABORTED)
 
 
 class RunScript:
-    """Which command to try next. Times are steady-clock nanoseconds."""
+    """Which command to try next. Times are steady-clock nanoseconds.
+
+    A goal begins with loading its own file; a session that is somewhere else already is refused.
+    """
 
     def __init__(self, run_file: str, now_ns: int) -> None:
         self.run_file = run_file
         self.problems: tuple[str, ...] = ()
         self.finished = False
+        self.begun = False
         self._deadline_ns = now_ns + seconds_to_ns(PATIENCE_S)
-        self._state: SessionPhase | None = None
-        self._last: Answer | None = None
+        self._reached: SessionPhase | None = None
+        self._refusal: tuple[str, ...] = ()
         self._unconfirmed = False
 
     def next(self, state: SessionPhase, now_ns: int) -> SessionEvent | None:
         """The command to try now, None to wait."""
         if self.finished:
             return None
+        if not self.begun:
+            if state in (SessionPhase.IDLE, SessionPhase.LOADED):
+                return SessionEvent.LOAD
+            self._end((f"the session is {state.name} already; reset it or clear its abort first",))
+            return None
         if state in _OVER or (state is SessionPhase.ABORTING and self._unconfirmed):
             self.finished = True
             return None
-        if state is not self._state:
-            self._state = state
+        if state is SessionPhase.IDLE:
+            self._end(("the session was reset by somebody else",))
+            return None
+        # Only progress buys more time: an object that never arms must not go on for ever.
+        if self._reached is None or state > self._reached:
+            self._reached = state
+            self._refusal = ()
             self._deadline_ns = now_ns + seconds_to_ns(PATIENCE_S)
         event = _NEXT.get(state)
         if event is not None and now_ns > self._deadline_ns:
-            self.finished = True
-            last = self._last
-            self.problems = (last.missing or (last.error_msg,)) if last else ("no answer",)
+            self._end(self._refusal or (f"{event.value} was not possible in {PATIENCE_S:g} s",))
             return None
         return event
 
     def on_answer(self, answer: Answer) -> None:
         """The answer to the command that next() named. A file that can't be loaded is final."""
-        self._last = answer
-        if not answer.accepted and self._state is SessionPhase.IDLE:
-            self.finished = True
-            self.problems = answer.missing or (answer.error_msg,)
+        if not self.begun:
+            self.begun = answer.accepted
+            if not answer.accepted:
+                self._end(answer.missing or (answer.error_msg,))
+        elif not answer.accepted:
+            self._refusal = answer.missing or (answer.error_msg,)
+
+    def on_setback(self, reason: str) -> None:
+        """An accepted command came to nothing."""
+        self._refusal = (reason,)
 
     def standstill_unconfirmed(self) -> None:
         """The session aborts and nobody is left to report a standstill."""
         self._unconfirmed = True
+
+    def _end(self, problems: tuple[str, ...]) -> None:
+        self.finished = True
+        self.problems = problems

@@ -104,13 +104,23 @@ class Session:
             next_state(self.state, SessionEvent.LOAD)
         except IllegalTransition as error:
             return Answer(False, REFUSED_TRANSITION, str(error))
-        path = spec.vut.approach.path if spec.vut.approach else [(0.0, 0.0), (1.0, 0.0)]
-        self._run = _Run(spec=spec, path=Polyline(path))
+        if spec.vut.approach is None:
+            raise ValueError("a run without a path for the VUT passed the checks")
+        self._run = _Run(spec=spec, path=Polyline(spec.vut.approach.path))
+        # What was heard so far belongs to another run.
+        self.vut = None
+        self.targets = {}
         self._move(SessionEvent.LOAD, now_ns, f"{spec.scenario} on {spec.site}")
         return Answer(True)
 
     def command(self, event: SessionEvent, now_ns: int, requested_by: str, reason: str) -> Answer:
-        """connect, arm, disarm, start, stop, abort, all_clear or reset."""
+        """connect, arm, disarm, start, stop, abort, all_clear or reset.
+
+        Raises:
+            ValueError: the event is no command.
+        """
+        if event.value not in names.SESSION_COMMANDS:
+            raise ValueError(f"{event.value} is no command")
         if event is SessionEvent.ABORT:
             self._abort_by_operator(now_ns, requested_by, reason)
             return Answer(True)
@@ -122,6 +132,8 @@ class Session:
         if missing:
             text = f"{event.value} refused: " + "; ".join(missing)
             return Answer(False, REFUSED_CONDITION, text, tuple(missing))
+        if event is SessionEvent.STOP:
+            self._stop_by_operator(requested_by)
         self._move(event, now_ns, reason or f"requested by {requested_by}")
         if event is SessionEvent.ARM:
             self.outbox.append(outbox.ArmObjects(True))
@@ -144,7 +156,9 @@ class Session:
     # -- what arrives --------------------------------------------------------------------------
 
     def on_vut_state(self, state: ObjectState) -> None:
-        self.vut = state
+        """Keeps the newest state; one that is older than what is known is dropped."""
+        if self.vut is None or state.stamp_ns >= self.vut.stamp_ns:
+            self.vut = state
 
     def on_target_state(self, state: ObjectState) -> None:
         """Keeps the newest state; one that is older than what is known is dropped."""
@@ -175,8 +189,13 @@ class Session:
                 )
             )
 
-    def fail(self, violation: supervisor.Violation) -> None:
-        """A limit was passed: announces it and aborts. The first one gives the verdict."""
+    def fail(self, violation: supervisor.Violation, announced: bool = False) -> None:
+        """A limit was passed: announces it and aborts. The first one gives the verdict.
+
+        Args:
+            violation: which limit.
+            announced: another node saw it and has published its event already.
+        """
         if self.state in (SessionPhase.IDLE, SessionPhase.FINISHED, SessionPhase.ABORTED):
             return
         if self._run is not None:
@@ -185,7 +204,8 @@ class Session:
             if not self._run.reasons:
                 self._run.verdict = supervisor.verdict_for(violation.code)
             self._run.reasons.append(violation.text)
-        self.outbox.append(outbox.LimitPassed(violation))
+        if not announced:
+            self.outbox.append(outbox.LimitPassed(violation))
         if self.state is not SessionPhase.ABORTING:
             self._move(SessionEvent.ABORT, violation.stamp_ns, violation.text)
 
@@ -193,21 +213,22 @@ class Session:
         """Judges the states of one instant: limits, triggers, phases, the end of the run.
 
         Args:
-            now_ns: session time, the stamp of the VUT's newest state.
+            now_ns: session time; the stamp of the VUT's newest state is at most that.
         """
-        if self._run is None:
-            return
-        if self.state is SessionPhase.RUNNING:
+        if self.state in (SessionPhase.RUNNING, SessionPhase.STOPPING):
             self._supervise(now_ns)
-        if self.state is SessionPhase.RUNNING and self.vut is not None:
+        if self.state is SessionPhase.RUNNING and self._run is not None and self.vut is not None:
             if self.vut.stamp_ns > self._run.judged_ns:
                 self._run.judged_ns = self.vut.stamp_ns
-                self._watch_triggers(self.vut)
+                self._watch_triggers(self.vut, now_ns)
                 self._watch_phases(self.vut)
             self._watch_end(now_ns)
+        if self.state is SessionPhase.ABORTING:
+            self._watch_collisions()
         if self.state in (SessionPhase.STOPPING, SessionPhase.ABORTING) and self._all_stand():
-            if self.state is SessionPhase.STOPPING and self._run.verdict is Verdict.NONE:
-                self._run.verdict = Verdict.VALID
+            run = self._run
+            if self.state is SessionPhase.STOPPING and run and run.verdict is Verdict.NONE:
+                run.verdict = Verdict.VALID
             self._move(SessionEvent.STANDSTILL, now_ns, "everything stands")
 
     # -- inside --------------------------------------------------------------------------------
@@ -230,7 +251,7 @@ class Session:
         if event is SessionEvent.ARM:
             return readiness.missing_to_arm(self._run.spec, self.facts, self.vut, self.targets)
         if event is SessionEvent.START:
-            return readiness.missing_to_start(self._run.spec, self.facts, self.targets)
+            return readiness.missing_to_start(self._run.spec, self.facts, self.vut, self.targets)
         if event is SessionEvent.ALL_CLEAR and not self._all_stand():
             return ["something still moves"]
         return []
@@ -244,6 +265,14 @@ class Session:
         violation = supervisor.Violation(SafetyCode.OPERATOR, "", 0.0, 0.0, now_ns, text)
         self.outbox.append(outbox.LimitPassed(violation))
         self._move(SessionEvent.ABORT, now_ns, text)
+
+    def _stop_by_operator(self, requested_by: str) -> None:
+        """A run that is ended before its event is resolved is no valid one."""
+        run = self._run
+        if run is not None and run.resolved_ns is None:
+            reached = run.phase_watch.phase.name.lower()
+            run.verdict = Verdict.ABORTED
+            run.reasons.append(f"stopped by {requested_by} before resolution, in {reached}")
 
     def _begin(self, now_ns: int) -> None:
         run = self._run
@@ -296,6 +325,10 @@ class Session:
             )
             found.append(silent)
             if state is not None and silent is None:
+                broken = supervisor.not_finite(state)
+                if broken is not None:
+                    found.append(broken)
+                    continue
                 present.append(state.extrapolated(self.vut.stamp_ns))
                 found.append(self._own_abort(run, state, now_ns))
         found += supervisor.violations(self.vut, present, limits)
@@ -308,6 +341,20 @@ class Session:
             if violation is not None:
                 self.fail(violation)
 
+    def _watch_collisions(self) -> None:
+        """While everything brakes there is one thing left to see: that two of us touch."""
+        run = self._run
+        if run is None or self.vut is None or not self.vut.is_finite:
+            return
+        everyone = [
+            state.extrapolated(self.vut.stamp_ns)
+            for target in run.spec.targets
+            if (state := self.targets.get(target.id)) is not None and state.is_finite
+        ]
+        for violation in supervisor.violations(self.vut, everyone, run.spec.limits):
+            if violation.code is SafetyCode.COLLISION:
+                self.fail(violation)
+
     @staticmethod
     def _own_abort(run: _Run, state: ObjectState, now_ns: int) -> supervisor.Violation | None:
         """An object that stopped by itself; it is given time to say why, with a safety event."""
@@ -317,7 +364,7 @@ class Session:
         since = run.own_abort_ns.setdefault(state.object_id, now_ns)
         return violation if now_ns - since >= seconds_to_ns(OWN_REASON_S) else None
 
-    def _watch_triggers(self, vut: ObjectState) -> None:
+    def _watch_triggers(self, vut: ObjectState, now_ns: int) -> None:
         run = self._run
         if run is None or run.started_ns is None:
             return
@@ -334,7 +381,7 @@ class Session:
             )
             run.watches[trigger.id] = watch
             if firing is not None:
-                self._fire(run, trigger, firing, others)
+                self._fire(run, trigger, firing, others, now_ns)
 
     def _fire(
         self,
@@ -342,16 +389,30 @@ class Session:
         trigger: TriggerSpec,
         firing: conditions.Firing,
         others: dict[str, ObjectState],
+        now_ns: int,
     ) -> None:
         target = next(t for t in run.spec.targets if t.id == trigger.object_id)
-        address = self._address(run, target.id, "manoeuvre", firing.fired_ns, trigger.lead_time_s)
-        reference = dispatch.manoeuvre_reference(
-            address,
-            trigger.manoeuvre,
-            others[target.id],
-            run.references.get(target.id),
-            target.approach,
-        )
+        address = self._address(run, target.id, "manoeuvre", now_ns, trigger.lead_time_s)
+        try:
+            reference = dispatch.manoeuvre_reference(
+                address,
+                trigger.manoeuvre,
+                others[target.id],
+                run.references.get(target.id),
+                target.approach,
+            )
+        except ValueError as error:
+            self.fail(
+                supervisor.Violation(
+                    SafetyCode.EVENT_MISSING,
+                    target.id,
+                    self.elapsed_s(now_ns),
+                    run.spec.end.at_latest_s,
+                    now_ns,
+                    f"trigger {trigger.id} fired, but its manoeuvre can't be driven: {error}",
+                )
+            )
+            return
         self._send(run, reference)
         self.outbox.append(
             outbox.Triggered(

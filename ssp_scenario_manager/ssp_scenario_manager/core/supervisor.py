@@ -99,8 +99,15 @@ def own_abort(state: ObjectState) -> Violation | None:
     return None
 
 
+def not_finite(state: ObjectState) -> Violation | None:
+    """A state that holds a value that is no number says nothing about where the object is."""
+    if state.is_finite:
+        return None
+    return Violation(SafetyCode.STATE_NOT_FINITE, state.object_id, math.nan, 0.0, state.stamp_ns)
+
+
 def tracking_error(state: ObjectState, limits: Limits) -> Violation | None:
-    """The object's own report of its distance from the reference."""
+    """The object's own report of its distance from the reference; no number counts as too far."""
     if not state.reference_id:
         return None
     for code, value, limit in (
@@ -112,7 +119,7 @@ def tracking_error(state: ObjectState, limits: Limits) -> Violation | None:
         (SafetyCode.ERROR_LATERAL, abs(state.error_lateral_m), limits.error_lateral_m),
         (SafetyCode.ERROR_YAW, abs(state.error_yaw_rad), limits.error_yaw_rad),
     ):
-        if value > limit:
+        if not value <= limit:
             return Violation(code, state.object_id, value, limit, state.stamp_ns)
     return None
 
@@ -125,6 +132,9 @@ def violations(vut: ObjectState, targets: Sequence[ObjectState], limits: Limits)
         targets: states of the object targets at the VUT's stamp.
         limits: the site's.
     """
+    broken = [violation for state in [vut, *targets] if (violation := not_finite(state))]
+    if broken:
+        return broken
     found: list[Violation] = []
     everyone = [vut, *targets]
     for i, a in enumerate(everyone):

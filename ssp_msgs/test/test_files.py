@@ -1,0 +1,324 @@
+"""Files that people write are read strictly, and files that we write are whole or not there."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import pytest
+import yaml
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from pydantic import BaseModel, ConfigDict, Field
+
+from ssp_core.errors import InputError
+from ssp_core.files import (
+    MAX_TEXT_BYTES,
+    field_path,
+    load_model,
+    parse_model,
+    read_mapping,
+    read_text,
+    write_bytes,
+    write_json,
+)
+
+FILE_PER_TEST = settings(
+    max_examples=100,
+    deadline=None,
+    # The one file in tmp_path is written anew by every example.
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
+
+
+class Gap(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    kind: Literal["gap"]
+    below_m: Annotated[float, Field(gt=0)]
+
+
+class Arrival(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    kind: Literal["arrival"]
+    below_s: Annotated[float, Field(gt=0)]
+
+
+class Row(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    name: str
+    condition: Annotated[Gap | Arrival, Field(discriminator="kind")]
+
+
+class Table(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    rows: list[Row]
+
+
+def put(folder: Path, text: str, name: str = "file.yaml") -> Path:
+    path = folder / name
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def failure(path: Path) -> InputError:
+    with pytest.raises(InputError) as caught:
+        read_mapping(path)
+    assert caught.value.file == str(path)
+    return caught.value
+
+
+# -- reading --------------------------------------------------------------------------------------
+
+
+def test_a_mapping_is_read(tmp_path: Path) -> None:
+    path = put(tmp_path, "a: 1\nb: [x, 2.5, null, true]\nc: {d: ü}\n")
+    assert read_mapping(path) == {"a": 1, "b": ["x", 2.5, None, True], "c": {"d": "ü"}}
+
+
+def test_missing_file_folder_and_impossible_name(tmp_path: Path) -> None:
+    for path in (tmp_path / "none.yaml", tmp_path, tmp_path / "a\0b"):
+        error = failure(path)
+        assert "can't be read" in error.problem
+
+
+def test_size_limit_at_and_over(tmp_path: Path) -> None:
+    path = tmp_path / "big.txt"
+    path.write_bytes(b"x" * MAX_TEXT_BYTES)
+    assert len(read_text(path)) == MAX_TEXT_BYTES
+    path.write_bytes(b"x" * (MAX_TEXT_BYTES + 1))
+    with pytest.raises(InputError, match="larger than 8 MiB"):
+        read_text(path)
+
+
+def test_an_endless_file_is_refused_without_reading_it() -> None:
+    with pytest.raises(InputError, match="larger than 8 MiB"):
+        read_text("/dev/zero")
+
+
+def test_not_utf8_names_the_byte(tmp_path: Path) -> None:
+    path = tmp_path / "latin.yaml"
+    path.write_bytes(b"name: caf\xe9\n")
+    assert "not UTF-8 (byte 9)" in failure(path).problem
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "says"),
+    [
+        ("a: 1\nb: *x\n", 2, "aliases"),
+        ("a: &x [1]\nb: *x\n", 2, "aliases"),
+        ("a: 1\nb: 2\na: 3\n", 3, "stands twice"),
+        ("a: {b: 1, b: 2}\n", 1, "stands twice"),
+        ('{"a": 1,\n "a": 2}', 2, "stands twice"),
+        ("1: x\n", 1, "not a string"),
+        ("a: 1\n? [b, c]\n: 2\n", 2, "not a string"),
+        ("a: 1\nb: [\n", 3, ""),
+        ("a: !!python/object/apply:os.system [id]\n", 1, "python"),
+        ("<<: {a: 1}\n", 1, ""),
+        ("a: !!map [1, 2]\n", 1, "mapping"),
+    ],
+)
+def test_what_is_wrong_is_named_with_its_line(
+    tmp_path: Path, text: str, line: int, says: str
+) -> None:
+    error = failure(put(tmp_path, text))
+    assert error.line == line
+    assert "not valid YAML or JSON" in error.problem
+    assert says in error.problem
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["a: !!timestamp x\n", "a: !!bool x\n", "a: !!int ''\n", "a: 2001-99-99\n", "a: !!float x\n"],
+)
+def test_scalars_that_pyyaml_stumbles_over(tmp_path: Path, text: str) -> None:
+    assert "not valid YAML or JSON" in failure(put(tmp_path, text)).problem
+
+
+@pytest.mark.parametrize("text", ["", "- 1\n", "word\n", "[1, 2]", "3", "null"])
+def test_the_top_must_be_a_mapping(tmp_path: Path, text: str) -> None:
+    assert "mapping at its top" in failure(put(tmp_path, text)).problem
+
+
+def test_an_alias_bomb_is_refused_at_once(tmp_path: Path) -> None:
+    lines = ["a0: &a0 [x, x]"]
+    lines += [f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]" for i in range(1, 30)]
+    started = time.monotonic()
+    assert "aliases" in failure(put(tmp_path, "\n".join(lines))).problem
+    assert time.monotonic() - started < 1.0
+
+
+def test_deep_nesting_is_an_input_error(tmp_path: Path) -> None:
+    assert "not valid" in failure(put(tmp_path, "a: " + "[" * 5000)).problem
+    assert "not valid" in failure(put(tmp_path, '{"a": ' + "[" * 50000 + "]" * 50000 + "}")).problem
+
+
+def test_json_keeps_its_own_rules(tmp_path: Path) -> None:
+    """Surrogate pairs and exponents mean in JSON what JSON says."""
+    value = {"text": "a \U0001f697 on the road", "small": 1e-05, "tab": "a\tb"}
+    assert read_mapping(put(tmp_path, json.dumps(value), "x.json")) == value
+
+
+def test_json_without_nan(tmp_path: Path) -> None:
+    class Number(BaseModel):
+        x: Annotated[float, Field(allow_inf_nan=False)]
+
+    for word in ("NaN", "Infinity", "-Infinity", ".nan", ".inf"):
+        with pytest.raises(InputError) as caught:
+            load_model(Number, put(tmp_path, '{"x": %s}' % word))  # noqa: UP031 (braces)
+        assert caught.value.field == "x"
+
+
+json_values = st.recursive(
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.floats(allow_nan=False, allow_infinity=False)
+    | st.text(),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3),
+    max_leaves=8,
+)
+
+
+@FILE_PER_TEST
+@given(value=st.dictionaries(st.text(), json_values, max_size=4))
+def test_what_is_written_as_json_is_read_back(tmp_path: Path, value: dict[str, Any]) -> None:
+    path = tmp_path / "round.json"
+    write_json(path, value)
+    assert read_mapping(path) == value
+
+
+plain_text = st.text(st.characters(min_codepoint=32, max_codepoint=126), max_size=12)
+
+
+@FILE_PER_TEST
+@given(value=st.dictionaries(plain_text, plain_text | st.integers() | st.booleans(), max_size=4))
+def test_what_pyyaml_writes_is_read_back(tmp_path: Path, value: dict[str, Any]) -> None:
+    assert read_mapping(put(tmp_path, yaml.safe_dump(value) if value else "{}")) == value
+
+
+YAML_PIECES = [
+    *"ab:-?[]{},&*!|>%@`'\"#=~ \t\n",
+    *("!!int", "!!map", "!!set", "!!omap", "!!timestamp", "!!binary", "!!bool", "---", "...", "<<"),
+    *(".nan", ".inf", "0x", "0o1", "1_0", "1:2", "2001-01-01", "\\u", "\\ud83d", "null", "true"),
+    *("\n  ", ": ", "- "),
+]
+yamlish = st.lists(st.sampled_from(YAML_PIECES), max_size=14).map("".join)
+
+
+@FILE_PER_TEST
+@given(text=yamlish | st.text(max_size=40))
+def test_any_text_gives_a_mapping_or_an_input_error(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "any.yaml"
+    path.write_bytes(text.encode("utf-8", "surrogatepass"))
+    try:
+        assert isinstance(read_mapping(path), dict)
+    except InputError as error:
+        assert error.file == str(path)  # noqa: PT017 (either outcome is right)
+
+
+@FILE_PER_TEST
+@given(data=st.binary(max_size=60))
+def test_any_bytes_give_a_mapping_or_an_input_error(tmp_path: Path, data: bytes) -> None:
+    path = tmp_path / "any.yaml"
+    path.write_bytes(data)
+    try:
+        assert isinstance(read_mapping(path), dict)
+    except InputError as error:
+        assert error.file == str(path)  # noqa: PT017 (either outcome is right)
+
+
+# -- validation -----------------------------------------------------------------------------------
+
+
+def row(**condition: object) -> dict[str, Any]:
+    return {"rows": [{"name": "n", "condition": condition}]}
+
+
+@pytest.mark.parametrize(
+    ("value", "field", "shown"),
+    [
+        ({}, "rows", None),
+        ({"rows": [{"name": "n"}]}, "rows[0].condition", None),
+        (row(kind="gap", below_m=-1), "rows[0].condition.below_m", -1),
+        (row(kind="gap"), "rows[0].condition.below_m", None),
+        (row(kind="gap", below_m=1, below_s=2), "rows[0].condition.below_s", 2),
+        (row(kind="arrival", below_s="soon"), "rows[0].condition.below_s", "soon"),
+        ({"rows": [], "extra": 5}, "extra", 5),
+        ({"rows": "none"}, "rows", "none"),
+    ],
+)
+def test_a_failure_names_the_path_in_the_file(
+    value: dict[str, Any], field: str, shown: object
+) -> None:
+    with pytest.raises(InputError) as caught:
+        parse_model(Table, value, "t.yaml")
+    assert caught.value.file == "t.yaml"
+    assert caught.value.field == field
+    assert caught.value.value == shown
+
+
+def test_several_failures_are_counted() -> None:
+    with pytest.raises(InputError, match=r"\(2 more\)"):
+        parse_model(Table, {"a": 1, "b": 2}, "t.yaml")
+
+
+def test_field_path() -> None:
+    assert field_path(("labels", 3, "position")) == "labels[3].position"
+    assert field_path((0, "a", 1, 2)) == "[0].a[1][2]"
+    assert field_path(()) == ""
+
+
+# -- writing --------------------------------------------------------------------------------------
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(p.name for p in folder.iterdir())
+
+
+def test_write_makes_folders_and_replaces(tmp_path: Path) -> None:
+    path = tmp_path / "a" / "b" / "file"
+    write_bytes(path, b"one")
+    write_bytes(path, b"two")
+    assert path.read_bytes() == b"two"
+    assert names(path.parent) == ["file"]
+    assert path.stat().st_mode & 0o777 == 0o644
+
+
+def test_a_failed_write_leaves_the_old_file_and_nothing_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "file"
+    write_bytes(path, b"old")
+
+    def no_replace(*_: object) -> None:
+        raise OSError("disk full")
+
+    monkeypatch.setattr("ssp_core.files.os.replace", no_replace)
+    with pytest.raises(OSError, match="disk full"):
+        write_bytes(path, b"new")
+    assert path.read_bytes() == b"old"
+    assert names(tmp_path) == ["file"]
+
+
+def test_a_reader_never_sees_half_a_file(tmp_path: Path) -> None:
+    """A reader that opened the old file goes on reading the old one."""
+    path = tmp_path / "file"
+    write_bytes(path, b"a" * 1000)
+    with path.open("rb") as stream:
+        assert stream.read(10) == b"a" * 10
+        write_bytes(path, b"b" * 1000)
+        assert stream.read() == b"a" * 990
+    assert path.read_bytes() == b"b" * 1000
+
+
+def test_json_that_cannot_be_written_leaves_the_old_file(tmp_path: Path) -> None:
+    path = tmp_path / "x.json"
+    write_json(path, {"b": 1, "a": 2})
+    assert path.read_text() == '{\n "a": 2,\n "b": 1\n}\n'
+    with pytest.raises(ValueError, match="JSON compliant"):
+        write_json(path, {"a": float("nan")})
+    assert json.loads(path.read_text()) == {"a": 2, "b": 1}
+    assert os.listdir(tmp_path) == ["x.json"]

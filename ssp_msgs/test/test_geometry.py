@@ -1,0 +1,234 @@
+"""Plane geometry against hand-computed values and against itself."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ssp_core.geometry import (
+    Box,
+    Polyline,
+    Pose2,
+    box_distance,
+    boxes_overlap,
+    point_in_polygon,
+    wrap_angle,
+)
+
+metres = st.floats(-500.0, 500.0)
+angles = st.floats(-20.0, 20.0)
+poses = st.builds(Pose2, metres, metres, angles)
+boxes = st.builds(
+    Box, poses, front_m=st.floats(0.1, 9.0), rear_m=st.floats(0.1, 3.0), width_m=st.floats(0.2, 3.0)
+)
+
+
+# -- angles and poses -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("given_rad", "wrapped_rad"),
+    [
+        (0.0, 0.0),
+        (math.pi, math.pi),
+        (-math.pi, math.pi),
+        (3 * math.pi, math.pi),
+        (-3 * math.pi, math.pi),
+        (1.5 * math.pi, -0.5 * math.pi),
+        (-0.1, -0.1),
+        (2 * math.pi + 0.25, 0.25),
+    ],
+)
+def test_wrap_angle(given_rad: float, wrapped_rad: float) -> None:
+    assert wrap_angle(given_rad) == pytest.approx(wrapped_rad, abs=1e-12)
+
+
+@given(angle=st.floats(-1e6, 1e6))
+def test_wrap_angle_is_the_same_direction_in_the_half_open_interval(angle: float) -> None:
+    wrapped = wrap_angle(angle)
+    assert -math.pi < wrapped <= math.pi
+    assert math.cos(wrapped) == pytest.approx(math.cos(angle), abs=1e-9)
+    assert math.sin(wrapped) == pytest.approx(math.sin(angle), abs=1e-9)
+
+
+def test_pose_turns_then_shifts() -> None:
+    pose = Pose2(10.0, 20.0, math.pi / 2)
+    assert pose.to_parent(3.0, 1.0) == pytest.approx((9.0, 23.0))
+    assert pose.to_local(9.0, 23.0) == pytest.approx((3.0, 1.0))
+
+
+@given(pose=poses, x=metres, y=metres)
+def test_pose_round_trip(pose: Pose2, x: float, y: float) -> None:
+    """METHOD 2.4: local -> map -> local is exact to 1e-6 m."""
+    assert pose.to_local(*pose.to_parent(x, y)) == pytest.approx((x, y), abs=1e-6)
+
+
+# -- boxes ----------------------------------------------------------------------------------------
+
+
+def box(x: float, y: float, yaw: float = 0.0) -> Box:
+    return Box(Pose2(x, y, yaw), front_m=3.0, rear_m=1.0, width_m=2.0)
+
+
+def test_corners_counter_clockwise_from_front_left() -> None:
+    assert box(0.0, 0.0).corners() == [(3.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (3.0, -1.0)]
+    turned = np.array(box(5.0, 5.0, math.pi / 2).corners())
+    assert turned == pytest.approx(np.array([(4, 8), (4, 4), (6, 4), (6, 8)]))
+
+
+@pytest.mark.parametrize(
+    ("other", "distance_m"),
+    [
+        (box(4.5, 0.0), 0.5),  # ahead: its rear at 3.5
+        (box(4.0, 0.0), 0.0),  # touching
+        (box(-4.25, 0.0), 0.25),  # behind
+        (box(0.0, 2.75), 0.75),  # beside
+        (box(7.0, 6.0), 5.0),  # 3 ahead and 4 beside: corner to corner
+        (box(1.0, 0.0), 0.0),  # overlapping
+        (box(1.0, 0.0, 1.0), 0.0),
+        (box(3.0, 5.0, -math.pi / 2), 1.0),  # faces down, its front at y = 2
+        # A corner of a box at 45 degrees points at the front: 3 + 0.5 to the corner.
+        (Box(Pose2(3.5 + math.sqrt(2.0), 0.0, math.pi / 4), 1.0, 1.0, 2.0), 0.5),
+    ],
+)
+def test_box_distance(other: Box, distance_m: float) -> None:
+    assert box_distance(box(0.0, 0.0), other) == pytest.approx(distance_m, abs=1e-12)
+    assert box_distance(other, box(0.0, 0.0)) == pytest.approx(distance_m, abs=1e-12)
+
+
+def test_a_cross_overlaps_though_no_corner_is_inside() -> None:
+    long_x = Box(Pose2(0.0, 0.0, 0.0), 5.0, 5.0, 1.0)
+    long_y = Box(Pose2(0.0, 0.0, math.pi / 2), 5.0, 5.0, 1.0)
+    assert boxes_overlap(long_x, long_y)
+    assert box_distance(long_x, long_y) == 0.0
+
+
+@given(a=boxes, b=boxes)
+def test_distance_is_symmetric_and_zero_exactly_when_overlapping(a: Box, b: Box) -> None:
+    distance = box_distance(a, b)
+    assert distance == pytest.approx(box_distance(b, a), abs=1e-9)
+    assert (distance == 0.0) == boxes_overlap(a, b)
+    centres = math.dist((a.pose.x_m, a.pose.y_m), (b.pose.x_m, b.pose.y_m))
+    assert distance <= centres + 1e-9
+
+
+@given(a=boxes, b=boxes, frame=poses)
+def test_distance_does_not_depend_on_the_frame(a: Box, b: Box, frame: Pose2) -> None:
+    def moved(old: Box) -> Box:
+        x, y = frame.to_parent(old.pose.x_m, old.pose.y_m)
+        return Box(
+            Pose2(x, y, old.pose.yaw_rad + frame.yaw_rad), old.front_m, old.rear_m, old.width_m
+        )
+
+    assert box_distance(moved(a), moved(b)) == pytest.approx(box_distance(a, b), abs=1e-6)
+
+
+# -- polygon --------------------------------------------------------------------------------------
+
+NOTCHED = [(0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (5.0, 4.0), (0.0, 10.0)]
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "inside"),
+    [(5, 1, True), (1, 8, True), (9, 8, True), (5, 5, False), (-1, 1, False), (11, 5, False)],
+)
+def test_point_in_a_notched_polygon(x: float, y: float, inside: bool) -> None:
+    assert point_in_polygon(x, y, NOTCHED) is inside
+    assert point_in_polygon(x, y, NOTCHED[::-1]) is inside
+
+
+def test_nothing_that_is_no_number_is_inside() -> None:
+    assert not point_in_polygon(math.nan, 1.0, NOTCHED)
+    assert not point_in_polygon(5.0, math.nan, NOTCHED)
+
+
+# -- paths ----------------------------------------------------------------------------------------
+
+BENT = Polyline([(0.0, 0.0), (10.0, 0.0), (10.0, 5.0)])
+
+
+def test_stations_and_poses_of_a_bent_path() -> None:
+    assert BENT.length_m == 15.0
+    assert BENT.pose(4.0) == Pose2(4.0, 0.0, 0.0)
+    along = BENT.pose(12.0, 1.0)
+    assert (along.x_m, along.y_m, along.yaw_rad) == pytest.approx((9.0, 2.0, math.pi / 2))
+
+
+def test_a_path_goes_on_straight_beyond_its_ends() -> None:
+    assert BENT.pose(-3.0) == Pose2(-3.0, 0.0, 0.0)
+    end = BENT.pose(17.0)
+    assert (end.x_m, end.y_m) == pytest.approx((10.0, 7.0))
+
+
+@pytest.mark.parametrize(
+    ("point", "station_m", "offset_m"),
+    [
+        ((4.0, 2.0), 4.0, 2.0),
+        ((4.0, -2.0), 4.0, -2.0),
+        ((9.0, 3.0), 13.0, 1.0),
+        ((12.0, 3.0), 13.0, -2.0),
+        ((-3.0, 4.0), 0.0, 5.0),
+    ],
+)
+def test_projection(point: tuple[float, float], station_m: float, offset_m: float) -> None:
+    assert BENT.project(*point) == pytest.approx((station_m, offset_m))
+
+
+@pytest.mark.parametrize(
+    ("point", "station_m", "offset_m"),
+    [
+        ((-3.0, 4.0), -3.0, 4.0),
+        ((9.0, 8.0), 18.0, 1.0),
+        ((12.0, 8.0), 18.0, -2.0),
+        ((4.0, -2.0), 4.0, -2.0),
+        ((10.0, 5.0), 15.0, 0.0),
+        ((0.0, 0.0), 0.0, 0.0),
+    ],
+)
+def test_projection_beyond_the_ends(
+    point: tuple[float, float], station_m: float, offset_m: float
+) -> None:
+    assert BENT.project_beyond(*point) == pytest.approx((station_m, offset_m))
+
+
+@given(station=st.floats(0.0, 15.0), offset=st.floats(-0.5, 0.5))
+def test_projection_undoes_pose_away_from_the_corner(station: float, offset: float) -> None:
+    if abs(station - 10.0) > 1.0:
+        pose = BENT.pose(station, offset)
+        assert BENT.project(pose.x_m, pose.y_m) == pytest.approx((station, offset), abs=1e-6)
+
+
+def test_curvature_of_a_circle() -> None:
+    angles_rad = np.linspace(0.0, math.pi, 181)
+    left = Polyline(np.stack((20 * np.cos(angles_rad), 20 * np.sin(angles_rad)), axis=1))
+    assert left.curvature(left.length_m / 2) == pytest.approx(1 / 20, rel=1e-3)
+    right = Polyline(left.points[::-1])
+    assert right.curvature(right.length_m / 2) == pytest.approx(-1 / 20, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    "points",
+    [
+        [],
+        [(0.0, 0.0)],
+        [(0.0, 0.0), (0.0, 0.0)],
+        [(0.0, 0.0), (math.nan, 1.0)],
+        [(0.0, 0.0), (math.inf, 1.0)],
+        [(0.0, 0.0, 0.0), (1.0, 1.0, 1.0)],
+    ],
+)
+def test_what_is_no_path(points: list[tuple[float, ...]]) -> None:
+    with pytest.raises(ValueError, match="path"):
+        Polyline(points)
+
+
+def test_a_path_keeps_its_own_points() -> None:
+    given_points = np.array([(0.0, 0.0), (1.0, 0.0)])
+    path = Polyline(given_points)
+    given_points[1, 0] = 99.0
+    assert path.pose(1.0).x_m == 1.0
+    assert path.points[1, 0] == 1.0

@@ -1,0 +1,209 @@
+"""Fixtures of the manager's tests: a run on a straight road, and states of its objects."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from ssp_core.run_spec import RunSpec
+from ssp_core.state import DEFAULT_SIZES, ObjectState
+from ssp_core.vocab import ControlState, ObjectClass, Role
+from ssp_scenario_manager.core.readiness import Facts
+from ssp_scenario_manager.core.session import Session
+from ssp_scenario_manager.core.session_machine import SessionEvent
+
+S = 1_000_000_000
+
+
+def _mapping() -> dict[str, Any]:
+    start = {"x_m": 0.0, "y_m": 0.0, "yaw_rad": 0.0}
+    return {
+        "schema": "ssp.run/1",
+        "run_id": "run-1",
+        "scenario": "cut_in",
+        "interaction": "cut_in",
+        "domain": "simulation",
+        "stand_in": False,
+        "event_version": "sha256:event",
+        "site": "straight",
+        "site_version": "sha256:site",
+        "seed": 1,
+        "mode": "lockstep",
+        "road": {
+            "origin": start,
+            "length_m": 300.0,
+            "lanes": [
+                {"y_m": 0.0, "width_m": 3.5, "direction": "forward"},
+                {"y_m": 3.5, "width_m": 3.5, "direction": "forward"},
+            ],
+        },
+        "geofence": [(-10.0, -6.0), (300.0, -6.0), (300.0, 10.0), (-10.0, 10.0)],
+        "vut": {
+            "id": "vut",
+            "object_class": "car",
+            "start": start,
+            "approach": {"path": [(0.0, 0.0), (250.0, 0.0)], "cruise_mps": 10.0},
+        },
+        "driver": {"cruise_mps": 10.0},
+        "targets": [
+            {
+                "id": "ot1",
+                "object_class": "car",
+                "start": {"x_m": 40.0, "y_m": 3.5, "yaw_rad": 0.0},
+                "approach": {"path": [(40.0, 3.5), (250.0, 3.5)], "cruise_mps": 7.0},
+            }
+        ],
+        "triggers": [
+            {
+                "id": "gap",
+                "condition": {"type": "relative_distance", "object_id": "ot1", "below_m": 12.0},
+                "object_id": "ot1",
+                "manoeuvre": {
+                    "kind": "lane_change",
+                    "lateral_shift_m": -3.5,
+                    "duration_s": 2.5,
+                    "cruise_mps": 6.0,
+                },
+            }
+        ],
+        "limits": {"speed_mps": 15.0, "acceleration_mps2": 5.0},
+        "camera": None,
+    }
+
+
+@pytest.fixture
+def run_mapping() -> dict[str, Any]:
+    """A valid run file of a cut-in, to be changed by the test."""
+    return _mapping()
+
+
+@pytest.fixture
+def run(run_mapping: dict[str, Any]) -> RunSpec:
+    """The run of run_mapping."""
+    return RunSpec.model_validate(run_mapping)
+
+
+StateMaker = Callable[..., ObjectState]
+
+
+@pytest.fixture
+def state() -> StateMaker:
+    """Makes states: a car at the origin that stands, but for what is given."""
+
+    def make(
+        object_id: str = "vut", object_class: ObjectClass = ObjectClass.CAR, **given: Any
+    ) -> ObjectState:
+        made = ObjectState(
+            object_id=object_id,
+            object_class=object_class,
+            role=Role.VUT if object_id == "vut" else Role.OT,
+            stamp_ns=0,
+            x_m=0.0,
+            y_m=0.0,
+            yaw_rad=0.0,
+            speed_mps=0.0,
+            acceleration_mps2=0.0,
+            yaw_rate_radps=0.0,
+            size=DEFAULT_SIZES[object_class],
+        )
+        return replace(made, **given)
+
+    return make
+
+
+class Driver:
+    """A session with everything that it needs to hear, moved on by the test."""
+
+    def __init__(self, run: RunSpec, state: StateMaker) -> None:
+        self.run = run
+        self.state = state
+        self.session = Session()
+        self.now_ns = 0
+        self.vut = state("vut")
+        self.targets = {
+            t.id: state(
+                t.id,
+                t.cls,
+                x_m=t.start.x_m,
+                y_m=t.start.y_m,
+                yaw_rad=t.start.yaw_rad,
+                control_state=ControlState.DISARMED,
+            )
+            for t in run.targets
+        }
+        self.ready()
+
+    def ready(self) -> None:
+        """The node's facts: everything fresh."""
+        self.session.facts = Facts(
+            recorder_ready=True,
+            recorder_age_s=0.0,
+            camera_age_s=0.0,
+            vut_age_s=0.0,
+            target_age_s=tuple((t.id, 0.0) for t in self.run.targets),
+        )
+
+    def hear(self, control_state: ControlState | None = None) -> None:
+        """The present states arrive, stamped now."""
+        self.vut = replace(self.vut, stamp_ns=self.now_ns)
+        self.session.on_vut_state(self.vut)
+        for object_id, known in self.targets.items():
+            self.targets[object_id] = replace(
+                known,
+                stamp_ns=self.now_ns,
+                control_state=known.control_state if control_state is None else control_state,
+            )
+            self.session.on_target_state(self.targets[object_id])
+
+    def step(self, dt_ns: int = 20_000_000, control_state: ControlState | None = None) -> None:
+        """Time goes on, states arrive, the session judges them."""
+        self.now_ns += dt_ns
+        self.hear(control_state)
+        self.session.step(self.now_ns)
+
+    def move(self, object_id: str, **changes: Any) -> None:
+        """Changes the state that will be heard next."""
+        if object_id == "vut":
+            self.vut = replace(self.vut, **changes)
+        else:
+            self.targets[object_id] = replace(self.targets[object_id], **changes)
+
+    def command(self, name: str) -> Any:
+        return self.session.command(SessionEvent(name), self.now_ns, "test", "")
+
+    def acknowledge(self) -> list[Any]:
+        """Accepts every reference in the outbox, empties it and returns what was in it."""
+        sent, self.session.outbox = self.session.outbox, []
+        for fact in sent:
+            reference = getattr(fact, "reference", None)
+            if reference is not None:
+                self.session.on_ack(reference.reference_id, True, 0, "", self.now_ns)
+        return sent
+
+    def until(self, phase: str) -> None:
+        """Brings a fresh session to LOADED, CONNECTED, ARMED or RUNNING."""
+        self.session.load(self.run, self.now_ns)
+        for command in ("connect", "arm", "start"):
+            if self.session.state.name == phase:
+                return
+            armed = command == "start"
+            self.hear(ControlState.ARMED if armed else ControlState.DISARMED)
+            answer = self.command(command)
+            if not answer.accepted:
+                raise AssertionError(answer)
+        self.hear(ControlState.RUNNING)
+
+
+@pytest.fixture
+def driver(run: RunSpec, state: StateMaker) -> Driver:
+    """A new session for the run."""
+    return Driver(run, state)
+
+
+@pytest.fixture
+def make_driver(state: StateMaker) -> Callable[[RunSpec], Driver]:
+    """Makes sessions for runs."""
+    return lambda run: Driver(run, state)

@@ -1,0 +1,198 @@
+"""Phases of events that the test lets happen: their order, and when each begins."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+
+from ssp_core.geometry import Polyline, Pose2
+from ssp_core.run_spec import ConflictThresholds
+from ssp_core.state import ObjectState
+from ssp_core.vocab import ObjectClass, Phase
+from ssp_scenario_manager.core.phases import PhaseStart, PhaseWatch, watch_phases
+
+MS = 1_000_000
+STEP_NS = 20 * MS
+THRESHOLDS = ConflictThresholds(ttc_s=2.5, arrival_gap_s=1.5)
+StateMaker = Callable[..., ObjectState]
+Pair = tuple[ObjectState, ObjectState]
+
+FRAMES = [Pose2(0.0, 0.0, 0.0), Pose2(512.0, -240.0, math.radians(37.0))]
+
+
+def play(pairs: list[Pair], frame: Pose2) -> list[tuple[Phase, int]]:
+    """Phases and their stamps in ms; the scene is turned into a frame of the map."""
+    path = Polyline([frame.to_parent(-10.0, 0.0), frame.to_parent(400.0, 0.0)])
+    watch, begun = PhaseWatch(), []
+
+    def turned(old: ObjectState) -> ObjectState:
+        x, y = frame.to_parent(old.x_m, old.y_m)
+        return replace(old, x_m=x, y_m=y, yaw_rad=old.yaw_rad + frame.yaw_rad)
+
+    for vut, target in pairs:
+        watch, start = watch_phases(watch, turned(vut), turned(target), path, THRESHOLDS)
+        if start is not None:
+            assert isinstance(start, PhaseStart)
+            assert start.evidence
+            begun.append((start.phase, start.stamp_ns // MS))
+    return begun
+
+
+def drive(
+    state: StateMaker,
+    seconds: float,
+    vut: Callable[[float], tuple[float, float]],
+    target: Callable[[float], tuple[float, float, float, float]],
+    object_class: ObjectClass = ObjectClass.CAR,
+) -> list[Pair]:
+    """vut(t) gives x and speed; target(t) gives x, y, speed along x, speed along y."""
+    pairs = []
+    for k in range(round(seconds * 1000 * MS / STEP_NS)):
+        t = k * STEP_NS / 1e9
+        x, v = vut(t)
+        tx, ty, vx, vy = target(t)
+        pairs.append(
+            (
+                state("vut", stamp_ns=k * STEP_NS, x_m=x, speed_mps=v),
+                state(
+                    "ot1",
+                    object_class,
+                    stamp_ns=k * STEP_NS,
+                    x_m=tx,
+                    y_m=ty,
+                    speed_mps=math.hypot(vx, vy),
+                    yaw_rad=math.atan2(vy, vx),
+                ),
+            )
+        )
+    return pairs
+
+
+def ramp(t: float, start_s: float, end_s: float, rate: float) -> float:
+    """Integral of a rate that holds from start_s to end_s."""
+    return rate * min(max(t - start_s, 0.0), end_s - start_s)
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+def test_cut_in(state: StateMaker, frame: Pose2) -> None:
+    """VUT at 10 m/s, OT at 8 m/s in the left lane; from 3.0 s to 6.5 s it moves right at 1 m/s.
+
+    Meanwhile its heading is atan(1/8), which takes its front right corner 0.447 + 0.893 m to the
+    right of its reference point: 0.960 m from the VUT's corridor (0.9 + 0.3 m) at 3.0 s. The bumper
+    gap is then 14 m less 0.105 m for the turned rear, so the VUT needs (13.9 + 8 * 0.96) / 10 s to
+    the zone, which moves on with the OT, 1.2 s more than the OT: in conflict at once.
+    In the corridor, from 3.9604 s on, only TTC counts, and that is 12 m / 2 m/s and falls to 4 s at
+    8 s, when the VUT slows down to the OT's speed.
+    """
+
+    def vut(t: float) -> tuple[float, float]:
+        return (10.0 * t, 10.0) if t < 8.0 else (80.0 + 8.0 * (t - 8.0), 8.0)
+
+    def target(t: float) -> tuple[float, float, float, float]:
+        y = 3.5 - ramp(t, 3.0, 6.5, 1.0)
+        return 24.5 + 8.0 * t, y, 8.0, -1.0 if 3.0 <= t < 6.5 else 0.0
+
+    phases = play(drive(state, 11.0, vut, target), frame)
+    assert [p for p, _ in phases] == [Phase.TRIGGER, Phase.CONFLICT, Phase.RESOLUTION]
+    stamps = [t for _, t in phases]
+    assert stamps[0] == 3000
+    assert stamps[1] == 3020  # the first instant after the trigger
+    assert stamps[2] == 3980
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_crossing(state: StateMaker, frame: Pose2, side: float) -> None:
+    """A walker at x = 60 steps off at 2.0 s from 4 m beside the path, at 1.5 m/s.
+
+    The VUT drives 10 m/s and brakes at 4 m/s^2 from 3.2 s on, to stand with its front at 48.1 m.
+    TTC is under 2.5 s when less than 25 m are left to the walker's side at 59.75 m, with the front
+    at 34.75 m, from 3.115 s on. The walker is in the corridor (after 2.55 m) from 3.7 s on; until
+    then it would arrive 1.9 s before the VUT, which is no conflict. After braking for b seconds TTC
+    is (24.15 - 10 b + 2 b^2) / (10 - 4 b), over 2.5 s again from b = 0.652 s on.
+    """
+
+    def vut(t: float) -> tuple[float, float]:
+        braking = min(max(t - 3.2, 0.0), 2.5)
+        return 10.0 * min(t, 3.2) + 10.0 * braking - 2.0 * braking**2, 10.0 - 4.0 * braking
+
+    def target(t: float) -> tuple[float, float, float, float]:
+        walked = ramp(t, 2.0, 7.0, 1.5)
+        return 60.0, side * (4.0 - walked), 0.0, -side * (1.5 if 2.0 <= t < 7.0 else 0.0)
+
+    pairs = drive(state, 9.0, vut, target, ObjectClass.PEDESTRIAN)
+    assert play(pairs, frame) == [
+        (Phase.TRIGGER, 2000),
+        (Phase.CONFLICT, 3120),
+        (Phase.RESOLUTION, 3860),
+    ]
+
+
+def test_conflict_before_any_lateral_motion_is_none(state: StateMaker) -> None:
+    """Two cars that close in on each other in one lane: no manoeuvre, so no event."""
+    pairs = drive(state, 6.0, lambda t: (10.0 * t, 10.0), lambda t: (45.0 + 4 * t, 0.0, 4.0, 0.0))
+    assert play(pairs, FRAMES[0]) == []
+
+
+@pytest.mark.parametrize(("lateral_mps", "seen"), [(0.19, False), (0.21, True)])
+def test_the_trigger_needs_lateral_speed(state: StateMaker, lateral_mps: float, seen: bool) -> None:
+    pairs = drive(
+        state,
+        2.0,
+        lambda t: (10.0 * t, 10.0),
+        lambda t: (80.0 + 10 * t, 3.5 - lateral_mps * t, 10.0, -lateral_mps),
+    )
+    assert [p for p, _ in play(pairs, FRAMES[0])] == ([Phase.TRIGGER] if seen else [])
+
+
+def test_moving_away_is_no_trigger(state: StateMaker) -> None:
+    pairs = drive(
+        state, 2.0, lambda t: (10.0 * t, 10.0), lambda t: (80.0 + 10 * t, 3.5 + t, 10.0, 1.0)
+    )
+    assert play(pairs, FRAMES[0]) == []
+
+
+@pytest.mark.parametrize(("twitch_steps", "seen"), [(10, False), (11, True)])
+def test_the_trigger_must_stay_for_its_confirmation(
+    state: StateMaker, twitch_steps: int, seen: bool
+) -> None:
+    """0.2 s from the first to the confirming sample: eleven samples of 20 ms."""
+    stop_s = 1.0 + twitch_steps * 0.02 - 0.01
+
+    def target(t: float) -> tuple[float, float, float, float]:
+        return 80.0 + 10 * t, 3.5, 10.0, -1.0 if 0.999 < t < stop_s else 0.0
+
+    phases = play(drive(state, 3.0, lambda t: (10.0 * t, 10.0), target), FRAMES[0])
+    assert phases == ([(Phase.TRIGGER, 1000)] if seen else [])
+
+
+def test_a_conflict_during_an_unconfirmed_twitch_is_forgotten(state: StateMaker) -> None:
+    def target(t: float) -> tuple[float, float, float, float]:
+        moving = 0.999 < t < 1.1 or t > 2.999
+        return 24.5 + 8.0 * t, 3.5, 8.0, -1.0 if moving else 0.0
+
+    phases = play(drive(state, 3.5, lambda t: (10.0 * t, 10.0), target), FRAMES[0])
+    assert phases == [(Phase.TRIGGER, 3000), (Phase.CONFLICT, 3020)]
+
+
+def test_an_interrupted_resolution_counts_from_its_last_beginning(state: StateMaker) -> None:
+    """Over for 0.9 s, in conflict again, then over for good."""
+
+    def target(t: float) -> tuple[float, float, float, float]:
+        lateral = -1.0 if t >= 1.0 else 0.0
+        if 2.0 <= t < 2.9 or t >= 3.5:
+            lateral = 0.0
+        return 22.5 + 8.0 * t, 3.5, 8.0, lateral
+
+    phases = play(drive(state, 6.0, lambda t: (10.0 * t, 10.0), target), FRAMES[0])
+    assert phases == [(Phase.TRIGGER, 1000), (Phase.CONFLICT, 1020), (Phase.RESOLUTION, 3500)]
+
+
+def test_after_resolution_nothing_more_happens(state: StateMaker) -> None:
+    watch = PhaseWatch(Phase.RESOLUTION)
+    path = Polyline([(0.0, 0.0), (100.0, 0.0)])
+    after = watch_phases(watch, state("vut"), state("ot1", x_m=6.0), path, THRESHOLDS)
+    assert after == (watch, None)

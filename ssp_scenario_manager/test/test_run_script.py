@@ -1,0 +1,122 @@
+"""The steps of a run_scenario goal, and that it always comes to an end."""
+
+from __future__ import annotations
+
+import pytest
+
+from ssp_core.vocab import SessionPhase as P
+from ssp_scenario_manager.core.run_script import PATIENCE_S, RunScript
+from ssp_scenario_manager.core.session import Answer
+from ssp_scenario_manager.core.session_machine import SessionEvent as E
+
+S = 1_000_000_000
+YES = Answer(True)
+LATE = int(PATIENCE_S * S)
+
+
+def no(*missing: str) -> Answer:
+    return Answer(False, 2, "; ".join(missing), missing)
+
+
+def begun() -> RunScript:
+    script = RunScript("run.yaml", 0)
+    assert script.next(P.IDLE, 0) is E.LOAD
+    script.on_answer(YES)
+    return script
+
+
+def test_the_whole_way() -> None:
+    script = begun()
+    assert script.next(P.LOADED, 1) is E.CONNECT
+    script.on_answer(no("no state of ot1 arrives"))
+    assert script.next(P.LOADED, 2) is E.CONNECT
+    script.on_answer(YES)
+    assert script.next(P.CONNECTED, 3) is E.ARM
+    script.on_answer(YES)
+    assert script.next(P.ARMED, 4) is E.START
+    script.on_answer(YES)
+    for state in (P.RUNNING, P.STOPPING, P.RUNNING, P.ABORTING):
+        assert script.next(state, 1000 * S) is None
+        assert not script.finished
+    assert script.next(P.FINISHED, 1001 * S) is None
+    assert (script.finished, script.problems, script.begun) == (True, (), True)
+    assert script.next(P.IDLE, 1002 * S) is None
+
+
+def test_a_loaded_session_gets_this_goals_own_file() -> None:
+    assert RunScript("run.yaml", 0).next(P.LOADED, 0) is E.LOAD
+
+
+@pytest.mark.parametrize("state", [p for p in P if p not in (P.UNKNOWN, P.IDLE, P.LOADED)])
+def test_a_session_that_is_elsewhere_is_not_taken_over(state: P) -> None:
+    """Most of all a finished one: its verdict belongs to another run."""
+    script = RunScript("run.yaml", 0)
+    assert script.next(state, 0) is None
+    assert script.finished
+    assert not script.begun
+    assert script.problems == (
+        f"the session is {state.name} already; reset it or clear its abort first",
+    )
+
+
+def test_a_file_that_cannot_be_loaded_is_final() -> None:
+    script = RunScript("run.yaml", 0)
+    script.next(P.IDLE, 0)
+    script.on_answer(no("triggers[0]: …", "triggers[1]: …"))
+    assert script.finished
+    assert not script.begun
+    assert script.problems == ("triggers[0]: …", "triggers[1]: …")
+
+
+def test_patience_ends_with_what_was_missing_last() -> None:
+    script = begun()
+    assert script.next(P.LOADED, 0) is E.CONNECT
+    script.on_answer(no("no state of the VUT arrives", "no state of ot1 arrives"))
+    assert script.next(P.LOADED, LATE) is E.CONNECT
+    script.on_answer(no("no state of ot1 arrives"))
+    assert script.next(P.LOADED, LATE + 1) is None
+    assert script.problems == ("no state of ot1 arrives",)
+
+
+def test_patience_counts_anew_after_progress_only() -> None:
+    script = begun()
+    script.next(P.LOADED, 0)
+    assert script.next(P.CONNECTED, LATE) is E.ARM
+    # It arms and falls back, again and again.
+    now_ns = LATE
+    while not script.finished:
+        now_ns += S
+        script.on_answer(YES)
+        if script.next(P.ARMED, now_ns) is E.START:
+            script.on_answer(no("ot1 is PRE_ARMING, not ARMED"))
+        now_ns += S
+        script.on_setback("ot1 did not arm in 3 s")
+        script.next(P.CONNECTED, now_ns)
+        assert now_ns < 4 * LATE
+    assert script.problems == ("ot1 did not arm in 3 s",)
+
+
+def test_without_any_answer_it_says_what_was_not_possible() -> None:
+    script = begun()
+    script.next(P.LOADED, 0)
+    script.next(P.LOADED, LATE + 1)
+    assert script.problems == ("connect was not possible in 20 s",)
+
+
+def test_an_abort_ends_it_with_or_without_a_standstill() -> None:
+    script = begun()
+    assert script.next(P.ABORTING, 0) is None
+    assert not script.finished
+    script.standstill_unconfirmed()
+    script.next(P.ABORTING, 1)
+    assert script.finished
+    script = begun()
+    script.next(P.ABORTED, 0)
+    assert script.finished
+
+
+def test_a_reset_by_somebody_else_ends_it() -> None:
+    script = begun()
+    script.next(P.LOADED, 0)
+    assert script.next(P.IDLE, 1) is None
+    assert script.problems == ("the session was reset by somebody else",)
