@@ -45,8 +45,9 @@ from ssp_msgs.msg import ObjectState as ObjectStateMsg
 from ssp_msgs.msg import RecorderStatus, ReferenceAck, SessionState, WorldTick
 from ssp_msgs.msg import Reference as ReferenceMsg
 from ssp_msgs.srv import LoadScenario, ObjectCommand, SessionCommand
+from ssp_scenario_manager.resolve import resolve_run
 from ssp_scenario_manager.runner.session import PROFILE
-from ssp_scenario_manager.scenario import load_scenario, load_site, resolve_run
+from ssp_scenario_manager.scenario import load_scenario, load_site
 
 TARGETS = 20
 PERIOD_S = 0.01

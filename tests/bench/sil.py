@@ -21,8 +21,9 @@ from ssp_scenario_manager.core import outbox
 from ssp_scenario_manager.core.readiness import Facts
 from ssp_scenario_manager.core.session import Session
 from ssp_scenario_manager.core.session_machine import SessionEvent
+from ssp_scenario_manager.resolve import resolve_run
 from ssp_scenario_manager.runner.session import run_session
-from ssp_scenario_manager.scenario import load_scenario, load_site, resolve_run
+from ssp_scenario_manager.scenario import load_scenario, load_site
 
 
 def make_run() -> RunSpec:

@@ -11,7 +11,8 @@ import click
 
 from ssp_core import console
 from ssp_core.errors import InputError
-from ssp_scenario_manager.scenario import load_scenario, load_site, resolve_run
+from ssp_scenario_manager.resolve import resolve_run
+from ssp_scenario_manager.scenario import load_scenario, load_site
 
 
 @click.command()
