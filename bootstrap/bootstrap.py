@@ -52,7 +52,8 @@ def run(command: list[str], what: str, env: dict[str, str] | None = None) -> Non
         result = subprocess.run(command, stdout=log, stderr=log, env=env, check=False)
     if result.returncode != 0:
         tail = LOG.read_text(errors="replace").splitlines()[-25:]
-        raise BootstrapError(f"{what} failed; the end of {LOG.relative_to(ROOT)}:\n" + "\n".join(tail))
+        place = LOG.relative_to(ROOT)
+        raise BootstrapError(f"{what} failed; the end of {place}:\n" + "\n".join(tail))
 
 
 def missing_apt_packages() -> list[str]:

@@ -17,9 +17,11 @@ setup(
     ],
     zip_safe=True,
     license="Apache-2.0",
-    entry_points={"console_scripts": [
-        "sil_world = ssp_ot_controller.sil.node:main",
-        "front_camera = ssp_ot_controller.camera.node:main",
-        "object_target = ssp_ot_controller.target.node:main",
-    ]},
+    entry_points={
+        "console_scripts": [
+            "sil_world = ssp_ot_controller.sil.node:main",
+            "front_camera = ssp_ot_controller.camera.node:main",
+            "object_target = ssp_ot_controller.target.node:main",
+        ]
+    },
 )

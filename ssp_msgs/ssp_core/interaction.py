@@ -29,7 +29,8 @@ class Encounter:
         clearance_m: distance of the object from the VUT's corridor, 0 when inside it.
         towards_mps: lateral speed towards the middle of the corridor, negative when leaving.
         along_mps: speed of the object along the VUT's path.
-        ttc_s: bumper gap over closing speed, +inf while not closing or when the object is behind.
+        ttc_s: bumper gap over closing speed, +inf while not closing, when the object is behind, and
+            while it is outside the VUT's corridor and doesn't move towards it.
         vut_arrival_s: until the VUT's front reaches the conflict zone at its present speed.
         object_arrival_s: until the object reaches the VUT's corridor, 0 when inside, +inf when it
             doesn't move towards it.
@@ -89,15 +90,13 @@ def encounter(vut: ObjectState, other: ObjectState, path: Polyline) -> Encounter
     gap = nearest - front
     closing = vut.speed_mps - along
     ttc = gap / closing if closing > _SLOWEST_MPS and gap >= 0.0 else math.inf
-    if farthest < vut_station - vut.size.rear_m:
-        ttc = math.inf
-
     if clearance == 0.0:
         object_arrival = 0.0
     elif towards > _SLOWEST_MPS:
         object_arrival = clearance / towards
     else:
         object_arrival = math.inf
+        ttc = math.inf
     vut_arrival = math.inf
     if math.isfinite(object_arrival) and vut.speed_mps > _SLOWEST_MPS:
         zone_start = nearest + along * object_arrival - front

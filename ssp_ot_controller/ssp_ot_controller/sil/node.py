@@ -19,6 +19,7 @@ from ssp_core.safety_codes import MEANINGS, SafetyCode
 from ssp_core.vocab import SessionPhase
 from ssp_msgs.msg import (
     ActuatorCommand,
+    Heartbeat,
     ObjectState,
     SafetyEvent,
     SessionState,
@@ -66,6 +67,7 @@ class SilWorld(Node):
         self._commands: dict[str, tuple[int, Command]] = {}
         self._session = SessionPhase.UNKNOWN
         self._heartbeat = 0
+        self._heartbeat_arrived_ns = time.monotonic_ns()
         self._vut_states_sent = 0
         self._running = False
         self._over = False
@@ -83,6 +85,7 @@ class SilWorld(Node):
         self._pub_safety = pub(SafetyEvent, names.SAFETY_EVENT, ros.LATCHED)
         sub(StepDone, names.STEP_DONE, self._on_done, ros.STATE)
         sub(ActuatorCommand, names.ACTUATOR_COMMAND, self._on_command, ros.COMMAND)
+        sub(Heartbeat, names.HEARTBEAT, self._on_heartbeat, ros.STATE)
         sub(SessionState, names.SESSION_STATE, self._on_session, ros.LATCHED)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(HOLD_PERIOD_S, self._on_hold_timer, clock=steady)
@@ -100,6 +103,9 @@ class SilWorld(Node):
         )
         self._barrier.on_command(message.object_id, message.step)
         self._go_on()
+
+    def _on_heartbeat(self, message: Heartbeat) -> None:
+        self._heartbeat_arrived_ns = time.monotonic_ns()
 
     def _on_done(self, message: StepDone) -> None:
         self._barrier.on_done(message.participant, message.step)
@@ -129,7 +135,7 @@ class SilWorld(Node):
             self._step()
 
     def _step(self) -> None:
-        manager_lost = names.SCENARIO_MANAGER in self._barrier.dropped
+        manager_lost = self._manager_lost()
         drive_vut = self._session is SessionPhase.RUNNING and not manager_lost
         self._world.advance(self._commands, drive_vut)
         self._waiting_since_ns = time.monotonic_ns()
@@ -144,6 +150,13 @@ class SilWorld(Node):
             self._vut_reported = arrived
             self._pub_vut.publish(state_to_msg(arrived))
         self._publish_tick()
+
+    def _manager_lost(self) -> bool:
+        """The VUT's driver stops when nobody leads the session any more."""
+        if self._lockstep:
+            return names.SCENARIO_MANAGER in self._barrier.dropped
+        silence_s = (time.monotonic_ns() - self._heartbeat_arrived_ns) / NS_PER_S
+        return silence_s > self._run.limits.heartbeat_s
 
     def _on_pace_timer(self) -> None:
         """Realtime: one step a period, and the truth about falling behind."""
