@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ssp_core.bag import BagWriter
+from ssp_core.bag.types import serialize, typestore
 from ssp_core.errors import InputError
 from ssp_core.vocab import Verdict
 from ssp_eval.evaluate.clip import Clip, NoQuestion, Preprocessing, Question
@@ -143,3 +147,48 @@ def test_ground_truth_of_a_session(make_bag: BagMaker) -> None:
     assert truth.start_s == 0.0
     assert truth.end_s == pytest.approx(8.9)
     assert truth.hfov_rad == pytest.approx(math.radians(75.0))
+
+
+def imported(path: Path, ego: str, frames: int = 30) -> Path:
+    """A bag as `ssp import-video` writes it, with or without declared motion."""
+    types = typestore().types
+    facts = {
+        "schema": "ssp.import/1",
+        "source": {"name": "a.mp4", "sha256": "sha256:0", "width_px": 8, "height_px": 8},
+        "crop": {"start_s": 0.0, "end_s": 3.0},
+        "generator": "made up",
+        "domain": "synthetic",
+        "scenario": None,
+        "event_version": None,
+        "ego": {"provenance": ego, "speed_mps": 10.0 if ego == "declared" else None},
+        "camera": {"provenance": "unknown", "hfov_deg": None, "height_m": None,
+                   "pitch_down_rad": None},
+    }  # fmt: skip
+    with BagWriter(path) as writer:
+        writer.attach("import.json", json.dumps(facts).encode(), "application/json")
+        topic = "/ssp/vut/front_camera/image/compressed"
+        writer.add_topic(topic, "sensor_msgs/msg/CompressedImage")
+        jpeg = cv2.imencode(".jpg", np.zeros((8, 8, 3), np.uint8))[1].tobytes()
+        for k in range(frames):
+            stamp_ns = 10**9 + k * 10**8
+            time = types["builtin_interfaces/msg/Time"](stamp_ns // 10**9, stamp_ns % 10**9)
+            header = types["std_msgs/msg/Header"](stamp=time, frame_id="camera")
+            image = types["sensor_msgs/msg/CompressedImage"](
+                header=header, format="jpeg", data=np.frombuffer(jpeg, np.uint8)
+            )
+            writer.write(topic, serialize(image), stamp_ns, stamp_ns)
+    return path
+
+
+def test_an_imported_video_starts_at_its_first_frame(tmp_path: Path) -> None:
+    with Clip(imported(tmp_path / "video", "unknown")) as clip:
+        facts = clip.provenance
+        assert (facts.verdict, facts.refusal, facts.scenario) == (None, None, None)
+        assert (clip.first_s, clip.start_ns) == (0.0, 10**9)
+        request = asked(clip, 1.0).request
+    # Nothing is known about the motion or the camera, and nothing is made up.
+    assert request.history == ()
+    assert request.ego_provenance == "unknown"
+    assert request.camera is None
+    with pytest.raises(InputError, match="holds no ground truth"):
+        truth_from_bag(tmp_path / "video")

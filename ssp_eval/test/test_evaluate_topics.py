@@ -5,17 +5,24 @@ from __future__ import annotations
 import json
 import os
 import signal
+import subprocess
+import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+import click
 import pytest
 
+from ssp_core.domains import free_domain
+from ssp_core.errors import InputError
+from ssp_core.processes import ProcessGroup, session_environment
 from ssp_eval.evaluate.asker import Asker, Ignored, ModelSpec, Reply, bridge_spec
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.cli import evaluate as evaluate_command
-from ssp_eval.evaluate.topics import TopicAsker, TopicAskers
+from ssp_eval.evaluate.cli import model_specs
+from ssp_eval.evaluate.topics import BRIDGE_MODULE, PROFILE, TopicAsker, TopicAskers
 from ssp_vla_bridge.core.request import Request
 
 BagMaker = Callable[..., Path]
@@ -105,3 +112,33 @@ def test_a_bridge_that_can_t_start_fails_its_cell_only(make_bag: BagMaker, tmp_p
         )
     assert [result.status for result in results] == ["failed", "ok"]
     assert "no such backend" in results[0].reasons[0]
+
+
+@pytest.mark.ros
+def test_an_attached_bridge_outlives_its_evaluations(make_bag: BagMaker, tmp_path: Path) -> None:
+    bag = make_bag()
+    with free_domain() as domain_id:
+        environment = session_environment(domain_id, PROFILE)
+        command = [sys.executable, "-m", "ssp_core.cli", "evaluate", str(bag), "--propose-labels"]
+        with ProcessGroup(environment, tmp_path / "logs") as group:
+            bridge = group.start_node("mine", BRIDGE_MODULE, {"model": "constant_velocity"})
+            for attempt in range(2):
+                out = tmp_path / f"out{attempt}"
+                run = subprocess.run(
+                    [*command, "--attach", "constant_velocity", "--out", str(out), "--json"],
+                    env=environment, capture_output=True, text=True, timeout=60, check=False,
+                )  # fmt: skip
+                assert run.returncode == 0, run.stderr
+                assert json.loads(run.stdout)["missing"] == 0
+                assert bridge.returncode is None
+
+
+def test_started_and_attached_bridges_don_t_mix() -> None:
+    with pytest.raises(click.UsageError, match="run twice"):
+        model_specs(["silent"], ["mine"])
+    with pytest.raises(click.UsageError, match="stands 2 times"):
+        model_specs(["silent", "silent={}"], [])
+    with pytest.raises(click.UsageError, match="name a model"):
+        model_specs([], [])
+    with pytest.raises(InputError, match="no name for a topic"):
+        model_specs(["a b"], [])

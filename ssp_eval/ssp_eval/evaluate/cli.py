@@ -94,9 +94,14 @@ def model_specs(bridges: Sequence[str], attached: Sequence[str]) -> list[ModelSp
     """The models of a campaign.
 
     Raises:
-        click.UsageError: there are none, or one stands twice.
+        click.UsageError: there are none, one stands twice, or some are attached and others not.
         InputError: a bridge's options are no JSON object.
     """
+    if bridges and attached:
+        raise click.UsageError(
+            "--bridge starts bridges in a ROS domain of their own, --attach stays in yours; run "
+            "twice into the same --out"
+        )
     models = [bridge_spec(text) for text in bridges]
     models += [ModelSpec(name, attached=True) for name in attached]
     if not models:

@@ -170,7 +170,7 @@ class TopicAskers:
     Args:
         log_dir: for the bridges' output.
         timeout_s: for one answer.
-        attached: some bridge runs already: stay in the domain that the environment names.
+        attached: the bridges run already, in the domain that the environment names.
     """
 
     def __init__(self, log_dir: Path, timeout_s: float, attached: bool) -> None:
@@ -222,12 +222,13 @@ class TopicAskers:
 
     def _open(self) -> Transport:
         if self._transport is None:
-            environment = dict(os.environ)
             if not self._attached:
+                # Not in somebody else's domain: leaving a process group removes what is left of
+                # the domain's shared memory, whoever uses it.
                 domain_id = self._stack.enter_context(free_domain())
                 environment = session_environment(domain_id, PROFILE)
-            self._stack.enter_context(_variables(environment))
-            self._group = self._stack.enter_context(ProcessGroup(environment, self._log_dir))
+                self._stack.enter_context(_variables(environment))
+                self._group = self._stack.enter_context(ProcessGroup(environment, self._log_dir))
             try:
                 node = importlib.import_module("ssp_eval.evaluate.node")
             except ImportError as error:
@@ -241,7 +242,7 @@ class TopicAskers:
 
     def _start(self, model: str, options: str) -> NodeProcess:
         if self._group is None:
-            raise ValueError("bridges are started after the transport was opened")
+            raise ValueError("bridges are started in a domain of their own, or not at all")
         parameters: dict[str, object] = {"model": model, "timeout_s": float(self._timeout_s)}
         if options != "{}":
             # Parameter values are read as YAML; the quoted text stays one string.
