@@ -37,6 +37,12 @@ VERBS: dict[str, tuple[str, str]] = {
 }
 
 
+# What a researcher's machine, on which records are only scored, may do without.
+NOT_EVERYWHERE = frozenset(
+    {"rclpy", "ssp_msgs", "sensor_msgs", "builtin_interfaces", "libsumo", "numba"}
+)
+
+
 class VerbGroup(click.Group):
     """Loads a verb's command on demand."""
 
@@ -79,6 +85,16 @@ def main(args: list[str] | None = None) -> int:
     except click.ClickException as error:
         error.show()
         return error.exit_code
+    except ModuleNotFoundError as error:
+        if (error.name or "").split(".")[0] not in NOT_EVERYWHERE:
+            raise
+        from ssp_core.console import report_error
+
+        report_error(
+            f"{error.name} is not installed here, and this command needs it; start it through "
+            "./ssp in the source tree, or source a ROS 2 Jazzy workspace (`ssp doctor` says more)"
+        )
+        return 1
     except SspError as error:
         from ssp_core.console import report_error
 

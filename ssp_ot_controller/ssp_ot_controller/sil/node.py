@@ -85,11 +85,11 @@ class SilWorld(Node):
         self._pub_safety = pub(SafetyEvent, names.SAFETY_EVENT, ros.LATCHED)
         sub(StepDone, names.STEP_DONE, self._on_done, ros.STATE)
         sub(ActuatorCommand, names.ACTUATOR_COMMAND, self._on_command, ros.COMMAND)
-        sub(Heartbeat, names.HEARTBEAT, self._on_heartbeat, ros.STATE)
         sub(SessionState, names.SESSION_STATE, self._on_session, ros.LATCHED)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(HOLD_PERIOD_S, self._on_hold_timer, clock=steady)
         if not self._lockstep:
+            sub(Heartbeat, names.HEARTBEAT, self._on_heartbeat, ros.STATE)
             self.create_timer(self._run.step_s, self._on_pace_timer, clock=steady)
 
     # -- what arrives --------------------------------------------------------------------------
