@@ -116,7 +116,7 @@ def test_what_must_be_said_is_said(campaign: Path) -> None:
 def test_controls_and_refused_cells_enter_no_mean(campaign: Path) -> None:
     page = write_report(campaign).read_text()
     means = page.split('<section id="means">')[1].split("</section>")[0]
-    assert "constant velocity" in means
+    assert "constant_velocity" in means
     assert "perfect" not in means
     assert "vru crossing" not in means
     drawn = matrix(load_cells(campaign))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from ssp_core.vocab import DOMAINS
 from ssp_eval.report.load import CellData
 from ssp_eval.score import STAGES
 from ssp_eval.score.aggregate import (
@@ -90,12 +91,17 @@ def mean_tables(cells: Sequence[Cell]) -> list[MeanTable]:
     tables = []
     for title, keys in _GROUPINGS:
         rows = []
-        for group, by_metric in means(cells, keys).items():
+        for group, by_metric in sorted(means(cells, keys).items(), key=lambda g: _order(g[0])):
             n = by_metric["ivcs"].n
             values = tuple(_mean_cell(by_metric[key], n, key) for key, _ in MEAN_COLUMNS)
             rows.append(MeanRow(group, n, values))
         tables.append(MeanTable(title, keys, tuple(rows)))
     return tables
+
+
+def _order(group: tuple[str, ...]) -> list[tuple[int, str]]:
+    """Domains in their own order, everything else by name."""
+    return [(DOMAINS.index(key) if key in DOMAINS else len(DOMAINS), key) for key in group]
 
 
 def _mean_cell(found: Mean, n: int, key: str) -> MeanCell:
