@@ -16,10 +16,11 @@ from ssp_core.bag import BagMessage, BagReader
 from ssp_core.bag.types import serialize, typestore
 from ssp_core.clock import NS_PER_S
 from ssp_core.errors import InputError
+from ssp_core.messages import leading_stamp_ns
 from ssp_core.run_spec import RunSpec
 from ssp_monitor.core.losses import SequenceGaps
 from ssp_monitor.core.recorder import FLUSH_S, Recorder
-from ssp_monitor.core.stamps import SimulatedTime, begins_with_stamp, leading_stamp_ns
+from ssp_monitor.core.stamps import SimulatedTime, begins_with_stamp
 from ssp_monitor.core.topics import CLOCK_TYPE, Profile, TopicSpec, bag_topics, uses_simulated_time
 
 CLOCK = TopicSpec("/clock", CLOCK_TYPE, Profile.STATE)

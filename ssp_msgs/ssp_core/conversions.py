@@ -5,8 +5,7 @@ from __future__ import annotations
 from ssp_core.names import MAP_FRAME
 from ssp_core.reference import Reference, ReferencePoint
 from ssp_core.ros import ns_from_stamp, stamp_from_ns
-from ssp_core.state import ObjectState, Size
-from ssp_core.vocab import ControlState, ObjectClass, Role
+from ssp_core.state import ObjectState
 from ssp_msgs.msg import ObjectState as ObjectStateMsg
 from ssp_msgs.msg import Reference as ReferenceMsg
 from ssp_msgs.msg import ReferencePoint as ReferencePointMsg
@@ -38,30 +37,6 @@ def state_to_msg(state: ObjectState) -> ObjectStateMsg:
     message.error_lateral = state.error_lateral_m
     message.error_yaw = state.error_yaw_rad
     return message
-
-
-def state_from_msg(message: ObjectStateMsg) -> ObjectState:
-    """A state of ObjectState.msg. Raises ValueError for a class, role or state without a name."""
-    return ObjectState(
-        object_id=message.object_id,
-        object_class=ObjectClass(message.object_class),
-        role=Role(message.role),
-        stamp_ns=ns_from_stamp(message.header.stamp),
-        x_m=message.x,
-        y_m=message.y,
-        yaw_rad=message.yaw,
-        speed_mps=message.speed,
-        acceleration_mps2=message.acceleration,
-        yaw_rate_radps=message.yaw_rate,
-        size=Size(message.front, message.rear, message.width, message.height),
-        sequence=message.sequence,
-        control_state=ControlState(message.control_state),
-        position_std_m=message.position_std,
-        reference_id=message.reference_id,
-        error_longitudinal_m=message.error_longitudinal,
-        error_lateral_m=message.error_lateral,
-        error_yaw_rad=message.error_yaw,
-    )
 
 
 def reference_to_msg(reference: Reference) -> ReferenceMsg:

@@ -26,6 +26,7 @@ from rclpy.signals import SignalHandlerOptions
 from ssp_core.clock import NS_PER_S
 from ssp_core.console import report_error
 from ssp_core.errors import SspError
+from ssp_core.messages import stamp_ns
 from ssp_core.names import NAMESPACE
 
 
@@ -50,8 +51,7 @@ def stamp_from_ns(ns: int) -> TimeMsg:
     return TimeMsg(sec=ns // NS_PER_S, nanosec=ns % NS_PER_S)
 
 
-def ns_from_stamp(stamp: TimeMsg) -> int:
-    return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
+ns_from_stamp = stamp_ns
 
 
 def make_executor() -> Executor:

@@ -15,8 +15,9 @@ from sensor_msgs.msg import CameraInfo
 
 from ssp_core import names, ros
 from ssp_core.clock import NS_PER_S
-from ssp_core.conversions import reference_to_msg, state_from_msg
+from ssp_core.conversions import reference_to_msg
 from ssp_core.errors import InputError
+from ssp_core.messages import object_state
 from ssp_core.run_spec import RunSpec, load_run
 from ssp_core.safety_codes import SafetyCode
 from ssp_core.state import ObjectState as State
@@ -189,7 +190,7 @@ class ScenarioManager(Node):
     def _state(self, message: ObjectState) -> State | None:
         """The state, None for one with an unknown number in it: as good as silence."""
         try:
-            return state_from_msg(message)
+            return object_state(message)
         except ValueError as error:
             self.get_logger().error(f"state of {message.object_id} dropped: {error}")
             return None

@@ -19,10 +19,10 @@ from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.errors import InputError
 from ssp_core.geometry import wrap_angle
 from ssp_core.hashing import sha256_json
+from ssp_core.messages import object_state, peek_stamp_ns
 from ssp_core.names import CAMERA_IMAGE, CAMERA_INFO, CAMERA_MOUNT, VUT_ID, absolute, state_topic
 from ssp_core.state import ObjectState
 from ssp_eval.evaluate.provenance import Provenance, read_provenance
-from ssp_eval.evaluate.states import object_state, peek_stamp_ns
 from ssp_vla_bridge.core.request import CameraGeometry, EgoSample, Frame, Request
 from ssp_vla_bridge.core.task import TASK, DrivingTask
 

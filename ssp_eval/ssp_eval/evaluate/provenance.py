@@ -13,10 +13,10 @@ from ssp_core.bag import BagReader
 from ssp_core.errors import InputError
 from ssp_core.files import parse_model
 from ssp_core.hashing import sha256_file, sha256_json
+from ssp_core.messages import stamp_ns
 from ssp_core.names import SESSION_STATE, absolute
 from ssp_core.run_spec import RunSpec, Strict
 from ssp_core.vocab import SessionPhase, Verdict
-from ssp_eval.evaluate.states import stamp_ns
 
 RUN_ATTACHMENT = "run.yaml"
 IMPORT_ATTACHMENT = "import.json"
@@ -128,7 +128,7 @@ def _session(bag: BagReader, digest: str, data: bytes) -> Provenance:
     run = parse_model(RunSpec, value, place)
     topic = absolute(SESSION_STATE)
     states = [bag.decode(message) for message in bag.messages([topic])]
-    running = [stamp_ns(s.header) for s in states if s.state == SessionPhase.RUNNING]
+    running = [stamp_ns(s.header.stamp) for s in states if s.state == SessionPhase.RUNNING]
     verdict = Verdict(states[-1].verdict) if states else Verdict.NONE
     reasons = tuple(str(reason) for reason in states[-1].reasons) if states else ()
     if not running:

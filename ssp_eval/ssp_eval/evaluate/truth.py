@@ -18,12 +18,12 @@ from ssp_core.bag import BagReader
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.errors import InputError
 from ssp_core.files import parse_model, read_text
+from ssp_core.messages import object_state, peek_stamp_ns, stamp_ns
 from ssp_core.names import CAMERA_IMAGE, VUT_ID, WORLD_TICK, absolute
 from ssp_core.run_spec import Strict
 from ssp_core.state import ObjectState, Size
 from ssp_core.vocab import ObjectClass, Role
 from ssp_eval.evaluate.provenance import read_provenance
-from ssp_eval.evaluate.states import object_state, peek_stamp_ns, stamp_ns
 from ssp_eval.labels.propose import Truth
 
 _TICK = absolute(WORLD_TICK)
@@ -54,11 +54,11 @@ def truth_from_bag(path: str | Path) -> Truth:
             raise InputError("holds a session that never reached RUNNING", file=path)
         series = [
             (
-                ns_to_seconds(stamp_ns(tick.header) - start_ns),
+                ns_to_seconds(stamp_ns(tick.header.stamp) - start_ns),
                 [object_state(o) for o in tick.objects],
             )
             for tick in (bag.decode(message) for message in bag.messages([_TICK]))
-            if tick.running and stamp_ns(tick.header) >= start_ns
+            if tick.running and stamp_ns(tick.header.stamp) >= start_ns
         ]
         frames_s = sorted(
             ns_to_seconds(peek_stamp_ns(message.data) - start_ns)

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import struct
 from dataclasses import dataclass
 
 from rosbags.interfaces import Nodetype
 
 from ssp_core.bag.types import typestore
-from ssp_core.clock import NS_PER_S
+from ssp_core.messages import leading_stamp_ns
 
-_LITTLE = struct.Struct("<iI")
-_BIG = struct.Struct(">iI")
-_ENCAPSULATION_BYTES = 4
 _STAMPED = ("std_msgs/msg/Header", "builtin_interfaces/msg/Time")
 
 
@@ -27,19 +23,6 @@ def begins_with_stamp(msgtype: str) -> bool:
         return False
     kind, what = fields[0][1]
     return kind == Nodetype.NAME and what in _STAMPED
-
-
-def leading_stamp_ns(cdr: bytes) -> int | None:
-    """The stamp with which the message begins, ns; None when there is no valid one.
-
-    Layout: four bytes of encapsulation (the second one's low bit: little endian), int32 seconds,
-    uint32 nanoseconds. Stamps before 0 can't stand in a bag and are none.
-    """
-    if len(cdr) < _ENCAPSULATION_BYTES + _LITTLE.size:
-        return None
-    layout = _LITTLE if cdr[1] & 1 else _BIG
-    seconds, nanoseconds = layout.unpack_from(cdr, _ENCAPSULATION_BYTES)
-    return seconds * NS_PER_S + nanoseconds if seconds >= 0 else None
 
 
 @dataclass(slots=True)

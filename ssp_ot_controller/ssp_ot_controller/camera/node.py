@@ -14,8 +14,8 @@ from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, CompressedImage
 
 from ssp_core import names
-from ssp_core.conversions import state_from_msg
 from ssp_core.errors import InputError
+from ssp_core.messages import object_state
 from ssp_core.ros import LATCHED, SENSOR, STATE, StopRequest, run_node
 from ssp_core.run_spec import Camera, RunSpec, load_run
 from ssp_msgs.msg import StepDone, WorldTick
@@ -75,7 +75,7 @@ class FrontCamera(Node):
         self.create_timer(_DROP_REPORT_PERIOD_S, self._report_drops, clock=self._steady)
 
     def _on_tick(self, tick: WorldTick) -> None:
-        states = [state_from_msg(o) for o in tick.objects]
+        states = [object_state(o) for o in tick.objects]
         self._odometer.update(states)
         now_ns = self._steady.now().nanoseconds
         wanted, self._schedule = self._schedule.decide(tick.step, tick.running, now_ns)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Protocol
 
 from ssp_core.clock import seconds_to_ns
@@ -100,11 +101,16 @@ class World:
         return command
 
     def _vut_command(self, everyone: list[ObjectState], drive_vut: bool) -> Command:
-        vut = self.vut()
-        if not drive_vut or self._vut_path is None:
-            return brake_command(vut, self._run.driver.comfortable_deceleration_mps2)
+        vut, driver = self.vut(), self._run.driver
+        comfortable = driver.comfortable_deceleration_mps2
+        if self._vut_path is None:
+            return brake_command(vut, comfortable)
         others = [s for s in everyone if s.object_id != vut.object_id]
-        return drive(vut, others, self._vut_path, self._run.driver, self._run.step_s)
+        command = drive(vut, others, self._vut_path, driver, self._run.step_s)
+        if drive_vut:
+            return command
+        # While it stops it keeps its lane, and brakes harder for what stops ahead of it.
+        return replace(command, acceleration_mps2=min(command.acceleration_mps2, -comfortable))
 
     def _state(self, spec: ParticipantSpec) -> ObjectState:
         body = self._bodies[spec.id]

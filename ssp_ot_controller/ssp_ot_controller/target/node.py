@@ -14,8 +14,9 @@ from rclpy.qos import QoSProfile
 
 from ssp_core import names, ros
 from ssp_core.clock import NS_PER_S, ns_to_seconds
-from ssp_core.conversions import reference_from_msg, state_from_msg, state_to_msg
+from ssp_core.conversions import reference_from_msg, state_to_msg
 from ssp_core.errors import HostError, InputError
+from ssp_core.messages import object_state
 from ssp_core.reference import Reference
 from ssp_core.run_spec import RunSpec, load_run
 from ssp_core.safety_codes import MEANINGS, SafetyCode
@@ -237,7 +238,7 @@ class ObjectTargetNode(LifecycleNode):
         self, object_id: str, message: ObjectState, tick: WorldTick, now_ns: int
     ) -> None:
         target = self._targets[object_id]
-        truth = state_from_msg(message)
+        truth = object_state(message)
         own = self._localisation[object_id].measure(truth) if tick.running else truth
         # While armed they wait for the start, which may be under way on another topic.
         if target.state is not ControlState.ARMED:
