@@ -45,7 +45,6 @@ _PACKAGES = (
     ("pydantic", "pydantic", "all files that people write", Status.FAIL),
     ("numba", "numba", "the simulated camera", Status.FAIL),
     ("scipy", "scipy", "tracking controllers", Status.FAIL),
-    ("matplotlib", "matplotlib", "figures for print", Status.WARN),
 )
 
 
