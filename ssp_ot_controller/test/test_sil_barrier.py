@@ -1,0 +1,103 @@
+"""The world goes on exactly when everybody who is waited for has answered."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ssp_ot_controller.sil.barrier import Barrier
+
+OT, MANAGER, CAMERA = "object_target", "scenario_manager", "front_camera"
+
+
+def barrier(camera: str | None = None, frame_steps: int = 5, objects: Any = ("ot1",)) -> Barrier:
+    return Barrier((OT, MANAGER), objects, OT, camera, frame_steps)
+
+
+def answer(b: Barrier, step: int) -> None:
+    b.on_command("ot1", step)
+    b.on_done(OT, step)
+    b.on_done(MANAGER, step)
+
+
+def test_nobody_answers_step_0() -> None:
+    assert barrier().waiting_for(0) == []
+
+
+def test_each_participant_and_each_command_is_waited_for() -> None:
+    b = barrier(objects=("ot1", "ot2"))
+    assert b.waiting_for(1) == [OT, MANAGER]
+    b.on_done(OT, 1)
+    b.on_done(MANAGER, 1)
+    assert b.waiting_for(1) == [OT]  # its commands are on another topic
+    b.on_command("ot1", 1)
+    assert b.waiting_for(1) == [OT]
+    b.on_command("ot2", 1)
+    assert b.waiting_for(1) == []
+    assert b.waiting_for(2) == [OT, MANAGER]
+
+
+def test_old_and_foreign_answers_do_not_count() -> None:
+    b = barrier()
+    answer(b, 2)
+    b.on_done(OT, 1)
+    b.on_command("ot1", 1)
+    assert b.waiting_for(2) == []
+    b.on_done("monitor", 9)
+    b.on_command("ot9", 9)
+    assert b.waiting_for(3) == [OT, MANAGER]
+
+
+def test_who_is_dropped_is_not_waited_for_any_more() -> None:
+    b = barrier(camera=CAMERA, frame_steps=1)
+    for name in (MANAGER, CAMERA, OT):
+        assert name in b.waiting_for(5)
+        b.drop(name)
+        assert name not in b.waiting_for(5)
+    assert b.dropped == {OT, MANAGER, CAMERA}
+
+
+@pytest.mark.parametrize("frame_steps", [1, 4, 5])
+def test_the_camera_may_lag_by_one_frame(frame_steps: int) -> None:
+    """To leave step k, the newest frame at or before k + 1 - frame_steps must be there."""
+    for step in range(1, 40):
+        due = list(range(0, step + 2 - frame_steps, frame_steps))
+        b = barrier(camera=CAMERA, frame_steps=frame_steps)
+        answer(b, step)
+        assert (CAMERA in b.waiting_for(step)) == bool(due)
+        if due:
+            if due[-1] > 0:
+                b.on_done(CAMERA, due[-1] - frame_steps)
+                assert b.waiting_for(step) == [CAMERA]
+            b.on_done(CAMERA, due[-1])
+            assert b.waiting_for(step) == []
+
+
+def test_the_world_never_runs_ahead_of_the_camera_by_more_than_a_frame() -> None:
+    b = barrier(camera=CAMERA, frame_steps=5)
+    step = 0
+    for frame in range(0, 50, 5):
+        while not b.waiting_for(step):
+            step += 1
+            answer(b, step)
+        assert b.waiting_for(step) == [CAMERA]
+        assert step == frame + 4
+        b.on_done(CAMERA, frame)
+
+
+@settings(max_examples=100, deadline=None)
+@given(data=st.data())
+def test_any_order_of_answers_opens_it_with_the_last(data: st.DataObject) -> None:
+    objects = ["ot1", "ot2"]
+    b = Barrier((OT, MANAGER), objects, OT, CAMERA, 1)
+    for step in range(1, 4):
+        messages = [(b.on_done, name) for name in (OT, MANAGER)]
+        messages += [(b.on_command, name) for name in objects]
+        messages += [(b.on_done, CAMERA)]
+        for deliver, name in data.draw(st.permutations(messages)):
+            assert b.waiting_for(step)
+            deliver(name, step)
+        assert b.waiting_for(step) == []

@@ -1,0 +1,232 @@
+"""The world over an in-memory scene: bodies, their timeout, the VUT, and exact repetition."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from ssp_core.run_spec import RunSpec
+from ssp_core.state import DEFAULT_SIZES, ObjectState
+from ssp_core.vocab import ObjectClass, Role
+from ssp_ot_controller.core.bodies import Command
+from ssp_ot_controller.sil.world import BODY_TIMEOUT_S, World
+
+GO = Command(2.0, 0.0, 0.0)
+
+
+class MemoryScene:
+    """One truck that drives on; keeps the poses that it is given."""
+
+    def __init__(self) -> None:
+        self.poses: list[list[ObjectState]] = []
+        self.truck = ObjectState(
+            "zz_truck", ObjectClass.TRUCK, Role.TRAFFIC, 0, 300.0, 7.0, 3.14159, 10.0, 0.0, 0.0,
+            DEFAULT_SIZES[ObjectClass.TRUCK],
+        )  # fmt: skip
+
+    def step(self, poses: list[ObjectState]) -> list[ObjectState]:
+        self.poses.append(poses)
+        self.truck = replace(
+            self.truck, x_m=self.truck.x_m - 0.2, stamp_ns=self.truck.stamp_ns + 20_000_000
+        )
+        return [self.truck]
+
+    def traffic(self) -> list[ObjectState]:
+        return [self.truck]
+
+
+@pytest.fixture
+def run() -> RunSpec:
+    start = {"x_m": 10.0, "y_m": 0.0, "yaw_rad": 0.0}
+    return RunSpec.model_validate(
+        {
+            "schema": "ssp.run/1",
+            "run_id": "r",
+            "scenario": "s",
+            "interaction": "cut_in",
+            "domain": "simulation",
+            "stand_in": False,
+            "event_version": "sha256:e",
+            "site": "s",
+            "site_version": "sha256:s",
+            "seed": 1,
+            "mode": "lockstep",
+            "road": {
+                "origin": {"x_m": 0.0, "y_m": 0.0, "yaw_rad": 0.0},
+                "length_m": 400.0,
+                "lanes": [{"y_m": 0.0, "width_m": 3.5, "direction": "forward"}],
+            },
+            "geofence": [(0.0, -8.0), (400.0, -8.0), (400.0, 12.0), (0.0, 12.0)],
+            "vut": {
+                "id": "vut",
+                "object_class": "car",
+                "start": start,
+                "approach": {"path": [(10.0, 0.0), (390.0, 0.0)], "cruise_mps": 10.0},
+            },
+            "driver": {"cruise_mps": 10.0},
+            "targets": [
+                {"id": "ot1", "object_class": "car", "start": {**start, "x_m": 60.0, "y_m": 3.5}},
+                {
+                    "id": "ot2",
+                    "object_class": "pedestrian",
+                    "start": {"x_m": 90.0, "y_m": -6.0, "yaw_rad": 1.57},
+                },
+            ],
+            "triggers": [
+                {
+                    "id": "t",
+                    "condition": {"type": "relative_distance", "object_id": "ot1", "below_m": 9.0},
+                    "object_id": "ot1",
+                    "manoeuvre": {
+                        "kind": "lane_change",
+                        "lateral_shift_m": -3.5,
+                        "duration_s": 2.5,
+                        "cruise_mps": 8.0,
+                    },
+                }
+            ],
+            "limits": {"speed_mps": 15.0, "acceleration_mps2": 5.0},
+        }
+    )
+
+
+def body(world: World, object_id: str) -> ObjectState:
+    return next(s for s in world.objects() if s.object_id == object_id)
+
+
+def fresh(world: World, command: Command = GO) -> dict[str, tuple[int, Command]]:
+    return dict.fromkeys(("ot1", "ot2"), (world.step_index, command))
+
+
+def test_the_start(run: RunSpec) -> None:
+    world = World(run, MemoryScene())
+    assert [s.object_id for s in world.objects()] == ["ot1", "ot2", "vut", "zz_truck"]
+    assert (world.step_index, world.now_ns) == (0, 0)
+    assert world.all_stand()  # the truck doesn't count
+    vut = world.vut()
+    assert (vut.x_m, vut.role, vut.sequence, vut.stamp_ns) == (10.0, Role.VUT, 1, 0)
+    assert body(world, "ot2").role is Role.OT
+
+
+def test_a_step_moves_everybody_and_tells_the_scene(run: RunSpec) -> None:
+    scene = MemoryScene()
+    world = World(run, scene)
+    for k in range(1, 101):
+        states = world.advance(fresh(world), drive_vut=True)
+        assert states == world.objects()
+        assert {s.stamp_ns for s in states} == {k * 20_000_000}
+        assert {s.sequence for s in states if s.object_id != "zz_truck"} == {k + 1}
+        assert scene.poses[-1] == [s for i in ("vut", "ot1", "ot2") for s in [body(world, i)]]
+    assert body(world, "ot1").speed_mps == pytest.approx(4.0, abs=0.5)
+    assert world.vut().speed_mps == pytest.approx(4.0, abs=0.5)
+    assert not world.all_stand()
+
+
+def test_without_drive_the_vut_stops_comfortably(run: RunSpec) -> None:
+    world = World(run, MemoryScene())
+    for _ in range(300):
+        world.advance(fresh(world), drive_vut=True)
+    hardest = 0.0
+    for _ in range(300):
+        world.advance({}, drive_vut=False)
+        hardest = min(hardest, world.vut().acceleration_mps2)
+    assert hardest == pytest.approx(-2.5, abs=0.1)
+    assert world.vut().speed_mps == 0.0
+    assert world.all_stand()
+
+
+def test_a_stopping_vut_does_not_run_into_what_stops_harder(run: RunSpec) -> None:
+    """At the end of a run the OT brakes with 4 m/s^2, the VUT on its own with 2.5 m/s^2.
+
+    From 8 m/s that is 8 m against 12.8 m, more than the gap between them.
+    """
+    at = run.vut.start.model_copy(update={"x_m": 28.0})
+    close = run.model_copy(
+        update={
+            "targets": [run.targets[0].model_copy(update={"start": at})],
+            "driver": run.driver.model_copy(update={"headway_s": 0.3, "standstill_gap_m": 1.0}),
+        }
+    )
+    world = World(close, MemoryScene())
+
+    def gap_m() -> float:
+        return body(world, "ot1").x_m - 0.9 - world.vut().x_m - 3.6
+
+    for _ in range(1400):
+        command = Command(2.0 * (8.0 - body(world, "ot1").speed_mps), 0.0, 0.0)
+        world.advance({"ot1": (world.step_index, command)}, drive_vut=True)
+    assert world.vut().speed_mps == pytest.approx(8.0, abs=1.0)
+    assert gap_m() < 4.8
+    closest = gap_m()
+    while not world.all_stand():
+        world.advance({"ot1": (world.step_index, Command(-4.0, 0.0, 0.0))}, drive_vut=False)
+        closest = min(closest, gap_m())
+        assert world.now_ns < 60_000_000_000
+    assert closest > 0.2
+
+
+@pytest.mark.parametrize("object_id", ["ot1", "ot2"])
+def test_a_body_that_hears_nothing_brakes_hard(run: RunSpec, object_id: str) -> None:
+    world = World(run, MemoryScene())
+    for _ in range(60):
+        world.advance(fresh(world), drive_vut=False)
+    speed, heard = body(world, object_id).speed_mps, world.step_index
+    assert speed > 1.0
+    commands = {object_id: (heard, GO)}
+    # Up to the timeout the last command holds …
+    for _ in range(round(BODY_TIMEOUT_S / run.step_s) + 1):
+        world.advance(commands, drive_vut=False)
+        assert body(world, object_id).acceleration_mps2 >= 0.0
+    # … and then it brakes to a standstill, although the same old command still lies there.
+    world.advance(commands, drive_vut=False)
+    assert body(world, object_id).acceleration_mps2 < 1.99
+    for _ in range(100):
+        world.advance(commands, drive_vut=False)
+    assert body(world, object_id).speed_mps == 0.0
+
+
+@pytest.mark.parametrize(
+    "commands",
+    [
+        {},
+        {"ot1": (0, Command(float("nan"), 0.0, 0.0))},
+        {"ot1": (0, Command(2.0, float("inf"), 0.0))},
+        {"somebody": (0, GO)},
+    ],
+)
+def test_no_or_no_good_command_is_no_motion(run: RunSpec, commands: Mapping[str, Any]) -> None:
+    world = World(run, MemoryScene())
+    for _ in range(20):
+        world.advance(commands, drive_vut=False)
+    assert world.all_stand()
+
+
+def history(run: RunSpec) -> list[list[ObjectState]]:
+    world = World(run, MemoryScene())
+    states = []
+    for k in range(400):
+        command = Command(2.0 - 0.01 * k, 0.02 * (k % 7 - 3), 0.001 * k)
+        states.append(world.advance(fresh(world, command), drive_vut=k < 300))
+    return states
+
+
+def test_two_worlds_are_bitwise_equal(run: RunSpec) -> None:
+    assert history(run) == history(run)
+    # repr() tells 0.0 from -0.0 and shows every bit.
+    assert repr(history(run)) == repr(history(run))
+
+
+def test_sluggish_actuators_are_for_targets_only(run: RunSpec) -> None:
+    run = run.model_copy(update={"driver": run.driver.model_copy(update={"reacts": False})})
+    slow = run.model_copy(
+        update={"disturbance": run.disturbance.model_copy(update={"actuator_lag_scale": 3.0})}
+    )
+    a, b = World(run, MemoryScene()), World(slow, MemoryScene())
+    for world in (a, b):
+        for _ in range(10):
+            world.advance(fresh(world), drive_vut=True)
+    assert b.vut() == a.vut()
+    assert body(b, "ot1").speed_mps < body(a, "ot1").speed_mps

@@ -1,0 +1,534 @@
+"""One object target over its whole life, on the real plant, and what no sequence may do."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from ssp_core.geometry import Polyline
+from ssp_core.profile import drive_along, lane_change
+from ssp_core.reference import Reference, ReferencePoint
+from ssp_core.run_spec import RunSpec
+from ssp_core.safety_codes import SafetyCode
+from ssp_core.state import DEFAULT_SIZES, ObjectState
+from ssp_core.vocab import ControlState, ObjectClass, Role, SessionPhase
+from ssp_ot_controller.core.bodies import LIMITS, BodyState, step_body
+from ssp_ot_controller.core.object_machine import ObjectEvent
+from ssp_ot_controller.core.reference_check import Refusal, RefusalCode
+from ssp_ot_controller.target.target import Outcome, Target
+
+S = 1_000_000_000
+STEP_NS = 20_000_000
+VERSION = "sha256:event"
+
+
+def run_of(object_class: str = "car") -> RunSpec:
+    start = {"x_m": 40.0, "y_m": 3.5, "yaw_rad": 0.0}
+    return RunSpec.model_validate(
+        {
+            "schema": "ssp.run/1",
+            "run_id": "r",
+            "scenario": "s",
+            "interaction": "cut_in",
+            "domain": "simulation",
+            "stand_in": False,
+            "event_version": VERSION,
+            "site": "s",
+            "site_version": "sha256:site",
+            "seed": 1,
+            "mode": "lockstep",
+            "road": {
+                "origin": {"x_m": 0.0, "y_m": 0.0, "yaw_rad": 0.0},
+                "length_m": 400.0,
+                "lanes": [{"y_m": 0.0, "width_m": 3.5, "direction": "forward"}],
+            },
+            "geofence": [(0.0, -8.0), (400.0, -8.0), (400.0, 12.0), (0.0, 12.0)],
+            "vut": {"id": "vut", "object_class": "car", "start": {**start, "x_m": 10.0}},
+            "driver": {"cruise_mps": 10.0},
+            "targets": [{"id": "ot1", "object_class": object_class, "start": start}],
+            "triggers": [
+                {
+                    "id": "t",
+                    "condition": {"type": "relative_distance", "object_id": "ot1", "below_m": 9.0},
+                    "object_id": "ot1",
+                    "manoeuvre": {
+                        "kind": "lane_change",
+                        "lateral_shift_m": -3.5,
+                        "duration_s": 2.5,
+                        "cruise_mps": 8.0,
+                    },
+                }
+            ],
+            "limits": {"speed_mps": 15.0, "acceleration_mps2": 5.0},
+        }
+    )
+
+
+def reference(
+    name: str, execute_at_ns: int, points: list[ReferencePoint], dispatched_ns: int = 0
+) -> Reference:
+    return Reference(
+        name, "ot1", VERSION, "approach", dispatched_ns, execute_at_ns, execute_at_ns + S,
+        tuple(points),
+    )  # fmt: skip
+
+
+def straight(cruise_mps: float = 8.0, end_x_m: float = 200.0) -> list[ReferencePoint]:
+    path = Polyline([(40.0, 3.5), (end_x_m, 3.5)])
+    return drive_along(path, 0.0, 0.0, cruise_mps, 2.0, 2.0)
+
+
+class Rig:
+    """A target and its body in closed loop, stepped as the SIL world does."""
+
+    def __init__(self, object_class: ObjectClass = ObjectClass.CAR) -> None:
+        self.run = run_of(object_class.word)
+        self.target = Target("ot1", self.run)
+        self.cls = object_class
+        self.body = BodyState(40.0, 3.5, 0.0)
+        self.now_ns = 0
+        self.heartbeat_ns: int | None = 0
+        self.session = SessionPhase.CONNECTED
+        self.last: Outcome | None = None
+
+    @property
+    def own(self) -> ObjectState:
+        b = self.body
+        return ObjectState(
+            "ot1", self.cls, Role.OT, self.now_ns, b.x_m, b.y_m, b.yaw_rad, b.speed_mps,
+            b.acceleration_mps2, b.yaw_rate_radps, DEFAULT_SIZES[self.cls],
+        )  # fmt: skip
+
+    def step(self, **broken: Any) -> Outcome:
+        """Heartbeat, judgement, and the body's motion until the next step."""
+        if self.heartbeat_ns is not None:
+            self.heartbeat_ns = self.now_ns
+            self.target.on_session_state(self.session)
+        since_ns = self.heartbeat_ns if self.heartbeat_ns is not None else self.silent_ns
+        own = replace(self.own, **broken)
+        outcome = self.target.step(own, self.now_ns, (self.now_ns - since_ns) / S)
+        command = outcome.command
+        self.body = step_body(self.cls, self.body, command, STEP_NS / S)
+        self.now_ns += STEP_NS
+        self.last = outcome
+        return outcome
+
+    def silence(self) -> None:
+        """The manager is heard for the last time in the step before."""
+        self.silent_ns, self.heartbeat_ns = self.now_ns - STEP_NS, None
+
+    def arm(self) -> None:
+        self.target.power_on()
+        self.step()
+        assert self.target.command(ObjectEvent.ARM, VERSION).accepted
+        self.session = SessionPhase.ARMED
+        self.step()
+        assert self.target.state is ControlState.ARMED
+
+    def drive(self, cruise_mps: float = 8.0, seconds: float = 8.0) -> None:
+        """Armed, started, on its way at cruise speed."""
+        self.arm()
+        self.session = SessionPhase.RUNNING
+        self.step()
+        points = straight(cruise_mps)
+        assert (
+            self.target.on_reference(reference("a", self.now_ns + S // 2, points), self.now_ns)
+            is None
+        )
+        while self.now_ns < seconds * S:
+            self.step()
+
+
+@pytest.fixture
+def rig() -> Rig:
+    return Rig()
+
+
+# -- the whole life -------------------------------------------------------------------------------
+
+
+def test_a_whole_life(rig: Rig) -> None:
+    target = rig.target
+    assert target.state is ControlState.OFF
+    target.power_on()
+    assert target.state is ControlState.INIT
+    rig.step()
+    assert target.state is ControlState.DISARMED
+    assert target.command(ObjectEvent.ARM, VERSION).accepted
+    assert target.state is ControlState.PRE_ARMING
+    rig.step()
+    assert target.state is ControlState.ARMED
+    rig.session = SessionPhase.RUNNING
+    rig.step()
+    assert target.state is ControlState.RUNNING
+    assert rig.body.speed_mps == 0.0
+
+    execute_at_ns = rig.now_ns + S // 2
+    assert target.on_reference(reference("a", execute_at_ns, straight()), rig.now_ns) is None
+    while rig.now_ns < execute_at_ns:
+        assert rig.step().report.reference_id == ""
+    worst_m = 0.0
+    while rig.body.x_m < 120.0:
+        report = rig.step().report
+        assert report.reference_id == "a"
+        worst_m = max(worst_m, abs(report.error_longitudinal_m), abs(report.error_lateral_m))
+    assert worst_m < 0.1
+    assert rig.body.speed_mps == pytest.approx(8.0, abs=0.05)
+
+    # To the next lane, taking over where the approach will be.
+    at_ns = rig.now_ns + S // 5
+    along = Polyline([(40.0, 3.5), (300.0, 3.5)])
+    station = rig.body.x_m - 40.0 + 8.0 * 0.2
+    change = lane_change(along, station, 8.0, -3.5, 2.5, 8.0, 2.0)
+    assert target.on_reference(reference("b", at_ns, change), rig.now_ns) is None
+    while rig.now_ns < at_ns + 4 * S:
+        report = rig.step().report
+    assert report.reference_id == "b"
+    assert rig.body.y_m == pytest.approx(0.0, abs=0.05)
+
+    rig.session = SessionPhase.STOPPING
+    rig.step()
+    assert target.state is ControlState.POSTRUN
+    for _ in range(200):
+        rig.step()
+    assert target.state is ControlState.DISARMED
+    assert rig.body.speed_mps == 0.0
+    assert rig.body.y_m == pytest.approx(0.0, abs=0.05)  # it kept to its path while braking
+    assert rig.step().report.reference_id == ""
+
+
+def test_a_walker_waits_and_crosses() -> None:
+    rig = Rig(ObjectClass.PEDESTRIAN)
+    rig.body = BodyState(40.0, 3.5, math.pi / 2)
+    rig.arm()
+    rig.session = SessionPhase.RUNNING
+    for _ in range(50):
+        rig.step()
+    assert (rig.body.x_m, rig.body.y_m) == (40.0, 3.5)
+    path = Polyline([(40.0, 3.5), (40.0, 9.5)])
+    points = drive_along(path, 0.0, 0.0, 1.5, 1.5, 1.5)
+    at_ns = rig.now_ns + S // 10
+    assert rig.target.on_reference(reference("c", at_ns, points), rig.now_ns) is None
+    while rig.now_ns < at_ns + 8 * S:
+        rig.step()
+    assert (rig.body.x_m, rig.body.y_m) == pytest.approx((40.0, 9.5), abs=0.1)
+    assert rig.body.speed_mps == 0.0
+    assert rig.target.state is ControlState.RUNNING
+
+
+# -- silence of the manager -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("cruise_mps", [3.0, 8.0, 13.0])
+def test_silence_stops_it_within_the_blind_distance(cruise_mps: float) -> None:
+    """v * timeout + v^2 / 2a, and what the lag of the brakes and the steps add."""
+    rig = Rig()
+    rig.drive(cruise_mps, 10.0)
+    speed = rig.body.speed_mps
+    assert speed == pytest.approx(cruise_mps, abs=0.1)
+    rig.silence()
+    from_x_m, silent_ns = rig.body.x_m, rig.silent_ns
+    while rig.step().stopped is None:
+        assert rig.now_ns - silent_ns < S
+    assert rig.last is not None
+    stopped = rig.last.stopped
+    assert stopped is not None
+    assert stopped.code is SafetyCode.HEARTBEAT_LOST
+    assert stopped.limit == 0.5
+    # At the limit it goes on; one step later it stops.
+    assert stopped.measured == pytest.approx(0.52)
+    assert rig.target.state is ControlState.ABORTING
+    while rig.body.speed_mps > 0.0:
+        assert rig.step().stopped is None  # said once
+    limits, body = rig.run.limits, LIMITS[ObjectClass.CAR]
+    blind_m = speed * limits.heartbeat_s + speed**2 / (2 * limits.stop_deceleration_mps2)
+    build_up_s = body.acceleration_lag_s + limits.stop_deceleration_mps2 / (
+        body.acceleration_rate_mps3
+    )
+    margin_m = speed * (build_up_s + 2 * STEP_NS / S)
+    assert blind_m * 0.9 < rig.body.x_m - from_x_m < blind_m + margin_m
+    assert rig.target.state is ControlState.ABORTING
+
+
+def test_a_returning_manager_does_not_start_it_again(rig: Rig) -> None:
+    rig.drive()
+    rig.silence()
+    for _ in range(60):
+        rig.step()
+    rig.heartbeat_ns = rig.now_ns
+    for _ in range(300):
+        assert rig.step().command.acceleration_mps2 <= 0.0
+    assert rig.target.state is ControlState.ABORTING
+    assert rig.body.speed_mps == 0.0
+
+
+# -- references -----------------------------------------------------------------------------------
+
+
+def broken(points: list[ReferencePoint], **changes: Any) -> list[ReferencePoint]:
+    return [replace(points[0], **changes), *points[1:]]
+
+
+REFUSED: dict[str, tuple[Callable[[int], Reference], RefusalCode]] = {
+    "late": (lambda now: reference("x", now - 1, straight()), RefusalCode.LATE),
+    "expired": (
+        lambda now: replace(reference("x", now + 1, straight()), expires_at_ns=now),
+        RefusalCode.EXPIRED,
+    ),
+    "one point": (lambda now: reference("x", now, straight()[:1]), RefusalCode.MALFORMED),
+    "no number": (
+        lambda now: reference("x", now, broken(straight(), y_m=math.nan)),
+        RefusalCode.MALFORMED,
+    ),
+    "somebody else's": (
+        lambda now: replace(reference("x", now, straight()), object_id="ot2"),
+        RefusalCode.MALFORMED,
+    ),
+    "another version": (
+        lambda now: replace(reference("x", now, straight()), event_version="sha256:other"),
+        RefusalCode.VERSION,
+    ),
+    "starts elsewhere": (lambda now: reference("x", now, straight()), RefusalCode.DISCONTINUOUS),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_a_refused_reference_leaves_it_on_its_old_one(rig: Rig, name: str) -> None:
+    make, code = REFUSED[name]
+    rig.drive()
+    refusal = rig.target.on_reference(make(rig.now_ns), rig.now_ns)
+    assert isinstance(refusal, Refusal)
+    assert refusal.code is code
+    for _ in range(100):
+        outcome = rig.step()
+        assert outcome.report.reference_id == "a"
+        assert outcome.stopped is None
+    assert rig.body.speed_mps == pytest.approx(8.0, abs=0.05)
+
+
+def test_without_a_further_reference_it_stands_at_the_end(rig: Rig) -> None:
+    rig.drive(seconds=40.0)
+    assert rig.body.speed_mps == 0.0
+    assert rig.body.x_m == pytest.approx(200.0, abs=0.2)
+    assert rig.target.state is ControlState.RUNNING
+
+
+@pytest.mark.parametrize("state", ["OFF", "DISARMED", "ARMED", "ABORTING"])
+def test_references_are_for_a_running_object(rig: Rig, state: str) -> None:
+    if state != "OFF":
+        rig.target.power_on()
+        rig.step()
+    if state == "ARMED":
+        rig.target.command(ObjectEvent.ARM, VERSION)
+        rig.step()
+    if state == "ABORTING":
+        rig.target.command(ObjectEvent.ABORT, "")
+    assert rig.target.state.name == state
+    refusal = rig.target.on_reference(reference("a", rig.now_ns, straight()), rig.now_ns)
+    assert refusal is not None
+    assert refusal.code is RefusalCode.STATE
+
+
+def test_a_manoeuvre_that_waits_at_an_abort_never_begins(rig: Rig) -> None:
+    rig.drive()
+    at_ns = rig.now_ns + S // 5
+    along = Polyline([(40.0, 3.5), (300.0, 3.5)])
+    change = lane_change(along, rig.body.x_m - 40.0 + 1.6, 8.0, -3.5, 2.5, 8.0, 2.0)
+    assert rig.target.on_reference(reference("b", at_ns, change), rig.now_ns) is None
+    rig.session = SessionPhase.ABORTING
+    for _ in range(200):
+        assert rig.step().report.reference_id == "a"
+    assert rig.body.speed_mps == 0.0
+    assert rig.body.y_m == pytest.approx(3.5, abs=0.05)
+
+
+# -- its own state --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "field", ["x_m", "y_m", "yaw_rad", "speed_mps", "acceleration_mps2", "yaw_rate_radps"]
+)
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_a_state_that_is_no_number_stops_it(rig: Rig, field: str, value: float) -> None:
+    rig.drive()
+    outcome = rig.step(**{field: value})
+    assert outcome.stopped is not None
+    assert outcome.stopped.code is SafetyCode.STATE_NOT_FINITE
+    assert rig.target.state is ControlState.ABORTING
+    assert outcome.command.is_finite
+    assert outcome.command.emergency_stop
+    outcome = rig.step(**{field: value})
+    assert outcome.command.is_finite
+
+
+def test_no_number_keeps_it_from_leaving_init_and_from_arming(rig: Rig) -> None:
+    rig.target.power_on()
+    rig.step(x_m=math.nan)
+    assert rig.target.state is ControlState.INIT
+    rig.step()
+    rig.target.command(ObjectEvent.ARM, VERSION)
+    rig.step(speed_mps=0.03)
+    assert rig.target.state is ControlState.PRE_ARMING
+    rig.step(speed_mps=0.02)
+    assert rig.target.state is ControlState.ARMED
+
+
+def test_leaving_the_fence_stops_it(rig: Rig) -> None:
+    rig.drive()
+    outcome = rig.step(y_m=12.0)
+    assert outcome.stopped is not None
+    assert outcome.stopped.code is SafetyCode.OUTSIDE_GEOFENCE
+
+
+# -- commands -------------------------------------------------------------------------------------
+
+
+def test_all_clear_only_at_standstill(rig: Rig) -> None:
+    rig.drive()
+    rig.session = SessionPhase.ABORTING
+    rig.step()
+    reply = rig.target.command(ObjectEvent.ALL_CLEAR, "")
+    assert (reply.accepted, reply.error_code) == (False, 2)
+    assert rig.target.state is ControlState.ABORTING
+    rig.session = SessionPhase.ABORTED
+    for _ in range(200):
+        rig.step()
+    assert rig.target.command(ObjectEvent.ALL_CLEAR, "").accepted
+    assert rig.target.state is ControlState.DISARMED
+    rig.session = SessionPhase.IDLE
+    assert rig.step().report.reference_id == ""  # the old reference is forgotten
+
+
+def test_arming_needs_the_same_event_version(rig: Rig) -> None:
+    rig.target.power_on()
+    rig.step()
+    reply = rig.target.command(ObjectEvent.ARM, "sha256:another")
+    assert (reply.accepted, reply.error_code) == (False, 3)
+    assert rig.target.state is ControlState.DISARMED
+
+
+@pytest.mark.parametrize(
+    "event", ["INIT_DONE", "PRE_ARM_DONE", "STANDSTILL", "RUN_DONE", "LOCAL_STOP"]
+)
+def test_what_the_object_notices_by_itself_is_no_command(rig: Rig, event: str) -> None:
+    """Whoever sends such a number must not get an object armed that doesn't stand."""
+    rig.target.power_on()
+    rig.step()
+    rig.target.command(ObjectEvent.ARM, VERSION)
+    reply = rig.target.command(ObjectEvent[event], VERSION)
+    assert (reply.accepted, reply.error_code) == (False, 1)
+    assert rig.target.state is ControlState.PRE_ARMING
+
+
+@pytest.mark.parametrize(
+    "session", [p for p in SessionPhase if p.name not in ("RUNNING", "STOPPING", "FINISHED")]
+)
+def test_a_manager_that_is_elsewhere_aborts_a_running_object(
+    rig: Rig, session: SessionPhase
+) -> None:
+    """A manager that was started anew knows nothing of this run."""
+    rig.drive()
+    rig.session = session
+    rig.step()
+    assert rig.target.state is ControlState.ABORTING
+
+
+def test_an_unarmed_object_is_not_started(rig: Rig) -> None:
+    rig.target.power_on()
+    rig.session = SessionPhase.RUNNING
+    for _ in range(5):
+        rig.step()
+    assert rig.target.state is ControlState.DISARMED
+
+
+# -- what no sequence may do ----------------------------------------------------------------------
+
+events = st.one_of(
+    st.tuples(st.just("step"), st.integers(1, 20)),
+    st.tuples(st.just("command"), st.sampled_from([e for e in ObjectEvent if e != 7])),
+    st.tuples(st.just("session"), st.sampled_from(list(SessionPhase))),
+    st.tuples(st.just("reference"), st.integers(-5, 50)),
+    st.tuples(st.just("silence")),
+    st.tuples(st.just("beat")),
+    st.tuples(
+        st.just("broken"),
+        st.sampled_from(["x_m", "y_m", "yaw_rad", "speed_mps"]),
+        st.sampled_from([math.nan, math.inf, -1e9, 1e9, 0.5]),
+    ),
+)
+
+
+@settings(
+    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(
+    before=st.lists(events, max_size=8),
+    cause=st.sampled_from(["command", "session", "silence", "nan"]),
+    after=st.lists(events, max_size=15),
+)
+def test_after_an_abort_nothing_makes_it_accelerate(
+    before: list[tuple[Any, ...]], cause: str, after: list[tuple[Any, ...]]
+) -> None:
+    """Until all_clear, which is left out of the commands here."""
+    rig = Rig()
+    rig.drive(seconds=4.0)
+
+    def apply(event: tuple[Any, ...]) -> None:
+        if event[0] == "step":
+            for _ in range(event[1]):
+                check(rig.step())
+        elif event[0] == "command":
+            rig.target.command(event[1], VERSION)
+        elif event[0] == "session":
+            rig.session = event[1]
+        elif event[0] == "reference":
+            at_ns = rig.now_ns + event[1] * STEP_NS
+            x_m = rig.body.x_m + rig.body.speed_mps * max(event[1], 0) * STEP_NS / S
+            path = Polyline([(x_m, rig.body.y_m), (x_m + 150.0, rig.body.y_m)])
+            points = drive_along(path, 0.0, rig.body.speed_mps, 12.0, 2.0, 2.0)
+            rig.target.on_reference(reference(f"n{rig.now_ns}", at_ns, points), rig.now_ns)
+        elif event[0] == "silence":
+            if rig.heartbeat_ns is not None:
+                rig.silence()
+        elif event[0] == "beat":
+            rig.heartbeat_ns = rig.now_ns
+        else:
+            check(rig.step(**{event[1]: event[2]}))
+
+    aborted = False
+
+    def check(outcome: Outcome) -> None:
+        assert outcome.command.is_finite
+        if aborted:
+            assert outcome.command.emergency_stop or outcome.command.acceleration_mps2 < 0.0
+            assert rig.target.state is ControlState.ABORTING
+
+    for event in before:
+        apply(event)
+    if cause == "command":
+        rig.target.command(ObjectEvent.ABORT, "")
+    elif cause == "session":
+        rig.session, rig.heartbeat_ns = SessionPhase.ABORTING, rig.now_ns
+        rig.step()
+    elif cause == "silence":
+        rig.silence()
+        for _ in range(30):
+            rig.step()
+    else:
+        rig.step(y_m=math.nan)
+    # A stop by itself is for an object that may move; one that stands disarmed needs none.
+    if rig.target.state is not ControlState.ABORTING:
+        assert cause in ("silence", "nan")
+        return
+    aborted = True
+    for event in after:
+        apply(event)
+    for _ in range(250):
+        check(rig.step())
+    assert rig.body.speed_mps == 0.0
