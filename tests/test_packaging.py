@@ -1,0 +1,160 @@
+"""What builds and installs the project agrees with itself: packages, locks, image, licence."""
+
+from __future__ import annotations
+
+import ast
+import re
+import tomllib
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGES = sorted(p.parent.name for p in ROOT.glob("ssp_*/package.xml"))
+PYTHON_PACKAGES = [name for name in PACKAGES if name != "ssp_msgs"]
+# Import name of what rosdep and our package.xml name otherwise.
+ROSDEP_NAMES = {
+    "click": "python3-click",
+    "cv2": "python3-opencv",
+    "jinja2": "python3-jinja2",
+    "numba": "python3-numba",
+    "numpy": "python3-numpy",
+    "pydantic": "python3-pydantic",
+    "rich": "python3-rich",
+    "rosbags": "python3-rosbags-pip",
+    "scipy": "python3-scipy",
+    "yaml": "python3-yaml",
+}
+# Without a rosdep key; bootstrap/runtime.in installs them.
+NO_KEY = {"mcap", "libsumo"}
+OURS = {*PACKAGES, "ssp_core"}
+
+
+def manifest(package: str) -> ElementTree.Element:
+    return ElementTree.parse(ROOT / package / "package.xml").getroot()
+
+
+def sources(package: str) -> list[Path]:
+    folder = "ssp_core" if package == "ssp_msgs" else package
+    return sorted((ROOT / package / folder).rglob("*.py"))
+
+
+def imported(files: list[Path]) -> set[str]:
+    """Top-level names that the files import."""
+    found: set[str] = set()
+    for file in files:
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.Import):
+                found |= {alias.name.split(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
+                found.add(node.module.split(".")[0])
+    return found
+
+
+def requirement_names(text: str) -> set[str]:
+    names = set()
+    for line in text.splitlines():
+        match = re.match(r"[A-Za-z0-9][A-Za-z0-9._-]*", line)
+        if match:
+            names.add(re.sub(r"[-_.]+", "-", match.group()).lower())
+    return names
+
+
+def test_all_packages_are_there() -> None:
+    assert PACKAGES == [
+        "ssp_eval",
+        "ssp_monitor",
+        "ssp_msgs",
+        "ssp_ot_controller",
+        "ssp_scenario_manager",
+        "ssp_vla_bridge",
+    ]
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_package_xml_names_licence_version_and_itself(package: str) -> None:
+    root = manifest(package)
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert root.get("format") == "3"
+    assert root.findtext("name") == package
+    assert root.findtext("license") == "Apache-2.0"
+    assert root.findtext("version") == project["version"]
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_package_xml_names_everything_that_is_imported(package: str) -> None:
+    declared = {
+        e.text for e in manifest(package) if e.tag in ("depend", "exec_depend", "build_depend")
+    }
+    if package != "ssp_msgs":
+        # Comes with ssp_msgs, on which every package depends.
+        assert "ssp_msgs" in declared
+        declared |= {e.text for e in manifest("ssp_msgs") if e.tag.endswith("depend")}
+    names = imported(sources(package))
+    ros = {n for n in names if n.endswith("_msgs") or n in ("rclpy", "builtin_interfaces")}
+    missing = {n for n in ros - OURS if n not in declared}
+    missing |= {n for n, key in ROSDEP_NAMES.items() if n in names and key not in declared}
+    assert missing == set()
+
+
+@pytest.mark.parametrize("package", PYTHON_PACKAGES)
+def test_entry_points_exist(package: str) -> None:
+    text = (ROOT / package / "setup.py").read_text()
+    entries = re.findall(r'"(\w+) = ([\w.]+):(\w+)"', text)
+    assert entries
+    for _, module, function in entries:
+        file = ROOT / package / Path(*module.split(".")).with_suffix(".py")
+        assert f"def {function}(" in file.read_text()
+
+
+ALLOWED = {
+    "ssp_msgs": set(),
+    "ssp_scenario_manager": set(),
+    "ssp_ot_controller": set(),
+    "ssp_monitor": set(),
+    "ssp_vla_bridge": set(),
+    "ssp_eval": {"ssp_vla_bridge", "ssp_scenario_manager"},
+}
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_dependencies_point_one_way(package: str) -> None:
+    others = imported(sources(package)) & OURS - {package, "ssp_core", "ssp_msgs"}
+    assert others <= ALLOWED[package]
+
+
+def test_the_lock_pins_every_requirement_with_hashes() -> None:
+    lock = (ROOT / "bootstrap" / "requirements.lock").read_text()
+    pinned = requirement_names(lock)
+    for name in ("ros.in", "runtime.in", "dev.in"):
+        wanted = requirement_names((ROOT / "bootstrap" / name).read_text())
+        assert wanted <= pinned, name
+    entries = re.findall(r"^[a-zA-Z0-9].*?(?=^[a-zA-Z0-9]|\Z)", lock, re.S | re.M)
+    assert all("==" in e and "--hash=sha256:" in e for e in entries)
+
+
+def test_the_project_asks_for_nothing_that_is_not_locked() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    wanted = requirement_names("\n".join(project["dependencies"]))
+    wanted |= requirement_names("\n".join(project["optional-dependencies"]["sil"]))
+    assert wanted == requirement_names((ROOT / "bootstrap" / "runtime.in").read_text())
+
+
+def test_the_image_is_made_from_the_same_files() -> None:
+    text = (ROOT / "docker" / "Dockerfile").read_text()
+    for name in ("bootstrap/uv.lock", "bootstrap/runtime.in", "bootstrap/requirements.lock"):
+        assert name in text
+        assert (ROOT / name).is_file()
+    assert "FROM ros:jazzy" in text
+    setup = (ROOT / "bootstrap" / "bootstrap.py").read_text()
+    libraries = re.findall(r'"lib\w+\.so\.\d": "(\w+)"', setup)
+    assert libraries
+    assert all(library in text for library in libraries)
+    assert (ROOT / "docker" / "entrypoint.sh").stat().st_mode & 0o111
+
+
+def test_everything_is_apache_licensed() -> None:
+    assert "Apache License" in (ROOT / "LICENSE").read_text()
+    for package in PYTHON_PACKAGES:
+        assert 'license="Apache-2.0"' in (ROOT / package / "setup.py").read_text()
