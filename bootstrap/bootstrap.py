@@ -12,6 +12,7 @@ import os
 import shutil
 import subprocess
 import sys
+import sysconfig
 import time
 from pathlib import Path
 
@@ -66,6 +67,8 @@ def missing_apt_packages() -> list[str]:
             missing.append(package)
     if shutil.which("c++") is None and shutil.which("g++") is None:
         missing.append("g++")
+    if not (Path(sysconfig.get_path("include")) / "Python.h").is_file():
+        missing.append(f"python{sys.version_info.major}.{sys.version_info.minor}-dev")
     try:
         import ensurepip  # noqa: F401  (its absence is how Debian ships Python without venv)
         import venv  # noqa: F401
@@ -171,7 +174,6 @@ def build_workspace(python: Path) -> None:
         f"-DPYTHON_EXECUTABLE={python}",
         f"-DCMAKE_PROJECT_TOP_LEVEL_INCLUDES={ROOT / 'bootstrap' / 'wheel_include_dirs.cmake'}",
         "-DBUILD_TESTING=OFF",
-        "--no-warn-unused-cli",
     ]
     os.chdir(ROOT)
     run(command, "colcon build", env)

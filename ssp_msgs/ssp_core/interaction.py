@@ -69,9 +69,9 @@ def encounter(vut: ObjectState, other: ObjectState, path: Polyline) -> Encounter
         other: state of the object at the same stamp.
         path: the VUT's path, frame map.
     """
-    vut_station, _ = path.project(vut.x_m, vut.y_m)
+    vut_station, _ = path.project_beyond(vut.x_m, vut.y_m)
     front = vut_station + vut.size.front_m
-    projected = [path.project(x, y) for x, y in other.box.corners()]
+    projected = [path.project_beyond(x, y) for x, y in other.box.corners()]
     stations = [s for s, _ in projected]
     offsets = [d for _, d in projected]
     nearest, farthest = min(stations), max(stations)
