@@ -1,0 +1,139 @@
+"""The command line as a whole: verbs, exit statuses, one message per error, a quick start."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+
+import click
+import pytest
+
+from ssp_core import cli
+from ssp_core.cli import VERBS, main
+from ssp_core.errors import HostError, InputError, PeerError
+
+
+@pytest.fixture
+def verb(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[], object]], None]:
+    """Puts a function behind the verb ``probe``."""
+
+    def install(function: Callable[[], object]) -> None:
+        monkeypatch.setattr(
+            sys.modules[__name__], "probe", click.command()(function), raising=False
+        )
+        monkeypatch.setitem(VERBS, "probe", (f"{__name__}:probe", "for this test"))
+
+    return install
+
+
+@pytest.mark.parametrize("name", VERBS)
+def test_every_verb_has_a_command_with_help(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([name, "--help"]) == 0
+    assert "Usage: ssp " + name in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["-h"]])
+def test_help_lists_every_verb(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(arguments) == 0
+    out = capsys.readouterr().out
+    for name, (_, text) in VERBS.items():
+        assert f"  {name} " in out
+        assert text.split()[0] in out
+
+
+def test_wrong_usage_is_2(capsys: pytest.CaptureFixture[str]) -> None:
+    for arguments in (["fly"], ["--fly"], ["run"], ["run", "cut_in", "--fly"]):
+        assert main(arguments) == 2
+        assert "Error" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("error", [InputError, PeerError, HostError])
+def test_an_error_of_ours_is_1_and_one_message(
+    verb: Callable[[Callable[[], object]], None],
+    error: type[Exception],
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def function() -> None:
+        raise error("a [red]problem[/] in x.yaml[3]")
+
+    verb(function)
+    assert main(["probe"]) == 1
+    captured = capsys.readouterr()
+    assert captured.err == "error: a [red]problem[/] in x.yaml[3]\n"
+    assert captured.out == ""
+
+
+@pytest.mark.parametrize(("returned", "status"), [(None, 0), (0, 0), (1, 1), ("text", 0)])
+def test_what_a_verb_returns_is_the_status(
+    verb: Callable[[Callable[[], object]], None], returned: object, status: int
+) -> None:
+    verb(lambda: returned)
+    assert main(["probe"]) == status
+
+
+def test_interruption(
+    verb: Callable[[Callable[[], object]], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    def function() -> None:
+        raise KeyboardInterrupt
+
+    verb(function)
+    assert main(["probe"]) == 130
+    assert "interrupted" in capsys.readouterr().err
+
+
+def test_exit_inside_a_verb(verb: Callable[[Callable[[], object]], None]) -> None:
+    def function() -> None:
+        click.get_current_context().exit(7)
+
+    verb(function)
+    assert main(["probe"]) == 7
+
+
+def test_a_bug_is_a_traceback(verb: Callable[[Callable[[], object]], None]) -> None:
+    def function() -> None:
+        raise RuntimeError("a bug")
+
+    verb(function)
+    with pytest.raises(RuntimeError, match="a bug"):
+        main(["probe"])
+
+
+def test_a_verb_that_is_no_command_is_a_bug(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(VERBS, "probe", ("ssp_core.cli:main", "no command"))
+    with pytest.raises(TypeError, match="no click command"):
+        main(["probe"])
+
+
+def test_version(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--version"]) == 0
+    assert cli.__version__ in capsys.readouterr().out
+
+
+def test_help_loads_nothing_heavy() -> None:
+    """What takes long to import is for the verb that needs it."""
+    code = (
+        "import sys; from ssp_core.cli import main; main(['--help']); "
+        "heavy = {'numpy', 'cv2', 'rclpy', 'libsumo', 'numba', 'pydantic', 'scipy', 'matplotlib'}; "
+        "print('LOADED', sorted(heavy & set(sys.modules)))"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True
+    )
+    assert result.stdout.splitlines()[-1] == "LOADED []"
+
+
+def test_a_closed_pipe_is_no_traceback() -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-m", "ssp_core.cli", "--help"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    process.stdout.close()
+    assert process.stderr is not None
+    assert "Traceback" not in process.stderr.read()
+    process.wait(timeout=30)
+    process.stderr.close()

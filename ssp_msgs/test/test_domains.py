@@ -1,0 +1,123 @@
+"""Two sessions never get the same ROS domain, and a domain that somebody uses is left alone."""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import sys
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from ssp_core import domains
+from ssp_core.domains import DOMAINS, domain_ports, free_domain, ports_in_use
+from ssp_core.errors import HostError
+
+# Takes a domain, says which, and gives it back when its standard input ends.
+HOLDER = """
+import sys
+from ssp_core.domains import free_domain
+with free_domain() as domain_id:
+    print(domain_id, flush=True)
+    sys.stdin.read()
+"""
+
+
+@pytest.fixture(autouse=True)
+def _own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Locks of this test only; other sessions on this host keep theirs."""
+    monkeypatch.setattr("tempfile.tempdir", None)
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+
+
+def test_ports_of_a_domain() -> None:
+    """RTPS 2.2, 9.6.1.1: 7400 + 250 d for the first participant of domain d."""
+    assert domain_ports(0) == range(7400, 7650)
+    assert domain_ports(1).start == 7650
+    assert not set(domain_ports(20)) & set(domain_ports(21))
+    assert domain_ports(DOMAINS.stop - 1).stop <= 32768  # below Linux's ephemeral ports
+
+
+def test_ports_in_use() -> None:
+    text = (
+        "  sl  local_address rem_address   st tx_queue rx_queue\n"
+        "  123: 00000000:1CE8 00000000:0000 07 00000000:00000000 00:00000000\n"
+        "  124: 0100007F:0035 00000000:0000 07 00000000:00000000 00:00000000\n"
+        "\n"
+        "  junk\n"
+    )
+    assert ports_in_use(text) == {7400, 53}
+    assert ports_in_use("") == set()
+
+
+def test_one_process_gets_different_ids_and_gives_them_back() -> None:
+    with ExitStack() as stack:
+        held = [stack.enter_context(free_domain()) for _ in range(10)]
+        assert len(set(held)) == 10
+        assert set(held) <= set(DOMAINS)
+    with free_domain() as again:
+        assert again == held[0]
+
+
+def test_processes_get_different_ids_and_a_dead_one_gives_its_back() -> None:
+    held: list[int] = []
+    processes = []
+    try:
+        for _ in range(6):
+            process = subprocess.Popen(
+                [sys.executable, "-c", HOLDER],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                text=True,
+            )
+            processes.append(process)
+        for process in processes:
+            assert process.stdout is not None
+            held.append(int(process.stdout.readline()))
+        assert len(set(held)) == len(held)
+        with free_domain() as ours:
+            assert ours not in held
+        processes[0].kill()
+        processes[0].wait(timeout=10)
+    finally:
+        for process in processes:
+            process.kill()
+            process.communicate(timeout=10)
+
+
+def test_a_domain_with_an_open_port_is_skipped() -> None:
+    with free_domain() as usual:
+        pass
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", domain_ports(usual).start + 12))
+        with free_domain() as other:
+            assert other != usual
+
+
+def test_all_taken_is_said_with_a_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
+    with free_domain() as only:
+        monkeypatch.setattr(domains, "DOMAINS", range(only, only + 1))
+        with pytest.raises(HostError, match="set ROS_DOMAIN_ID"), free_domain():
+            pass
+
+
+def test_another_users_lock_is_skipped(monkeypatch: pytest.MonkeyPatch) -> None:
+    with free_domain() as usual:
+        pass
+    real = os.open
+
+    def not_ours(path: os.PathLike[str], *arguments: int) -> int:
+        if Path(path).name == str(usual):
+            raise PermissionError
+        return real(path, *arguments)
+
+    monkeypatch.setattr(domains.os, "open", not_ours)
+    with free_domain() as other:
+        assert other != usual
+
+
+def test_the_folder_of_locks_is_for_all_users(tmp_path: Path) -> None:
+    with free_domain():
+        assert (tmp_path / "ssp-domains").stat().st_mode & 0o7777 == 0o1777
