@@ -159,17 +159,16 @@ class ObjectTargetNode(LifecycleNode):
     # -- what arrives --------------------------------------------------------------------------
 
     def _on_heartbeat(self, message: Heartbeat) -> None:
-        if len(message.object_ids) != len(message.references_sent):
-            self.get_logger().error("heartbeat dropped: object_ids and references_sent differ")
+        try:
+            session = SessionPhase(message.session_state)
+            counts = dict(zip(message.object_ids, message.references_sent, strict=True))
+        except ValueError as error:
+            # As good as silence, which the object knows how to deal with.
+            self.get_logger().error(f"heartbeat dropped: {error}")
             return
         self._heartbeat_arrived_ns = time.monotonic_ns()
-        counts = dict(zip(message.object_ids, message.references_sent, strict=True))
-        self._inbox.on_heartbeat(
-            message.sequence,
-            SessionPhase(message.session_state),
-            ros.ns_from_stamp(message.header.stamp),
-            counts,
-        )
+        stamp_ns = ros.ns_from_stamp(message.header.stamp)
+        self._inbox.on_heartbeat(message.sequence, session, stamp_ns, counts)
         self._work()
 
     def _on_reference(self, message: ReferenceMsg) -> None:

@@ -1,0 +1,324 @@
+"""The object_target as a process: commands, references, silence, its lifecycle."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+
+from ssp_core import names, ros
+from ssp_core.conversions import reference_to_msg, state_to_msg
+from ssp_core.domains import free_domain
+from ssp_core.geometry import Polyline
+from ssp_core.processes import remove_shared_ports, remove_stale_shared_memory, session_environment
+from ssp_core.profile import drive_along
+from ssp_core.reference import Reference
+from ssp_core.state import DEFAULT_SIZES, ObjectState
+from ssp_core.vocab import ControlState, ObjectClass, Role, SessionPhase
+from ssp_msgs import msg
+from ssp_msgs.srv import ObjectCommand
+
+pytestmark = pytest.mark.ros
+DEADLINE_S = 20.0
+VERSION = "sha256:event"
+Request = ObjectCommand.Request
+
+
+@pytest.fixture
+def run_file(tmp_path: Path) -> Path:
+    start = {"x_m": 40.0, "y_m": 0.0, "yaw_rad": 0.0}
+    mapping = {
+        "schema": "ssp.run/1",
+        "run_id": "r",
+        "scenario": "s",
+        "interaction": "cut_in",
+        "domain": "simulation",
+        "stand_in": False,
+        "event_version": VERSION,
+        "site": "s",
+        "site_version": "sha256:s",
+        "seed": 1,
+        "mode": "lockstep",
+        "road": {
+            "origin": {"x_m": 0.0, "y_m": 0.0, "yaw_rad": 0.0},
+            "length_m": 400.0,
+            "lanes": [{"y_m": 0.0, "width_m": 3.5, "direction": "forward"}],
+        },
+        "geofence": [(0.0, -8.0), (400.0, -8.0), (400.0, 12.0), (0.0, 12.0)],
+        "vut": {"id": "vut", "object_class": "car", "start": {**start, "x_m": 10.0}},
+        "driver": {"cruise_mps": 10.0},
+        "targets": [{"id": "ot1", "object_class": "car", "start": start}],
+        "triggers": [
+            {
+                "id": "t",
+                "condition": {"type": "relative_distance", "object_id": "ot1", "below_m": 9.0},
+                "object_id": "ot1",
+                "manoeuvre": {
+                    "kind": "lane_change",
+                    "lateral_shift_m": -3.5,
+                    "duration_s": 2.5,
+                    "cruise_mps": 8.0,
+                },
+            }
+        ],
+        "limits": {"speed_mps": 15.0, "acceleration_mps2": 5.0},
+    }
+    path = tmp_path / "run.yaml"
+    path.write_text(json.dumps(mapping))
+    return path
+
+
+class Peers:
+    """World and manager, played by the test; both do something only when they are told to."""
+
+    def __init__(self, domain_id: int) -> None:
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=domain_id)
+        self.node = rclpy.create_node("peers", namespace=names.NAMESPACE, context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.states: list[Any] = []
+        self.actuator: list[Any] = []
+        self.acks: list[Any] = []
+        self.safety: list[Any] = []
+        self.sequence = 0
+        pub, sub = self.node.create_publisher, self.node.create_subscription
+        self.tick_pub = pub(msg.WorldTick, names.WORLD_TICK, ros.STATE)
+        self.beat_pub = pub(msg.Heartbeat, names.HEARTBEAT, ros.STATE)
+        self.reference_pub = pub(msg.Reference, names.reference_topic("ot1"), ros.COMMAND)
+        sub(msg.ObjectState, names.state_topic("ot1"), self.states.append, ros.STATE)
+        sub(msg.ActuatorCommand, names.ACTUATOR_COMMAND, self.actuator.append, ros.COMMAND)
+        sub(msg.ReferenceAck, names.ack_topic("ot1"), self.acks.append, ros.COMMAND)
+        sub(msg.SafetyEvent, names.SAFETY_EVENT, self.safety.append, ros.LATCHED)
+        client = self.node.create_client
+        self.commands = client(ObjectCommand, names.command_service("ot1"))
+        self.lifecycle = client(ChangeState, f"{names.OBJECT_TARGET}/change_state")
+
+    def spin_until(self, condition: Callable[[], Any], what: str) -> None:
+        deadline = time.monotonic() + DEADLINE_S
+        while not condition():
+            assert time.monotonic() < deadline, f"{what} did not happen in time"
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def connected(self) -> bool:
+        """All topics have found their other end."""
+        return self.commands.service_is_ready() and all(
+            p.get_subscription_count() for p in (self.tick_pub, self.beat_pub, self.reference_pub)
+        )
+
+    def beat(self, session: SessionPhase) -> None:
+        self.sequence += 1
+        self.beat_pub.publish(
+            msg.Heartbeat(
+                sequence=self.sequence,
+                session_state=int(session),
+                object_ids=["ot1"],
+                references_sent=[0],
+            )
+        )
+
+    def tick(self) -> ControlState:
+        """One tick of a holding world; the state that the object reports for it."""
+        state = ObjectState(
+            "ot1", ObjectClass.CAR, Role.OT, 0, 40.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+            DEFAULT_SIZES[ObjectClass.CAR],
+        )  # fmt: skip
+        count = len(self.states)
+        self.tick_pub.publish(
+            msg.WorldTick(step=0, running=False, lockstep=True, objects=[state_to_msg(state)])
+        )
+        self.spin_until(lambda: len(self.states) > count, "a state")
+        return ControlState(self.states[-1].control_state)
+
+    def command(self, number: int, version: str = VERSION) -> Any:
+        return self.ask(self.commands, Request(command=number, event_version=version))
+
+    def ask(self, client: Any, request: Any) -> Any:
+        self.spin_until(client.service_is_ready, client.srv_name)
+        future = client.call_async(request)
+        self.spin_until(future.done, f"{client.srv_name} answers")
+        return future.result()
+
+    def change(self, transition: int) -> bool:
+        request = ChangeState.Request(transition=Transition(id=transition))
+        return bool(self.ask(self.lifecycle, request).success)
+
+    def arm(self) -> None:
+        self.beat(SessionPhase.ARMED)
+        assert self.tick() is ControlState.DISARMED
+        assert self.command(Request.COMMAND_ARM).accepted
+        self.beat(SessionPhase.ARMED)
+        assert self.tick() is ControlState.ARMED
+
+    def close(self) -> None:
+        self.executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self.context)
+
+
+@pytest.fixture
+def domain() -> Iterator[int]:
+    with free_domain() as domain_id:
+        yield domain_id
+        remove_shared_ports(domain_id)
+    remove_stale_shared_memory()
+
+
+def start(domain: int, **parameters: object) -> subprocess.Popen[str]:
+    arguments = [sys.executable, "-m", "ssp_ot_controller.target.node", "--ros-args"]
+    for name, value in parameters.items():
+        arguments += ["-p", f"{name}:={value}"]
+    return subprocess.Popen(
+        arguments,
+        env=session_environment(domain),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+@pytest.fixture
+def target(domain: int, run_file: Path) -> Iterator[subprocess.Popen[str]]:
+    process = start(domain, run_file=run_file)
+    yield process
+    process.kill()
+    process.communicate(timeout=10)
+
+
+@pytest.fixture
+def peers(
+    domain: int, target: subprocess.Popen[str], monkeypatch: pytest.MonkeyPatch
+) -> Iterator[Peers]:
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    made = Peers(domain)
+    made.spin_until(made.connected, "discovery")
+    yield made
+    made.close()
+
+
+def test_commands_and_their_refusals(peers: Peers) -> None:
+    assert peers.tick() is ControlState.DISARMED
+    # 100 and up are the numbers of what the object notices by itself.
+    for number in (0, 8, 99, 100, 101, 102, 103, 104, 255):
+        answer = peers.command(number)
+        assert not answer.accepted, number
+        assert answer.error_code == ObjectCommand.Response.REFUSED_TRANSITION
+        assert answer.error_msg
+        assert answer.control_state == ControlState.DISARMED
+    answer = peers.command(Request.COMMAND_START)
+    assert (answer.accepted, answer.error_code) == (False, answer.REFUSED_TRANSITION)
+    assert "START is not possible in DISARMED" in answer.error_msg
+    answer = peers.command(Request.COMMAND_ARM, "sha256:another")
+    assert (answer.accepted, answer.error_code) == (False, answer.REFUSED_VERSION)
+    assert peers.tick() is ControlState.DISARMED
+
+
+def test_an_abort_that_is_still_queued_does_not_undo_all_clear(peers: Peers) -> None:
+    """Heartbeats wait for the next tick, a service call doesn't."""
+    peers.arm()
+    peers.beat(SessionPhase.ABORTING)
+    peers.beat(SessionPhase.ABORTED)
+    assert peers.tick() is ControlState.ABORTING
+    for _ in range(5):
+        peers.beat(SessionPhase.ABORTED)
+    # Time for the beats to arrive: an answered command behind them on a busy node.
+    for _ in range(3):
+        assert not peers.command(99).accepted
+    assert peers.command(Request.COMMAND_ALL_CLEAR).accepted
+    assert peers.tick() is ControlState.DISARMED
+    peers.arm()
+
+
+def test_a_reference_out_of_turn_is_answered(peers: Peers) -> None:
+    assert peers.tick() is ControlState.DISARMED
+    points = drive_along(Polyline([(40.0, 0.0), (90.0, 0.0)]), 0.0, 0.0, 5.0, 2.0, 2.0)
+    second = 10**9
+    reference = Reference("r1", "ot1", VERSION, "approach", 0, second, 2 * second, tuple(points))
+    peers.reference_pub.publish(reference_to_msg(reference))
+    while not peers.acks:
+        peers.tick()
+    (ack,) = peers.acks
+    assert (ack.reference_id, ack.accepted) == ("r1", False)
+    assert ack.error_code == msg.ReferenceAck.REFUSED_STATE
+    assert "DISARMED" in ack.error_msg
+
+
+def test_silence_of_the_manager_stops_an_armed_object(peers: Peers) -> None:
+    peers.arm()
+    silent_since = time.monotonic()
+    while peers.tick() is ControlState.ARMED:
+        assert time.monotonic() - silent_since < DEADLINE_S
+    assert ControlState(peers.states[-1].control_state) is ControlState.ABORTING
+    assert time.monotonic() - silent_since >= 0.5
+    peers.spin_until(lambda: peers.safety, "the safety event")
+    (event,) = peers.safety
+    assert (event.limit_name, event.reaction, event.object_id) == (
+        "heartbeat_lost",
+        "local_stop",
+        "ot1",
+    )
+    assert event.measured > event.limit == 0.5
+    assert peers.actuator[-1].acceleration < 0.0
+
+
+def test_a_malformed_heartbeat_is_dropped(peers: Peers, target: subprocess.Popen[str]) -> None:
+    peers.arm()
+    for session_state, counts in ((SessionPhase.ARMED, []), (77, [0])):
+        peers.beat_pub.publish(
+            msg.Heartbeat(
+                sequence=99,
+                session_state=int(session_state),
+                object_ids=["ot1"],
+                references_sent=counts,
+            )
+        )
+    peers.beat(SessionPhase.ARMED)
+    assert peers.tick() is ControlState.ARMED
+    assert target.poll() is None
+
+
+def test_lifecycle(peers: Peers) -> None:
+    """Deactivating stops; configuring again leaves one node, not two in one."""
+    peers.arm()
+    assert peers.change(Transition.TRANSITION_DEACTIVATE)
+    peers.beat(SessionPhase.ARMED)
+    assert peers.tick() is ControlState.ABORTING
+    assert peers.change(Transition.TRANSITION_CLEANUP)
+    peers.spin_until(lambda: not peers.commands.service_is_ready(), "the end of its services")
+    assert peers.change(Transition.TRANSITION_CONFIGURE)
+    assert peers.change(Transition.TRANSITION_ACTIVATE)
+    peers.spin_until(peers.connected, "discovery")
+    assert peers.node.count_publishers(names.state_topic("ot1")) == 1
+    peers.states.clear()
+    assert peers.tick() is ControlState.DISARMED
+    assert peers.tick() is ControlState.DISARMED
+    assert len(peers.states) == 2
+    peers.arm()
+
+
+@pytest.mark.parametrize(
+    ("parameters", "says"),
+    [
+        ({"run_file": "/nowhere/run.yaml"}, "/nowhere/run.yaml: can't be read"),
+        ({"object_ids": "ot1,ot9"}, "parameter object_ids: not in the run (got 'ot9')"),
+    ],
+)
+def test_what_it_cannot_work_with_ends_it(
+    domain: int, run_file: Path, parameters: dict[str, str], says: str
+) -> None:
+    process = start(domain, **{"run_file": str(run_file), **parameters})
+    _, err = process.communicate(timeout=DEADLINE_S)
+    assert process.returncode == 1
+    assert says in err
+    assert "Traceback" not in err
