@@ -5,30 +5,24 @@ from __future__ import annotations
 import sys
 import time
 from functools import partial
-from typing import Any
 
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
-from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo
 
 from ssp_core import names, ros
 from ssp_core.clock import NS_PER_S
-from ssp_core.conversions import reference_to_msg
 from ssp_core.errors import InputError
 from ssp_core.messages import object_state
-from ssp_core.run_spec import RunSpec, load_run
+from ssp_core.run_spec import load_run
 from ssp_core.safety_codes import SafetyCode
 from ssp_core.state import ObjectState as State
 from ssp_core.vocab import ControlState, SessionPhase
-from ssp_msgs.action import RunScenario
 from ssp_msgs.msg import (
     Heartbeat,
     ObjectState,
     PhaseEvent,
     RecorderStatus,
-    Reference,
     ReferenceAck,
     SafetyEvent,
     SessionState,
@@ -41,19 +35,20 @@ from ssp_scenario_manager import conversions
 from ssp_scenario_manager.core import outbox, supervisor
 from ssp_scenario_manager.core.barrier import StepInputs
 from ssp_scenario_manager.core.readiness import Facts
-from ssp_scenario_manager.core.run_script import RunScript
 from ssp_scenario_manager.core.session import Answer, Session
 from ssp_scenario_manager.core.session_machine import SessionEvent
+from ssp_scenario_manager.core.vigil import Vigil
+from ssp_scenario_manager.goal.node import RunGoal
+from ssp_scenario_manager.links.node import ObjectLinks
 
 WATCHDOG_PERIOD_S = 0.05
-# A simulated world that is silent this long on the steady clock is taken for dead.
-WORLD_SILENT_LOCKSTEP_S = 4.0
-WORLD_SILENT_REALTIME_S = 0.5
-RECORDER_SILENT_S = 2.0
-CAMERA_SILENT_S = 3.0
 ARM_CONFIRMATION_S = 3.0
 ABORT_STANDSTILL_S = 15.0
 _ENDING = (SessionPhase.STOPPING, SessionPhase.ABORTING)
+_WATCHED = (SessionPhase.RUNNING, SessionPhase.STOPPING)
+_ARM = ObjectCommand.Request.COMMAND_ARM
+_DISARM = ObjectCommand.Request.COMMAND_DISARM
+_ALL_CLEAR = ObjectCommand.Request.COMMAND_ALL_CLEAR
 
 
 class ScenarioManager(Node):
@@ -63,19 +58,19 @@ class ScenarioManager(Node):
         super().__init__(names.SCENARIO_MANAGER, namespace=names.NAMESPACE)
         self._stop = stop
         self._session = Session()
-        self._script: RunScript | None = None
-        self._goal: Any = None
         self._now_ns = 0
         self._heartbeat = 0
-        self._references_sent: dict[str, int] = {}
+        self._links = ObjectLinks(
+            self, self._on_target_state, self._on_ack, self._on_object_refusal
+        )
+        self._goal = RunGoal(self, self._session, self._load, self._command)
+        self._vigil = Vigil()
         self._inputs = StepInputs((names.OBJECT_TARGET,))
         self._lockstep = False
         self._running_world = False
         self._recorder: RecorderStatus | None = None
-        self._heard: dict[str, int] = {}
         self._arming_since_ns: int | None = None
         self._aborting_since_ns: int | None = None
-        self._object_io: dict[str, tuple[Any, Any]] = {}
         self._arrival_ns = 0
         self._start_world = False
         self._make_endpoints()
@@ -93,57 +88,22 @@ class ScenarioManager(Node):
         sub(WorldTick, names.WORLD_TICK, self._on_tick, ros.STATE)
         sub(StepDone, names.STEP_DONE, self._on_step_done, ros.STATE)
         sub(ObjectState, names.state_topic(names.VUT_ID), self._on_vut_state, ros.STATE)
-        sub(CameraInfo, names.CAMERA_INFO, lambda _: self._hear(names.FRONT_CAMERA), ros.SENSOR)
+        sub(CameraInfo, names.CAMERA_INFO, self._on_camera_info, ros.SENSOR)
         sub(RecorderStatus, names.RECORDER_STATUS, self._on_recorder, ros.STATE)
         sub(SafetyEvent, names.SAFETY_EVENT, self._on_safety_event, ros.LATCHED)
         self.create_service(LoadScenario, names.LOAD_SCENARIO, self._on_load)
         for command in names.SESSION_COMMANDS:
             event = SessionEvent(command)
             self.create_service(SessionCommand, command, partial(self._on_command, event))
-        self._action = ActionServer(
-            self,
-            RunScenario,
-            names.RUN_SCENARIO,
-            execute_callback=self._finish_goal,
-            goal_callback=self._on_goal,
-            handle_accepted_callback=self._on_goal_accepted,
-            cancel_callback=self._on_cancel,
-            callback_group=ReentrantCallbackGroup(),
-        )
         # The watchdog must go on when simulated time stands still.
         self.create_timer(
             WATCHDOG_PERIOD_S, self._watchdog, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )
 
-    def _connect_objects(self, spec: RunSpec) -> None:
-        """Endpoints for the objects of a run; those of objects that stay are kept."""
-        for target in spec.targets:
-            if target.id in self._object_io:
-                continue
-            publisher = self.create_publisher(
-                Reference, names.reference_topic(target.id), ros.COMMAND
-            )
-            client = self.create_client(ObjectCommand, names.command_service(target.id))
-            self.create_subscription(
-                ObjectState, names.state_topic(target.id), self._on_target_state, ros.STATE
-            )
-            self.create_subscription(
-                ReferenceAck, names.ack_topic(target.id), self._on_ack, ros.COMMAND
-            )
-            self._object_io[target.id] = (publisher, client)
-            self._references_sent.setdefault(target.id, 0)
-
     # -- what arrives --------------------------------------------------------------------------
 
-    def _hear(self, who: str) -> None:
-        self._heard[who] = time.monotonic_ns()
-
-    def _age_s(self, who: str) -> float:
-        heard = self._heard.get(who)
-        return float("inf") if heard is None else (time.monotonic_ns() - heard) / NS_PER_S
-
     def _on_tick(self, message: WorldTick) -> None:
-        self._hear(names.SIL_WORLD)
+        self._vigil.hear(names.SIL_WORLD, time.monotonic_ns())
         self._arrival_ns = time.monotonic_ns()
         self._lockstep = message.lockstep
         self._running_world = message.running
@@ -166,7 +126,7 @@ class ScenarioManager(Node):
         self._step_when_complete()
 
     def _on_vut_state(self, message: ObjectState) -> None:
-        self._hear(names.VUT_ID)
+        self._vigil.hear(names.VUT_ID, time.monotonic_ns())
         self._arrival_ns = time.monotonic_ns()
         state = self._state(message)
         if state is not None:
@@ -180,7 +140,7 @@ class ScenarioManager(Node):
         self._step_when_complete()
 
     def _on_target_state(self, message: ObjectState) -> None:
-        self._hear(message.object_id)
+        self._vigil.hear(message.object_id, time.monotonic_ns())
         state = self._state(message)
         if state is not None:
             self._session.on_target_state(state)
@@ -207,8 +167,11 @@ class ScenarioManager(Node):
         self._flush()
         self._step_when_complete()
 
+    def _on_camera_info(self, _: CameraInfo) -> None:
+        self._vigil.hear(names.FRONT_CAMERA, time.monotonic_ns())
+
     def _on_recorder(self, message: RecorderStatus) -> None:
-        self._hear(names.MONITOR)
+        self._vigil.hear(names.MONITOR, time.monotonic_ns())
         self._recorder = message
 
     def _on_safety_event(self, message: SafetyEvent) -> None:
@@ -265,8 +228,8 @@ class ScenarioManager(Node):
             sender=self.get_name(),
             sequence=self._heartbeat,
             session_state=int(self._session.state),
-            object_ids=list(self._references_sent),
-            references_sent=list(self._references_sent.values()),
+            object_ids=list(self._links.references_sent),
+            references_sent=list(self._links.references_sent.values()),
         )
         message.header.stamp = ros.stamp_from_ns(self._now_ns)
         self._pub_heartbeat.publish(message)
@@ -276,40 +239,36 @@ class ScenarioManager(Node):
         in_lockstep = self._lockstep and self._running_world
         if not in_lockstep:
             self._send_heartbeat()
-        spec = self._session.spec
-        self._session.facts = Facts(
-            recorder_ready=bool(self._recorder and self._recorder.ready),
-            recorder_missing=tuple(self._recorder.missing_topics) if self._recorder else (),
-            recorder_age_s=self._age_s(names.MONITOR),
-            camera_age_s=self._age_s(names.FRONT_CAMERA),
-            vut_age_s=self._age_s(names.VUT_ID),
-            target_age_s=tuple((t.id, self._age_s(t.id)) for t in spec.targets) if spec else (),
-        )
+        self._session.facts = self._facts()
         self._watch_silence()
         self._watch_arming()
         self._watch_abort()
         if not in_lockstep and self._session.state in _ENDING:
             # The world holds, so that no step will come; whatever stands may be believed.
             self._session.step(self._now_ns)
-        self._drive_script()
+        self._goal.drive(self._now_ns)
         self._flush()
 
+    def _facts(self) -> Facts:
+        spec, recorder, now_ns = self._session.spec, self._recorder, time.monotonic_ns()
+        targets = [t.id for t in spec.targets] if spec else []
+        return Facts(
+            recorder_ready=bool(recorder and recorder.ready),
+            recorder_missing=tuple(recorder.missing_topics) if recorder else (),
+            recorder_age_s=self._vigil.age_s(names.MONITOR, now_ns),
+            camera_age_s=self._vigil.age_s(names.FRONT_CAMERA, now_ns),
+            vut_age_s=self._vigil.age_s(names.VUT_ID, now_ns),
+            target_age_s=tuple((i, self._vigil.age_s(i, now_ns)) for i in targets),
+        )
+
     def _watch_silence(self) -> None:
-        if self._session.state not in (SessionPhase.RUNNING, SessionPhase.STOPPING):
-            return
-        limit_s = WORLD_SILENT_LOCKSTEP_S if self._lockstep else WORLD_SILENT_REALTIME_S
-        watched = [
-            (SafetyCode.WORLD_SILENT, names.SIL_WORLD, limit_s),
-            (SafetyCode.VUT_SILENT, names.VUT_ID, limit_s),
-            (SafetyCode.RECORDER, names.MONITOR, RECORDER_SILENT_S),
-        ]
         spec = self._session.spec
-        if spec is not None and spec.camera is not None:
-            watched.append((SafetyCode.PARTICIPANT_LOST, names.FRONT_CAMERA, CAMERA_SILENT_S))
-        for code, who, limit in watched:
-            violation = supervisor.silent(code, who, self._age_s(who), limit, self._now_ns)
-            if violation is not None:
-                self._session.fail(violation)
+        if spec is None or self._session.state not in _WATCHED:
+            return
+        for violation in self._vigil.violations(
+            spec, self._lockstep, time.monotonic_ns(), self._now_ns
+        ):
+            self._session.fail(violation)
 
     def _watch_arming(self) -> None:
         """A session stays armed only if every object says in time that it is."""
@@ -337,9 +296,9 @@ class ScenarioManager(Node):
         if self._aborting_since_ns is None:
             self._aborting_since_ns = time.monotonic_ns()
         waited_s = (time.monotonic_ns() - self._aborting_since_ns) / NS_PER_S
-        world_dead = self._age_s(names.SIL_WORLD) > 1.0
-        if self._script is not None and (world_dead or waited_s > ABORT_STANDSTILL_S):
-            self._script.standstill_unconfirmed()
+        world_dead = self._vigil.age_s(names.SIL_WORLD, time.monotonic_ns()) > 1.0
+        if world_dead or waited_s > ABORT_STANDSTILL_S:
+            self._goal.on_standstill_unconfirmed()
 
     # -- sending -------------------------------------------------------------------------------
 
@@ -348,7 +307,7 @@ class ScenarioManager(Node):
         while self._session.outbox:
             fact = self._session.outbox.pop(0)
             if isinstance(fact, outbox.Dispatch):
-                self._send_reference(fact)
+                self._links.send(fact.reference)
             elif isinstance(fact, outbox.StateChanged):
                 self._announce(fact)
             elif isinstance(fact, outbox.Triggered):
@@ -361,32 +320,22 @@ class ScenarioManager(Node):
             elif isinstance(fact, outbox.LimitPassed):
                 self._pub_safety.publish(conversions.limit_to_msg(fact, self.get_name()))
             elif isinstance(fact, outbox.ArmObjects):
-                self._command_objects(
-                    ObjectCommand.Request.COMMAND_ARM
-                    if fact.armed
-                    else ObjectCommand.Request.COMMAND_DISARM
-                )
+                self._command_objects(_ARM if fact.armed else _DISARM)
             else:
-                self._command_objects(ObjectCommand.Request.COMMAND_ALL_CLEAR)
+                self._command_objects(_ALL_CLEAR)
         if self._start_world:
             # Last, so that the heartbeat counts the references that were sent with the start.
             self._start_world = False
             self._send_heartbeat()
             self._answer_world()
 
-    def _send_reference(self, fact: outbox.Dispatch) -> None:
-        object_id = fact.reference.object_id
-        publisher, _ = self._object_io[object_id]
-        publisher.publish(reference_to_msg(fact.reference))
-        self._references_sent[object_id] += 1
-
     def _announce(self, change: outbox.StateChanged) -> None:
         self._pub_state.publish(conversions.session_state_to_msg(change, self._session.spec))
         self.get_logger().info(
             f"{change.previous.name} -> {change.state.name} ({change.event}): {change.reason}"
         )
-        if change.event == SessionEvent.ARM_FAILED.value and self._script is not None:
-            self._script.on_setback(change.reason)
+        if change.event == SessionEvent.ARM_FAILED.value:
+            self._goal.on_setback(change.reason)
         if change.state is SessionPhase.ARMED:
             self._arming_since_ns = time.monotonic_ns()
             self._report_blind_distance()
@@ -405,25 +354,17 @@ class ScenarioManager(Node):
 
     def _command_objects(self, command: int) -> None:
         spec = self._session.spec
-        if spec is None:
-            return
-        for target in spec.targets:
-            _, client = self._object_io[target.id]
-            request = ObjectCommand.Request(command=command, event_version=spec.event_version)
-            future = client.call_async(request)
-            future.add_done_callback(partial(self._on_object_answer, target.id, command))
+        if spec is not None:
+            self._links.command([t.id for t in spec.targets], command, spec.event_version)
 
-    def _on_object_answer(self, object_id: str, command: int, future: Any) -> None:
-        answer = future.result()
-        if answer is None or answer.accepted:
-            return
-        reason = f"{object_id} refused: {answer.error_msg}"
+    def _on_object_refusal(self, object_id: str, command: int, error_msg: str) -> None:
+        reason = f"{object_id} refused: {error_msg}"
         self.get_logger().error(reason)
-        if command == ObjectCommand.Request.COMMAND_ARM:
+        if command == _ARM:
             self._session.arming_failed(self._now_ns, reason)
             self._flush()
 
-    # -- services and the action ---------------------------------------------------------------
+    # -- services ------------------------------------------------------------------------------
 
     def _load(self, run_file: str) -> Answer:
         try:
@@ -432,7 +373,12 @@ class ScenarioManager(Node):
             return Answer(False, 2, str(error), (str(error),))
         answer = self._session.load(spec, self._now_ns)
         if answer.accepted:
-            self._connect_objects(spec)
+            self._links.connect(t.id for t in spec.targets)
+        self._flush()
+        return answer
+
+    def _command(self, event: SessionEvent, requested_by: str, reason: str) -> Answer:
+        answer = self._session.command(event, self._now_ns, requested_by, reason)
         self._flush()
         return answer
 
@@ -453,76 +399,13 @@ class ScenarioManager(Node):
         request: SessionCommand.Request,
         response: SessionCommand.Response,
     ) -> SessionCommand.Response:
-        answer = self._session.command(
-            event, self._now_ns, request.requested_by or "unknown", request.reason
-        )
-        self._flush()
+        answer = self._command(event, request.requested_by or "unknown", request.reason)
         response.accepted = answer.accepted
         response.error_code = answer.error_code
         response.error_msg = answer.error_msg
         response.missing = list(answer.missing)
         response.session_state = int(self._session.state)
         return response
-
-    def _on_goal(self, request: RunScenario.Goal) -> GoalResponse:
-        if self._goal is not None:
-            return GoalResponse.REJECT
-        return GoalResponse.ACCEPT
-
-    def _on_goal_accepted(self, goal: Any) -> None:
-        self._goal = goal
-        self._script = RunScript(goal.request.run_file, time.monotonic_ns())
-
-    def _on_cancel(self, _: Any) -> CancelResponse:
-        self._session.command(SessionEvent.ABORT, self._now_ns, "run_scenario", "goal cancelled")
-        self._flush()
-        return CancelResponse.ACCEPT
-
-    def _drive_script(self) -> None:
-        """Moves a run_scenario goal on: load, connect, arm, start, wait for the end."""
-        if self._goal is None or self._script is None:
-            return
-        wish = self._script.next(self._session.state, time.monotonic_ns())
-        if wish is SessionEvent.LOAD:
-            self._script.on_answer(self._load(self._script.run_file))
-        elif wish is not None:
-            self._script.on_answer(self._session.command(wish, self._now_ns, "run_scenario", ""))
-        feedback = RunScenario.Feedback()
-        feedback.session_state = int(self._session.state)
-        feedback.phase = int(self._session.phase)
-        feedback.elapsed = self._session.elapsed_s(self._now_ns)
-        self._goal.publish_feedback(feedback)
-        if self._script.finished:
-            if self._script.problems and self._session.state is SessionPhase.ARMED:
-                self._session.command(
-                    SessionEvent.DISARM, self._now_ns, "run_scenario", "the run can't start"
-                )
-            goal, self._goal = self._goal, None
-            goal.execute()
-
-    def _finish_goal(self, goal: Any) -> RunScenario.Result:
-        script = self._script
-        problems = script.problems if script else ()
-        result = RunScenario.Result()
-        if script is not None and script.begun:
-            # Otherwise the session is somebody else's, and so is its verdict.
-            result.verdict = int(self._session.verdict)
-            result.reasons = list(self._session.reasons)
-            result.run_id = self._session.spec.run_id if self._session.spec else ""
-        result.reasons = list(result.reasons) or list(problems)
-        if problems:
-            result.error_code = 1
-            result.error_msg = "; ".join(problems)
-        elif result.verdict != SessionState.VERDICT_VALID:
-            result.error_code = 2
-            result.error_msg = "; ".join(result.reasons)
-        if goal.is_cancel_requested:
-            goal.canceled()
-        elif result.error_code:
-            goal.abort()
-        else:
-            goal.succeed()
-        return result
 
     def close(self) -> None:
         """An orderly end: whatever runs is aborted and announced before the node goes."""

@@ -1,0 +1,1 @@
+"""The action ``run_scenario``: a whole run as one goal."""

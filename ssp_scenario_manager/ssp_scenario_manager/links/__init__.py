@@ -1,0 +1,1 @@
+"""The manager's links to the object targets of a run."""
