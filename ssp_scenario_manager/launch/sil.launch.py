@@ -18,8 +18,8 @@ from ssp_scenario_manager.resolve import resolve_run
 from ssp_scenario_manager.scenario import load_scenario, load_site
 
 
-def _run_file(scenario: str, site: str, seed: str, mode: str, out: str) -> tuple[Path, bool]:
-    """Writes run.yaml into the run's folder; says also whether the run has a camera."""
+def _run_file(scenario: str, site: str, seed: str, mode: str, out: str) -> Path:
+    """Writes run.yaml into the run's folder."""
     plan, event_version = load_scenario(scenario)
     place, site_version = load_site(site)
     name = time.strftime(f"run-{plan.name}-{place.name}-%Y%m%d-%H%M%S")
@@ -39,7 +39,7 @@ def _run_file(scenario: str, site: str, seed: str, mode: str, out: str) -> tuple
     )
     path = folder / "run.yaml"
     write_text(path, spec.model_dump_json(by_alias=True, indent=1) + "\n")
-    return path, spec.camera is not None
+    return path
 
 
 def _node(package: str, executable: str, parameters: dict[str, str]) -> Node:
@@ -58,16 +58,15 @@ def _session(context: LaunchContext) -> list[Node | ExecuteProcess | LogInfo]:
         name: LaunchConfiguration(name).perform(context)
         for name in ("scenario", "site", "seed", "mode", "out")
     }
-    path, camera = _run_file(**given)
+    path = _run_file(**given)
     run = {"run_file": str(path)}
     actions: list[Node | ExecuteProcess | LogInfo] = [
         _node("ssp_monitor", "monitor", {**run, "bag_dir": str(path.parent / "bag")}),
         _node("ssp_ot_controller", "sil_world", run),
+        _node("ssp_ot_controller", "front_camera", run),
         _node("ssp_ot_controller", "object_target", run),
         _node("ssp_scenario_manager", "scenario_manager", {}),
     ]
-    if camera:
-        actions.append(_node("ssp_ot_controller", "front_camera", run))
     goal = ["ros2", "action", "send_goal", "--feedback", "/ssp/run_scenario"]
     goal += ["ssp_msgs/action/RunScenario", f"{{run_file: '{path}'}}"]
     if LaunchConfiguration("autorun").perform(context).lower() in ("true", "1"):

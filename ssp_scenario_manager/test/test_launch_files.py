@@ -1,0 +1,257 @@
+"""Launch and parameter files of all packages, with a stand-in for launch and launch_ros.
+
+The wheels have neither; what can go wrong without them is a name: of an executable, a parameter, an
+argument or a file.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+import runpy
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+import yaml
+
+from ssp_core.errors import InputError
+from ssp_core.run_spec import load_run
+
+ROOT = Path(__file__).resolve().parents[2]
+LAUNCH_FILES = sorted(ROOT.glob("ssp_*/launch/*.launch.py"))
+PARAMETER_FILES = sorted(ROOT.glob("ssp_*/config/*.param.yaml"))
+SIL = ROOT / "ssp_scenario_manager" / "launch" / "sil.launch.py"
+
+
+class Thing:
+    """Any class of launch: keeps what it was made with."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        self.args, self.kwargs = args, kwargs
+
+    @property
+    def kind(self) -> str:
+        return type(self).__name__
+
+    def perform(self, context: dict[str, str]) -> str:
+        """As a LaunchConfiguration does."""
+        return context[self.args[0]]
+
+
+class Module(ModuleType):
+    """A module that has every class."""
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        made = type(name, (Thing,), {})
+        setattr(self, name, made)
+        return made
+
+
+@pytest.fixture
+def entities(monkeypatch: pytest.MonkeyPatch) -> Callable[[Path], list[Thing]]:
+    """Loads a launch file and gives the entities of its description."""
+    for name in (
+        *("launch", "launch.actions", "launch.conditions", "launch.substitutions"),
+        *("launch_ros", "launch_ros.actions", "launch_ros.parameter_descriptions"),
+        "launch_ros.substitutions",
+    ):
+        monkeypatch.setitem(sys.modules, name, Module(name))
+
+    def load(path: Path) -> list[Thing]:
+        description = runpy.run_path(str(path))["generate_launch_description"]()
+        made: list[Thing] = description.args[0]
+        return made
+
+    return load
+
+
+def things(value: Any) -> Iterator[Thing]:
+    """Everything inside a description, at any depth."""
+    if isinstance(value, Thing):
+        yield value
+        value = [value.args, list(value.kwargs.values())]
+    if isinstance(value, dict):
+        value = list(value.values())
+    if isinstance(value, (list, tuple)):
+        for inner in value:
+            yield from things(inner)
+
+
+def executables(package: str) -> dict[str, Path]:
+    """Console scripts of a package's setup.py, with the file that each runs."""
+    text = (ROOT / package / "setup.py").read_text()
+    return {
+        name: (ROOT / package / Path(*module.split("."))).with_suffix(".py")
+        for name, module in re.findall(r'"(\w+) = ([\w.]+):\w+"', text)
+    }
+
+
+def declared_parameters(node: Path) -> set[str]:
+    """Names that a node declares, in node.py or in params.py beside it.
+
+    Counted are literal names, also those that go through a function of the same file.
+    """
+    found = set()
+    for file in (node, node.with_name("params.py")):
+        if not file.is_file():
+            continue
+        tree = ast.parse(file.read_text())
+        declaring = {"declare_parameter"}
+        for function in ast.walk(tree):
+            if isinstance(function, ast.FunctionDef) and any(
+                isinstance(inner, ast.Attribute) and inner.attr == "declare_parameter"
+                for inner in ast.walk(function)
+            ):
+                declaring.add(function.name)
+        for call in ast.walk(tree):
+            if isinstance(call, ast.Call):
+                name = getattr(call.func, "attr", getattr(call.func, "id", ""))
+                if name in declaring:
+                    found |= {
+                        a.value
+                        for a in call.args[:2]
+                        if isinstance(a, ast.Constant) and isinstance(a.value, str) and a.value
+                    }
+    return found
+
+
+def check_node(node: Thing) -> None:
+    scripts = executables(node.kwargs["package"])
+    assert node.kwargs["executable"] in scripts
+    assert node.kwargs["namespace"] == "ssp"
+    declared = declared_parameters(scripts[node.kwargs["executable"]])
+    for parameters in node.kwargs.get("parameters", []):
+        if isinstance(parameters, dict):
+            assert set(parameters) <= declared
+
+
+def test_the_launch_files_are_found() -> None:
+    names = {str(p.relative_to(ROOT)) for p in LAUNCH_FILES}
+    assert names >= {
+        "ssp_scenario_manager/launch/sil.launch.py",
+        "ssp_ot_controller/launch/object_target.launch.py",
+        "ssp_monitor/launch/monitor.launch.py",
+        "ssp_vla_bridge/launch/vla_bridge.launch.py",
+    }
+
+
+def test_declared_parameters_are_seen() -> None:
+    target = executables("ssp_ot_controller")["object_target"]
+    assert declared_parameters(target) == {"run_file", "object_ids", "autostart"}
+    assert declared_parameters(executables("ssp_monitor")["monitor"]) == {"run_file", "bag_dir"}
+    assert declared_parameters(executables("ssp_scenario_manager")["scenario_manager"]) == set()
+
+
+@pytest.mark.parametrize("path", LAUNCH_FILES, ids=lambda p: p.name)
+def test_names_in_a_launch_file_exist(path: Path, entities: Callable[[Path], list[Thing]]) -> None:
+    found = list(things(entities(path)))
+    assert found
+    arguments = {t.args[0] for t in found if t.kind == "DeclareLaunchArgument"}
+    for thing in found:
+        if thing.kind == "Node":
+            check_node(thing)
+        elif thing.kind == "LaunchConfiguration":
+            assert thing.args[0] in arguments
+        elif thing.kind == "PathJoinSubstitution":
+            share, *parts = thing.args[0]
+            assert (ROOT / share.args[0] / Path(*parts)).is_file()
+
+
+@pytest.mark.parametrize("path", PARAMETER_FILES, ids=lambda p: p.name)
+def test_names_in_a_parameter_file_exist(path: Path) -> None:
+    scripts = executables(path.parents[1].name)
+    for node, content in yaml.safe_load(path.read_text()).items():
+        names = list(scripts) if node == "/**" else [node.removeprefix("/ssp/")]
+        for name in names:
+            assert set(content["ros__parameters"]) <= declared_parameters(scripts[name])
+
+
+# -- the session ----------------------------------------------------------------------------------
+
+
+def session(
+    entities: Callable[[Path], list[Thing]], out: Path, **given: str
+) -> tuple[list[Thing], list[Thing]]:
+    """The nodes of a session, and the other actions."""
+    made = entities(SIL)
+    context = {
+        t.args[0]: t.kwargs["default_value"] for t in made if t.kind == "DeclareLaunchArgument"
+    }
+    context |= {"out": str(out), **given}
+    (opaque,) = (t for t in made if t.kind == "OpaqueFunction")
+    actions: list[Thing] = opaque.kwargs["function"](context)
+    nodes = [a for a in actions if a.kind == "Node"]
+    return nodes, [a for a in actions if a.kind != "Node"]
+
+
+def test_a_session_has_five_nodes_and_waits(
+    entities: Callable[[Path], list[Thing]], tmp_path: Path
+) -> None:
+    out = tmp_path / "run"
+    nodes, others = session(entities, out, scenario="vru_crossing", site="north_track", seed="7")
+    assert {n.kwargs["executable"] for n in nodes} == {
+        *("monitor", "sil_world", "front_camera", "object_target", "scenario_manager"),
+    }
+    for node in nodes:
+        check_node(node)
+        executable = node.kwargs["executable"]
+        expected: dict[str, str] = {"run_file": str(out / "run.yaml")}
+        if executable == "scenario_manager":
+            expected = {}  # it is given the file with the goal
+        if executable == "monitor":
+            expected["bag_dir"] = str(out / "bag")
+        assert node.kwargs["parameters"] == ([expected] if expected else [])
+    run = load_run(out / "run.yaml")
+    assert (run.scenario, run.site, run.seed, run.mode) == (
+        "vru_crossing",
+        "north_track",
+        7,
+        "lockstep",
+    )
+    assert run.run_id == "run"
+    assert not (out / "bag").exists()  # the recorder makes it
+    (hint,) = others
+    assert hint.kind == "LogInfo"
+    assert "ros2 action send_goal" in hint.kwargs["msg"]
+
+
+def test_autorun_sends_the_goal_and_ends_with_it(
+    entities: Callable[[Path], list[Thing]], tmp_path: Path
+) -> None:
+    _, (process,) = session(
+        entities, tmp_path / "run", scenario="cut_in", autorun="true", mode="realtime"
+    )
+    assert process.kind == "ExecuteProcess"
+    command = process.kwargs["cmd"]
+    assert command[:3] == ["ros2", "action", "send_goal"]
+    assert command[-3:-1] == ["/ssp/run_scenario", "ssp_msgs/action/RunScenario"]
+    run_file = tmp_path / "run" / "run.yaml"
+    assert yaml.safe_load(command[-1]) == {"run_file": str(run_file)}
+    assert load_run(run_file).mode == "realtime"
+    assert [a.kind for a in process.kwargs["on_exit"]] == ["Shutdown"]
+
+
+@pytest.mark.parametrize(
+    "given", [{"scenario": "overtake"}, {"site": "moon"}, {"seed": "-1"}, {"seed": "many"}]
+)
+def test_a_wrong_argument_is_named(
+    entities: Callable[[Path], list[Thing]], tmp_path: Path, given: dict[str, str]
+) -> None:
+    (value,) = given.values()
+    with pytest.raises(InputError, match=value):
+        session(entities, tmp_path / "run", **given)
+
+
+def test_a_folder_that_holds_something_is_left_alone(
+    entities: Callable[[Path], list[Thing]], tmp_path: Path
+) -> None:
+    (tmp_path / "mine.txt").write_text("keep")
+    with pytest.raises(InputError, match="is not empty"):
+        session(entities, tmp_path)
+    assert [p.name for p in tmp_path.iterdir()] == ["mine.txt"]
