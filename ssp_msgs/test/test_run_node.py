@@ -1,0 +1,125 @@
+"""One node in a process: how it ends, what it says, and that it can say its last words."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from ssp_core.domains import free_domain
+from ssp_core.processes import remove_shared_ports, remove_stale_shared_memory, session_environment
+
+pytestmark = pytest.mark.ros
+DEADLINE_S = 20.0
+
+PROGRAM = """
+import sys
+import rclpy
+from rclpy.node import Node
+from ssp_core.errors import HostError, InputError
+from ssp_core.ros import run_node
+
+kind = sys.argv[1]
+
+class Probe(Node):
+    def __init__(self, stop):
+        if kind == "bad_input":
+            raise InputError("is wrong", file="a.yaml", field="x", value=[1])
+        if kind == "bug_at_start":
+            raise RuntimeError("a bug")
+        super().__init__("probe")
+        self._stop = stop
+        self.create_timer(0.05, self._work)
+        print("up", flush=True)
+
+    def _work(self):
+        if kind == "asks":
+            self._stop.set("enough")
+        if kind == "bug":
+            raise RuntimeError("a bug")
+        if kind == "host":
+            raise HostError("this machine lacks something")
+
+def shutdown(node):
+    # The context must still be valid here, or a node could not publish its stop.
+    print("last words", rclpy.ok(), flush=True)
+    if kind == "bug_at_end":
+        raise RuntimeError("a bug at the end")
+
+sys.exit(run_node(Probe, shutdown))
+"""
+
+
+@pytest.fixture
+def probe() -> Iterator[Callable[[str], subprocess.Popen[str]]]:
+    with free_domain() as domain_id:
+
+        def start(kind: str) -> subprocess.Popen[str]:
+            return subprocess.Popen(
+                [sys.executable, "-c", PROGRAM, kind],
+                env=session_environment(domain_id),
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                text=True,
+            )
+
+        yield start
+        remove_shared_ports(domain_id)
+    remove_stale_shared_memory()
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_is_an_orderly_end(
+    probe: Callable[[str], subprocess.Popen[str]], number: signal.Signals
+) -> None:
+    process = probe("waits")
+    assert process.stdout is not None
+    assert process.stdout.readline() == "up\n"
+    process.send_signal(number)
+    out, err = process.communicate(timeout=DEADLINE_S)
+    assert (process.returncode, out, err) == (0, "last words True\n", "")
+
+
+def test_a_node_can_ask_for_its_end(probe: Callable[[str], subprocess.Popen[str]]) -> None:
+    process = probe("asks")
+    out, _ = process.communicate(timeout=DEADLINE_S)
+    assert (process.returncode, out) == (0, "up\nlast words True\n")
+
+
+@pytest.mark.parametrize(
+    ("kind", "err", "out"),
+    [
+        ("bad_input", "error: a.yaml: x: is wrong (got [1])\n", ""),
+        ("host", "error: this machine lacks something\n", "up\nlast words True\n"),
+    ],
+)
+def test_an_error_of_ours_is_one_message(
+    probe: Callable[[str], subprocess.Popen[str]], kind: str, err: str, out: str
+) -> None:
+    process = probe(kind)
+    said, complained = process.communicate(timeout=DEADLINE_S)
+    assert process.returncode == 1
+    assert said == out
+    # The executor may log beforehand from which callback it comes.
+    assert complained.endswith(err)
+    assert complained.count("error: ") == 1
+    assert "Traceback" not in complained
+
+
+@pytest.mark.parametrize("kind", ["bug_at_start", "bug", "bug_at_end"])
+def test_a_bug_is_a_traceback_and_a_failure(
+    probe: Callable[[str], subprocess.Popen[str]], kind: str
+) -> None:
+    process = probe(kind)
+    if kind == "bug_at_end":
+        assert process.stdout is not None
+        assert process.stdout.readline() == "up\n"
+        process.terminate()
+    out, err = process.communicate(timeout=DEADLINE_S)
+    assert process.returncode == 1
+    assert "Traceback" in err
+    assert "RuntimeError: a bug" in err
+    assert ("last words True" in out) == (kind != "bug_at_start")
