@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
@@ -67,6 +68,16 @@ def test_relative_distance(
     vut = turned(state, "vut", x_m=vut_x, y_m=0.0)
     other = turned(state, "ot1", x_m=other_x, y_m=other_y)
     assert condition_value(GAP, vut, {"ot1": other}, path) == pytest.approx(gap_m, abs=1e-9)
+
+
+def test_exactly_at_the_edges(state: StateMaker) -> None:
+    """With sizes that binary fractions hold: bumper to bumper, and the front at the anchor."""
+    size = replace(state().size, front_m=3.5, rear_m=1.0)
+    vut = state("vut", size=size, x_m=10.0, speed_mps=5.0)
+    touching = state("ot1", size=size, x_m=14.5)
+    path = Polyline([(0.0, 0.0), (256.0, 0.0)])
+    assert condition_value(GAP, vut, {"ot1": touching}, path) == 0.0
+    assert condition_value(ARRIVAL, replace(vut, x_m=96.5), {}, path) == 0.0
 
 
 def test_relative_distance_to_a_small_object_uses_its_own_size(state: StateMaker) -> None:

@@ -67,6 +67,7 @@ def test_nothing_is_missing(run: RunSpec, vut: ObjectState, ot1: ObjectState) ->
 @pytest.mark.parametrize(
     ("facts", "says"),
     [
+        ({"recorder_age_s": 2.0}, None),
         ({"recorder_age_s": 2.01}, "the recorder is silent"),
         ({"recorder_ready": False}, "the recorder is not ready: its file is not open"),
         (
@@ -76,9 +77,10 @@ def test_nothing_is_missing(run: RunSpec, vut: ObjectState, ot1: ObjectState) ->
     ],
 )
 def test_the_recorder(
-    run: RunSpec, vut: ObjectState, ot1: ObjectState, facts: dict[str, Any], says: str
+    run: RunSpec, vut: ObjectState, ot1: ObjectState, facts: dict[str, Any], says: str | None
 ) -> None:
-    assert missing_to_arm(run, replace(READY, **facts), vut, {"ot1": ot1}) == [says]
+    missing = [says] if says else []
+    assert missing_to_arm(run, replace(READY, **facts), vut, {"ot1": ot1}) == missing
 
 
 def test_the_camera_counts_if_there_is_one(
@@ -89,6 +91,7 @@ def test_the_camera_counts_if_there_is_one(
     run_mapping["camera"] = {}
     seen = RunSpec.model_validate(run_mapping)
     assert missing_to_arm(seen, facts, vut, {"ot1": ot1}) == ["no camera frame arrives"]
+    assert missing_to_arm(seen, replace(READY, camera_age_s=3.0), vut, {"ot1": ot1}) == []
 
 
 @pytest.mark.parametrize(
@@ -128,6 +131,9 @@ def test_separation_before_the_start(
     assert missing_to_arm(close, READY, vut, {"ot1": near}) == [
         "ot1 is 0.25 m from the VUT, limit 0.5 m"
     ]
+    exact = replace(ot1, x_m=5.0, y_m=0.0, size=replace(ot1.size, rear_m=1.0))
+    ahead = replace(vut, size=replace(vut.size, front_m=3.5))
+    assert missing_to_arm(close, READY, ahead, {"ot1": exact}) == []
 
 
 def test_everything_that_is_missing_is_named_at_once(
@@ -228,6 +234,16 @@ CASES: dict[str, tuple[Callable[[dict[str, Any]], None], str]] = {
     "standing path of a target": (
         lambda m: m["targets"][0]["approach"].update(path=[(0.0, 0.0), (0.0, 0.0)]),
         "targets[0].approach.path: a path's consecutive points must differ",
+    ),
+    "standing path of a manoeuvre": (
+        lambda m: set_trigger(
+            m,
+            manoeuvre={
+                "kind": "follow_path",
+                "motion": {"path": [(1.0, 2.0), (1.0, 2.0)], "cruise_mps": 1.0},
+            },
+        ),
+        "triggers[0].manoeuvre.motion.path: a path's consecutive points must differ",
     ),
     "two targets of one name": (
         lambda m: m["targets"].append(m["targets"][0]),

@@ -96,6 +96,17 @@ def test_patience_counts_anew_after_progress_only() -> None:
     assert script.problems == ("ot1 did not arm in 3 s",)
 
 
+def test_a_refusal_without_a_list_is_given_in_words() -> None:
+    script = begun()
+    script.next(P.LOADED, 0)
+    script.on_answer(Answer(False, 1, "connect is not possible"))
+    script.next(P.LOADED, LATE + 1)
+    assert script.problems == ("connect is not possible",)
+    script = RunScript("run.yaml", 0)
+    script.on_answer(Answer(False, 2, "can't be read"))
+    assert script.problems == ("can't be read",)
+
+
 def test_without_any_answer_it_says_what_was_not_possible() -> None:
     script = begun()
     script.next(P.LOADED, 0)

@@ -77,6 +77,25 @@ def test_separation_of_large_and_turned_objects_is_not_skipped(state: StateMaker
         assert found.measured == pytest.approx(0.2)
 
 
+def test_separation_does_not_depend_on_the_place(state: StateMaker) -> None:
+    """A walker right of a turned bus's tail, all far from the origin."""
+    size = replace(state().size, front_m=2.0, rear_m=9.0, width_m=2.5)
+    for x_m, y_m in ((300.0, -80.0), (-300.0, 80.0), (300.0, 80.0)):
+        bus = state("ot1", size=size, x_m=x_m, y_m=y_m, yaw_rad=math.pi / 2)
+        for dx_m, dy_m in ((1.6, -8.9), (-1.6, -8.9), (0.0, -9.35), (0.0, 2.35)):
+            walker = state(
+                "ot2",
+                size=replace(size, front_m=0.1, rear_m=0.1, width_m=0.2),
+                x_m=x_m + dx_m,
+                y_m=y_m + dy_m,
+            )
+            found = supervisor.separation(bus, walker, LIMITS)
+            assert found is not None
+            assert found.measured == pytest.approx(0.25)
+        away = replace(walker, y_m=y_m + 2.7)
+        assert supervisor.separation(bus, away, LIMITS) is None
+
+
 # -- times ----------------------------------------------------------------------------------------
 
 

@@ -29,7 +29,7 @@ class RunScript:
         self.problems: tuple[str, ...] = ()
         self.finished = False
         self.begun = False
-        self._deadline_ns = now_ns + seconds_to_ns(PATIENCE_S)
+        self._deadline_ns = now_ns
         self._reached: SessionPhase | None = None
         self._refusal: tuple[str, ...] = ()
         self._unconfirmed = False
