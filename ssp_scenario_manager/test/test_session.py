@@ -103,14 +103,16 @@ def test_a_run_from_load_to_reset(driver: Any) -> None:
     for _ in range(60):
         driver.step()
     facts = driver.acknowledge()
-    assert [f.phase for f in facts if isinstance(f, outbox.PhaseBegan)] == [
-        Phase.TRIGGER,
-        Phase.CONFLICT,
-        Phase.RESOLUTION,
-    ]
-    for _ in range(75):
+    began = [f for f in facts if isinstance(f, outbox.PhaseBegan)]
+    assert [f.phase for f in began] == [Phase.TRIGGER, Phase.CONFLICT, Phase.RESOLUTION]
+    # Confirmed after a second of resolution, complete 1.5 s after that.
+    end_ns = began[-1].stamp_ns + S + 3 * S // 2
+    while driver.now_ns < end_ns - 20 * MS:
         driver.step()
+    assert driver.session.state is SessionPhase.RUNNING
+    driver.step()
     assert changes(driver.acknowledge()) == [("RUNNING", "complete", "STOPPING")]
+    assert driver.session.elapsed_s(driver.now_ns) == driver.now_ns / S == end_ns / S
     driver.step()
     assert driver.session.state is SessionPhase.STOPPING  # they still move
     driver.move("vut", speed_mps=0.0)
@@ -129,6 +131,53 @@ def test_the_verdict_is_announced_with_the_end(driver: Any) -> None:
     announced = [f for f in driver.session.outbox if isinstance(f, outbox.StateChanged)]
     assert [f.verdict for f in announced[-2:]] == [Verdict.ABORTED, Verdict.ABORTED]
     assert announced[-1].reasons == ("abort by test",)
+
+
+@pytest.mark.parametrize("mover", ["vut", "ot1"])
+@pytest.mark.parametrize("phase", ["STOPPING", "ABORTING"])
+def test_it_ends_only_when_everybody_stands(driver: Any, phase: str, mover: str) -> None:
+    bring(driver, phase)
+    driver.move(mover, speed_mps=0.051)
+    driver.step(control_state=ControlState.POSTRUN)
+    assert driver.session.state.name == phase
+    driver.move(mover, speed_mps=0.05)
+    driver.step(control_state=ControlState.REMOTE_CONTROLLED)
+    assert driver.session.state.name == phase
+    driver.step(control_state=ControlState.POSTRUN)
+    assert driver.session.state.name in ("FINISHED", "ABORTED")
+
+
+def test_elapsed_time_begins_with_the_run(driver: Any) -> None:
+    driver.now_ns = 3 * S
+    assert driver.session.elapsed_s(9 * S) == 0.0
+    driver.until("ARMED")
+    assert driver.session.elapsed_s(9 * S) == 0.0
+    driver.hear(ControlState.ARMED)
+    driver.command("start")
+    assert driver.session.elapsed_s(9 * S) == 6.0
+
+
+def test_reasons_of_transitions(driver: Any) -> None:
+    driver.until("ARMED")
+    driver.session.outbox.clear()
+    driver.session.command(SessionEvent.DISARM, 0, "somebody", "rain")
+    driver.session.command(SessionEvent.RESET, 0, "somebody", "")
+    told = [f.reason for f in driver.session.outbox if isinstance(f, outbox.StateChanged)]
+    assert told == ["rain", "requested by somebody"]
+    # Whoever disarms the session disarms the objects.
+    assert [f.armed for f in driver.session.outbox if isinstance(f, outbox.ArmObjects)] == [False]
+
+
+def test_one_state_of_the_vut_is_judged_once(driver: Any) -> None:
+    """A trigger that must hold doesn't count the same sample twice."""
+    driver.until("RUNNING")
+    driver.acknowledge()
+    driver.step()
+    watches = driver.session._run.watches["gap"]
+    driver.move("vut", x_m=25.0)
+    driver.hear()  # the same stamp once more
+    driver.session.step(driver.now_ns)
+    assert driver.session._run.watches["gap"] is watches
 
 
 def test_stopped_by_a_person_before_the_event_is_no_valid_run(driver: Any) -> None:
