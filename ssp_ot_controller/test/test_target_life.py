@@ -126,7 +126,7 @@ class Rig:
     def arm(self) -> None:
         self.target.power_on()
         self.step()
-        assert self.target.command(ObjectEvent.ARM, VERSION).accepted
+        assert self.target.command(ObjectEvent.ARM, VERSION, 0.0).accepted
         self.session = SessionPhase.ARMED
         self.step()
         assert self.target.state is ControlState.ARMED
@@ -160,7 +160,7 @@ def test_a_whole_life(rig: Rig) -> None:
     assert target.state is ControlState.INIT
     rig.step()
     assert target.state is ControlState.DISARMED
-    assert target.command(ObjectEvent.ARM, VERSION).accepted
+    assert target.command(ObjectEvent.ARM, VERSION, 0.0).accepted
     assert target.state is ControlState.PRE_ARMING
     rig.step()
     assert target.state is ControlState.ARMED
@@ -325,10 +325,10 @@ def test_references_are_for_a_running_object(rig: Rig, state: str) -> None:
         rig.target.power_on()
         rig.step()
     if state == "ARMED":
-        rig.target.command(ObjectEvent.ARM, VERSION)
+        rig.target.command(ObjectEvent.ARM, VERSION, 0.0)
         rig.step()
     if state == "ABORTING":
-        rig.target.command(ObjectEvent.ABORT, "")
+        rig.target.command(ObjectEvent.ABORT, "", 0.0)
     assert rig.target.state.name == state
     refusal = rig.target.on_reference(reference("a", rig.now_ns, straight()), rig.now_ns)
     assert refusal is not None
@@ -372,7 +372,7 @@ def test_no_number_keeps_it_from_leaving_init_and_from_arming(rig: Rig) -> None:
     rig.step(x_m=math.nan)
     assert rig.target.state is ControlState.INIT
     rig.step()
-    rig.target.command(ObjectEvent.ARM, VERSION)
+    rig.target.command(ObjectEvent.ARM, VERSION, 0.0)
     rig.step(speed_mps=0.03)
     assert rig.target.state is ControlState.PRE_ARMING
     rig.step(speed_mps=0.02)
@@ -393,13 +393,13 @@ def test_all_clear_only_at_standstill(rig: Rig) -> None:
     rig.drive()
     rig.session = SessionPhase.ABORTING
     rig.step()
-    reply = rig.target.command(ObjectEvent.ALL_CLEAR, "")
+    reply = rig.target.command(ObjectEvent.ALL_CLEAR, "", 0.0)
     assert (reply.accepted, reply.error_code) == (False, 2)
     assert rig.target.state is ControlState.ABORTING
     rig.session = SessionPhase.ABORTED
     for _ in range(200):
         rig.step()
-    assert rig.target.command(ObjectEvent.ALL_CLEAR, "").accepted
+    assert rig.target.command(ObjectEvent.ALL_CLEAR, "", 0.0).accepted
     assert rig.target.state is ControlState.DISARMED
     rig.session = SessionPhase.IDLE
     assert rig.step().report.reference_id == ""  # the old reference is forgotten
@@ -408,7 +408,7 @@ def test_all_clear_only_at_standstill(rig: Rig) -> None:
 def test_arming_needs_the_same_event_version(rig: Rig) -> None:
     rig.target.power_on()
     rig.step()
-    reply = rig.target.command(ObjectEvent.ARM, "sha256:another")
+    reply = rig.target.command(ObjectEvent.ARM, "sha256:another", 0.0)
     assert (reply.accepted, reply.error_code) == (False, 3)
     assert rig.target.state is ControlState.DISARMED
 
@@ -420,8 +420,8 @@ def test_what_the_object_notices_by_itself_is_no_command(rig: Rig, event: str) -
     """Whoever sends such a number must not get an object armed that doesn't stand."""
     rig.target.power_on()
     rig.step()
-    rig.target.command(ObjectEvent.ARM, VERSION)
-    reply = rig.target.command(ObjectEvent[event], VERSION)
+    rig.target.command(ObjectEvent.ARM, VERSION, 0.0)
+    reply = rig.target.command(ObjectEvent[event], VERSION, 0.0)
     assert (reply.accepted, reply.error_code) == (False, 1)
     assert rig.target.state is ControlState.PRE_ARMING
 
@@ -484,7 +484,7 @@ def test_after_an_abort_nothing_makes_it_accelerate(
             for _ in range(event[1]):
                 check(rig.step())
         elif event[0] == "command":
-            rig.target.command(event[1], VERSION)
+            rig.target.command(event[1], VERSION, 0.0)
         elif event[0] == "session":
             rig.session = event[1]
         elif event[0] == "reference":
@@ -512,7 +512,7 @@ def test_after_an_abort_nothing_makes_it_accelerate(
     for event in before:
         apply(event)
     if cause == "command":
-        rig.target.command(ObjectEvent.ABORT, "")
+        rig.target.command(ObjectEvent.ABORT, "", 0.0)
     elif cause == "session":
         rig.session, rig.heartbeat_ns = SessionPhase.ABORTING, rig.now_ns
         rig.step()
@@ -532,3 +532,16 @@ def test_after_an_abort_nothing_makes_it_accelerate(
     for _ in range(250):
         check(rig.step())
     assert rig.body.speed_mps == 0.0
+
+
+def test_an_object_that_does_not_hear_the_manager_is_not_armed(rig: Rig) -> None:
+    rig.target.power_on()
+    rig.step()
+    limit_s = rig.target._run.limits.heartbeat_s
+    before = rig.target.state
+    for age_s in (float("inf"), float("nan"), limit_s + 0.001):
+        reply = rig.target.command(ObjectEvent.ARM, VERSION, age_s)
+        assert (reply.accepted, reply.error_code) == (False, 2)
+        assert "no heartbeat" in reply.error_msg
+        assert rig.target.state is before
+    assert rig.target.command(ObjectEvent.ARM, VERSION, limit_s).accepted

@@ -70,7 +70,7 @@ def without_ros(spec: RunSpec) -> tuple[float, float]:
                     inbox.append(fact.reference)
                 elif isinstance(fact, outbox.ArmObjects):
                     for target in targets.values():
-                        target.command(ObjectEvent.ARM, spec.event_version)
+                        target.command(ObjectEvent.ARM, spec.event_version, 0.0)
             session.outbox.clear()
             if session.state in (SessionPhase.LOADED, SessionPhase.CONNECTED, SessionPhase.ARMED):
                 continue

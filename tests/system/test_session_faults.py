@@ -37,7 +37,6 @@ def test_killed_node_ends_the_run(
     node: str, primary: str, verdict: str, start_session: Any, live_processes: Any
 ) -> None:
     session = start_session("cut_in", "--mode", "realtime")
-    session.wait_for("session RUNNING")
     session.wait_for("phase approach")
     time.sleep(1.0)  # some seconds of driving, so that there is something to stop
     session.kill(node)

@@ -196,7 +196,7 @@ class ObjectTargetNode(LifecycleNode):
             response.error_msg = f"command {request.command} is unknown"
             response.control_state = int(target.state)
             return response
-        reply = target.command(event, request.event_version)
+        reply = target.command(event, request.event_version, self._heartbeat_silence_s())
         response.accepted = reply.accepted
         response.error_code = reply.error_code
         response.error_msg = reply.error_msg
@@ -270,6 +270,9 @@ class ObjectTargetNode(LifecycleNode):
             if self._heartbeat_session_ns is None:
                 return float("inf")
             return ns_to_seconds(now_ns - self._heartbeat_session_ns)
+        return self._heartbeat_silence_s()
+
+    def _heartbeat_silence_s(self) -> float:
         if self._heartbeat_arrived_ns is None:
             return float("inf")
         return (time.monotonic_ns() - self._heartbeat_arrived_ns) / NS_PER_S

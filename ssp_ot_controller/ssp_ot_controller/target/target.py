@@ -80,8 +80,15 @@ class Target:
         """OFF -> INIT; the first good state leads on to DISARMED."""
         self.state = transition(self.state, ObjectEvent.CONNECT)
 
-    def command(self, event: ObjectEvent, event_version: str) -> Reply:
-        """A command of the manager; refused ones change nothing."""
+    def command(self, event: ObjectEvent, event_version: str, heartbeat_age_s: float) -> Reply:
+        """A command of the manager; refused ones change nothing.
+
+        Args:
+            event: one of the commands.
+            event_version: K* version of the manager's run.
+            heartbeat_age_s: since the manager's last heartbeat, inf before the first. An object
+                that doesn't hear the manager is not armed: it would have to stop at once.
+        """
         if event not in _COMMANDS:
             return Reply(False, 1, f"{event.name} is no command")
         if event is ObjectEvent.ARM and event_version != self._run.event_version:
@@ -90,6 +97,13 @@ class Target:
                 3,
                 f"this object has K* version {self._run.event_version[:19]}..., "
                 f"the manager {event_version[:19]}...",
+            )
+        if event is ObjectEvent.ARM and not heartbeat_age_s <= self._run.limits.heartbeat_s:
+            return Reply(
+                False,
+                2,
+                f"no heartbeat of the manager for {heartbeat_age_s:.2g} s, limit "
+                f"{self._run.limits.heartbeat_s:g} s",
             )
         if event is ObjectEvent.ALL_CLEAR and not self._stands():
             return Reply(False, 2, "the object still moves")
