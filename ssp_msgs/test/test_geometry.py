@@ -210,6 +210,15 @@ def test_curvature_of_a_circle() -> None:
     assert right.curvature(right.length_m / 2) == pytest.approx(-1 / 20, rel=1e-3)
 
 
+def test_curvature_between_segments_of_different_lengths() -> None:
+    """Turn over the mean of the two lengths, linear in between, none at the ends."""
+    path = Polyline([(0.0, 0.0), (1.0, 0.0), (1.0, 2.0), (5.0, 2.0)])
+    assert path.curvature(1.0) == pytest.approx(math.pi / 2 / 1.5)
+    assert path.curvature(3.0) == pytest.approx(-math.pi / 2 / 3.0)
+    assert path.curvature(2.0) == pytest.approx((math.pi / 3 - math.pi / 6) / 2)
+    assert path.curvature(0.0) == path.curvature(7.0) == 0.0
+
+
 @pytest.mark.parametrize(
     "points",
     [

@@ -162,6 +162,51 @@ def test_a_zone_that_the_vut_is_in_already_is_reached_now() -> None:
     assert found.vut_arrival_s == math.inf  # behind the VUT
 
 
+@pytest.mark.parametrize(
+    ("x_m", "along_mps", "reached"),
+    # The VUT's rear is at 9 m. The walker's front needs 1.45 s to the corridor.
+    [(8.8, 0.0, True), (8.7, 0.0, False), (8.0, 1.0, True), (7.0, 1.0, False)],
+)
+def test_the_zone_ends_at_the_vuts_rear(x_m: float, along_mps: float, reached: bool) -> None:
+    walker = state(
+        "ot",
+        Size(0.25, 0.25, 0.5, 1.75),
+        x_m=x_m,
+        y_m=3.0,
+        yaw_rad=math.atan2(-1.0, along_mps),
+        speed_mps=math.hypot(1.0, along_mps),
+    )
+    found = meet(10.0, walker)
+    assert found.vut_arrival_s == (0.0 if reached else math.inf)
+
+
+def test_around_a_bend() -> None:
+    """The path turns north at x = 20; an object beyond the bend drives along it."""
+    path = Polyline([(0.0, 0.0), (20.0, 0.0), (20.0, 100.0)])
+    vut = state(x_m=10.0, speed_mps=10.0)
+    other = state("ot", x_m=20.0, y_m=30.0, yaw_rad=math.pi / 2, speed_mps=6.0)
+    found = encounter(vut, other, path)
+    assert found.gap_m == pytest.approx(36.0)
+    assert found.along_mps == pytest.approx(6.0)
+    assert found.towards_mps == pytest.approx(0.0, abs=1e-12)
+    assert found.ttc_s == pytest.approx(9.0)
+    crossing = replace(other, x_m=26.0, yaw_rad=math.pi)
+    assert encounter(vut, crossing, path).towards_mps == pytest.approx(6.0)
+    assert encounter(vut, replace(crossing, yaw_rad=0.0), path).towards_mps == pytest.approx(-6.0)
+
+
+def test_conflict_is_under_its_thresholds_not_at_them() -> None:
+    beside = Encounter(20.0, 3.0, 1.0, 1.0, 5.0, math.inf, 2.0, 0.5)
+    assert beside.arrival_gap_s == 1.5
+    assert not is_conflict(beside, 2.5, 1.5)
+    assert is_conflict(beside, 2.5, 1.5 + 1e-9)
+    for never in (
+        replace(beside, vut_arrival_s=math.inf),
+        replace(beside, object_arrival_s=math.inf),
+    ):
+        assert never.arrival_gap_s == math.inf
+
+
 def test_a_standing_vut_never_arrives() -> None:
     other = state("ot", WALKER, x_m=60.0, y_m=-4.0, yaw_rad=math.pi / 2, speed_mps=1.5)
     found = meet(0.0, other)

@@ -74,6 +74,14 @@ def test_noise_has_the_size_that_is_said_and_stated() -> None:
     assert {(s.yaw_rad, s.acceleration_mps2, s.yaw_rate_radps) for s in states} == {(0.1, 0.0, 0.0)}
 
 
+@pytest.mark.parametrize("name", ["position_noise_m", "speed_noise_mps"])
+def test_each_noise_by_itself(name: str) -> None:
+    localisation = Localisation(LinkDisturbance(**{name: 0.5}), 1, "ot1")
+    state = localisation.measure(truth(1))
+    assert (state.x_m != 0.2) == (state.y_m != 3.0) == (name == "position_noise_m")
+    assert (state.speed_mps != 10.0) == (name == "speed_noise_mps")
+
+
 def test_who_stands_knows_it() -> None:
     localisation = Localisation(NOISY, 1, "ot1")
     assert localisation.measure(truth(1, speed_mps=0.0)).speed_mps == 0.0

@@ -105,8 +105,17 @@ def test_the_same_event_has_the_same_version_on_both_sites() -> None:
 # -- places ---------------------------------------------------------------------------------------
 
 
-def test_cut_in_on_the_boulevard() -> None:
-    run = resolve("cut_in", "boulevard")
+# The library's figures may be tuned; those that the tests count with are given here.
+PLACES: Changes = {
+    ("vut", "start_x_m"): 15.0,
+    ("vut", "end_x_m"): 390.0,
+    ("targets", 0, "start", "x_m"): 45.0,
+    ("targets", 0, "approach", "end_x_m"): 380.0,
+}
+
+
+def test_cut_in_on_the_boulevard(changed: Callable[[str, str, Changes], Path]) -> None:
+    run = resolve(changed("scenario", "cut_in", PLACES), "boulevard")
     assert run.vut.approach is not None
     assert run.vut.approach.path == [(15.0, 0.0), (390.0, 0.0)]
     (ot1,) = run.targets
@@ -119,15 +128,19 @@ def test_cut_in_on_the_boulevard() -> None:
     # Right: 1.75 m of lane, 3 m of sidewalk, 2 m; left: 10.5 + 1.75 + 3 + 2 m.
     assert run.geofence == [(0.0, -6.75), (400.0, -6.75), (400.0, 17.25), (0.0, 17.25)]
     # Lanes counted from the road's middle: forward lanes lie at 0 and 3.5, backward at 7 and 10.5.
-    assert [(t.id, t.lane) for t in run.traffic] == [
-        ("oncoming1", 2),
-        ("oncoming2", 2),
-        ("ahead1", 0),
-    ]
+    lanes = {t.id: t.lane for t in run.traffic}
+    assert (lanes["oncoming1"], lanes["oncoming2"], lanes["ahead1"]) == (2, 2, 0)
 
 
-def test_crossing_on_the_boulevard() -> None:
-    run = resolve("vru_crossing", "boulevard")
+CROSSING: Changes = {
+    ("targets", 0, "start"): {"x_m": 110.0, "beyond_right_kerb_m": 0.8},
+    ("targets", 0, "trigger", "condition", "anchor_x_m"): 110.0,
+    ("targets", 0, "trigger", "manoeuvre", "to"): {"x_m": 110.0, "beyond_left_kerb_m": 1.0},
+}
+
+
+def test_crossing_on_the_boulevard(changed: Callable[[str, str, Changes], Path]) -> None:
+    run = resolve(changed("scenario", "vru_crossing", CROSSING), "boulevard")
     (ot1,) = run.targets
     # 0.8 m beyond the right kerb at -1.75 m; the left kerb is at 12.25 m.
     assert (ot1.start.x_m, ot1.start.y_m) == pytest.approx((110.0, -2.55))
@@ -140,12 +153,12 @@ def test_crossing_on_the_boulevard() -> None:
     assert trigger.condition.anchor == (110.0, 0.0)
     assert run.road.crossing_x_m == 110.0
     assert resolve("cut_in", "boulevard").road.crossing_x_m is None
-    assert [t.lane for t in run.traffic] == [3, 3]
+    assert {t.lane for t in run.traffic} == {3}
 
 
-def test_places_on_a_rotated_block_by_hand() -> None:
+def test_places_on_a_rotated_block_by_hand(changed: Callable[[str, str, Changes], Path]) -> None:
     """north_track: origin (512, -240), 37 degrees, lanes 3.75 m wide."""
-    run = resolve("cut_in", "north_track")
+    run = resolve(changed("scenario", "cut_in", PLACES), "north_track")
     c, s = math.cos(math.radians(37.0)), math.sin(math.radians(37.0))
     (ot1,) = run.targets
     assert (ot1.start.x_m, ot1.start.y_m) == pytest.approx(
@@ -161,7 +174,7 @@ def test_places_on_a_rotated_block_by_hand() -> None:
         corners, [(0, -7.875), (420, -7.875), (420, 19.125), (0, 19.125)], strict=True
     ):
         assert corner == pytest.approx(expected, abs=1e-9)
-    crossing = resolve("vru_crossing", "north_track")
+    crossing = resolve(changed("scenario", "vru_crossing", CROSSING), "north_track")
     assert crossing.targets[0].start.yaw_rad == pytest.approx(math.radians(127.0))
     assert local(crossing, *crossing.triggers[0].condition.anchor) == pytest.approx(  # type: ignore[union-attr] # a time_to_arrival
         (110.0, 0.0)
@@ -329,6 +342,12 @@ MISMATCHES: dict[str, tuple[str, Changes, Changes, str, Any]] = {
     "target leaves the block": (
         "cut_in", {(*T0, "approach", "end_x_m"): 400.0}, {}, "targets[0].approach.end_x_m", 400.0,
     ),
+    "target stays where it is": (
+        "cut_in", {(*T0, "approach", "end_x_m"): 45.0}, {}, "targets[0].approach.end_x_m", 45.0,
+    ),
+    "site with one lane too few": (
+        "cut_in", {}, {("block", "vut_lane"): 4}, "block.vut_lane", 4,
+    ),
     "target backwards": (
         "cut_in", {(*T0, "approach", "end_x_m"): 40.0}, {}, "targets[0].approach.end_x_m", 40.0,
     ),
@@ -368,11 +387,30 @@ def test_a_scenario_that_does_not_fit(
     changed: Callable[[str, str, Changes], Path], name: str
 ) -> None:
     scenario, plan_changes, site_changes, field, value = MISMATCHES[name]
-    plan = changed("scenario", scenario, plan_changes)
+    figures = PLACES if scenario == "cut_in" else CROSSING
+    plan = changed("scenario", scenario, {**figures, **plan_changes})
     site = changed("site", "boulevard", site_changes)
     with pytest.raises(InputError) as caught:
         resolve(plan, site)
     assert (caught.value.field, caught.value.value) == (field, value)
+
+
+def test_a_remedy_says_what_would_be_right(
+    changed: Callable[[str, str, Changes], Path],
+) -> None:
+    for scenario_changes, site_changes, remedy in (
+        (
+            {("vut", "end_x_m"): 400.0},
+            {},
+            "from 0.9 to 396.4 m fits on the block of site boulevard",
+        ),
+        ({("vut", "driver", "cruise_mps"): 20.0}, {}, "at most 16 m/s on site boulevard"),
+        ({(*T0, "approach", "end_x_m"): 45.0}, {}, "more than 45 m"),
+        ({}, {("block", "vut_lane"): 4}, "the block has lanes 0 to 3"),
+    ):
+        plan = changed("scenario", "cut_in", {**PLACES, **scenario_changes})
+        with pytest.raises(InputError, match=remedy):
+            resolve(plan, changed("site", "boulevard", site_changes))
 
 
 def test_exactly_at_the_limits_fits(changed: Callable[[str, str, Changes], Path]) -> None:
