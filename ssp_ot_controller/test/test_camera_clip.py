@@ -17,14 +17,9 @@ from ssp_core.geometry import box_distance
 from ssp_core.state import ObjectState
 from ssp_core.vocab import ObjectClass, Role
 from ssp_ot_controller.camera.clip import truth, truth_path, write_clip
-from ssp_ot_controller.camera.storyboard import (
-    INTERACTIONS,
-    Actor,
-    Line,
-    Ramp,
-    Storyboard,
-    storyboard,
-)
+from ssp_ot_controller.camera.motion import Actor, Line, Ramp, Steered
+from ssp_ot_controller.camera.render import BRAKE_MPS2
+from ssp_ot_controller.camera.storyboard import INTERACTIONS, Storyboard, storyboard
 
 seeds = st.integers(0, 2**31)
 
@@ -50,6 +45,20 @@ def test_speed_is_the_derivative_of_the_position(
     assert line.speed(11.0) == pytest.approx(4.0 + change)
 
 
+@given(speed=st.floats(5.0, 20.0), share=st.floats(-0.9, 0.9), half=st.floats(0.5, 3.0))
+@settings(max_examples=40)
+def test_steering_keeps_the_speed_on_the_path(speed: float, share: float, half: float) -> None:
+    ramps = (Ramp(1.0, half, share * speed), Ramp(1.0 + half, half, -share * speed))
+    actor = Actor("a", ObjectClass.CAR, Role.OT, Steered(3.0, speed, ramps), Line(0.0, 0.0, ramps))
+    h = 1e-5
+    for t in np.linspace(0.05, 9.0, 19):
+        slope = (actor.along.position(t + h) - actor.along.position(t - h)) / (2 * h)
+        assert slope == pytest.approx(actor.along.speed(t), abs=1e-3)
+        assert actor.state(t).speed_mps == pytest.approx(speed)
+        assert actor.state(t).acceleration_mps2 == pytest.approx(0.0, abs=1e-6)
+    assert actor.along.position(0.5) == pytest.approx(3.0 + 0.5 * speed)
+
+
 def test_state_of_an_actor_that_turns_sideways() -> None:
     actor = Actor(
         "a", ObjectClass.CAR, Role.OT, Line(0.0, 3.0), Line(1.0, 0.0, (Ramp(1.0, 1.0, -4.0),))
@@ -72,6 +81,7 @@ def test_cut_in_comes_from_the_left_and_the_vut_brakes(seed: int) -> None:
     speeds = [vut(s).speed_mps for s in series]
     assert speeds[: round(3 * board.fps)] == [speeds[0]] * round(3 * board.fps)
     assert speeds[-1] < speeds[0] - 3.0
+    assert all(partner(s).acceleration_mps2 > BRAKE_MPS2 for s in series)  # its lamps stay dark
     assert min(box_distance(vut(s).box, partner(s).box) for s in series) > 2.0
 
 

@@ -14,7 +14,7 @@ OT, MANAGER, CAMERA = "object_target", "scenario_manager", "front_camera"
 
 
 def barrier(camera: str | None = None, frame_steps: int = 5, objects: Any = ("ot1",)) -> Barrier:
-    return Barrier((OT, MANAGER), objects, OT, camera, frame_steps)
+    return Barrier((OT, MANAGER), objects, OT, camera, frame_steps, MANAGER)
 
 
 def answer(b: Barrier, step: int) -> None:
@@ -92,7 +92,7 @@ def test_the_world_never_runs_ahead_of_the_camera_by_more_than_a_frame() -> None
 @given(data=st.data())
 def test_any_order_of_answers_opens_it_with_the_last(data: st.DataObject) -> None:
     objects = ["ot1", "ot2"]
-    b = Barrier((OT, MANAGER), objects, OT, CAMERA, 1)
+    b = Barrier((OT, MANAGER), objects, OT, CAMERA, 1, MANAGER)
     for step in range(1, 4):
         messages = [(b.on_done, name) for name in (OT, MANAGER)]
         messages += [(b.on_command, name) for name in objects]
@@ -101,3 +101,10 @@ def test_any_order_of_answers_opens_it_with_the_last(data: st.DataObject) -> Non
             assert b.waiting_for(step)
             deliver(name, step)
         assert b.waiting_for(step) == []
+
+
+def test_the_leader_is_lost_only_when_nobody_else_is() -> None:
+    b = Barrier((OT, MANAGER), ("ot1",), OT, None, 1, MANAGER)
+    assert b.lost(1) == [OT]
+    b.drop(OT)
+    assert b.lost(1) == [MANAGER]

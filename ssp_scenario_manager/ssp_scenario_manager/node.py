@@ -44,6 +44,8 @@ from ssp_scenario_manager.links.node import ObjectLinks
 WATCHDOG_PERIOD_S = 0.05
 ARM_CONFIRMATION_S = 3.0
 ABORT_STANDSTILL_S = 15.0
+# Nobody waits for the standstill of what has not been heard for this long.
+SILENT_S = 1.0
 _ENDING = (SessionPhase.STOPPING, SessionPhase.ABORTING)
 _WATCHED = (SessionPhase.RUNNING, SessionPhase.STOPPING)
 _ARM = ObjectCommand.Request.COMMAND_ARM
@@ -72,6 +74,7 @@ class ScenarioManager(Node):
         self._arming_since_ns: int | None = None
         self._aborting_since_ns: int | None = None
         self._arrival_ns = 0
+        self._reported: list[supervisor.Violation] = []
         self._start_world = False
         self._make_endpoints()
 
@@ -103,7 +106,9 @@ class ScenarioManager(Node):
     # -- what arrives --------------------------------------------------------------------------
 
     def _on_tick(self, message: WorldTick) -> None:
-        self._vigil.hear(names.SIL_WORLD, time.monotonic_ns())
+        if message.running or not self._lockstep or self._session.state is not SessionPhase.RUNNING:
+            # A world that holds while the session runs is as good as silent.
+            self._vigil.hear(names.SIL_WORLD, time.monotonic_ns())
         self._arrival_ns = time.monotonic_ns()
         self._lockstep = message.lockstep
         self._running_world = message.running
@@ -121,7 +126,11 @@ class ScenarioManager(Node):
         if message.participant == names.SCENARIO_MANAGER:
             return
         self._inputs.on_answer(
-            message.participant, message.step, message.states_sent, message.acks_sent
+            message.participant,
+            message.step,
+            message.states_sent,
+            message.acks_sent,
+            message.safety_events_sent,
         )
         self._step_when_complete()
 
@@ -173,6 +182,18 @@ class ScenarioManager(Node):
     def _on_recorder(self, message: RecorderStatus) -> None:
         self._vigil.hear(names.MONITOR, time.monotonic_ns())
         self._recorder = message
+        if message.lost and self._session.state in _WATCHED:
+            self._session.fail(
+                supervisor.Violation(
+                    SafetyCode.RECORDER,
+                    "",
+                    float(message.lost),
+                    0.0,
+                    self._now_ns,
+                    "messages lost by the recorder",
+                )
+            )
+            self._flush()
 
     def _on_safety_event(self, message: SafetyEvent) -> None:
         """Another node saw a limit passed."""
@@ -183,17 +204,24 @@ class ScenarioManager(Node):
         except ValueError:
             self.get_logger().error(f"unknown safety code {message.code} from {message.source}")
             return
-        self._session.fail(
-            supervisor.Violation(
-                code,
-                message.object_id,
-                message.measured,
-                message.limit,
-                ros.ns_from_stamp(message.header.stamp),
-                f"seen by {message.source}",
-            ),
-            announced=True,
+        violation = supervisor.Violation(
+            code,
+            message.object_id,
+            message.measured,
+            message.limit,
+            ros.ns_from_stamp(message.header.stamp),
+            f"seen by {message.source}",
         )
+        if message.source == names.OBJECT_TARGET:
+            self._inputs.safety_events += 1
+        if code is SafetyCode.PARTICIPANT_LOST:
+            self._inputs.forget(message.object_id)
+        if self._lockstep and self._running_world:
+            # Taken up with the step that it belongs to, whenever it arrived.
+            self._reported.append(violation)
+            self._step_when_complete()
+            return
+        self._session.fail(violation, announced=True)
         self._flush()
 
     # -- steps ---------------------------------------------------------------------------------
@@ -204,6 +232,9 @@ class ScenarioManager(Node):
 
     def _do_step(self) -> None:
         """Judges the newest states; in lockstep also answers the world."""
+        for violation in self._reported:
+            self._session.fail(violation, announced=True)
+        self._reported.clear()
         self._session.step(self._now_ns)
         self._flush()
         if self._lockstep:
@@ -296,8 +327,13 @@ class ScenarioManager(Node):
         if self._aborting_since_ns is None:
             self._aborting_since_ns = time.monotonic_ns()
         waited_s = (time.monotonic_ns() - self._aborting_since_ns) / NS_PER_S
-        world_dead = self._vigil.age_s(names.SIL_WORLD, time.monotonic_ns()) > 1.0
-        if world_dead or waited_s > ABORT_STANDSTILL_S:
+        now_ns = time.monotonic_ns()
+        world_dead = self._vigil.age_s(names.SIL_WORLD, now_ns) > SILENT_S
+        spec = self._session.spec
+        ids = [t.id for t in spec.targets] if spec else []
+        silent = [i for i in ids if self._vigil.age_s(i, now_ns) > SILENT_S]
+        others_stand = bool(silent) and self._session.stands(self._now_ns, without=silent)
+        if world_dead or others_stand or waited_s > ABORT_STANDSTILL_S:
             self._goal.on_standstill_unconfirmed()
 
     # -- sending -------------------------------------------------------------------------------

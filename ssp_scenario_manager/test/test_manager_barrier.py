@@ -19,7 +19,7 @@ def test_each_part_is_waited_for() -> None:
     assert not inputs.complete()
     inputs.vut_states += 1
     assert not inputs.complete()
-    inputs.on_answer(OT, 1, states_sent=2, acks_sent=1)
+    inputs.on_answer(OT, 1, states_sent=2, acks_sent=1, events_sent=0)
     assert not inputs.complete()
     inputs.states += 2
     assert not inputs.complete()
@@ -32,10 +32,10 @@ def test_each_part_is_waited_for() -> None:
 def test_an_old_answer_and_a_stranger_do_not_count() -> None:
     inputs = StepInputs((OT,))
     inputs.on_tick(2, vut_states_sent=0)
-    inputs.on_answer(OT, 1, 0, 0)
-    inputs.on_answer("front_camera", 2, 0, 0)
+    inputs.on_answer(OT, 1, 0, 0, 0)
+    inputs.on_answer("front_camera", 2, 0, 0, 0)
     assert not inputs.complete()
-    inputs.on_answer(OT, 2, 0, 0)
+    inputs.on_answer(OT, 2, 0, 0, 0)
     assert inputs.complete()
 
 
@@ -43,7 +43,7 @@ def test_a_lost_state_is_not_waited_for() -> None:
     """The links lose states; only what was sent is counted."""
     inputs = StepInputs((OT,))
     inputs.on_tick(1, vut_states_sent=0)
-    inputs.on_answer(OT, 1, states_sent=0, acks_sent=0)
+    inputs.on_answer(OT, 1, states_sent=0, acks_sent=0, events_sent=0)
     assert inputs.complete()
 
 
@@ -62,7 +62,7 @@ def test_any_interleaving_completes_with_the_last_message(data: st.DataObject) -
             inputs.on_tick(step, vut)
 
         def answer(name: str, states: int, acks: int, step: int = step) -> Callable[[], None]:
-            return lambda: inputs.on_answer(name, step, states, acks)
+            return lambda: inputs.on_answer(name, step, states, acks, 0)
 
         def count(name: str) -> Callable[[], None]:
             return lambda: setattr(inputs, name, getattr(inputs, name) + 1)
@@ -76,3 +76,21 @@ def test_any_interleaving_completes_with_the_last_message(data: st.DataObject) -
             deliver()
         assert inputs.complete()
         inputs.done_step = step
+
+
+def test_a_safety_event_belongs_to_its_step() -> None:
+    inputs = StepInputs((OT,))
+    inputs.on_tick(1, 0)
+    inputs.on_answer(OT, 1, states_sent=0, acks_sent=0, events_sent=1)
+    assert not inputs.complete()
+    inputs.safety_events += 1
+    assert inputs.complete()
+
+
+def test_a_dropped_participant_is_not_waited_for() -> None:
+    inputs = StepInputs((OT, "another"))
+    inputs.on_tick(1, 0)
+    inputs.on_answer("another", 1, 0, 0, 0)
+    assert not inputs.complete()
+    inputs.forget(OT)
+    assert inputs.complete()

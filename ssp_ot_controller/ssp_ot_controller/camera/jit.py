@@ -64,11 +64,17 @@ def _places() -> list[Path]:
 _CACHE = cache_folder(_PACKAGE, _places())
 
 
+# Without numba's memory management ("nrt"): it counts references to arrays in the innermost loops,
+# with atomic instructions, which took half of a frame's time. Kernels allocate nothing.
+_OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": False}
+
+
 def _jit(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
     before = _SETTINGS.CACHE_DIR
     try:
         _SETTINGS.CACHE_DIR = str(_CACHE or before)
-        make: Any = numba.njit(cache=_CACHE is not None, nogil=True, error_model="numpy", **options)
+        njit: Any = numba.njit
+        make = njit(cache=_CACHE is not None, **_OPTIONS, **options)
         kernel: Callable[..., Any] = make(function)
         return kernel
     finally:
@@ -80,6 +86,7 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
 
     The interpreter lock is released while the kernel runs, so that a node's executor stays
     responsive; one thread, so that the order of operations and with it every pixel is fixed.
+    A kernel can't make arrays: what it needs beside its input is handed to it.
     """
     return _jit(function)
 

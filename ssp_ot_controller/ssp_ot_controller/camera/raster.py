@@ -1,7 +1,11 @@
-"""Z-buffer rasteriser: triangles of the block's frame to colour and inverse depth.
+"""Z-buffer rasteriser: finds which triangle is nearest at each sample, and how to colour it there.
 
-Attributes are interpolated perspective-correctly: value / z and 1 / z are linear on the image.
-Nothing here knows what the triangles show, beyond the patterns of ``surfaces``.
+A triangle's corners in the optical frame span a matrix; its inverse, written with three cross
+products, gives at once the edges on the image and the planes on which 1 / z and value / z lie, also
+for triangles that reach behind the camera, so that nothing has to be clipped. The two triangles at
+an edge compute it from the same numbers, hence there are no cracks.
+
+Samples remember only depth and triangle; ``shading`` colours what is still visible in the end.
 """
 
 from __future__ import annotations
@@ -10,144 +14,157 @@ import math
 
 import numpy as np
 
-from ssp_ot_controller.camera.jit import Array, compiled
-from ssp_ot_controller.camera.surfaces import FACADE, FOLIAGE, noise_at, window_mix
+from ssp_ot_controller.camera.jit import Array, compiled, inlined
 
-NEAR_M = 0.1
 CORNER_ATTRIBUTES = 5  # of a corner, beside its place: blue, green, red (0-255), u, v (m)
-_VALUES = 9  # x, y, z (optical, m), blue, green, red, u, v, share of light left by fog
-_SLACK_PX = 1e-6  # a sample on an edge belongs to both triangles, so that there are no cracks
 
-# Layout of the style vector: fog colour, fog per m, glass of facades, lit windows (all colours
-# blue, green, red), share of windows that are lit.
-T_FOG, T_FOG_PER_M, T_GLASS, T_LIT, T_LIT_SHARE = 0, 3, 4, 7, 10
-STYLE_LENGTH = 11
+# Layout of a triangle's planes: value / z = [0] rx + [1] ry + [2] at the ray (rx, ry, 1).
+G_INVERSE, G_COLOUR, G_CLEAR, G_UV, G_KIND = 0, 3, 12, 15, 21
+PLANE_NUMBERS = 22
+
+_FLAT = 1e-12  # smaller volumes of corners and eye are taken for a triangle seen edge-on
+_IN_FRONT_M = 1e-3
 
 
-@compiled
-def _to_optical(corners: Array, eye: Array, axes: Array, triangle: Array) -> float:
-    """Places of a triangle's corners in the optical frame into ``triangle``; the largest depth."""
+@inlined
+def _to_optical(corners: Array, n: int, eye: Array, axes: Array, place: Array) -> float:
+    """Places of a triangle's corners in the optical frame into ``place``; the largest depth."""
     deepest = -1e30
     for i in range(3):
-        dx, dy, dz = corners[i, 0] - eye[0], corners[i, 1] - eye[1], corners[i, 2] - eye[2]
+        dx, dy, dz = (
+            corners[n, i, 0] - eye[0],
+            corners[n, i, 1] - eye[1],
+            corners[n, i, 2] - eye[2],
+        )
         for k in range(3):
-            triangle[i, k] = axes[k, 0] * dx + axes[k, 1] * dy + axes[k, 2] * dz
-        deepest = max(deepest, triangle[i, 2])
+            place[i, k] = axes[k, 0] * dx + axes[k, 1] * dy + axes[k, 2] * dz
+        deepest = max(deepest, place[i, 2])
     return deepest
 
 
-@compiled
-def _clip_near(triangle: Array, values: int, polygon: Array) -> int:
-    """Cuts a triangle at z = NEAR_M; fills ``polygon`` and returns its number of corners (0-4)."""
-    count = 0
+@inlined
+def _edges(place: Array, lens: Array, cross: Array, edge: Array) -> float:
+    """Cross products of the corners, and the edges on the image; volume, + when seen from front.
+
+    Args:
+        place: shape (3, 3), corners in the optical frame.
+        lens: fx, fy, cx, cy in samples.
+        cross: shape (3, 3); its rows times a ray (rx, ry, 1) are not negative inside.
+        edge: shape (3, 3); the same of column, row and 1.
+    """
     for i in range(3):
-        j = (i + 1) % 3
-        zi, zj = triangle[i, 2], triangle[j, 2]
-        if zi >= NEAR_M:
-            for k in range(values):
-                polygon[count, k] = triangle[i, k]
-            count += 1
-        if (zi >= NEAR_M) != (zj >= NEAR_M):
-            t = (NEAR_M - zi) / (zj - zi)
-            for k in range(values):
-                polygon[count, k] = triangle[i, k] + t * (triangle[j, k] - triangle[i, k])
-            count += 1
-    return count
+        j, k = (i + 1) % 3, (i + 2) % 3
+        cross[i, 0] = place[k, 1] * place[j, 2] - place[k, 2] * place[j, 1]
+        cross[i, 1] = place[k, 2] * place[j, 0] - place[k, 0] * place[j, 2]
+        cross[i, 2] = place[k, 0] * place[j, 1] - place[k, 1] * place[j, 0]
+        edge[i, 0], edge[i, 1] = cross[i, 0] / lens[0], cross[i, 1] / lens[1]
+        edge[i, 2] = cross[i, 2] - edge[i, 0] * lens[2] - edge[i, 1] * lens[3]
+    volume: float = (
+        place[0, 0] * cross[0, 0] + place[0, 1] * cross[0, 1] + place[0, 2] * cross[0, 2]
+    )
+    return volume
 
 
-@compiled
-def _span(xy: Array, row: int, width: int) -> tuple[int, int]:
-    """First and last sample of a row inside the triangle with corners xy; empty: 0, -1."""
-    left, right = 1e30, -1e30
+@inlined
+def _frame(place: Array, lens: Array, height: int, width: int) -> tuple[int, int, int, int]:
+    """Rows and columns that a triangle may cover: top, bottom, left, right; bottom < top: none."""
+    if min(place[0, 2], place[1, 2], place[2, 2]) < _IN_FRONT_M:
+        return 0, height - 1, 0, width - 1
+    left, right, top, bottom = 1e30, -1e30, 1e30, -1e30
     for i in range(3):
-        j = (i + 1) % 3
-        xi, yi, xj, yj = xy[i, 0], xy[i, 1], xy[j, 0], xy[j, 1]
-        if row < min(yi, yj) or row > max(yi, yj):
-            continue
-        if abs(yj - yi) < 1e-12:
-            left, right = min(left, xi, xj), max(right, xi, xj)
-            continue
-        crossing = xi + (row - yi) * (xj - xi) / (yj - yi)
-        left, right = min(left, crossing), max(right, crossing)
-    if right < -1.0 or left > width:
+        inverse = 1.0 / place[i, 2]
+        x = lens[0] * place[i, 0] * inverse + lens[2]
+        y = lens[1] * place[i, 1] * inverse + lens[3]
+        left, right = min(left, x), max(right, x)
+        top, bottom = min(top, y), max(bottom, y)
+    if right < 0.0 or left > width - 1.0 or bottom < 0.0 or top > height - 1.0:
+        return 0, -1, 0, -1
+    # A sample on the border counts; rounding may have moved the border past it.
+    return (
+        math.ceil(max(0.0, top) - 1e-6),
+        math.floor(min(height - 1.0, bottom) + 1e-6),
+        math.ceil(max(0.0, left) - 1e-6),
+        math.floor(min(width - 1.0, right) + 1e-6),
+    )
+
+
+@inlined
+def _samples(low: float, high: float, left: int, right: int) -> tuple[int, int]:
+    """First and last column within limits; none: last < first."""
+    if low > right or high < left:
         return 0, -1
-    first = max(0, math.ceil(max(left, 0.0) - _SLACK_PX))
-    last = min(width - 1, math.floor(min(right, width) + _SLACK_PX))
-    return first, last
+    return math.ceil(max(low, float(left))), math.floor(min(high, float(right)))
+
+
+@inlined
+def _limits(edge: Array, i: int) -> tuple[float, float, float, float]:
+    """An edge as limits of the column: slope per row and value at row 0, below and above.
+
+    A level edge becomes a very steep one, so that its limit lies far outside on one of its sides.
+    """
+    if edge[i, 0] >= 0.0:
+        scale = -1.0 / max(edge[i, 0], 1e-30)
+        return scale * edge[i, 1], scale * edge[i, 2], 0.0, 1e300
+    scale = -1.0 / edge[i, 0]
+    return 0.0, -1e300, scale * edge[i, 1], scale * edge[i, 2]
 
 
 @compiled
-def _rows(xy: Array, height: int, width: int) -> tuple[int, int]:
-    """First and last row that a triangle may cover; empty: 0, -1."""
-    low, high = min(xy[0, 0], xy[1, 0], xy[2, 0]), max(xy[0, 0], xy[1, 0], xy[2, 0])
-    if high < 0.0 or low > width - 1:
-        return 0, -1
-    low, high = min(xy[0, 1], xy[1, 1], xy[2, 1]), max(xy[0, 1], xy[1, 1], xy[2, 1])
-    if high < 0.0 or low > height - 1:
-        return 0, -1
-    top = math.ceil(max(low, 0.0) - _SLACK_PX)
-    bottom = math.floor(min(high, height - 1.0) + _SLACK_PX)
-    return max(0, top), min(height - 1, bottom)
-
-
-@compiled
-def _fill(
-    xy: Array,
-    q: Array,
-    slopes: Array,
-    kind: int,
-    style: Array,
-    noise: Array,
+def _draw_span(
+    base: np.float32,
+    slope: np.float32,
+    number: np.int32,
+    ramp: Array,
+    row: int,
+    first: int,
+    last: int,
     inverse_depth: Array,
-    pixels: Array,
+    owner: Array,
+) -> int:
+    """Takes the samples of one span where the triangle is nearer; the number of those.
+
+    Plain enough for the compiler to do several samples at once.
+    """
+    depths, owners = inverse_depth[row, first : last + 1], owner[row, first : last + 1]
+    taken = np.int32(0)
+    for i in range(depths.shape[0]):
+        inverse = base + slope * ramp[i]
+        if inverse > depths[i]:
+            depths[i] = inverse
+            owners[i] = number
+            taken += np.int32(1)
+    return int(taken)
+
+
+@inlined
+def _write_planes(
+    place: Array,
+    cross: Array,
+    volume: float,
+    attributes: Array,
+    n: int,
+    kind: int,
+    fog_per_m: float,
+    planes: Array,
+    number: int,
 ) -> None:
-    """Draws one projected triangle: ``q`` holds 1/z and values over z at its corners."""
-    height, width = inverse_depth.shape
-    x1, y1 = xy[1, 0] - xy[0, 0], xy[1, 1] - xy[0, 1]
-    x2, y2 = xy[2, 0] - xy[0, 0], xy[2, 1] - xy[0, 1]
-    area = x1 * y2 - x2 * y1
-    if area > -1e-9:  # seen from behind: rows run downwards, so fronts turn clockwise
-        return
-    top, bottom = _rows(xy, height, width)
-    for k in range(7):
-        a, b = q[1, k] - q[0, k], q[2, k] - q[0, k]
-        slopes[0, k] = (a * y2 - b * y1) / area
-        slopes[1, k] = (b * x1 - a * x2) / area
-    for row in range(top, bottom + 1):
-        first, last = _span(xy, row, width)
-        ry = row - xy[0, 1]
-        for column in range(first, last + 1):
-            rx = column - xy[0, 0]
-            inverse = q[0, 0] + slopes[0, 0] * rx + slopes[1, 0] * ry
-            if inverse <= inverse_depth[row, column]:
-                continue
-            inverse_depth[row, column] = inverse
-            z = 1.0 / inverse
-            blue = (q[0, 1] + slopes[0, 1] * rx + slopes[1, 1] * ry) * z
-            green = (q[0, 2] + slopes[0, 2] * rx + slopes[1, 2] * ry) * z
-            red = (q[0, 3] + slopes[0, 3] * rx + slopes[1, 3] * ry) * z
-            if kind in (FACADE, FOLIAGE):
-                u_over_z = q[0, 4] + slopes[0, 4] * rx + slopes[1, 4] * ry
-                u, v = u_over_z * z, (q[0, 5] + slopes[0, 5] * rx + slopes[1, 5] * ry) * z
-                if kind == FOLIAGE:
-                    shade = 1.0 + 0.55 * noise_at(noise, 14.0 * u, 14.0 * v)
-                    blue, green, red = blue * shade, green * shade, red * shade
-                else:
-                    beside = (u_over_z + slopes[0, 4]) / (inverse + slopes[0, 0])
-                    glass, lit = window_mix(u, v, abs(beside - u), style[T_LIT_SHARE])
-                    dark = glass - lit
-                    blue = blue * (1.0 - glass) + style[T_GLASS] * dark + style[T_LIT] * lit
-                    green = (
-                        green * (1.0 - glass) + style[T_GLASS + 1] * dark + style[T_LIT + 1] * lit
-                    )
-                    red = red * (1.0 - glass) + style[T_GLASS + 2] * dark + style[T_LIT + 2] * lit
-            clear = (q[0, 6] + slopes[0, 6] * rx + slopes[1, 6] * ry) * z
-            blue = style[T_FOG] + clear * (blue - style[T_FOG])
-            green = style[T_FOG + 1] + clear * (green - style[T_FOG + 1])
-            red = style[T_FOG + 2] + clear * (red - style[T_FOG + 2])
-            pixels[row, column, 0] = min(255.0, max(0.0, blue + 0.5))
-            pixels[row, column, 1] = min(255.0, max(0.0, green + 0.5))
-            pixels[row, column, 2] = min(255.0, max(0.0, red + 0.5))
+    """The planes of a triangle's values over z into ``planes[number]``."""
+    a, b, c = 1.0 / volume, 1.0 / volume, 1.0 / volume
+    for k in range(3):
+        planes[number, G_INVERSE + k] = a * cross[0, k] + b * cross[1, k] + c * cross[2, k]
+    for m in range(CORNER_ATTRIBUTES):
+        a = attributes[n, 0, m] / volume
+        b = attributes[n, 1, m] / volume
+        c = attributes[n, 2, m] / volume
+        start = G_COLOUR + 3 * m if m < 3 else G_UV + 3 * (m - 3)
+        for k in range(3):
+            planes[number, start + k] = a * cross[0, k] + b * cross[1, k] + c * cross[2, k]
+    a = math.exp(-fog_per_m * max(0.0, place[0, 2])) / volume
+    b = math.exp(-fog_per_m * max(0.0, place[1, 2])) / volume
+    c = math.exp(-fog_per_m * max(0.0, place[2, 2])) / volume
+    for k in range(3):
+        planes[number, G_CLEAR + k] = a * cross[0, k] + b * cross[1, k] + c * cross[2, k]
+    planes[number, G_KIND] = kind
 
 
 @compiled
@@ -159,11 +176,14 @@ def rasterise(
     eye: Array,
     axes: Array,
     lens: Array,
-    style: Array,
-    noise: Array,
+    fog_per_m: float,
+    ramp: Array,
+    count: int,
     inverse_depth: Array,
-    pixels: Array,
-) -> None:
+    owner: Array,
+    planes: Array,
+    scratch: Array,
+) -> int:
     """Draws the front sides of triangles where they are nearest.
 
     Args:
@@ -175,59 +195,87 @@ def rasterise(
         eye: camera centre, block frame.
         axes: shape (3, 3): optical axes in the block frame.
         lens: fx, fy, cx, cy in samples.
-        style: vector of STYLE_LENGTH.
-        noise: tileable noise for foliage.
+        fog_per_m: extinction, 1/m.
+        ramp: 0, 1, 2, ... as float32, at least a row long.
+        count: triangles that ``planes`` holds already.
         inverse_depth: shape (rows, columns), 1/m, 0 is infinitely far; updated.
-        pixels: shape (rows, columns, 3), uint8 blue, green, red; updated.
+        owner: shape (rows, columns), the nearest triangle where inverse_depth isn't 0; updated.
+        planes: shape (room, PLANE_NUMBERS); triangles that were seen are appended.
+        scratch: shape (3, 3, 3), for numbers of one triangle.
+
+    Returns:
+        Triangles that ``planes`` holds now.
     """
-    triangle, polygon = np.empty((3, _VALUES)), np.empty((4, _VALUES))
-    xy, q, slopes = np.empty((3, 2)), np.empty((3, 7)), np.empty((2, 7))
+    height, width = inverse_depth.shape
+    place, cross, edge = scratch[0], scratch[1], scratch[2]
     for r in range(ranges.shape[0]):
         for n in range(ranges[r, 0], ranges[r, 1]):
-            if _to_optical(corners[n], eye, axes, triangle) < NEAR_M:
+            if _to_optical(corners, n, eye, axes, place) < _IN_FRONT_M:
                 continue
-            for i in range(3):
-                for k in range(CORNER_ATTRIBUTES):
-                    triangle[i, 3 + k] = attributes[n, i, k]
-                triangle[i, 8] = math.exp(-style[T_FOG_PER_M] * max(0.0, triangle[i, 2]))
-            count = _clip_near(triangle, _VALUES, polygon)
-            for part in range(1, count - 1):
-                for i in range(3):
-                    corner = 0 if i == 0 else part + i - 1
-                    inverse = 1.0 / polygon[corner, 2]
-                    xy[i, 0] = lens[0] * polygon[corner, 0] * inverse + lens[2]
-                    xy[i, 1] = lens[1] * polygon[corner, 1] * inverse + lens[3]
-                    q[i, 0] = inverse
-                    for k in range(6):
-                        q[i, 1 + k] = polygon[corner, 3 + k] * inverse
-                _fill(xy, q, slopes, kinds[n], style, noise, inverse_depth, pixels)
+            volume = _edges(place, lens, cross, edge)
+            if volume < _FLAT:
+                continue
+            top, bottom, left, right = _frame(place, lens, height, width)
+            if right < left or bottom < top:
+                continue
+            a, a_low, b, b_high = _limits(edge, 0)
+            c, c_low, d, d_high = _limits(edge, 1)
+            e, e_low, f, f_high = _limits(edge, 2)
+            per_column = (edge[0, 0] + edge[1, 0] + edge[2, 0]) / volume
+            per_row = (edge[0, 1] + edge[1, 1] + edge[2, 1]) / volume
+            corner = (edge[0, 2] + edge[1, 2] + edge[2, 2]) / volume
+            taken = 0
+            for row in range(top, bottom + 1):
+                low = max(max(a * row + a_low, c * row + c_low), e * row + e_low)
+                high = min(min(b * row + b_high, d * row + d_high), f * row + f_high)
+                first, last = _samples(low, high, left, right)
+                if last < first:
+                    continue
+                base = corner + per_row * row + per_column * first
+                taken += _draw_span(
+                    np.float32(base), np.float32(per_column), np.int32(count),
+                    ramp, row, first, last, inverse_depth, owner,
+                )  # fmt: skip
+            if taken > 0:
+                _write_planes(
+                    place, cross, volume, attributes, n, kinds[n], fog_per_m, planes, count
+                )
+                count += 1
+    return count
 
 
 @compiled
 def rasterise_cover(
-    corners: Array, ranges: Array, eye: Array, axes: Array, lens: Array, cover: Array
+    corners: Array,
+    ranges: Array,
+    eye: Array,
+    axes: Array,
+    lens: Array,
+    cover: Array,
+    scratch: Array,
 ) -> None:
-    """Marks the samples that triangles cover from either side, whatever their depth.
+    """Marks the samples that the front sides of triangles cover, whatever their depth.
 
     Args:
-        corners, ranges, eye, axes, lens: see rasterise.
+        corners, ranges, eye, axes, lens, scratch: see rasterise.
         cover: shape (rows, columns), uint8; covered samples become 1.
     """
     height, width = cover.shape
-    triangle, polygon, xy = np.empty((3, 3)), np.empty((4, 3)), np.empty((3, 2))
+    place, cross, edge = scratch[0], scratch[1], scratch[2]
     for r in range(ranges.shape[0]):
         for n in range(ranges[r, 0], ranges[r, 1]):
-            if _to_optical(corners[n], eye, axes, triangle) < NEAR_M:
+            if _to_optical(corners, n, eye, axes, place) < _IN_FRONT_M:
                 continue
-            count = _clip_near(triangle, 3, polygon)
-            for part in range(1, count - 1):
-                for i in range(3):
-                    corner = 0 if i == 0 else part + i - 1
-                    inverse = 1.0 / polygon[corner, 2]
-                    xy[i, 0] = lens[0] * polygon[corner, 0] * inverse + lens[2]
-                    xy[i, 1] = lens[1] * polygon[corner, 1] * inverse + lens[3]
-                top, bottom = _rows(xy, height, width)
-                for row in range(top, bottom + 1):
-                    first, last = _span(xy, row, width)
-                    for column in range(first, last + 1):
-                        cover[row, column] = 1
+            if _edges(place, lens, cross, edge) < _FLAT:
+                continue
+            top, bottom, left, right = _frame(place, lens, height, width)
+            if right < left or bottom < top:
+                continue
+            a, a_low, b, b_high = _limits(edge, 0)
+            c, c_low, d, d_high = _limits(edge, 1)
+            e, e_low, f, f_high = _limits(edge, 2)
+            for row in range(top, bottom + 1):
+                low = max(max(a * row + a_low, c * row + c_low), e * row + e_low)
+                high = min(min(b * row + b_high, d * row + d_high), f * row + f_high)
+                first, last = _samples(low, high, left, right)
+                cover[row, first : last + 1] = 1

@@ -8,7 +8,6 @@ the ground is averaged analytically.
 from __future__ import annotations
 
 import math
-import threading
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -26,7 +25,10 @@ from ssp_ot_controller.camera import (
     heavy_vehicles,
     light,
     people,
+    sensor,
 )
+from ssp_ot_controller.camera.buffers import SAMPLES, Buffers
+from ssp_ot_controller.camera.contact import contact
 from ssp_ot_controller.camera.jit import Array
 from ssp_ot_controller.camera.mesh import Mesh
 from ssp_ot_controller.camera.model import View, view_from
@@ -39,8 +41,9 @@ BRAKE_MPS2 = -0.5  # brake lamps shine below this acceleration
 _SCENERY_RANGE_M = 230.0
 _SHADOW_RANGE_M = 110.0
 _CONTACT_REACH_M = 0.45
-_VIGNETTE = 0.10
 _BUS_PAINTS = (rgb("c9432f"), rgb("2f6fae"), rgb("e0b23c"))
+_GRAIN = sensor.make_grain()
+_BUFFERS = Buffers()
 
 
 @dataclass(frozen=True)
@@ -58,33 +61,6 @@ class Scene:
     vut: ObjectState
     objects: tuple[ObjectState, ...]
     travelled_m: Mapping[str, float] = field(default_factory=dict)
-
-
-class _Buffers(threading.local):
-    """Sample buffers of the last frame size, kept per thread: allocating them is slow."""
-
-    def __init__(self) -> None:
-        self.size = (0, 0)
-        self._arrays: tuple[Array, Array, Array, Array] | None = None
-
-    def cleared(self, height: int, width: int) -> tuple[Array, Array, Array, Array]:
-        if self._arrays is None or self.size != (height, width):
-            n = compose.SAMPLES
-            self.size = (height, width)
-            self._arrays = (
-                np.empty((n * height, n * width), np.float32),
-                np.empty((n * height, n * width, 3), np.uint8),
-                np.empty((n * height, n * width), np.uint8),
-                np.empty((height, width), np.float32),
-            )
-        inverse_depth, _, cover, dark = self._arrays
-        inverse_depth.fill(0.0)
-        cover.fill(0)
-        dark.fill(0.0)
-        return self._arrays
-
-
-_BUFFERS = _Buffers()
 
 
 def body(state: ObjectState, palette: Palette, travelled_m: float) -> Mesh:
@@ -199,8 +175,12 @@ def _draw(
 ) -> Array:
     """Runs the kernels for one frame."""
     lens = view.intrinsics
-    inverse_depth, pixels, cover, dark = _BUFFERS.cleared(lens.height_px, lens.width_px)
-    n = compose.SAMPLES
+    static = stage.static
+    far = _visible(static.places, view, _SCENERY_RANGE_M)
+    near = _visible(static.places, view, _SHADOW_RANGE_M)
+    room = sum(len(b.kinds) for b in bodies) + int(np.diff(static.body_ranges[far]).sum())
+    kept = _BUFFERS.cleared(lens.height_px, lens.width_px, room)
+    n = SAMPLES
     # Sample i of a pixel's n lies at (i + 0.5) / n - 0.5 px from its centre.
     samples = np.array(
         [n * lens.fx_px, n * lens.fy_px, n * lens.cx_px + (n - 1) / 2, n * lens.cy_px + (n - 1) / 2]
@@ -208,48 +188,39 @@ def _draw(
     columns, rows = view.rotation[0] / lens.fx_px, view.rotation[1] / lens.fy_px
     corner = view.rotation[2] - lens.cx_px * columns - lens.cy_px * rows
     rays = np.stack([corner, columns, rows])
-    eye, axes, static = view.position_m, view.rotation, stage.static
-    near = _visible(static.places, view, _SHADOW_RANGE_M)
+    eye, axes = view.position_m, view.rotation
     flat = np.concatenate(shadows)
-    rasterise_cover(flat, ranges([len(flat)]), eye, axes, samples, cover)
-    rasterise_cover(static.shadows, static.shadow_ranges[near], eye, axes, samples, cover)
+    for corners, runs in (
+        (flat, ranges([len(flat)])),
+        (static.shadows, static.shadow_ranges[near]),
+    ):
+        rasterise_cover(corners, runs, eye, axes, samples, kept.cover, kept.triangle)
+    drawables = [(static.bodies, static.body_ranges[far])]
     if boxes:
-        compose.contact(np.array(boxes), eye, rays, _CONTACT_REACH_M, dark)
+        contact(np.array(boxes), eye, rays, _CONTACT_REACH_M, kept.dark)
         moving = light.gather(bodies)
-        whole = ranges([len(moving.kinds)])
-        rasterise(
-            moving.corners, moving.attributes, moving.kinds, whole, eye, axes, samples,
-            stage.style, stage.noise, inverse_depth, pixels,
+        drawables.insert(0, (moving, ranges([len(moving.kinds)])))
+    count = 0
+    for lit, runs in drawables:
+        count = rasterise(
+            lit.corners, lit.attributes, lit.kinds, runs, eye, axes, samples, look.fog_per_m,
+            kept.ramp, count, kept.inverse_depth, kept.owner, kept.planes, kept.triangle,
         )  # fmt: skip
-    far = _visible(static.places, view, _SCENERY_RANGE_M)
-    rasterise(
-        static.bodies.corners, static.bodies.attributes, static.bodies.kinds,
-        static.body_ranges[far], eye, axes, samples, stage.style, stage.noise,
-        inverse_depth, pixels,
-    )  # fmt: skip
     numbers = np.zeros(compose.PARAMETERS)
     numbers[compose.C_FOG : compose.C_FOG + 3] = stage.palette.fog
     numbers[compose.C_SHADOW : compose.C_SHADOW + 3] = stage.palette.shadow
     numbers[compose.C_FOG_PER_M] = look.fog_per_m
     numbers[compose.C_EXPOSURE] = look.exposure
     numbers[compose.C_NOISE] = look.noise_sigma
-    numbers[compose.C_VIGNETTE] = _VIGNETTE
     out = np.empty((lens.height_px, lens.width_px, 3), np.uint8)
     compose.compose(
-        numbers,
-        stage.ground_tables,
-        stage.ground_numbers,
-        stage.panorama,
-        stage.noise,
-        eye,
-        rays,
-        inverse_depth,
-        pixels,
-        cover,
-        dark,
-        noise_state,
-        out,
-    )
+        numbers, stage.ground.sums, stage.ground.strips, stage.ground.values,
+        stage.ground_numbers, stage.panorama, stage.noise, stage.style, eye, rays, samples,
+        kept.inverse_depth, kept.owner, kept.planes, kept.cover, kept.dark, kept.squares,
+        _GRAIN, noise_state, kept.row, kept.drawn, kept.hidden, kept.ray,
+        kept.single,
+        out.reshape(lens.height_px, -1),
+    )  # fmt: skip
     return out
 
 

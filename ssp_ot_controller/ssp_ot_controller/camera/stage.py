@@ -14,7 +14,7 @@ from ssp_ot_controller.camera import ground, light, scenery, sky
 from ssp_ot_controller.camera.jit import Array
 from ssp_ot_controller.camera.mesh import join
 from ssp_ot_controller.camera.palettes import PALETTES, Palette
-from ssp_ot_controller.camera.raster import (
+from ssp_ot_controller.camera.shading import (
     STYLE_LENGTH,
     T_FOG,
     T_FOG_PER_M,
@@ -61,7 +61,7 @@ class Stage:
     palette: Palette
     sun: tuple[float, float, float]
     noise: Array
-    ground_tables: Array
+    ground: ground.Tables
     ground_numbers: Array
     panorama: Array
     style: Array
@@ -91,7 +91,7 @@ def _build(road_json: str, look_json: str, seed: int, detail: Detail) -> Stage:
     props = []
     if detail.scenery:
         props = scenery.build_scenery(road, look.palette, palette, ground.KERB_HEIGHT_M, seed)
-    sky_numbers = sky.build_parameters(palette, sun, outline, look.fog_per_m, detail.texture)
+    sky_numbers = sky.build_parameters(palette, sun, look.fog_per_m, detail.texture)
     return Stage(
         palette,
         sun,

@@ -12,92 +12,16 @@ from typing import Literal
 
 import numpy as np
 
-from ssp_core.clock import seconds_to_ns
 from ssp_core.errors import InputError
-from ssp_core.geometry import wrap_angle
 from ssp_core.names import VUT_ID
 from ssp_core.run_spec import Camera, Lane, Look, Road, Start
 from ssp_core.state import DEFAULT_SIZES, ObjectState
 from ssp_core.vocab import ObjectClass, Role
+from ssp_ot_controller.camera.motion import Actor, Line, Ramp, Steered
 
 Interaction = Literal["cut_in", "vru_crossing"]
 INTERACTIONS: tuple[Interaction, ...] = ("cut_in", "vru_crossing")
 _LANE_M = 3.4
-
-
-@dataclass(frozen=True)
-class Ramp:
-    """A smooth change of a speed: by change_mps, from start_s over duration_s (smoothstep)."""
-
-    start_s: float
-    duration_s: float
-    change_mps: float
-
-    def _share(self, t_s: float) -> float:
-        return min(1.0, max(0.0, (t_s - self.start_s) / self.duration_s))
-
-    def speed(self, t_s: float) -> float:
-        p = self._share(t_s)
-        return self.change_mps * (3.0 - 2.0 * p) * p * p
-
-    def acceleration(self, t_s: float) -> float:
-        p = self._share(t_s)
-        return self.change_mps * 6.0 * p * (1.0 - p) / self.duration_s
-
-    def way(self, t_s: float) -> float:
-        p = self._share(t_s)
-        after = max(0.0, t_s - self.start_s - self.duration_s)
-        return self.change_mps * ((1.0 - 0.5 * p) * p**3 * self.duration_s + after)
-
-
-@dataclass(frozen=True)
-class Line:
-    """Motion along one axis: a start, a speed, and smooth changes of the speed."""
-
-    start_m: float
-    speed_mps: float
-    ramps: tuple[Ramp, ...] = ()
-
-    def position(self, t_s: float) -> float:
-        return self.start_m + self.speed_mps * t_s + sum(r.way(t_s) for r in self.ramps)
-
-    def speed(self, t_s: float) -> float:
-        return self.speed_mps + sum(r.speed(t_s) for r in self.ramps)
-
-    def acceleration(self, t_s: float) -> float:
-        return sum(r.acceleration(t_s) for r in self.ramps)
-
-
-@dataclass(frozen=True)
-class Actor:
-    """A participant: a line along the road and one across it; standing, it faces ``facing_rad``."""
-
-    object_id: str
-    object_class: ObjectClass
-    role: Role
-    along: Line
-    across: Line
-    facing_rad: float = 0.0
-
-    def state(self, t_s: float) -> ObjectState:
-        vx, vy = self.along.speed(t_s), self.across.speed(t_s)
-        speed = math.hypot(vx, vy)
-        yaw = math.atan2(vy, vx) if speed > 1e-3 else self.facing_rad
-        ax, ay = self.along.acceleration(t_s), self.across.acceleration(t_s)
-        turning = (vx * ay - vy * ax) / speed**2 if speed > 0.1 else 0.0
-        return ObjectState(
-            object_id=self.object_id,
-            object_class=self.object_class,
-            role=self.role,
-            stamp_ns=seconds_to_ns(t_s),
-            x_m=self.along.position(t_s),
-            y_m=self.across.position(t_s),
-            yaw_rad=wrap_angle(yaw),
-            speed_mps=speed,
-            acceleration_mps2=ax * math.cos(yaw) + ay * math.sin(yaw),
-            yaw_rate_radps=turning,
-            size=DEFAULT_SIZES[self.object_class],
-        )
 
 
 @dataclass(frozen=True)
@@ -196,7 +120,7 @@ def _cut_in(seed: int, rng: np.random.Generator) -> Storyboard:
         "ot1",
         ObjectClass.CAR,
         Role.OT,
-        Line(10.0 + ahead, speed - slower),
+        Steered(10.0 + ahead, speed - slower, across),
         Line(_LANE_M, 0.0, across),
     )
     oncoming = Actor(

@@ -53,21 +53,38 @@ def noise_at(noise: Array, x: float, y: float) -> float:
 
 
 @inlined
-def window_mix(u_m: float, v_m: float, footprint_m: float, lit_share: float) -> tuple[float, float]:
-    """Share of glass and share of lit window (of 1) at a place of a facade.
+def _overlap(start: float, end: float, low: float, high: float) -> float:
+    """Length that two stretches have in common."""
+    common: float = max(0.0, min(end, high) - max(start, low))
+    return common
 
-    The share goes to its mean where the footprint of a sample no longer resolves a window.
+
+@inlined
+def window_mix(
+    u_m: float, v_m: float, width_u_m: float, width_v_m: float, lit_share: float
+) -> tuple[float, float]:
+    """Share of glass and share of lit window (of 1) in a footprint on a facade.
+
+    Windows are products of marks along and up, so that the mean over a rectangle is one too. It
+    goes to the mean of the wall where the footprint no longer resolves a window. Without branches,
+    so that the compiler does several places at once.
     """
-    blur = min(1.0, max(0.0, (footprint_m - 0.5) / 1.0))
-    cu, cv = math.floor(u_m / _WINDOW_PERIOD_U_M), math.floor(v_m / _WINDOW_PERIOD_V_M)
-    pu, pv = u_m / _WINDOW_PERIOD_U_M - cu, v_m / _WINDOW_PERIOD_V_M - cv
-    glass = 1.0 if 0.22 < pu < 0.78 and 0.3 < pv < 0.8 else 0.0
-    if glass > 0.0 and (abs(pu - 0.5) < 0.02 or abs(pv - 0.62) < 0.015):
-        glass = 0.4
-    glass += blur * (0.27 - glass)
-    number = (int(cu) * 73856093) ^ (int(cv) * 19349663)
+    blur = min(1.0, max(0.0, (max(width_u_m, width_v_m) - 1.0) / 1.6))
+    u, v = u_m * (1.0 / _WINDOW_PERIOD_U_M), v_m * (1.0 / _WINDOW_PERIOD_V_M)
+    cu, cv = np.floor(u), np.floor(v)
+    # No wider than what stays clear of the next window.
+    wu = min(max(width_u_m * (1.0 / _WINDOW_PERIOD_U_M), 1e-3), 0.44)
+    wv = min(max(width_v_m * (1.0 / _WINDOW_PERIOD_V_M), 1e-3), 0.4)
+    left, low = u - cu - 0.5 * wu, v - cv - 0.5 * wv
+    right, high = left + wu, low + wv
+    across, up = _overlap(left, right, 0.22, 0.78), _overlap(low, high, 0.3, 0.8)
+    # The bars between the panes of a window are 0.4 glass.
+    clear = (across - _overlap(left, right, 0.48, 0.52)) * (up - _overlap(low, high, 0.605, 0.635))
+    pane = (0.4 * across * up + 0.6 * clear) / (wu * wv)
+    glass = pane + blur * (0.27 - pane)
+    number = (np.int64(cu) * 73856093) ^ (np.int64(cv) * 19349663)
     number = (number ^ (number >> 11)) * 0x5BD1E995
-    lit = 1.0 if ((number >> 13) & 1023) < lit_share * 1024.0 else 0.0
-    lit *= 0.6 + 0.4 * ((number >> 25) & 1)
+    lit = 0.6 + 0.4 * float((number >> 25) & 1)
+    lit = lit if float((number >> 13) & 1023) < lit_share * 1024.0 else 0.0
     lit += blur * (lit_share - lit)
     return glass, glass * lit

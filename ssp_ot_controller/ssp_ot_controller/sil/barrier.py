@@ -13,6 +13,7 @@ class Barrier:
         object_ids: objects whose actuator command is part of the answer of ``owner``.
         owner: the participant that commands the objects.
         camera: the participant that answers frame steps only, None for none.
+        leader: the participant that answers after all others.
         frame_steps: every how many steps a frame is due; the camera may lag that much.
     """
 
@@ -23,12 +24,14 @@ class Barrier:
         owner: str,
         camera: str | None,
         frame_steps: int,
+        leader: str,
     ) -> None:
         # Nobody answers step 0: the world holds there until the session starts the run.
         self._done = dict.fromkeys(participants, 0)
         self._commanded = dict.fromkeys(object_ids, 0)
         self._owner = owner
         self._camera = camera
+        self._leader = leader
         self._frame_steps = frame_steps
         self._frame_done = -1
         self.dropped: set[str] = set()
@@ -46,6 +49,15 @@ class Barrier:
     def drop(self, participant: str) -> None:
         """From now on the world goes on without this participant."""
         self.dropped.add(participant)
+
+    def lost(self, step: int) -> list[str]:
+        """Of those that are waited for, the ones that don't wait for another one themselves.
+
+        The leader answers a step when the others have: while one of them is missing, its own
+        silence says nothing.
+        """
+        missing = self.waiting_for(step)
+        return [name for name in missing if name != self._leader] or missing
 
     def waiting_for(self, step: int) -> list[str]:
         """Participants that keep the world from going on from ``step`` to ``step + 1``."""

@@ -63,6 +63,7 @@ class SilWorld(Node):
             names.OBJECT_TARGET,
             names.FRONT_CAMERA if camera is not None else None,
             max(1, round(1.0 / (camera.rate_hz * self._run.step_s))) if camera is not None else 1,
+            names.SCENARIO_MANAGER,
         )
         self._commands: dict[str, tuple[int, Command]] = {}
         self._session = SessionPhase.UNKNOWN
@@ -176,10 +177,14 @@ class SilWorld(Node):
             return
         waited_s = (time.monotonic_ns() - self._waiting_since_ns) / NS_PER_S
         if self._lockstep and waited_s > HANG_LIMIT_S:
-            for participant in self._barrier.waiting_for(self._world.step_index):
+            for participant in self._barrier.lost(self._world.step_index):
                 self._barrier.drop(participant)
                 self._announce(SafetyCode.PARTICIPANT_LOST, participant, waited_s, HANG_LIMIT_S)
-            self._go_on()
+            self._waiting_since_ns = time.monotonic_ns()
+        if self._lockstep and self._barrier.dropped:
+            # Those that were dropped send nothing that would make the world go on.
+            for _ in range(round(HOLD_PERIOD_S / self._run.step_s)):
+                self._go_on()
 
     # -- sending -------------------------------------------------------------------------------
 

@@ -32,6 +32,7 @@ from ssp_msgs.msg import (
 )
 from ssp_msgs.msg import Reference as ReferenceMsg
 from ssp_msgs.srv import ObjectCommand
+from ssp_ot_controller.core.local_safety import StopNow
 from ssp_ot_controller.core.object_machine import ObjectEvent
 from ssp_ot_controller.sil.disturbance import Localisation, make_link
 from ssp_ot_controller.target.inbox import Inbox
@@ -92,9 +93,24 @@ class ObjectTargetNode(LifecycleNode):
 
     def _halt(self) -> None:
         """Whatever may move stops, and stays stopped until it is cleared."""
+        silence_s = (time.monotonic_ns() - self._tick_arrived_ns) / NS_PER_S
         for target in self._targets.values():
             if target.state in _MAY_MOVE:
-                target.local_stop()
+                self._stop_by_itself(target, silence_s, 0.0)
+
+    def _stop_by_itself(self, target: Target, silence_s: float, limit_s: float) -> None:
+        """Stops an object for which no tick comes: latched, announced, reported, commanded."""
+        target.local_stop()
+        meaning = MEANINGS[SafetyCode.STATE_STALE]
+        stop = StopNow(SafetyCode.STATE_STALE, meaning.limit_name, silence_s, limit_s, meaning.unit)
+        self._announce(target.object_id, stop, self._now_ns)
+        command = ActuatorCommand(
+            object_id=target.object_id, step=self._step_index, emergency_stop=True
+        )
+        command.header.stamp = ros.stamp_from_ns(self._now_ns)
+        self._pub_command.publish(command)
+        if (report := target.last_report()) is not None:
+            self._pub_state[target.object_id].publish(state_to_msg(report))
 
     def _configure(self) -> None:
         self._run: RunSpec = load_run(self.get_parameter("run_file").value)
@@ -116,6 +132,9 @@ class ObjectTargetNode(LifecycleNode):
         self._inbox = Inbox(ids)
         self._states_sent = 0
         self._acks_sent = 0
+        self._safety_events_sent = 0
+        self._now_ns = 0
+        self._step_index = 0
         self._heartbeat_arrived_ns: int | None = None
         self._heartbeat_session_ns: int | None = None
         self._tick_arrived_ns = time.monotonic_ns()
@@ -210,7 +229,8 @@ class ObjectTargetNode(LifecycleNode):
         tick = self._inbox.take()
         if tick is None:
             return
-        now_ns = ros.ns_from_stamp(tick.header.stamp)
+        now_ns = self._now_ns = ros.ns_from_stamp(tick.header.stamp)
+        self._step_index = tick.step
         in_step = tick.lockstep and tick.running
         holding = tick.lockstep and not tick.running and tick.step == 0
         self._take_heartbeats(tick.heartbeat if in_step else None, holding)
@@ -224,6 +244,7 @@ class ObjectTargetNode(LifecycleNode):
                     step=tick.step,
                     states_sent=self._states_sent,
                     acks_sent=self._acks_sent,
+                    safety_events_sent=self._safety_events_sent,
                 )
             )
 
@@ -291,7 +312,7 @@ class ObjectTargetNode(LifecycleNode):
         self._acks_sent += 1
         self._pub_ack[target.object_id].publish(message)
 
-    def _announce(self, object_id: str, stopped: Any, now_ns: int) -> None:
+    def _announce(self, object_id: str, stopped: StopNow, now_ns: int) -> None:
         message = SafetyEvent(
             code=int(stopped.code),
             limit_name=stopped.limit_name,
@@ -304,6 +325,7 @@ class ObjectTargetNode(LifecycleNode):
         )
         message.header.stamp = ros.stamp_from_ns(now_ns)
         message.header.frame_id = names.MAP_FRAME
+        self._safety_events_sent += 1
         self._pub_safety.publish(message)
         self.get_logger().error(
             f"{object_id}: {stopped.limit_name} {stopped.measured:.3g} (limit {stopped.limit:.3g})"
@@ -317,11 +339,7 @@ class ObjectTargetNode(LifecycleNode):
             return
         for target in self._targets.values():
             if target.state in _MAY_MOVE:
-                target.local_stop()
-                meaning = MEANINGS[SafetyCode.STATE_STALE]
-                self.get_logger().error(
-                    f"{target.object_id}: {meaning.limit_name}, no state for {silence_s:.1f} s"
-                )
+                self._stop_by_itself(target, silence_s, limit_s)
 
 
 def main() -> None:

@@ -146,6 +146,10 @@ class Target:
             self._next = reference
         return refusal
 
+    def last_report(self) -> ObjectState | None:
+        """The newest own state as it would be reported now, None before the first."""
+        return None if self._own is None else self._report(self._own)
+
     def local_stop(self) -> None:
         """Stops without being told to; left by all_clear alone."""
         self.state = transition(self.state, ObjectEvent.LOCAL_STOP)

@@ -20,15 +20,22 @@ class StepInputs:
     vut_states: int = 0
     states: int = 0
     acks: int = 0
-    answers: dict[str, tuple[int, int, int]] = field(default_factory=dict)
+    safety_events: int = 0
+    answers: dict[str, tuple[int, int, int, int]] = field(default_factory=dict)
 
     def on_tick(self, step: int, vut_states_sent: int) -> None:
         self.step = step
         self.vut_states_sent = vut_states_sent
 
-    def on_answer(self, participant: str, step: int, states_sent: int, acks_sent: int) -> None:
+    def on_answer(
+        self, participant: str, step: int, states_sent: int, acks_sent: int, events_sent: int
+    ) -> None:
         if participant in self.participants:
-            self.answers[participant] = (step, states_sent, acks_sent)
+            self.answers[participant] = (step, states_sent, acks_sent, events_sent)
+
+    def forget(self, participant: str) -> None:
+        """The world has dropped this one; its answers are not waited for any more."""
+        self.participants = tuple(p for p in self.participants if p != participant)
 
     def complete(self) -> bool:
         """True when everything that belongs to the present step has arrived."""
@@ -40,4 +47,7 @@ class StepInputs:
         if any(answer is None or answer[0] < self.step for answer in answers):
             return False
         given = [answer for answer in answers if answer is not None]
-        return self.states >= sum(a[1] for a in given) and self.acks >= sum(a[2] for a in given)
+        received = (self.states, self.acks, self.safety_events)
+        return all(
+            have >= sum(answer[k] for answer in given) for k, have in enumerate(received, start=1)
+        )

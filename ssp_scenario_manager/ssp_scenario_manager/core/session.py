@@ -6,6 +6,7 @@ One object holds what is known of a session; every method takes the time and app
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from ssp_core import names
@@ -50,6 +51,7 @@ class _Run:
     unanswered: dict[str, Reference] = field(default_factory=dict)
     watches: dict[str, conditions.Watch] = field(default_factory=dict)
     phase_watch: phases.PhaseWatch = field(default_factory=phases.PhaseWatch)
+    armed: bool = False
     resolved_ns: int | None = None
     judged_ns: int = -1
     own_abort_ns: dict[str, int] = field(default_factory=dict)
@@ -128,14 +130,15 @@ class Session:
             next_state(self.state, event)
         except IllegalTransition as error:
             return Answer(False, REFUSED_TRANSITION, str(error))
-        missing = self._missing(event)
+        missing = self._missing(event, now_ns)
         if missing:
             text = f"{event.value} refused: " + "; ".join(missing)
             return Answer(False, REFUSED_CONDITION, text, tuple(missing))
         if event is SessionEvent.STOP:
             self._stop_by_operator(requested_by)
         self._move(event, now_ns, reason or f"requested by {requested_by}")
-        if event is SessionEvent.ARM:
+        if event is SessionEvent.ARM and self._run is not None:
+            self._run.armed = True
             self.outbox.append(outbox.ArmObjects(True))
         elif event is SessionEvent.DISARM:
             self.outbox.append(outbox.ArmObjects(False))
@@ -225,7 +228,8 @@ class Session:
             self._watch_end(now_ns)
         if self.state is SessionPhase.ABORTING:
             self._watch_collisions()
-        if self.state in (SessionPhase.STOPPING, SessionPhase.ABORTING) and self._all_stand():
+        ending = self.state in (SessionPhase.STOPPING, SessionPhase.ABORTING)
+        if ending and self.stands(now_ns):
             run = self._run
             if self.state is SessionPhase.STOPPING and run and run.verdict is Verdict.NONE:
                 run.verdict = Verdict.VALID
@@ -243,7 +247,7 @@ class Session:
             )
         )
 
-    def _missing(self, event: SessionEvent) -> list[str]:
+    def _missing(self, event: SessionEvent, now_ns: int) -> list[str]:
         if self._run is None:
             return []
         if event is SessionEvent.CONNECT:
@@ -252,8 +256,8 @@ class Session:
             return readiness.missing_to_arm(self._run.spec, self.facts, self.vut, self.targets)
         if event is SessionEvent.START:
             return readiness.missing_to_start(self._run.spec, self.facts, self.vut, self.targets)
-        if event is SessionEvent.ALL_CLEAR and not self._all_stand():
-            return ["something still moves"]
+        if event is SessionEvent.ALL_CLEAR and not self.stands(now_ns):
+            return ["it is not known of everything that it stands"]
         return []
 
     def _abort_by_operator(self, now_ns: int, requested_by: str, reason: str) -> None:
@@ -466,11 +470,26 @@ class Session:
                 )
             )
 
-    def _all_stand(self) -> bool:
-        states = list(self.targets.values())
-        if self.vut is not None:
-            states.append(self.vut)
+    def stands(self, now_ns: int, without: Sequence[str] = ()) -> bool:
+        """True when a fresh state of everything says that it stands.
+
+        Before the session armed anything, what was never heard need not prove it.
+
+        Args:
+            now_ns: session time.
+            without: objects that are not asked, because nothing can be heard of them.
+        """
+        if self._run is None:
+            return True
+        wanted = [t.id for t in self._run.spec.targets if t.id not in without]
+        states = [self.vut, *(self.targets.get(object_id) for object_id in wanted)]
+        if not self._run.armed:
+            states = [state for state in states if state is not None]
         moving_state = (ControlState.RUNNING, ControlState.REMOTE_CONTROLLED)
-        return all(abs(s.speed_mps) <= STANDSTILL_MPS for s in states) and not any(
-            s.control_state in moving_state for s in self.targets.values()
+        return all(
+            state is not None
+            and abs(state.speed_mps) <= STANDSTILL_MPS
+            and ns_to_seconds(now_ns - state.stamp_ns) <= readiness.FRESH_S
+            and state.control_state not in moving_state
+            for state in states
         )

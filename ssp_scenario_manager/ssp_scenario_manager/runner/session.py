@@ -23,7 +23,7 @@ from ssp_scenario_manager.runner.outcome import Outcome
 
 START_TIMEOUT_S = 30.0
 # After a process died, the session itself should end within this time; then it is ended.
-END_TIMEOUT_S = 15.0
+END_TIMEOUT_S = 20.0
 PROFILE = Path(ssp_core.__file__).parent / "config" / "fastdds_one_host.xml"
 
 _NODES = {
