@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
+import os
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,6 +22,7 @@ from ssp_core.vocab import ObjectClass, Role
 from ssp_ot_controller.camera.model import image_box, view_from
 from ssp_ot_controller.camera.render import Scene, render
 from ssp_ot_controller.camera.stage import Detail
+from ssp_ot_controller.camera.storyboard import storyboard
 
 Image = NDArray[np.uint8]
 
@@ -83,6 +89,29 @@ def test_same_input_gives_same_pixels() -> None:
     first = picture(*objects, look=look, detail=Detail())
     picture(thing(ObjectClass.BUS, 20.0), look=look, detail=Detail())  # leaves nothing behind
     assert np.array_equal(first, picture(*objects, look=look, detail=Detail()))
+
+
+def test_two_processes_draw_the_same_pixels(tmp_path: Path) -> None:
+    board = storyboard("cut_in", 3)
+    camera = CAMERA.model_dump_json()
+    program = f"""
+import hashlib
+from ssp_core.run_spec import Camera
+from ssp_ot_controller.camera.render import Scene, render
+from ssp_ot_controller.camera.storyboard import storyboard
+board = storyboard("cut_in", 3)
+scene = Scene(board.road, board.vut.state(4.0), board.states(4.0))
+image = render(scene, board.look, Camera.model_validate_json({camera!r}), 7, board.seed)
+print(hashlib.sha256(image.tobytes()).hexdigest())
+"""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    done = subprocess.run(
+        [sys.executable, "-c", program], env=environment, cwd=tmp_path, capture_output=True,
+        text=True, timeout=90, check=True,
+    )  # fmt: skip
+    scene = Scene(board.road, board.vut.state(4.0), board.states(4.0))
+    image = render(scene, board.look, CAMERA, 7, board.seed)
+    assert done.stdout.strip() == hashlib.sha256(image.tobytes()).hexdigest()
 
 
 def test_shape_and_type() -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -86,6 +87,14 @@ def _length(a: Array) -> Array:
     return np.asarray(np.sqrt((a * a).sum(axis=-1, keepdims=True)))
 
 
+def _flat_normals(corners: Array) -> Array:
+    """The normal of each triangle at its three corners, shape (n, 3, 3), float32."""
+    points = corners.astype(np.float32)
+    flat = _cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
+    flat /= np.maximum(_length(flat), 1e-12)
+    return np.repeat(flat[:, None, :], 3, axis=1)
+
+
 def triangles(
     corners: ArrayLike,
     colour: Colour,
@@ -96,9 +105,7 @@ def triangles(
     """A mesh of one colour; without normals triangles are flat, seen counter-clockwise in front."""
     points = np.asarray(corners, dtype=np.float32).reshape(-1, 3, 3)
     if normals is None:
-        flat = _cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
-        flat /= np.maximum(_length(flat), 1e-12)
-        directions = np.repeat(flat[:, None, :], 3, axis=1)
+        directions = _flat_normals(points)
     else:
         directions = np.asarray(normals, dtype=np.float32).reshape(-1, 3, 3)
     n = len(points)
@@ -109,7 +116,7 @@ def triangles(
     colours = np.broadcast_to(np.asarray(colour, dtype=np.float32), (n, 3, 3))
     return Mesh(
         points,
-        directions.astype(np.float32),
+        directions,
         np.ascontiguousarray(colours),
         plane,
         np.full(n, kind, dtype=np.uint8),
@@ -163,27 +170,40 @@ def loft(sections: ArrayLike, colour: Colour, kind: int = MATTE) -> Mesh:
     """
     rings = np.asarray(sections, dtype=np.float64)
     m, k, _ = rings.shape
-    around = np.roll(rings, -1, axis=1) - np.roll(rings, 1, axis=1)
-    along = np.gradient(rings, axis=0)
-    normals = _cross(around, along)
+    after, before = (np.arange(k) + 1) % k, np.arange(k) - 1
+    normals = _cross(rings[:, after] - rings[:, before], np.gradient(rings, axis=0))
     normals /= np.maximum(_length(normals), 1e-12)
-    i, j = (part.ravel() for part in np.indices((m - 1, k)))
-    jn = (j + 1) % k
-    index = np.stack([(i, j), (i, jn), (i + 1, jn), (i, j), (i + 1, jn), (i + 1, j)])
-    order = index.transpose(2, 0, 1).reshape(-1, 2)
-    skin = triangles(
-        rings[order[:, 0], order[:, 1]], colour, kind, normals[order[:, 0], order[:, 1]]
-    )
-    return join([skin, fan(rings[0][::-1], colour, kind), fan(rings[-1], colour, kind)])
+    index = _skin(m - 1, k)[:, [0, 1, 2, 0, 2, 3]].reshape(-1)
+    at = (index // k, index % k)
+    ends = np.concatenate([_fan(rings[0][::-1]), _fan(rings[-1])])
+    corners = np.concatenate([rings[at].reshape(-1, 3, 3), ends])
+    facing = np.concatenate([normals[at].reshape(-1, 3, 3), _flat_normals(ends)])
+    return triangles(corners, colour, kind, facing)
+
+
+@lru_cache(maxsize=64)
+def _skin(bands: int, sides: int) -> Array:
+    """Corners of the quadrilaterals between closed outlines, as numbers of points.
+
+    Shape (bands * sides, 4): a point, the next on its outline, those two on the next outline in
+    the opposite order.
+    """
+    i, j = (part.ravel() for part in np.indices((bands, sides)))
+    after = (j + 1) % sides
+    corners = [i * sides + j, i * sides + after, (i + 1) * sides + after, (i + 1) * sides + j]
+    return np.stack(corners, axis=1)
+
+
+def _fan(points: Array) -> Array:
+    """Corners of triangles around the middle of a polygon, shape (k, 3, 3)."""
+    middle = np.broadcast_to(points.mean(axis=0), points.shape)
+    following = np.concatenate([points[1:], points[:1]])
+    return np.stack([middle, points, following], axis=1)
 
 
 def fan(outline: ArrayLike, colour: Colour, kind: int = MATTE) -> Mesh:
     """A flat convex polygon, shape (k, 3), counter-clockwise as seen from outside."""
-    points = np.asarray(outline, dtype=np.float64)
-    centre = points.mean(axis=0)
-    following = np.roll(points, -1, axis=0)
-    middle = np.broadcast_to(centre, points.shape)
-    return triangles(np.stack([middle, points, following], axis=1), colour, kind)
+    return triangles(_fan(np.asarray(outline, dtype=np.float64)), colour, kind)
 
 
 def _perpendicular(axis: Array) -> tuple[Array, Array]:
@@ -212,6 +232,15 @@ def tube(
     return loft([p + start_radius_m * circle, q + end_radius_m * circle], colour, kind)
 
 
+@lru_cache(maxsize=16)
+def _sphere(rings: int, sides: int) -> Array:
+    """Points of a unit sphere, shape (rings + 1, sides, 3), from the top down."""
+    polar = np.pi * np.arange(rings + 1)[:, None] / rings
+    angles = 2.0 * np.pi * np.arange(sides)[None, :] / sides
+    parts = (np.sin(polar) * np.cos(angles), np.sin(polar) * np.sin(angles), np.cos(polar))
+    return np.stack(np.broadcast_arrays(*parts), axis=2)
+
+
 def ellipsoid(
     centre: Vec,
     radii: Vec,
@@ -222,25 +251,13 @@ def ellipsoid(
     ripple: Array | None = None,
 ) -> Mesh:
     """A rounded body; ``ripple``, shape (rings + 1, sides), scales its radius here and there."""
-    polar = np.pi * np.arange(rings + 1) / rings
-    angles = 2.0 * np.pi * np.arange(sides) / sides
-    unit = np.stack(
-        [
-            np.sin(polar)[:, None] * np.cos(angles)[None, :],
-            np.sin(polar)[:, None] * np.sin(angles)[None, :],
-            np.broadcast_to(np.cos(polar)[:, None], (rings + 1, sides)),
-        ],
-        axis=2,
-    )
+    unit = _sphere(rings, sides)
     scale = np.ones((rings + 1, sides)) if ripple is None else ripple
     points = np.asarray(centre) + unit * scale[:, :, None] * np.asarray(radii)
     outward = unit / np.asarray(radii)
     outward /= _length(outward)
-    i, j = (part.ravel() for part in np.indices((rings, sides)))
-    jn = (j + 1) % sides
-    index = np.stack([(i, j), (i + 1, j), (i + 1, jn), (i, j), (i + 1, jn), (i, jn)])
-    order = index.transpose(2, 0, 1).reshape(-1, 2)
-    at = (order[:, 0], order[:, 1])
+    index = _skin(rings, sides)[:, [0, 3, 2, 0, 2, 1]].reshape(-1)
+    at = (index // sides, index % sides)
     plane = np.stack([points[..., 0] + points[..., 1], points[..., 2]], axis=2)
     return triangles(points[at], colour, kind, outward[at], plane[at])
 

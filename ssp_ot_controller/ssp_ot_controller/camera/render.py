@@ -137,11 +137,11 @@ def render(
         pose = _to_block(state.pose, origin)
         floor = ground.ground_height(scene.road, pose.y_m)
         mesh = body(state, stage.palette, scene.travelled_m.get(state.object_id, 0.0))
-        placed = mesh.placed(pose, floor)
+        placed = light.lit(mesh, stage.palette, stage.sun, pose, floor)
         shadows.append(light.shadow_on_ground(placed.corners, stage.sun, floor))
         if state is scene.vut:
             continue
-        bodies.append(light.lit(placed, stage.palette, stage.sun, floor))
+        bodies.append(placed)
         size = state.size
         inset = 0.12 * size.width_m
         boxes.append(

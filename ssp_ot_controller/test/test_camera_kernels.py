@@ -1,0 +1,181 @@
+"""The renderer's kernels against plain formulas: rays, sums of samples, pixels one by one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from ssp_core.run_spec import Lane, Road, Start
+from ssp_ot_controller.camera import ground, sensor
+from ssp_ot_controller.camera.ground_row import ground_row
+from ssp_ot_controller.camera.palettes import PALETTES
+from ssp_ot_controller.camera.raster import PLANE_NUMBERS, rasterise, rasterise_cover
+from ssp_ot_controller.camera.surfaces import make_noise, window_mix
+
+Floats = NDArray[np.float64]
+
+ROWS, COLUMNS = 14, 20
+LENS = np.array([16.0, 16.0, 9.5, 6.5])  # fx, fy, cx, cy
+EYE, AXES = np.zeros(3), np.eye(3)  # the block's frame is the optical one
+# Whole numbers make edges level, upright and through samples; halves of them meet the rays less.
+numbers = st.integers(-6, 6).map(lambda i: i / 2)
+corner = st.tuples(numbers, numbers, st.integers(-4, 8).map(float))
+triangle = st.tuples(corner, corner, corner)
+
+
+def rays() -> Floats:
+    """Shape (ROWS, COLUMNS, 3): directions through the samples."""
+    v, u = np.mgrid[0:ROWS, 0:COLUMNS].astype(float)
+    return np.stack([(u - LENS[2]) / LENS[0], (v - LENS[3]) / LENS[1], np.ones_like(u)], axis=2)
+
+
+def hits(corners: Floats) -> tuple[Floats, Floats]:
+    """Smallest barycentric share and 1 / depth where rays meet a triangle's plane; nan: nowhere."""
+    matrix = corners.T
+    if abs(np.linalg.det(matrix)) < 1e-9:
+        return np.full((ROWS, COLUMNS), np.nan), np.full((ROWS, COLUMNS), np.nan)
+    shares = rays() @ np.linalg.inv(matrix).T  # times depth they are the barycentric ones
+    inverse = shares.sum(axis=2)
+    return shares.min(axis=2), inverse
+
+
+def draw(corners: Floats) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+    """1 / depth and cover after drawing triangles of shape (n, 3, 3)."""
+    n = len(corners)
+    places = corners.astype(np.float32)
+    runs = np.array([[0, n]])
+    depth = np.zeros((ROWS, COLUMNS), np.float32)
+    owner, cover = np.zeros((ROWS, COLUMNS), np.int32), np.zeros((ROWS, COLUMNS), np.uint8)
+    attributes, kinds = np.zeros((n, 3, 5), np.float32), np.zeros(n, np.uint8)
+    ramp, scratch = np.arange(COLUMNS, dtype=np.float32), np.empty((3, 3, 3))
+    planes = np.empty((n, PLANE_NUMBERS))
+    rasterise(
+        places,
+        attributes,
+        kinds,
+        runs,
+        EYE,
+        AXES,
+        LENS,
+        0.0,
+        ramp,
+        0,
+        depth,
+        owner,
+        planes,
+        scratch,
+    )
+    rasterise_cover(places, runs, EYE, AXES, LENS, cover, scratch)
+    return depth, cover
+
+
+@given(corners=triangle)
+@settings(max_examples=100, deadline=None)  # the first call loads the kernels
+def test_a_triangle_covers_the_rays_that_meet_it(corners: tuple[tuple[float, ...], ...]) -> None:
+    places = np.array(corners)
+    share, inverse = hits(places)
+    front = np.linalg.det(places) < 0.0
+    depth, cover = draw(places[None])
+    inside = (share > 1e-9) & (inverse > 0.0) & front
+    outside = ~((share > -1e-9) & (inverse > 0.0)) | (not front)
+    assert depth[inside] == pytest.approx(inverse[inside], rel=1e-5)
+    assert cover[inside].all()
+    assert not depth[outside].any()
+    assert not cover[outside].any()
+
+
+@given(middle=st.tuples(numbers, numbers), depths=st.lists(st.integers(1, 8), min_size=5))
+@settings(max_examples=60, deadline=None)
+def test_neighbours_leave_no_crack(middle: tuple[float, float], depths: list[int]) -> None:
+    # Four triangles around a point fill a rectangle larger than the picture, whatever the depths.
+    ring = [(-9.0, -9.0), (-9.0, 9.0), (9.0, 9.0), (9.0, -9.0)]
+    outer = [(x * z, y * z, float(z)) for (x, y), z in zip(ring, depths, strict=False)]
+    centre = (middle[0] * depths[4] / 8, middle[1] * depths[4] / 8, float(depths[4]))
+    fan = np.array([(centre, outer[i], outer[(i + 1) % 4]) for i in range(4)])
+    if any(np.linalg.det(part) >= 0.0 for part in fan):
+        fan = fan[:, ::-1]
+    depth, cover = draw(fan)
+    assert (depth > 0.0).all()
+    assert cover.all()
+
+
+@given(
+    u=st.floats(0.0, 200.0), v=st.floats(0.0, 30.0), wide=st.floats(0.01, 0.9),
+    high=st.floats(0.01, 0.9),
+)  # fmt: skip
+@settings(max_examples=60, deadline=None)
+def test_windows_are_the_mean_of_their_footprint(
+    u: float, v: float, wide: float, high: float
+) -> None:
+    n = 24
+    parts = [(i + 0.5) / n - 0.5 for i in range(n)]
+    fine = [
+        window_mix(u + a * wide, v + b * high, 1e-4, 1e-4, 0.0)[0] for a in parts for b in parts
+    ]
+    assert window_mix(u, v, wide, high, 0.0)[0] == pytest.approx(np.mean(fine), abs=0.08)
+
+
+def test_far_windows_become_one_mean() -> None:
+    near = [window_mix(0.1 * i, 0.37 * i, 0.01, 0.01, 0.3) for i in range(4000)]
+    far = window_mix(17.0, 4.0, 20.0, 5.0, 0.3)
+    assert far[0] == pytest.approx(np.mean([glass for glass, _ in near]), abs=0.03)
+    assert far[1] == pytest.approx(0.3 * far[0])
+
+
+@pytest.mark.parametrize("texture", [False, True])
+@pytest.mark.parametrize("yaw_rad", [0.0, 0.4])
+def test_blocks_of_ground_equal_single_pixels(texture: bool, yaw_rad: float) -> None:
+    road = Road(
+        origin=Start(x_m=0.0, y_m=0.0, yaw_rad=0.0),
+        length_m=200.0,
+        lanes=[
+            Lane(y_m=0.0, width_m=3.5, direction="forward"),
+            Lane(y_m=3.5, width_m=3.5, direction="backward"),
+        ],
+        sidewalk_left_m=2.0,
+        sidewalk_right_m=0.0,
+        crossing_x_m=20.0,
+    )
+    palette = PALETTES["suburb"]
+    tables = ground.build_tables(road, palette)
+    parameters = ground.build_parameters(road, palette, texture)
+    width, focal_px = 203, 160.0
+    c, s = np.cos(yaw_rad), np.sin(yaw_rad)
+    columns = np.array([s, -c, 0.0]) / focal_px
+    rows = np.array([0.0, 0.0, -1.0]) / focal_px
+    position = np.array([5.0, 0.0, 1.4])
+    directions = np.stack([np.array([c, s, 0.0]) - 101.0 * columns, columns, rows])
+    noise = make_noise(1)
+
+    def shaded(start: Floats, pixels: int) -> NDArray[np.float32]:
+        row, hidden = np.zeros(3 * pixels, np.float32), np.zeros(pixels, np.bool_)
+        ground_row(
+            tables.sums, tables.strips, tables.values, parameters, noise, position, start,
+            directions, hidden, row,
+        )  # fmt: skip
+        return row.reshape(-1, 3)
+
+    for v in (2, 9, 30, 70, 110):
+        start = directions[0] + v * directions[2]
+        singles = np.concatenate([shaded(start + u * columns, 1) for u in range(width)])
+        assert np.abs(shaded(start, width) - singles).max() < (12.0 if texture else 0.01)
+        assert np.abs(shaded(start, width) - singles).mean() < (1.0 if texture else 0.001)
+
+
+def test_rows_of_noise_differ_and_brightness_falls_to_the_corners() -> None:
+    grain, width, height = sensor.make_grain(), 64, 40
+    light, squares = np.full(3 * width, 200.0, np.float32), sensor.falloff(width)
+
+    def developed(v: int, sigma: float) -> NDArray[np.uint8]:
+        out = np.empty(3 * width, np.uint8)
+        sensor.develop_row(light, squares, v, height, 0.5, sigma, grain, np.uint64(9), out)
+        return out
+
+    clean = developed(0, 0.0).reshape(-1, 3)
+    assert clean[0, 0] == 90
+    assert developed(height // 2, 0.0).reshape(-1, 3)[width // 2, 1] == 100
+    assert not np.array_equal(developed(3, 4.0), developed(4, 4.0))
+    assert np.array_equal(developed(3, 4.0), developed(3, 4.0))
