@@ -16,6 +16,7 @@ from ssp_scenario_manager.core import supervisor
 from ssp_scenario_manager.core.supervisor import Violation, verdict_for, violations
 
 S = 1_000_000_000
+FENCE = [(-100.0, -100.0), (1000.0, -100.0), (1000.0, 100.0), (-100.0, 100.0)]
 # Values that binary fractions hold exactly, so that "at the limit" is exactly that.
 LIMITS = Limits(
     speed_mps=15.0,
@@ -169,7 +170,7 @@ def test_no_number_is_a_violation_and_nothing_else(
 ) -> None:
     states = {"vut": state("vut"), "ot1": state("ot1", x_m=50.0)}
     states[who] = replace(states[who], **{field: value})
-    (found,) = violations(states["vut"], [states["ot1"]], LIMITS)
+    (found,) = violations(states["vut"], [states["ot1"]], LIMITS, FENCE)
     assert (found.code, found.object_id) == (SafetyCode.STATE_NOT_FINITE, who)
 
 
@@ -180,13 +181,13 @@ def test_all_pairs_are_looked_at_and_collisions_come_first(state: StateMaker) ->
     a = state("ot1", x_m=50.0, reference_id="r", error_lateral_m=1.0)
     b = state("ot2", x_m=54.75)  # 0.25 m ahead of ot1
     c = state("ot3", x_m=56.0)  # in ot2
-    found = violations(state("vut"), [a, b, c], LIMITS)
+    found = violations(state("vut"), [a, b, c], LIMITS, FENCE)
     assert [(v.code, v.detail or v.object_id) for v in found] == [
         (SafetyCode.COLLISION, "ot2 and ot3"),
         (SafetyCode.SEPARATION, "ot1 and ot2"),
         (SafetyCode.ERROR_LATERAL, "ot1"),
     ]
-    assert violations(state("vut"), [state("ot1", x_m=50.0)], LIMITS) == []
+    assert violations(state("vut"), [state("ot1", x_m=50.0)], LIMITS, FENCE) == []
 
 
 def test_the_reason_names_everything() -> None:
@@ -215,3 +216,24 @@ def test_every_code_has_a_meaning_and_its_verdict(code: SafetyCode) -> None:
     assert meaning.text.endswith(".")
     assert verdict_for(code) is EXPECTED[code]
     assert verdict_for(code) not in (Verdict.NONE, Verdict.VALID)
+
+
+def test_speed_limit_holds_for_the_vut_too(state: StateMaker) -> None:
+    limit = LIMITS.speed_mps
+    for speed, passed in ((limit - 1e-6, False), (limit, False), (limit + 1e-6, True)):
+        for name in ("vut", "ot1"):
+            found = supervisor.over_speed(state(name, speed_mps=speed), LIMITS)
+            assert (found is not None) is passed
+            if found is not None:
+                assert (found.code, found.object_id) == (SafetyCode.OVER_SPEED, name)
+
+
+def test_a_corner_beyond_the_fence_counts(state: StateMaker) -> None:
+    inside = state("ot1", x_m=1000.0 - state("ot1").size.front_m - 1e-6)
+    beyond = state("ot1", x_m=1000.0 - state("ot1").size.front_m + 1e-6)
+    assert supervisor.outside_geofence(inside, FENCE) is None
+    found = supervisor.outside_geofence(beyond, FENCE)
+    assert found is not None
+    assert (found.code, found.measured) == (SafetyCode.OUTSIDE_GEOFENCE, 2.0)
+    codes = {v.code for v in violations(beyond, [], LIMITS, FENCE)}
+    assert codes == {SafetyCode.OUTSIDE_GEOFENCE}

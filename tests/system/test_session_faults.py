@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import signal
 import time
 from pathlib import Path
@@ -12,13 +13,14 @@ from rosbags.highlevel import AnyReader
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
 
-# Which node, what the primary reason must name, and the verdict.
+# Which node dies, in which mode, and the limit that the primary reason must name.
 DEATHS = [
-    ("sil_world", "world_silent", "invalid_harness"),
-    ("object_target", "object_target", "invalid_harness"),
-    ("front_camera", "front_camera", "invalid_harness"),
-    ("monitor", "recorder", "invalid_harness"),
-    ("scenario_manager", "scenario_manager killed by SIGKILL", "invalid_harness"),
+    ("sil_world", "lockstep", "world_silent: sil_world"),
+    ("object_target", "lockstep", "participant_lost: object_target"),
+    ("object_target", "realtime", "object_silent: ot1"),
+    ("front_camera", "lockstep", "participant_lost: front_camera"),
+    ("monitor", "realtime", "recorder: monitor"),
+    ("scenario_manager", "lockstep", "scenario_manager killed by SIGKILL"),
 ]
 
 
@@ -32,25 +34,40 @@ def last_speeds(bag: Path) -> dict[str, float]:
     return {o.object_id: o.speed for o in last.objects if o.role in (1, 2)}
 
 
-@pytest.mark.parametrize(("node", "primary", "verdict"), DEATHS)
+@pytest.mark.parametrize(("node", "mode", "primary"), DEATHS)
 def test_killed_node_ends_the_run(
-    node: str, primary: str, verdict: str, start_session: Any, live_processes: Any
+    node: str, mode: str, primary: str, start_session: Any, live_processes: Any
 ) -> None:
-    session = start_session("cut_in", "--mode", "realtime")
+    camera = () if node != "front_camera" else ("--site", "boulevard")
+    session = start_session("cut_in", "--mode", mode, *(camera or ("--no-camera",)))
     session.wait_for("phase approach")
-    time.sleep(1.0)  # some seconds of driving, so that there is something to stop
+    time.sleep(0.4 if mode == "lockstep" else 2.0)  # so that there is something to stop
     session.kill(node)
     result = session.finish()
 
     assert session.process.returncode == 1
-    assert result["verdict"] == verdict
+    assert result["verdict"] in ("invalid_harness", "aborted")
     assert primary in result["reasons"][0]
     assert any(f"{node} killed by SIGKILL" in reason for reason in result["reasons"])
     assert live_processes(session.folder) == {}
-    with AnyReader([session.folder / "bag"]) as reader:
+    bag = session.folder / "bag"
+    with AnyReader([bag]) as reader:
         topics = {c.topic: c.msgcount for c in reader.connections}
+        lost = [
+            reader.deserialize(raw, c.msgtype).object_id
+            for c, _, raw in reader.messages(
+                connections=[c for c in reader.connections if c.topic == "/ssp/safety_event"]
+            )
+            if reader.deserialize(raw, c.msgtype).limit_name == "participant_lost"
+        ]
     assert topics["/ssp/vut/state"] > 0
     assert topics["/ssp/world/tick"] > 0
+    # Nobody is called lost but the one that was killed.
+    assert set(lost) <= {node}
+    if node not in ("sil_world", "monitor"):
+        assert all(speed < 0.05 for speed in last_speeds(bag).values()), last_speeds(bag)
+    verdict = json.loads((bag / "verdict.json").read_text())
+    assert verdict["verdict"] == result["verdict"]
 
 
 @pytest.mark.parametrize("mode", ["lockstep", "realtime"])

@@ -335,7 +335,7 @@ class Session:
                     continue
                 present.append(state.extrapolated(self.vut.stamp_ns))
                 found.append(self._own_abort(run, state, now_ns))
-        found += supervisor.violations(self.vut, present, limits)
+        found += supervisor.violations(self.vut, present, limits, run.spec.geofence)
         for reference in run.unanswered.values():
             found.append(
                 supervisor.ack_missing(reference.object_id, reference.dispatched_ns, now_ns, limits)
@@ -355,7 +355,9 @@ class Session:
             for target in run.spec.targets
             if (state := self.targets.get(target.id)) is not None and state.is_finite
         ]
-        for violation in supervisor.violations(self.vut, everyone, run.spec.limits):
+        for violation in supervisor.violations(
+            self.vut, everyone, run.spec.limits, run.spec.geofence
+        ):
             if violation.code is SafetyCode.COLLISION:
                 self.fail(violation)
 

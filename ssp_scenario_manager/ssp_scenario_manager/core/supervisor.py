@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ssp_core.clock import ns_to_seconds
-from ssp_core.geometry import box_distance
+from ssp_core.geometry import box_distance, point_in_polygon
 from ssp_core.run_spec import Limits
 from ssp_core.safety_codes import MEANINGS, SafetyCode
 from ssp_core.state import ObjectState
@@ -124,13 +124,49 @@ def tracking_error(state: ObjectState, limits: Limits) -> Violation | None:
     return None
 
 
-def violations(vut: ObjectState, targets: Sequence[ObjectState], limits: Limits) -> list[Violation]:
+def over_speed(state: ObjectState, limits: Limits) -> Violation | None:
+    """The object drives faster than the site allows."""
+    if abs(state.speed_mps) > limits.speed_mps:
+        return Violation(
+            SafetyCode.OVER_SPEED,
+            state.object_id,
+            abs(state.speed_mps),
+            limits.speed_mps,
+            state.stamp_ns,
+        )
+    return None
+
+
+def outside_geofence(
+    state: ObjectState, geofence: Sequence[tuple[float, float]]
+) -> Violation | None:
+    """A corner of the object lies outside the fence; measured is the number of such corners."""
+    outside = sum(not point_in_polygon(x, y, geofence) for x, y in state.box.corners())
+    if outside:
+        return Violation(
+            SafetyCode.OUTSIDE_GEOFENCE,
+            state.object_id,
+            float(outside),
+            0.0,
+            state.stamp_ns,
+            "corners outside",
+        )
+    return None
+
+
+def violations(
+    vut: ObjectState,
+    targets: Sequence[ObjectState],
+    limits: Limits,
+    geofence: Sequence[tuple[float, float]],
+) -> list[Violation]:
     """All limits that the states of one instant pass, the gravest first.
 
     Args:
         vut: state of the VUT.
         targets: states of the object targets at the VUT's stamp.
         limits: the site's.
+        geofence: polygon, m, frame map.
     """
     broken = [violation for state in [vut, *targets] if (violation := not_finite(state))]
     if broken:
@@ -142,6 +178,9 @@ def violations(vut: ObjectState, targets: Sequence[ObjectState], limits: Limits)
             violation = separation(a, b, limits)
             if violation is not None:
                 found.append(violation)
+    for state in everyone:
+        checks = (over_speed(state, limits), outside_geofence(state, geofence))
+        found += [check for check in checks if check is not None]
     for state in targets:
         error = tracking_error(state, limits)
         if error is not None:

@@ -50,7 +50,7 @@ def run(
     plan, event_version = load_scenario(scenario)
     place, site_version = load_site(site)
     folder = out or Path("out") / time.strftime(f"run-{plan.name}-{place.name}-%Y%m%d-%H%M%S")
-    if folder.exists() and any(folder.iterdir()):
+    if folder.is_dir() and any(folder.iterdir()):
         raise InputError("is not empty", file=folder, remedy="name a new folder with --out")
     spec = resolve_run(
         plan,
@@ -63,7 +63,12 @@ def run(
     )
     if no_camera:
         spec = spec.model_copy(update={"camera": None})
-    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(
+            f"can't be made: {error.strerror}", file=folder, remedy="name another folder"
+        ) from error
     if place.stand_in:
         console.note(f"{place.name} is a software stand-in for a physical site, not a vehicle")
     from ssp_scenario_manager.runner.session import run_session

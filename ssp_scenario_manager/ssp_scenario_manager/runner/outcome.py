@@ -20,5 +20,7 @@ class Outcome:
 
     def with_reason(self, verdict: Verdict, reason: str) -> Outcome:
         """The same with one more reason; the verdict only if there was none that says more."""
+        if reason in self.reasons:
+            return self
         kept = self.verdict if self.verdict not in (Verdict.NONE, Verdict.VALID) else verdict
         return Outcome(kept, (*self.reasons, reason))

@@ -13,7 +13,7 @@ import ssp_core
 from ssp_core import names
 from ssp_core.bag import recover
 from ssp_core.domains import free_domain
-from ssp_core.errors import PeerError
+from ssp_core.errors import SspError
 from ssp_core.files import write_json, write_text
 from ssp_core.processes import NodeProcess, ProcessGroup, session_environment
 from ssp_core.run_spec import RunSpec
@@ -21,6 +21,7 @@ from ssp_core.vocab import Verdict
 from ssp_scenario_manager.runner.node import RunClient
 from ssp_scenario_manager.runner.outcome import Outcome
 
+VERDICT_FILE = "verdict.json"
 START_TIMEOUT_S = 30.0
 # After a process died, the session itself should end within this time; then it is ended.
 END_TIMEOUT_S = 20.0
@@ -83,8 +84,8 @@ def run_session(
         folder: new or empty; receives everything.
         say: takes one line for people per thing that happens.
 
-    Raises:
-        PeerError: the nodes did not come up.
+    Whatever happens, the folder then says how the run ended: result.json, and verdict.json in the
+    bag, which an evaluation reads beside what the bag itself says.
     """
     started = time.monotonic()
     run_file = folder / "run.yaml"
@@ -107,6 +108,15 @@ def run_session(
         outcome, session_s, running_wall_s = _follow(group, run_file, say, interrupt)
         outcome = _shut_down(group, outcome)
     outcome = _check_bag(group, bag, outcome, say)
+    if bag.is_dir():
+        write_json(
+            bag / VERDICT_FILE,
+            {
+                "schema": "ssp.verdict/1",
+                "verdict": outcome.verdict.name.lower(),
+                "reasons": list(outcome.reasons),
+            },
+        )
     result = RunResult(outcome, bag, time.monotonic() - started, session_s, running_wall_s)
     write_json(
         folder / "result.json",
@@ -137,14 +147,16 @@ def _follow(
             client.spin(0.05)
             ended = group.ended()
             if ended:
-                raise PeerError(_obituary(ended[0]))
+                reason = f"did not come up: {_obituary(ended[0])}"
+                return Outcome(Verdict.INVALID_HARNESS, (reason,)), 0.0, 0.0
             if interrupt.count:
                 return Outcome(Verdict.ABORTED, ("interrupted before the start",)), 0.0, 0.0
             if time.monotonic() > deadline:
-                raise PeerError(
+                reason = (
                     f"the scenario manager did not answer within {START_TIMEOUT_S:g} s; "
                     "`ssp doctor` tests whether processes can talk on this host"
                 )
+                return Outcome(Verdict.INVALID_HARNESS, (reason,)), 0.0, 0.0
         client.begin(str(run_file))
         outcome = _wait(group, client, say, interrupt)
         return outcome, client.elapsed_s, client.running_wall_s
@@ -207,6 +219,8 @@ def _shut_down(group: ProcessGroup, outcome: Outcome) -> Outcome:
     killed = group.stop()
     group.processes[names.MONITOR] = monitor
     killed += group.stop(timeout_s=20.0)
+    if monitor.returncode not in (0, None) and names.MONITOR not in killed:
+        outcome = outcome.with_reason(Verdict.INVALID_HARNESS, _obituary(monitor))
     for name in killed:
         outcome = outcome.with_reason(
             Verdict.INVALID_HARNESS, f"{name} did not stop and was killed"
@@ -224,7 +238,12 @@ def _check_bag(
         return outcome.with_reason(Verdict.INVALID_HARNESS, "the recorder left no bag")
     unfinished = bag.with_name(bag.name + ".unfinished")
     bag.rename(unfinished)
-    report = recover(unfinished, bag)
+    try:
+        report = recover(unfinished, bag)
+    except SspError as error:
+        return outcome.with_reason(
+            Verdict.INVALID_HARNESS, f"the recorder left a bag that can't be recovered: {error}"
+        )
     kept = sum(report.messages.values())
     say(f"bag recovered: {kept} messages")
     return outcome.with_reason(
