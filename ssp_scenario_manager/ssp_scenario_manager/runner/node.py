@@ -16,10 +16,13 @@ from ssp_core import names, ros
 from ssp_core.errors import PeerError
 from ssp_core.vocab import Phase, SessionPhase, Verdict
 from ssp_msgs.action import RunScenario
-from ssp_msgs.msg import PhaseEvent, SafetyEvent, TriggerEvent
+from ssp_msgs.msg import PhaseEvent, SafetyEvent, SessionState, TriggerEvent
+from ssp_msgs.srv import SessionCommand
 from ssp_scenario_manager.runner.outcome import Outcome
 
 Listener = Callable[[str], None]
+# How long the goal's result may come after the session's last word.
+RESULT_GRACE_S = 1.0
 
 
 class RunClient:
@@ -45,13 +48,17 @@ class RunClient:
         self._executor.add_node(self._node)
         self._client = ActionClient(self._node, RunScenario, names.RUN_SCENARIO)
         self._say = say
+        self._abort = self._node.create_client(SessionCommand, "abort")
         self._goal: Any = None
         self._result: Any = None
+        self._end: SessionState | None = None
+        self._ended_at = 0.0
         self._last_state: int | None = None
         self.elapsed_s = 0.0
         self._running_since: float | None = None
         self.running_wall_s = 0.0
         sub = self._node.create_subscription
+        sub(SessionState, names.SESSION_STATE, self._on_session, ros.LATCHED)
         sub(TriggerEvent, names.TRIGGER_EVENT, self._on_trigger, ros.LATCHED)
         sub(PhaseEvent, names.PHASE_EVENT, self._on_phase, ros.LATCHED)
         sub(SafetyEvent, names.SAFETY_EVENT, self._on_safety, ros.LATCHED)
@@ -71,15 +78,23 @@ class RunClient:
         """Asks the manager to abort."""
         if self._goal is not None:
             self._goal.cancel_goal_async()
+        else:
+            self._abort.call_async(SessionCommand.Request(requested_by="ssp run"))
 
     def spin(self, timeout_s: float) -> None:
         self._executor.spin_once(timeout_sec=timeout_s)
 
     @property
     def outcome(self) -> Outcome | None:
-        """The result once it is here."""
+        """The result once it is here.
+
+        DDS may lose a goal's response when the two ends have just found each other, and with it
+        the result. The session's own last word says the same, and it is latched.
+        """
         if self._result is None:
-            return None
+            if self._end is None or time.monotonic() - self._ended_at < RESULT_GRACE_S:
+                return None
+            return Outcome(Verdict(self._end.verdict), tuple(self._end.reasons))
         result = self._result.result
         reasons = list(result.reasons)
         if result.error_msg and not reasons:
@@ -112,6 +127,11 @@ class RunClient:
         if feedback.session_state != self._last_state:
             self._last_state = feedback.session_state
             self._say(f"session {SessionPhase(feedback.session_state).name}")
+
+    def _on_session(self, message: SessionState) -> None:
+        if message.state in (SessionState.STATE_FINISHED, SessionState.STATE_ABORTED):
+            self._end = message
+            self._ended_at = time.monotonic()
 
     def _on_trigger(self, message: TriggerEvent) -> None:
         crossing_s = ros.ns_from_stamp(message.crossing_time) / 1e9
