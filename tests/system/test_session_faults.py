@@ -53,13 +53,13 @@ def test_killed_node_ends_the_run(
     bag = session.folder / "bag"
     with AnyReader([bag]) as reader:
         topics = {c.topic: c.msgcount for c in reader.connections}
-        lost = [
-            reader.deserialize(raw, c.msgtype).object_id
-            for c, _, raw in reader.messages(
-                connections=[c for c in reader.connections if c.topic == "/ssp/safety_event"]
-            )
-            if reader.deserialize(raw, c.msgtype).limit_name == "participant_lost"
+        # An empty list of connections would mean all of them.
+        events = [c for c in reader.connections if c.topic == "/ssp/safety_event"]
+        decoded = [
+            reader.deserialize(raw, c.msgtype)
+            for c, _, raw in (reader.messages(connections=events) if events else ())
         ]
+    lost = [event.object_id for event in decoded if event.limit_name == "participant_lost"]
     assert topics["/ssp/vut/state"] > 0
     assert topics["/ssp/world/tick"] > 0
     # Nobody is called lost but the one that was killed.
