@@ -126,6 +126,24 @@ def test_verdicts_other_than_valid_refuse(make_bag: BagMaker) -> None:
         assert "before the run got a verdict" in (clip.provenance.refusal or "")
 
 
+def test_what_the_runner_says_afterwards_refuses_too(make_bag: BagMaker) -> None:
+    bag = make_bag()
+    verdict = {"schema": "ssp.verdict/1", "verdict": "valid", "reasons": []}
+    (bag / "verdict.json").write_text(json.dumps(verdict))
+    with Clip(bag) as clip:
+        assert clip.provenance.refusal is None
+    verdict |= {"verdict": "invalid_harness", "reasons": ["monitor did not stop"]}
+    (bag / "verdict.json").write_text(json.dumps(verdict))
+    with Clip(bag) as clip:
+        refusal = clip.provenance.refusal
+    assert refusal is not None
+    assert "invalid_harness" in refusal
+    assert "monitor did not stop" in refusal
+    (bag / "verdict.json").write_text('{"schema": "ssp.verdict/1", "verdict": "fine"}')
+    with pytest.raises(InputError, match="no verdict of a run"):
+        Clip(bag)
+
+
 def test_no_frames_no_bag_and_no_attachment_are_said(make_bag: BagMaker, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="has no camera frames"):
         Clip(make_bag("blind", frames=False))

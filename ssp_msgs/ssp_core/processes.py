@@ -44,7 +44,8 @@ def session_environment(domain_id: int, profile: Path | None = None) -> dict[str
 _LIBC = ctypes.CDLL(None)
 
 
-def _die_with_parent() -> None:
+def die_with_parent() -> None:
+    """For a child's preexec_fn: it receives SIGTERM when its parent dies, however that happens."""
     _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
@@ -112,7 +113,7 @@ class ProcessGroup:
                 stdout=stream,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
-                preexec_fn=_die_with_parent,
+                preexec_fn=die_with_parent,
             )
         node = NodeProcess(name, process, log)
         self.processes[name] = node

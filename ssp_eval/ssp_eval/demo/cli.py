@@ -6,12 +6,15 @@ import fcntl
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType
 
 import click
 from rich.progress import Progress
@@ -19,9 +22,18 @@ from rich.progress import Progress
 from ssp_core import console
 from ssp_core.errors import InputError, PeerError
 from ssp_core.files import write_json
+from ssp_core.hashing import sha256_bytes
+from ssp_core.processes import die_with_parent
 from ssp_eval.demo import plan
 
-MARKER = "demo.json"
+MARKER = ".ssp-demo.json"
+SCHEMA = "ssp.demo/1"
+# All that a demonstration leaves in its folder.
+MADE = frozenset(
+    {MARKER, "cells", "clips", "frames", "logs", "runs", "demo.log", "index.html", "requests"}
+)
+END_TIMEOUT_S = 30.0
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _TAIL = 15
 
 
@@ -34,23 +46,15 @@ def _own_folder(out: Path) -> Iterator[Path]:
     """
     for number in range(1, 100):
         folder = out if number == 1 else out.with_name(f"{out.name}-{number}")
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        handle = os.open(folder.with_name(f".{folder.name}.lock"), os.O_CREAT | os.O_RDWR, 0o644)
+        handle = os.open(_lock_file(folder), os.O_CREAT | os.O_RDWR, 0o644)
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             os.close(handle)
             continue
         try:
-            if folder.exists() and any(folder.iterdir()) and not (folder / MARKER).is_file():
-                raise InputError(
-                    "is not empty and not from a demonstration",
-                    file=folder,
-                    remedy="name another folder with --out",
-                )
-            shutil.rmtree(folder, ignore_errors=True)
-            folder.mkdir()
-            write_json(folder / MARKER, {"schema": "ssp.demo/1"})
+            _clear(folder)
+            write_json(folder / MARKER, {"schema": SCHEMA})
             yield folder
         finally:
             os.close(handle)
@@ -58,25 +62,102 @@ def _own_folder(out: Path) -> Iterator[Path]:
     raise InputError("and 98 folders beside it are in use", file=out)
 
 
+def _lock_file(folder: Path) -> Path:
+    """A lock that lies beside nobody's files."""
+    locks = Path(tempfile.gettempdir()) / "ssp-demos"
+    locks.mkdir(mode=0o777, exist_ok=True)
+    return locks / sha256_bytes(str(folder.resolve()).encode()).removeprefix("sha256:")[:32]
+
+
+def _clear(folder: Path) -> None:
+    """Makes the folder, or empties it of what an earlier demonstration left, and of nothing else.
+
+    Raises:
+        InputError: it can't be made, or holds something that no demonstration made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        found = {entry.name for entry in folder.iterdir()}
+    except OSError as error:
+        raise InputError(
+            f"can't be made: {error.strerror}", file=folder, remedy="name another folder with --out"
+        ) from error
+    foreign = sorted(found - MADE)
+    if foreign or (found and not _is_ours(folder / MARKER)):
+        raise InputError(
+            "holds something that no demonstration made",
+            file=folder,
+            value=", ".join(foreign) or None,
+            remedy="name another folder with --out",
+        )
+    for name in found:
+        path = folder / name
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        else:
+            path.unlink()
+
+
+def _is_ours(marker: Path) -> bool:
+    try:
+        value = json.loads(marker.read_text())
+    except (OSError, ValueError):
+        return False
+    return isinstance(value, dict) and value.get("schema") == SCHEMA
+
+
+class _Interrupted(Exception):
+    """SIGINT or SIGTERM came; the step that runs is to end in order first."""
+
+
+def _raise_interrupted(number: int, frame: FrameType | None) -> None:
+    raise _Interrupted
+
+
 def _run(step: plan.Step, log: Path) -> None:
     """Runs one step with its output in a log file.
 
+    The step is a process group of its own, so that Ctrl-C reaches it once and through here: it is
+    told, and given the time to abort its session and to close its bag.
+
     Raises:
-        PeerError: it failed; the message ends with the last lines of its output.
+        PeerError: it failed or was interrupted; the message ends with the last lines of its output.
     """
     with log.open("ab") as stream:
         stream.write(f"\n$ {' '.join(step.command('python'))}\n".encode())
         stream.flush()
-        done = subprocess.run(
+        process = subprocess.Popen(
             step.command(sys.executable),
             stdout=stream,
             stderr=subprocess.STDOUT,
             stdin=subprocess.DEVNULL,
-            check=False,
+            start_new_session=True,
+            preexec_fn=die_with_parent,
         )
-    if done.returncode != 0:
+        before = {n: signal.signal(n, _raise_interrupted) for n in _SIGNALS}
+        try:
+            status = process.wait()
+        except _Interrupted:
+            for number in _SIGNALS:
+                signal.signal(number, signal.SIG_IGN)
+            _end(process)
+            raise PeerError(f"{step.title}: interrupted") from None
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+    if status != 0:
         tail = "\n".join(log.read_text(errors="replace").splitlines()[-_TAIL:])
-        raise PeerError(f"{step.title}: failed with status {done.returncode}\n{tail}")
+        raise PeerError(f"{step.title}: failed with status {status}\n{tail}")
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """Asks a step to end and waits for it; a step that doesn't is killed."""
+    process.send_signal(signal.SIGINT)
+    try:
+        process.wait(END_TIMEOUT_S)
+    except subprocess.TimeoutExpired:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
 
 
 class _Follower:
@@ -134,7 +215,7 @@ def demo(out: Path, as_json: bool) -> int:
             follow.run(after)
         seconds = time.monotonic() - started
         index = folder / "index.html"
-        write_json(folder / MARKER, {"schema": "ssp.demo/1", "wall_s": round(seconds, 1)})
+        write_json(folder / MARKER, {"schema": SCHEMA, "wall_s": round(seconds, 1)})
     if as_json:
         click.echo(json.dumps({"report": str(index), "wall_s": round(seconds, 1)}))
     else:

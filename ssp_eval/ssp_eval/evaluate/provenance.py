@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Literal
 
 import yaml
@@ -11,7 +12,7 @@ from pydantic import Field
 
 from ssp_core.bag import BagReader
 from ssp_core.errors import InputError
-from ssp_core.files import parse_model
+from ssp_core.files import parse_model, read_mapping
 from ssp_core.hashing import sha256_file, sha256_json
 from ssp_core.messages import stamp_ns
 from ssp_core.names import SESSION_STATE, absolute
@@ -20,6 +21,7 @@ from ssp_core.vocab import SessionPhase, Verdict
 
 RUN_ATTACHMENT = "run.yaml"
 IMPORT_ATTACHMENT = "import.json"
+VERDICT_FILE = "verdict.json"
 # A domain is a part of a cell's folder name, and so is a scenario.
 SAFE_NAME = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"
 
@@ -119,6 +121,32 @@ def read_provenance(bag: BagReader) -> Provenance:
     )
 
 
+def _runner_verdict(bag: Path) -> tuple[Verdict, tuple[str, ...]] | None:
+    """Verdict and reasons that ``ssp run`` left in the bag's folder, None where it left none.
+
+    Raises:
+        InputError: the file is not what the runner writes.
+    """
+    file = bag / VERDICT_FILE
+    if not file.is_file():
+        return None
+    value = read_mapping(file)
+    words = {v.name.lower(): v for v in Verdict}
+    reasons = value.get("reasons")
+    if (
+        value.get("schema") != "ssp.verdict/1"
+        or value.get("verdict") not in words
+        or not isinstance(reasons, list)
+    ):
+        raise InputError(
+            "is no verdict of a run",
+            file=file,
+            value=value,
+            remedy="it is written by `ssp run`; record the run again",
+        )
+    return words[value["verdict"]], tuple(str(reason) for reason in reasons)
+
+
 def _session(bag: BagReader, digest: str, data: bytes) -> Provenance:
     place = f"{bag.path}:{RUN_ATTACHMENT}"
     try:
@@ -131,6 +159,11 @@ def _session(bag: BagReader, digest: str, data: bytes) -> Provenance:
     running = [stamp_ns(s.header.stamp) for s in states if s.state == SessionPhase.RUNNING]
     verdict = Verdict(states[-1].verdict) if states else Verdict.NONE
     reasons = tuple(str(reason) for reason in states[-1].reasons) if states else ()
+    told = _runner_verdict(bag.path)
+    if told is not None and told[0] is not Verdict.VALID:
+        # What went wrong after the session's last word is known to the runner alone.
+        verdict = told[0] if verdict in (Verdict.VALID, Verdict.NONE) else verdict
+        reasons = tuple(dict.fromkeys((*reasons, *told[1])))
     if not running:
         # Without a start there is no clip time; the verdict says why there was none.
         verdict = verdict if verdict is not Verdict.VALID else Verdict.INVALID_HARNESS

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import json
 import os
+import subprocess
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
@@ -258,7 +259,11 @@ class TopicAskers:
             return
         process.expected_to_stop = True
         process.process.terminate()
-        process.process.wait(10.0)
+        try:
+            process.process.wait(10.0)
+        except subprocess.TimeoutExpired:
+            process.process.kill()
+            process.process.wait()
         link.forget()
 
 
