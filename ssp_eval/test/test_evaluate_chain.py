@@ -259,3 +259,18 @@ def test_no_labels_and_twice_the_same_cell_are_said(make_bag: BagMaker, tmp_path
         )  # fmt: skip
     with pytest.raises(InputError, match="unknown adapter"):
         evaluate(bag, tmp_path / "out", "silent", adapter="nonsense")
+
+
+def test_an_unknown_adapter_is_refused_before_anything_is_asked(
+    make_bag: BagMaker, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    with pytest.raises(InputError, match="unknown adapter"):
+        run_campaign(
+            [(make_bag(), None)],
+            [ModelSpec("silent")],
+            DirectAskers(),
+            out,
+            CellOptions(adapter="nosuch"),
+        )
+    assert not out.exists()

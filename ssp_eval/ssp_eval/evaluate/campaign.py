@@ -14,6 +14,7 @@ from ssp_eval.evaluate.truth import truth_from_bag
 from ssp_eval.labels.model import Labels, load_labels
 from ssp_eval.labels.proposal_file import is_unreviewed, write_proposal
 from ssp_eval.labels.propose import propose
+from ssp_vla_bridge.core.adapters import check_adapter
 
 
 def find_labels(bag: Path) -> Path | None:
@@ -112,6 +113,7 @@ def run_campaign(
     Raises:
         InputError: a bag, its labels or an option is wrong; nothing was asked then.
     """
+    check_adapter(options.adapter)
     results = []
     with ExitStack() as stack:
         clips = [

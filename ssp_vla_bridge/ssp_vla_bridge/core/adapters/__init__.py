@@ -12,7 +12,7 @@ from ssp_vla_bridge.core.adapters.types import Adapted, AdapterInfo
 from ssp_vla_bridge.core.adapters.waypoints import adapt_waypoints
 from ssp_vla_bridge.core.response import Response
 
-__all__ = ["ADAPTERS", "Adapted", "AdapterInfo", "adapt"]
+__all__ = ["ADAPTERS", "Adapted", "AdapterInfo", "adapt", "check_adapter"]
 
 ADAPTERS: dict[str, Callable[[Response], Adapted]] = {
     "waypoints": adapt_waypoints,
@@ -25,13 +25,16 @@ def adapt(adapter_name: str, response: Response) -> Adapted:
     Raises:
         InputError: there is no adapter of that name.
     """
-    try:
-        adapter = ADAPTERS[adapter_name]
-    except KeyError:
+    check_adapter(adapter_name)
+    return ADAPTERS[adapter_name](response)
+
+
+def check_adapter(adapter_name: str) -> None:
+    """Raises InputError when there is no adapter of that name, naming those that there are."""
+    if adapter_name not in ADAPTERS:
         raise InputError(
             "unknown adapter",
             field="adapter",
             value=adapter_name,
             remedy=f"known are {', '.join(sorted(ADAPTERS))}",
-        ) from None
-    return adapter(response)
+        )
