@@ -68,7 +68,7 @@ class VerbGroup(click.Group):
 def cli() -> None:
     """Closed-track orchestration, and evaluation of driving VLAs across three domains.
 
-    Exit status: 0 done, 1 the check or the run failed, 2 wrong usage.
+    Exit status: 0 done, 1 the check or the run failed, 2 wrong usage, 130 interrupted.
     """
 
 
@@ -102,6 +102,14 @@ def main(args: list[str] | None = None) -> int:
         return 1
     except BrokenPipeError:
         sys.stderr.close()
+        return 1
+    except OSError as error:
+        # A path that can't be read or made is the user's to mend; one without a path is a bug.
+        if error.filename is None:
+            raise
+        from ssp_core.console import report_error
+
+        report_error(f"{error.filename}: {error.strerror}; name another path, or make this usable")
         return 1
 
 

@@ -173,6 +173,26 @@ def load_model(model: type[Model], path: str | Path) -> Model:
     return parse_model(model, read_mapping(path), path)
 
 
+def make_folder(path: str | Path) -> Path:
+    """The folder, made with its parents where it isn't there yet, and writable.
+
+    Raises:
+        InputError: it or a parent is a file, or permission is missing.
+    """
+    path = Path(path)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        there = next(p for p in (path, *path.absolute().parents) if os.path.lexists(p))
+        why = error.strerror if there.is_dir() else f"{there} is no folder"
+        raise InputError(
+            f"can't be made: {why}", file=path, remedy="name another folder"
+        ) from error
+    if not os.access(path, os.W_OK | os.X_OK):
+        raise InputError("can't be written to", file=path, remedy="name another folder")
+    return path
+
+
 def write_bytes(path: str | Path, data: bytes) -> None:
     """Writes a file that is either the old one or wholly the new one."""
     path = Path(path)

@@ -21,7 +21,7 @@ from rich.progress import Progress
 
 from ssp_core import console
 from ssp_core.errors import InputError, PeerError
-from ssp_core.files import write_json
+from ssp_core.files import make_folder, write_json
 from ssp_core.hashing import sha256_bytes
 from ssp_core.processes import die_with_parent
 from ssp_eval.demo import plan
@@ -46,7 +46,7 @@ def _own_folder(out: Path) -> Iterator[Path]:
     """
     for number in range(1, 100):
         folder = out if number == 1 else out.with_name(f"{out.name}-{number}")
-        handle = os.open(_lock_file(folder), os.O_CREAT | os.O_RDWR, 0o644)
+        handle = os.open(_lock_file(folder), os.O_CREAT | os.O_RDONLY, 0o644)
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -65,7 +65,9 @@ def _own_folder(out: Path) -> Iterator[Path]:
 def _lock_file(folder: Path) -> Path:
     """A lock that lies beside nobody's files."""
     locks = Path(tempfile.gettempdir()) / "ssp-demos"
-    locks.mkdir(mode=0o777, exist_ok=True)
+    if not locks.is_dir():
+        locks.mkdir(exist_ok=True)
+        locks.chmod(0o1777)  # for all users of the host
     return locks / sha256_bytes(str(folder.resolve()).encode()).removeprefix("sha256:")[:32]
 
 
@@ -75,13 +77,7 @@ def _clear(folder: Path) -> None:
     Raises:
         InputError: it can't be made, or holds something that no demonstration made.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        found = {entry.name for entry in folder.iterdir()}
-    except OSError as error:
-        raise InputError(
-            f"can't be made: {error.strerror}", file=folder, remedy="name another folder with --out"
-        ) from error
+    found = {entry.name for entry in make_folder(folder).iterdir()}
     foreign = sorted(found - MADE)
     if foreign or (found and not _is_ours(folder / MARKER)):
         raise InputError(

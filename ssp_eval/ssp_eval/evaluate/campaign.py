@@ -7,6 +7,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from ssp_core.errors import InputError
+from ssp_core.files import make_folder
 from ssp_eval.evaluate.asker import Askers, ModelSpec
 from ssp_eval.evaluate.cell import CellOptions, CellResult, LabelledClip, evaluate_cell
 from ssp_eval.evaluate.clip import Clip
@@ -52,6 +53,7 @@ def labelled_clip(clip: Clip, labels_path: Path | None, propose_labels: bool) ->
         )
     proposal = propose(truth_from_bag(clip.path))
     target = clip.path.parent / f"{clip.path.name}.labels.json"
+    make_folder(target.parent)
     write_proposal(target, proposal, source=facts.bag_sha256)
     return LabelledClip(clip, proposal.labels, target.name, True)
 
@@ -121,6 +123,7 @@ def run_campaign(
             for bag, labels in bags
         ]
         check_distinct(clips)
+        make_folder(out)
         on_total(sum(len(c.labels.labels) for c in clips) * len(models))
         for labelled in clips:
             for model in models:

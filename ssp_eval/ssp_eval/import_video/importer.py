@@ -18,6 +18,7 @@ from ssp_core.bag import BagWriter
 from ssp_core.bag.qos import offered_qos
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.errors import InputError
+from ssp_core.files import make_folder
 from ssp_core.hashing import sha256_file
 from ssp_eval.import_video import messages
 from ssp_eval.import_video.options import (
@@ -80,7 +81,7 @@ def import_clip(
         )
     with Video(options.video) as video:
         step = _keep_every(video, options)
-        options.out.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(options.out.parent)
         scratch = Path(tempfile.mkdtemp(dir=options.out.parent, prefix=f".{options.out.name}."))
         try:
             with BagWriter(scratch / "bag", name=f"{options.out.name}_0") as writer:

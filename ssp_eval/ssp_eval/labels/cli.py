@@ -9,6 +9,7 @@ import click
 
 from ssp_core import console
 from ssp_core.errors import InputError
+from ssp_core.files import make_folder
 from ssp_core.hashing import sha256_file
 from ssp_core.vocab import DOMAINS
 from ssp_eval.evaluate.truth import truth_from_bag, truth_from_file
@@ -56,6 +57,8 @@ def new(
     """
     if (bag is None) == (truth is None):
         raise click.UsageError("give either BAG or --truth FILE")
+    if out.is_dir():
+        raise InputError("is a folder", file=out, remedy="name a file with --out")
     if out.exists() and not force:
         raise InputError(
             "exists already", file=out, remedy="give --force to overwrite what may be reviewed"
@@ -66,6 +69,7 @@ def new(
     elif truth is not None:
         ground_truth = truth_from_file(truth, domain, event_version)
         source = sha256_file(truth)
+    make_folder(out.parent)
     proposal = propose(ground_truth, ProposalRules(count=count, spacing_s=spacing))
     write_proposal(out, proposal, source)
     event = proposal.event

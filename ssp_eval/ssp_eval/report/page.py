@@ -11,7 +11,7 @@ import jinja2
 from markupsafe import Markup
 
 from ssp_core import __version__
-from ssp_core.files import write_text
+from ssp_core.files import make_folder, write_text
 from ssp_eval.evaluate.cell import frame_path
 from ssp_eval.report.load import CellData, load_cells
 from ssp_eval.report.matrix import matrix
@@ -53,7 +53,7 @@ def write_report(out: Path, on_picture: Callable[[int, int], None] = lambda done
         if path.exists():
             pictures[frame] = data_uri(path)
         on_picture(done, len(used))
-    target = out / PAGE
+    target = make_folder(out) / PAGE
     write_text(target, render(cells, views, pictures))
     return target
 
