@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from ssp_core.errors import InputError
-from ssp_eval.evaluate.asker import LABELS_FILE, bridge_spec
+from ssp_eval.evaluate.asker import bridge_spec
+from ssp_eval.evaluate.controls import LABELS_FILE
 from ssp_eval.evaluate.exchange import Exchange
 from ssp_eval.evaluate.store import RawStore, new_request_id, request_key
 from ssp_vla_bridge.core.request import EgoSample, Frame, Request

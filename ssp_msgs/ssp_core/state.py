@@ -84,11 +84,10 @@ class ObjectState:
         """The state at another time with speed and yaw rate held: straight or on a circle."""
         dt = ns_to_seconds(stamp_ns - self.stamp_ns)
         turn = self.yaw_rate_radps * dt
-        if abs(turn) < 1e-9:
-            dx, dy = self.speed_mps * dt, 0.0
-        else:
-            radius = self.speed_mps / self.yaw_rate_radps
-            dx, dy = radius * math.sin(turn), radius * (1.0 - math.cos(turn))
+        half = 0.5 * turn
+        # The chord of the arc: no difference of nearly equal numbers for a slight turn.
+        chord = self.speed_mps * dt * (math.sin(half) / half if abs(half) > 1e-9 else 1.0)
+        dx, dy = chord * math.cos(half), chord * math.sin(half)
         x, y = self.pose.to_parent(dx, dy)
         return replace(
             self, stamp_ns=stamp_ns, x_m=x, y_m=y, yaw_rad=wrap_angle(self.yaw_rad + turn)

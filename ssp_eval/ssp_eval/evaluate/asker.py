@@ -7,17 +7,17 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from ssp_core.errors import InputError
-from ssp_vla_bridge.core.backend import Backend, make_backend, parse_options, respond
+from ssp_eval.evaluate.controls import CLIP_START_NS, CONTROLS, LABELS_FILE
+from ssp_vla_bridge.core.backend import (
+    BACKENDS,
+    Backend,
+    check_options,
+    make_backend,
+    parse_options,
+    respond,
+)
 from ssp_vla_bridge.core.request import Request
 from ssp_vla_bridge.core.response import Response
-
-# In the options of a bridge these words stand for what only the cell knows.
-LABELS_FILE = "{labels_file}"
-CLIP_START_NS = "{clip_start_ns}"
-# The privileged control needs both; nobody should have to type them.
-_OPTIONS_OF: dict[str, dict[str, Any]] = {
-    "perfect": {"labels_file": LABELS_FILE, "clip_start_ns": CLIP_START_NS}
-}
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,30 @@ def bridge_spec(text: str) -> ModelSpec:
         InputError: the options are no JSON object.
     """
     name, _, options = text.partition("=")
-    return ModelSpec(name, {**_OPTIONS_OF.get(name, {}), **parse_options(options)})
+    return ModelSpec(name, {**CONTROLS.get(name, {}), **parse_options(options)})
+
+
+def check_bridge(model: ModelSpec) -> None:
+    """Refuses a bridge that can't be started here, before anything is asked.
+
+    Raises:
+        InputError: no backend has that name, or its options are wrong.
+    """
+    if model.name not in BACKENDS:
+        raise InputError(
+            "no such bridge",
+            field="bridge",
+            value=model.name,
+            remedy=f"known are {', '.join(sorted(BACKENDS))}; one of your own is started by "
+            "itself and named with --attach",
+        )
+    filled = ModelSpec(model.name, CONTROLS.get(model.name, {})).options_for("", 0)
+    if filled:
+        # What only the cell knows isn't there yet; names and types can be checked without it.
+        known = {key: type(value) for key, value in filled.items()}
+        check_options(model.name, model.options_for("", 0), known)
+    else:
+        make_backend(model.name, model.options)
 
 
 @dataclass(frozen=True)

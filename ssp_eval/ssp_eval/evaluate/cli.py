@@ -13,7 +13,7 @@ from rich.table import Table
 
 from ssp_core import console
 from ssp_core.errors import InputError
-from ssp_eval.evaluate.asker import ModelSpec, bridge_spec
+from ssp_eval.evaluate.asker import ModelSpec, bridge_spec, check_bridge
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions, CellResult
 from ssp_eval.evaluate.topics import TopicAskers
@@ -95,7 +95,7 @@ def model_specs(bridges: Sequence[str], attached: Sequence[str]) -> list[ModelSp
 
     Raises:
         click.UsageError: there are none, one stands twice, or some are attached and others not.
-        InputError: a bridge's options are no JSON object.
+        InputError: there is no such bridge, or its options are wrong.
     """
     if bridges and attached:
         raise click.UsageError(
@@ -111,6 +111,9 @@ def model_specs(bridges: Sequence[str], attached: Sequence[str]) -> list[ModelSp
             raise click.UsageError(f"model {name} stands {count} times")
         if not name.isidentifier():
             raise InputError("is no name for a topic", field="bridge", value=name)
+    for model in models:
+        if not model.attached:
+            check_bridge(model)
     return models
 
 

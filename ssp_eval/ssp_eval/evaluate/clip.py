@@ -23,6 +23,7 @@ from ssp_core.messages import object_state, peek_stamp_ns
 from ssp_core.names import CAMERA_IMAGE, CAMERA_INFO, CAMERA_MOUNT, VUT_ID, absolute, state_topic
 from ssp_core.state import ObjectState
 from ssp_eval.evaluate.provenance import Provenance, read_provenance
+from ssp_eval.score import DEFAULT
 from ssp_vla_bridge.core.request import CameraGeometry, EgoSample, Frame, Request
 from ssp_vla_bridge.core.task import TASK, DrivingTask
 
@@ -31,8 +32,6 @@ _INFO = absolute(CAMERA_INFO)
 _MOUNT = absolute(CAMERA_MOUNT)
 _VUT_STATE = absolute(state_topic(VUT_ID))
 _IMAGE_TYPE = "sensor_msgs/msg/CompressedImage"
-# METHOD 6.1: a record further from its label than this could not be matched.
-MATCH_S = 0.11
 
 
 @dataclass(frozen=True)
@@ -207,9 +206,11 @@ class Clip:
             return NoQuestion(label_t_s, "there is no frame at or before the label's time")
         stamp = self._frame_stamps[newest]
         age_s = ns_to_seconds(label_ns - stamp)
-        if age_s > MATCH_S + 1e-9:
+        # METHOD 6.1: a record further from its label than this could not be matched.
+        if not DEFAULT.at_most(age_s, DEFAULT.match_window_s):
+            limit_s = DEFAULT.match_window_s
             return NoQuestion(
-                label_t_s, f"the newest frame is {age_s:.3f} s old, more than {MATCH_S} s"
+                label_t_s, f"the newest frame is {age_s:.3f} s old, more than {limit_s} s"
             )
         history = self._history(stamp)
         request = Request(

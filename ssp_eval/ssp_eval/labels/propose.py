@@ -47,13 +47,8 @@ from ssp_eval.labels.geometry import (
     position_word,
 )
 from ssp_eval.labels.model import Label, Labels
+from ssp_eval.score import DEFAULT
 
-# What METHOD 6.6 calls standing, speeding up and going sideways.
-_STAND_MPS = 0.5
-_SPEED_UP_MPS2 = 0.5
-_SIDEWAYS_M = 0.3
-# METHOD 6.9: the largest gap between the candidates of one run.
-RUN_GAP_S = 0.6
 _TOLERANCE_S = 1e-9
 _TIME_GRID_S = 0.1
 
@@ -251,10 +246,11 @@ def _own_motion(
     v2_mps = (points[2][0] - points[1][0]) / 0.5
     shift_m = points[2][1]
     sideways = None
-    if abs(shift_m) >= _SIDEWAYS_M:
+    if DEFAULT.at_least(abs(shift_m), DEFAULT.lateral_shift_m):
         sideways = "left" if shift_m > 0 else "right"
-    stands = v2_mps <= _STAND_MPS
-    return _OwnMotion(stands, not stands and (v2_mps - v1_mps) / 0.5 >= _SPEED_UP_MPS2, sideways)
+    stands = DEFAULT.at_most(v2_mps, DEFAULT.stop_speed_mps)
+    speeds_up = DEFAULT.at_least((v2_mps - v1_mps) / 0.5, DEFAULT.accel_mps2)
+    return _OwnMotion(stands, not stands and speeds_up, sideways)
 
 
 def _label(
@@ -322,9 +318,9 @@ def response_problems(labels: Labels) -> list[str]:
             gaps_s.append(after.t_s - before.t_s)
     if not gaps_s:
         return ["no two adjacent labels in the conflict admit decelerate or stop"]
-    if min(gaps_s) > RUN_GAP_S + _TOLERANCE_S:
+    if not DEFAULT.at_most(min(gaps_s), DEFAULT.response_gap_s):
         return [
             f"labels in the conflict are {min(gaps_s):g} s apart; a risk response needs two at "
-            f"most {RUN_GAP_S} s apart"
+            f"most {DEFAULT.response_gap_s} s apart"
         ]
     return []

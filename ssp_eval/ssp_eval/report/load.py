@@ -18,13 +18,11 @@ from ssp_eval.evaluate.cell import (
     RECORDS_FILE,
     SCORE_FILE,
 )
+from ssp_eval.evaluate.controls import CONTROLS
 from ssp_eval.evaluate.store import REQUESTS_FILE
 from ssp_eval.labels.model import Labels, load_labels
 from ssp_eval.records import BehaviourRecord, load_records
 from ssp_eval.score import CellScore, score_cell
-
-# Bridges that check the harness rather than drive; they stay out of means and ranks.
-CONTROLS = frozenset({"perfect", "silent"})
 
 
 @dataclass(frozen=True)
