@@ -1,0 +1,15 @@
+"""The models that check the harness rather than drive; they stay out of means and ranks."""
+
+from __future__ import annotations
+
+from typing import Any
+
+# In the options of a bridge these words stand for what only the cell knows.
+LABELS_FILE = "{labels_file}"
+CLIP_START_NS = "{clip_start_ns}"
+# Options that nobody should have to type, by control: the privileged one needs both.
+CONTROLS: dict[str, dict[str, Any]] = {
+    "perfect": {"labels_file": LABELS_FILE, "clip_start_ns": CLIP_START_NS},
+    "silent": {},
+    "recorded": {},
+}

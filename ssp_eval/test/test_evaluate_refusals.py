@@ -1,0 +1,59 @@
+"""What is wrong with a command is said before anything is asked or written."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from ssp_core.cli import main
+from ssp_core.errors import InputError
+from ssp_eval.evaluate.asker import bridge_spec
+from ssp_eval.evaluate.cli import model_specs
+from ssp_eval.evaluate.controls import CONTROLS
+from ssp_vla_bridge.core.backend import BACKENDS
+
+BagMaker = Callable[..., Path]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--bridge", "nonsense"), "known are constant_velocity"),
+        (("--bridge", 'silent={"loud": 1}'), "is no option of silent"),
+        (("--bridge", 'perfect={"loud": 1}'), "is no option of perfect"),
+        (("--bridge", 'perfect={"clip_start_ns": "now"}'), "must be of type int"),
+        (("--bridge", "recorded"), "file"),
+        (("--bridge", "silent", "--adapter", "nonsense"), "known are waypoints"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, tuple) else "",
+)
+def test_a_wrong_name_or_option_writes_nothing(
+    arguments: tuple[str, ...],
+    message: str,
+    make_bag: BagMaker,
+    tmp_path: Path,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    bag, out = make_bag(), tmp_path / "out"
+    before = sorted(tmp_path.rglob("*"))
+    assert main(["evaluate", str(bag), "--propose-labels", *arguments, "--out", str(out)]) == 1
+    error = capfd.readouterr().err
+    assert error.count("error:") == 1
+    assert message in error
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_the_usual_bridges_and_attached_ones_pass() -> None:
+    names = ["constant_velocity", "opencv_baseline", "perfect", "silent"]
+    assert [model.name for model in model_specs(names, [])] == names
+    assert model_specs([], ["somebody_s"])[0].attached
+
+
+def test_controls_are_bridges_of_ours() -> None:
+    assert set(CONTROLS) == {"perfect", "silent", "recorded"}
+    assert set(CONTROLS) <= set(BACKENDS)
+    assert bridge_spec("perfect").options_for("f", 7) == {"labels_file": "f", "clip_start_ns": 7}
+    with pytest.raises(InputError, match="not valid JSON"):
+        bridge_spec("perfect={")
