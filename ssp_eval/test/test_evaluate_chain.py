@@ -11,11 +11,21 @@ import pytest
 
 from ssp_core.errors import InputError, PeerError
 from ssp_core.vocab import Verdict
-from ssp_eval.evaluate.asker import Asker, DirectAskers, Ignored, ModelSpec, Reply, bridge_spec
+from ssp_eval.evaluate.asker import (
+    Asker,
+    DirectAskers,
+    Ignored,
+    Loss,
+    ModelSpec,
+    Reply,
+    bridge_spec,
+)
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions, CellResult
+from ssp_eval.evaluate.cli import show
 from ssp_eval.labels.model import load_labels
 from ssp_eval.records import load_records
+from ssp_eval.report.page import write_report
 from ssp_eval.score import score_cell
 from ssp_vla_bridge.core.request import Request
 from ssp_vla_bridge.core.response import ErrorCode, Response, response_from_json
@@ -177,7 +187,7 @@ def test_an_interrupted_run_goes_on_where_it_stopped(make_bag: BagMaker, tmp_pat
 def test_missing_answers_cost_their_records_only(make_bag: BagMaker, tmp_path: Path) -> None:
     def some(index: int, request: Request) -> Reply:
         if index == 2:
-            return Reply(None, "no answer within 1 s")
+            return Reply(None, "no answer within 1 s", Loss.SILENT)
         error = int(ErrorCode.BACKEND) if index == 5 else 0
         return Reply(
             Response(
@@ -191,6 +201,8 @@ def test_missing_answers_cost_their_records_only(make_bag: BagMaker, tmp_path: P
     assert (result.status, result.missing) == ("ok", 2)
     assert result.score is not None
     assert result.score["matched"] == 7
+    by_kind = {"bridge answered an error": 1, "no answer in time": 1}
+    assert dict(result.losses) == cell_json(result)["answers"]["missing_by_kind"] == by_kind
     missing = cell_json(result)["answers"]["missing"]
     assert [entry["reason"] for entry in missing] == [
         "no answer within 1 s",
@@ -274,3 +286,49 @@ def test_an_unknown_adapter_is_refused_before_anything_is_asked(
             CellOptions(adapter="nosuch"),
         )
     assert not out.exists()
+
+
+def test_a_bridge_that_died_is_seen_in_table_and_report(
+    make_bag: BagMaker, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def dies(index: int, request: Request) -> Reply:
+        if index in (3, 4):
+            return Reply(None, "the bridge died before it answered (killed)", Loss.DIED)
+        return Reply(Response(request.request_id, request.stamp_ns, "m", "m/1", "A car is ahead."))
+
+    out = tmp_path / "out"
+    results = evaluate(make_bag(), out, "m", askers=Scripted(dies))
+    show(results, out)
+    shown = capfd.readouterr()
+    row = next(line for line in shown.out.splitlines() if " m " in line)
+    assert row.split()[3:6] == ["ok", "9", "2"]
+    assert "2 answers missing: bridge died" in shown.err
+    assert "2 answers missing: bridge died" in write_report(out).read_text()
+
+
+def test_labels_outside_the_clip_are_refused_before_asking(
+    make_bag: BagMaker, tmp_path: Path
+) -> None:
+    bag, out = make_bag(), tmp_path / "out"
+    evaluate(bag, tmp_path / "first", "silent")
+    path = bag.parent / "bag.labels.json"
+    value = json.loads(path.read_text())
+    last = value["labels"][-1]
+    # The newest frame stands at 8.9 s; a label up to 0.11 s later can still be answered.
+    last["t_s"] = 9.0
+    path.write_text(json.dumps(value))
+    (result,) = evaluate(bag, out, "silent")
+    assert result.missing == 0
+    last["t_s"] = 9.1
+    path.write_text(json.dumps(value))
+    asked = Counting()
+    with pytest.raises(InputError, match="outside the clip") as caught:
+        evaluate(bag, out, "silent", askers=asked)
+    assert caught.value.field == "labels[8].t_s"
+    assert "span -0.500 to 8.900 s" in str(caught.value)
+    assert asked.requests == []
+    # A run that can't be scored anyway is refused as such: it may have ended early.
+    short = make_bag("short", duration_s=3.0, verdict=Verdict.ABORTED, reasons=("stopped",))
+    (tmp_path / "short.labels.json").write_text(path.read_text())
+    (result,) = evaluate(short, out, "silent")
+    assert result.status == "refused"

@@ -205,3 +205,12 @@ def test_a_missing_folder_is_named(tmp_path, run):
 def test_wrong_usage_exits_with_2(run, args):
     status, out, _ = run(*args)
     assert (status, out) == (2, "")
+
+
+def test_no_record_at_all_is_noted_beside_the_result(make_case, run):
+    status, out, err = run(make_case("full", [record(1.0)]), make_case("empty"), "--json")
+    assert status == 0
+    assert [json.loads(line)["matched"] for line in out.splitlines()] == [0, 1]
+    assert err.splitlines() == [
+        "note: empty: records.jsonl holds no record; every output is missing"
+    ]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from enum import StrEnum
 from typing import Any, Protocol
 
 from ssp_core.errors import InputError
@@ -84,12 +85,30 @@ def check_bridge(model: ModelSpec) -> None:
         make_backend(model.name, model.options)
 
 
+class Loss(StrEnum):
+    """Why a label time has no record, in the words of tables and reports."""
+
+    DIED = "bridge died"
+    UNREACHABLE = "bridge unreachable"
+    SILENT = "no answer in time"
+    UNUSABLE = "unusable answer"
+    ERROR = "bridge answered an error"
+    NO_QUESTION = "nothing to ask"
+
+
 @dataclass(frozen=True)
 class Reply:
-    """What came of one request: a response (which may hold an error), or why there is none."""
+    """What came of one request: a response (which may hold an error), or why there is none.
+
+    Args:
+        response: None where none came or it can't be used.
+        reason: why there is none, for people.
+        loss: the kind of that reason; it counts only where there is no response.
+    """
 
     response: Response | None
     reason: str = ""
+    loss: Loss = Loss.UNUSABLE
 
 
 @dataclass

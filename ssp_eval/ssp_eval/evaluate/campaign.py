@@ -15,6 +15,7 @@ from ssp_eval.evaluate.truth import truth_from_bag
 from ssp_eval.labels.model import Labels, load_labels
 from ssp_eval.labels.proposal_file import is_unreviewed, write_proposal
 from ssp_eval.labels.propose import propose
+from ssp_eval.score import DEFAULT
 from ssp_vla_bridge.core.adapters import check_adapter
 
 
@@ -43,7 +44,10 @@ def labelled_clip(clip: Clip, labels_path: Path | None, propose_labels: bool) ->
     if path is not None:
         labels = load_labels(path)
         _check_belongs(clip, labels, path)
-        return LabelledClip(clip, labels, path.name, is_unreviewed(path))
+        labelled = LabelledClip(clip, labels, path.name, is_unreviewed(path))
+        if labelled.refusal is None:
+            _check_span(clip, labels, path)
+        return labelled
     facts = clip.provenance
     if not propose_labels:
         raise InputError(
@@ -70,6 +74,22 @@ def _check_belongs(clip: Clip, labels: Labels, path: Path) -> None:
                 file=path,
                 field=field,
                 remedy="give the bag's own labels with --labels",
+            )
+
+
+def _check_span(clip: Clip, labels: Labels, path: Path) -> None:
+    """Refuses labels at times of which the clip has no frame (METHOD 6.1 for how near one is)."""
+    for index, label in enumerate(labels.labels):
+        if not (
+            DEFAULT.at_least(label.t_s, clip.first_s)
+            and DEFAULT.at_most(label.t_s - clip.last_s, DEFAULT.match_window_s)
+        ):
+            raise InputError(
+                "lies outside the clip",
+                file=path,
+                field=f"labels[{index}].t_s",
+                value=label.t_s,
+                remedy=f"the frames of {clip.path} span {clip.first_s:.3f} to {clip.last_s:.3f} s",
             )
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from ssp_core import __version__
 from ssp_core.errors import PeerError
 from ssp_core.files import write_bytes, write_json, write_text
 from ssp_core.hashing import sha256_bytes, sha256_file, sha256_json
-from ssp_eval.evaluate.asker import Asker, Askers, Ignored, ModelSpec
+from ssp_eval.evaluate.asker import Asker, Askers, Ignored, Loss, ModelSpec
 from ssp_eval.evaluate.clip import Clip, NoQuestion, Question
 from ssp_eval.evaluate.interpret import records_of
 from ssp_eval.evaluate.store import Asked, RawStore, new_request_id, request_key
@@ -81,7 +82,7 @@ class CellResult:
         score: METHOD 6.14, None unless ok.
         asked: requests that were sent.
         reused: answers that an earlier run had stored.
-        missing: label times without an answer.
+        losses: label times without an answer, counted by kind (asker.Loss).
     """
 
     folder: Path
@@ -93,7 +94,12 @@ class CellResult:
     score: dict[str, Any] | None
     asked: int
     reused: int
-    missing: int
+    losses: Mapping[str, int]
+
+    @property
+    def missing(self) -> int:
+        """Label times without an answer."""
+        return sum(self.losses.values())
 
 
 @dataclass(frozen=True)
@@ -175,7 +181,7 @@ def _ask_all(
             reason = f"the newest frame, at {question.t_s:.3f} s, was asked about before"
             question = NoQuestion(label.t_s, reason)
         if isinstance(question, NoQuestion):
-            asked.append(Asked(label.t_s, None, None, None, question.reason))
+            asked.append(Asked(label.t_s, None, None, None, question.reason, Loss.NO_QUESTION))
             on_record()
             continue
         request = question.request
@@ -205,15 +211,16 @@ def _ask(
 ) -> Asked:
     request = replace(question.request, request_id=new_request_id(key))
     if asker is None:
-        return Asked(question.label_t_s, question.t_s, request, None, unreachable)
+        return Asked(question.label_t_s, question.t_s, request, None, unreachable, Loss.UNREACHABLE)
     reply = asker.ask(request)
     if reply.response is None:
-        return Asked(question.label_t_s, question.t_s, request, None, reply.reason)
+        return Asked(question.label_t_s, question.t_s, request, None, reply.reason, reply.loss)
     store.append(reply.response)
-    error = ""
+    error, loss = "", None
     if reply.response.error_code:
         error = f"the bridge answered error {reply.response.error_code}: {reply.response.error_msg}"
-    return Asked(question.label_t_s, question.t_s, request, reply.response, error)
+        loss = Loss.ERROR
+    return Asked(question.label_t_s, question.t_s, request, reply.response, error, loss)
 
 
 def _keep_frame(out: Path, jpeg: bytes) -> None:
@@ -221,6 +228,15 @@ def _keep_frame(out: Path, jpeg: bytes) -> None:
     path = frame_path(out, sha256_bytes(jpeg))
     if not path.exists():
         write_bytes(path, jpeg)
+
+
+def losses_text(losses: Mapping[str, int]) -> str:
+    """``2 answers missing: bridge died``; empty where none is missing."""
+    parts = [
+        f"{count} answer{'s' if count > 1 else ''} missing: {kind}"
+        for kind, count in losses.items()
+    ]
+    return ", ".join(parts)
 
 
 def frame_path(out: Path, sha256: str) -> Path:
@@ -242,7 +258,12 @@ def _finish(
     facts = labelled.clip.provenance
     camera, mount = labelled.clip.camera, labelled.clip.mount
     answers = [one.response for one in asked if one.response is not None]
-    missing = [{"label_t_s": one.label_t_s, "reason": one.missing} for one in asked if one.missing]
+    missing = [
+        {"label_t_s": one.label_t_s, "kind": one.loss, "reason": one.missing}
+        for one in asked
+        if one.missing
+    ]
+    losses = dict(sorted(Counter(str(one.loss) for one in asked if one.missing).items()))
     preprocessing = labelled.clip.preprocessing
     sent = [one for one in asked if one.request is not None and not one.reused]
     reused = sum(one.reused for one in asked)
@@ -272,6 +293,7 @@ def _finish(
             "sent": len(sent),
             "reused": reused,
             "missing": missing,
+            "missing_by_kind": losses,
             "ignored": ignored.to_json(),
         },
         "backend_options": dict(model.options),
@@ -300,5 +322,5 @@ def _finish(
         score=score,
         asked=len(sent),
         reused=reused,
-        missing=len(missing),
+        losses=losses,
     )

@@ -15,7 +15,7 @@ from ssp_core import console
 from ssp_core.errors import InputError
 from ssp_eval.evaluate.asker import ModelSpec, bridge_spec, check_bridge
 from ssp_eval.evaluate.campaign import run_campaign
-from ssp_eval.evaluate.cell import CellOptions, CellResult
+from ssp_eval.evaluate.cell import CellOptions, CellResult, losses_text
 from ssp_eval.evaluate.topics import TopicAskers
 
 _PATH = click.Path(path_type=Path)
@@ -161,7 +161,7 @@ def show(results: Sequence[CellResult], out: Path) -> None:
     table = Table(box=None, pad_edge=False)
     for name in ("scenario", "domain", "model", "status"):
         table.add_column(name, no_wrap=True)
-    for name in ("n", *(title for title, _ in _COLUMNS), "risk", "IVCS"):
+    for name in ("n", "missing", *(title for title, _ in _COLUMNS), "risk", "IVCS"):
         table.add_column(name, justify="right", no_wrap=True)
     for result in results:
         table.add_row(
@@ -176,15 +176,15 @@ def show(results: Sequence[CellResult], out: Path) -> None:
         if result.reasons:
             console.note(f"{place}: {result.status}: {'; '.join(result.reasons)}")
         elif result.missing:
-            console.note(f"{place}: {result.missing} answers are missing (see cell.json)")
+            console.note(f"{place}: {losses_text(result.losses)} (see cell.json)")
     console.note(f"written to {out}; `ssp report {out}` makes a page of it")
 
 
 def _numbers(result: CellResult) -> list[str]:
     score = result.score
     if score is None:
-        return ["–"] * (len(_COLUMNS) + 3)
-    cells = [f"{score['n']}"]
+        return ["–"] * (len(_COLUMNS) + 4)
+    cells = [f"{score['n']}", f"{result.missing or '·'}"]
     for _, key in _COLUMNS:
         cells.append("–" if score[key] is None else f"{score[key]:.2f}")
     risk = f"S@{score['rl_s']:.2f}" if score["rsr"] else "F"
@@ -202,5 +202,6 @@ def _to_json(result: CellResult) -> dict[str, Any]:
         "sent": result.asked,
         "reused": result.reused,
         "missing": result.missing,
+        "missing_by_kind": dict(result.losses),
         "score": result.score,
     }

@@ -13,6 +13,7 @@ from typing import Any
 from ssp_core.errors import HostError, InputError
 from ssp_core.files import write_text
 from ssp_core.hashing import sha256_bytes, sha256_json
+from ssp_eval.evaluate.asker import Loss
 from ssp_vla_bridge.core.request import Request
 from ssp_vla_bridge.core.response import Response, response_from_json, response_to_json
 
@@ -70,6 +71,7 @@ class Asked:
         request: as sent, None where nothing could be asked.
         response: the raw answer, None where there is none.
         missing: why there is no record, empty where there is one.
+        loss: the kind of that reason, None where there is a record.
         reused: the answer was stored by an earlier run.
     """
 
@@ -78,6 +80,7 @@ class Asked:
     request: Request | None
     response: Response | None
     missing: str = ""
+    loss: Loss | None = None
     reused: bool = False
 
     @property

@@ -17,7 +17,7 @@ import ssp_core
 from ssp_core.domains import free_domain
 from ssp_core.errors import HostError, PeerError
 from ssp_core.processes import NodeProcess, ProcessGroup, session_environment
-from ssp_eval.evaluate.asker import Asker, Ignored, ModelSpec, Reply
+from ssp_eval.evaluate.asker import Asker, Ignored, Loss, ModelSpec, Reply
 from ssp_eval.evaluate.exchange import Exchange
 from ssp_vla_bridge.core.request import Request
 
@@ -127,13 +127,14 @@ class TopicAsker:
         """The reply to one request; whatever the bridge does costs this reply only."""
         if not self._alive():
             if self._deaths > _MAX_RESTARTS:
-                return Reply(None, f"the bridge died {self._deaths} times and was given up")
+                gone = f"the bridge died {self._deaths} times and was given up"
+                return Reply(None, gone, Loss.DIED)
             self._connected = False
             try:
                 self.connect()
             except PeerError as error:
                 self._deaths += 1
-                return Reply(None, str(error))
+                return Reply(None, str(error), Loss.UNREACHABLE)
         self._exchange.open(request)
         self._link.send(request)
         deadline = time.monotonic() + self._timeout_s + _GRACE_S
@@ -145,9 +146,9 @@ class TopicAsker:
             if not self._alive():
                 self._deaths += 1
                 self._exchange.give_up()
-                return Reply(None, self._died("died before it answered"))
+                return Reply(None, self._died("died before it answered"), Loss.DIED)
         self._exchange.give_up()
-        return Reply(None, f"no answer within {self._timeout_s:g} s")
+        return Reply(None, f"no answer within {self._timeout_s:g} s", Loss.SILENT)
 
     def _alive(self) -> bool:
         if self.process is not None:

@@ -17,6 +17,7 @@ from ssp_eval.evaluate.cell import (
     LABELS_FILE,
     RECORDS_FILE,
     SCORE_FILE,
+    losses_text,
 )
 from ssp_eval.evaluate.controls import CONTROLS
 from ssp_eval.evaluate.store import REQUESTS_FILE
@@ -115,6 +116,9 @@ def _load(file: Path) -> CellData:
         )
     if facts["hashes"]["thresholds"] != score.details.thresholds_sha256:
         notes.append("It was evaluated with other thresholds than this page uses.")
+    # Cells of an earlier version don't tell the kinds apart.
+    if losses := losses_text(facts["answers"].get("missing_by_kind", {})):
+        notes.append(f"{losses}. They count as missing outputs.")
     requests_file = folder / REQUESTS_FILE
     lines = read_text(requests_file).splitlines()
     requests = tuple(_json(line, requests_file, n) for n, line in enumerate(lines, start=1))

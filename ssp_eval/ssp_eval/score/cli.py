@@ -35,6 +35,9 @@ def score(case_dirs: tuple[Path, ...], as_json: bool) -> None:
     folder is wrong, nothing is scored.
     """
     loaded = [(case, *_load(folder)) for case, folder in _cases(case_dirs)]
+    for case, _, records in loaded:
+        if not records:
+            console.note(f"note: {case}: {RECORDS_FILE} holds no record; every output is missing")
     scored = [(case, score_cell(labels, records)) for case, labels, records in loaded]
     if as_json:
         for case, cell in scored:
