@@ -328,7 +328,9 @@ class ScenarioManager(Node):
             self._aborting_since_ns = time.monotonic_ns()
         waited_s = (time.monotonic_ns() - self._aborting_since_ns) / NS_PER_S
         now_ns = time.monotonic_ns()
-        world_dead = self._vigil.age_s(names.SIL_WORLD, now_ns) > SILENT_S
+        # The world was silent while it waited for a participant that died; it goes on after that.
+        world_age_s = self._vigil.age_s(names.SIL_WORLD, now_ns)
+        world_dead = min(world_age_s, waited_s) > SILENT_S
         spec = self._session.spec
         ids = [t.id for t in spec.targets] if spec else []
         silent = [i for i in ids if self._vigil.age_s(i, now_ns) > SILENT_S]
