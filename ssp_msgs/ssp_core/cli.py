@@ -17,9 +17,18 @@ VERBS: dict[str, tuple[str, str]] = {
         "ssp_eval.demo.cli:demo",
         "Run both scenarios in three domains and report the scores.",
     ),
+    "spec": (
+        "ssp_scenario_manager.spec.cli:spec",
+        "Check, draw, compare, extract and review event specifications.",
+    ),
+    "compile": (
+        "ssp_scenario_manager.compile.cli:compile_event",
+        "Compile an event for a simulator or a track.",
+    ),
     "run": ("ssp_scenario_manager.runner.cli:run", "Run one session and record it into a bag."),
     "import-video": ("ssp_eval.import_video.cli:import_video", "Make a bag from a video file."),
     "labels": ("ssp_eval.labels.cli:labels", "Propose and check labels files."),
+    "audit": ("ssp_eval.audit.cli:audit", "Prove that three recordings show the same event."),
     "evaluate": (
         "ssp_eval.evaluate.cli:evaluate",
         "Replay bags through VLA bridges and score them.",
@@ -27,7 +36,15 @@ VERBS: dict[str, tuple[str, str]] = {
     "score": ("ssp_eval.score.cli:score", "Score records against labels (METHOD 5 and 6)."),
     "report": ("ssp_eval.report.cli:report", "Write the HTML report of evaluated cells."),
     "extract": ("ssp_eval.extract.cli:extract", "Extract slots with evidence from texts."),
+    "package": (
+        "ssp_eval.package.cli:package",
+        "Make and verify evidence packages; log changes on site.",
+    ),
     "bag": ("ssp_monitor.cli:bag", "Look into, check and repair bags."),
+    "faults": (
+        "ssp_scenario_manager.faults.cli:faults",
+        "Inject every fault at every stage of a run and judge what comes of it.",
+    ),
     "bench": ("ssp_eval.bench:bench", "Measure each path beside its own lower bound."),
     "doctor": (
         "ssp_scenario_manager.doctor.cli:doctor",
@@ -102,14 +119,6 @@ def main(args: list[str] | None = None) -> int:
         return 1
     except BrokenPipeError:
         sys.stderr.close()
-        return 1
-    except OSError as error:
-        # A path that can't be read or made is the user's to mend; one without a path is a bug.
-        if error.filename is None:
-            raise
-        from ssp_core.console import report_error
-
-        report_error(f"{error.filename}: {error.strerror}; name another path, or make this usable")
         return 1
 
 

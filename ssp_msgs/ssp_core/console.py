@@ -2,21 +2,44 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 from rich.console import Console
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
     Progress,
-    TextColumn,
+    ProgressColumn,
+    Task,
     TimeElapsedColumn,
 )
+from rich.text import Text
 
-out = Console(highlight=False, soft_wrap=True)
-err = Console(stderr=True, highlight=False, soft_wrap=True)
+# What a terminal obeys or what hides the order of a text: controls but tab and line feed, and the
+# marks that turn the direction of writing round.
+_UNSEEN = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
+
+
+def visible(text: object) -> str:
+    """The text with control characters as ``\\x1b``, so that no file can steer a terminal."""
+    return _UNSEEN.sub(lambda found: ascii(found[0])[1:-1], str(text))
+
+
+class _Console(Console):
+    """Shows the control characters in what is printed; a style comes from markup alone."""
+
+    def print(self, *objects: Any, **options: Any) -> None:
+        super().print(
+            *(visible(item) if isinstance(item, str) else item for item in objects), **options
+        )
+
+
+out = _Console(highlight=False, soft_wrap=True)
+err = _Console(stderr=True, highlight=False, soft_wrap=True)
 
 
 def report_error(message: str) -> None:
@@ -30,11 +53,18 @@ def note(message: str) -> None:
     err.print(message, markup=False)
 
 
+class _Description(ProgressColumn):
+    """What is being done, with names from files in it."""
+
+    def render(self, task: Task) -> Text:
+        return Text(visible(task.description))
+
+
 @contextmanager
 def progress(description: str, total: int | None) -> Iterator[Progress]:
     """A progress bar on standard error; on a pipe it prints nothing but its last line."""
     columns = (
-        TextColumn("{task.description}"),
+        _Description(),
         BarColumn(bar_width=30),
         MofNCompleteColumn(),
         TimeElapsedColumn(),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import tempfile
 from collections.abc import Iterable
 from contextlib import suppress
@@ -13,9 +14,13 @@ from typing import Any, TypeVar
 import yaml
 from pydantic import BaseModel, ValidationError
 
-from ssp_core.errors import InputError
+from ssp_core.errors import HostError, InputError
 
 MAX_TEXT_BYTES = 8 << 20
+# Python shows whole numbers of at most 4300 digits.
+_MOST_DIGITS = 4000
+# An escape for half of a surrogate pair, in JSON or in YAML.
+_SURROGATE = re.compile(r"\\[uU]0*[dD][89a-fA-F]")
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -50,6 +55,19 @@ class _NoAliasLoader(yaml.SafeLoader):
             seen.add(key)
         return super().construct_mapping(node, deep)
 
+    def construct_whole(self, node: Any) -> int:
+        """A whole number; in hexadecimal or by sixties one can be too long to be shown."""
+        value = super().construct_yaml_int(node)
+        if abs(value) >= 10**_MOST_DIGITS:
+            raise yaml.MarkedYAMLError(
+                problem=f"a whole number has more than {_MOST_DIGITS} digits",
+                problem_mark=node.start_mark,
+            )
+        return int(value)
+
+
+_NoAliasLoader.add_constructor("tag:yaml.org,2002:int", _NoAliasLoader.construct_whole)
+
 
 def read_text(path: str | Path) -> str:
     """The text of a UTF-8 file of at most 8 MiB.
@@ -64,12 +82,16 @@ def read_text(path: str | Path) -> str:
         raise InputError(f"can't be read: {error.strerror}", file=path) from error
     except ValueError as error:  # a name with a NUL byte
         raise InputError(f"can't be read: {error}", file=path) from error
+    return _text(data, path)
+
+
+def _text(data: bytes, file: str | Path) -> str:
     if len(data) > MAX_TEXT_BYTES:
-        raise InputError(f"is larger than {MAX_TEXT_BYTES >> 20} MiB", file=path)
+        raise InputError(f"is larger than {MAX_TEXT_BYTES >> 20} MiB", file=file)
     try:
         return data.decode("utf-8")
     except UnicodeDecodeError as error:
-        raise InputError(f"is not UTF-8 (byte {error.start})", file=path) from error
+        raise InputError(f"is not UTF-8 (byte {error.start})", file=file) from error
 
 
 # PyYAML's constructors raise whatever they stumble over in a scalar with a tag of its own.
@@ -105,44 +127,92 @@ def _parse(text: str) -> Any:
     return yaml.load(text, Loader=_NoAliasLoader)
 
 
+def check_characters(value: Any, text: str) -> None:
+    """Raises ValueError where a string has half of a surrogate pair, which no file can hold.
+
+    Args:
+        value: parsed.
+        text: that it was parsed from.
+    """
+    if not _SURROGATE.search(text):
+        return
+    left = [value]
+    while left:
+        item = left.pop()
+        if isinstance(item, dict):
+            left += [*item, *item.values()]
+        elif isinstance(item, list):
+            left += item
+        elif isinstance(item, str) and any("\ud800" <= c <= "\udfff" for c in item):
+            raise ValueError(f"{item[:40]!a} has half of a surrogate pair, which is no character")
+
+
 def read_mapping(path: str | Path) -> dict[str, Any]:
     """The mapping at the top of a YAML or JSON file.
 
     Raises:
         InputError: the file can't be read or parsed, or its top is no mapping.
     """
-    text = read_text(path)
+    return _mapping(read_text(path), path)
+
+
+def parse_mapping(data: bytes, file: str | Path) -> dict[str, Any]:
+    """As read_mapping, for what lies in a bag or an archive.
+
+    Args:
+        data: UTF-8, at most 8 MiB.
+        file: name for messages.
+
+    Raises:
+        InputError: the data can't be parsed, or its top is no mapping.
+    """
+    return _mapping(_text(data, file), file)
+
+
+def _mapping(text: str, file: str | Path) -> dict[str, Any]:
     try:
         value = _parse(text)
+        check_characters(value, text)
     except _PARSE_ERRORS as error:
         mark = getattr(error, "problem_mark", None)
         problem = getattr(error, "problem", None) or str(error).partition("\n")[0]
         raise InputError(
             f"is not valid YAML or JSON: {problem}",
-            file=path,
+            file=file,
             line=mark.line + 1 if mark is not None else None,
         ) from error
     if not isinstance(value, dict):
-        raise InputError("must hold a mapping at its top", file=path, value=value)
+        raise InputError("must hold a mapping at its top", file=file, value=value)
     return value
 
 
-def field_path(location: Iterable[str | int], value: Any = None) -> str:
+_NOT_GIVEN = object()
+
+
+def field_path(
+    location: Iterable[str | int], value: Any = _NOT_GIVEN, *, missing: bool = True
+) -> str:
     """``labels[3].position`` for the location of a pydantic error.
 
     Args:
         location: as pydantic gives it.
         value: what was validated. Where pydantic names the chosen kind of a union, which is no
             key of the file, the part is left out.
+        missing: whether the last part may be a key that isn't there. pydantic says by the
+            error's type whether it is one.
     """
     text = ""
-    for part in location:
-        if isinstance(value, dict) and part not in value and part in value.values():
+    parts = tuple(location)
+    for index, part in enumerate(parts):
+        absent = missing and index == len(parts) - 1 and isinstance(value, dict)
+        named = isinstance(part, int) or (isinstance(value, dict) and part in value)
+        if not named and not absent and value is not _NOT_GIVEN:
             continue
-        try:
-            value = value[part]
-        except (TypeError, LookupError):
-            value = None
+        if value is not _NOT_GIVEN:
+            try:
+                value = value[part]
+            except (TypeError, LookupError):
+                value = None
         text += f"[{part}]" if isinstance(part, int) else (f".{part}" if text else str(part))
     return text
 
@@ -159,12 +229,12 @@ def parse_model(model: type[Model], value: Any, file: str | Path) -> Model:
         failures = error.errors()
         first = failures[0]
         more = f" ({len(failures) - 1} more)" if len(failures) > 1 else ""
-        given = first.get("input")
+        given, is_missing = first.get("input"), first["type"] == "missing"
         raise InputError(
             first["msg"] + more,
             file=file,
-            field=field_path(first["loc"], value),
-            value=given if first["type"] != "missing" else None,
+            field=field_path(first["loc"], value, missing=is_missing),
+            value=given if not is_missing else None,
         ) from error
 
 
@@ -194,18 +264,28 @@ def make_folder(path: str | Path) -> Path:
 
 
 def write_bytes(path: str | Path, data: bytes) -> None:
-    """Writes a file that is either the old one or wholly the new one."""
+    """Writes a file that is either the old one or wholly the new one.
+
+    Raises:
+        InputError: it can't be put there: a parent is a file, it is a folder, it is forbidden.
+        HostError: the disk doesn't take it.
+    """
     path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    if path.is_dir():
+        raise InputError("is a folder", file=path, remedy="name a file")
+    make_folder(path.parent)
     try:
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(data)
-        os.chmod(name, 0o644)
-        os.replace(name, path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        try:
+            with os.fdopen(handle, "wb") as stream:
+                stream.write(data)
+            os.chmod(name, 0o644)
+            os.replace(name, path)
+        except BaseException:
+            Path(name).unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        raise HostError(f"{path}: can't be written: {error.strerror or error}") from error
 
 
 def write_text(path: str | Path, text: str) -> None:

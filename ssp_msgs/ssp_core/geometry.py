@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +19,12 @@ def wrap_angle(angle_rad: float) -> float:
     """The same angle in (-pi, pi]."""
     wrapped = math.remainder(angle_rad, 2.0 * math.pi)
     return math.pi if wrapped <= -math.pi else wrapped
+
+
+def wrap_angles(angles_rad: FloatArray) -> FloatArray:
+    """As ``wrap_angle``, for an array of any shape."""
+    turned = angles_rad - 2.0 * math.pi * np.round(angles_rad / (2.0 * math.pi))
+    return np.where(turned <= -math.pi, math.pi, turned)
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,18 +67,16 @@ class Box:
         ]
 
 
-def _axes(corners: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
-    axes = []
-    for (x0, y0), (x1, y1) in ((corners[0], corners[1]), (corners[1], corners[2])):
-        length = math.hypot(x1 - x0, y1 - y0)
-        axes.append(((x1 - x0) / length, (y1 - y0) / length))
-    return axes
+def _axes(box: Box) -> list[tuple[float, float]]:
+    """Ahead and to the left; not from the corners, since a rectangle may be a point."""
+    c, s = math.cos(box.pose.yaw_rad), math.sin(box.pose.yaw_rad)
+    return [(c, s), (-s, c)]
 
 
 def boxes_overlap(a: Box, b: Box) -> bool:
     """True when the two rectangles share area or touch (separating axis test)."""
     ca, cb = a.corners(), b.corners()
-    for ax, ay in _axes(ca) + _axes(cb):
+    for ax, ay in _axes(a) + _axes(b):
         pa = [x * ax + y * ay for x, y in ca]
         pb = [x * ax + y * ay for x, y in cb]
         if max(pa) < min(pb) or max(pb) < min(pa):
@@ -77,27 +84,24 @@ def boxes_overlap(a: Box, b: Box) -> bool:
     return True
 
 
-def _segment_distance(
-    p: tuple[float, float], a: tuple[float, float], b: tuple[float, float]
-) -> float:
-    dx, dy = b[0] - a[0], b[1] - a[1]
-    norm = dx * dx + dy * dy
-    t = 0.0 if norm == 0.0 else ((p[0] - a[0]) * dx + (p[1] - a[1]) * dy) / norm
-    t = min(1.0, max(0.0, t))
-    return math.hypot(p[0] - a[0] - t * dx, p[1] - a[1] - t * dy)
+def _to_box_m(corners: Sequence[tuple[float, float]], box: Box) -> float:
+    """Distance from the nearest of some points outside a rectangle to it."""
+    c, s = math.cos(box.pose.yaw_rad), math.sin(box.pose.yaw_rad)
+    half, best = box.width_m / 2.0, math.inf
+    for x, y in corners:
+        dx, dy = x - box.pose.x_m, y - box.pose.y_m
+        ahead, aside = c * dx + s * dy, abs(c * dy - s * dx)
+        beyond = max(ahead - box.front_m, -box.rear_m - ahead, 0.0)
+        best = min(best, math.hypot(beyond, max(aside - half, 0.0)))
+    return best
 
 
 def box_distance(a: Box, b: Box) -> float:
     """Smallest distance between two rectangles in m; 0 when they overlap."""
     if boxes_overlap(a, b):
         return 0.0
-    ca, cb = a.corners(), b.corners()
-    best = math.inf
-    for ps, qs in ((ca, cb), (cb, ca)):
-        for p in ps:
-            for i in range(4):
-                best = min(best, _segment_distance(p, qs[i], qs[(i + 1) % 4]))
-    return best
+    # Of two that are apart, one has a corner where they are nearest.
+    return min(_to_box_m(a.corners(), b), _to_box_m(b.corners(), a))
 
 
 def point_in_polygon(x_m: float, y_m: float, polygon: Sequence[tuple[float, float]]) -> bool:
@@ -110,6 +114,25 @@ def point_in_polygon(x_m: float, y_m: float, polygon: Sequence[tuple[float, floa
             inside = not inside
         j = i
     return inside
+
+
+# Up to so many pieces, a path is gone through one by one.
+_FEW_PIECES = 12
+
+
+class _Piece(NamedTuple):
+    """One straight piece of a path: where it starts, its step to the next, and what follows."""
+
+    x_m: float
+    y_m: float
+    dx_m: float
+    dy_m: float
+    square_m2: float
+    length_m: float
+    station_m: float
+    yaw_rad: float
+    cos: float
+    sin: float
 
 
 class Polyline:
@@ -134,28 +157,50 @@ class Polyline:
             raise ValueError("a path's consecutive points must differ")
         self.points: FloatArray = array
         self.stations_m: FloatArray = np.concatenate(([0.0], np.cumsum(lengths)))
+        self._steps: FloatArray = steps
+        self._lengths: FloatArray = lengths
+        self._squares: FloatArray = (steps**2).sum(axis=1)
         self._yaw = np.arctan2(steps[:, 1], steps[:, 0])
-        turns = np.array(
-            [wrap_angle(b - a) for a, b in zip(self._yaw[:-1], self._yaw[1:], strict=True)]
-        )
+        turns = wrap_angles(np.diff(self._yaw))
         self._curvature = np.zeros(len(array))
         if len(turns):
             self._curvature[1:-1] = turns / (0.5 * (lengths[:-1] + lengths[1:]))
 
-    @property
+    @cached_property
     def length_m(self) -> float:
         return float(self.stations_m[-1])
 
+    @cached_property
+    def _starts_m(self) -> list[float]:
+        return [float(station) for station in self.stations_m[:-1]]
+
+    @cached_property
+    def _pieces(self) -> list[_Piece]:
+        x, y = self.points[:-1].T.tolist()
+        dx, dy = self._steps.T.tolist()
+        squares, lengths = self._squares.tolist(), self._lengths.tolist()
+        rows = zip(x, y, dx, dy, squares, lengths, self._starts_m, self._yaw.tolist(), strict=True)
+        return [
+            _Piece._make((*place, wrap_angle(yaw), math.cos(yaw), math.sin(yaw)))
+            for *place, yaw in rows
+        ]
+
     def pose(self, station_m: float, offset_m: float = 0.0) -> Pose2:
         """Pose at an arc length, offset_m to the left of it; extended straight at both ends."""
-        i = int(np.searchsorted(self.stations_m, station_m, side="right")) - 1
-        i = min(max(i, 0), len(self._yaw) - 1)
-        along = station_m - float(self.stations_m[i])
-        yaw = float(self._yaw[i])
-        c, s = math.cos(yaw), math.sin(yaw)
-        x = float(self.points[i, 0]) + c * along - s * offset_m
-        y = float(self.points[i, 1]) + s * along + c * offset_m
-        return Pose2(x, y, wrap_angle(yaw))
+        i = bisect_right(self._starts_m, station_m) - 1
+        start = self._pieces[min(max(i, 0), len(self._pieces) - 1)]
+        along, c, s = station_m - start.station_m, start.cos, start.sin
+        x = start.x_m + c * along - s * offset_m
+        y = start.y_m + s * along + c * offset_m
+        return Pose2(x, y, start.yaw_rad)
+
+    def places(self, stations_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """x and y of the path at arc lengths, shape (n,); extended straight at both ends."""
+        i = np.searchsorted(self.stations_m, stations_m, side="right") - 1
+        i = np.clip(i, 0, len(self._yaw) - 1)
+        along, yaw = stations_m - self.stations_m[i], self._yaw[i]
+        x = self.points[i, 0] + np.cos(yaw) * along
+        return x, self.points[i, 1] + np.sin(yaw) * along
 
     def curvature(self, station_m: float) -> float:
         """Curvature in 1/m at an arc length, + turns left, interpolated between the points."""
@@ -163,21 +208,56 @@ class Polyline:
 
     def project(self, x_m: float, y_m: float) -> tuple[float, float]:
         """Arc length of the nearest point of the path, and the signed offset (+ is left)."""
-        a, b = self.points[:-1], self.points[1:]
-        d = b - a
-        t = ((x_m - a[:, 0]) * d[:, 0] + (y_m - a[:, 1]) * d[:, 1]) / (d**2).sum(axis=1)
-        t = np.clip(t, 0.0, 1.0)
+        return self.project_all([(x_m, y_m)])[0]
+
+    def project_all(self, points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+        """As ``project`` for several points at once, with the same results to the last bit."""
+        if len(self._pieces) <= _FEW_PIECES:
+            return [self._project_one(x, y) for x, y in points]
+        xy = np.array(points, dtype=np.float64)
+        a, d = self.points[:-1], self._steps
+        rx, ry = xy[:, :1] - a[:, 0], xy[:, 1:] - a[:, 1]
+        t = np.clip((rx * d[:, 0] + ry * d[:, 1]) / self._squares, 0.0, 1.0)
         px, py = a[:, 0] + t * d[:, 0], a[:, 1] + t * d[:, 1]
-        distance = np.hypot(x_m - px, y_m - py)
-        i = int(np.argmin(distance))
-        station = float(self.stations_m[i] + t[i] * math.hypot(d[i, 0], d[i, 1]))
-        side = d[i, 0] * (y_m - a[i, 1]) - d[i, 1] * (x_m - a[i, 0])
-        return station, math.copysign(float(distance[i]), side) if side else float(distance[i])
+        off_x, off_y = xy[:, :1] - px, xy[:, 1:] - py
+        distances = np.sqrt(off_x * off_x + off_y * off_y)
+        found = []
+        for k, i in enumerate(np.argmin(distances, axis=1).tolist()):
+            dx, dy = float(d[i, 0]), float(d[i, 1])
+            station = float(self.stations_m[i]) + float(t[k, i]) * self._pieces[i].length_m
+            side = dx * float(ry[k, i]) - dy * float(rx[k, i])
+            distance = float(distances[k, i])
+            found.append((station, math.copysign(distance, side) if side else distance))
+        return found
+
+    def _project_one(self, x_m: float, y_m: float) -> tuple[float, float]:
+        """As ``project_all``, piece by piece: on a short path that is quicker than with arrays."""
+        best: float | None = None
+        found, found_t, found_side = self._pieces[0], 0.0, 0.0
+        for piece in self._pieces:
+            dx, dy = piece.dx_m, piece.dy_m
+            rx, ry = x_m - piece.x_m, y_m - piece.y_m
+            t = (rx * dx + ry * dy) / piece.square_m2
+            t = 0.0 if t < 0.0 else 1.0 if t > 1.0 else t
+            off_x, off_y = x_m - (piece.x_m + t * dx), y_m - (piece.y_m + t * dy)
+            distance = math.sqrt(off_x * off_x + off_y * off_y)
+            if best is None or distance < best:
+                best, found, found_t = distance, piece, t
+                found_side = dx * ry - dy * rx
+        station, offset = found.station_m + found_t * found.length_m, best or 0.0
+        return station, math.copysign(offset, found_side) if found_side else offset
 
     def project_beyond(self, x_m: float, y_m: float) -> tuple[float, float]:
         """As project, but the path goes on straight beyond both its ends."""
-        station, offset = self.project(x_m, y_m)
-        if 0.0 < station < self.length_m:
-            return station, offset
-        along, across = self.pose(station).to_local(x_m, y_m)
-        return station + along, across
+        return self.project_all_beyond([(x_m, y_m)])[0]
+
+    def project_all_beyond(
+        self, points: Sequence[tuple[float, float]]
+    ) -> list[tuple[float, float]]:
+        """As ``project_beyond`` for several points at once."""
+        found = self.project_all(points)
+        for k, (station, _) in enumerate(found):
+            if not 0.0 < station < self.length_m:
+                along, across = self.pose(station).to_local(*points[k])
+                found[k] = station + along, across
+        return found

@@ -10,6 +10,8 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -18,6 +20,7 @@ from ssp_core.domains import domain_ports
 _PR_SET_PDEATHSIG = 1
 _SHM = Path("/dev/shm")
 _MIN_FREE_SHM_BYTES = 512 << 20
+_ANSWER_S = 1.0
 
 
 def session_environment(domain_id: int, profile: Path | None = None) -> dict[str, str]:
@@ -37,6 +40,26 @@ def session_environment(domain_id: int, profile: Path | None = None) -> dict[str
     env.pop("ROS_STATIC_PEERS", None)
     if profile is not None and _SHM.is_dir() and shutil.disk_usage(_SHM).free > _MIN_FREE_SHM_BYTES:
         env["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(profile)
+    return env
+
+
+def live_environment(profile: Path) -> dict[str, str]:
+    """Environment for the nodes of a live session: the ROS domain, the discovery and the DDS
+    profile that this process was started with, since others on other hosts share them.
+
+    Args:
+        profile: Fast DDS profile for where the environment names none.
+    """
+    env = dict(os.environ)
+    env.setdefault("ROS_DOMAIN_ID", "0")
+    env.setdefault("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp")
+    if not env.get("FASTRTPS_DEFAULT_PROFILES_FILE"):
+        env["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(profile)
+    if env.get("ROS_DISCOVERY_SERVER"):
+        # A discovery server tells its clients of nobody that they don't talk to: a second manager,
+        # say. A super client hears of everybody.
+        env.setdefault("ROS_SUPER_CLIENT", "TRUE")
+    env["PYTHONUNBUFFERED"] = "1"
     return env
 
 
@@ -80,11 +103,19 @@ class NodeProcess:
 
 @dataclass
 class ProcessGroup:
-    """The node processes of one session; leaving the block ends every one of them."""
+    """The node processes of one session; leaving the block ends every one of them.
+
+    Args:
+        env: of the processes.
+        log_dir: for what they print.
+        processes: by node name.
+        owns_domain: nobody else is in the ROS domain, so that what is left of it may be removed.
+    """
 
     env: dict[str, str]
     log_dir: Path
     processes: dict[str, NodeProcess] = field(default_factory=dict)
+    owns_domain: bool = True
 
     def __enter__(self) -> ProcessGroup:
         self.log_dir.mkdir(parents=True, exist_ok=True)
@@ -93,10 +124,17 @@ class ProcessGroup:
     def __exit__(self, *_: object) -> None:
         self.stop()
         remove_stale_shared_memory()
-        remove_shared_ports(int(self.env["ROS_DOMAIN_ID"]))
+        if self.owns_domain:
+            remove_shared_ports(int(self.env["ROS_DOMAIN_ID"]))
 
-    def start_node(self, name: str, module: str, parameters: dict[str, object]) -> NodeProcess:
-        """Starts ``python -m module`` as a ROS node with parameters.
+    def start_node(
+        self,
+        name: str,
+        module: str,
+        parameters: dict[str, object],
+        remappings: Sequence[str] = (),
+    ) -> NodeProcess:
+        """Starts ``python -m module`` as a ROS node with parameters and remappings ``from:=to``.
 
         It receives SIGTERM when this process dies, however that happens, and no SIGINT from the
         terminal: whoever runs the session ends it in order.
@@ -104,6 +142,8 @@ class ProcessGroup:
         arguments = [sys.executable, "-m", module, "--ros-args", "-r", f"__node:={name}"]
         for key, value in parameters.items():
             arguments += ["-p", f"{key}:={value}"]
+        for rule in remappings:
+            arguments += ["-r", rule]
         log = self.log_dir / f"{name}.log"
         with log.open("ab") as stream:
             process = subprocess.Popen(
@@ -143,10 +183,19 @@ class ProcessGroup:
             try:
                 node.process.wait(max(0.0, deadline - time.monotonic()))
             except subprocess.TimeoutExpired:
-                os.killpg(node.process.pid, signal.SIGKILL)
+                _ask_where(node.process)
+                with suppress(ProcessLookupError):  # the last of the group may be gone by now
+                    os.killpg(node.process.pid, signal.SIGKILL)
                 node.process.wait()
                 killed.append(node.name)
         return killed
+
+
+def _ask_where(process: subprocess.Popen[bytes]) -> None:
+    """Lets a process that hangs write its stacks into its log (faulthandler, on SIGABRT)."""
+    process.send_signal(signal.SIGABRT)
+    with suppress(subprocess.TimeoutExpired):
+        process.wait(_ANSWER_S)
 
 
 def remove_shared_ports(domain_id: int) -> None:
@@ -184,3 +233,19 @@ def remove_stale_shared_memory() -> int:
         finally:
             os.close(handle)
     return removed
+
+
+def others_share_memory() -> bool:
+    """True while a participant of DDS on this host holds a segment in /dev/shm."""
+    for lock in _SHM.glob("fastrtps_*_el"):
+        try:
+            handle = os.open(lock, os.O_RDWR)
+        except OSError:
+            continue
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            return True
+        finally:
+            os.close(handle)
+    return False

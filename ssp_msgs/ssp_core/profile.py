@@ -1,4 +1,4 @@
-"""Reference points for the manoeuvres of a run: driving along a path, and changing lane.
+"""Reference points for the manoeuvres of a run: driving along a path, braking, changing lane.
 
 Speeds follow a trapezoid over time whose corners are rounded by a moving average of ``ramp_s``, so
 that acceleration is continuous and an object with actuator lag can follow it. A moving average
@@ -7,14 +7,13 @@ keeps the distance, so the standstill is exactly at the end of the path.
 
 from __future__ import annotations
 
-import bisect
 import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from ssp_core.geometry import FloatArray, Polyline, Pose2, wrap_angle
-from ssp_core.reference import ReferencePoint
+from ssp_core.geometry import FloatArray, Polyline, wrap_angles
+from ssp_core.reference import Points
 
 DEFAULT_STEP_S = 0.05
 DEFAULT_RAMP_S = 0.4
@@ -24,14 +23,8 @@ _BLEND_M = 1.0
 _SAME_TIME_S = 1e-6
 
 
-@dataclass(frozen=True, slots=True)
-class _Piece:
-    """Constant acceleration from ``start_s`` on."""
-
-    start_s: float
-    distance_m: float
-    speed_mps: float
-    acceleration_mps2: float
+# From when on, distance, speed and constant acceleration then, integral of distance up to then.
+_Piece = tuple[float, float, float, float, float]
 
 
 class SpeedProfile:
@@ -82,10 +75,9 @@ class SpeedProfile:
             a, d = acceleration_mps2, deceleration_mps2
             top = math.sqrt(max((2.0 * a * d * room + d * start_mps**2) / (a + d), 0.0))
             peak = max(start_mps, min(cruise_mps, top))
-        self._pieces = self._plan(start_mps, peak, room, acceleration_mps2, deceleration_mps2)
-        self._starts = [p.start_s for p in self._pieces]
-        self.peak_mps = max(peak, start_mps)
-        self.duration_s = self._pieces[-1].start_s + ramp_s
+        pieces = self._plan(start_mps, peak, room, acceleration_mps2, deceleration_mps2)
+        self._pieces = np.array(pieces).T
+        self.duration_s = pieces[-1][0] + ramp_s
         self.distance_m = distance_m
 
     @staticmethod
@@ -96,46 +88,54 @@ class SpeedProfile:
         s_brake = peak * peak / (2.0 * d)
         t_hold = max(room_m - s_change - s_brake, 0.0) / peak if peak > 0.0 else 0.0
         t_brake = t_change + t_hold
-        return [
-            _Piece(0.0, 0.0, v0, first),
-            _Piece(t_change, s_change, peak, 0.0),
-            _Piece(t_brake, s_change + peak * t_hold, peak, -d),
-            _Piece(t_brake + peak / d, s_change + peak * t_hold + s_brake, 0.0, 0.0),
+        starts = [
+            (0.0, 0.0, v0, first),
+            (t_change, s_change, peak, 0.0),
+            (t_brake, s_change + peak * t_hold, peak, -d),
+            (t_brake + peak / d, s_change + peak * t_hold + s_brake, 0.0, 0.0),
         ]
+        # Integral of distance up to each piece's start.
+        total, pieces = 0.0, []
+        for i, (t, s, v, rate) in enumerate(starts):
+            pieces.append((t, s, v, rate, total))
+            u = starts[i + 1][0] - t if i + 1 < len(starts) else 0.0
+            total += s * u + v * u**2 / 2.0 + rate * u**3 / 6.0
+        return pieces
 
-    def _sharp(self, t_s: float) -> tuple[float, float, float]:
-        """Distance, speed and integral of distance of the trapezoid; start speed before t = 0."""
-        if t_s < 0.0:
-            v = self._start_mps
-            return v * t_s, v, 0.5 * v * t_s * t_s
-        integral = 0.0
-        i = bisect.bisect_right(self._starts, t_s) - 1
-        for k in range(i):
-            p = self._pieces[k]
-            integral += _integral(p, self._starts[k + 1] - p.start_s)
-        p = self._pieces[i]
-        u = t_s - p.start_s
+    def _sharp(self, t_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Of the trapezoid: distance, speed, acceleration and integral of distance.
+
+        Before t = 0 it has its start speed.
+        """
+        index = np.searchsorted(self._pieces[0], t_s, side="right") - 1
+        start, s, v, a, integral = self._pieces[:, np.maximum(index, 0)]
+        u = t_s - start
+        a = np.where(index < 0, 0.0, a)
+        distance = s + u * (v + u * (0.5 * a))
+        return distance, v + a * u, a, integral + u * (s + u * (v / 2.0 + u * (a / 6.0)))
+
+    def over(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Distance in m, speed in m/s and acceleration in m/s^2 at times in s, >= 0, shape (n,)."""
+        width = self._ramp_s
+        distance, speed, acceleration, integral = self._sharp(times_s)
+        if width > _SAME_TIME_S:
+            before = self._sharp(times_s - width)
+            acceleration = (speed - before[1]) / width
+            speed = np.maximum((distance - before[0]) / width, 0.0)
+            distance = (integral - before[3]) / width + 0.5 * self._start_mps * width
+        over = times_s >= self.duration_s
         return (
-            p.distance_m + p.speed_mps * u + 0.5 * p.acceleration_mps2 * u * u,
-            p.speed_mps + p.acceleration_mps2 * u,
-            integral + _integral(p, u),
+            np.where(over, self.distance_m, distance),
+            np.where(over, 0.0, speed),
+            np.where(over, 0.0, acceleration),
         )
 
     def at(self, t_s: float) -> tuple[float, float, float]:
         """Distance in m, speed in m/s and acceleration in m/s^2 at a time in s from the start."""
-        if t_s >= self.duration_s:
-            return self.distance_m, 0.0, 0.0
-        now = self._sharp(t_s)
-        width = self._ramp_s
-        if width <= _SAME_TIME_S:
-            i = bisect.bisect_right(self._starts, max(t_s, 0.0)) - 1
-            return now[0], now[1], self._pieces[i].acceleration_mps2
-        before = self._sharp(t_s - width)
-        distance = (now[2] - before[2]) / width + 0.5 * self._start_mps * width
-        speed = max((now[0] - before[0]) / width, 0.0)
-        return distance, speed, (now[1] - before[1]) / width
+        distance, speed, acceleration = self.over(np.array([t_s]))
+        return float(distance[0]), float(speed[0]), float(acceleration[0])
 
-    def times(self, dt_s: float) -> list[float]:
+    def times(self, dt_s: float) -> FloatArray:
         """Times 0, dt, 2 dt, … and the end, rising strictly.
 
         Raises:
@@ -144,16 +144,10 @@ class SpeedProfile:
         if not dt_s > 0.0:
             raise ValueError(f"dt_s must be positive, got {dt_s}")
         count = math.ceil(self.duration_s / dt_s - _SAME_TIME_S)
-        return [i * dt_s for i in range(count)] + [self.duration_s]
-
-
-def _integral(piece: _Piece, u_s: float) -> float:
-    """Integral of distance over ``u_s`` seconds of a piece."""
-    return (
-        piece.distance_m * u_s
-        + piece.speed_mps * u_s**2 / 2.0
-        + piece.acceleration_mps2 * u_s**3 / 6.0
-    )
+        times = np.arange(count + 1, dtype=np.float64)
+        times *= dt_s
+        times[-1] = self.duration_s
+        return times
 
 
 class _Heading:
@@ -173,14 +167,14 @@ class _Heading:
         self._stations_m = np.concatenate((path.stations_m[:1], knots, path.stations_m[-1:]))
         self._yaw_rad = np.repeat(yaw, 2)
 
-    def at(self, station_m: float) -> tuple[float, float]:
-        """Heading in rad and curvature in 1/m, + turns left."""
+    def over(self, stations_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Heading in rad, unwrapped, and curvature in 1/m, + turns left; shape (n,) each."""
         s, yaw = self._stations_m, self._yaw_rad
-        i = min(max(int(np.searchsorted(s, station_m, side="right")) - 1, 0), len(s) - 2)
+        i = np.clip(np.searchsorted(s, stations_m, side="right") - 1, 0, len(s) - 2)
         span = s[i + 1] - s[i]
-        curvature = float((yaw[i + 1] - yaw[i]) / span) if span > 0.0 else 0.0
-        inside = min(max(station_m - float(s[i]), 0.0), float(span))
-        return wrap_angle(float(yaw[i]) + curvature * inside), curvature
+        curvature = np.where(span > 0.0, (yaw[i + 1] - yaw[i]) / np.where(span > 0.0, span, 1), 0.0)
+        inside = np.clip(stations_m - s[i], 0.0, span)
+        return yaw[i] + curvature * inside, curvature
 
 
 def drive_along(
@@ -192,7 +186,7 @@ def drive_along(
     deceleration_mps2: float,
     dt_s: float = DEFAULT_STEP_S,
     ramp_s: float = DEFAULT_RAMP_S,
-) -> list[ReferencePoint]:
+) -> Points:
     """Points along a path: to cruise speed, held, and to a standstill at the path's end.
 
     Args:
@@ -216,15 +210,77 @@ def drive_along(
         deceleration_mps2,
         ramp_s,
     )
-    heading = _Heading(path)
-    points = []
-    for t in speed.times(dt_s):
-        distance, v, a = speed.at(t)
-        station = start_station_m + distance
-        pose = path.pose(station)
-        yaw, curvature = heading.at(station)
-        points.append(ReferencePoint(t, pose.x_m, pose.y_m, yaw, v, a, curvature))
-    return points
+    return _beside(path, start_station_m, 0.0, speed, dt_s)
+
+
+def brake_along(
+    path: Polyline,
+    start_station_m: float,
+    start_speed_mps: float,
+    to_mps: float,
+    deceleration_mps2: float,
+    start_offset_m: float = 0.0,
+    dt_s: float = DEFAULT_STEP_S,
+    ramp_s: float = DEFAULT_RAMP_S,
+) -> Points:
+    """Points of a braking: down to a speed at once, held, and to a standstill at the path's end.
+
+    To 0 m/s it stands where the braking ends.
+
+    Args:
+        path: frame map, m.
+        start_station_m: arc length at t = 0.
+        start_speed_mps: speed along the path at t = 0, above to_mps.
+        to_mps: speed to brake to, >= 0.
+        deceleration_mps2: of the braking and of the stop at the path's end, > 0.
+        start_offset_m: lateral position, kept all the while, m left of the path.
+        dt_s: time between points.
+        ramp_s: time over which deceleration builds up.
+
+    Raises:
+        ValueError: a value out of range, nothing to brake from, or too little path left to stop.
+    """
+    if not 0.0 <= to_mps < start_speed_mps:
+        raise ValueError(
+            f"braking goes from a speed to a lower one; this goes from {start_speed_mps:.2f} m/s "
+            f"to {to_mps:.2f} m/s"
+        )
+    room = path.length_m - start_station_m
+    cruise = to_mps
+    if to_mps == 0.0:
+        cruise = start_speed_mps
+        stop = 0.5 * start_speed_mps * (start_speed_mps / deceleration_mps2 + ramp_s)
+        room = min(room, stop)  # SpeedProfile says when the path is too short for it
+    speed = SpeedProfile(
+        start_speed_mps, cruise, room, deceleration_mps2, deceleration_mps2, ramp_s
+    )
+    return _beside(path, start_station_m, start_offset_m, speed, dt_s)
+
+
+def _beside(
+    path: Polyline, start_station_m: float, offset_m: float, speed: SpeedProfile, dt_s: float
+) -> Points:
+    """Points of a speed along a path, at a constant offset to its left."""
+    times = speed.times(dt_s)
+    distance, v, a = speed.over(times)
+    stations = start_station_m + distance
+    yaw, curvature = _Heading(path).over(stations)
+    x, y = _beside_foot(path, stations, yaw, offset_m)
+    stretch = 1.0 - curvature * offset_m
+    return Points(
+        np.array((times, x, y, wrap_angles(yaw), stretch * v, stretch * a, curvature / stretch))
+    )
+
+
+def _beside_foot(
+    path: Polyline, stations_m: FloatArray, yaw_rad: FloatArray, offset_m: FloatArray | float
+) -> tuple[FloatArray, FloatArray]:
+    """Places at an offset from a path, across the smooth heading.
+
+    The polyline's own would throw the offset about at a vertex.
+    """
+    x, y = path.places(stations_m)
+    return x - np.sin(yaw_rad) * offset_m, y + np.cos(yaw_rad) * offset_m
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,14 +291,15 @@ class _Shift:
     shift_m: float
     duration_s: float
 
-    def at(self, t_s: float) -> tuple[float, float, float]:
-        """Lateral position in m, its rate in m/s and its acceleration in m/s^2."""
-        u = min(max(t_s / self.duration_s, 0.0), 1.0)
+    def over(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Lateral position in m, its rate in m/s and its acceleration in m/s^2; shape (n,) each."""
+        u = np.clip(times_s / self.duration_s, 0.0, 1.0)
         k, d = self.shift_m, self.duration_s
+        left = 1.0 - u
         return (
-            self.start_m + k * u**3 * (10.0 + u * (6.0 * u - 15.0)),
-            30.0 * k * u**2 * (1.0 - u) ** 2 / d,
-            60.0 * k * u * (1.0 - u) * (1.0 - 2.0 * u) / (d * d),
+            self.start_m + k * u * u * u * (10.0 + u * (6.0 * u - 15.0)),
+            30.0 * k * (u * left) ** 2 / d,
+            60.0 * k * u * left * (1.0 - 2.0 * u) / (d * d),
         )
 
 
@@ -259,7 +316,7 @@ def lane_change(
     end_station_m: float | None = None,
     dt_s: float = DEFAULT_STEP_S,
     ramp_s: float = DEFAULT_RAMP_S,
-) -> list[ReferencePoint]:
+) -> Points:
     """Points of a lane change: sideways over time while driving on, then parallel to the path.
 
     The speed along the path goes to cruise speed meanwhile, and the motion ends in a standstill
@@ -301,27 +358,21 @@ def lane_change(
             f"starts at {start_speed_mps:.2f} m/s and stands after {speed.duration_s:.2f} s"
         )
     shift = _Shift(start_offset_m, lateral_shift_m, duration_s)
-    heading = _Heading(path)
-    times = sorted({*speed.times(dt_s), duration_s})
-    times = [b for a, b in zip([-1.0, *times], times, strict=False) if b - a > _SAME_TIME_S]
-    points = []
-    for t in times:
-        distance, s1, s2 = speed.at(t)
-        station = start_station_m + distance
-        y, y1, y2 = shift.at(t)
-        yaw, k = heading.at(station)
-        foot = path.pose(station)
-        # Across the smooth heading: the polyline's own would throw the offset about at a vertex.
-        east, north = Pose2(foot.x_m, foot.y_m, yaw).to_parent(0.0, y)
-        along, across = (1.0 - k * y) * s1, y1
-        along_rate, across_rate = (1.0 - k * y) * s2 - k * y1 * s1, y2
-        v = math.hypot(along, across)
-        if v > 1e-6:
-            a = (along * along_rate + across * across_rate) / v
-            turn = k * s1 + (along * across_rate - across * along_rate) / (v * v)
-            curvature = turn / v
-            yaw = wrap_angle(yaw + math.atan2(across, along))
-        else:
-            a, curvature = s2, k / (1.0 - k * y)
-        points.append(ReferencePoint(t, east, north, yaw, v, a, curvature))
-    return points
+    times = np.sort(np.append(speed.times(dt_s), duration_s))
+    times = times[np.append(True, np.diff(times) > _SAME_TIME_S)]
+    distance, s1, s2 = speed.over(times)
+    stations = start_station_m + distance
+    offset, y1, y2 = shift.over(times)
+    yaw, k = _Heading(path).over(stations)
+    x, y = _beside_foot(path, stations, yaw, offset)
+    stretch = 1.0 - k * offset
+    along, across = stretch * s1, y1
+    along_rate, across_rate = stretch * s2 - k * y1 * s1, y2
+    v = np.hypot(along, across)
+    moves = v > 1e-6
+    safe = np.where(moves, v, 1.0)
+    a = np.where(moves, (along * along_rate + across * across_rate) / safe, s2)
+    turn = k * s1 + (along * across_rate - across * along_rate) / (safe * safe)
+    curvature = np.where(moves, turn / safe, k / stretch)
+    yaw = wrap_angles(yaw + np.where(moves, np.arctan2(across, along), 0.0))
+    return Points(np.array((times, x, y, yaw, v, a, curvature)))

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import bisect
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import overload
 
 import numpy as np
 
@@ -35,6 +38,61 @@ class ReferencePoint:
     curvature_1pm: float
 
 
+class Points(Sequence[ReferencePoint]):
+    """Reference points held as columns; a point is made when somebody asks for it.
+
+    Args:
+        columns: t, x, y, yaw, speed, acceleration, curvature; shape (7, n), C-contiguous. They are
+            made read-only.
+
+    Raises:
+        ValueError: another shape.
+    """
+
+    __slots__ = ("_rows", "columns")
+
+    def __init__(self, columns: FloatArray) -> None:
+        if columns.ndim != 2 or columns.shape[0] != 7:
+            raise ValueError(f"reference points need shape (7, n), got {columns.shape}")
+        self.columns: FloatArray = np.ascontiguousarray(columns, dtype=np.float64)
+        self.columns.flags.writeable = False
+        self._rows: bytes | None = None
+
+    def row_bytes(self) -> bytes:
+        """The points one after the other, each as seven little-endian doubles: as they are sent."""
+        if self._rows is None:
+            self._rows = self.columns.T.astype("<f8", order="C", copy=False).tobytes()
+        return self._rows
+
+    def __len__(self) -> int:
+        return int(self.columns.shape[1])
+
+    @overload
+    def __getitem__(self, index: int) -> ReferencePoint: ...
+    @overload
+    def __getitem__(self, index: slice) -> Points: ...
+    def __getitem__(self, index: int | slice) -> ReferencePoint | Points:
+        if isinstance(index, slice):
+            return Points(self.columns[:, index])
+        return ReferencePoint(*self.columns[:, index].tolist())
+
+    def __iter__(self) -> Iterator[ReferencePoint]:
+        return (ReferencePoint(*row) for row in self.columns.T.tolist())
+
+    def __eq__(self, other: object) -> bool:
+        if isinstance(other, Points):
+            return bool(np.array_equal(self.columns, other.columns))
+        if isinstance(other, Sequence):
+            return list(self) == list(other)
+        return NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(tuple(self))
+
+    def __repr__(self) -> str:
+        return f"Points({len(self)})"
+
+
 @dataclass(frozen=True)
 class Reference:
     """A timed trajectory; field meanings as in Reference.msg.
@@ -49,24 +107,37 @@ class Reference:
     dispatched_ns: int
     execute_at_ns: int
     expires_at_ns: int
-    points: tuple[ReferencePoint, ...]
+    points: Sequence[ReferencePoint]
 
     @cached_property
     def columns(self) -> FloatArray:
         """Points as columns t, x, y, yaw, speed, acceleration, curvature; shape (7, n)."""
+        if isinstance(self.points, Points):
+            return self.points.columns
         rows = [
             (p.t_s, p.x_m, p.y_m, p.yaw_rad, p.speed_mps, p.acceleration_mps2, p.curvature_1pm)
             for p in self.points
         ]
         return np.array(rows, dtype=np.float64).reshape(-1, 7).T.copy()
 
+    def row_bytes(self) -> bytes:
+        """The points as they are sent; kept where they are columns already."""
+        points = self.points
+        return (points if isinstance(points, Points) else Points(self.columns)).row_bytes()
+
+    @cached_property
+    def times_s(self) -> list[float]:
+        """Times of the points after execute_at."""
+        times: list[float] = self.columns[0].tolist()
+        return times
+
     @property
     def end_ns(self) -> int:
         """Time of the last point. Raises IndexError for a reference without points."""
-        return self.execute_at_ns + seconds_to_ns(self.points[-1].t_s)
+        return self.execute_at_ns + seconds_to_ns(self.times_s[-1])
 
 
-def _between(a: ReferencePoint, b: ReferencePoint, t_s: float) -> ReferencePoint:
+def between(a: ReferencePoint, b: ReferencePoint, t_s: float) -> ReferencePoint:
     """Cubic Hermite in position (speeds are its tangents), linear in everything else."""
     span_s = b.t_s - a.t_s
     u = (t_s - a.t_s) / span_s
@@ -102,10 +173,10 @@ def sample(reference: Reference, t_ns: int) -> ReferencePoint:
         IndexError: the reference has no points.
     """
     t_s = ns_to_seconds(t_ns - reference.execute_at_ns)
-    first, last = reference.points[0], reference.points[-1]
-    if t_s < first.t_s:
-        return replace(first, t_s=t_s, acceleration_mps2=0.0)
-    if t_s >= last.t_s:
-        return replace(last, t_s=t_s, speed_mps=0.0, acceleration_mps2=0.0)
-    i = int(np.searchsorted(reference.columns[0], t_s, side="right"))
-    return _between(reference.points[i - 1], reference.points[i], t_s)
+    times = reference.times_s
+    if t_s < times[0]:
+        return replace(reference.points[0], t_s=t_s, acceleration_mps2=0.0)
+    if t_s >= times[-1]:
+        return replace(reference.points[-1], t_s=t_s, speed_mps=0.0, acceleration_mps2=0.0)
+    i = bisect.bisect_right(times, t_s)
+    return between(reference.points[i - 1], reference.points[i], t_s)

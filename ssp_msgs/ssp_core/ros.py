@@ -5,11 +5,14 @@ The one module of ssp_core that imports rclpy.
 
 from __future__ import annotations
 
+import faulthandler
+import gc
+import os
 import signal
 import sys
 import traceback
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 import rclpy
 from builtin_interfaces.msg import Time as TimeMsg
@@ -29,6 +32,8 @@ from ssp_core.errors import SspError
 from ssp_core.messages import stamp_ns
 from ssp_core.names import NAMESPACE
 
+T = TypeVar("T")
+
 
 def _profile(depth: int, durability: DurabilityPolicy = DurabilityPolicy.VOLATILE) -> QoSProfile:
     return QoSProfile(
@@ -45,6 +50,10 @@ COMMAND = _profile(50)  # references, acknowledgements, actuator commands
 SENSOR = _profile(20)  # camera frames: none may be lost, they are what is scored
 LATCHED = _profile(20, DurabilityPolicy.TRANSIENT_LOCAL)  # session state, events, camera info
 VLA = _profile(4, DurabilityPolicy.VOLATILE)  # requests and responses
+# Subscriptions to drivers that aren't ours: a best-effort reader hears either kind of writer.
+DRIVER = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST, depth=50, reliability=ReliabilityPolicy.BEST_EFFORT
+)
 
 
 def stamp_from_ns(ns: int) -> TimeMsg:
@@ -54,6 +63,56 @@ def stamp_from_ns(ns: int) -> TimeMsg:
 ns_from_stamp = stamp_ns
 
 
+def subscribe_raw(
+    node: Node,
+    kind: Any,
+    topic: str,
+    decode: Callable[[bytes], T],
+    callback: Callable[[T], None],
+    qos: QoSProfile,
+) -> Any:
+    """A subscription whose messages are decoded by one of ``ssp_core.wire``, not by rclpy.
+
+    A message that is none is dropped, which is as good as silence; the first one of a topic is
+    logged, because more of the same would tell nothing new and cost time.
+
+    Args:
+        node: owns the subscription.
+        kind: message class.
+        topic: relative to the node's namespace.
+        decode: raises ValueError for bytes that are no such message.
+        callback: takes what ``decode`` gives.
+        qos: one of the profiles above.
+    """
+    decode_or_tell = tolerant(node, topic, decode)
+
+    def take(data: bytes) -> None:
+        message = decode_or_tell(data)
+        if message is not None:
+            callback(message)
+
+    return node.create_subscription(kind, topic, take, qos, raw=True)
+
+
+def tolerant(node: Node, topic: str, decode: Callable[[bytes], T]) -> Callable[[bytes], T | None]:
+    """``decode`` as subscribe_raw calls it: None for bytes that are no message, told of once."""
+    told = False
+
+    def decode_or_tell(data: bytes) -> T | None:
+        nonlocal told
+        try:
+            return decode(data)
+        except ValueError as error:
+            if not told:
+                told = True
+                node.get_logger().error(
+                    f"{topic}: message dropped (more will be without a word): {error}"
+                )
+            return None
+
+    return decode_or_tell
+
+
 def make_executor() -> Executor:
     """EventsExecutor where this rclpy has it, SingleThreadedExecutor otherwise."""
     try:
@@ -61,6 +120,10 @@ def make_executor() -> Executor:
     except ImportError:
         return SingleThreadedExecutor()
     return EventsExecutor()
+
+
+# For executor, node and context, and the interpreter's own end; usually they take 0.1 s.
+_TEARDOWN_LIMIT_S = 4.0
 
 
 class StopRequest:
@@ -75,15 +138,17 @@ class StopRequest:
 
 
 def run_node(make: Callable[[StopRequest], Node], shutdown: Callable[[Any], None]) -> int:
-    """Runs one node in this process until a signal, or until the node asks to stop.
+    """Runs one node in this process until a signal, or until the node asks to stop; then exits.
 
     rclpy's own signal handler would invalidate the context before the node could say that it
     stops, so signals only set a flag; ``shutdown(node)`` then runs with the context still valid.
 
     Returns:
-        0 after an orderly stop, 1 when the node raised: an SspError is one message on standard
-        error, anything else is a traceback.
+        Never: the process ends with status 0 after an orderly stop, 1 when the node raised: an
+        SspError is one message on standard error, anything else is a traceback.
     """
+    # A process that has to be killed says first where it hung (ProcessGroup.stop sends SIGABRT).
+    faulthandler.enable()
     stop = StopRequest()
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -94,6 +159,10 @@ def run_node(make: Callable[[StopRequest], Node], shutdown: Callable[[Any], None
     try:
         node = make(stop)
         executor.add_node(node)
+        # What was imported and made so far stays until the end. Looking through it again and again
+        # for cycles would stop a running node for some 10 ms each time.
+        gc.collect()
+        gc.freeze()
         while stop.reason is None and rclpy.ok():
             executor.spin_once(timeout_sec=0.2)
     except SspError as error:
@@ -112,12 +181,18 @@ def run_node(make: Callable[[StopRequest], Node], shutdown: Callable[[Any], None
         except Exception:
             traceback.print_exc()
             status = 1
+        # The node has said and closed what it had to. Middleware that hangs while it is taken down
+        # must not make the runner kill a process whose work is done.
+        faulthandler.dump_traceback_later(_TEARDOWN_LIMIT_S, exit=True)
         executor.shutdown()
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
-        sys.stdout.flush()
-    return status
+    sys.stdout.flush()
+    sys.stderr.flush()
+    # Not through the interpreter's own end: there the middleware's threads and static objects have
+    # hung for good on a busy machine, where no watchdog of Python's runs any more.
+    os._exit(status)
 
 
 def make_node(name: str, cls: type[Node] = Node, **kwargs: Any) -> Node:

@@ -19,6 +19,9 @@ class SafetyCode(IntEnum):
     ERROR_LATERAL = 8
     ERROR_YAW = 9
     LOCALISATION = 10
+    POSITION_JUMP = 11
+    STATE_FROZEN = 12
+    STOPPING_ROOM = 13
     SEPARATION = 20
     COLLISION = 21
     OBJECT_SILENT = 22
@@ -33,6 +36,10 @@ class SafetyCode(IntEnum):
     PARTICIPANT_LOST = 31
     OVERRUN = 32
     EVENT_MISSING = 33
+    CLOCK_OFFSET = 34
+    LINK_DELAY = 35
+    REPLY_MISSING = 36
+    FOREIGN_MANAGER = 37
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +86,17 @@ MEANINGS: dict[SafetyCode, SafetyMeaning] = {
     SafetyCode.LOCALISATION: SafetyMeaning(
         "localisation", "m", "The stated uncertainty of the object's position is too large."
     ),
+    SafetyCode.POSITION_JUMP: SafetyMeaning(
+        "position_jump", "m", "A position is too far from where the state before it led."
+    ),
+    SafetyCode.STATE_FROZEN: SafetyMeaning(
+        "state_frozen", "s", "New states arrive, but the position in them stands while it can't."
+    ),
+    SafetyCode.STOPPING_ROOM: SafetyMeaning(
+        "stopping_room",
+        "m",
+        "Stopping any later would end outside the geofence, by this much at the worst.",
+    ),
     SafetyCode.SEPARATION: SafetyMeaning(
         "separation", "m", "Two objects came closer than the minimum separation."
     ),
@@ -99,7 +117,9 @@ MEANINGS: dict[SafetyCode, SafetyMeaning] = {
         "reference_refused", "", "An object refused a reference; measured is the refusal's number."
     ),
     SafetyCode.OBJECT_ABORTED: SafetyMeaning(
-        "object_aborted", "", "An object went to ABORTING by itself; measured is its safety code."
+        "object_aborted",
+        "",
+        "An object went to ABORTING by itself, or left the run, and did not say why in time.",
     ),
     SafetyCode.DURATION: SafetyMeaning("duration", "s", "The run took longer than allowed."),
     SafetyCode.RECORDER: SafetyMeaning(
@@ -114,5 +134,17 @@ MEANINGS: dict[SafetyCode, SafetyMeaning] = {
     ),
     SafetyCode.EVENT_MISSING: SafetyMeaning(
         "event_missing", "s", "The run's time is over and the event did not take place."
+    ),
+    SafetyCode.CLOCK_OFFSET: SafetyMeaning(
+        "clock_offset", "s", "An object's clock and the manager's are too far apart."
+    ),
+    SafetyCode.LINK_DELAY: SafetyMeaning(
+        "link_delay", "s", "A message to an object and its answer take too long."
+    ),
+    SafetyCode.REPLY_MISSING: SafetyMeaning(
+        "reply_missing", "s", "An object did not answer the manager's heartbeats for too long."
+    ),
+    SafetyCode.FOREIGN_MANAGER: SafetyMeaning(
+        "foreign_manager", "", "Another manager sends heartbeats too; measured is how many do."
     ),
 }

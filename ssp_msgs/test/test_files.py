@@ -14,11 +14,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pydantic import BaseModel, ConfigDict, Field
 
-from ssp_core.errors import InputError
+from ssp_core.errors import HostError, InputError
 from ssp_core.files import (
     MAX_TEXT_BYTES,
     field_path,
     load_model,
+    parse_mapping,
     parse_model,
     read_mapping,
     read_text,
@@ -118,6 +119,8 @@ def test_not_utf8_names_the_byte(tmp_path: Path) -> None:
         ("a: !!python/object/apply:os.system [id]\n", 1, "python"),
         ("<<: {a: 1}\n", 1, ""),
         ("a: !!map [1, 2]\n", 1, "mapping"),
+        ("a: 1\nb: 0x" + "f" * 5000, 2, "digits"),
+        ("a: 1\nb: 1" + ":59" * 5000, 2, "digits"),
     ],
 )
 def test_what_is_wrong_is_named_with_its_line(
@@ -131,7 +134,15 @@ def test_what_is_wrong_is_named_with_its_line(
 
 @pytest.mark.parametrize(
     "text",
-    ["a: !!timestamp x\n", "a: !!bool x\n", "a: !!int ''\n", "a: 2001-99-99\n", "a: !!float x\n"],
+    [
+        "a: !!timestamp x\n",
+        "a: !!bool x\n",
+        "a: !!int ''\n",
+        "a: 2001-99-99\n",
+        "a: !!float x\n",
+        r'{"a": "\ud800"}',
+        r'a: ["\uDFff"]',
+    ],
 )
 def test_scalars_that_pyyaml_stumbles_over(tmp_path: Path, text: str) -> None:
     assert "not valid YAML or JSON" in failure(put(tmp_path, text)).problem
@@ -271,6 +282,16 @@ def test_field_path() -> None:
     assert field_path(()) == ""
 
 
+def test_a_field_path_has_no_names_of_a_unions_members() -> None:
+    at = {"speed": {"min": "five"}, "width": 3, "names": [{}]}
+    assert field_path(("speed", "Interval", "min"), at, missing=False) == "speed.min"
+    assert field_path(("speed", "Interval", "unit"), at) == "speed.unit"
+    assert field_path(("speed", "literal['unresolved']"), at, missing=False) == "speed"
+    assert field_path(("width", "Interval"), at, missing=False) == "width"
+    assert field_path(("width", "Interval"), at) == "width"
+    assert field_path(("names", 0, "Name", "first"), at) == "names[0].first"
+
+
 # -- writing --------------------------------------------------------------------------------------
 
 
@@ -287,6 +308,20 @@ def test_write_makes_folders_and_replaces(tmp_path: Path) -> None:
     assert path.stat().st_mode & 0o777 == 0o644
 
 
+def test_a_mapping_in_bytes_is_read_as_one_in_a_file() -> None:
+    assert parse_mapping(b'{"a": 1e5}', "bag:x.json") == {"a": 1e5}
+    assert parse_mapping(b"a: [1, 2]\n", "bag:x.yaml") == {"a": [1, 2]}
+
+
+@pytest.mark.parametrize(
+    "data", [b"", b"[1]", b"a: *b", b"a: 1\na: 2", b"{", b"\xff", b"a: 1\n" + b"#" * MAX_TEXT_BYTES]
+)
+def test_bytes_without_a_mapping_are_named(data: bytes) -> None:
+    with pytest.raises(InputError) as caught:
+        parse_mapping(data, "bag:x.yaml")
+    assert caught.value.file == "bag:x.yaml"
+
+
 def test_a_failed_write_leaves_the_old_file_and_nothing_else(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -297,9 +332,19 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(
         raise OSError("disk full")
 
     monkeypatch.setattr("ssp_core.files.os.replace", no_replace)
-    with pytest.raises(OSError, match="disk full"):
+    with pytest.raises(HostError, match="disk full"):
         write_bytes(path, b"new")
     assert path.read_bytes() == b"old"
+    assert names(tmp_path) == ["file"]
+
+
+def test_a_place_that_takes_no_file_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").write_bytes(b"mine")
+    with pytest.raises(InputError, match="is a folder; name a file"):
+        write_bytes(tmp_path, b"new")
+    with pytest.raises(InputError, match="file is no folder"):
+        write_bytes(tmp_path / "file" / "below", b"new")
+    assert (tmp_path / "file").read_bytes() == b"mine"
     assert names(tmp_path) == ["file"]
 
 

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ssp_core import geometry
 from ssp_core.geometry import (
     Box,
     Polyline,
@@ -195,6 +196,12 @@ def test_projection_beyond_the_ends(
     assert BENT.project_beyond(*point) == pytest.approx((station_m, offset_m))
 
 
+def test_points_together_are_projected_as_one_by_one() -> None:
+    points = [(x, y) for x in (-3.0, 0.0, 4.5, 10.0, 13.0) for y in (-2.0, 0.0, 0.7, 12.0)]
+    assert BENT.project_all(points) == [BENT.project(*p) for p in points]
+    assert BENT.project_all_beyond(points) == [BENT.project_beyond(*p) for p in points]
+
+
 @given(station=st.floats(0.0, 15.0), offset=st.floats(-0.5, 0.5))
 def test_projection_undoes_pose_away_from_the_corner(station: float, offset: float) -> None:
     if abs(station - 10.0) > 1.0:
@@ -241,3 +248,27 @@ def test_a_path_keeps_its_own_points() -> None:
     given_points[1, 0] = 99.0
     assert path.pose(1.0).x_m == 1.0
     assert path.points[1, 0] == 1.0
+
+
+@given(
+    st.lists(st.tuples(st.integers(-50, 50), st.integers(-50, 50)), min_size=3, max_size=9),
+    st.lists(st.tuples(st.floats(-60, 60), st.floats(-60, 60)), min_size=1, max_size=4),
+)
+def test_a_path_gone_through_piece_by_piece_gives_the_same_as_at_once(
+    corners: list[tuple[int, int]], points: list[tuple[float, float]]
+) -> None:
+    """To the last bit: what is quicker is chosen by the path's length."""
+    distinct = [a for a, b in zip(corners, [*corners[1:], None], strict=True) if a != b]
+    if len(distinct) < 2:
+        return
+    path = Polyline(distinct)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(geometry, "_FEW_PIECES", 0)
+        at_once = path.project_all(points)
+    assert path.project_all(points) == at_once
+
+
+def test_a_place_that_is_no_number_is_nowhere_on_a_path() -> None:
+    station, offset = Polyline([(0.0, 0.0), (10.0, 0.0)]).project(math.nan, 1.0)
+    assert math.isnan(station)
+    assert math.isnan(offset)

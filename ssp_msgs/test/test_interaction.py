@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ssp_core.geometry import Polyline, Pose2
-from ssp_core.interaction import Encounter, encounter, is_conflict
+from ssp_core.interaction import Encounter, encounter, is_conflict, is_crossing, swept_stations
 from ssp_core.state import ObjectState, Size
 from ssp_core.vocab import ObjectClass, Role
 
@@ -68,6 +68,7 @@ def test_oncoming_in_the_corridor() -> None:
     """Its front is its nearest point: 50 - 3 - 13 = 34 m, closing 18 m/s."""
     found = meet(10.0, state("ot", x_m=50.0, yaw_rad=math.pi, speed_mps=8.0))
     assert found.gap_m == pytest.approx(34.0)
+    assert found.zone_gap_m == pytest.approx(34.0)
     assert found.along_mps == pytest.approx(-8.0)
     assert found.ttc_s == pytest.approx(34.0 / 18.0)
 
@@ -109,20 +110,77 @@ def test_towards_is_positive_on_either_side(y_m: float, yaw_deg: float, towards_
 def test_an_object_in_the_next_lane_that_stays_there_has_no_arrival() -> None:
     found = meet(15.0, state("ot", x_m=20.0, y_m=3.5, speed_mps=1.0))
     assert found.object_arrival_s == found.vut_arrival_s == found.ttc_s == math.inf
+    assert found.zone_gap_m == math.inf
     assert found.arrival_gap_s == math.inf
     assert not is_conflict(found, 9.0, 9.0)
 
 
 def test_crossing() -> None:
-    """Walker's side at 60 - 0.25, VUT's front at 13: 46.75 m at 10 m/s. 4 - 0.25 - 1.3 m to go."""
+    """METHOD 1: the walker's corridor begins 0.25 + 0.3 m before it, 60 - 0.55 - 13 = 46.45 m ahead
+    of the VUT's front; at 10 m/s. The walker has 4 - 0.25 - 1.3 m to go. TTC is to its body."""
     other = state("ot", WALKER, x_m=60.0, y_m=-4.0, yaw_rad=math.pi / 2, speed_mps=1.5)
     found = meet(10.0, other)
-    assert found.vut_arrival_s == pytest.approx(4.675)
+    assert found.zone_gap_m == pytest.approx(46.45)
+    assert found.vut_arrival_s == pytest.approx(4.645)
     assert found.object_arrival_s == pytest.approx(2.45 / 1.5)
-    assert found.arrival_gap_s == pytest.approx(4.675 - 2.45 / 1.5)
+    assert found.arrival_gap_s == pytest.approx(4.645 - 2.45 / 1.5)
     assert found.ttc_s == pytest.approx(4.675)
     assert not is_conflict(found, 4.0, 3.0)
-    assert is_conflict(found, 4.0, 3.1)
+    assert is_conflict(found, 4.0, 3.02)
+
+
+@pytest.mark.parametrize(
+    ("yaw_deg", "crosses"),
+    [(0, False), (44.9, False), (45.1, True), (90, True), (134.9, True), (135.1, False),
+     (180, False), (-44.9, False), (-45.1, True), (-90, True), (-134.9, True), (-135.1, False)],
+)  # fmt: skip
+def test_what_crosses_has_a_corridor_of_its_own(yaw_deg: float, crosses: bool) -> None:
+    """Inside the VUT's corridor: the zone begins at its corridor, or at its body."""
+    yaw = math.radians(yaw_deg)
+    assert is_crossing(yaw) is crosses
+    other = state("ot", WALKER, x_m=60.0, yaw_rad=yaw, speed_mps=1.5)
+    found = meet(10.0, other)
+    s, c = abs(math.sin(yaw)), abs(math.cos(yaw))
+    bare = 47.0 - 0.25 * (s + c)
+    swept = 47.0 - (0.55 + HALF_CORRIDOR_M * c) / s if crosses else bare
+    assert found.gap_m == pytest.approx(bare)
+    assert found.zone_gap_m == pytest.approx(swept)
+    assert found.vut_arrival_s == pytest.approx(swept / 10.0)
+
+
+@pytest.mark.parametrize("y_m", [-9.0, -1.0, 0.0, 2.0])
+def test_the_zone_of_a_slanting_path_stays_where_it_is(y_m: float) -> None:
+    """At 60 degrees through (60, 0): from the right edge, 1.3 m out, to the left one."""
+    tan60 = math.tan(math.radians(60.0))
+    other = state(
+        "ot", WALKER, x_m=60.0 + y_m / tan60, y_m=y_m, yaw_rad=math.radians(60.0), speed_mps=1.5
+    )
+    reach = HALF_CORRIDOR_M / tan60 + 0.55 / math.sin(math.radians(60.0))
+    assert swept_stations(other, PATH, HALF_CORRIDOR_M, 30.0) == pytest.approx(
+        (60.0 - reach, 60.0 + reach)
+    )
+    if y_m < HALF_CORRIDOR_M:
+        assert meet(10.0, other).zone_gap_m == pytest.approx(47.0 - reach)
+
+
+def test_who_is_beside_the_corridor_covers_nothing_of_it() -> None:
+    walker = state("ot", WALKER, x_m=60.0, y_m=-1.56, yaw_rad=math.pi / 2, speed_mps=1.5)
+    assert swept_stations(walker, PATH, HALF_CORRIDOR_M) is None
+    nearer = replace(walker, y_m=-1.54)
+    assert swept_stations(nearer, PATH, HALF_CORRIDOR_M) == pytest.approx((59.45, 60.55))
+
+
+def test_in_a_bend_a_crossing_covers_its_width_of_the_path() -> None:
+    """Outwards on a spoke of a circle of 50 m, a quarter of the way round."""
+    turns = [math.pi * k / 400 for k in range(201)]
+    path = Polyline([(50.0 * math.sin(a), 50.0 - 50.0 * math.cos(a)) for a in turns])
+    at = math.pi / 4
+    other = state(
+        "ot", WALKER, x_m=46.0 * math.sin(at), y_m=50.0 - 46.0 * math.cos(at),
+        yaw_rad=at - math.pi / 2, speed_mps=1.5,
+    )  # fmt: skip
+    found = encounter(state(x_m=0.0, speed_mps=10.0), other, path)
+    assert found.zone_gap_m == pytest.approx(50.0 * at - 0.55 - 3.0, abs=0.02)
 
 
 def test_in_the_corridor_the_gap_between_arrivals_says_nothing() -> None:
@@ -164,9 +222,12 @@ def test_a_zone_that_the_vut_is_in_already_is_reached_now() -> None:
 
 @pytest.mark.parametrize(
     ("x_m", "along_mps", "reached"),
-    # The VUT's rear is at 9 m. The walker's front needs 1.45 s to the corridor.
-    [(8.8, 0.0, True), (8.7, 0.0, False), (8.0, 1.0, True), (7.0, 1.0, False)],
-)
+    # The VUT's rear is at 9 m. Straight across: the walker's corridor ends 0.55 m beyond it.
+    # At 45 degrees or less to the path: 0.335 m and what it walks on until it is in the corridor,
+    # 3 - 0.335 - 1.3 m at 1 m/s. Slanting at 60: 4.3/tan 60 + 0.55/sin 60 = 3.118 m beyond.
+    [(8.5, 0.0, True), (8.4, 0.0, False), (6.0, 2.0, True), (5.9, 2.0, False),
+     (5.9, 0.57735, True), (5.85, 0.57735, False)],
+)  # fmt: skip
 def test_the_zone_ends_at_the_vuts_rear(x_m: float, along_mps: float, reached: bool) -> None:
     walker = state(
         "ot",
@@ -196,7 +257,7 @@ def test_around_a_bend() -> None:
 
 
 def test_conflict_is_under_its_thresholds_not_at_them() -> None:
-    beside = Encounter(20.0, 3.0, 1.0, 1.0, 5.0, math.inf, 2.0, 0.5)
+    beside = Encounter(20.0, 3.0, 1.0, 1.0, 5.0, math.inf, 20.0, 2.0, 0.5)
     assert beside.arrival_gap_s == 1.5
     assert not is_conflict(beside, 2.5, 1.5)
     assert is_conflict(beside, 2.5, 1.5 + 1e-9)
@@ -240,6 +301,27 @@ def test_the_frame_of_the_map_does_not_matter(
     for name in ("gap_m", "lateral_m", "clearance_m", "along_mps"):
         assert getattr(there, name) == pytest.approx(getattr(here, name), abs=1e-6)
     assert abs(there.towards_mps) == pytest.approx(abs(here.towards_mps), abs=1e-6)
+
+
+@settings(max_examples=100, deadline=None)
+@given(yaw_deg=st.floats(46.0, 134.0), x=st.floats(30.0, 150.0), width=st.floats(0.4, 2.5))
+def test_what_is_foreseen_of_a_crossing_is_what_it_covers(
+    yaw_deg: float, x: float, width: float
+) -> None:
+    """Straight on, the zone at any instant is the union of what is covered on the way."""
+    yaw = math.radians(yaw_deg)
+    size = Size(1.0, 1.0, width, 1.5)
+    way = [
+        state(
+            "ot", size, x_m=x + d * math.cos(yaw), y_m=d * math.sin(yaw), yaw_rad=yaw, speed_mps=1.0
+        )
+        for d in (0.1 * k for k in range(-80, 81))
+    ]
+    covered = [span for o in way if (span := swept_stations(o, PATH, HALF_CORRIDOR_M)) is not None]
+    foreseen = swept_stations(way[0], PATH, HALF_CORRIDOR_M, 50.0)
+    assert foreseen is not None
+    assert foreseen == pytest.approx((min(s for s, _ in covered), max(e for _, e in covered)))
+    assert meet(5.0, way[0]).zone_gap_m == pytest.approx(foreseen[0] - 13.0)
 
 
 @settings(max_examples=100, deadline=None)

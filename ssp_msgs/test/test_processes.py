@@ -16,6 +16,7 @@ import pytest
 from ssp_core import processes
 from ssp_core.processes import (
     ProcessGroup,
+    others_share_memory,
     remove_shared_ports,
     remove_stale_shared_memory,
     session_environment,
@@ -25,7 +26,8 @@ DEADLINE_S = 20.0
 
 # A stand-in for a node: says that it is up, and does what the first word of its name says.
 NODE = """
-import os, signal, sys, time
+import faulthandler, os, signal, sys, time
+faulthandler.enable()
 kind = sys.argv[sys.argv.index("-r") + 1].removeprefix("__node:=").split("_")[0]
 if kind == "stubborn":
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
@@ -108,6 +110,9 @@ def test_stop_kills_the_stubborn_and_names_it(group: ProcessGroup) -> None:
     assert 0.5 <= time.monotonic() - started < 5.0
     assert not alive(pid)
     assert not alive(good)
+    # Its log says where it hung.
+    assert "Aborted" in group.processes["stubborn"].log.read_text()
+    assert "ssp_fake_node.py" in group.processes["stubborn"].log.read_text()
 
 
 def test_who_ends_without_being_asked_is_noticed(group: ProcessGroup) -> None:
@@ -223,9 +228,11 @@ def test_stale_segments_go_and_live_ones_stay(shm: Path) -> None:
     put(shm, "fastrtps_port7400", "psm_others", "fastrtps_without_lock", "x_el")
     with (shm / "fastrtps_live_el").open("rb") as owner:
         fcntl.flock(owner, fcntl.LOCK_EX)
+        assert others_share_memory()
         assert remove_stale_shared_memory() == 1
         left = ["fastrtps_live", "fastrtps_live_el", "fastrtps_port7400", "fastrtps_without_lock"]
         assert names(shm) == [*left, "psm_others", "x_el"]
+    assert not others_share_memory()
     assert remove_stale_shared_memory() == 1
     assert "fastrtps_live" not in names(shm)
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ssp_core.geometry import FloatArray, Polyline
-from ssp_core.profile import SpeedProfile, drive_along, lane_change
+from ssp_core.profile import SpeedProfile, brake_along, drive_along, lane_change
 from ssp_core.reference import ReferencePoint
 
 STRAIGHT = Polyline([(0.0, 0.0), (300.0, 0.0)])
@@ -80,12 +80,55 @@ def test_a_speed_profile_keeps_its_limits_and_stands_at_its_end(
 def test_cruise_speed_is_reached_and_held() -> None:
     p = SpeedProfile(0.0, 10.0, 150.0, 2.0, 2.0)
     assert p.at(8.0)[1:] == pytest.approx((10.0, 0.0))
-    assert p.peak_mps == 10.0
+    assert p.at(9.0)[1:] == pytest.approx((10.0, 0.0))
 
 
 def test_acceleration_has_no_jump() -> None:
     points = drive_along(STRAIGHT, 0.0, 0.0, 12.0, 2.0, 3.0)
     assert np.abs(np.diff(columns(points)[5])).max() <= 3.0 * 0.05 / 0.4 + 1e-9
+
+
+@pytest.mark.parametrize("path", [STRAIGHT, arc()])
+@pytest.mark.parametrize("offset_m", [0.0, -1.5])
+def test_braking_goes_down_at_once_and_holds_to_the_end(path: Polyline, offset_m: float) -> None:
+    """From 10 to 4 m/s at 4 m/s^2: 1.5 s and the ramp."""
+    start = path.length_m - 45.0
+    points = brake_along(path, start, 10.0, 4.0, 4.0, offset_m)
+    assert_consistent(points, 0.02, 0.02, 0.06)
+    t, x, y, _, v, a, k = columns(points)
+    along = v * (1.0 + offset_m * k)
+    assert along[0] == pytest.approx(10.0)
+    assert (np.diff(along) <= 1e-9).all()
+    assert along[(t > 1.95) & (t < 3.0)] == pytest.approx(4.0)
+    assert a.min() == pytest.approx(-4.0, rel=0.05)
+    end = path.pose(path.length_m, offset_m)
+    assert (x[-1], y[-1], v[-1]) == pytest.approx((end.x_m, end.y_m, 0.0), abs=0.01)
+
+
+def test_braking_to_a_standstill_ends_where_it_stands() -> None:
+    """10 m/s at 5 m/s^2: 10 m, and 2 m more while deceleration builds up over 0.4 s."""
+    t, x, _, _, v, a, _ = columns(brake_along(STRAIGHT, 100.0, 10.0, 0.0, 5.0))
+    assert (x[-1], v[-1]) == pytest.approx((112.0, 0.0))
+    assert t[-1] == pytest.approx(2.4)
+    assert a.min() == pytest.approx(-5.0)
+    assert a[t <= 0.4] == pytest.approx(-12.5 * t[t <= 0.4])
+
+
+@pytest.mark.parametrize(
+    ("start_m", "speed", "to", "says"),
+    [
+        (0.0, 4.0, 4.0, "from 4.00 m/s to 4.00 m/s"),
+        (0.0, 0.0, 0.0, "from a speed to a lower one"),
+        (0.0, 5.0, -1.0, "from a speed to a lower one"),
+        (289.0, 10.0, 0.0, "11.00 m is too short"),
+        (289.0, 10.0, 3.0, "11.00 m is too short"),
+    ],
+)
+def test_a_braking_that_is_none_is_refused(
+    start_m: float, speed: float, to: float, says: str
+) -> None:
+    with pytest.raises(ValueError, match=says):
+        brake_along(STRAIGHT, start_m, speed, to, 5.0)
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ DEADLINE_S = 20.0
 
 PROGRAM = """
 import sys
+import time
 import rclpy
 from rclpy.node import Node
 from ssp_core.errors import HostError, InputError
@@ -42,6 +43,11 @@ class Probe(Node):
             raise RuntimeError("a bug")
         if kind == "host":
             raise HostError("this machine lacks something")
+
+    def destroy_node(self):
+        if kind == "hangs_at_the_end":
+            time.sleep(60.0)
+        super().destroy_node()
 
 def shutdown(node):
     # The context must still be valid here, or a node could not publish its stop.
@@ -81,6 +87,20 @@ def test_a_signal_is_an_orderly_end(
     process.send_signal(number)
     out, err = process.communicate(timeout=DEADLINE_S)
     assert (process.returncode, out, err) == (0, "last words True\n", "")
+
+
+def test_middleware_that_hangs_is_left_once_the_node_has_closed_what_it_had_to(
+    probe: Callable[[str], subprocess.Popen[str]],
+) -> None:
+    process = probe("hangs_at_the_end")
+    assert process.stdout is not None
+    assert process.stdout.readline() == "up\n"
+    process.terminate()
+    out, err = process.communicate(timeout=DEADLINE_S)
+    assert out == "last words True\n"
+    assert process.returncode == 1
+    assert "Timeout" in err
+    assert "destroy_node" in err  # where it hung
 
 
 def test_a_node_can_ask_for_its_end(probe: Callable[[str], subprocess.Popen[str]]) -> None:

@@ -1,0 +1,32 @@
+"""Types of command-line options that click lacks."""
+
+from __future__ import annotations
+
+import math
+
+import click
+
+
+class Number(click.ParamType[float]):
+    """A finite number within limits; click's own range lets nan through."""
+
+    name = "number"
+
+    def __init__(
+        self, low: float = -math.inf, high: float = math.inf, low_open: bool = False
+    ) -> None:
+        self._low, self._high, self._low_open = low, high, low_open
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        try:
+            number = float(str(value))
+        except ValueError:
+            number = math.nan
+        too_low = number <= self._low if self._low_open else number < self._low
+        if not math.isfinite(number) or too_low or number > self._high:
+            limits = f"{'above' if self._low_open else 'from'} {self._low:g}"
+            limits += f" up to {self._high:g}" if math.isfinite(self._high) else ""
+            self.fail(f"{value!r} is no number {limits}", param, ctx)
+        return number

@@ -1,0 +1,1 @@
+"""The hot messages straight between bytes and the dataclasses of the cores, without rclpy."""

@@ -1,0 +1,195 @@
+"""CDR as rclpy sends it (XCDR1, little endian): what all hand-written codecs share.
+
+A message is four bytes of encapsulation, then its fields in their order, each aligned to its own
+size (8 at most) counted from the byte after the encapsulation. A string is its length in bytes with
+the closing NUL (uint32), the UTF-8 text and the NUL. An array is its length (uint32) and its items.
+
+The codecs pack whole stretches of a message with one ``struct`` call, because a call per field
+would cost as much as rclpy's own conversion. Padding is zero here; rclpy leaves in it what was in
+memory before, so that equal messages are equal bytes only when these functions wrote them.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from functools import lru_cache, wraps
+from typing import TypeVar
+
+from ssp_core.clock import NS_PER_S
+
+ENCAPSULATION = b"\x00\x01\x00\x00"
+START = len(ENCAPSULATION)
+# Some middleware rounds a payload up to a multiple of four bytes.
+_ROUNDING = 3
+_SHORT = 64
+_U32 = struct.Struct("<I")
+_STAMP = struct.Struct("<iI")
+
+T = TypeVar("T")
+
+
+def align4(at: int) -> int:
+    """The first offset from ``at`` on where a 4-byte field may begin."""
+    return (at + 3) & ~3
+
+
+def align8(at: int) -> int:
+    """The first offset from ``at`` on where an 8-byte field may begin."""
+    return ((at + 3) & ~7) + 4
+
+
+# -- writing -----------------------------------------------------------------------------------
+
+
+def u32_bytes(value: int) -> bytes:
+    """A uint32; raises ValueError when the value is none."""
+    try:
+        return _U32.pack(value)
+    except struct.error as error:
+        raise ValueError(f"{value}: {error}") from None
+
+
+def raw_text(text: str) -> bytes:
+    """A string's UTF-8 without length and NUL.
+
+    Raises:
+        ValueError: a NUL in the text, or half a character.
+    """
+    raw = text.encode()
+    if b"\0" in raw:
+        raise ValueError(f"no message can carry a NUL inside a text: {text!r}")
+    return raw
+
+
+@lru_cache(maxsize=256)
+def text_bytes(text: str) -> bytes:
+    """A string as it stands at an aligned offset, without padding behind it; as ``raw_text``."""
+    raw = raw_text(text)
+    return _U32.pack(len(raw) + 1) + raw + b"\0"
+
+
+@lru_cache(maxsize=256)
+def padded_text(text: str) -> bytes:
+    """As ``text_bytes``, up to the next multiple of 4: where a field of 4 bytes or more follows."""
+    raw = text_bytes(text)
+    return raw + bytes(-len(raw) % 4)
+
+
+def stamp_bytes(stamp_ns: int) -> bytes:
+    """A builtin_interfaces/Time; raises ValueError for one beyond its 32 bits of seconds."""
+    try:
+        return _STAMP.pack(*divmod(stamp_ns, NS_PER_S))
+    except struct.error as error:
+        raise ValueError(f"stamp {stamp_ns} ns: {error}") from None
+
+
+# -- reading -----------------------------------------------------------------------------------
+
+
+def read_u32(data: bytes, at: int) -> tuple[int, int]:
+    """A uint32 at the next aligned offset, and the offset behind it."""
+    at = (at + 3) & ~3
+    return _U32.unpack_from(data, at)[0], at + 4
+
+
+def read_stamp(data: bytes, at: int) -> tuple[int, int]:
+    """A stamp in ns at the next aligned offset, and the offset behind it."""
+    at = (at + 3) & ~3
+    seconds, nanoseconds = _STAMP.unpack_from(data, at)
+    return seconds * NS_PER_S + nanoseconds, at + 8
+
+
+def read_header(data: bytes, at: int) -> tuple[int, int]:
+    """The stamp of a std_msgs/Header in ns, and the offset behind its frame_id."""
+    stamp_ns, at = read_stamp(data, at)
+    return stamp_ns, skip_text(data, at)
+
+
+def read_text(data: bytes, at: int) -> tuple[str, int]:
+    """A string at the next aligned offset, and the offset behind it.
+
+    Raises:
+        ValueError: it runs out of the message, isn't closed, or is no UTF-8.
+    """
+    at = (at + 3) & ~3
+    return text_of(data, at + 4, _U32.unpack_from(data, at)[0])
+
+
+def text_of(data: bytes, at: int, size: int) -> tuple[str, int]:
+    """The string whose length was read already, and the offset behind it; as ``read_text``."""
+    end = at + size
+    if end > len(data):
+        raise ValueError(f"a text of {size} bytes in a message of {len(data)}")
+    if size == 0:  # as other vendors may write an empty string
+        return "", end
+    if data[end - 1]:
+        raise ValueError(f"a text that isn't closed: {data[at:end][:40]!r}")
+    raw = data[at : end - 1]
+    return _short_text(raw) if size <= _SHORT else _text(raw), end
+
+
+def _text(raw: bytes) -> str:
+    if b"\0" in raw:
+        raise ValueError(f"a NUL inside a text: {raw[:40]!r}")
+    return raw.decode()
+
+
+# The same few names come again and again.
+_short_text = lru_cache(maxsize=1024)(_text)
+
+
+def skip_text(data: bytes, at: int) -> int:
+    """The offset behind the string at the next aligned offset, whatever it says."""
+    size, at = read_u32(data, at)
+    if at + size > len(data):
+        raise ValueError(f"a text of {size} bytes in a message of {len(data)}")
+    return at + size
+
+
+def read_bool(data: bytes, at: int) -> tuple[bool, int]:
+    """A bool, and the offset behind it."""
+    value = data[at]
+    if value > 1:
+        raise ValueError(f"{value} is no truth value")
+    return value == 1, at + 1
+
+
+def read_count(data: bytes, at: int, least: int) -> tuple[int, int]:
+    """The length of an array at the next aligned offset, and the offset behind it.
+
+    Args:
+        data: the message.
+        at: offset.
+        least: bytes that an item takes at the least; a length that can't fit isn't believed.
+    """
+    count, at = read_u32(data, at)
+    if count * least > len(data) - at:
+        raise ValueError(f"{count} items in {len(data) - at} bytes")
+    return count, at
+
+
+def check_start(data: bytes) -> None:
+    """Raises ValueError for a message that isn't little-endian XCDR1."""
+    if data[:2] != ENCAPSULATION[:2]:
+        raise ValueError(f"encapsulation {bytes(data[:2]).hex()!r} instead of '0001'")
+
+
+def decoder(read: Callable[[bytes, int], tuple[T, int]]) -> Callable[[bytes], T]:
+    """Makes a function that decodes whole messages out of one that reads the fields at an offset.
+
+    The result raises ValueError for everything that is no such message, and nothing else.
+    """
+
+    @wraps(read)
+    def decode(data: bytes) -> T:
+        check_start(data)
+        try:
+            value, end = read(data, START)
+        except (struct.error, IndexError) as error:
+            raise ValueError(f"{len(data)} bytes are too few: {error}") from None
+        if not 0 <= len(data) - end <= _ROUNDING:
+            raise ValueError(f"the message has {len(data)} bytes, its fields {end}")
+        return value
+
+    return decode

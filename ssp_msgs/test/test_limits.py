@@ -1,0 +1,283 @@
+"""Every limit at, just inside and just outside its boundary; no number never keeps one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ssp_core import limits as judge
+from ssp_core.continuity import Continuity, follow
+from ssp_core.fence import box_excess_m
+from ssp_core.geometry import box_distance
+from ssp_core.limits import Passed
+from ssp_core.run_spec import Limits
+from ssp_core.safety_codes import SafetyCode
+from ssp_core.state import DEFAULT_SIZES, ObjectState, Size
+from ssp_core.vocab import ObjectClass, Role
+
+S = 1_000_000_000
+FENCE = [(-10.0, -5.0), (110.0, -5.0), (110.0, 5.0), (-10.0, 5.0)]
+# A limit of its own for each, so that none can be taken for another.
+LIMITS = Limits(
+    speed_mps=15.0,
+    acceleration_mps2=3.0,
+    heartbeat_s=0.5,
+    state_age_s=0.3,
+    error_longitudinal_m=2.0,
+    error_lateral_m=0.8,
+    error_yaw_rad=0.35,
+    position_std_m=0.6,
+    jump_m=1.0,
+    frozen_s=0.4,
+    clock_offset_s=0.05,
+    link_delay_s=0.45,
+)
+STATE = ObjectState(
+    object_id="ot1",
+    object_class=ObjectClass.CAR,
+    role=Role.OT,
+    stamp_ns=20 * S,
+    x_m=50.0,
+    y_m=0.0,
+    yaw_rad=0.0,
+    speed_mps=10.0,
+    acceleration_mps2=0.0,
+    yaw_rate_radps=0.0,
+    size=DEFAULT_SIZES[ObjectClass.CAR],
+)
+Judge = Callable[[float], Passed | None]
+SCALARS: list[tuple[SafetyCode, float, Judge]] = [
+    (SafetyCode.HEARTBEAT_LOST, 0.5, lambda v: judge.heartbeat_lost(v, LIMITS)),
+    (SafetyCode.STATE_STALE, 0.3, lambda v: judge.state_stale(v, LIMITS)),
+    (SafetyCode.OVER_SPEED, 15.0, lambda v: judge.over_speed(replace(STATE, speed_mps=v), LIMITS)),
+    (
+        SafetyCode.OVER_ACCELERATION,
+        3.0,
+        lambda v: judge.over_acceleration(replace(STATE, acceleration_mps2=v), LIMITS),
+    ),
+    (SafetyCode.ERROR_LONGITUDINAL, 2.0, lambda v: judge.error_longitudinal(v, LIMITS)),
+    (SafetyCode.ERROR_LATERAL, 0.8, lambda v: judge.error_lateral(v, LIMITS)),
+    (SafetyCode.ERROR_YAW, 0.35, lambda v: judge.error_yaw(v, LIMITS)),
+    (
+        SafetyCode.LOCALISATION,
+        0.6,
+        lambda v: judge.localisation(replace(STATE, position_std_m=v), LIMITS),
+    ),
+    (SafetyCode.STATE_FROZEN, 0.4, lambda v: judge.state_frozen(v, LIMITS)),
+    (SafetyCode.CLOCK_OFFSET, 0.05, lambda v: judge.clock_offset(v, LIMITS)),
+    (SafetyCode.LINK_DELAY, 0.45, lambda v: judge.link_delay(v, LIMITS)),
+]
+
+
+@pytest.mark.parametrize(("code", "limit", "passed"), SCALARS, ids=lambda v: getattr(v, "name", ""))
+def test_at_inside_and_outside_the_boundary(code: SafetyCode, limit: float, passed: Judge) -> None:
+    assert passed(limit) is None
+    assert passed(math.nextafter(limit, 0.0)) is None
+    beyond = math.nextafter(limit, math.inf)
+    assert passed(beyond) == Passed(code, beyond, limit)
+    for wrong in (math.nan, math.inf):
+        found = passed(wrong)
+        assert found is not None
+        assert (found.code, found.limit) == (code, limit)
+
+
+@pytest.mark.parametrize(("code", "limit", "passed"), SCALARS, ids=lambda v: getattr(v, "name", ""))
+def test_signed_values_count_on_both_sides(code: SafetyCode, limit: float, passed: Judge) -> None:
+    assert passed(-limit) is None
+    found = passed(-math.nextafter(limit, math.inf))
+    if code is SafetyCode.STATE_STALE:
+        assert found is None  # a stamp ahead of the clock is no age
+        return
+    assert found is not None
+    assert found.measured < -limit
+
+
+@pytest.mark.parametrize(
+    "field", ["x_m", "y_m", "yaw_rad", "speed_mps", "acceleration_mps2", "yaw_rate_radps"]
+)
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_no_number_in_a_state(field: str, value: float) -> None:
+    assert judge.state_not_finite(STATE) is None
+    found = judge.state_not_finite(replace(STATE, **{field: value}))
+    assert found is not None
+    assert found.code is SafetyCode.STATE_NOT_FINITE
+
+
+@pytest.mark.parametrize(
+    ("place", "excess_m"),
+    [
+        ({"y_m": 4.1}, None),  # the box is 1.8 m wide
+        ({"y_m": 4.1 - 1e-6}, None),
+        ({"y_m": 4.1 + 1e-6}, 1e-6),
+        ({"y_m": -4.35}, 0.25),
+        ({"x_m": 106.4}, None),  # its front is 3.6 m ahead
+        ({"x_m": 106.4 + 1e-6}, 1e-6),
+        ({"x_m": 106.0, "yaw_rad": 3.141592653589793}, None),
+        ({"x_m": math.nan}, math.inf),
+    ],
+)
+def test_the_whole_box_stays_in_the_fence(place: dict[str, float], excess_m: float | None) -> None:
+    found = judge.outside_geofence(box_excess_m(replace(STATE, **place).box, FENCE))
+    if excess_m is None:
+        assert found is None
+        return
+    assert found is not None
+    assert found.code is SafetyCode.OUTSIDE_GEOFENCE
+    assert found.measured == pytest.approx(excess_m, rel=1e-3)
+
+
+# -- jumps and positions that stand ---------------------------------------------------------------
+
+
+def later(seconds: float, **changes: float) -> ObjectState:
+    return replace(STATE, stamp_ns=STATE.stamp_ns + round(seconds * S), **changes)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "x_m", "y_m", "passed"),
+    [
+        (0.5, 55.0, 0.0, False),
+        (0.5, 55.0, 1.0, False),
+        (0.5, 55.0, 1.375, False),  # 1 m, and 3 m/s^2 for half a second
+        (0.5, 55.0, 1.375 + 1e-9, True),
+        (0.5, 55.0, -1.375 - 1e-9, True),
+        (0.5, 56.375 + 1e-9, 0.0, True),
+        (0.5, 50.0, 0.0, True),
+        (0.125, 51.25 + 1.0234375, 0.0, False),
+        (0.125, 51.25 + 1.0234375 + 1e-9, 0.0, True),
+    ],
+)
+def test_a_jump(seconds: float, x_m: float, y_m: float, passed: bool) -> None:
+    found = judge.position_jump(STATE, later(seconds, x_m=x_m, y_m=y_m), LIMITS)
+    assert (found is not None) == passed
+    if found is not None:
+        assert found.code is SafetyCode.POSITION_JUMP
+        assert found.limit == 1.0 + 1.5 * seconds**2
+
+
+def test_a_bend_is_no_jump() -> None:
+    turning = replace(STATE, yaw_rate_radps=0.5)
+    assert judge.position_jump(turning, turning.extrapolated(21 * S), LIMITS) is None
+
+
+def told(states: list[ObjectState]) -> list[tuple[int, str]]:
+    """Index of the state and name of the limit, for each limit that a row of states passes."""
+    memory, found = Continuity(), []
+    for index, state in enumerate(states):
+        memory, passed = follow(memory, state, LIMITS)
+        found += [(index, p.code.name) for p in passed]
+    return found
+
+
+def test_a_jump_is_told_once_and_the_new_place_believed() -> None:
+    row = [later(0.02 * i, x_m=50.0 + 0.2 * i + (2.0 if i >= 3 else 0.0)) for i in range(8)]
+    assert told(row) == [(3, "POSITION_JUMP")]
+
+
+@pytest.mark.parametrize("lost", [0, 1, 5, 14])
+def test_lost_states_are_no_jump(lost: int) -> None:
+    """Braking by the limit while up to 0.3 s of states are lost."""
+    times = [0.0, 0.02, 0.02 * (2 + lost), 0.02 * (3 + lost)]
+    row = [later(t, x_m=50.0 + 10.0 * t - 1.5 * t * t, speed_mps=10.0 - 3.0 * t) for t in times]
+    assert told(row) == []
+
+
+def test_older_and_unreadable_states_are_not_judged() -> None:
+    row = [later(0.02), later(0.0, x_m=90.0), later(0.02, x_m=90.0), later(0.04, x_m=math.nan)]
+    assert told([*row, later(0.06, x_m=50.4)]) == []
+
+
+@pytest.mark.parametrize(
+    ("speed_mps", "from_state"), [(10.0, 21), (0.21, 21), (0.2, None), (0.0, None), (-10.0, 21)]
+)
+def test_a_position_that_stands_while_the_object_moves(
+    speed_mps: float, from_state: int | None
+) -> None:
+    """The limit is 0.4 s: 20 periods may pass, the 21st is too many."""
+    wide = LIMITS.model_copy(update={"jump_m": 100.0})
+    memory, found = Continuity(), []
+    for index in range(24):
+        state = later(0.02 * index, speed_mps=speed_mps)
+        memory, passed = follow(memory, state, wide)
+        found += [(index, p.code) for p in passed]
+    expected = [] if from_state is None else range(from_state, 24)
+    assert found == [(index, SafetyCode.STATE_FROZEN) for index in expected]
+
+
+def test_a_short_stop_of_the_position_is_forgiven() -> None:
+    at = [0.0, 0.2, 0.4, 0.4, 0.4, 0.4, 1.2, 1.4, 1.6]
+    assert told([later(0.02 * i, x_m=50.0 + x) for i, x in enumerate(at)]) == []
+
+
+# -- two objects ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("gap_m", "code"),
+    [
+        (0.5, None),
+        (0.5 + 1e-9, None),
+        (0.5 - 1e-9, SafetyCode.SEPARATION),
+        (1e-9, SafetyCode.SEPARATION),
+        (0.0, SafetyCode.COLLISION),
+        (-0.3, SafetyCode.COLLISION),
+        (40.0, None),
+    ],
+)
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_the_distance_of_two_boxes(gap_m: float, code: SafetyCode | None, side: float) -> None:
+    # Side by side, in sizes that doubles hold exactly.
+    a = replace(STATE, size=Size(3.5, 1.0, 2.0, 1.5))
+    b = replace(a, object_id="ot2", y_m=side * (2.0 + gap_m))
+    found = judge.separation(a, b, LIMITS)
+    assert (found.code if found else None) == code
+    if found is not None:
+        assert found.measured == pytest.approx(max(gap_m, 0.0), abs=1e-12)
+
+
+@given(
+    st.floats(-8.0, 8.0), st.floats(-8.0, 8.0), st.floats(-3.2, 3.2), st.floats(-3.2, 3.2),
+    st.floats(0.0, 3.0),
+)  # fmt: skip
+def test_separation_is_the_distance_of_the_boxes(
+    x_m: float, y_m: float, yaw_a_rad: float, yaw_b_rad: float, limit_m: float
+) -> None:
+    a = replace(STATE, x_m=0.0, yaw_rad=yaw_a_rad)
+    b = replace(STATE, x_m=x_m, y_m=y_m, yaw_rad=yaw_b_rad)
+    distance_m = box_distance(a.box, b.box)
+    found = judge.separation(a, b, LIMITS.model_copy(update={"separation_m": limit_m}))
+    if distance_m == 0.0 and found is not None:
+        assert found.code is SafetyCode.COLLISION
+    elif abs(distance_m - limit_m) > 1e-9:
+        assert (found is None) == (distance_m > limit_m)
+
+
+@pytest.mark.parametrize(("asked_mps", "frozen"), [(0.0, False), (0.2, False), (1.4, True)])
+def test_a_state_that_froze_at_rest_is_seen_when_motion_is_asked_for(
+    asked_mps: float, frozen: bool
+) -> None:
+    at_rest = replace(STATE, speed_mps=0.0)
+    memory, found = Continuity(), []
+    for step in range(60):
+        state = replace(at_rest, stamp_ns=STATE.stamp_ns + step * S // 50)
+        memory, passed = follow(memory, state, LIMITS, asked_mps)
+        found += [(step, one.code) for one in passed]
+    assert found[:1] == ([(21, SafetyCode.STATE_FROZEN)] if frozen else [])
+
+
+def test_an_object_that_follows_what_it_is_asked_for_is_not_frozen() -> None:
+    memory = Continuity()
+    x_m = speed_mps = 0.0
+    for step in range(100):
+        asked_mps = min(2.0, 0.04 * step)
+        speed_mps += (asked_mps - speed_mps) * 0.02 / 0.6  # a sluggish drive
+        x_m += speed_mps * 0.02
+        stamp_ns = STATE.stamp_ns + step * S // 50
+        state = replace(STATE, stamp_ns=stamp_ns, x_m=x_m, speed_mps=speed_mps)
+        memory, passed = follow(memory, state, LIMITS, asked_mps)
+        assert passed == []
