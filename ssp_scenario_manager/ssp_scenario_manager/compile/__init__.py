@@ -1,0 +1,1 @@
+"""From K* to what a simulator or a track runs (METHOD 2)."""

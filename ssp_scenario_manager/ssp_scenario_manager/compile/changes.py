@@ -1,0 +1,284 @@
+"""Changes on site: one field of a run by its path, and what the log explains of an executed run.
+
+A field's path is its dotted name, with ``[i]`` for an item of a list: ``limits.speed_mps``,
+``triggers[0].condition.below_m``.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from ssp_core.errors import InputError
+from ssp_core.files import parse_model
+from ssp_core.run_spec import RunSpec
+from ssp_scenario_manager.compile.live import as_live
+from ssp_scenario_manager.spec.log import Record
+
+# What belongs to one run, and what says which versions and what kind of site it was made for: never
+# a change on site.
+OF_THE_RUN = frozenset({"run_id", "seed", "mode"})
+LINKS = frozenset(
+    {
+        "schema",
+        "compiler",
+        "scenario",
+        "event_version",
+        "task_version",
+        "site_version",
+        "domain",
+        "stand_in",
+    }
+)
+# What the event is, by its K* (parts C and I): with another value it would be another event.
+OF_THE_EVENT = frozenset({"interaction", "observable", "initiator", "thresholds"})
+
+_STEP = re.compile(r"\.?([A-Za-z_][A-Za-z0-9_]*)|\[(\d+)\]")
+_ABSENT = object()
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """A field that was executed otherwise than the compiled task and the log say.
+
+    Args:
+        field: path of the field.
+        compiled: value after all logged changes; None also where there is no such field.
+        executed: value that was executed; None also where there is no such field.
+    """
+
+    field: str
+    compiled: Any
+    executed: Any
+
+
+def run_mapping(run: RunSpec) -> dict[str, Any]:
+    """The run as JSON values, every default filled in."""
+    mapping: dict[str, Any] = run.model_dump(mode="json", by_alias=True)
+    return mapping
+
+
+def leaves(value: Any, path: str = "") -> dict[str, Any]:
+    """Every field below a JSON value by its path; empty lists and mappings count as values."""
+    if isinstance(value, dict) and value:
+        parts = ((f"{path}.{key}" if path else key, item) for key, item in value.items())
+    elif isinstance(value, list) and value:
+        parts = ((f"{path}[{index}]", item) for index, item in enumerate(value))
+    else:
+        return {path: value}
+    found: dict[str, Any] = {}
+    for place, item in parts:
+        found.update(leaves(item, place))
+    return found
+
+
+def value_at(run: RunSpec, field: str, file: str | Path | None = None) -> Any:
+    """The JSON value of a field.
+
+    Args:
+        run: that has it.
+        field: its path.
+        file: where the run stands, for the message.
+
+    Raises:
+        InputError: the run has no such field.
+    """
+    mapping = run_mapping(run)
+    value = _get(mapping, field)
+    if value is not _ABSENT:
+        return value
+    near = get_close_matches(field, _paths(mapping), n=3, cutoff=0.5)
+    raise InputError(
+        "is no field of the run",
+        file=file,
+        field=field,
+        remedy=f"did you mean {' or '.join(near)}?" if near else "its fields stand in run.yaml",
+    )
+
+
+def with_value(run: RunSpec, field: str, value: Any, file: str | Path | None = None) -> RunSpec:
+    """The run with another value in one field, validated whole.
+
+    Args:
+        run: to change.
+        field: path of a field that it has.
+        value: JSON value.
+        file: where the value stands, for the message.
+
+    Raises:
+        InputError: the run has no such field, or the value isn't one for it.
+    """
+    value_at(run, field, file)
+    mapping = run_mapping(run)
+    steps = _steps(field) or []
+    node: Any = mapping
+    for step in steps[:-1]:
+        node = node[step]
+    node[steps[-1]] = value
+    return parse_model(RunSpec, mapping, file or "run")
+
+
+def check_changeable(field: str) -> None:
+    """Raises InputError for a field that no change on site may touch."""
+    name = re.split(r"[.\[]", field, maxsplit=1)[0]
+    if name in OF_THE_RUN:
+        raise InputError(
+            "is a run's own and no change on site", field=field, remedy="`ssp run` sets it"
+        )
+    if name in LINKS:
+        raise InputError(
+            "says what the task was made from, and can't be changed on site",
+            field=field,
+            remedy="compile the event again",
+        )
+    if name in OF_THE_EVENT:
+        raise InputError(
+            "is the event's own by its K*, and can't be changed on site",
+            field=field,
+            remedy="make another version of the K* and compile that",
+        )
+
+
+def parse_value(run: RunSpec, field: str, text: str, file: str | Path | None = None) -> Any:
+    """What somebody typed for a field, as the model of runs reads it (``15`` is 15.0 m/s there).
+
+    Args:
+        run: that has the field.
+        field: its path.
+        text: YAML or JSON.
+        file: where the run stands, for the message.
+
+    Returns:
+        The JSON value.
+
+    Raises:
+        InputError: there is no such field, or the text gives no value for it.
+    """
+    value_at(run, field, file)
+    try:
+        value = yaml.safe_load(text)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise InputError("is no YAML value", field=field, value=text) from error
+    try:
+        return value_at(with_value(run, field, value, file), field, file)
+    except InputError:
+        # YAML takes words such as `no` for something else; a field of text takes them as typed.
+        if isinstance(value, str):
+            raise
+        try:
+            return value_at(with_value(run, field, text, file), field, file)
+        except InputError:
+            pass
+        raise
+
+
+def apply_record(run: RunSpec, record: Record, file: str | Path | None = None) -> RunSpec:
+    """The run after one ``site_change``.
+
+    Args:
+        run: before it.
+        record: the change; its old value must be the run's.
+        file: of the log, for the message.
+
+    Raises:
+        InputError: it changes no field of the run, or from another value than the run has.
+    """
+    if record.field is None:
+        raise InputError("names no field", file=file, value=record.reason)
+    check_changeable(record.field)
+    before = value_at(run, record.field, file)
+    if not same_value(before, record.old):
+        raise InputError(
+            f"was {before!r} before this change, and the entry says otherwise",
+            file=file,
+            field=record.field,
+            value=record.old,
+        )
+    return with_value(run, record.field, record.new, file)
+
+
+def explained(run: RunSpec, records: Iterable[Record], file: str | Path | None = None) -> RunSpec:
+    """The compiled run after every ``site_change`` of its log, in order.
+
+    Raises:
+        InputError: a change doesn't fit what was before it.
+    """
+    for record in records:
+        if record.kind == "site_change":
+            run = apply_record(run, record, file)
+    return run
+
+
+def differences(compiled: RunSpec, executed: RunSpec) -> list[Difference]:
+    """Fields in which two runs differ, but for what is every run's own (id, seed, mode).
+
+    A live run never has what only a simulated world adds (``compile.live.as_live``).
+    """
+    if executed.mode == "live" and compiled.domain == "physical":
+        compiled = as_live(compiled)
+    before, after = leaves(run_mapping(compiled)), leaves(run_mapping(executed))
+    found = []
+    for field in dict.fromkeys([*before, *after]):
+        old, new = before.get(field, _ABSENT), after.get(field, _ABSENT)
+        if field in OF_THE_RUN or same_value(old, new):
+            continue
+        found.append(
+            Difference(field, None if old is _ABSENT else old, None if new is _ABSENT else new)
+        )
+    return found
+
+
+def same_value(one: Any, other: Any) -> bool:
+    """True for equal JSON values; a boolean is no number, and 15 is 15.0."""
+    if isinstance(one, bool) or isinstance(other, bool):
+        return one is other
+    if isinstance(one, list) and isinstance(other, list):
+        return len(one) == len(other) and all(map(same_value, one, other))
+    if isinstance(one, dict) and isinstance(other, dict):
+        return one.keys() == other.keys() and all(same_value(one[k], other[k]) for k in one)
+    return bool(one == other)
+
+
+def _steps(field: str) -> list[str | int] | None:
+    """``limits.speed_mps`` as steps into a mapping; None for what is no path."""
+    steps: list[str | int] = []
+    end = 0
+    while end < len(field):
+        match = _STEP.match(field, end)
+        if match is None or (match[0].startswith(".") and not steps):
+            return None
+        if match[1] is not None and steps and not match[0].startswith("."):
+            return None
+        steps.append(match[1] if match[1] is not None else int(match[2]))
+        end = match.end()
+    return steps or None
+
+
+def _get(value: Any, field: str) -> Any:
+    steps = _steps(field)
+    if steps is None:
+        return _ABSENT
+    for step in steps:
+        if isinstance(step, str) and isinstance(value, dict):
+            value = value.get(step, _ABSENT)
+        elif isinstance(step, int) and isinstance(value, list) and step < len(value):
+            value = value[step]
+        else:
+            return _ABSENT
+    return value
+
+
+def _paths(mapping: dict[str, Any]) -> Sequence[str]:
+    """Paths of all fields, inner ones too, for suggestions."""
+    found: dict[str, None] = {}
+    for leaf in leaves(mapping):
+        parts = re.split(r"(?=[.\[])", leaf)
+        for end in range(1, len(parts) + 1):
+            found["".join(parts[:end])] = None
+    return list(found)

@@ -1,0 +1,283 @@
+"""From a K* and a place to a sealed task and its log: the whole of METHOD 2, but for the files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from ssp_core.errors import InputError
+from ssp_core.files import parse_model
+from ssp_scenario_manager.compile import records
+from ssp_scenario_manager.compile.choose import Chosen, choose_block
+from ssp_scenario_manager.compile.ground import Ground
+from ssp_scenario_manager.compile.realise import COMPILER, Realisation, realise
+from ssp_scenario_manager.compile.task import (
+    EventLink,
+    PlaceLink,
+    Target,
+    Task,
+    sealed,
+)
+from ssp_scenario_manager.compile.validate import Validated, read_validation
+from ssp_scenario_manager.site import find_shipped, load_site
+from ssp_scenario_manager.spec.checks import check_event
+from ssp_scenario_manager.spec.failure import Failure
+from ssp_scenario_manager.spec.load import event_version, read_event_file
+from ssp_scenario_manager.spec.log import Record
+from ssp_scenario_manager.spec.log_file import log_path, read_log, refusal, utc_now
+from ssp_scenario_manager.spec.model import Event
+from ssp_scenario_manager.topology.load import load_library
+from ssp_scenario_manager.topology.retrieve import score_blocks
+from ssp_scenario_manager.topology.site_blocks import site_library
+
+
+class EventRefused(InputError):
+    """The event doesn't pass its checks (METHOD 1); all failures are in it."""
+
+    def __init__(self, file: Path, failures: Sequence[Failure]) -> None:
+        self.failures = list(failures)
+        lines = "".join(
+            f"\n  {f.check} {f.field}: {f.reason} ({f.evidence}); {f.remedy}" for f in failures
+        )
+        super().__init__(f"doesn't pass {len(failures)} check(s):{lines}", file=file)
+
+
+class WrongOptions(InputError):
+    """Options that exclude each other, or one that is missing, whatever the files say."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """What somebody asked for.
+
+    Args:
+        event: name or file of a K*.
+        target: what to compile for.
+        site: name or file; None with a map.
+        map_path: an OpenDRIVE or SUMO map; None with a site.
+        seed: of the run.
+        choose: id of the block that a person chose among ties.
+        who: that person.
+        validated_by: folder of a simulation run; None: the anchors aren't validated.
+    """
+
+    event: str
+    target: Target
+    site: str | None = None
+    map_path: Path | None = None
+    seed: int = 1
+    choose: str | None = None
+    who: str | None = None
+    validated_by: Path | None = None
+
+
+@dataclass(frozen=True)
+class Compiled:
+    """A compiled event, before it is written.
+
+    Args:
+        task: sealed.
+        event: K*.
+        event_file: its text as it was read.
+        ground: that it was placed on.
+        site_file: the site's text, None with a map.
+        chosen: the winner and all scores.
+        log: of the task.
+    """
+
+    task: Task
+    event: Event
+    event_file: bytes
+    ground: Ground
+    site_file: bytes | None
+    chosen: Chosen
+    log: tuple[Record, ...]
+
+    @property
+    def realisation(self) -> Realisation:
+        return self.chosen.realisation
+
+
+def compile_task(request: Request, said: Callable[[str], None] = lambda text: None) -> Compiled:
+    """Compiles an event.
+
+    Args:
+        request: what for.
+        said: is told each block that is tried.
+
+    Raises:
+        EventRefused: the event doesn't pass its checks.
+        NotChosen: no block fits, or several do and nobody chose.
+        InputError: a file is not valid, or options don't fit each other.
+    """
+    check_options(request)
+    event, version, event_path = checked_event(request.event)
+    ground, site_file = load_ground(request.site, request.map_path)
+    _check_ground(request, ground)
+    before = read_log(log_path(event_path))
+    gate = refusal(before, event.name)
+    if gate is not None:
+        raise InputError(
+            f"its source clip was refused by {gate.who} on {gate.when}: {gate.reason}",
+            file=event_path,
+            remedy="extract the event from another clip (METHOD 1, source gate)",
+        )
+    validated = None
+    if request.validated_by is not None:
+        validated = read_validation(request.validated_by, version)
+    chosen = choose_block(
+        ground.library,
+        score_blocks(event, ground.library),
+        partial(
+            realise,
+            event,
+            version,
+            ground=ground,
+            target=request.target,
+            seed=request.seed,
+            preferred=validated.values if validated is not None else {},
+        ),
+        choice=request.choose,
+        who=request.who,
+        said=said,
+    )
+    task = _task(request, event, version, ground, chosen, validated)
+    return Compiled(
+        task=task,
+        event=event,
+        event_file=event_path.read_bytes(),
+        ground=ground,
+        site_file=site_file,
+        chosen=chosen,
+        log=tuple(_log(request, event, version, before, task, chosen, validated)),
+    )
+
+
+def checked_event(name_or_path: str) -> tuple[Event, str, Path]:
+    """A K* that passes all its checks, its version and its file.
+
+    Raises:
+        EventRefused: it doesn't; with every failure.
+        InputError: there is no such event.
+    """
+    value, path = read_event_file(name_or_path)
+    failures = check_event(value)
+    if failures:
+        raise EventRefused(path, failures)
+    event = parse_model(Event, value, path)
+    return event, event_version(event), path
+
+
+def load_ground(site: str | None, map_path: Path | None) -> tuple[Ground, bytes | None]:
+    """A site by name or file, or a map; and the site's text.
+
+    Raises:
+        InputError: it is not valid.
+    """
+    if site is not None:
+        found, version = load_site(site)
+        link = PlaceLink(kind="site", name=found.name, sha256=version)
+        path = find_shipped(site, "site")
+        return Ground(link, site_library(found, path), found), path.read_bytes()
+    if map_path is None:
+        raise WrongOptions("needs a place", remedy="give --site SITE or --map FILE")
+    library = load_library(map_path)
+    if library.kind == "site":
+        raise InputError("is a site, no map", file=map_path, remedy="give it with --site")
+    link = PlaceLink(kind=library.kind, name=map_path.name, sha256=library.sha256)
+    return Ground(link, library, None, map_path.read_bytes(), map_path.name), None
+
+
+def check_options(request: Request) -> None:
+    """Raises WrongOptions where options don't go together."""
+    if request.site is None and request.map_path is None:
+        raise WrongOptions("needs a place", remedy="give --site SITE or --map FILE")
+    if request.site is not None and request.map_path is not None:
+        raise WrongOptions("is either a site or a map", remedy="give either --site or --map")
+    if request.target == "track" and request.map_path is not None:
+        raise WrongOptions(
+            "a track is a site: a map says nothing about what is reachable and safe there",
+            field="--map",
+            value=str(request.map_path),
+            remedy="give --site SITE, or compile for sumo, openscenario or carla",
+        )
+    if request.validated_by is not None and request.target != "track":
+        raise WrongOptions(
+            "is for the track: other targets aren't validated by a simulation",
+            field="--validated-by",
+            remedy="leave it out, or give --target track",
+        )
+    if request.choose is not None and not (request.who or "").strip():
+        raise WrongOptions(
+            "is missing: a person's choice goes into the log with a name",
+            field="--who",
+            remedy="give --who NAME",
+        )
+
+
+def _check_ground(request: Request, ground: Ground) -> None:
+    if request.target == "track" and ground.site is not None and ground.site.domain != "physical":
+        raise InputError(
+            f"is a site of the domain {ground.site.domain}; a track task is for a physical one",
+            field="--site",
+            value=ground.site.name,
+            remedy="give a physical site, or --target sumo",
+        )
+
+
+def _task(
+    request: Request,
+    event: Event,
+    version: str,
+    ground: Ground,
+    chosen: Chosen,
+    validated: Validated | None,
+) -> Task:
+    real = chosen.realisation
+    return sealed(
+        Task(
+            target=request.target,
+            event=EventLink(name=event.name, version=version),
+            compiler=COMPILER,
+            seed=request.seed,
+            place=ground.link,
+            block=real.task_block,
+            chosen_by=chosen.chosen_by,
+            retrieval=chosen.scores,
+            anchors=real.anchors,
+            vut_route=real.vut_route,
+            trigger=real.trigger,
+            conflict_zone=real.conflict_zone,
+            limits=real.run.limits,
+            geofence=real.run.geofence,
+            ot_reachable=real.ot_reachable,
+            safe_stop_zones=real.safe_stop_zones,
+            tunings=real.tunings,
+            validated_by=validated.validation if validated is not None else None,
+            run=real.run,
+        )
+    )
+
+
+def _log(
+    request: Request,
+    event: Event,
+    version: str,
+    before: Sequence[Record],
+    task: Task,
+    chosen: Chosen,
+    validated: Validated | None,
+) -> list[Record]:
+    """The event's own log goes on in the task's."""
+    log = list(before)
+    if not any(record.kind == "source" and record.subject == event.name for record in before):
+        log.append(records.source_record(event, version))
+    log += records.tuning_records(task)
+    log += records.disclosure_records(task, chosen.realisation.left_out)
+    if chosen.tied:
+        log.append(records.choice_record(task, chosen, request.who or "", utc_now()))
+    if validated is not None:
+        log.append(records.validation_record(task, validated.validation))
+    return log

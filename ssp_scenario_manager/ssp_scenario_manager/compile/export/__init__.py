@@ -1,0 +1,1 @@
+"""Files for other simulators: OpenDRIVE maps, OpenSCENARIO XML, CARLA configurations."""

@@ -1,0 +1,158 @@
+"""Height of the ground on an OpenDRIVE map, for players that are told where things stand in space.
+
+Blocks and tasks are flat. A place takes the elevation of the nearest reference line; banking and
+lane heights are left out.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Sequence
+from xml.etree.ElementTree import Element
+
+import defusedxml.ElementTree as safe_xml
+import numpy as np
+
+from ssp_core.errors import InputError
+from ssp_core.geometry import FloatArray, Pose2
+from ssp_core.reference_line import ReferenceLine
+from ssp_core.run_spec import CurvePiece, Point
+from ssp_scenario_manager.topology.opendrive_read import read_road
+from ssp_scenario_manager.topology.opendrive_road import Geometry, RoadRecord
+from ssp_scenario_manager.topology.xml_input import BadElement, number
+
+# Reference lines are sampled this densely; a place this far from all of them has no height.
+_SAMPLE_M = 2.0
+_FARTHEST_M = 40.0
+_COEFFICIENT = 1e6
+
+_Profile = list[tuple[float, float, float, float, float]]
+
+
+class Heights:
+    """Heights over a map's roads; all 0 where the map is flat.
+
+    Args:
+        xodr: text of an OpenDRIVE map; None: flat.
+
+    Raises:
+        InputError: it isn't XML, or a road in it can't be read.
+    """
+
+    def __init__(self, xodr: str | None) -> None:
+        self._profiles: list[_Profile] = []
+        self._samples: FloatArray = np.empty((0, 4))
+        if xodr is None:
+            return
+        try:
+            root = safe_xml.fromstring(xodr.encode())
+        except (ValueError, safe_xml.ParseError) as error:
+            raise InputError(f"is not valid XML: {error}") from error
+        try:
+            self._profiles = [_profile(road) for road in root.iter("road")]
+            if self.is_flat:
+                return
+            rows = [
+                (x, y, index, s)
+                for index, road in enumerate(root.iter("road"))
+                for s, x, y in _line(read_road(road))
+            ]
+        except BadElement as error:
+            raise InputError(f"its <{error.element.tag}> {error.problem}") from error
+        self._samples = np.array(rows)
+
+    @property
+    def is_flat(self) -> bool:
+        """No road rises or lies above or below 0."""
+        return not any(any(record[1:]) for profile in self._profiles for record in profile)
+
+    def at(self, place: Point) -> float:
+        """Height of the ground, m.
+
+        Raises:
+            InputError: the place is far from all roads of a map that isn't flat.
+        """
+        if not len(self._samples):
+            return 0.0
+        apart = np.hypot(self._samples[:, 0] - place[0], self._samples[:, 1] - place[1])
+        nearest = int(np.argmin(apart))
+        if apart[nearest] > _FARTHEST_M:
+            raise InputError(
+                f"is {apart[nearest]:.0f} m from the nearest road, so that its height is unknown",
+                value=place,
+            )
+        _, _, index, s = self._samples[nearest]
+        return _height(self._profiles[int(index)], float(s))
+
+
+def _profile(road: Element) -> _Profile:
+    found = [
+        (
+            number(e, "s", 0.0),
+            *(number(e, k, 0.0, low=-_COEFFICIENT, high=_COEFFICIENT) for k in "abcd"),
+        )
+        for e in road.iterfind("elevationProfile/elevation")
+    ]
+    return sorted((s, a, b, c, d) for s, a, b, c, d in found)
+
+
+def _height(profile: _Profile, s_m: float) -> float:
+    index = bisect_right(profile, s_m, key=lambda record: record[0]) - 1
+    if index < 0:
+        return 0.0
+    s, a, b, c, d = profile[index]
+    u = s_m - s
+    return a + u * (b + u * (c + u * d))
+
+
+def _line(road: RoadRecord) -> list[tuple[float, float, float]]:
+    """(s, x, y) along a road."""
+    rows: list[tuple[float, float, float]] = []
+    for geometry in road.geometry:
+        if geometry.length_m <= 0.0:
+            continue
+        count = max(1, math.ceil(geometry.length_m / _SAMPLE_M))
+        stations = [i * geometry.length_m / count for i in range(count + 1)]
+        rows += [
+            (geometry.s_m + u, x, y)
+            for u, (x, y) in zip(stations, _places(geometry, stations), strict=True)
+        ]
+    return rows
+
+
+def _places(geometry: Geometry, stations: Sequence[float]) -> list[Point]:
+    """Places at distances from a geometry's start; near ones for cubics."""
+    ends = (0.0, 0.0)
+    if geometry.kind == "arc":
+        ends = (geometry.numbers[0], geometry.numbers[0])
+    elif geometry.kind == "spiral":
+        ends = (geometry.numbers[0], geometry.numbers[1])
+    elif geometry.kind in ("poly3", "paramPoly3"):
+        return [_on_cubic(geometry, u) for u in stations]
+    start = Pose2(geometry.x_m, geometry.y_m, geometry.heading_rad)
+    line = ReferenceLine(
+        start,
+        [
+            CurvePiece(
+                length_m=geometry.length_m,
+                start_curvature_1pm=ends[0],
+                end_curvature_1pm=ends[1],
+            )
+        ],
+    )
+    return [(pose.x_m, pose.y_m) for pose in map(line.pose, stations)]
+
+
+def _on_cubic(geometry: Geometry, station_m: float) -> Point:
+    """A place on a cubic, its parameter taken for the share of its length."""
+
+    def value(numbers: Sequence[float], p: float) -> float:
+        a, b, c, d = numbers
+        return a + p * (b + p * (c + p * d))
+
+    start = Pose2(geometry.x_m, geometry.y_m, geometry.heading_rad)
+    if geometry.kind == "poly3":
+        return start.to_parent(station_m, value(geometry.numbers, station_m))
+    p = station_m / geometry.length_m if geometry.normalised else station_m
+    return start.to_parent(value(geometry.numbers[:4], p), value(geometry.numbers[4:], p))

@@ -1,0 +1,149 @@
+"""Speeds of a task as straight ramps, which is what other players know.
+
+A session rounds the corners of a speed profile over ``DEFAULT_RAMP_S`` by a moving average. That
+delays a ramp by half that time and leaves the distance afterwards as it is.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+from ssp_core.errors import InputError
+from ssp_core.geometry import Polyline
+from ssp_core.profile import DEFAULT_RAMP_S
+from ssp_core.run_spec import Motion, RunSpec
+from ssp_scenario_manager.core.dispatch import APPROACH_LEAD_S
+from ssp_scenario_manager.interactions.base import CannotPlace
+from ssp_scenario_manager.interactions.kinematics import foresee
+from ssp_scenario_manager.interactions.motions import Motions
+
+# When a target's ramp begins, s after the session's start.
+TARGET_START_S = APPROACH_LEAD_S + DEFAULT_RAMP_S / 2
+# Shorter than this a ramp is a step to a player.
+_LEAST_S = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class Ramp:
+    """A change of speed at a constant rate.
+
+    Args:
+        to_mps: speed afterwards.
+        duration_s: of the change.
+    """
+
+    to_mps: float
+    duration_s: float
+
+
+def ramp(from_mps: float, to_mps: float, rate_mps2: float) -> Ramp:
+    """From one speed to another at a rate > 0."""
+    return Ramp(to_mps, max(abs(to_mps - from_mps) / rate_mps2, _LEAST_S))
+
+
+@dataclass(frozen=True, slots=True)
+class Journey:
+    """From standstill along a path to a standstill at its end.
+
+    Args:
+        start: up to the highest speed that the path has room for.
+        stop: back to standstill.
+        braking_from_m: distance driven when the stop begins.
+        length_m: of the path.
+    """
+
+    start: Ramp
+    stop: Ramp
+    braking_from_m: float
+    length_m: float
+
+
+def journey(motion: Motion) -> Journey:
+    """A motion's ramps and where the last one begins."""
+    a, d = motion.acceleration_mps2, motion.deceleration_mps2
+    length = Polyline(motion.path).length_m
+    peak = min(motion.cruise_mps, math.sqrt(2.0 * a * d * length / (a + d)))
+    return Journey(ramp(0.0, peak, a), ramp(peak, 0.0, d), length - peak * peak / (2.0 * d), length)
+
+
+@dataclass(frozen=True, slots=True)
+class Leg:
+    """A ramp and when it begins, s after the session's start."""
+
+    start_s: float
+    change: Ramp
+
+
+def legs(speeds: Sequence[tuple[float, float]], error_mps: float = 0.05) -> list[Leg]:
+    """Straight ramps that leave a course of speeds by at most an error.
+
+    Args:
+        speeds: (t in s, speed in m/s), t rising strictly, at least one.
+        error_mps: largest difference at a given time.
+    """
+    knots = _knots(speeds, 0, len(speeds) - 1, error_mps)
+    return [
+        Leg(speeds[a][0], Ramp(round(speeds[b][1], 3), speeds[b][0] - speeds[a][0]))
+        for a, b in pairwise([0, *knots])
+    ]
+
+
+def _knots(speeds: Sequence[tuple[float, float]], a: int, b: int, error_mps: float) -> list[int]:
+    """Indices after ``a``, up to ``b``, between which straight lines are near enough."""
+    if b <= a:
+        return []
+    (t0, v0), (t1, v1) = speeds[a], speeds[b]
+    worst, at = 0.0, a
+    for i in range(a + 1, b):
+        t, v = speeds[i]
+        off = abs(v - v0 - (v1 - v0) * (t - t0) / (t1 - t0))
+        if off > worst:
+            worst, at = off, i
+    if worst <= error_mps:
+        return [b]
+    return _knots(speeds, a, at, error_mps) + _knots(speeds, at, b, error_mps)
+
+
+def foreseen_speeds(run: RunSpec) -> tuple[tuple[float, float], ...]:
+    """The VUT's speeds as the compiler foresees them, its reaction included: (t in s, m/s).
+
+    Raises:
+        InputError: its trigger never fires, or its manoeuvre can't be driven.
+    """
+    told = Motions(run.vut, run.driver, tuple(run.targets), run.triggers[0])
+    try:
+        return foresee(told, run.observable, run.thresholds).vut_speeds
+    except CannotPlace as error:
+        raise InputError(str(error), field="run.triggers[0]") from error
+
+
+def times_along(motion: Motion) -> list[tuple[float, float, float]]:
+    """(t in s from the start, x, y) at the points of a motion's path, at its planned speed."""
+    path = Polyline(motion.path)
+    trip = journey(motion)
+    a, d, peak = motion.acceleration_mps2, motion.deceleration_mps2, trip.start.to_mps
+    speeding = peak * peak / (2.0 * a)
+    end_s = peak / a + (trip.braking_from_m - speeding) / peak + peak / d
+
+    def when(station_m: float) -> float:
+        if station_m <= speeding:
+            return math.sqrt(2.0 * max(station_m, 0.0) / a)
+        if station_m <= trip.braking_from_m:
+            return peak / a + (station_m - speeding) / peak
+        return end_s - math.sqrt(2.0 * max(trip.length_m - station_m, 0.0) / d)
+
+    return [
+        (when(float(s)), float(x), float(y))
+        for s, (x, y) in zip(path.stations_m, path.points, strict=True)
+    ]
+
+
+def distance_during(from_mps: float, change: Ramp, duration_s: float) -> float:
+    """Distance driven in a time that begins with a ramp, m."""
+    within = min(duration_s, change.duration_s)
+    rate = (change.to_mps - from_mps) / change.duration_s
+    ramped = from_mps * within + 0.5 * rate * within * within
+    return ramped + change.to_mps * (duration_s - within)

@@ -1,0 +1,180 @@
+"""``ssp.task/1``: one compiled event, sealed: what was chosen, where, why, and what will run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import ConfigDict, Field
+
+from ssp_core.errors import InputError
+from ssp_core.files import load_model
+from ssp_core.hashing import sha256_json
+from ssp_core.run_spec import CurvePiece, Finite, Lane, Limits, Point, RunSpec, Start, Strict
+
+SCHEMA: Literal["ssp.task/1"] = "ssp.task/1"
+TASK_FILE = "task.json"
+RUN_FILE = "run.yaml"
+EVENT_FILE = "event.yaml"
+SITE_FILE = "site.yaml"
+
+Target = Literal["sumo", "openscenario", "carla", "track"]
+
+
+class EventLink(Strict):
+    name: str
+    version: str
+
+
+class PlaceLink(Strict):
+    """The site or the map that the event was placed on."""
+
+    kind: Literal["site", "opendrive", "sumo"]
+    name: str
+    sha256: str
+
+
+class BlockScore(Strict):
+    """METHOD 2.2 for one block: scores in [0, 1], and why it was passed over, if it was."""
+
+    block: str
+    topology: Annotated[float, Field(ge=0, le=1)]
+    interaction: Annotated[float, Field(ge=0, le=1)]
+    constraints: Annotated[float, Field(ge=0, le=1)]
+    total: Annotated[float, Field(ge=0, le=1)]
+    reasons: list[str] = Field([], description="what is missing; empty: fits")
+    eligible: bool
+
+
+class TaskBlock(Strict):
+    """The chosen block, whole: nobody needs the map to read a task."""
+
+    id: str
+    origin: Start
+    pieces: list[CurvePiece]
+    length_m: Finite
+    lanes: list[Lane]
+
+
+class Place(Strict):
+    """A place in the block's frame and in frame map."""
+
+    s_m: Finite
+    l_m: Finite
+    x_m: Finite
+    y_m: Finite
+
+
+class Anchors(Strict):
+    """Start, goal and conflict point of one participant (METHOD 2.3)."""
+
+    start: Place
+    goal: Place
+    conflict: Place
+
+
+class TriggerRegion(Strict):
+    """Ω_trigger: what fires, and where the VUT is expected to be when it does."""
+
+    quantity: Literal["relative_distance", "time_to_arrival"]
+    object_id: str
+    below: Finite
+    unit: str
+    expected: Place = Field(description="the VUT's reference point when it fires, as planned")
+
+
+class Tuning(Strict):
+    """A value that was chosen within part C; a record of L says the same."""
+
+    field: str
+    value: Finite
+    unit: str
+    min: Finite | None
+    max: Finite | None
+    reason: str
+
+
+class Validation(Strict):
+    """The simulation run that validated the anchors (METHOD 2)."""
+
+    run_id: str
+    task_version: str
+    bag_sha256: str
+
+
+class Task(Strict):
+    """One compiled event. ``version`` is the hash of everything else in it."""
+
+    schema_: Literal["ssp.task/1"] = Field(SCHEMA, alias="schema")
+    version: str = ""
+    target: Target
+    event: EventLink
+    compiler: str
+    seed: Annotated[int, Field(ge=0, lt=2**31)]
+    place: PlaceLink
+    block: TaskBlock
+    chosen_by: str = Field(description="'highest score', or who chose between ties")
+    retrieval: list[BlockScore]
+    anchors: dict[str, Anchors]
+    vut_route: Annotated[list[Point], Field(min_length=2)]
+    trigger: TriggerRegion
+    conflict_zone: list[Place]
+    limits: Limits
+    geofence: Annotated[list[Point], Field(min_length=3)]
+    ot_reachable: list[list[Point]] = []
+    safe_stop_zones: list[list[Point]] = []
+    tunings: list[Tuning]
+    validated_by: Validation | None = None
+    run: RunSpec = Field(description="what a session runs; a run adds its id, seed and mode")
+
+    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
+
+
+def content_hash(task: Task) -> str:
+    """Hash of everything but the seal itself and the run's copy of it."""
+    value: dict[str, Any] = task.model_dump(mode="json", by_alias=True)
+    value.pop("version")
+    value["run"].pop("task_version")
+    return sha256_json(value)
+
+
+def sealed(task: Task) -> Task:
+    """The task with its version in it and in its run."""
+    version = content_hash(task)
+    run = task.run.model_copy(update={"task_version": version})
+    return task.model_copy(update={"version": version, "run": run})
+
+
+def load_task(path: str | Path) -> Task:
+    """Reads a task file and checks its seal.
+
+    Raises:
+        InputError: it can't be read, is not valid, or was changed after it was compiled.
+    """
+    path = Path(path)
+    file = path / TASK_FILE if path.is_dir() else path
+    task = load_model(Task, file)
+    check_seal(task, file)
+    return task
+
+
+def check_seal(task: Task, file: str | Path) -> None:
+    """Raises InputError where a task was changed after it was compiled."""
+    found = content_hash(task)
+    if found != task.version:
+        raise InputError(
+            "was changed after it was compiled",
+            file=file,
+            field="version",
+            value=task.version,
+            remedy=f"its content has {found}; compile it again, and enter changes on site in "
+            f"{RUN_FILE} with `ssp package log-change`",
+        )
+    if task.run.task_version != task.version:
+        raise InputError(
+            "names another task",
+            file=file,
+            field="run.task_version",
+            value=task.run.task_version,
+            remedy=f"{task.version} is needed; compile it again",
+        )

@@ -1,0 +1,33 @@
+"""A pedestrian or cyclist crosses ahead of the VUT (relation crossing)."""
+
+from __future__ import annotations
+
+from ssp_scenario_manager.interactions.base import Kind
+from ssp_scenario_manager.interactions.crossing import plan_crossing
+from ssp_scenario_manager.spec.model import Event
+
+
+def _manoeuvres(event: Event) -> frozenset[str]:
+    return frozenset({"keep_lane", "crossing"})
+
+
+KIND = Kind(
+    name="vru_crossing",
+    relation="crossing",
+    zone="corridor_crossing",
+    observable="lateral",
+    dominant_motions=frozenset({"crossing_from_left", "crossing_from_right"}),
+    initiator_classes=frozenset({"pedestrian", "cyclist"}),
+    initiator_places={
+        "crossing_from_left": frozenset({"left_kerb"}),
+        "crossing_from_right": frozenset({"right_kerb"}),
+    },
+    first="initiator",
+    manoeuvre={"walking_speed": "m/s", "kerb_distance": "m", "acceleration": "m/s^2"},
+    trigger_quantities=frozenset({"time_to_arrival"}),
+    needs_occluder=False,
+    uses_arrival_gap=True,
+    same_direction_lanes=1,
+    manoeuvres=_manoeuvres,
+    plan=plan_crossing,
+)

@@ -1,0 +1,176 @@
+"""What the predicates of C1–C5 share: the event under check, and how they word a failure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, get_args
+
+from ssp_scenario_manager.interactions import KINDS
+from ssp_scenario_manager.interactions.base import Kind
+from ssp_scenario_manager.spec.failure import Check, Failure, Origin
+from ssp_scenario_manager.spec.fields import get, granules, owner, within
+from ssp_scenario_manager.spec.model import UNRESOLVED, Event, Interval, MotionCell, PhaseWord
+from ssp_scenario_manager.spec.platform import limit_of, rule_of
+from ssp_scenario_manager.spec.seal import body, safety_critical_fields
+from ssp_scenario_manager.spec.units import UNITS, Dimension, Span, dimension_of, si
+
+PHASES: tuple[PhaseWord, ...] = get_args(PhaseWord)
+
+_QUANTITY = {"min", "max", "unit"}
+# Where a wrong value comes from, by its provenance in part U.
+ORIGINS: dict[str, Origin] = {"frame": "source video", "model": "extraction"}
+
+
+@dataclass(frozen=True)
+class View:
+    """An event under check.
+
+    Args:
+        event: its typed form; fields that can't be read hold a stopgap.
+        broken: paths of those fields. They are reported as such, and nothing is concluded from
+            a stopgap.
+    """
+
+    event: Event
+    broken: frozenset[str] = field(default_factory=frozenset)
+    _spans: dict[str, Span | None] = field(default_factory=dict, init=False, repr=False)
+
+    @cached_property
+    def value(self) -> dict[str, Any]:
+        """The event's canonical mapping, without part U."""
+        return body(self.event)
+
+    @property
+    def kind(self) -> Kind | None:
+        """Facts about the kind of interaction, None where nobody knows it."""
+        return KINDS.get(self.event.interaction.type)
+
+    @property
+    def initiator(self) -> str:
+        return self.event.interaction.initiator
+
+    @cached_property
+    def critical(self) -> list[str]:
+        """Paths of the safety-critical fields."""
+        return safety_critical_fields(self.event, self.value)
+
+    @cached_property
+    def quantities(self) -> dict[str, dict[str, Any]]:
+        """Every interval that could be read, by its path."""
+        found = {path: get(self.value, path) for path in granules(self.value)}
+        return {
+            path: item
+            for path, item in found.items()
+            if isinstance(item, dict) and set(item) == _QUANTITY and not self.is_broken(path)
+        }
+
+    def measured(self, path: str) -> Span | None:
+        """A quantity in SI units; None where it is missing, null or in a wrong unit."""
+        try:
+            found = get(self.value, path)
+        except LookupError:
+            return None
+        if not isinstance(found, dict) or self.is_broken(path):
+            return None
+        unit = UNITS.get(found["unit"])
+        if unit is None or unit.dimension != self.dimension(path):
+            return None
+        return si(Interval.model_construct(**found))
+
+    def span(self, path: str) -> Span | None:
+        """A quantity in SI units, to hold others against; None where C5 refuses it by itself."""
+        if path not in self._spans:
+            self._spans[path] = self._sound(path)
+        return self._spans[path]
+
+    def _sound(self, path: str) -> Span | None:
+        span, rule = self.measured(path), rule_of(path, self.dimension(path) or "")
+        if span is None or rule is None or span.low > span.high:
+            return None
+        limit = limit_of(rule)
+        given = [end for end in (span.low, span.high) if math.isfinite(end)]
+        closed = len(given) == (1 if rule.shape in ("floor", "ceiling") else 2)
+        return span if closed and all(limit.holds(Span(end, end)) for end in given) else None
+
+    def dimension(self, path: str) -> Dimension | None:
+        """What the quantity at a path measures."""
+        units = dict(self.kind.manoeuvre) if self.kind else {}
+        return dimension_of(path, self.event.constraints.trigger.quantity, units)
+
+    def cell(self, who: str, phase: PhaseWord) -> MotionCell | None:
+        """Motion of one participant in one phase, None where part M lacks it."""
+        return self.event.motion.get(who, {}).get(phase)
+
+    def said(self, *paths: str) -> str:
+        """``path = value`` of each, as the evidence of a failure."""
+        return "; ".join(f"{path} = {self._shown(path)}" for path in paths)
+
+    def is_broken(self, path: str) -> bool:
+        """Whether a field, something in it, or what holds it couldn't be read."""
+        return any(within(path, bad) or within(bad, path) for bad in self.broken)
+
+    def origin(self, path: str) -> Origin:
+        """Where a wrong value of this one field comes from, by its provenance in part U."""
+        entry = owner(path, self.event.uncertainty)
+        provenance = self.event.uncertainty[entry].provenance if entry else ""
+        return ORIGINS.get(provenance, "contradiction in the structure")
+
+    def _shown(self, path: str) -> str:
+        try:
+            return show(get(self.value, path))
+        except LookupError:
+            return "not there"
+
+
+Predicate = Callable[[View], Iterator[Failure]]
+
+
+@dataclass(frozen=True, slots=True)
+class Fail:
+    """Makes the failures of one check."""
+
+    check: Check
+
+    def __call__(
+        self,
+        path: str,
+        evidence: str,
+        reason: str,
+        remedy: str,
+        origin: Origin = "contradiction in the structure",
+    ) -> Failure:
+        return Failure(self.check, path, evidence, reason, origin, remedy)
+
+
+def show(value: Any) -> str:
+    """A field's value as people write it."""
+    if isinstance(value, dict) and set(value) == {"min", "max", "unit"}:
+        low, high = value["min"], value["max"]
+        unit = "" if value["unit"] == "1" else f" {value['unit']}"
+        if low is None or high is None:
+            known_end = low if low is not None else high
+            sign = "at least" if high is None else "at most"
+            return "open on both sides" if known_end is None else f"{sign} {known_end:g}{unit}"
+        return f"{low:g}{unit}" if low == high else f"{low:g}–{high:g}{unit}"
+    if isinstance(value, dict) and set(value) == {"min", "max"}:
+        return f"{value['min']}" if value["min"] == value["max"] else "{min}–{max}".format(**value)
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key}: {show(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(show(item) for item in value) + "]"
+    if value is None:
+        return "null"
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def known(word: str | None) -> bool:
+    """Whether a word says something: neither missing nor unresolved nor `any`."""
+    return word not in (None, UNRESOLVED, "any")
+
+
+def one_of(words: Iterable[str]) -> str:
+    """A vocabulary for a remedy, in a fixed order."""
+    return ", ".join(sorted(words))

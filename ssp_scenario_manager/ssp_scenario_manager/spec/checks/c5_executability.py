@@ -1,0 +1,221 @@
+"""C5: speeds, manoeuvre and place agree and lie inside the event's own limits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from ssp_scenario_manager.spec.checks.base import Fail, Predicate, View, one_of, show
+from ssp_scenario_manager.spec.failure import Failure
+from ssp_scenario_manager.spec.fields import get, leaves
+from ssp_scenario_manager.spec.model import UNRESOLVED
+from ssp_scenario_manager.spec.units import Span
+
+_fail = Fail("C5")
+_EPS = 1e-9
+
+
+def manoeuvre_is_complete(view: View) -> Iterator[Failure]:
+    """Part C gives the manoeuvre's quantities by the names of its kind, and no others."""
+    kind, given = view.kind, view.event.constraints.manoeuvre
+    if kind is None:
+        return
+    for name in sorted(set(kind.manoeuvre) ^ set(given)):
+        missing = name in kind.manoeuvre
+        yield _fail(
+            f"constraints.manoeuvre.{name}",
+            f"given: {one_of(given) or 'none'}; interaction.type = {kind.name}",
+            f"{kind.name} {'needs' if missing else 'knows no'} {name}",
+            f"an interval in {kind.manoeuvre[name]}" if missing else one_of(kind.manoeuvre),
+        )
+
+
+def critical_fields_are_known(view: View) -> Iterator[Failure]:
+    """No safety-critical field is unresolved: nobody can execute what nobody knows."""
+    for path in view.critical:
+        for below, value in leaves(get(view.value, path)):
+            if value == UNRESOLVED:
+                at = f"{path}.{below}" if below else path
+                yield _fail(
+                    at,
+                    view.said(at),
+                    "is safety-critical and may not stay unresolved",
+                    "a value that is known, by `ssp spec review FILE`",
+                    view.origin(at),
+                )
+
+
+def inside_the_safety_limits(view: View) -> Iterator[Failure]:
+    """Speeds and accelerations stay inside the event's own safety limits."""
+    fastest = view.span("constraints.safety.speed")
+    hardest = view.span("constraints.safety.acceleration")
+    for path in view.quantities:
+        span, dimension = view.span(path), view.dimension(path)
+        own = path.startswith("constraints.safety.")
+        limit = {"speed": fastest, "acceleration": hardest}.get(dimension or "")
+        if span is None or limit is None or own or span.high <= limit.high + _EPS:
+            continue
+        by = f"constraints.safety.{dimension}"
+        yield _fail(
+            f"{path}.max",
+            view.said(path, by),
+            "is beyond the event's own safety limit",
+            f"at most {show(get(view.value, by))}",
+        )
+
+
+def speeds_hold_the_manoeuvre(view: View) -> Iterator[Failure]:
+    """The initiator's speeds run between its approach and the manoeuvre's target speed."""
+    kind, who = view.kind, view.initiator
+    if kind is None:
+        return
+    before = view.span(f"constraints.speeds.{who}.approach")
+    for name, unit in kind.manoeuvre.items():
+        target = view.span(f"constraints.manoeuvre.{name}")
+        if unit != "m/s" or before is None or target is None:
+            continue
+        at = f"constraints.manoeuvre.{name}"
+        wrong = {
+            "merge": target.high > before.high,
+            "following": target.high >= before.low,
+            "crossing": target.low <= before.high,
+        }[kind.relation]
+        if wrong:
+            yield _fail(
+                at,
+                view.said(at, f"constraints.speeds.{who}.approach"),
+                "the manoeuvre changes the speed the other way",
+                f"a range {'above' if kind.relation == 'crossing' else 'below'} the approach's",
+            )
+        hull = Span(min(before.low, target.low), max(before.high, target.high))
+        for phase in ("trigger", "conflict", "resolution"):
+            path = f"constraints.speeds.{who}.{phase}"
+            span = view.span(path)
+            if span is None:
+                continue
+            if not hull.holds(span):
+                yield _fail(
+                    path,
+                    view.said(path, at, f"constraints.speeds.{who}.approach"),
+                    "goes beyond the speeds before and after the manoeuvre",
+                    f"inside {hull.low:g}–{hull.high:g} m/s",
+                )
+            if phase != "trigger" and not span.holds(target):
+                yield _fail(
+                    path,
+                    view.said(path, at),
+                    "leaves out speeds that the manoeuvre may end at",
+                    f"at least {target.low:g}–{target.high:g} m/s",
+                )
+
+
+def vut_only_brakes(view: View) -> Iterator[Failure]:
+    """The VUT never goes faster than in the approach, and may stand if it may stop."""
+    vut = view.event.vut_id
+    before = view.span(f"constraints.speeds.{vut}.approach")
+    stops = "stop" in view.event.interaction.longitudinal_responses
+    speeds_up = "accelerate" in view.event.interaction.longitudinal_responses
+    for phase in ("trigger", "conflict", "resolution"):
+        path = f"constraints.speeds.{vut}.{phase}"
+        span = view.span(path)
+        if span is None or before is None:
+            continue
+        if not speeds_up and span.high > before.high + _EPS:
+            yield _fail(
+                path,
+                view.said(path, f"constraints.speeds.{vut}.approach"),
+                "no admissible response makes the VUT faster",
+                f"at most {before.high:g} m/s",
+            )
+        if stops and phase in ("conflict", "resolution") and span.low > 0.0:
+            yield _fail(
+                path,
+                view.said(path, "interaction.longitudinal_responses"),
+                "a VUT that may stop has 0 in its range",
+                "min 0",
+            )
+
+
+def lane_change_is_drivable(view: View) -> Iterator[Failure]:
+    """A lane change over the widest lane in the shortest time keeps to the safety limit."""
+    width, time = view.span("topology.lane_width"), view.span("constraints.manoeuvre.duration")
+    limit = view.span("constraints.safety.acceleration")
+    if width is None or time is None or limit is None or time.low <= 0.0:
+        return
+    # Half the way with, half against the least lateral acceleration: w = a t² / 4.
+    needed = 4.0 * width.high / time.low**2
+    if needed > limit.high:
+        path = "constraints.manoeuvre.duration"
+        yield _fail(
+            path,
+            view.said(path, "topology.lane_width", "constraints.safety.acceleration"),
+            f"takes at least {needed:.2f} m/s^2 of lateral acceleration",
+            f"at least {math.sqrt(4.0 * width.high / limit.high):.2f} s",
+        )
+
+
+def site_is_large_enough(view: View) -> Iterator[Failure]:
+    """The site is long enough for approach and braking, and wide enough beyond the kerb."""
+    vut, who = view.event.vut_id, view.initiator
+    c = "constraints"
+    clearance, kerb = (
+        view.span(f"{c}.site.lateral_clearance"),
+        view.span(f"{c}.manoeuvre.kerb_distance"),
+    )
+    if clearance and kerb and clearance.low < kerb.high:
+        yield _fail(
+            f"{c}.site.lateral_clearance",
+            view.said(f"{c}.site.lateral_clearance", f"{c}.manoeuvre.kerb_distance"),
+            "the initiator may have to wait beyond the site's edge",
+            f"at least {kerb.high:g} m",
+        )
+    length, gap = view.span(f"{c}.site.length"), view.span(f"participants.{who}.region.gap")
+    ours, theirs = view.span(f"{c}.speeds.{vut}.approach"), view.span(f"{c}.speeds.{who}.approach")
+    below, hardest = view.span(f"{c}.trigger.below"), view.span(f"{c}.safety.acceleration")
+    if not (length and gap and ours and theirs and below and hardest) or hardest.high <= 0.0:
+        return
+    if view.event.constraints.trigger.quantity == "time_to_arrival":
+        needed = gap.high
+    else:
+        closing = ours.low - theirs.high
+        if closing <= 0.0:
+            return
+        braking_m = ours.high**2 / (2.0 * hardest.high)
+        needed = ours.high * max(0.0, gap.high - below.low) / closing + braking_m
+    if length.low < needed:
+        yield _fail(
+            f"{c}.site.length",
+            view.said(
+                f"{c}.site.length",
+                f"participants.{who}.region.gap",
+                f"{c}.speeds.{vut}.approach",
+                f"{c}.speeds.{who}.approach",
+                f"{c}.trigger.below",
+            ),
+            "the event may need more road than the site must have",
+            f"at least {math.ceil(needed)} m, or a narrower initial gap",
+        )
+
+
+def weights_count_something(view: View) -> Iterator[Failure]:
+    """Not every weight of KPR is 0."""
+    weights = view.event.constraints.weights
+    if len(weights) == 5 and not any(weights.values()):
+        yield _fail(
+            "constraints.weights",
+            view.said("constraints.weights"),
+            "KPR would divide by 0 (METHOD 4)",
+            "at least one weight above 0",
+        )
+
+
+PREDICATES: tuple[Predicate, ...] = (
+    manoeuvre_is_complete,
+    critical_fields_are_known,
+    inside_the_safety_limits,
+    speeds_hold_the_manoeuvre,
+    vut_only_brakes,
+    lane_change_is_drivable,
+    site_is_large_enough,
+    weights_count_something,
+)

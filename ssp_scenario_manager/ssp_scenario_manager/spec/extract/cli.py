@@ -1,0 +1,201 @@
+"""``ssp spec extract``: a candidate K* from a source video, by questions to a vision model."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shlex
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import click
+
+from ssp_core import console
+from ssp_core.errors import InputError
+from ssp_core.options import Number
+from ssp_scenario_manager.interactions import KINDS
+from ssp_scenario_manager.spec.extract.candidate import Origin
+from ssp_scenario_manager.spec.extract.chat import OpenAIChat, Policy
+from ssp_scenario_manager.spec.extract.extraction import Extracted, Order, extract
+from ssp_scenario_manager.spec.extract.frames import WIDE_SPACING_S, Crop
+from ssp_scenario_manager.spec.log_file import utc_now
+from ssp_scenario_manager.spec.review.undecided import Undecided
+from ssp_scenario_manager.spec.review.values import shown
+
+_NAME = re.compile(r"[a-z][a-z0-9_]{0,31}")
+_PATH = click.Path(path_type=Path)
+
+
+@click.command("extract")
+@click.argument("video", type=_PATH)
+@click.option("--base-url", required=True, help="Of the server, up to and with /v1.")
+@click.option("--model", required=True, help="As the server names it.")
+@click.option("--api-key-env", metavar="VAR", help="Environment variable that holds the key.")
+@click.option("--start", type=Number(0), default=0.0, help="Start of the crop [default: 0].")
+@click.option("--end", type=Number(0), help="End of the crop [default: the video's].")
+@click.option("--name", help="Of the event [default: from VIDEO's name].")
+@click.option("--type", "kind", type=click.Choice(sorted(KINDS)), help="Kind of interaction, "
+              "where a person states it; else the model's answer.")  # fmt: skip
+@click.option("--annotation", type=_PATH, help="EMM-AU annotation, kept as provenance.")
+@click.option("--show-annotation", is_flag=True, help="Show its descriptions to the model.")
+@click.option("--frames", type=click.IntRange(2, 200), default=16, show_default=True,
+              help="Frames shown, evenly over the crop.")  # fmt: skip
+@click.option("--width", type=click.IntRange(64, 4096), default=960, show_default=True,
+              help="Wider frames are scaled down to this, px.")  # fmt: skip
+@click.option("--timeout", type=Number(0.1), default=120.0, show_default=True,
+              help="For one answer, s.")  # fmt: skip
+@click.option("--tries", type=click.IntRange(1, 20), default=3, show_default=True,
+              help="Of one request, while the server is silent, away or busy.")  # fmt: skip
+@click.option("--no-schema", is_flag=True, help="Don't ask the server to hold answers to a schema.")
+@click.option("--generator", default="unknown", show_default=True, help="What made the video.")
+@click.option("--original", help="Version or name of the original [default: VIDEO's name].")
+@click.option("--out", type=_PATH, default=Path(), help="Folder [default: the present one].")
+@click.option("--force", is_flag=True, help="Replace a candidate that is there.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
+def extract_command(
+    video: Path,
+    base_url: str,
+    model: str,
+    api_key_env: str | None,
+    start: float,
+    end: float | None,
+    name: str | None,
+    kind: str | None,
+    annotation: Path | None,
+    show_annotation: bool,
+    frames: int,
+    width: int,
+    timeout: float,
+    tries: int,
+    no_schema: bool,
+    generator: str,
+    original: str | None,
+    out: Path,
+    force: bool,
+    as_json: bool,
+) -> None:
+    """Ask a vision model about VIDEO and write a candidate K*.
+
+    Writes NAME.candidate.yaml, NAME.log.jsonl and NAME.extraction/ (frames, requests, raw answers).
+    A candidate is no K*: `ssp spec review` makes one of it. Run the same command again to go on
+    after an interruption; what was answered isn't asked again.
+    """
+    if show_annotation and annotation is None:
+        raise click.UsageError("--show-annotation needs --annotation FILE")
+    if end is not None and start >= end:
+        raise click.UsageError(f"--start {start:g} must lie before --end {end:g}")
+    order = Order(
+        video=video,
+        crop=Crop(start, end, frames, width),
+        origin=Origin(_event_name(name, video), generator, original or video.name, kind),
+        out=out,
+        annotation=annotation,
+        show_annotation=show_annotation,
+        use_schema=not no_schema,
+        server=_checked_url(base_url),
+        force=force,
+    )
+    policy = Policy(timeout_s=timeout, tries=tries)
+    chat = OpenAIChat(base_url, model, _key(api_key_env), policy, console.note)
+    with console.progress(f"asking {model}", None) as bar:
+        task = bar.task_ids[0]
+        found = extract(
+            order,
+            chat,
+            utc_now,
+            lambda done, total: bar.update(task, completed=done, total=total),
+        )
+    if as_json:
+        click.echo(json.dumps({"candidate": str(order.candidate), **found.as_dict()}, indent=1))
+    else:
+        _report(order, found)
+    for note in found.notes:
+        console.note(f"note: {note}")
+
+
+def _event_name(name: str | None, video: Path) -> str:
+    found = name or re.sub(r"[^a-z0-9]+", "_", video.stem.lower()).strip("_")[:32]
+    if not _NAME.fullmatch(found):
+        raise click.UsageError(
+            f"{found!r} is no name of an event: give --name with a letter first, then at most 31 "
+            "of a-z, 0-9 and _"
+        )
+    return found
+
+
+def _checked_url(url: str) -> str:
+    try:
+        parts = urlsplit(url)
+        fine = parts.scheme in ("http", "https") and parts.hostname and parts.port != 0
+    except ValueError:
+        fine = False
+    if not fine:
+        raise click.UsageError(
+            f"--base-url {url!r} is no address; give one such as http://localhost:8000/v1"
+        )
+    # A password in an address is no business of the log's.
+    return parts._replace(netloc=parts.netloc.rpartition("@")[2]).geturl()
+
+
+def _key(variable: str | None) -> str | None:
+    if variable is None:
+        return None
+    key = os.environ.get(variable, "")
+    if not key.strip():
+        raise InputError(
+            f"the environment has no {variable}, or it is empty",
+            remedy="export it, or leave --api-key-env out where the server wants no key",
+        )
+    return key
+
+
+def _report(order: Order, found: Extracted) -> None:
+    out = console.out
+    out.print(
+        f"{order.candidate}: candidate {found.version[:19]}, {found.clip.duration_s:.2f} s, "
+        f"{len(found.clip.shots)} frames shown",
+        markup=False,
+    )
+    if found.clip.spacing_s > WIDE_SPACING_S:
+        console.note(
+            f"note: frames are {found.clip.spacing_s:.2f} s apart, and phases are known no better; "
+            "give more --frames or a shorter crop"
+        )
+    critical = [item for item in found.undecided if item.critical]
+    others = len(found.undecided) - len(critical)
+    out.print(f"\nA person must decide {len(critical)} safety-critical fields:", markup=False)
+    for line in _lines(critical):
+        out.print(line, markup=False)
+    out.print(f"and may accept {others} others together.", markup=False)
+    doubts = [finding for finding in found.gate if finding.answer != "no"]
+    if doubts:
+        out.print("\nThe model doubts that the clip will do; a person may refuse it:", markup=False)
+        for finding in doubts:
+            frames = ", ".join(map(str, finding.frames))
+            out.print(
+                f"  {finding.reason}: {finding.answer} ({finding.confidence:.2f}, frames {frames})",
+                markup=False,
+            )
+    if found.failures:
+        out.print("\nChecks that don't hold yet:", markup=False)
+        for failure in found.failures:
+            text = f"  {failure.check} {failure.field}: {failure.reason} ({failure.evidence})"
+            out.print(text, markup=False)
+    files = [shlex.quote(str(path)) for path in (order.candidate, order.video)]
+    out.print(f"\nNext: ssp spec review {files[0]} --who NAME --video {files[1]}", markup=False)
+
+
+def _lines(items: list[Undecided]) -> list[str]:
+    """One line per field: path, value, confidence, where from, evidence frames."""
+    widths = [
+        max((len(item.field) for item in items), default=0),
+        min(24, max((len(shown(item.value)) for item in items), default=0)),
+    ]
+    lines = []
+    for item in items:
+        frames = ", ".join(map(str, item.frames))
+        confidence = "–" if item.confidence is None else f"{item.confidence:.2f}"
+        line = f"  {item.field:<{widths[0]}}  {shown(item.value):<{widths[1]}}  {confidence}  "
+        lines.append(line + item.provenance + (f", frames {frames}" if frames else ""))
+    return lines

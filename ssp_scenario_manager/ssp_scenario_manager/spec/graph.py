@@ -1,0 +1,198 @@
+"""``ssp.graph/1``: the typed interaction graph of a K*, for audit and exchange (METHOD 1).
+
+Nodes are road, lanes and kerbs, VUT, OTs, conflict zone and phases; edges are spatial, temporal or
+of the interaction. Everything names the fields of the K* that say it: the graph adds nothing.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any, Literal, get_args
+
+from ssp_scenario_manager.spec.fields import get, granules, leaves, owner
+from ssp_scenario_manager.spec.load import event_version
+from ssp_scenario_manager.spec.model import UNRESOLVED, Event, PhaseWord
+from ssp_scenario_manager.spec.seal import body
+
+SCHEMA = "ssp.graph/1"
+NodeType = Literal["road", "lane", "kerb", "VUT", "OT", "conflict_zone", "phase"]
+EdgeKind = Literal["spatial", "temporal", "interaction"]
+_PHASES: tuple[PhaseWord, ...] = get_args(PhaseWord)
+
+
+def interaction_graph(event: Event) -> dict[str, Any]:
+    """The graph of a K* as JSON-like data.
+
+    Returns:
+        ``nodes`` and ``edges``, each with the ``fields`` that say it; ``determined`` (P): values
+        that are known, quantities with their units; ``uncertain`` (U): intervals and unresolved
+        marks, and how every field is known.
+    """
+    value = body(event)
+    return {
+        "schema": SCHEMA,
+        "event": {"name": event.name, "version": event_version(event)},
+        "nodes": _nodes(event, value),
+        "edges": [
+            *_spatial(event, value),
+            *_temporal(event, value),
+            *_interaction(event, value),
+        ],
+        "determined": _determined(value),
+        "uncertain": _uncertain(event, value),
+    }
+
+
+def _node(name: str, kind: NodeType, fields: dict[str, Any]) -> dict[str, Any]:
+    """A node; ``fields`` holds what the K* says of it, by path."""
+    return {"id": name, "type": kind, "fields": fields}
+
+
+def _edge(
+    kind: EdgeKind, relation: str, source: str, target: str, fields: dict[str, Any]
+) -> dict[str, Any]:
+    return {"kind": kind, "relation": relation, "from": source, "to": target, "fields": fields}
+
+
+def _said(value: dict[str, Any], *paths: str) -> dict[str, Any]:
+    """Fields of the K* by path, a list or a mapping as it stands."""
+    return {path: get(value, path) for path in paths}
+
+
+def _below(value: dict[str, Any], path: str) -> dict[str, Any]:
+    """Everything that the K* says below a path, by the smallest fields."""
+    here = get(value, path)
+    return {f"{path}.{name}": get(here, name) for name in granules(here)}
+
+
+def _places(event: Event) -> list[str]:
+    """Places that the participants start in, the VUT's lane first."""
+    found = (who.region.place for who in event.participants.values())
+    return list(dict.fromkeys(("vut_lane", *found)))
+
+
+def _nodes(event: Event, value: dict[str, Any]) -> list[dict[str, Any]]:
+    nodes = [_node("road", "road", _below(value, "topology"))]
+    for place in _places(event):
+        kind: NodeType = "kerb" if place.endswith("kerb") else "lane"
+        named = [
+            f"participants.{who}.region.place"
+            for who, participant in event.participants.items()
+            if participant.region.place == place
+        ]
+        nodes.append(_node(place, kind, _said(value, *named)))
+    for who, participant in event.participants.items():
+        nodes.append(_node(who, participant.role, _below(value, f"participants.{who}")))
+    zone = _said(value, "interaction.zone", "interaction.relation")
+    nodes.append(_node("conflict_zone", "conflict_zone", zone))
+    for phase in _PHASES:
+        fields = _said(value, f"events.{phase}.start", f"events.{phase}.evidence")
+        cells = (f"motion.{who}.{phase}" for who in event.motion if phase in event.motion[who])
+        nodes.append(_node(f"phase:{phase}", "phase", fields | _said(value, *cells)))
+    return nodes
+
+
+def _spatial(event: Event, value: dict[str, Any]) -> list[dict[str, Any]]:
+    vut, interaction = event.vut_id, event.interaction
+    edges = []
+    for who in event.participants:
+        place = f"participants.{who}.region.place"
+        fields = _said(value, place)
+        edges.append(
+            _edge("spatial", "occupies", who, event.participants[who].region.place, fields)
+        )
+    for who, participant in event.participants.items():
+        along = f"participants.{who}.region.along"
+        if participant.region.along == "ahead":
+            fields = _said(value, along, f"participants.{who}.region.gap")
+            edges.append(_edge("spatial", "ahead-of", who, vut, fields))
+        elif participant.region.along == "behind":
+            edges.append(_edge("spatial", "ahead-of", vut, who, _said(value, along)))
+    for place in _places(event):
+        if place in ("left_lane", "right_lane"):
+            fields = _said(value, "topology.lanes_same_direction", "topology.vut_lane")
+            edges.append(_edge("spatial", "adjacent", place, "vut_lane", fields))
+        elif place.endswith("kerb"):
+            side = place.removesuffix("_kerb")
+            fields = _said(value, f"topology.{side}_boundary")
+            edges.append(_edge("spatial", "adjacent", place, "road", fields))
+        elif place == "oncoming_lane":
+            fields = _said(value, "topology.lanes_opposite")
+            edges.append(_edge("spatial", "adjacent", place, "road", fields))
+    # Both kinds of zone lie in the VUT's lane (METHOD 1: they are cut out of its swept corridor).
+    fields = _said(value, "interaction.zone")
+    edges.append(_edge("spatial", "occupies", "conflict_zone", "vut_lane", fields))
+    fields = _said(value, "interaction.relation", "interaction.dominant_motion")
+    edges.append(_edge("spatial", "path-intersects", interaction.initiator, vut, fields))
+    return edges
+
+
+def _temporal(event: Event, value: dict[str, Any]) -> list[dict[str, Any]]:
+    edges = []
+    for before, after in pairwise(_PHASES):
+        fields = _said(value, f"events.{before}.start", f"events.{after}.start")
+        edges.append(_edge("temporal", "before", f"phase:{before}", f"phase:{after}", fields))
+    first, second = event.interaction.passing_order
+    fields = _said(value, "interaction.passing_order", "constraints.time_gap")
+    edges.append(_edge("temporal", "before", first, second, fields))
+    return edges
+
+
+def _interaction(event: Event, value: dict[str, Any]) -> list[dict[str, Any]]:
+    interaction = event.interaction
+    who, vut = interaction.initiator, interaction.affected
+    fired = _said(
+        value,
+        "constraints.trigger.quantity",
+        "constraints.trigger.object",
+        "constraints.trigger.below",
+    )
+    edges = [_edge("interaction", "triggers", vut, who, fired)]
+    cells = event.motion.get(who, {})
+    for before, after in pairwise(_PHASES):
+        if before in cells and after in cells and cells[before] != cells[after]:
+            fields = _said(value, f"motion.{who}.{before}", f"motion.{who}.{after}")
+            edges.append(_edge("interaction", "changes-motion", who, f"phase:{after}", fields))
+    exposed = _said(
+        value,
+        "interaction.type",
+        "interaction.relation",
+        "constraints.thresholds.ttc",
+        "constraints.thresholds.arrival_gap",
+    )
+    edges.append(_edge("interaction", "exposes-conflict", who, "conflict_zone", exposed))
+    if interaction.occluder is not None:
+        fields = _said(value, "interaction.occluder")
+        edges.append(_edge("interaction", "exposes-conflict", interaction.occluder, who, fields))
+    answers = _said(value, "interaction.longitudinal_responses", "interaction.lateral_responses")
+    edges.append(_edge("interaction", "responds", vut, who, answers))
+    return edges
+
+
+def _is_interval(value: Any) -> bool:
+    return isinstance(value, dict) and set(value) == {"min", "max", "unit"}
+
+
+def _determined(value: dict[str, Any]) -> dict[str, Any]:
+    """P: exact quantities with their units, and every word, number and list that is known."""
+    found: dict[str, Any] = {}
+    for path in granules(value):
+        item = get(value, path)
+        if _is_interval(item):
+            if item["min"] is not None and item["min"] == item["max"]:
+                found[path] = {"value": item["min"], "unit": item["unit"]}
+        elif item is not None and UNRESOLVED not in [leaf for _, leaf in leaves(item)]:
+            found[path] = {"value": item}
+    return found
+
+
+def _uncertain(event: Event, value: dict[str, Any]) -> dict[str, Any]:
+    """U: intervals and unresolved marks as they stand, and how each field is known."""
+    found: dict[str, Any] = {}
+    for path in granules(value):
+        item, entry = get(value, path), owner(path, event.uncertainty)
+        known = event.uncertainty[entry].model_dump(mode="json") if entry else None
+        open_ = UNRESOLVED in [leaf for _, leaf in leaves(item)]
+        interval = _is_interval(item) and item["min"] != item["max"]
+        found[path] = ({"value": item} if open_ or interval else {}) | {"known": known}
+    return found

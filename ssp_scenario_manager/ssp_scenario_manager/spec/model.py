@@ -1,0 +1,263 @@
+"""``ssp.event/1``: a K* file, its seven parts T, A, M, I, E, C and U (METHOD 1).
+
+Every part is keyed by names rather than by position, so that ``motion.ot1.trigger.lateral`` names
+one field for the file, the checks, the log and the uncertainty part alike. A quantity is an
+interval with its unit; what nobody knows is ``unresolved`` and never a made-up number.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import ConfigDict, Field
+
+from ssp_core.run_spec import ObjectId, ObjectWord, Strict
+
+SCHEMA: Literal["ssp.event/1"] = "ssp.event/1"
+UNRESOLVED: Literal["unresolved"] = "unresolved"
+
+Unresolved = Literal["unresolved"]
+PhaseWord = Literal["approach", "trigger", "conflict", "resolution"]
+PositionWord = Literal[
+    "front", "front_left", "front_right", "left", "right", "rear", "rear_left", "rear_right"
+]
+MotionWord = Literal[
+    "stationary",
+    "same_direction",
+    "oncoming",
+    "cutting_in_from_left",
+    "cutting_in_from_right",
+    "cutting_out",
+    "crossing_from_left",
+    "crossing_from_right",
+    "receding",
+]
+LonWord = Literal["stop", "decelerate", "maintain", "accelerate"]
+LatWord = Literal["left", "straight", "right"]
+BoundaryWord = Literal["kerb", "sidewalk", "shoulder", "verge", "any"]
+ManoeuvreWord = Literal["keep_lane", "lane_change_left", "lane_change_right", "crossing", "stop"]
+Share = Annotated[float, Field(ge=0, le=1, strict=True)]
+# Numbers as such: neither `yes` nor "12" is one.
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+FrameNumber = Annotated[int, Field(ge=0, le=10**9, strict=True)]
+
+
+class Interval(Strict):
+    """A closed interval with its unit; an open side is null, an exact value has min = max."""
+
+    min: Number | None = None
+    max: Number | None = None
+    unit: str
+
+
+Quantity = Interval | Unresolved
+
+
+class Count(Strict):
+    """How many, from min to max."""
+
+    min: Annotated[int, Field(ge=0, le=16, strict=True)]
+    max: Annotated[int, Field(ge=0, le=16, strict=True)]
+
+
+class Topology(Strict):
+    """T: the road, seen in the VUT's direction of travel."""
+
+    road_type: Literal["urban", "rural", "motorway", "proving_ground", "any", "unresolved"]
+    segment: Literal["straight", "curve", "junction", "unresolved"]
+    lanes_same_direction: Count
+    lanes_opposite: Count
+    vut_lane: Literal["rightmost", "leftmost", "middle", "any", "unresolved"]
+    left_boundary: BoundaryWord | Unresolved
+    right_boundary: BoundaryWord | Unresolved
+    lane_width: Quantity
+    curvature: Quantity = Field(description="absolute curvature of the reference line, 1/m")
+    permitted_manoeuvres: Annotated[list[ManoeuvreWord], Field(min_length=1)]
+
+
+class Region(Strict):
+    """Where a participant is when the clip begins, in words and intervals relative to the VUT."""
+
+    place: Literal[
+        "vut_lane", "left_lane", "right_lane", "right_kerb", "left_kerb", "oncoming_lane"
+    ]
+    along: Literal["at", "ahead", "beside", "behind"] = Field(
+        description="at: the VUT's own entry; else relative to it"
+    )
+    gap: Quantity = Field(UNRESOLVED, description="bumper gap to the VUT along its path, m")
+
+
+class Participant(Strict):
+    """A: one participant."""
+
+    role: Literal["VUT", "OT"]
+    class_: ObjectWord = Field(alias="class")
+    region: Region
+
+    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
+
+
+class MotionCell(Strict):
+    """M: one participant in one phase. Position and motion are seen from the VUT (METHOD 5.1)."""
+
+    position: PositionWord | Unresolved | None = Field(None, description="null for the VUT")
+    motion: MotionWord | Unresolved | None = Field(None, description="null for the VUT")
+    heading: Literal["same", "opposite", "leftwards", "rightwards", "unresolved"]
+    speed_trend: Literal["standing", "constant", "increasing", "decreasing", "any", "unresolved"]
+    longitudinal: Literal["none", "closing", "opening", "any", "unresolved"] = Field(
+        description="change of the gap between VUT and participant; none for the VUT"
+    )
+    lateral: Literal["none", "left", "right", "unresolved"]
+
+
+PhaseCells = dict[PhaseWord, MotionCell]
+
+
+class Interaction(Strict):
+    """I: who conflicts with whom, how, in which order, and what is a right answer."""
+
+    type: ObjectId = Field(description="a module of ssp_scenario_manager.interactions")
+    initiator: ObjectId = Field(description="the OT whose manoeuvre is the event")
+    affected: ObjectId = Field(description="the VUT")
+    relation: Literal["merge", "crossing", "following"]
+    zone: Literal["vut_lane", "corridor_crossing"]
+    occluder: ObjectId | None = None
+    dominant_motion: MotionWord
+    passing_order: Annotated[list[ObjectId], Field(min_length=2, max_length=2)]
+    longitudinal_responses: Annotated[list[LonWord], Field(min_length=1)]
+    lateral_responses: Annotated[list[LatWord], Field(min_length=1)]
+
+
+class Evidence(Strict):
+    """Where in the source something can be seen: frame numbers or a span of time."""
+
+    frames: tuple[FrameNumber, FrameNumber] | None = None
+    span_s: tuple[Number, Number] | None = None
+
+
+class PhaseStart(Strict):
+    """E: when a phase starts in the (cropped) source clip, and where that can be seen."""
+
+    start: Quantity
+    evidence: Annotated[list[Evidence], Field(min_length=1, max_length=64)]
+
+
+class Clip(Strict):
+    """The cropped source clip that φ (METHOD 4) is taken over."""
+
+    start: Quantity
+    end: Quantity
+
+
+class Events(Strict):
+    """E: the phases in order, on the clip's own clock."""
+
+    clip: Clip
+    approach: PhaseStart
+    trigger: PhaseStart
+    conflict: PhaseStart
+    resolution: PhaseStart
+
+
+class TriggerNeed(Strict):
+    """What fires the manoeuvre, as an interval that the compiler chooses from."""
+
+    quantity: Literal["relative_distance", "time_to_arrival"]
+    object: ObjectId = Field(description="relative_distance: to it; time_to_arrival: at its path")
+    below: Quantity
+
+
+class Thresholds(Strict):
+    """When a conflict begins (METHOD 1); null: this event isn't judged by it."""
+
+    ttc: Interval | None = Interval(min=2.5, max=2.5, unit="s")
+    arrival_gap: Interval | None = Interval(min=1.5, max=1.5, unit="s")
+
+
+class CameraNeed(Strict):
+    """What the forward camera must deliver."""
+
+    hfov: Interval
+    width: Interval
+    rate: Interval
+    visible_fraction: Interval = Field(description="of the critical phases, share in [0, 1]")
+
+
+class SiteNeed(Strict):
+    """What a place must offer."""
+
+    length: Interval
+    lateral_clearance: Interval = Field(description="beyond the kerb, for VRUs and run-off")
+
+
+class SafetyNeed(Strict):
+    """Ω_safe: limits that a realisation must not pass."""
+
+    speed: Interval
+    acceleration: Interval
+    separation: Interval
+    duration: Interval
+
+
+class Constraints(Strict):
+    """C: every number of the event, with its unit."""
+
+    speeds: Annotated[dict[ObjectId, dict[PhaseWord, Quantity]], Field(max_length=16)]
+    trigger: TriggerNeed
+    manoeuvre: dict[ObjectId, Quantity] = Field(
+        max_length=16, description="named by the interaction's module"
+    )
+    time_gap: Quantity = Field(description="at the conflict point (METHOD 1)")
+    thresholds: Thresholds = Thresholds()
+    camera: CameraNeed
+    site: SiteNeed
+    safety: SafetyNeed
+    weights: dict[
+        Literal[
+            "topology", "participant_roles", "dominant_motion", "conflict_type", "passing_order"
+        ],
+        Annotated[Number, Field(ge=0)],
+    ] = Field(default_factory=dict, description="w_k of KPR; 1 where not given")
+
+
+class Doubt(Strict):
+    """U: what is known about one field, or about all below it that have no entry of their own."""
+
+    confidence: Share
+    provenance: Literal["frame", "model", "person", "derived", "standard"]
+    source: str = Field(description="frames, model id, or what it was derived from")
+    review: Literal["unreviewed", "accepted", "edited", "unresolved"]
+    seal: str | None = Field(None, description="hash of the field as it was reviewed")
+
+
+class Source(Strict):
+    """The clip that the event was taken from."""
+
+    generator: str
+    original: str = Field(description="version or name of the original")
+    sha256: str | None = Field(None, description="null: made anew wherever it is needed")
+    rate: Quantity = Field(UNRESOLVED, description="frames a second, Hz")
+
+
+class Event(Strict):
+    """One K* or, before review, a candidate."""
+
+    schema_: Literal["ssp.event/1"] = Field(alias="schema")
+    name: ObjectId
+    description: str
+    source: Source
+    topology: Topology
+    participants: Annotated[dict[ObjectId, Participant], Field(min_length=2, max_length=16)]
+    motion: Annotated[dict[ObjectId, PhaseCells], Field(max_length=16)]
+    interaction: Interaction
+    events: Events
+    constraints: Constraints
+    uncertainty: dict[str, Doubt] = Field(default_factory=dict)
+
+    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
+
+    @property
+    def vut_id(self) -> str:
+        """Id of the one VUT; the first participant's where C1 would fail."""
+        ids = [key for key, who in self.participants.items() if who.role == "VUT"]
+        return ids[0] if ids else next(iter(self.participants))

@@ -1,0 +1,1 @@
+"""From a candidate to a K* (METHOD 1, review): a person decides each safety-critical field."""

@@ -1,0 +1,273 @@
+"""What an event needs of a block, need by need: how well it is met, and what is missing.
+
+Each function looks at one need of a K* and one block. A need that K* leaves open ("any", no
+interval, unresolved) is met by every block. A share says how well; a reason says why a block that
+lacks it can't be used. Needs without a reason make a block less fit, and don't exclude it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from dataclasses import dataclass
+
+from ssp_scenario_manager.interactions.base import Kind
+from ssp_scenario_manager.interactions.choosing import in_si
+from ssp_scenario_manager.spec.model import Count, Event, Interval, Quantity
+from ssp_scenario_manager.topology.bends import bend_1pm
+from ssp_scenario_manager.topology.block import Block, BlockLane
+
+# Rounding of widths in map files.
+_WIDTH_M = 0.01
+_DRIVEN = frozenset({"car", "truck", "bus", "motorcycle", "cyclist"})
+
+
+@dataclass(frozen=True, slots=True)
+class Met:
+    """How well a block meets one need.
+
+    Args:
+        share: in [0, 1].
+        missing: why the block can't be used; None: it can.
+    """
+
+    share: float
+    missing: str | None = None
+
+
+MET = Met(1.0)
+# The map doesn't say.
+UNKNOWN = Met(0.5)
+
+
+def bounds(quantity: Quantity) -> tuple[float, float]:
+    """Both ends of a quantity in SI units; an open or unresolved side is infinite."""
+    if not isinstance(quantity, Interval):
+        return -math.inf, math.inf
+    found = in_si(quantity)
+    return (
+        -math.inf if found.min is None else found.min,
+        math.inf if found.max is None else found.max,
+    )
+
+
+# -- part T ---------------------------------------------------------------------------------------
+
+
+def road_type(event: Event, block: Block) -> Met:
+    """The same type; a proving ground stands in for any, and a map that doesn't say is half met."""
+    wanted = event.topology.road_type
+    if wanted in ("any", "unresolved", block.road_type) or block.road_type == "proving_ground":
+        return MET
+    return UNKNOWN if block.road_type == "any" else Met(0.0)
+
+
+def segment(event: Event, block: Block) -> Met:
+    """Straight, curve or junction, as K* says."""
+    wanted = event.topology.segment
+    if wanted in ("unresolved", block.segment):
+        return MET
+    return Met(0.0, f"segment {block.segment}, needs {wanted}")
+
+
+def _count(name: str, found: int, wanted: Count, least: int) -> Met:
+    low = max(wanted.min, least)
+    if found < low:
+        return Met(found / low, f"{name} lanes {found}, needs at least {low}")
+    if found > wanted.max:
+        return Met(wanted.max / found, f"{name} lanes {found}, needs at most {wanted.max}")
+    return MET
+
+
+def same_direction(event: Event, block: Block, kind: Kind) -> Met:
+    """Lanes in the VUT's direction: as many as K* says, and as the kind of interaction needs."""
+    forward, backward = len(block.forward_lanes), len(block.backward_lanes)
+    met = _count(
+        "same-direction", forward, event.topology.lanes_same_direction, kind.same_direction_lanes
+    )
+    if met.missing is not None and forward == 1 and backward <= 1 and met.share < 1.0:
+        return Met(met.share, f"one driving lane per direction: {met.missing}")
+    return met
+
+
+def opposite(event: Event, block: Block) -> Met:
+    """Oncoming lanes, as many as K* says."""
+    return _count("oncoming", len(block.backward_lanes), event.topology.lanes_opposite, 0)
+
+
+def vut_lanes(event: Event, block: Block) -> list[int]:
+    """Indices of the forward lanes, from right to left, that the VUT may drive in."""
+    indices = list(range(len(block.forward_lanes)))
+    word = event.topology.vut_lane
+    if word == "rightmost":
+        return indices[:1]
+    if word == "leftmost":
+        return indices[-1:]
+    return indices[1:-1] if word == "middle" else indices
+
+
+def vut_lane(event: Event, block: Block) -> Met:
+    """A lane for the VUT."""
+    if vut_lanes(event, block):
+        return MET
+    lanes = len(block.forward_lanes)
+    return Met(0.0, f"same-direction lanes {lanes}, none of them is the {event.topology.vut_lane}")
+
+
+def boundary(wanted: str, found: str) -> Met:
+    """What lies beside the road: a sidewalk has a kerb; a kerb has half of a sidewalk."""
+    if wanted in ("any", "unresolved", found) or (wanted, found) == ("kerb", "sidewalk"):
+        return MET
+    return UNKNOWN if found == "any" or (wanted, found) == ("sidewalk", "kerb") else Met(0.0)
+
+
+# -- part I ---------------------------------------------------------------------------------------
+
+
+def relation(event: Event, block: Block) -> Met:
+    """A candidate conflict area of the relation."""
+    wanted = event.interaction.relation
+    if any(area.kind == wanted for area in block.conflict_areas):
+        return MET
+    return Met(0.0, f"no conflict area for the relation {wanted}")
+
+
+def manoeuvres(event: Event, block: Block, kind: Kind) -> Met:
+    """Share of the manoeuvres that K* and the kind need and the block permits."""
+    needed = kind.manoeuvres(event) | set(event.topology.permitted_manoeuvres)
+    lacking = sorted(needed - block.permitted)
+    if not lacking:
+        return MET
+    share = 1.0 - len(lacking) / len(needed)
+    return Met(share, f"not permitted: {', '.join(lacking)}")
+
+
+def places(event: Event, block: Block) -> Met:
+    """Share of the participants whose place the block has: lanes beside the VUT's or oncoming."""
+    lanes = len(block.forward_lanes)
+    mine = vut_lanes(event, block)
+    lacking = []
+    for name, who in event.participants.items():
+        place = who.region.place
+        if place == "left_lane" and not any(i + 1 < lanes for i in mine):
+            lacking.append(f"{name} needs a lane to the left of the VUT's")
+        elif place == "right_lane" and not any(i > 0 for i in mine):
+            lacking.append(f"{name} needs a lane to the right of the VUT's")
+        elif place == "oncoming_lane" and not block.backward_lanes:
+            lacking.append(f"{name} needs an oncoming lane")
+    if not lacking:
+        return MET
+    return Met(1.0 - len(lacking) / len(event.participants), "; ".join(lacking))
+
+
+# -- part C ---------------------------------------------------------------------------------------
+
+
+def length(event: Event, block: Block) -> Met:
+    """Room for approach, conflict and run-out."""
+    low, high = bounds(event.constraints.site.length)
+    if block.length_m < low - 1e-6:
+        share = max(0.0, block.length_m / low)
+        return Met(share, f"length {block.length_m:.1f} m, needs at least {low:g} m")
+    if block.length_m > high + 1e-6:
+        share = max(0.0, high / block.length_m)
+        return Met(share, f"length {block.length_m:.1f} m, needs at most {high:g} m")
+    return MET
+
+
+def speed_limit(event: Event, block: Block) -> Met:
+    """How much of the fastest vehicle's range of approach speeds the limit allows.
+
+    Half met where the map has no limit in it.
+    """
+    low = high = 0.0
+    for name, who in event.participants.items():
+        found = event.constraints.speeds.get(name, {}).get("approach")
+        if who.class_ in _DRIVEN and found is not None:
+            least, most = bounds(found)
+            least = max(0.0, least)
+            if least > low or (least == low and most > high):
+                low, high = least, max(least, most if math.isfinite(most) else least)
+    limit = block.speed_limit_mps
+    if limit is None:
+        return UNKNOWN
+    if limit < low - 1e-6:
+        return Met(
+            max(0.0, limit / low), f"speed limit {limit:.1f} m/s, needs at least {low:g} m/s"
+        )
+    return MET if limit >= high else Met((limit - low) / (high - low))
+
+
+def lane_width(event: Event, block: Block, kind: Kind) -> Met:
+    """Share of the forward lanes that are neither too narrow nor too wide.
+
+    The VUT's must be among them, and so many of them side by side as the kind needs.
+    """
+    low, high = bounds(event.topology.lane_width)
+    lanes = block.forward_lanes
+    if not lanes:
+        return Met(0.0)
+    fits = [_fits(lane, low, high) for lane in lanes]
+    share = sum(fits) / len(fits)
+    mine = [i for i in vut_lanes(event, block) if fits[i]]
+    beside = any(
+        all(fits[j : j + kind.same_direction_lanes]) and j <= i < j + kind.same_direction_lanes
+        for i in mine
+        for j in range(max(0, len(lanes) - kind.same_direction_lanes + 1))
+    )
+    # Too few lanes is another need's business.
+    if beside or len(lanes) < kind.same_direction_lanes or not vut_lanes(event, block):
+        return Met(share)
+    widths = ", ".join(f"{lane.width_m:.2f}" for lane in lanes)
+    return Met(share, f"lane widths {widths} m from right to left, needs {_range(low, high)} m")
+
+
+def _fits(lane: BlockLane, low: float, high: float) -> bool:
+    return low - _WIDTH_M <= lane.width_m <= high + _WIDTH_M
+
+
+def _range(low: float, high: float) -> str:
+    if math.isinf(high):
+        return f"at least {low:g}"
+    return f"at most {high:g}" if math.isinf(low) else f"{low:g} to {high:g}"
+
+
+def curvature(event: Event, block: Block) -> Met:
+    """Curvature over any 10 m, within what K* says."""
+    low, high = bounds(event.topology.curvature)
+    found = bend_1pm(block.line)
+    if found > high + 1e-6:
+        return Met(max(0.0, high / found), f"curvature {found:.4f} 1/m, needs at most {high:g} 1/m")
+    if found < low - 1e-6:
+        return Met(found / low, f"curvature {found:.4f} 1/m, needs at least {low:g} 1/m")
+    return MET
+
+
+def kerb_sides(event: Event) -> Collection[str]:
+    """Sides of the road beyond which somebody waits or walks to."""
+    if event.interaction.relation == "crossing":
+        return ("right", "left")
+    found = {who.region.place for who in event.participants.values()}
+    return tuple(s for s in ("right", "left") if f"{s}_kerb" in found)
+
+
+def clearance(event: Event, block: Block) -> Met:
+    """Room beyond the outermost lanes, shoulder and sidewalk together.
+
+    Where somebody waits or walks to it is a must; for run-off it makes a block fitter, as most maps
+    don't say what lies beside the road.
+    """
+    low, _ = bounds(event.constraints.site.lateral_clearance)
+    room = {
+        "right": block.shoulder_right_m + block.sidewalk_right_m,
+        "left": block.shoulder_left_m + block.sidewalk_left_m,
+    }
+    if not low > 0.0:
+        return MET
+    share = min(1.0, *(room[side] / low for side in room))
+    short = [
+        f"clearance on the {side} {room[side]:.1f} m, needs at least {low:g} m"
+        for side in kerb_sides(event)
+        if room[side] < low - 1e-6
+    ]
+    return Met(share, "; ".join(short) or None)

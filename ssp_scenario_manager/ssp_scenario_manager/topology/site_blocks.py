@@ -1,0 +1,250 @@
+"""The blocks of a site, and its regions as polygons (METHOD 2.1)."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+
+from ssp_core.errors import InputError
+from ssp_core.reference_line import NotOneToOne, ReferenceLine
+from ssp_core.run_spec import Lane, Point
+from ssp_core.scenery import Clearance
+from ssp_scenario_manager.site import Region, Site, SiteBlock, Strip, site_version
+from ssp_scenario_manager.topology.areas import conflict_areas
+from ssp_scenario_manager.topology.bends import segment_of
+from ssp_scenario_manager.topology.block import Block, BlockLane, Library
+
+_REGION_ERROR_M = 0.02
+_MOST_CORNERS = 1000
+
+
+def site_line(block: SiteBlock, field: str) -> ReferenceLine:
+    """The reference line of a site's block.
+
+    Raises:
+        InputError: the pieces make no line.
+    """
+    try:
+        return ReferenceLine(block.origin.pose, block.pieces)
+    except ValueError as error:
+        raise InputError(
+            f"make no road: {error}", field=f"{field}.pieces", remedy="shorten or straighten them"
+        ) from error
+
+
+def _check_lanes(block: SiteBlock, field: str) -> None:
+    ordered = sorted(range(len(block.lanes)), key=lambda i: block.lanes[i].y_m)
+    for low, high in pairwise(ordered):
+        right, left = block.lanes[low], block.lanes[high]
+        overlap = right.y_m + right.width_m / 2 - (left.y_m - left.width_m / 2)
+        if overlap > 1e-6:
+            raise InputError(
+                f"overlaps lanes[{low}] by {overlap:g} m",
+                field=f"{field}.lanes[{high}]",
+                value=left.y_m,
+                remedy=f"lane centres must be {(right.width_m + left.width_m) / 2:g} m apart",
+            )
+    if not any(lane.direction == "forward" for lane in block.lanes):
+        raise InputError(
+            "has no forward lane", field=f"{field}.lanes", remedy="the VUT drives in one"
+        )
+
+
+def _check_traffic(block: SiteBlock, line: ReferenceLine, field: str) -> None:
+    seen: set[str] = set()
+    for i, vehicle in enumerate(block.traffic):
+        here = f"{field}.traffic[{i}]"
+        if vehicle.id in seen:
+            raise InputError("stands twice", field=f"{here}.id", value=vehicle.id)
+        seen.add(vehicle.id)
+        if vehicle.lane >= len(block.lanes):
+            raise InputError(
+                "there is no such lane",
+                field=f"{here}.lane",
+                value=vehicle.lane,
+                remedy=f"the block has lanes 0 to {len(block.lanes) - 1}",
+            )
+        if not 0.0 <= vehicle.x_m <= line.length_m:
+            raise InputError(
+                "leaves the block",
+                field=f"{here}.x_m",
+                value=vehicle.x_m,
+                remedy=f"0 to {line.length_m:g} m fits",
+            )
+
+
+def _check_scenery(block: SiteBlock, line: ReferenceLine, field: str) -> None:
+    clearance = Clearance(line, [(lane.y_m, lane.width_m) for lane in block.lanes])
+    for i, item in enumerate(block.scenery):
+        problem = clearance.problem(item)
+        if problem is not None:
+            raise InputError(
+                f"{problem} (a {item.type})",
+                field=f"{field}.scenery[{i}]",
+                value=f"s_m {item.s_m:g}, l_m {item.l_m:g}",
+                remedy="give it a place beside the lanes",
+            )
+
+
+def _sorted_lanes(lanes: list[Lane]) -> tuple[BlockLane, ...]:
+    named = [
+        BlockLane(lane.y_m, lane.width_m, lane.direction == "forward", f"lanes[{i}]")
+        for i, lane in enumerate(lanes)
+    ]
+    return tuple(sorted(named, key=lambda lane: lane.y_m))
+
+
+def _block(site: Site, index: int) -> Block:
+    block, field = site.blocks[index], f"blocks[{index}]"
+    line = site_line(block, field)
+    _check_lanes(block, field)
+    _check_traffic(block, line, field)
+    _check_scenery(block, line, field)
+    known = [other.id for other in site.blocks]
+    for i, name in enumerate(block.leads_to):
+        if name not in known:
+            raise InputError(
+                "is no block of this site",
+                field=f"{field}.leads_to[{i}]",
+                value=name,
+                remedy=f"its blocks are {', '.join(known)}",
+            )
+    if block.crossing_x_m is not None and not 0.0 <= block.crossing_x_m <= line.length_m:
+        raise InputError(
+            "leaves the block",
+            field=f"{field}.crossing_x_m",
+            value=block.crossing_x_m,
+            remedy=f"0 to {line.length_m:g} m fits",
+        )
+    lanes = _sorted_lanes(block.lanes)
+    permitted = frozenset[str](block.permitted)
+    return Block(
+        block_id=block.id,
+        line=line,
+        lanes=lanes,
+        road_type=block.road_type,
+        segment=segment_of(line),
+        left_boundary=block.left_boundary,
+        right_boundary=block.right_boundary,
+        sidewalk_left_m=block.sidewalk_left_m,
+        sidewalk_right_m=block.sidewalk_right_m,
+        permitted=permitted,
+        entrances=tuple(sorted(o.id for o in site.blocks if block.id in o.leads_to)),
+        exits=tuple(sorted(set(block.leads_to))),
+        conflict_areas=conflict_areas(line.length_m, lanes, permitted, block.crossing_x_m),
+        crossing_s_m=block.crossing_x_m,
+        speed_limit_mps=block.speed_limit_mps,
+        scenery=tuple(block.scenery),
+    )
+
+
+def site_library(site: Site, file: str | Path | None = None) -> Library:
+    """The blocks of a site, each in the direction that its file gives it.
+
+    Args:
+        site: read.
+        file: that it was read from, for messages.
+
+    Raises:
+        InputError: blocks or regions of the site contradict each other; the field says where.
+    """
+    try:
+        return _library(site)
+    except InputError as error:
+        if file is None:
+            raise
+        raise InputError(
+            error.problem, file=file, field=error.field, value=error.value, remedy=error.remedy
+        ) from error
+
+
+def _library(site: Site) -> Library:
+    seen: set[str] = set()
+    for i, block in enumerate(site.blocks):
+        if block.id in seen:
+            raise InputError("stands twice", field=f"blocks[{i}].id", value=block.id)
+        seen.add(block.id)
+    blocks = [_block(site, i) for i in range(len(site.blocks))]
+    for name, regions in (
+        ("ot_reachable", site.ot_reachable),
+        ("safe_stop_zones", site.safe_stop_zones),
+    ):
+        for i, region in enumerate(regions):
+            region_polygon(site, region, f"{name}[{i}]")
+    region_polygon(site, site.geofence, "geofence")
+    return Library(
+        source=site.name,
+        sha256=site_version(site),
+        kind="site",
+        blocks=tuple(sorted(blocks, key=lambda block: block.block_id)),
+    )
+
+
+def region_polygon(site: Site, region: Region, field: str = "region") -> list[Point]:
+    """Corners of a region in frame map, in order; a strip's start at its right entry.
+
+    A strip along a bend gets as many points as keep its outline within 2 cm.
+
+    Args:
+        site: that the region belongs to.
+        region: of it.
+        field: where it stands, for errors.
+
+    Raises:
+        InputError: it names no block, is empty, or lies where the block has no coordinates.
+    """
+    if not isinstance(region, Strip):
+        _check_outline(region.points, field)
+        return list(region.points)
+    index = next((i for i, b in enumerate(site.blocks) if b.id == region.block), None)
+    if index is None:
+        raise InputError(
+            "is no block of this site",
+            field=f"{field}.block",
+            value=region.block,
+            remedy=f"its blocks are {', '.join(b.id for b in site.blocks)}",
+        )
+    for low, high in (("from_s_m", "to_s_m"), ("from_l_m", "to_l_m")):
+        if not getattr(region, low) < getattr(region, high):
+            raise InputError(
+                f"must be above {low}",
+                field=f"{field}.{high}",
+                value=getattr(region, high),
+                remedy=f"more than {getattr(region, low):g} m",
+            )
+    line = site_line(site.blocks[index], f"blocks[{index}]")
+    try:
+        right = line.path(region.from_s_m, region.to_s_m, region.from_l_m, _REGION_ERROR_M)
+        left = line.path(region.to_s_m, region.from_s_m, region.to_l_m, _REGION_ERROR_M)
+    except NotOneToOne as error:
+        raise InputError(str(error), field=field, remedy="give it as a polygon") from error
+    except ValueError as error:
+        raise InputError(str(error), field=field) from error
+    return [*right, *left]
+
+
+def _turn(a: Point, b: Point, c: Point) -> float:
+    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+
+
+def _check_outline(points: list[Point], field: str) -> None:
+    """A polygon that crosses itself has no inside."""
+    n = len(points)
+    if n > _MOST_CORNERS:
+        raise InputError(
+            f"has {n} corners", field=f"{field}.points", remedy=f"at most {_MOST_CORNERS}"
+        )
+    if len(set(points)) < n:
+        raise InputError("has a point twice", field=f"{field}.points")
+    edges = [(points[i], points[(i + 1) % n]) for i in range(n)]
+    for i, (a, b) in enumerate(edges):
+        for j in range(i + 2, n - (1 if i == 0 else 0)):
+            c, d = edges[j]
+            if _turn(a, b, c) * _turn(a, b, d) < 0 and _turn(c, d, a) * _turn(c, d, b) < 0:
+                raise InputError(
+                    f"crosses itself (edges {i} and {j})",
+                    field=f"{field}.points",
+                    remedy="list its corners in order",
+                )
+    if abs(sum(a[0] * b[1] - b[0] * a[1] for a, b in edges)) < 1e-6:
+        raise InputError("encloses no area", field=f"{field}.points")

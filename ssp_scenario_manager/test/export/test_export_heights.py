@@ -1,0 +1,122 @@
+"""Heights of a map's ground, and that the exports tell them where a map has any."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ssp_core.errors import InputError
+from ssp_core.files import load_model
+from ssp_scenario_manager.compile.export import carla_check
+from ssp_scenario_manager.compile.export.carla import export_carla
+from ssp_scenario_manager.compile.export.carla_config import CarlaConfig
+from ssp_scenario_manager.compile.export.heights import Heights
+from ssp_scenario_manager.compile.export.opendrive import opendrive_map
+from ssp_scenario_manager.compile.export.openscenario import export_openscenario
+from ssp_scenario_manager.compile.task import PlaceLink
+
+RISING = '<elevation s="0" a="3" b="0.02" c="0" d="0"/><elevation s="200" a="7" b="0" c="0" d="0"/>'
+
+
+def hilly(block: Any, elevation: str = RISING) -> str:
+    """The block's map with an elevation profile."""
+    text = opendrive_map([block], "hill", {}).decode()
+    return text.replace("<elevationProfile />", f"<elevationProfile>{elevation}</elevationProfile>")
+
+
+def test_no_map_and_a_flat_map_are_flat(block_of: Any) -> None:
+    for heights in (Heights(None), Heights(opendrive_map([block_of()], "flat", {}).decode())):
+        assert heights.is_flat
+        assert heights.at((1e6, 1e6)) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("place", "height"),
+    [((0.0, 0.0), 3.0), ((100.0, -5.0), 5.0), ((199.0, 7.0), 6.98), ((300.0, 0.0), 7.0)],
+)
+def test_a_place_has_its_roads_elevation(
+    place: tuple[float, float], height: float, block_of: Any
+) -> None:
+    heights = Heights(hilly(block_of()))
+    assert not heights.is_flat
+    # Samples are 2 m apart: 1 m at 2 %.
+    assert heights.at(place) == pytest.approx(height, abs=0.021)
+
+
+def test_on_a_bend_the_station_counts(curved_block: Any) -> None:
+    heights = Heights(hilly(curved_block))
+    for s in (30.0, 150.0, 190.0):
+        place = curved_block.line.to_map(s, 4.0)
+        assert heights.at(place) == pytest.approx(3.0 + 0.02 * s, abs=0.021)
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        '<poly3 a="0" b="0" c="0.001" d="0"/>',
+        '<paramPoly3 pRange="normalized" aU="0" bU="400" cU="0" dU="0" aV="0" bV="0" cV="160"'
+        ' dV="0"/>',
+        '<paramPoly3 pRange="arcLength" aU="0" bU="1" cU="0" dU="0" aV="0" bV="0" cV="0.001"'
+        ' dV="0"/>',
+    ],
+)
+def test_cubics_are_followed(shape: str, block_of: Any) -> None:
+    text = hilly(block_of()).replace("<line />", shape)
+    assert Heights(text).at((100.0, 10.0)) == pytest.approx(5.0, abs=0.05)
+
+
+def test_a_place_far_from_all_roads_has_no_height(block_of: Any) -> None:
+    with pytest.raises(InputError, match="100 m from the nearest road"):
+        Heights(hilly(block_of())).at((50.0, -100.0))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("<OpenDRIVE><road", "not valid XML"),
+        (
+            "<OpenDRIVE><road><elevationProfile><elevation a='x'/></elevationProfile></road>"
+            "</OpenDRIVE>",
+            "elevation> is not a number",
+        ),
+        (
+            "<OpenDRIVE><road><elevationProfile><elevation a='1'/></elevationProfile></road>"
+            "</OpenDRIVE>",
+            "road> ",
+        ),
+        ('<!DOCTYPE x [<!ENTITY a "b">]><OpenDRIVE>&a;</OpenDRIVE>', "not valid XML"),
+    ],
+)
+def test_a_broken_map_is_refused(text: str, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        Heights(text)
+
+
+def test_scenarios_and_configurations_tell_heights(
+    case_of: Any, block_of: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(carla_check, "is_installed", lambda: False)
+    place = PlaceLink(kind="opendrive", name="hill.xodr", sha256="sha256:map")
+    block = block_of()
+    case = case_of("vru_crossing", block, "openscenario", place)
+    text = hilly(block)
+    files = export_openscenario(case.task, case.event, block, case.plan, text, tmp_path)
+    root = ET.parse(files[0]).getroot()
+    told = [float(p.get("z", "nan")) for p in root.iter("WorldPosition")]
+    # VUT at 15 m, pedestrian at 110 m, its path, and the anchor less the front overhang.
+    assert told == pytest.approx([3.3, 5.2, 5.2, 5.2, 5.128], abs=0.021)
+    config = load_model(
+        CarlaConfig, export_carla(case.task, case.event, block, case.plan, text, tmp_path)[0]
+    )
+    assert config.actors[0].reference.location.z == pytest.approx(3.3, abs=0.021)
+    assert config.actors[1].spawn.location.z == pytest.approx(5.2 + 0.975, abs=0.021)
+    assert config.conflict.z == pytest.approx(5.2, abs=0.021)
+
+
+def test_on_a_flat_map_heights_are_the_players(case_of: Any, tmp_path: Path) -> None:
+    case = case_of("vru_crossing")
+    files = export_openscenario(case.task, case.event, case.block, case.plan, None, tmp_path)
+    assert all(p.get("z") is None for p in ET.parse(files[0]).getroot().iter("WorldPosition"))

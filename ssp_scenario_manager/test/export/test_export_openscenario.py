@@ -1,0 +1,547 @@
+"""OpenSCENARIO of the four events: valid, within what players take, and as the task says."""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from lxml import etree  # type: ignore[import-untyped]  # it ships no types
+from pydantic import TypeAdapter
+
+from ssp_core.errors import InputError
+from ssp_core.run_spec import Condition, FollowPath, RelativeDistance, TimeToArrival
+from ssp_core.state import DEFAULT_SIZES
+from ssp_core.vocab import ObjectClass
+from ssp_scenario_manager.compile.export.motion import legs
+from ssp_scenario_manager.compile.export.openscenario import export_openscenario
+from ssp_scenario_manager.compile.task import PlaceLink, Task, sealed
+
+EVENTS = ("cut_in", "vru_crossing", "lead_braking", "occluded_crossing")
+
+
+def package_file(package: str, relative: str) -> Path:
+    """A file of an installed package, which need not be importable."""
+    spec = importlib.util.find_spec(package)
+    assert spec is not None, f"{package} is not installed"
+    assert spec.submodule_search_locations is not None
+    return Path(next(iter(spec.submodule_search_locations))) / relative
+
+
+@pytest.fixture(scope="module")
+def xsd() -> etree.XMLSchema:
+    """The standard's schema of version 1.0."""
+    return etree.XMLSchema(
+        etree.parse(package_file("qc_openscenario", "schema/1.0.0/OpenSCENARIO.xsd"))
+    )
+
+
+def need(element: ET.Element, path: str) -> ET.Element:
+    """The element at a path, which must be there."""
+    found = element.find(path)
+    assert found is not None, path
+    return found
+
+
+def written(case: Any, folder: Path, external: bool = False) -> ET.Element:
+    files = export_openscenario(case.task, case.event, case.block, case.plan, None, folder)
+    return ET.parse(files[1 if external else 0]).getroot()
+
+
+def changed(case: Any, **fields: Any) -> Task:
+    """The case's task with fields of its run changed."""
+    return sealed(case.task.model_copy(update={"run": case.task.run.model_copy(update=fields)}))
+
+
+@pytest.mark.parametrize("name", EVENTS)
+@pytest.mark.parametrize("bent", [False, True])
+@pytest.mark.parametrize("external", [False, True])
+def test_is_valid_openscenario_1_0(
+    name: str, bent: bool, external: bool, case_of: Any, curved_block: Any, xsd: Any, tmp_path: Path
+) -> None:
+    case = case_of(name, curved_block if bent else None)
+    files = export_openscenario(case.task, case.event, case.block, case.plan, None, tmp_path)
+    assert [f.name for f in files] == [f"{name}.xosc", f"{name}_external.xosc", "made_here.xodr"]
+    document = etree.parse(files[1 if external else 0])
+    assert xsd.validate(document), xsd.error_log
+    header = document.getroot().find("FileHeader")
+    assert (header.get("revMajor"), header.get("revMinor")) == ("1", "0")
+
+
+def test_the_header_names_event_compiler_and_seed(case_of: Any, tmp_path: Path) -> None:
+    case = case_of("cut_in")
+    header = need(written(case, tmp_path), "FileHeader")
+    text = header.get("description", "")
+    for part in (case.task.event.version, case.task.version, "compiler ssp 0.1.0", "seed 7"):
+        assert part in text
+    # ScenarioRunner takes a description with this prefix for left-handed coordinates.
+    assert not text.startswith("CARLA:")
+    logic = need(written(case, tmp_path), "RoadNetwork/LogicFile")
+    assert logic.get("filepath") == "made_here.xodr"
+
+
+def test_the_same_task_gives_the_same_bytes(case_of: Any, tmp_path: Path) -> None:
+    first, second = tmp_path / "first", tmp_path / "second"
+    first.mkdir()
+    second.mkdir()
+    for folder, order in ((first, EVENTS), (second, EVENTS[::-1])):
+        for name in order:
+            case = case_of(name)
+            export_openscenario(case.task, case.event, case.block, case.plan, None, folder)
+    names = sorted(p.name for p in first.iterdir())
+    assert len(names) == 2 * len(EVENTS) + 1
+    for name in names:
+        if name.endswith(".xosc"):
+            assert (first / name).read_bytes() == (second / name).read_bytes()
+
+
+@pytest.mark.parametrize("name", EVENTS)
+def test_participants_stand_where_and_as_what_the_run_says(
+    name: str, case_of: Any, curved_block: Any, tmp_path: Path
+) -> None:
+    case = case_of(name, curved_block)
+    root = written(case, tmp_path)
+    run = case.task.run
+    for who in (run.vut, *run.targets):
+        private = need(root, f"Storyboard/Init/Actions/Private[@entityRef='{who.id}']")
+        place = need(private, ".//WorldPosition")
+        assert float(place.get("x", "")) == who.start.x_m
+        assert float(place.get("y", "")) == who.start.y_m
+        assert float(place.get("h", "")) == who.start.yaw_rad
+        speed = need(private, ".//AbsoluteTargetSpeed")
+        assert float(speed.get("value", "")) == 0.0
+        thing = need(root, f"Entities/ScenarioObject[@name='{who.id}']")
+        box, centre = need(thing, ".//Dimensions"), need(thing, ".//Center")
+        size = DEFAULT_SIZES[ObjectClass.from_word(who.object_class)]
+        assert float(box.get("length", "")) == size.front_m + size.rear_m
+        assert float(box.get("width", "")) == size.width_m
+        # The box reaches from rear_m behind the origin to front_m ahead of it.
+        reach = float(centre.get("x", "")) + float(box.get("length", "")) / 2
+        assert reach == pytest.approx(size.front_m)
+        assert float(centre.get("z", "")) == size.height_m / 2
+        kind = "Pedestrian" if who.object_class == "pedestrian" else "Vehicle"
+        element = need(thing, kind)
+        blueprint = element.get("model" if kind == "Pedestrian" else "name", "")
+        assert blueprint.startswith("walker." if kind == "Pedestrian" else "vehicle.")
+        role = need(thing, ".//Property[@name='type']")
+        assert role.get("value") == ("ego_vehicle" if who.id == "vut" else "simulation")
+
+
+def test_the_occluder_only_stands(case_of: Any, tmp_path: Path) -> None:
+    root = written(case_of("occluded_crossing"), tmp_path)
+    thing = need(root, "Entities/ScenarioObject[@name='ot2']/Vehicle")
+    assert thing.get("vehicleCategory") == "truck"
+    actors = {e.get("entityRef") for e in root.iterfind(".//Actors/EntityRef")}
+    assert actors == {"vut", "ot1"}
+
+
+def trigger_of(root: ET.Element) -> ET.Element:
+    found = need(root, ".//Event[@name='manoeuvre']/StartTrigger/ConditionGroup/Condition")
+    return found
+
+
+def test_a_distance_fires_on_the_bumper_gap_to_the_object(case_of: Any, tmp_path: Path) -> None:
+    case = case_of("cut_in")
+    condition = trigger_of(written(case, tmp_path))
+    asked = case.task.run.triggers[0].condition
+    assert isinstance(asked, RelativeDistance)
+    distance = need(condition, ".//RelativeDistanceCondition")
+    assert distance.attrib == {
+        "entityRef": "ot1",
+        "relativeDistanceType": "longitudinal",
+        "freespace": "true",
+        "rule": "lessThan",
+        "value": str(asked.below_m),
+    }
+    entity = need(condition, ".//TriggeringEntities/EntityRef")
+    assert entity.get("entityRef") == "vut"
+
+
+def test_an_arrival_fires_when_the_vuts_front_is_that_near(
+    case_of: Any, curved_block: Any, tmp_path: Path
+) -> None:
+    case = case_of("vru_crossing", curved_block)
+    condition = trigger_of(written(case, tmp_path))
+    asked = case.task.run.triggers[0].condition
+    assert isinstance(asked, TimeToArrival)
+    arrival = need(condition, ".//TimeToCollisionCondition")
+    assert float(arrival.get("value", "")) == asked.below_s
+    assert (arrival.get("rule"), arrival.get("freespace")) == ("lessThan", "false")
+    place = need(arrival, ".//WorldPosition")
+    s, offset = case.block.line.to_local(float(place.get("x", "")), float(place.get("y", "")))
+    # The anchor is at s = 110; the reference point is the front overhang behind the front.
+    assert s == pytest.approx(110.0 - DEFAULT_SIZES[ObjectClass.CAR].front_m, abs=0.01)
+    assert offset == pytest.approx(0.0, abs=0.01)
+
+
+@pytest.mark.parametrize("name", EVENTS)
+def test_a_trigger_fires_once_on_no_edge_after_its_lead_time(
+    name: str, case_of: Any, tmp_path: Path
+) -> None:
+    case = case_of(name)
+    root = written(case, tmp_path)
+    condition = trigger_of(root)
+    spec = case.task.run.triggers[0]
+    assert float(condition.get("delay", "")) == spec.lead_time_s
+    assert condition.get("conditionEdge") == "none"
+    event = need(root, ".//Event[@name='manoeuvre']")
+    assert event.get("maximumExecutionCount") == "1"
+    act = need(root, ".//Act[@name='act_manoeuvre']/StartTrigger//SimulationTimeCondition")
+    assert (float(act.get("value", "")), act.get("rule")) == (spec.not_before_s, "greaterThan")
+
+
+VALUES: TypeAdapter[Any] = TypeAdapter(Condition)
+HEADWAY = {"type": "time_headway", "object_id": "ot1", "below_s": 2.0}
+TTC = {"type": "time_to_collision", "object_id": "ot1", "below_s": 3.0}
+FAST = {"type": "speed", "object_id": "ot1", "relation": "above", "value_mps": 1.0}
+LATE = {"type": "elapsed_time", "after_s": 4.5}
+FENCE = [(-999.0, -999.0), (999.0, -999.0), (999.0, 999.0), (-999.0, 999.0)]
+REGION = {"type": "in_region", "object_id": "vut", "polygon": FENCE}
+PHASE = {"type": "phase_reached", "phase": "conflict"}
+
+
+@pytest.mark.parametrize(
+    ("name", "asked", "tag", "attributes", "of"),
+    [
+        (
+            "cut_in",
+            {**HEADWAY, "edge": "rising"},
+            "TimeHeadwayCondition",
+            {"entityRef": "ot1", "value": "2.0"},
+            "vut",
+        ),
+        (
+            "lead_braking",
+            {**TTC, "below_s": 90.0},
+            "TimeToCollisionCondition",
+            {"value": "90.0", "freespace": "true"},
+            "vut",
+        ),
+        ("cut_in", FAST, "SpeedCondition", {"value": "1.0", "rule": "greaterThan"}, "ot1"),
+        (
+            "cut_in",
+            {**FAST, "object_id": "vut", "relation": "below", "value_mps": 40.0},
+            "SpeedCondition",
+            {"value": "40.0", "rule": "lessThan"},
+            "vut",
+        ),
+        (
+            "cut_in",
+            {**LATE, "edge": "rising"},
+            "SimulationTimeCondition",
+            {"value": "4.5", "rule": "greaterThan"},
+            None,
+        ),
+    ],
+)
+def test_a_condition_is_told_as_openscenarios_own(
+    name: str,
+    asked: dict[str, Any],
+    tag: str,
+    attributes: dict[str, str],
+    of: str | None,
+    case_of: Any,
+    xsd: etree.XMLSchema,
+    tmp_path: Path,
+) -> None:
+    case = case_of(name)
+    edge = asked.get("edge", "none")
+    bare = {key: value for key, value in asked.items() if key != "edge"}
+    task = _with_trigger(case, condition=VALUES.validate_python(bare), edge=edge)
+    files = export_openscenario(task, case.event, case.block, case.plan, None, tmp_path)
+    xsd.assertValid(etree.parse(files[0]))
+    condition = trigger_of(ET.parse(files[0]).getroot())
+    leaf = need(condition, f".//{tag}")
+    assert {k: leaf.get(k) for k in attributes} == attributes
+    assert condition.get("conditionEdge") == edge
+    entity = condition.find(".//TriggeringEntities/EntityRef")
+    assert (None if entity is None else entity.get("entityRef")) == of
+    if tag == "TimeToCollisionCondition":
+        assert need(leaf, ".//EntityRef").get("entityRef") == "ot1"
+
+
+def test_nested_conditions_become_groups_of_which_one_must_hold_whole(
+    case_of: Any, xsd: etree.XMLSchema, tmp_path: Path
+) -> None:
+    case = case_of("cut_in")
+    either = {"type": "any", "of": [TTC, {"type": "all", "of": [HEADWAY, LATE]}]}
+    asked = VALUES.validate_python({"type": "all", "of": [FAST, either]})
+    task = _with_trigger(case, condition=asked)
+    files = export_openscenario(task, case.event, case.block, case.plan, None, tmp_path)
+    xsd.assertValid(etree.parse(files[0]))
+    event = need(ET.parse(files[0]).getroot(), ".//Event[@name='manoeuvre']/StartTrigger")
+    around = ("Condition", "ByEntityCondition", "ByValueCondition", "EntityCondition")
+    names = [
+        [
+            next(e.tag for e in c.iter() if e.tag.endswith("Condition") and e.tag not in around)
+            for c in group
+        ]
+        for group in event.iterfind("ConditionGroup")
+    ]
+    assert names == [
+        ["SpeedCondition", "TimeToCollisionCondition"],
+        ["SpeedCondition", "TimeHeadwayCondition", "SimulationTimeCondition"],
+    ]
+    named = [c.get("name") for c in event.iter("Condition")]
+    assert len(set(named)) == 5
+
+
+def test_a_lane_change_goes_one_lane_right_over_the_distance_of_its_time(
+    case_of: Any, tmp_path: Path
+) -> None:
+    root = written(case_of("cut_in"), tmp_path)
+    event = need(root, ".//Event[@name='manoeuvre']")
+    target = need(event, ".//RelativeTargetLane")
+    dynamics = need(event, ".//LaneChangeActionDynamics")
+    assert target.attrib == {"value": "-1", "entityRef": "ot1"}
+    assert dynamics.get("dynamicsDimension") == "distance"
+    # 8.5 to 5.5 m/s at 2 m/s^2 takes 1.5 s, then 0.9 s at 5.5 m/s.
+    assert float(dynamics.get("value", "")) == pytest.approx(1.5 * 7.0 + 0.9 * 5.5)
+    slower = need(event, ".//SpeedActionDynamics")
+    assert float(slower.get("value", "")) == pytest.approx(1.5)
+
+
+def test_a_braking_lasts_as_long_as_its_deceleration_takes(case_of: Any, tmp_path: Path) -> None:
+    root = written(case_of("lead_braking"), tmp_path)
+    event = need(root, ".//Event[@name='manoeuvre']")
+    dynamics, target = need(event, ".//SpeedActionDynamics"), need(event, ".//AbsoluteTargetSpeed")
+    assert float(target.get("value", "")) == 2.0
+    assert float(dynamics.get("value", "")) == pytest.approx((9.0 - 2.0) / 4.0)
+    assert event.find(".//LateralAction") is None
+
+
+def test_a_walk_follows_its_path_and_stops_at_its_end(case_of: Any, tmp_path: Path) -> None:
+    case = case_of("vru_crossing")
+    root = written(case, tmp_path)
+    walk = case.task.run.triggers[0].manoeuvre
+    assert isinstance(walk, FollowPath)
+    vertices = root.findall(".//Event[@name='manoeuvre']//Vertex")
+    places = [need(v, ".//WorldPosition") for v in vertices]
+    points = [(float(p.get("x", "")), float(p.get("y", ""))) for p in places]
+    assert points == walk.motion.path
+    length = math.dist(points[0], points[-1])
+    # 1 s up to 1.5 m/s and 1 s down, each over 0.75 m.
+    times = [float(v.get("time", "")) for v in vertices]
+    assert times == pytest.approx([0.0, 2.0 + (length - 1.5) / 1.5])
+    speed = need(root, ".//Event[@name='manoeuvre']//AbsoluteTargetSpeed")
+    assert float(speed.get("value", "")) == 1.5
+    stop = need(root, ".//Event[@name='manoeuvre_stop']")
+    begins = need(stop, ".//TraveledDistanceCondition")
+    still = need(stop, ".//AbsoluteTargetSpeed")
+    assert float(begins.get("value", "")) == pytest.approx(length - 0.75)
+    assert float(still.get("value", "")) == 0.0
+
+
+def test_a_target_speeds_up_as_planned_before_the_trigger(case_of: Any, tmp_path: Path) -> None:
+    root = written(case_of("cut_in"), tmp_path)
+    event = need(root, ".//Event[@name='ot1_approach']")
+    assert float(need(event, ".//AbsoluteTargetSpeed").get("value", "")) == 8.5
+    assert float(need(event, ".//SpeedActionDynamics").get("value", "")) == pytest.approx(4.25)
+    # A target's reference begins 0.5 s after the start; its rounded ramp lags by 0.2 s.
+    begins = need(event, ".//SimulationTimeCondition")
+    assert float(begins.get("value", "")) == pytest.approx(0.7)
+
+
+def vut_speeds(root: ET.Element) -> list[tuple[float, float]]:
+    """(t, v) at the ends of the VUT's ramps, which must follow one another without a gap."""
+    course = [(0.0, 0.0)]
+    for event in root.iterfind(".//Maneuver[@name='vut_drive']/Event"):
+        start = float(need(event, ".//SimulationTimeCondition").get("value", ""))
+        assert start == pytest.approx(course[-1][0])
+        dynamics = need(event, ".//SpeedActionDynamics")
+        assert dynamics.get("dynamicsShape") == "linear"
+        speed = float(need(event, ".//AbsoluteTargetSpeed").get("value", ""))
+        course.append((start + float(dynamics.get("value", "")), speed))
+    return course
+
+
+def speed_at(course: list[tuple[float, float]], t_s: float) -> float:
+    for (t0, v0), (t1, v1) in pairwise(course):
+        if t0 <= t_s <= t1:
+            return v0 + (v1 - v0) * (t_s - t0) / (t1 - t0)
+    return course[-1][1]
+
+
+def test_the_vut_speeds_up_as_its_driver_does(case_of: Any, tmp_path: Path) -> None:
+    """The free road's a (1 - (v / v0)^4), before anything is in its way."""
+    course = vut_speeds(written(case_of("vru_crossing"), tmp_path))
+    driver = case_of("vru_crossing").task.run.driver
+    speed, dt = 0.0, 0.01
+    for i in range(600):
+        assert speed_at(course, i * dt) == pytest.approx(speed, abs=0.08)
+        speed += driver.acceleration_mps2 * (1.0 - (speed / driver.cruise_mps) ** 4) * dt
+
+
+@pytest.mark.parametrize("name", EVENTS)
+def test_the_vut_slows_down_for_what_happens(name: str, case_of: Any, tmp_path: Path) -> None:
+    course = vut_speeds(written(case_of(name), tmp_path))
+    fastest = max(range(len(course)), key=lambda i: course[i][1])
+    assert min(v for _, v in course[fastest:]) < 0.8 * course[fastest][1]
+
+
+def test_nothing_is_written_of_a_task_that_never_fires(case_of: Any, tmp_path: Path) -> None:
+    case = case_of("cut_in")
+    targets = [case.task.run.targets[0].model_copy(update={"approach": None})]
+    condition = case.task.run.triggers[0].condition.model_copy(update={"below_m": 0.001})
+    trigger = case.task.run.triggers[0].model_copy(update={"condition": condition})
+    task = changed(case, targets=targets, triggers=[trigger])
+    with pytest.raises(InputError, match="never fires"):
+        export_openscenario(task, case.event, case.block, case.plan, None, tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+courses = st.lists(st.floats(0.0, 30.0), min_size=2, max_size=60)
+
+
+@given(courses, st.floats(0.01, 2.0))
+def test_legs_leave_a_course_by_at_most_the_error(speeds: list[float], error: float) -> None:
+    course = [(0.05 * i, v) for i, v in enumerate(speeds)]
+    found = legs(course, error)
+    told = [course[0], *((leg.start_s + leg.change.duration_s, leg.change.to_mps) for leg in found)]
+    assert [leg.start_s for leg in found] == pytest.approx([t for t, _ in told[:-1]])
+    for t, v in course:
+        # Speeds are rounded to a millimetre per second.
+        assert speed_at(told, t) == pytest.approx(v, abs=error + 0.001)
+
+
+def test_everything_ends_at_the_vuts_goal_or_when_time_is_up(case_of: Any, tmp_path: Path) -> None:
+    root = written(case_of("cut_in"), tmp_path)
+    for stop in (need(root, "Storyboard/StopTrigger"), *root.iterfind(".//Act/StopTrigger")):
+        groups = stop.findall("ConditionGroup")
+        driven, late = (
+            need(stop, ".//TraveledDistanceCondition"),
+            need(stop, ".//SimulationTimeCondition"),
+        )
+        assert len(groups) == 2
+        # 370 m of route less the 42.25 m that it takes to stop from 13 m/s at 2 m/s^2.
+        assert float(driven.get("value", "")) == pytest.approx(370.0 - 42.25)
+        assert float(late.get("value", "")) == 40.0
+
+
+def test_the_vut_is_the_users_in_the_external_file(case_of: Any, tmp_path: Path) -> None:
+    root = written(case_of("vru_crossing"), tmp_path, external=True)
+    assert "vut" not in {e.get("entityRef") for e in root.iterfind(".//Actors/EntityRef")}
+    controller = need(
+        root, "Storyboard/Init/Actions/Private[@entityRef='vut']//AssignControllerAction/Controller"
+    )
+    properties = {p.get("name"): p.get("value") for p in controller.iter("Property")}
+    assert properties == {"module": "external_control", "esminiController": "ExternalController"}
+    overrides = need(root, ".//OverrideControllerValueAction")
+    assert len(overrides) == 6
+    assert {o.get("active") for o in overrides} == {"false"}
+
+
+def test_sun_and_fog_are_those_of_the_run(case_of: Any, tmp_path: Path) -> None:
+    case = case_of("cut_in")
+    look = case.task.run.look.model_copy(
+        update={"sun_azimuth_deg": 90.0, "sun_elevation_deg": 30.0, "fog_per_m": 0.01}
+    )
+    task = changed(case, look=look)
+    files = export_openscenario(task, case.event, case.block, case.plan, None, tmp_path)
+    root = ET.parse(files[0]).getroot()
+    sun, fog = need(root, ".//Sun"), need(root, ".//Fog")
+    # Counter-clockwise from east is north here, and 0 there.
+    assert float(sun.get("azimuth", "")) == pytest.approx(0.0)
+    assert float(sun.get("elevation", "")) == pytest.approx(math.pi / 6)
+    assert float(fog.get("visualRange", "")) == pytest.approx(math.log(20.0) / 0.01)
+
+
+def test_a_users_map_goes_along_as_it_is(case_of: Any, tmp_path: Path) -> None:
+    place = PlaceLink(kind="opendrive", name="maps/Town99.xodr", sha256="sha256:map")
+    case = case_of("cut_in", None, "openscenario", place)
+    text = "<OpenDRIVE>\n  <!-- Ä -->\n</OpenDRIVE>"
+    files = export_openscenario(case.task, case.event, case.block, case.plan, text, tmp_path)
+    assert files[2].name == "Town99.xodr"
+    assert files[2].read_bytes() == text.encode()
+    logic = need(ET.parse(files[0]).getroot(), "RoadNetwork/LogicFile")
+    assert logic.get("filepath") == "Town99.xodr"
+    with pytest.raises(InputError, match="needs the map"):
+        export_openscenario(case.task, case.event, case.block, case.plan, None, tmp_path)
+
+
+def _with_trigger(case: Any, **fields: Any) -> Task:
+    trigger = case.task.run.triggers[0].model_copy(update=fields)
+    return changed(case, triggers=[trigger])
+
+
+def _with_condition(case: Any, condition: Any, edge: str = "none") -> Task:
+    return _with_trigger(case, condition=VALUES.validate_python(condition), edge=edge)
+
+
+def _with_shift(case: Any, shift_m: float) -> Task:
+    manoeuvre = case.task.run.triggers[0].manoeuvre
+    return _with_trigger(case, manoeuvre=manoeuvre.model_copy(update={"lateral_shift_m": shift_m}))
+
+
+@pytest.mark.parametrize(
+    ("name", "spoil", "words"),
+    [
+        ("cut_in", lambda c: _with_trigger(c, held_for_s=0.2), "held_for_s"),
+        ("cut_in", lambda c: _with_condition(c, REGION), r"triggers\[0\].condition.type.*polygons"),
+        ("cut_in", lambda c: _with_condition(c, PHASE), "never fires.* phase conflict"),
+        (
+            "cut_in",
+            lambda c: _with_condition(c, {"type": "any", "of": [LATE, PHASE]}),
+            r"condition.of\[1\].type",
+        ),
+        (
+            "cut_in",
+            lambda c: _with_condition(c, {"type": "all", "of": [LATE]}, edge="rising"),
+            r"triggers\[0\].edge",
+        ),
+        (
+            "cut_in",
+            lambda c: _with_condition(
+                c, {"type": "all", "of": [{"type": "any", "of": [LATE, FAST]}] * 7}
+            ),
+            "groups",
+        ),
+        ("cut_in", lambda c: _with_shift(c, 0.4), "another lane"),
+        ("cut_in", lambda c: _with_shift(c, 3.5), "another lane"),
+        ("cut_in", lambda c: _with_shift(c, -1.75), "another lane"),
+        (
+            "vru_crossing",
+            lambda c: changed(
+                c,
+                targets=[
+                    c.task.run.targets[0].model_copy(update={"approach": c.task.run.vut.approach})
+                ],
+            ),
+            "drives before",
+        ),
+        (
+            "lead_braking",
+            lambda c: changed(
+                c, targets=[c.task.run.targets[0].model_copy(update={"approach": None})]
+            ),
+            "no approach",
+        ),
+        (
+            "cut_in",
+            lambda c: changed(c, vut=c.task.run.vut.model_copy(update={"approach": None})),
+            "no path for the VUT",
+        ),
+    ],
+)
+def test_what_openscenario_cant_tell_is_refused_and_nothing_written(
+    name: str, spoil: Callable[[Any], Task], words: str, case_of: Any, tmp_path: Path
+) -> None:
+    case = case_of(name)
+    with pytest.raises(InputError, match=words):
+        export_openscenario(spoil(case), case.event, case.block, case.plan, None, tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_small_miss_of_the_lanes_centre_is_an_offset_in_it(case_of: Any, tmp_path: Path) -> None:
+    case = case_of("cut_in")
+    task = _with_shift(case, -3.3)
+    files = export_openscenario(task, case.event, case.block, case.plan, None, tmp_path)
+    change = need(ET.parse(files[0]).getroot(), ".//LaneChangeAction")
+    assert float(change.get("targetLaneOffset", "")) == pytest.approx(0.2)

@@ -1,0 +1,143 @@
+"""From a name or a compiled folder to a run; and what `ssp run` says before it starts one."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+import yaml
+
+from ssp_core.cli import main
+from ssp_core.errors import InputError
+from ssp_core.run_spec import RunSpec
+from ssp_scenario_manager.compile.prepare import TASK_FOLDER, prepare_run
+from ssp_scenario_manager.compile.task import load_task
+from ssp_scenario_manager.site import LIBRARY
+
+
+def prepare(
+    what: str | Path, folder: Path, site: str | None = None, seed: int | None = None
+) -> RunSpec:
+    return prepare_run(str(what), site, folder, seed=seed, mode="lockstep")
+
+
+@pytest.fixture
+def compiled(tmp_path: Path) -> Path:
+    out = tmp_path / "compiled"
+    arguments = ["--target", "track", "--site", "north_track", "--seed", "5", "--out", str(out)]
+    assert main(["compile", "cut_in", *arguments]) == 0
+    return out
+
+
+def test_an_event_is_compiled_into_the_runs_task_folder(tmp_path: Path) -> None:
+    for site, target, domain in (
+        ("boulevard", "sumo", "simulation"),
+        ("south_loop", "track", "physical"),
+    ):
+        folder = tmp_path / site
+        run = prepare("vru_crossing", folder, site)
+        assert (run.run_id, run.seed, run.domain) == (site, 1, domain)
+        task = load_task(folder / TASK_FOLDER)
+        assert (task.target, task.version) == (target, run.task_version)
+        assert {path.name for path in (folder / TASK_FOLDER).iterdir()} == {
+            "task.json",
+            "event.yaml",
+            "site.yaml",
+            "log.jsonl",
+        }
+        # A run adds its id, seed and mode to the task's; nothing else differs.
+        own = {"run_id": task.run.run_id, "seed": task.run.seed, "mode": task.run.mode}
+        assert run.model_copy(update=own) == task.run
+
+
+def test_a_compiled_folder_is_taken_over_with_its_changes(compiled: Path, tmp_path: Path) -> None:
+    file = compiled / "run.yaml"
+    value = yaml.safe_load(file.read_text())
+    value["limits"]["speed_mps"] = 13.5
+    file.write_text(yaml.safe_dump(value))
+    run = prepare(compiled, tmp_path / "run", site="boulevard")  # a launch file always names one
+    assert (run.limits.speed_mps, run.seed, run.run_id) == (13.5, 5, "run")
+    task = load_task(tmp_path / "run" / TASK_FOLDER)
+    assert task.run.limits.speed_mps == 15.0
+    for name in ("task.json", "event.yaml", "site.yaml", "log.jsonl"):
+        copy = tmp_path / "run" / TASK_FOLDER / name
+        assert copy.read_bytes() == (compiled / name).read_bytes()
+    assert not (tmp_path / "run" / TASK_FOLDER / "run.yaml").exists()
+    assert prepare(compiled, tmp_path / "again", seed=8).seed == 8
+
+
+def test_a_compiled_map_is_taken_over(tmp_path: Path) -> None:
+    out = tmp_path / "compiled"
+    motorway = LIBRARY / "maps" / "motorway.xodr"
+    arguments = ["--target", "sumo", "--map", str(motorway), "--out", str(out)]
+    assert main(["compile", "cut_in", *arguments]) == 0
+    run = prepare(out, tmp_path / "run")
+    assert run.site == "motorway.xodr"
+    assert (tmp_path / "run" / TASK_FOLDER / "motorway.xodr").is_file()
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("event.yaml", "is not what the task was compiled from"),
+        ("site.yaml", "is not what the task was compiled from"),
+    ],
+)
+def test_an_exchanged_event_or_site_is_refused(
+    name: str, text: str, compiled: Path, tmp_path: Path
+) -> None:
+    value = yaml.safe_load((compiled / name).read_text())
+    value["description"] = "another"
+    (compiled / name).write_text(yaml.safe_dump(value))
+    with pytest.raises(InputError, match=text) as caught:
+        prepare(compiled, tmp_path / "run")
+    assert caught.value.file == str(compiled / name)
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_run_of_another_task_is_refused(compiled: Path, tmp_path: Path) -> None:
+    value = yaml.safe_load((compiled / "run.yaml").read_text())
+    value["task_version"] = "sha256:another"
+    (compiled / "run.yaml").write_text(yaml.safe_dump(value))
+    with pytest.raises(InputError, match="is not what the task was compiled from") as caught:
+        prepare(compiled, tmp_path / "run")
+    assert caught.value.field == "task_version"
+
+
+def test_a_broken_seal_is_refused(compiled: Path, tmp_path: Path) -> None:
+    value = json.loads((compiled / "task.json").read_text())
+    value["trigger"]["below"] += 1.0
+    (compiled / "task.json").write_text(json.dumps(value))
+    with pytest.raises(InputError, match="was changed after it was compiled"):
+        prepare(compiled, tmp_path / "run")
+
+
+def test_a_missing_file_is_named(compiled: Path, tmp_path: Path) -> None:
+    (compiled / "event.yaml").unlink()
+    with pytest.raises(InputError, match=r"event\.yaml"):
+        prepare(compiled, tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+def test_what_is_neither_event_nor_compiled_folder(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="is no compiled folder"):
+        prepare(tmp_path, tmp_path / "run", "boulevard")
+    with pytest.raises(InputError, match="needs a site"):
+        prepare("cut_in", tmp_path / "run")
+    with pytest.raises(InputError, match="no such event"):
+        prepare("overtake", tmp_path / "run", "boulevard")
+    assert not (tmp_path / "run").exists()
+
+
+def test_run_refuses_a_site_beside_a_compiled_folder(
+    compiled: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "run"
+    assert main(["run", str(compiled), "--site", "boulevard", "--out", str(out)]) == 1
+    assert "--site" in capsys.readouterr().err
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "notes.txt").write_text("keep")
+    assert main(["run", str(compiled), "--out", str(tmp_path / "mine")]) == 1
+    assert "is not empty" in capsys.readouterr().err
+    assert not out.exists()

@@ -1,0 +1,325 @@
+"""Plans in frame map: what a place must offer, and that turning it changes nothing."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import pytest
+
+from ssp_core.geometry import Pose2
+from ssp_core.run_spec import (
+    Brake,
+    FollowPath,
+    LaneChange,
+    LinkDisturbance,
+    RelativeDistance,
+    TimeToArrival,
+)
+from ssp_scenario_manager.compile.ground import Ground
+from ssp_scenario_manager.compile.realise import Realisation, realise
+from ssp_scenario_manager.compile.task import PlaceLink, Target
+from ssp_scenario_manager.core.runnable import cannot_fire
+from ssp_scenario_manager.interactions import KINDS
+from ssp_scenario_manager.interactions.base import CannotPlace
+from ssp_scenario_manager.interactions.choosing import quantity_at
+from ssp_scenario_manager.site import Site, load_site, site_version
+from ssp_scenario_manager.spec.load import load_event
+from ssp_scenario_manager.spec.model import Event, Interval
+from ssp_scenario_manager.topology.site_blocks import site_library
+
+EVENTS = sorted(KINDS)
+SITES = ("boulevard", "north_track", "south_loop")
+
+
+@cache
+def event(name: str) -> Event:
+    return load_event(name)[0]
+
+
+def ground(site: Site) -> Ground:
+    link = PlaceLink(kind="site", name=site.name, sha256=site_version(site))
+    return Ground(link, site_library(site), site)
+
+
+@cache
+def shipped(name: str) -> Site:
+    return load_site(name)[0]
+
+
+def changed(name: str, changes: dict[str, Any]) -> Site:
+    """A shipped site with other values at some dotted paths."""
+    value = shipped(name).model_dump(mode="json", by_alias=True)
+    for path, new in changes.items():
+        *way, last = (int(p) if p.isdigit() else p for p in path.split("."))
+        node: Any = value
+        for key in way:
+            node = node[key]
+        node[last] = new
+    return Site.model_validate(value)
+
+
+def make(
+    name: str,
+    site: Site,
+    target: Target = "sumo",
+    block: int = 0,
+    preferred: dict[str, float] | None = None,
+) -> Realisation:
+    place = ground(site)
+    return realise(
+        event(name),
+        "sha256:event",
+        place.library.blocks[block],
+        place,
+        target,
+        seed=7,
+        preferred=preferred or {},
+    )
+
+
+@pytest.mark.parametrize("name", EVENTS)
+@pytest.mark.parametrize("site", SITES)
+def test_every_event_can_run_on_every_site(name: str, site: str) -> None:
+    made = make(name, shipped(site))
+    run = made.run
+    assert cannot_fire(run) == []
+    assert (run.scenario, run.interaction, run.initiator) == (name, name, "ot1")
+    assert run.observable == KINDS[name].observable
+    assert run.event_version == "sha256:event"
+    assert run.site_version == site_version(shipped(site))
+    assert run.seed == 7
+    assert made.left_out == ()
+    # Ω_safe is the stricter of site and K*.
+    limits = shipped(site).limits
+    assert run.limits.speed_mps == min(limits.speed_mps, 15.0)
+    assert run.limits.acceleration_mps2 == min(limits.acceleration_mps2, 4.5)
+    assert (run.thresholds.arrival_gap_s is None) == (not KINDS[name].uses_arrival_gap)
+    # Anchors and their places in both frames agree.
+    line = made.block.line
+    for anchors in made.anchors.values():
+        for place in (anchors.start, anchors.goal, anchors.conflict):
+            assert line.to_map(place.s_m, place.l_m) == pytest.approx((place.x_m, place.y_m))
+    start = made.anchors["vut"].start
+    assert (run.vut.start.x_m, run.vut.start.y_m) == pytest.approx((start.x_m, start.y_m))
+    assert {t.field for t in made.tunings} >= {"constraints.trigger.below"}
+    for tuning in made.tunings:
+        found = quantity_at(event(name), tuning.field)
+        if isinstance(found, Interval):
+            assert (tuning.min, tuning.max, tuning.unit) == (found.min, found.max, found.unit)
+
+
+def test_manoeuvres_and_conditions_are_those_of_the_kind() -> None:
+    kinds: dict[str, tuple[type, type]] = {
+        "cut_in": (LaneChange, RelativeDistance),
+        "lead_braking": (Brake, RelativeDistance),
+        "vru_crossing": (FollowPath, TimeToArrival),
+        "occluded_crossing": (FollowPath, TimeToArrival),
+    }
+    for name, (manoeuvre, condition) in kinds.items():
+        (trigger,) = make(name, shipped("boulevard")).run.triggers
+        assert isinstance(trigger.manoeuvre, manoeuvre)
+        assert isinstance(trigger.condition, condition)
+    occluded = make("occluded_crossing", shipped("boulevard")).run
+    assert [t.id for t in occluded.targets if t.approach is None] == ["ot1", "ot2"]
+
+
+def test_only_a_track_session_is_physical() -> None:
+    track = make("cut_in", shipped("north_track"), "track").run
+    assert (track.domain, track.stand_in) == ("physical", True)
+    simulated = make("cut_in", shipped("north_track"), "sumo").run
+    assert (simulated.domain, simulated.stand_in) == ("simulation", False)
+    assert track.disturbance == shipped("north_track").disturbance
+    assert simulated.disturbance == LinkDisturbance()
+
+
+def test_a_marking_is_drawn_where_the_crossing_is() -> None:
+    assert make("vru_crossing", shipped("boulevard")).run.road.crossing_x_m == 110.0
+    assert make("cut_in", shipped("boulevard")).run.road.crossing_x_m is None
+    assert make("occluded_crossing", shipped("boulevard")).run.road.crossing_x_m is None
+
+
+@pytest.mark.parametrize("name", EVENTS)
+def test_turning_a_site_changes_nothing_in_the_block(name: str) -> None:
+    """METHOD 2.4: the transform is rigid."""
+    pose = Pose2(-31.5, 77.25, math.radians(-141.0))
+    turned_site = changed(
+        "boulevard",
+        {"blocks.0.origin": {"x_m": pose.x_m, "y_m": pose.y_m, "yaw_rad": pose.yaw_rad}},
+    )
+    straight, turned = make(name, shipped("boulevard")), make(name, turned_site)
+    assert turned.plan == straight.plan
+    for before, after in zip(
+        (straight.run.vut, *straight.run.targets),
+        (turned.run.vut, *turned.run.targets),
+        strict=True,
+    ):
+        local = pose.to_local(after.start.x_m, after.start.y_m)
+        assert local == pytest.approx((before.start.x_m, before.start.y_m), abs=1e-6)
+        assert math.cos(after.start.yaw_rad - pose.yaw_rad - before.start.yaw_rad) == (
+            pytest.approx(1.0)
+        )
+    assert turned.run.road.lanes == straight.run.road.lanes
+    assert turned.run.traffic == straight.run.traffic
+
+
+def test_preferred_values_are_taken() -> None:
+    values = {"constraints.trigger.below": 17.0, "constraints.speeds.vut.approach": 12.6}
+    made = make("cut_in", shipped("north_track"), "track", preferred=values)
+    assert made.trigger.below == 17.0
+    assert made.run.driver.cruise_mps == 12.6
+    assert {t.field: t.reason for t in made.tunings}["constraints.trigger.below"] == (
+        "validated in simulation"
+    )
+
+
+STRIP = {"block": "straight", "from_s_m": 0.0, "to_s_m": 420.0}
+REFUSED: dict[str, tuple[str, str, dict[str, Any], str]] = {
+    # event, site, changes, reason
+    "geofence": (
+        "vru_crossing",
+        "north_track",
+        {"geofence": {**STRIP, "from_l_m": -2.0, "to_l_m": 19.0}},
+        "ot1 would leave the geofence at x ",
+    ),
+    "vut out of the fence": (
+        "cut_in",
+        "north_track",
+        {"geofence": {**STRIP, "to_s_m": 300.0, "from_l_m": -8.0, "to_l_m": 19.0}},
+        "vut would leave the geofence",
+    ),
+    "reachable": (
+        "cut_in",
+        "north_track",
+        {"ot_reachable": [{**STRIP, "from_l_m": 1.9, "to_l_m": 19.0}]},
+        "ot1 would leave what OTs can reach",
+    ),
+    "reachable of a parked truck": (
+        "occluded_crossing",
+        "north_track",
+        {"ot_reachable": [{**STRIP, "from_l_m": -3.0, "to_l_m": 17.0}]},
+        "ot2 would leave what OTs can reach",
+    ),
+    "safe stop behind": (
+        "cut_in",
+        "north_track",
+        {"safe_stop_zones": [{**STRIP, "to_s_m": 60.0, "from_l_m": -2.0, "to_l_m": 2.0}]},
+        r"no safe-stop zone can be reached from s = \d+ m on",
+    ),
+    "safe stop far aside": (
+        "cut_in",
+        "north_track",
+        {"safe_stop_zones": [{**STRIP, "from_l_m": 12.0, "to_l_m": 17.0}]},
+        "no safe-stop zone can be reached",
+    ),
+    "camera": (
+        "cut_in",
+        "north_track",
+        {"camera.hfov_deg": 50.0},
+        r"camera\.hfov_deg is 50 deg, K\* needs 60\.0 to 100\.0",
+    ),
+    "speed": ("cut_in", "north_track", {"limits.speed_mps": 10.0}, "the place allows 0 to 10 m/s"),
+    "braking": (
+        "lead_braking",
+        "north_track",
+        {"limits.acceleration_mps2": 3.0},
+        r"the place allows 0 to 3 m/s\^2",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_a_place_that_does_not_offer_what_is_needed(case: str) -> None:
+    name, site, changes, reason = REFUSED[case]
+    with pytest.raises(CannotPlace, match=reason):
+        make(name, changed(site, changes), "track")
+
+
+def test_reachable_regions_bind_on_physical_sites_whatever_the_target() -> None:
+    """A simulation of a track is to show what the track can do."""
+    _, site, changes, reason = REFUSED["reachable"]
+    with pytest.raises(CannotPlace, match=reason):
+        make("cut_in", changed(site, changes), "sumo")
+    simulated = {**changes, "domain": "simulation"}
+    assert make("cut_in", changed(site, simulated), "sumo").run.domain == "simulation"
+
+
+def test_surroundings_that_come_into_the_way_are_left_out_and_told() -> None:
+    def vehicle(name: str, lane: int, x_m: float, speed_mps: float) -> dict[str, Any]:
+        return {
+            "id": name,
+            "object_class": "car",
+            "lane": lane,
+            "x_m": x_m,
+            "speed_mps": speed_mps,
+        }
+
+    traffic = [
+        vehicle("ahead", 0, 30.0, 5.0),
+        vehicle("far", 0, 250.0, 13.9),
+        vehicle("slow", 1, 200.0, 3.0),
+        vehicle("behind", 1, 20.0, 13.0),
+        vehicle("oncoming", 2, 300.0, 8.0),
+        vehicle("ot1", 3, 200.0, 8.0),
+    ]
+    site = changed("boulevard", {"blocks.0.traffic": traffic})
+    made = make("cut_in", site)
+    assert [t.id for t in made.run.traffic] == ["far", "oncoming"]
+    assert [text.split(":")[0] for text in made.left_out] == ["ahead", "slow", "behind", "ot1"]
+    # Fires about 8.8 s after the start; the walker is in lane 3 about 9 s later.
+    meeting = [vehicle("meets", 3, 110.0 + 17.0 * 8.0, 8.0), vehicle("passes", 3, 160.0, 8.0)]
+    crossing = make("vru_crossing", changed("boulevard", {"blocks.0.traffic": meeting}))
+    assert [t.id for t in crossing.run.traffic] == ["passes"]
+    assert crossing.left_out == ("meets: it would pass the crossing with ot1 in its lane",)
+
+
+def test_a_map_has_documented_limits_and_a_camera_as_needed() -> None:
+    library = ground(shipped("boulevard")).library
+    place = Ground(
+        PlaceLink(kind="opendrive", name="town.xodr", sha256="sha256:map"),
+        library,
+        None,
+        b"<OpenDRIVE/>",
+        "town.xodr",
+    )
+    need = event("cut_in")
+    limits = place.limits(need)
+    assert (limits.speed_mps, limits.acceleration_mps2, limits.separation_m) == (15.0, 4.5, 0.5)
+    assert place.camera(need).hfov_deg == 75.0
+    value = need.model_dump(mode="json", by_alias=True)
+    value["constraints"]["camera"]["hfov"] = {"min": 80.0, "max": 100.0, "unit": "deg"}
+    assert place.camera(Event.model_validate(value)).hfov_deg == 80.0
+    made = realise(need, "sha256:event", library.blocks[0], place, "sumo", seed=1, preferred={})
+    assert (made.run.site, made.run.domain, made.run.traffic) == ("town.xodr", "simulation", [])
+    # 2 m beyond sidewalks of 3 m.
+    xs, ys = zip(*made.run.geofence, strict=True)
+    assert (min(ys), max(ys)) == pytest.approx((-1.75 - 5.0, 12.25 + 5.0))
+    assert (min(xs), max(xs)) == pytest.approx((0.0, 400.0))
+
+
+def test_a_block_whose_frame_ends_near_the_road_is_refused() -> None:
+    site = changed(
+        "boulevard",
+        {
+            "blocks.0.pieces": [
+                {
+                    "length_m": 60.0,
+                    "start_curvature_1pm": 0.08,
+                    "end_curvature_1pm": 0.08,
+                },
+                {"length_m": 340.0},
+            ]
+        },
+    )
+    place = ground(shipped("boulevard"))
+    block = replace(place.library.blocks[0], line=_line(site))
+    with pytest.raises(CannotPlace):
+        realise(event("cut_in"), "v", block, place, "sumo", seed=1, preferred={})
+
+
+def _line(site: Site) -> Any:
+    from ssp_core.reference_line import ReferenceLine
+
+    return ReferenceLine(site.blocks[0].origin.pose, site.blocks[0].pieces)

@@ -1,0 +1,1044 @@
+"""ssp spec extract against a server that answers well, badly, slowly and not at all."""
+
+from __future__ import annotations
+
+import base64
+import copy
+import io
+import json
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from email.message import Message
+from functools import partial
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from ssp_core.cli import main
+from ssp_core.hashing import sha256_bytes, sha256_file, sha256_json
+from ssp_scenario_manager.spec.checks import check_event
+from ssp_scenario_manager.spec.extract import cli as extract_cli
+from ssp_scenario_manager.spec.extract.chat import OpenAIChat
+from ssp_scenario_manager.spec.extract.questions import DEFINITION_SHA256
+from ssp_scenario_manager.spec.load import load_event
+from ssp_scenario_manager.spec.log import Record
+from ssp_scenario_manager.spec.log_file import append_record, read_log
+from ssp_scenario_manager.spec.model import UNRESOLVED, Interval
+from ssp_scenario_manager.spec.review.session import to_decide
+from ssp_scenario_manager.spec.seal import uncovered
+
+FPS, FRAMES = 10.0, 60
+SHOWN = 8
+
+
+def make_video(path: Path, frames: int = FRAMES, codec: str = "MJPG") -> Path:
+    """Six seconds in which a block moves over a grey road; 160×120 px, 10 frames a second."""
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), FPS, (160, 120))
+    assert writer.isOpened()
+    for k in range(frames):
+        image = np.full((120, 160, 3), 110, np.uint8)
+        cv2.rectangle(image, (2 * k, 60), (2 * k + 20, 80), (0, 0, 200), -1)
+        writer.write(image)
+    writer.release()
+    return path
+
+
+@pytest.fixture
+def video(tmp_path: Path) -> Path:
+    return make_video(tmp_path / "merge clip.avi")
+
+
+def field(value: Any, *frames: int, confidence: float = 0.8) -> dict[str, Any]:
+    return {"value": value, "confidence": confidence, "evidence": list(frames) or [1]}
+
+
+def cells(**changes: str) -> dict[str, Any]:
+    """One answered cell per phase; words are given as ``position="front_left front_left …"``."""
+    phases = ("approach", "trigger", "conflict", "resolution")
+    words = {key: text.split() for key, text in changes.items()}
+    return {
+        phase: {
+            **{key: given[min(i, len(given) - 1)] for key, given in words.items()},
+            "confidence": 0.7,
+            "evidence": [1 + i],
+        }
+        for i, phase in enumerate(phases)
+    }
+
+
+GOOD: dict[str, Any] = {
+    "road": {
+        "road_type": field("urban"),
+        "segment": field("straight"),
+        "lanes_same_direction": field({"min": 2, "max": 2}),
+        "lanes_opposite": field({"min": 0, "max": 2}),
+        "left_boundary": field("unresolved", confidence=0.1),
+        "right_boundary": field("kerb"),
+        "permitted_manoeuvres": field(["keep_lane", "lane_change_right"]),
+    },
+    "vut": {"class": field("unresolved"), "vut_lane": field("rightmost")},
+    "targets": {
+        "items": [
+            {
+                "class": "car",
+                "description": "red car {id} in the\nleft lane\u001b[31m",
+                "confidence": 0.95,
+                "evidence": [1, 2, 3],
+            }
+        ]
+    },
+    "target_ot1": {"place": field("left_lane", 1), "along": field("ahead", 1)},
+    "interaction": {
+        "type": field("cut_in", 4, 5),
+        "initiator": field("ot1", 4),
+        "occluder": field("none"),
+        "dominant_motion": field("cutting_in_from_left", 5, 4, 4),
+        "first": field("ot1", 6),
+        "longitudinal_responses": field(["decelerate", "stop"], 5),
+        "lateral_responses": field(["straight"], 5),
+    },
+    "phases": {
+        "trigger": field(4, 4, confidence=0.9),
+        "conflict": field(5, 5),
+        "resolution": field("unresolved", 8, confidence=0.2),
+    },
+    "motion_vut": cells(speed_trend="constant constant decreasing unresolved", lateral="none"),
+    "motion_ot1": cells(
+        position="front_left front_left front",
+        motion="same_direction cutting_in_from_left cutting_in_from_left same_direction",
+        heading="same",
+        speed_trend="constant unresolved",
+        longitudinal="closing closing closing unresolved",
+        lateral="none right right none",
+    ),
+    "gate": {
+        "deformation": field("no"),
+        "identity": field("yes", 6, 7, confidence=0.4),
+        "discontinuity": field("no"),
+        "road": field("unresolved"),
+        "no_conflict": field("no"),
+    },
+}
+
+Reply = Callable[["Handler", dict[str, Any]], None]
+
+
+class Server(ThreadingHTTPServer):
+    """Speaks as much of the chat interface as a client needs.
+
+    ``answers`` by question; ``replies``: what to do instead with the next requests.
+    """
+
+    daemon_threads = True
+
+    def __init__(self) -> None:
+        super().__init__(("127.0.0.1", 0), Handler)
+        self.answers = copy.deepcopy(GOOD)
+        self.replies: list[Reply | None] = []
+        self.asked: list[dict[str, Any]] = []
+        self.headers: list[Message] = []
+        self.released = threading.Event()
+
+    @property
+    def url(self) -> str:
+        return f"http://127.0.0.1:{self.server_address[1]}/v1"
+
+    def names(self) -> list[str]:
+        return [question_of(request) for request in self.asked]
+
+
+def question_of(request: dict[str, Any]) -> str:
+    given = request.get("response_format")
+    if given:
+        name = given["json_schema"]["name"]
+        assert isinstance(name, str)
+        return name
+    text = request["messages"][1]["content"][-1]["text"]
+    found = [name for name, key in KEYS.items() if key in text]
+    assert len(found) == 1
+    return found[0]
+
+
+KEYS = {
+    "road": "Describe the road",
+    "vut": "Describe the VUT, which",
+    "targets": "List the OTs",
+    "target_ot1": "Describe where ot1",
+    "interaction": "Describe the interaction",
+    "phases": "Find where the phases",
+    "motion_vut": "Describe how the VUT itself",
+    "motion_ot1": "Describe how ot1",
+    "gate": "Judge whether the clip",
+}
+
+
+class Handler(BaseHTTPRequestHandler):
+    server: Server
+
+    def do_POST(self) -> None:
+        assert self.path == "/v1/chat/completions"
+        request = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
+        self.server.asked.append(request)
+        self.server.headers.append(self.headers)
+        reply = self.server.replies.pop(0) if self.server.replies else None
+        if reply is not None:
+            reply(self, request)
+        else:
+            self.answer(json.dumps(self.server.answers[question_of(request)]))
+
+    def answer(self, content: Any, **message: Any) -> None:
+        finish = message.pop("finish_reason", "stop")
+        said = {"role": "assistant", "content": content, **message}
+        self.body({"choices": [{"index": 0, "message": said, "finish_reason": finish}]})
+
+    def body(self, value: Any, status: int = 200, **headers: str) -> None:
+        data = value if isinstance(value, bytes) else json.dumps(value).encode()
+        self.send_response(status)
+        self.send_header("Content-Length", str(len(data)))
+        for key, text in headers.items():
+            self.send_header(key.replace("_", "-"), text)
+        self.end_headers()
+        self.wfile.write(data)
+
+    def log_message(self, *_: Any) -> None:
+        pass
+
+
+@pytest.fixture
+def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[Server]:
+    for name in ("HTTP_PROXY", "HTTPS_PROXY", "ALL_PROXY"):
+        monkeypatch.delenv(name, raising=False)
+        monkeypatch.delenv(name.lower(), raising=False)
+    monkeypatch.setenv("OPENAI_API_KEY", "not for this server")
+    with Server() as found:
+        threading.Thread(target=found.serve_forever, args=(0.01,), daemon=True).start()
+        yield found
+        found.released.set()
+        found.shutdown()
+
+
+@pytest.fixture
+def waits(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """Waits between tries are noted and not waited for."""
+    found: list[float] = []
+    monkeypatch.setattr(extract_cli, "OpenAIChat", partial(OpenAIChat, sleep=found.append))
+    return found
+
+
+def run(server: Server | str, video: Path, out: Path, *more: object) -> int:
+    url = server if isinstance(server, str) else server.url
+    given = ["spec", "extract", video, "--base-url", url, "--model", "seer-7b", "--out", out]
+    return main([*map(str, given), "--frames", str(SHOWN), *map(str, more)])
+
+
+def error_of(capsys: pytest.CaptureFixture[str]) -> str:
+    captured = capsys.readouterr()
+    assert "Traceback" not in captured.err
+    return " ".join(captured.err.split())
+
+
+def candidate(out: Path) -> Path:
+    return out / "merge_clip.candidate.yaml"
+
+
+# The server answers well.
+
+
+def test_a_candidate_says_what_the_model_said(server: Server, video: Path, tmp_path: Path) -> None:
+    assert run(server, video, tmp_path) == 0
+    event, version = load_event(str(candidate(tmp_path)))
+    assert event.name == "merge_clip"
+    assert event.source.sha256 == sha256_file(video)
+    assert event.source.rate == Interval(min=FPS, max=FPS, unit="Hz")
+    assert event.topology.road_type == "urban"
+    assert (event.topology.lanes_opposite.min, event.topology.lanes_opposite.max) == (0, 2)
+    assert event.topology.left_boundary == UNRESOLVED
+    assert event.interaction.type == "cut_in"
+    assert event.interaction.occluder is None
+    assert event.interaction.passing_order == ["ot1", "vut"]
+    assert event.interaction.relation == "merge"
+    cell = event.motion["ot1"]["trigger"]
+    assert (cell.motion, cell.lateral) == ("cutting_in_from_left", "right")
+    own = event.motion["vut"]["conflict"]
+    assert (own.heading, own.speed_trend, own.position) == ("same", "decreasing", None)
+    assert uncovered(event) == []
+    doubt = event.uncertainty["interaction.dominant_motion"]
+    numbers = (0, 8, 17, 25, 34, 42, 51, 59)
+    assert (doubt.provenance, doubt.confidence) == ("model", 0.8)
+    assert doubt.source == f"seer-7b; frames {numbers[3]}, {numbers[4]}"
+    assert {d.review for d in event.uncertainty.values()} == {"unreviewed"}
+    assert version == load_event(str(candidate(tmp_path)))[1]
+
+
+def test_what_the_model_cannot_know_is_no_number(
+    server: Server, video: Path, tmp_path: Path
+) -> None:
+    assert run(server, video, tmp_path) == 0
+    event, _ = load_event(str(candidate(tmp_path)))
+    speeds = [
+        speed for by_phase in event.constraints.speeds.values() for speed in by_phase.values()
+    ]
+    assert speeds == [UNRESOLVED] * 8
+    assert event.constraints.trigger.below == UNRESOLVED
+    assert set(event.constraints.manoeuvre.values()) == {UNRESOLVED}
+    assert event.constraints.time_gap == UNRESOLVED
+    assert event.participants["ot1"].region.gap == UNRESOLVED
+    assert event.topology.lane_width == UNRESOLVED
+    # The fourth and fifth of eight frames over six seconds; the frame before is the other end.
+    assert event.events.trigger.start == Interval(min=1.7, max=2.5, unit="s")
+    assert event.events.conflict.start == Interval(min=2.5, max=3.4, unit="s")
+    assert event.events.resolution.start == UNRESOLVED
+    assert event.events.clip.end == Interval(min=6.0, max=6.0, unit="s")
+    assert event.events.trigger.evidence[0].frames == (25, 25)
+    assert event.uncertainty["constraints.camera"].provenance == "standard"
+    assert event.participants["vut"].class_ == "car"
+    assert event.uncertainty["participants.vut.class"].provenance == "standard"
+    assert event.uncertainty["participants.vut.class"].confidence == 0.0
+
+
+def test_questions_go_from_the_whole_to_the_parts(
+    server: Server, video: Path, tmp_path: Path
+) -> None:
+    assert run(server, video, tmp_path) == 0
+    assert server.names() == list(KEYS)
+    first, last = server.asked[0], server.asked[-1]
+    parts = first["messages"][1]["content"]
+    pictures = [part["image_url"]["url"] for part in parts if part["type"] == "image_url"]
+    texts = [part["text"] for part in parts if part["type"] == "text"]
+    assert len(pictures) == SHOWN
+    assert texts[:2] == ["Frame 1, t = 0.000 s", "Frame 2, t = 0.800 s"]
+    assert "urban" in texts[-1]
+    head, data = pictures[1].split(",", 1)
+    assert head == "data:image/jpeg;base64"
+    shown = cv2.imdecode(np.frombuffer(base64.b64decode(data), np.uint8), cv2.IMREAD_COLOR)
+    assert shown is not None
+    assert shown.shape == (120, 160, 3)
+    assert shown[70, 2 * 8 + 10, 2] > 150  # the block where it is in frame 8
+    assert first["temperature"] == 0
+    assert first["model"] == "seer-7b"
+    said = last["messages"][1]["content"][-1]["text"]
+    assert '"road_type": "urban"' in said
+    assert "red car {id} in the left lane [31m" in said
+    phases = server.asked[list(KEYS).index("motion_ot1")]["messages"][1]["content"][-1]["text"]
+    assert "trigger (from frame 4), conflict (from frame 5), resolution (beginning unr" in phases
+
+
+def test_the_schema_holds_the_closed_vocabularies(
+    server: Server, video: Path, tmp_path: Path
+) -> None:
+    assert run(server, video, tmp_path) == 0
+    schemas = {
+        question_of(request): request["response_format"]["json_schema"]["schema"]
+        for request in server.asked
+    }
+    kinds = schemas["interaction"]["properties"]["type"]["properties"]["value"]["enum"]
+    assert {"cut_in", "vru_crossing", "none"} <= set(kinds)
+    assert schemas["interaction"]["properties"]["initiator"]["properties"]["value"] in (
+        {"const": "ot1", "type": "string"},
+        {"enum": ["ot1"], "type": "string"},
+    )
+    frames = schemas["phases"]["properties"]["trigger"]["properties"]["value"]["enum"]
+    assert frames == [*range(1, SHOWN + 1), "unresolved"]
+    for schema in schemas.values():
+        assert schema["additionalProperties"] is False
+        assert set(schema["required"]) == set(schema["properties"])
+
+
+def test_nothing_is_sent_that_was_not_given(server: Server, video: Path, tmp_path: Path) -> None:
+    assert run(server, video, tmp_path) == 0
+    assert {headers["Authorization"] for headers in server.headers} == {"Bearer none"}
+
+
+def test_a_key_comes_from_the_named_variable(
+    server: Server, video: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TRACK_KEY", "s3cret")
+    assert run(server, video, tmp_path, "--api-key-env", "TRACK_KEY") == 0
+    assert server.headers[0]["Authorization"] == "Bearer s3cret"
+    written = [path for path in tmp_path.rglob("*") if path.is_file()]
+    assert not any(b"s3cret" in path.read_bytes() for path in written)
+
+
+def test_a_missing_key_is_named(
+    server: Server, video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(server, video, tmp_path, "--api-key-env", "NO_SUCH_KEY") == 1
+    assert "NO_SUCH_KEY" in error_of(capsys)
+    assert server.asked == []
+
+
+def test_the_log_links_source_questions_and_answers(
+    server: Server, video: Path, tmp_path: Path
+) -> None:
+    more = ("--start", "1", "--end", "5", "--generator", "GenVid 2", "--original", "clip 17")
+    assert run(server, video, tmp_path, *more) == 0
+    source, extraction = read_log(tmp_path / "merge_clip.log.jsonl")
+    assert (source.kind, extraction.kind) == ("source", "extraction")
+    assert source.details["sha256"] == sha256_file(video)
+    assert source.details["generator"] == "GenVid 2"
+    assert source.details["original"] == "clip 17"
+    assert source.details["crop"] == {"start_s": 1.0, "end_s": 5.0, "first_frame": 10}
+    assert extraction.details["model"] == "seer-7b"
+    assert extraction.details["questions_sha256"] == DEFINITION_SHA256
+    event, version = load_event(str(candidate(tmp_path)))
+    assert extraction.details["version"] == version
+    assert event.events.clip.end == Interval(min=4.0, max=4.0, unit="s")
+    store = tmp_path / "merge_clip.extraction"
+    assert len(extraction.details["requests"]) == 9
+    for key, hashes in extraction.details["requests"].items():
+        request = json.loads((store / "requests" / f"{key}.json").read_text())
+        assert sha256_json(request) == hashes["request"]
+        body = (store / "answers" / f"{key}-1.body").read_bytes()
+        assert sha256_bytes(body) == hashes["answer"]
+        for part in request["messages"][1]["content"]:
+            if part["type"] == "image_url":
+                picture = part["image_url"]
+                assert sha256_file(store / picture["file"]) == picture["sha256"]
+
+
+def test_a_person_sees_what_to_decide(
+    server: Server, video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(server, video, tmp_path) == 0
+    text = " ".join(capsys.readouterr().out.split())
+    assert "constraints.trigger.below unresolved 0.00" in text
+    assert "identity drift: yes (0.40, frames 42, 51)" in text
+    assert "inconsistent road relations: unresolved" in text
+    assert "material deformation" not in text
+    assert "ssp spec review" in text
+
+
+def test_json_says_the_same(
+    server: Server, video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(server, video, tmp_path, "--json") == 0
+    value = json.loads(capsys.readouterr().out)
+    kept = json.loads((tmp_path / "merge_clip.extraction" / "decisions.json").read_text())
+    assert value == {"candidate": str(candidate(tmp_path)), **kept}
+    by_field = {item["field"]: item for item in value["undecided"]}
+    assert by_field["constraints.trigger.below"]["why"] == "unresolved"
+    assert by_field["interaction.type"]["critical"] is True
+    assert by_field["interaction.type"]["frames"] == [25, 34]
+    assert by_field["topology.road_type"]["critical"] is False
+    assert [finding["answer"] for finding in value["gate"]].count("yes") == 1
+
+
+def test_nothing_a_model_says_steers_a_terminal(
+    server: Server, video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(server, video, tmp_path) == 0
+    assert "\x1b" not in capsys.readouterr().out
+    assert "\x1b" not in candidate(tmp_path).read_text()
+
+
+def test_a_standing_road_user_has_speed_0(server: Server, video: Path, tmp_path: Path) -> None:
+    server.answers["motion_ot1"] = cells(
+        position="front", motion="stationary", heading="same", speed_trend="standing",
+        longitudinal="closing", lateral="none",
+    )  # fmt: skip
+    assert run(server, video, tmp_path) == 0
+    event, _ = load_event(str(candidate(tmp_path)))
+    assert event.constraints.speeds["ot1"]["trigger"] == Interval(min=0.0, max=0.0, unit="m/s")
+    assert event.uncertainty["constraints.speeds.ot1.trigger"].provenance == "derived"
+
+
+# Annotations.
+
+ANNOTATION = {
+    "video_id": "merge clip",
+    "events": [{"description": "A red car merges.", "justification": "It was short of road."}],
+}
+
+
+@pytest.mark.parametrize("shown", [False, True])
+def test_an_annotation_is_kept_and_shown_only_on_request(
+    server: Server, video: Path, tmp_path: Path, shown: bool
+) -> None:
+    file = tmp_path / "a.json"
+    file.write_text(json.dumps(ANNOTATION))
+    more = ["--annotation", file, *(["--show-annotation"] if shown else [])]
+    assert run(server, video, tmp_path, *more) == 0
+    kept = read_log(tmp_path / "merge_clip.log.jsonl")[1].details["annotation"]
+    assert kept["content"] == ANNOTATION
+    assert kept["sha256"] == sha256_file(file)
+    assert kept["shown_to_model"] is shown
+    sent = json.dumps([request["messages"] for request in server.asked])
+    assert ("A red car merges." in sent) is shown
+    assert "It was short of road." not in sent
+
+
+@pytest.mark.parametrize(
+    ("value", "where"),
+    [
+        ({**ANNOTATION, "more": 1}, "more"),
+        ({**ANNOTATION, "events": []}, "events"),
+        ({"events": ANNOTATION["events"]}, "video_id"),
+        ({**ANNOTATION, "events": [{"description": "x"}]}, "events[0].justification"),
+    ],
+)
+def test_an_annotation_of_another_form_is_refused(
+    server: Server,
+    video: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    value: Any,
+    where: str,
+) -> None:
+    file = tmp_path / "a.json"
+    file.write_text(json.dumps(value))
+    assert run(server, video, tmp_path, "--annotation", file) == 1
+    assert f"a.json: {where}" in error_of(capsys)
+    assert server.asked == []
+
+
+def test_an_annotation_of_another_video_is_noted(
+    server: Server, video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "a.json"
+    file.write_text(json.dumps({**ANNOTATION, "video_id": "other"}))
+    assert run(server, video, tmp_path, "--annotation", file) == 0
+    assert "about video 'other'" in error_of(capsys)
+
+
+# The server answers badly.
+
+
+def say(text: str | None, **message: Any) -> Reply:
+    return lambda handler, _: handler.answer(text, **message)
+
+
+def changed(question: str, change: Callable[[Any], Any]) -> str:
+    value = copy.deepcopy(GOOD[question])
+    return json.dumps(change(value) or value)
+
+
+def put(*path: Any) -> Callable[[Any], None]:
+    """Sets a value; the last of the path is the value."""
+
+    def change(value: Any) -> None:
+        for key in path[:-2]:
+            value = value[key]
+        value[path[-2]] = path[-1]
+
+    return change
+
+
+BAD_ROADS = {
+    "no JSON": ("I see a road.", "no JSON"),
+    "cut off": (json.dumps(GOOD["road"])[:-20], "no JSON"),
+    "a list": ("[]", "must be a JSON object"),
+    "word outside": (changed("road", put("segment", "value", "wiggly")), "segment.value"),
+    "wrong case": (changed("road", put("segment", "value", "Straight")), "segment.value"),
+    "number as text": (changed("road", put("segment", "confidence", "0.9")), "segment.confidence"),
+    "confidence 1.5": (changed("road", put("segment", "confidence", 1.5)), "segment.confidence"),
+    "no evidence": (changed("road", put("segment", "evidence", [])), "segment.evidence"),
+    "frame 0": (changed("road", put("segment", "evidence", [0])), "segment.evidence[0]"),
+    "frame 9": (changed("road", put("segment", "evidence", [9])), "segment.evidence[0]"),
+    "true as frame": (changed("road", put("segment", "evidence", [True])), "segment.evidence[0]"),
+    "extra key": (changed("road", put("speed_kmh", field(50))), "speed_kmh"),
+    "key missing": (changed("road", lambda v: v.pop("segment") and v), "segment"),
+    "words empty": (changed("road", put("permitted_manoeuvres", "value", [])), "manoeuvres.value"),
+    "count as word": (changed("road", put("lanes_opposite", "value", "two")), "lanes_opposite"),
+    "key twice": ('{"segment": 1, "segment": 1}', "stands twice"),
+    "NaN": ('{"segment": NaN}', "NaN is no number"),
+    "deep": ("[" * 50_000, "nested too deeply"),
+    "huge number": ('{"segment": ' + "9" * 5000 + "}", "no JSON"),
+    "empty": ("", "empty"),
+    "null": (None, "empty"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_ROADS)
+def test_a_bad_answer_is_asked_for_again_with_what_was_wrong(
+    server: Server, video: Path, tmp_path: Path, case: str
+) -> None:
+    text, what = BAD_ROADS[case]
+    server.replies = [say(text)]
+    assert run(server, video, tmp_path) == 0
+    assert server.names()[:3] == ["road", "road", "vut"]
+    again = server.asked[1]["messages"]
+    assert [message["role"] for message in again] == ["system", "user", "assistant", "user"]
+    assert what in again[3]["content"]
+    index = json.loads((tmp_path / "merge_clip.extraction" / "index.json").read_text())
+    road = next(v for k, v in index["questions"].items() if k.startswith("road"))
+    assert [bool(answer["problems"]) for answer in road["answers"]] == [True, False]
+
+
+@pytest.mark.parametrize("case", BAD_ROADS)
+def test_three_bad_answers_end_it_and_are_kept(
+    server: Server, video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], case: str
+) -> None:
+    text, what = BAD_ROADS[case]
+    server.replies = [say(text)] * 3
+    assert run(server, video, tmp_path) == 1
+    error = error_of(capsys)
+    assert "question road: seer-7b gave no usable answer in 3 tries" in error
+    assert what in error
+    kept = sorted((tmp_path / "merge_clip.extraction" / "answers").iterdir())
+    assert len(kept) == 3
+    said = json.loads(kept[0].read_bytes())["choices"][0]["message"]["content"]
+    assert said == text
+    assert not candidate(tmp_path).exists()
+    assert not (tmp_path / "merge_clip.log.jsonl").exists()
+
+
+def test_fences_and_thoughts_around_an_answer_are_taken_off(
+    server: Server, video: Path, tmp_path: Path
+) -> None:
+    road = json.dumps(GOOD["road"])
+    server.replies = [say(f"<think>Hm, {{road}}?</think>\n```json\n{road}\n```\n")]
+    assert run(server, video, tmp_path) == 0
+    assert server.names() == list(KEYS)
+
+
+def test_a_server_that_ignores_the_schema_is_held_to_it_all_the_same(
+    server: Server, video: Path, tmp_path: Path
+) -> None:
+    server.replies = [say('{"segment": "straight"}')]
+    assert run(server, video, tmp_path, "--no-schema") == 0
+    assert all("response_format" not in request for request in server.asked)
+    assert server.names()[:2] == ["road", "road"]
+
+
+def test_contradictions_are_left_to_the_person(
+    server: Server, video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A conflict before its trigger, who comes from the left from the right: C1 and C3 say so."""
+    server.answers["phases"]["conflict"] = field(2)
+    server.answers["target_ot1"]["place"] = field("right_lane")
+    assert run(server, video, tmp_path, "--json") == 0
+    failures = json.loads(capsys.readouterr().out)["failures"]
+    fields = {(failure["check"], failure["field"]) for failure in failures}
+    assert ("C3", "events.conflict.start") in fields
+    assert ("C1", "participants.ot1.region.place") in fields
+
+
+def test_an_object_that_nobody_listed_cannot_be_the_initiator(
+    server: Server, video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    server.answers["interaction"]["initiator"] = field("ot2")
+    assert run(server, video, tmp_path) == 1
+    assert "initiator.value" in error_of(capsys)
+
+
+@pytest.mark.parametrize(
+    ("message", "said"),
+    [
+        ({"refusal": "I can't look at people."}, "I can't look at people."),
+        ({"finish_reason": "content_filter"}, "filtered by the server"),
+    ],
+)
+def test_a_refusal_ends_it_at_once(
+    server: Server,
+    video: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    message: dict[str, str],
+    said: str,
+) -> None:
+    server.replies = [say(None, **message)]
+    assert run(server, video, tmp_path) == 1
+    error = error_of(capsys)
+    assert "question road" in error
+    assert f"declines to answer: {said}" in error
+    assert len(server.asked) == 1
+
+
+def test_an_answer_cut_off_by_its_length_is_said_so(
+    server: Server, video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    server.replies = [say('{"road', finish_reason="length")] * 3
+    assert run(server, video, tmp_path) == 1
+    assert "cut off at the limit of its length" in error_of(capsys)
+
+
+@pytest.mark.parametrize(
+    "body", [b"<html>It works!</html>", b"{}", b"[]", b'{"choices": []}', b"\xff\xfe", b""]
+)
+def test_another_service_is_recognised(
+    server: Server, video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], body: bytes
+) -> None:
+    server.replies = [lambda handler, _: handler.body(body)]
+    assert run(server, video, tmp_path) == 1
+    assert "no chat completion" in error_of(capsys)
+    (kept,) = (tmp_path / "merge_clip.extraction" / "answers").iterdir()
+    assert kept.read_bytes() == body
+
+
+def test_a_huge_answer_is_not_swallowed(
+    server: Server, video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    server.replies = [say("x" * (2 << 20))]
+    assert run(server, video, tmp_path) == 1
+    assert "larger than 1024 KiB" in error_of(capsys)
+    assert len(server.asked) == 1
+
+
+@pytest.mark.parametrize(
+    ("answers", "what"),
+    [
+        ({"targets": {"items": []}}, "shows nobody who conflicts"),
+        ({"interaction": {**GOOD["interaction"], "type": field("none")}}, "no identifiable"),
+    ],
+)
+def test_a_clip_without_event_gives_no_candidate_but_a_record(
+    server: Server,
+    video: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    answers: dict[str, Any],
+    what: str,
+) -> None:
+    server.answers.update(answers)
+    assert run(server, video, tmp_path) == 1
+    assert what in error_of(capsys)
+    assert not candidate(tmp_path).exists()
+    extraction = read_log(tmp_path / "merge_clip.log.jsonl")[1]
+    assert what in extraction.reason
+    assert extraction.details["version"] is None
+    assert extraction.details["gate"]
+
+
+def test_a_person_may_state_the_kind(server: Server, video: Path, tmp_path: Path) -> None:
+    server.answers["interaction"]["type"] = field("none")
+    assert run(server, video, tmp_path, "--type", "lead_braking") == 0
+    event, _ = load_event(str(candidate(tmp_path)))
+    assert event.interaction.type == "lead_braking"
+    assert event.uncertainty["interaction.type"].provenance == "person"
+
+
+# The server answers slowly, brokenly, or not at all.
+
+
+def status(code: int, **headers: str) -> Reply:
+    value = {"error": {"message": f"trouble {code}", "type": "t", "code": code}}
+    return lambda handler, _: handler.body(value, code, **headers)
+
+
+def silent(handler: Handler, _: dict[str, Any]) -> None:
+    handler.server.released.wait(30)
+
+
+def dripping(handler: Handler, _: dict[str, Any]) -> None:
+    """A byte now and then, so that no single read ever times out."""
+    handler.send_response(200)
+    handler.send_header("Content-Length", "100000")
+    handler.end_headers()
+    deadline = time.monotonic() + 30
+    while time.monotonic() < deadline and not handler.server.released.is_set():
+        try:
+            handler.wfile.write(b" ")
+            handler.wfile.flush()
+        except OSError:
+            return
+        time.sleep(0.05)
+
+
+def closing(handler: Handler, _: dict[str, Any]) -> None:
+    handler.send_response(200)
+    handler.send_header("Content-Length", "1000")
+    handler.end_headers()
+    handler.wfile.write(b'{"choices": ')
+    handler.wfile.flush()
+    handler.connection.shutdown(socket.SHUT_RDWR)
+
+
+def hanging_up(handler: Handler, _: dict[str, Any]) -> None:
+    handler.connection.shutdown(socket.SHUT_RDWR)
+
+
+@pytest.mark.parametrize(
+    ("replies", "expected"),
+    [
+        ([status(500)], [1.0]),
+        ([status(503), status(502)], [1.0, 2.0]),
+        ([status(429)], [1.0]),
+        ([status(429, Retry_After="7")], [7.0]),
+        ([status(429, Retry_After="soon")], [1.0]),
+        ([status(503, Retry_After="0")], [0.0]),
+        ([closing], [1.0]),
+        ([hanging_up], [1.0]),
+    ],
+)
+def test_trouble_that_passes_is_waited_for(
+    server: Server,
+    video: Path,
+    tmp_path: Path,
+    waits: list[float],
+    replies: list[Reply | None],
+    expected: list[float],
+) -> None:
+    server.replies = list(replies)
+    assert run(server, video, tmp_path) == 0
+    assert waits == expected
+    assert server.names()[: len(replies) + 1] == ["road"] * (len(replies) + 1)
+
+
+@pytest.mark.parametrize(
+    ("reply", "asked", "what"),
+    [
+        (status(500), 3, "the server says 500: "),
+        (closing, 3, "the connection broke off"),
+        (hanging_up, 3, "can't be reached"),
+        (status(429, Retry_After="3600"), 1, "429"),
+        (status(400), 1, "--no-schema"),
+        (status(401), 1, "--api-key-env"),
+        (status(404), 1, "--model must be a name that the server serves"),
+    ],
+)
+def test_trouble_that_stays_is_reported(
+    server: Server,
+    video: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    waits: list[float],
+    reply: Reply,
+    asked: int,
+    what: str,
+) -> None:
+    server.replies = [reply] * 3
+    assert run(server, video, tmp_path) == 1
+    error = error_of(capsys)
+    assert what in error
+    assert server.url in error
+    assert len(server.asked) == asked
+    assert not candidate(tmp_path).exists()
+
+
+@pytest.mark.parametrize("reply", [silent, dripping])
+def test_silence_ends_after_the_timeout(
+    server: Server,
+    video: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    waits: list[float],
+    reply: Reply,
+) -> None:
+    server.replies = [reply] * 2
+    begun_s = time.monotonic()
+    assert run(server, video, tmp_path, "--timeout", 0.3, "--tries", 2) == 1
+    assert time.monotonic() - begun_s < 10
+    error = error_of(capsys)
+    assert "no whole answer within 0.3 s (2 tries)" in error
+    assert waits == [1.0]
+    assert len(server.asked) == 2
+
+
+def test_silence_that_ends_is_forgiven(
+    server: Server, video: Path, tmp_path: Path, waits: list[float]
+) -> None:
+    server.replies = [silent]
+    assert run(server, video, tmp_path, "--timeout", 1.0) == 0
+    assert waits == [1.0]
+
+
+def test_no_server_at_all(
+    video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], waits: list[float]
+) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))  # bound and not listening: connections are refused
+        url = f"http://127.0.0.1:{taken.getsockname()[1]}/v1"
+        assert run(url, video, tmp_path) == 1
+    error = error_of(capsys)
+    assert f"{url}: the server can't be reached" in error
+    assert "(3 tries)" in error
+    assert "start it" in error
+
+
+@pytest.mark.parametrize("url", ["localhost:8000", "ftp://x/v1", "http://", "http://[::1", "nope"])
+def test_an_address_that_is_none_is_wrong_usage(video: Path, tmp_path: Path, url: str) -> None:
+    assert run(url, video, tmp_path) == 2
+
+
+# Going on after an interruption.
+
+
+def test_what_was_answered_is_not_asked_again(
+    server: Server, video: Path, tmp_path: Path, waits: list[float]
+) -> None:
+    server.replies = [None, None, None, None, status(500), status(500), status(500)]
+    assert run(server, video, tmp_path) == 1
+    assert not candidate(tmp_path).exists()
+    server.asked.clear()
+    assert run(server, video, tmp_path) == 0
+    assert server.names() == list(KEYS)[4:]
+    whole = tmp_path / "whole"
+    assert run(server, video, whole) == 0
+    assert candidate(whole).read_bytes() == candidate(tmp_path).read_bytes()
+
+
+def test_other_frames_are_another_question(server: Server, video: Path, tmp_path: Path) -> None:
+    assert run(server, video, tmp_path) == 0
+    server.asked.clear()
+    assert run(server, video, tmp_path, "--force", "--width", 80) == 0
+    assert server.names() == list(KEYS)
+    server.asked.clear()
+    assert run(server, video, tmp_path, "--force") == 0
+    assert server.names() == []
+
+
+def test_an_answer_that_was_changed_is_found_out(
+    server: Server, video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(server, video, tmp_path) == 0
+    (kept,) = (tmp_path / "merge_clip.extraction" / "answers").glob("road-*")
+    kept.write_bytes(kept.read_bytes().replace(b"urban", b"rural"))
+    assert run(server, video, tmp_path, "--force") == 1
+    error = error_of(capsys)
+    assert kept.name in error
+    assert "was changed after it was stored" in error
+
+
+def test_a_candidate_is_not_overwritten_unasked(
+    server: Server, video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    candidate(tmp_path).write_text("mine")
+    assert run(server, video, tmp_path) == 1
+    assert "exists already" in error_of(capsys)
+    assert candidate(tmp_path).read_text() == "mine"
+    assert server.asked == []
+
+
+def test_a_refused_clip_stays_refused_until_it_is_another(
+    server: Server, video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(server, video, tmp_path) == 0
+    refusal = Record(
+        kind="gate", when="2025-01-01T00:00:00Z", who="A. Author", subject="merge_clip",
+        reason="identity drift",
+    )  # fmt: skip
+    append_record(tmp_path / "merge_clip.log.jsonl", refusal)
+    assert run(server, video, tmp_path, "--force") == 1
+    assert "refused by A. Author" in error_of(capsys)
+    assert run(server, video, tmp_path, "--force", "--start", 1) == 0
+
+
+# What isn't a video.
+
+
+def test_a_truncated_video_is_recognised(
+    server: Server, video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data = video.read_bytes()
+    cut = tmp_path / "cut.avi"
+    cut.write_bytes(data[: len(data) * 2 // 3])
+    assert run(server, cut, tmp_path) == 1
+    error = error_of(capsys)
+    assert "cut.avi" in error
+    assert server.asked == []
+
+
+@pytest.mark.parametrize("content", [b"", b"not a video", b"\x00" * 5000])
+def test_what_is_no_video_is_named(
+    server: Server, tmp_path: Path, capsys: pytest.CaptureFixture[str], content: bytes
+) -> None:
+    file = tmp_path / "no.mp4"
+    file.write_bytes(content)
+    assert run(server, file, tmp_path) == 1
+    assert "no.mp4: is no video" in error_of(capsys)
+
+
+@pytest.mark.parametrize(
+    ("more", "what"),
+    [
+        (("--start", "9"), "lies beyond the video"),
+        (("--end", "60"), "lies beyond the video"),
+        (("--start", "5.95"), "fewer than two frames"),
+    ],
+)
+def test_a_crop_that_is_none_is_refused(
+    server: Server,
+    video: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    more: tuple[str, ...],
+    what: str,
+) -> None:
+    assert run(server, video, tmp_path, *more) == 1
+    assert what in error_of(capsys)
+    assert server.asked == []
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        ("--start", "4", "--end", "2"),
+        ("--start", "nan"),
+        ("--timeout", "inf"),
+        ("--frames", "1"),
+        ("--name", "Big Name"),
+        ("--show-annotation",),
+        ("--type", "collision"),
+    ],
+)
+def test_wrong_usage_is_exit_2(
+    server: Server, video: Path, tmp_path: Path, more: tuple[str, ...]
+) -> None:
+    assert run(server, video, tmp_path, *more) == 2
+
+
+def test_a_name_is_asked_for_where_the_file_has_none(
+    server: Server, video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    odd = video.rename(tmp_path / "0815.avi")
+    assert run(server, odd, tmp_path) == 2
+    assert "--name" in error_of(capsys)
+
+
+# From a video to a task.
+
+KNOWN = {
+    "motion.ot1.trigger": "speed_trend=any",
+    "motion.ot1.conflict": "speed_trend=any",
+    "constraints.speeds.vut.approach": "12..14 m/s",
+    "constraints.speeds.vut.trigger": "12..14 m/s",
+    "constraints.speeds.vut.conflict": "0..14 m/s",
+    "constraints.speeds.vut.resolution": "0..14 m/s",
+    "constraints.speeds.ot1.approach": "8..9 m/s",
+    "constraints.speeds.ot1.trigger": "5..9 m/s",
+    "constraints.speeds.ot1.conflict": "5..9 m/s",
+    "constraints.speeds.ot1.resolution": "5..9 m/s",
+    "constraints.trigger.below": "16..20 m",
+    "constraints.manoeuvre.duration": "2..3 s",
+    "constraints.manoeuvre.end_speed": "5..6 m/s",
+    "constraints.manoeuvre.deceleration": "1.5..2.5 m/s^2",
+    "constraints.thresholds.ttc": "3 s",
+}
+
+
+def test_a_video_becomes_a_task(
+    server: Server,
+    video: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Extraction, a review that gives what no camera gives, the checks, the compiler."""
+    server.answers["phases"]["resolution"] = field(7, 7)
+    assert run(server, video, tmp_path) == 0
+    event, _ = load_event(str(candidate(tmp_path)))
+    lines = []
+    for item in to_decide(event):
+        known = KNOWN.get(item.field)
+        lines += ["e", known, "measured on the track"] if known else ["a"]
+    monkeypatch.setattr("sys.stdin", io.StringIO("\n".join([*lines, ""])))
+    options = ["--who", "A. Author", "--accept-all", "--reason", "usual for this road"]
+    more = ["--video", str(video)]
+    assert main(["spec", "review", str(candidate(tmp_path)), *options, *more]) == 0
+    k_star = tmp_path / "merge_clip.event.yaml"
+    event, version = load_event(str(k_star))
+    assert check_event(event) == []
+    assert (tmp_path / "merge_clip.review").is_dir()
+    folder = tmp_path / "task"
+    given = ["--target", "sumo", "--site", "boulevard", "--out", str(folder)]
+    assert main(["compile", str(k_star), *given]) == 0
+    assert json.loads((folder / "task.json").read_text())["event"]["version"] == version
+    kinds = {record.kind for record in read_log(folder / "log.jsonl")}
+    assert {"source", "extraction", "accept", "edit"} <= kinds
+    capsys.readouterr()

@@ -1,0 +1,158 @@
+"""Sites: the shipped ones, their blocks and regions, and what contradicts itself."""
+
+from __future__ import annotations
+
+import copy
+import math
+from typing import Any
+
+import pytest
+
+from ssp_core.errors import InputError
+from ssp_core.geometry import point_in_polygon
+from ssp_scenario_manager.site import Polygon, Site, Strip, load_site
+from ssp_scenario_manager.topology.areas import conflict_areas
+from ssp_scenario_manager.topology.block import BlockLane, ConflictArea
+from ssp_scenario_manager.topology.site_blocks import region_polygon, site_library
+
+SHIPPED = ("boulevard", "north_track", "south_loop")
+
+
+def mapping(name: str = "south_loop") -> dict[str, Any]:
+    site, _ = load_site(name)
+    return site.model_dump(mode="json", by_alias=True)
+
+
+def changed(path: str, value: Any, name: str = "south_loop") -> Site:
+    """A shipped site with one field changed; the path is dotted, numbers are indices."""
+    whole = copy.deepcopy(mapping(name))
+    *inner, last = [int(part) if part.isdigit() else part for part in path.split(".")]
+    place: Any = whole
+    for part in inner:
+        place = place[part]
+    place[last] = value
+    return Site.model_validate(whole)
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_shipped_sites_hold_together(name: str) -> None:
+    site, version = load_site(name)
+    library = site_library(site)
+    assert (library.source, library.sha256, library.kind) == (name, version, "site")
+    fence = region_polygon(site, site.geofence)
+    for block in library.blocks:
+        assert len(block.forward_lanes) >= 2
+        assert block.backward_lanes
+        assert [lane.y_m for lane in block.lanes] == sorted(lane.y_m for lane in block.lanes)
+        assert {area.kind for area in block.conflict_areas} == {"merge", "crossing", "following"}
+        for share in (0.001, 0.25, 0.5, 0.75, 0.999):
+            for offset in (block.left_edge_m + 0.1, block.right_edge_m - 0.1):
+                place = block.line.to_map(share * block.length_m, offset)
+                assert point_in_polygon(*place, fence)
+    for region in (*site.ot_reachable, *site.safe_stop_zones):
+        # Strips to the very ends share their border with the fence.
+        corners = region_polygon(site, region)
+        x = sum(x for x, _ in corners) / len(corners)
+        y = sum(y for _, y in corners) / len(corners)
+        assert all(
+            point_in_polygon(0.999 * cx + 0.001 * x, 0.999 * cy + 0.001 * y, fence)
+            for cx, cy in corners
+        )
+
+
+def test_the_two_straight_sites_keep_their_figures() -> None:
+    boulevard = site_library(load_site("boulevard")[0]).blocks[0]
+    assert boulevard.length_m == 400.0
+    assert boulevard.crossing_s_m == 110.0
+    assert [lane.y_m for lane in boulevard.lanes] == [0.0, 3.5, 7.0, 10.5]
+    track = load_site("north_track")[0]
+    assert track.blocks[0].origin.yaw_rad == pytest.approx(math.radians(37.0))
+    assert [lane.width_m for lane in track.blocks[0].lanes] == [3.75] * 4
+    # The fence of today's sessions, in their order.
+    site = load_site("boulevard")[0]
+    assert region_polygon(site, site.geofence) == [
+        (0.0, -6.75),
+        (400.0, -6.75),
+        (400.0, 17.25),
+        (0.0, 17.25),
+    ]
+
+
+def test_the_loop_bends_and_leads_on_to_its_straight() -> None:
+    back, bend = site_library(load_site("south_loop")[0]).blocks
+    assert (bend.segment, back.segment) == ("curve", "straight")
+    assert (bend.exits, back.entrances) == (("back",), ("bend",))
+    assert (bend.entrances, back.exits) == ((), ())
+    end, start = bend.line.pose(bend.length_m), back.line.pose(0.0)
+    assert (end.x_m, end.y_m, end.yaw_rad) == pytest.approx(
+        (start.x_m, start.y_m, start.yaw_rad), abs=1e-9
+    )
+    assert bend.line.curvature_1pm(250.0) == 0.005
+    assert bend.lanes[0].width_m != 3.5
+
+
+def test_a_strip_along_a_bend_follows_it() -> None:
+    site = load_site("south_loop")[0]
+    strip = Strip(block="bend", from_s_m=150.0, to_s_m=370.0, from_l_m=-3.0, to_l_m=8.0)
+    corners = region_polygon(site, strip)
+    line = site_library(site).blocks[1].line
+    assert len(corners) > 8
+    assert corners[0] == pytest.approx(line.to_map(150.0, -3.0))
+    for s in (151.0, 200.0, 290.0, 369.0):
+        for offset, inside in ((-3.1, False), (-2.9, True), (7.9, True), (8.1, False)):
+            assert point_in_polygon(*line.to_map(s, offset), corners) is inside
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "field", "problem"),
+    [
+        ("blocks.1.id", "bend", r"blocks\[1\].id", "twice"),
+        ("blocks.0.leads_to", ["moon"], r"blocks\[0\].leads_to\[0\]", "no block"),
+        ("blocks.0.lanes.1.y_m", 2.0, r"blocks\[0\].lanes\[1\]", "overlaps"),
+        ("blocks.0.lanes.1.y_m", 5.0, r"blocks\[0\].lanes\[2\]", "overlaps"),
+        ("blocks.0.traffic.0.lane", 3, r"blocks\[0\].traffic\[0\].lane", "no such lane"),
+        ("blocks.0.traffic.0.x_m", 480.0, r"blocks\[0\].traffic\[0\].x_m", "leaves"),
+        ("blocks.0.crossing_x_m", -1.0, r"blocks\[0\].crossing_x_m", "leaves"),
+        ("blocks.0.pieces.2.length_m", 1e6, r"blocks\[0\].pieces", "turns at most"),
+        ("ot_reachable.0.block", "moon", r"ot_reachable\[0\].block", "no block"),
+        ("ot_reachable.0.to_s_m", 0.0, r"ot_reachable\[0\].to_s_m", "above from_s_m"),
+        ("safe_stop_zones.1.to_l_m", -9.0, r"safe_stop_zones\[1\].to_l_m", "above from_l_m"),
+        ("safe_stop_zones.0.to_l_m", 300.0, r"safe_stop_zones\[0\]", "centre of curvature"),
+        ("geofence.points", [[0, 0], [1, 1], [1, 0], [0, 1]], "geofence.points", "crosses itself"),
+        ("geofence.points", [[0, 0], [1, 1], [0, 0]], "geofence.points", "twice"),
+        ("geofence.points", [[0, 0], [1, 1], [2, 2]], "geofence.points", "no area"),
+        ("geofence.points", [[i, i * i] for i in range(1200)], "geofence.points", "1200 corners"),
+        ("ot_reachable.0.to_s_m", 1e12, r"ot_reachable\[0\]", "within"),
+    ],
+)
+def test_a_site_that_contradicts_itself(path: str, value: Any, field: str, problem: str) -> None:
+    with pytest.raises(InputError, match=f"^{field}: .*{problem}"):
+        site_library(changed(path, value))
+
+
+def test_a_block_needs_a_forward_lane() -> None:
+    lanes = [{"y_m": 0.0, "width_m": 3.0, "direction": "backward"}]
+    whole = mapping()
+    whole["blocks"][0]["traffic"] = []
+    whole["blocks"][0]["lanes"] = lanes
+    with pytest.raises(InputError, match="no forward lane"):
+        site_library(Site.model_validate(whole))
+
+
+def test_a_polygon_is_taken_as_surveyed() -> None:
+    site = load_site("boulevard")[0]
+    corners = [(0.0, 0.0), (10.0, 0.0), (0.0, 10.0)]
+    assert region_polygon(site, Polygon(points=corners)) == corners
+
+
+def test_areas_are_where_an_interaction_can_take_place() -> None:
+    one = [BlockLane(0.0, 3.5, True, "a")]
+    two = [*one, BlockLane(3.5, 3.5, True, "b")]
+    assert conflict_areas(100.0, one, {"keep_lane"}) == (ConflictArea("following", 0.0, 100.0),)
+    assert conflict_areas(100.0, two, {"keep_lane", "lane_change_left"}) == (
+        ConflictArea("following", 0.0, 100.0),
+        ConflictArea("merge", 0.0, 100.0),
+    )
+    assert conflict_areas(100.0, one, {"keep_lane"}, 98.0)[0] == ConflictArea(
+        "crossing", 94.0, 100.0
+    )
