@@ -14,26 +14,21 @@ from launch_ros.actions import Node
 
 from ssp_core.errors import InputError
 from ssp_core.files import write_text
-from ssp_scenario_manager.resolve import resolve_run
-from ssp_scenario_manager.scenario import load_scenario, load_site
+from ssp_scenario_manager.compile.prepare import prepare_run
 
 
 def _run_file(scenario: str, site: str, seed: str, mode: str, out: str) -> Path:
-    """Writes run.yaml into the run's folder."""
-    plan, event_version = load_scenario(scenario)
-    place, site_version = load_site(site)
-    name = time.strftime(f"run-{plan.name}-{place.name}-%Y%m%d-%H%M%S")
+    """Compiles the event and writes run.yaml into the run's folder."""
+    name = time.strftime(f"run-{Path(scenario).stem}-{Path(site).stem}-%Y%m%d-%H%M%S")
     folder = (Path(out) if out else Path("out") / name).resolve()
     if folder.exists() and any(folder.iterdir()):
         raise InputError("is not empty", file=folder, remedy="name a new folder with out:=")
     if not seed.isdecimal():
         raise InputError("must be a whole number", field="seed", value=seed)
-    spec = resolve_run(
-        plan,
-        event_version,
-        place,
-        site_version,
-        run_id=folder.name,
+    spec = prepare_run(
+        scenario,
+        site,
+        folder,
         seed=int(seed),
         mode="realtime" if mode == "realtime" else "lockstep",
     )
@@ -80,7 +75,9 @@ def generate_launch_description() -> LaunchDescription:
     """The five nodes of a session in namespace /ssp."""
     return LaunchDescription(
         [
-            DeclareLaunchArgument("scenario", default_value="cut_in", description="name or file"),
+            DeclareLaunchArgument(
+                "scenario", default_value="cut_in", description="event: name or file"
+            ),
             DeclareLaunchArgument("site", default_value="boulevard", description="name or file"),
             DeclareLaunchArgument("seed", default_value="1", description="of every disturbance"),
             DeclareLaunchArgument(

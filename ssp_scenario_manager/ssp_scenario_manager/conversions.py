@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from ssp_core.names import MAP_FRAME
 from ssp_core.ros import stamp_from_ns
 from ssp_core.run_spec import RunSpec
 from ssp_core.safety_codes import MEANINGS
-from ssp_msgs.msg import PhaseEvent, SafetyEvent, SessionState, TriggerEvent
+from ssp_msgs.msg import LinkStatus, PhaseEvent, SafetyEvent, SessionState, TriggerEvent
 from ssp_scenario_manager.core import outbox
+from ssp_scenario_manager.core.link_report import LinkLine
 
 
 def session_state_to_msg(change: outbox.StateChanged, spec: RunSpec | None) -> SessionState:
@@ -67,4 +70,17 @@ def limit_to_msg(passed: outbox.LimitPassed, source: str) -> SafetyEvent:
     message.limit = violation.limit
     message.unit = meaning.unit
     message.reaction = "abort"
+    return message
+
+
+def link_status_to_msg(lines: Sequence[LinkLine], now_ns: int) -> LinkStatus:
+    message = LinkStatus(
+        object_ids=[line.object_id for line in lines],
+        clock_offset=[line.offset_s for line in lines],
+        delay=[line.delay_s for line in lines],
+        state_age=[line.state_age_s for line in lines],
+        states_received=[line.received for line in lines],
+        states_lost=[line.lost for line in lines],
+    )
+    message.header.stamp = stamp_from_ns(now_ns)
     return message

@@ -9,8 +9,10 @@ from typing import Any
 import pytest
 
 from ssp_core.run_spec import RunSpec
+from ssp_core.safety_codes import SafetyCode
 from ssp_core.state import DEFAULT_SIZES, ObjectState
 from ssp_core.vocab import ControlState, ObjectClass, Role
+from ssp_scenario_manager.core import outbox
 from ssp_scenario_manager.core.readiness import Facts
 from ssp_scenario_manager.core.session import Session
 from ssp_scenario_manager.core.session_machine import SessionEvent
@@ -69,7 +71,13 @@ def _mapping() -> dict[str, Any]:
                 },
             }
         ],
-        "limits": {"speed_mps": 15.0, "acceleration_mps2": 5.0},
+        # Tests move objects at will: what is no jump, and no frozen position, is wide here.
+        "limits": {
+            "speed_mps": 15.0,
+            "acceleration_mps2": 5.0,
+            "jump_m": 1e6,
+            "frozen_s": 1e6,
+        },
         "camera": None,
     }
 
@@ -138,13 +146,7 @@ class Driver:
 
     def ready(self) -> None:
         """The node's facts: everything fresh."""
-        self.session.facts = Facts(
-            recorder_ready=True,
-            recorder_age_s=0.0,
-            camera_age_s=0.0,
-            vut_age_s=0.0,
-            target_age_s=tuple((t.id, 0.0) for t in self.run.targets),
-        )
+        self.session.facts = Facts.of_one_process(self.run)
 
     def hear(self, control_state: ControlState | None = None) -> None:
         """The present states arrive, stamped now."""
@@ -207,3 +209,48 @@ def driver(run: RunSpec, state: StateMaker) -> Driver:
 def make_driver(state: StateMaker) -> Callable[[RunSpec], Driver]:
     """Makes sessions for runs."""
     return lambda run: Driver(run, state)
+
+
+def bring(driver: Driver, phase: str) -> None:
+    """Any state of the machine, by the shortest way."""
+    if phase in ("LOADED", "CONNECTED", "ARMED", "RUNNING"):
+        driver.until(phase)
+    elif phase in ("STOPPING", "FINISHED"):
+        driver.until("RUNNING")
+        driver.command("stop")
+        if phase == "FINISHED":
+            driver.step(control_state=ControlState.DISARMED)
+    elif phase in ("ABORTING", "ABORTED"):
+        driver.until("RUNNING")
+        driver.command("abort")
+        if phase == "ABORTED":
+            driver.step(control_state=ControlState.ABORTING)
+    assert driver.session.state.name == phase
+
+
+def changes(facts: list[Any]) -> list[tuple[str, str, str]]:
+    """The transitions among what a session sends: from, event, to."""
+    return [
+        (f.previous.name, f.event, f.state.name)
+        for f in facts
+        if isinstance(f, outbox.StateChanged)
+    ]
+
+
+def violations(facts: list[Any]) -> list[SafetyCode]:
+    """The limits among what a session sends."""
+    return [f.violation.code for f in facts if isinstance(f, outbox.LimitPassed)]
+
+
+class SessionTools:
+    """What several tests of sessions do to one."""
+
+    bring = staticmethod(bring)
+    changes = staticmethod(changes)
+    violations = staticmethod(violations)
+
+
+@pytest.fixture
+def tools() -> type[SessionTools]:
+    """bring, changes and violations."""
+    return SessionTools

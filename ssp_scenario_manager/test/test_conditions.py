@@ -1,4 +1,4 @@
-"""Trigger conditions on hand-computed geometry, and the watch against a slow second opinion."""
+"""Single conditions on hand-computed geometry: values, truth, unknown, and instants of change."""
 
 from __future__ import annotations
 
@@ -9,40 +9,67 @@ from fractions import Fraction
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
+from pydantic import TypeAdapter
 
+from ssp_core.clock import NS_PER_S
 from ssp_core.geometry import Polyline, Pose2
-from ssp_core.run_spec import Condition, LaneChange, RelativeDistance, TimeToArrival, TriggerSpec
+from ssp_core.interaction import encounter
+from ssp_core.run_spec import Condition
 from ssp_core.state import ObjectState
-from ssp_core.vocab import ObjectClass
+from ssp_core.vocab import ObjectClass, Phase
 from ssp_scenario_manager.core.conditions import (
-    Firing,
+    Measured,
+    Quantity,
+    Reading,
     Sample,
-    Watch,
     condition_text,
-    condition_threshold,
-    condition_value,
-    observe,
+    question,
 )
+from ssp_scenario_manager.core.scene import Scene
 
 MS = 1_000_000
 S = 1_000_000_000
 STRAIGHT = Polyline([(0.0, 0.0), (200.0, 0.0)])
-GAP = RelativeDistance(type="relative_distance", object_id="ot1", below_m=12.0)
-ARRIVAL = TimeToArrival(type="time_to_arrival", anchor=(100.0, -5.0), below_s=3.0)
+SQUARE = [(20.0, -2.0), (30.0, -2.0), (30.0, 2.0), (20.0, 2.0)]
+PARSER: TypeAdapter[Any] = TypeAdapter(Condition)
+GAP = {"type": "relative_distance", "object_id": "ot1", "below_m": 12.0}
+ARRIVAL = {"type": "time_to_arrival", "anchor": (100.0, -5.0), "below_s": 3.0}
+HEADWAY = {"type": "time_headway", "object_id": "ot1", "below_s": 2.0}
+TTC = {"type": "time_to_collision", "object_id": "ot1", "below_s": 3.0}
+FASTER = {"type": "speed", "object_id": "ot1", "relation": "above", "value_mps": 5.0}
+SLOWER = {"type": "speed", "object_id": "vut", "relation": "below", "value_mps": 5.0}
+INSIDE = {"type": "in_region", "object_id": "ot1", "polygon": SQUARE}
+BEGUN = {"type": "phase_reached", "phase": "conflict"}
+LATE = {"type": "elapsed_time", "after_s": 4.5}
 
 StateMaker = Callable[..., ObjectState]
 # Values seen from the other side of a rotation about this pose.
 ROTATED = Pose2(512.0, -240.0, math.radians(37.0))
 
 
+def read(
+    condition: dict[str, Any],
+    vut: ObjectState,
+    other: ObjectState | None = None,
+    path: Polyline = STRAIGHT,
+    started_ns: int = 0,
+    phases: dict[Phase, int] | None = None,
+) -> Reading:
+    """What a condition reads where states may be 0.3 s old."""
+    targets = {} if other is None else {other.object_id: other}
+    scene = Scene(vut, targets, path, 300 * MS, phases or {})
+    return question(PARSER.validate_python(condition), path, started_ns).read(scene)
+
+
+def value(*args: Any, **given: Any) -> float:
+    return read(*args, **given).sample.value
+
+
 def turned(state: StateMaker, *args: Any, x_m: float, y_m: float, **given: Any) -> ObjectState:
     x, y = ROTATED.to_parent(x_m, y_m)
     return state(*args, x_m=x, y_m=y, yaw_rad=ROTATED.yaw_rad, **given)
-
-
-# -- values ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -63,11 +90,11 @@ def test_relative_distance(
 ) -> None:
     vut = state("vut", x_m=vut_x)
     other = state("ot1", x_m=other_x, y_m=other_y)
-    assert condition_value(GAP, vut, {"ot1": other}, STRAIGHT) == pytest.approx(gap_m)
+    assert value(GAP, vut, other) == pytest.approx(gap_m)
     path = Polyline([ROTATED.to_parent(0.0, 0.0), ROTATED.to_parent(200.0, 0.0)])
     vut = turned(state, "vut", x_m=vut_x, y_m=0.0)
     other = turned(state, "ot1", x_m=other_x, y_m=other_y)
-    assert condition_value(GAP, vut, {"ot1": other}, path) == pytest.approx(gap_m, abs=1e-9)
+    assert value(GAP, vut, other, path) == pytest.approx(gap_m, abs=1e-9)
 
 
 def test_exactly_at_the_edges(state: StateMaker) -> None:
@@ -76,24 +103,24 @@ def test_exactly_at_the_edges(state: StateMaker) -> None:
     vut = state("vut", size=size, x_m=10.0, speed_mps=5.0)
     touching = state("ot1", size=size, x_m=14.5)
     path = Polyline([(0.0, 0.0), (256.0, 0.0)])
-    assert condition_value(GAP, vut, {"ot1": touching}, path) == 0.0
-    assert condition_value(ARRIVAL, replace(vut, x_m=96.5), {}, path) == 0.0
+    assert value(GAP, vut, touching, path) == 0.0
+    assert value(ARRIVAL, replace(vut, x_m=96.5), None, path) == 0.0
 
 
-def test_relative_distance_to_a_small_object_uses_its_own_size(state: StateMaker) -> None:
+def test_a_gap_ends_at_the_nearest_point_of_the_object(state: StateMaker) -> None:
     walker = state("ot1", ObjectClass.PEDESTRIAN, x_m=40.0)
-    assert condition_value(GAP, state("vut"), {"ot1": walker}, STRAIGHT) == pytest.approx(36.15)
+    assert value(GAP, state("vut"), walker) == pytest.approx(36.15)
+    # A car that comes towards the VUT has its front there; one that stands across, its side.
+    assert value(GAP, state("vut"), state("ot1", x_m=40.0, yaw_rad=math.pi)) == pytest.approx(32.8)
+    across = state("ot1", x_m=40.0, yaw_rad=math.pi / 2)
+    assert value(GAP, state("vut"), across) == pytest.approx(35.5)
 
 
 def test_relative_distance_along_a_bend(state: StateMaker) -> None:
     """20 m to the corner and 10 m beyond it."""
     path = Polyline([(0.0, 0.0), (20.0, 0.0), (20.0, 50.0)])
     other = state("ot1", x_m=20.0, y_m=10.0, yaw_rad=math.pi / 2)
-    assert condition_value(GAP, state("vut"), {"ot1": other}, path) == pytest.approx(25.5)
-
-
-def test_an_object_that_is_not_known_is_infinitely_far(state: StateMaker) -> None:
-    assert condition_value(GAP, state("vut"), {}, STRAIGHT) == math.inf
+    assert value(GAP, state("vut"), other, path) == pytest.approx(25.5)
 
 
 @pytest.mark.parametrize(
@@ -110,174 +137,201 @@ def test_an_object_that_is_not_known_is_infinitely_far(state: StateMaker) -> Non
 )
 def test_time_to_arrival(state: StateMaker, x_m: float, speed_mps: float, value_s: float) -> None:
     vut = state("vut", x_m=x_m, speed_mps=speed_mps)
-    assert condition_value(ARRIVAL, vut, {}, STRAIGHT) == pytest.approx(value_s)
+    assert value(ARRIVAL, vut) == pytest.approx(value_s)
     path = Polyline([ROTATED.to_parent(0.0, 0.0), ROTATED.to_parent(200.0, 0.0)])
-    anchor = TimeToArrival(
-        type="time_to_arrival", anchor=ROTATED.to_parent(100.0, -5.0), below_s=3.0
-    )
+    anchor = {**ARRIVAL, "anchor": ROTATED.to_parent(100.0, -5.0)}
     vut = turned(state, "vut", x_m=x_m, y_m=0.0, speed_mps=speed_mps)
-    assert condition_value(anchor, vut, {}, path) == pytest.approx(value_s, abs=1e-9)
+    assert value(anchor, vut, None, path) == pytest.approx(value_s, abs=1e-9)
 
 
-def test_a_vut_without_a_number_triggers_nothing(state: StateMaker) -> None:
-    vut = state("vut", x_m=math.nan, speed_mps=math.nan)
-    for condition in (GAP, ARRIVAL):
-        value = condition_value(condition, vut, {"ot1": state("ot1", x_m=40.0)}, STRAIGHT)
-        assert not value < condition_threshold(condition)
-
-
-def test_conditions_as_text() -> None:
-    assert condition_text(GAP) == "gap vut - ot1 < 12 m"
-    assert condition_text(ARRIVAL) == "time of vut to anchor (100.0, -5.0) < 3 s"
-
-
-# -- the watch ------------------------------------------------------------------------------------
-
-
-def trigger(
-    held_for_s: float = 0.0, not_before_s: float = 0.0, condition: Condition = GAP
-) -> TriggerSpec:
-    return TriggerSpec(
-        id="t",
-        condition=condition,
-        held_for_s=held_for_s,
-        not_before_s=not_before_s,
-        object_id="ot1",
-        manoeuvre=LaneChange(
-            kind="lane_change", lateral_shift_m=1.0, duration_s=1.0, cruise_mps=5.0
-        ),
-    )
-
-
-def watch_all(
-    spec: TriggerSpec, samples: list[tuple[int, float]], start_ns: int = 0
-) -> list[Firing]:
-    watch, firings = Watch(), []
-    for stamp_ns, value in samples:
-        watch, firing = observe(watch, spec, Sample(stamp_ns, value), start_ns)
-        if firing is not None:
-            firings.append(firing)
-    return firings
-
-
-def test_crossing_is_interpolated_and_the_bracket_kept() -> None:
-    (firing,) = watch_all(trigger(), [(0, 16.0), (100 * MS, 13.0), (200 * MS, 9.0)])
-    assert firing.crossing_ns == 125 * MS
-    assert firing.fired_ns == 200 * MS
-    assert firing.samples == (Sample(100 * MS, 13.0), Sample(200 * MS, 9.0))
-
-
-def test_a_value_at_the_threshold_is_not_below_it() -> None:
-    assert watch_all(trigger(), [(0, 16.0), (1, 12.0), (2, 12.0)]) == []
-    (firing,) = watch_all(trigger(), [(0, 16.0), (10, 12.0), (20, 11.0)])
-    assert firing.crossing_ns == 10
-
-
-def test_true_from_the_first_sample_fires_there() -> None:
-    (firing,) = watch_all(trigger(), [(7, 3.0), (8, 2.0)])
-    assert (firing.crossing_ns, firing.fired_ns, firing.samples) == (7, 7, (Sample(7, 3.0),))
-
-
-def test_from_infinity_the_crossing_is_the_first_finite_sample() -> None:
-    (firing,) = watch_all(trigger(), [(0, math.inf), (100, 3.0)])
-    assert firing.crossing_ns == 100
-    assert firing.samples == (Sample(0, math.inf), Sample(100, 3.0))
-
-
-def test_it_fires_once() -> None:
-    values = [(i, 20.0 if i % 4 < 2 else 5.0) for i in range(40)]
-    assert len(watch_all(trigger(), values)) == 1
-
-
-def test_held_counts_from_the_crossing_and_an_interruption_resets_it() -> None:
-    spec = trigger(held_for_s=0.2)
-    falling = [(0, 13.0), (100 * MS, 11.0)]  # crosses at 50 ms
-    assert watch_all(spec, [*falling, (249 * MS, 11.0)]) == []
-    (firing,) = watch_all(spec, [*falling, (249 * MS, 11.0), (250 * MS, 11.0)])
-    assert (firing.crossing_ns, firing.fired_ns) == (50 * MS, 250 * MS)
-    assert firing.samples == (Sample(0, 13.0), Sample(100 * MS, 11.0))
-    # One sample at the threshold and it starts again.
-    again = [*falling, (200 * MS, 12.0), (300 * MS, 10.0), (399 * MS, 10.0)]
-    assert watch_all(spec, again) == []
-    (firing,) = watch_all(spec, [*again, (400 * MS, 10.0)])
-    assert (firing.crossing_ns, firing.fired_ns) == (200 * MS, 400 * MS)
-
-
-def test_not_before_counts_from_the_start_of_the_run() -> None:
-    spec = trigger(not_before_s=1.0)
-    early = [(5 * S, 20.0), (5 * S + 500 * MS, 3.0), (6 * S - 1, 3.0)]
-    assert watch_all(spec, early, start_ns=5 * S) == []
-    (firing,) = watch_all(spec, [*early, (6 * S, 3.0)], start_ns=5 * S)
-    # What happened before doesn't count: it is true from the first sample on.
-    assert (firing.crossing_ns, firing.fired_ns) == (6 * S, 6 * S)
-    assert firing.samples == (Sample(6 * S, 3.0),)
-
-
-def test_no_number_is_no_hold() -> None:
-    spec = trigger(held_for_s=0.2)
-    samples = [(0, 3.0), (100 * MS, math.nan), (200 * MS, 3.0), (399 * MS, 3.0)]
-    assert watch_all(spec, samples) == []
-
-
-def slow_opinion(
-    spec: TriggerSpec, samples: list[tuple[int, float]], start_ns: int
-) -> tuple[int, int] | None:
-    """Crossing and firing time, straight from the definition and with exact arithmetic.
-
-    The earliest counted sample such that every counted sample from the crossing on is below the
-    threshold, and the crossing is at least held_for_s ago.
-    """
-    threshold = condition_threshold(spec.condition)
-    counted = [s for s in samples if s[0] >= start_ns + round(spec.not_before_s * S)]
-    for end in range(len(counted)):
-        begin = end
-        while begin >= 0 and counted[begin][1] < threshold:
-            begin -= 1
-        if begin == end:
-            continue  # not below at this sample
-        first = begin + 1
-        crossing = counted[first][0]
-        if begin >= 0 and math.isfinite(counted[begin][1]):
-            (t0, v0), (t1, v1) = counted[begin], counted[first]
-            share = (Fraction(v0) - Fraction(threshold)) / (Fraction(v0) - Fraction(v1))
-            crossing = round(t0 + share * (t1 - t0))
-        if counted[end][0] - crossing >= spec.held_for_s * S:
-            return crossing, counted[end][0]
-    return None
-
-
-sample_lists = st.lists(
-    st.tuples(
-        st.integers(1, 400 * MS),
-        st.one_of(st.floats(9.0, 15.0), st.sampled_from([math.inf, math.nan, 12.0, 11.999, 0.0])),
-    ),
-    max_size=25,
+@pytest.mark.parametrize(
+    ("x_m", "speed_mps", "value_s"),
+    [
+        (10.0, 10.0, 2.55),
+        (10.0, 0.1, 255.0),
+        (10.0, 0.099, math.inf),
+        (10.0, 0.0, math.inf),
+        (40.0, 10.0, math.inf),  # beside it: no longer ahead
+    ],
 )
+def test_time_headway(state: StateMaker, x_m: float, speed_mps: float, value_s: float) -> None:
+    vut = state("vut", x_m=x_m, speed_mps=speed_mps)
+    other = state("ot1", x_m=40.0, speed_mps=20.0)
+    assert value(HEADWAY, vut, other) == pytest.approx(value_s)
 
 
-@settings(max_examples=100, deadline=None)
-@given(
-    steps=sample_lists,
-    held_for_s=st.sampled_from([0.0, 0.05, 0.3, 1.0]),
-    not_before_s=st.sampled_from([0.0, 0.2, 1.5]),
-    start_ns=st.integers(0, 3 * S),
+@pytest.mark.parametrize(
+    ("other_mps", "other_y", "value_s"),
+    [
+        (5.0, 0.0, 5.1),  # 25.5 m at 5 m/s
+        (10.0, 0.0, math.inf),  # not closing
+        (0.0, 0.0, 2.55),
+        (5.0, 3.5, math.inf),  # in the next lane, and staying there
+    ],
 )
-def test_observe_agrees_with_the_definition(
-    steps: list[tuple[int, float]], held_for_s: float, not_before_s: float, start_ns: int
+def test_time_to_collision(
+    state: StateMaker, other_mps: float, other_y: float, value_s: float
 ) -> None:
-    spec = trigger(held_for_s, not_before_s)
-    stamp_ns, samples = start_ns, []
-    for step_ns, value in steps:
-        stamp_ns += step_ns
-        samples.append((stamp_ns, value))
-    firings = watch_all(spec, samples, start_ns)
-    expected = slow_opinion(spec, samples, start_ns)
-    assert len(firings) <= 1
-    if expected is None:
-        assert firings == []
-    else:
-        (firing,) = firings
-        assert abs(firing.crossing_ns - expected[0]) <= 1  # rounding of the interpolation
-        assert firing.fired_ns == expected[1]
-        assert firing.crossing_ns <= firing.fired_ns
-        assert firing.samples[-1].value < condition_threshold(spec.condition)
+    vut = state("vut", x_m=10.0, speed_mps=10.0)
+    other = state("ot1", x_m=40.0, y_m=other_y, speed_mps=other_mps)
+    assert value(TTC, vut, other) == pytest.approx(value_s)
+    assert value(TTC, vut, other) == encounter(vut, other, STRAIGHT).ttc_s
+
+
+def test_speed_of_whom_it_names(state: StateMaker) -> None:
+    vut = state("vut", speed_mps=5.0)
+    assert read(SLOWER, vut) == Reading(Sample(0, 5.0), False)
+    assert read(SLOWER, replace(vut, speed_mps=math.nextafter(5.0, 0.0))).holds is True
+    other = state("ot1", speed_mps=5.0)
+    assert read(FASTER, vut, other) == Reading(Sample(0, 5.0), False)
+    assert read(FASTER, vut, replace(other, speed_mps=math.nextafter(5.0, 6.0))).holds is True
+
+
+@pytest.mark.parametrize(
+    ("x_m", "y_m", "room_m"),
+    [(25.0, 0.0, 2.0), (21.0, 0.5, 1.0), (16.0, 0.0, -4.0), (33.0, 6.0, -5.0), (20.0, 0.0, 0.0)],
+)
+def test_room_in_a_region(state: StateMaker, x_m: float, y_m: float, room_m: float) -> None:
+    reading = read(INSIDE, state("vut"), state("ot1", x_m=x_m, y_m=y_m))
+    assert reading.sample.value == pytest.approx(room_m)
+    assert reading.holds is (room_m > 0.0)
+
+
+def test_a_phase_holds_from_its_start_on(state: StateMaker) -> None:
+    vut = state("vut", stamp_ns=3 * S)
+    assert read(BEGUN, vut) == Reading(Sample(3 * S, -math.inf), False)
+    assert read(BEGUN, vut, phases={Phase.TRIGGER: S}).holds is False
+    begun = read(BEGUN, vut, phases={Phase.CONFLICT: S})
+    assert begun == Reading(Sample(3 * S, 2.0), True, S)
+
+
+def test_time_counts_from_the_start_of_the_run(state: StateMaker) -> None:
+    assert read(LATE, state("vut", stamp_ns=5 * S), started_ns=S) == Reading(
+        Sample(5 * S, 4.0), False, 5 * S + S // 2
+    )
+    on_time = state("vut", stamp_ns=5 * S + S // 2)
+    assert read(LATE, on_time, started_ns=S).holds is True
+    assert read(LATE, replace(on_time, stamp_ns=5 * S + S // 2 - 1), started_ns=S).holds is False
+
+
+# -- unknown --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("condition", [GAP, HEADWAY, TTC, FASTER, INSIDE])
+def test_an_object_that_is_not_known_decides_nothing(
+    condition: dict[str, Any], state: StateMaker
+) -> None:
+    vut = state("vut", stamp_ns=S, speed_mps=0.0)
+    old, young = S - 300 * MS - 1, S + 300 * MS + 1
+    for other in (
+        None,
+        state("ot1", x_m=25.0, stamp_ns=old),
+        state("ot1", x_m=25.0, stamp_ns=young),
+        state("ot1", x_m=math.nan, stamp_ns=S),
+        state("ot1", x_m=25.0, stamp_ns=S, acceleration_mps2=math.inf),
+    ):
+        reading = read(condition, vut, other)
+        assert math.isnan(reading.sample.value)
+        assert reading.holds is None
+    for stamp_ns in (old + 1, young - 1):
+        assert read(condition, vut, state("ot1", x_m=25.0, stamp_ns=stamp_ns)).holds is not None
+
+
+@pytest.mark.parametrize("condition", [GAP, HEADWAY, TTC, ARRIVAL, SLOWER])
+def test_a_vut_without_a_number_decides_nothing(
+    condition: dict[str, Any], state: StateMaker
+) -> None:
+    for change in ({"x_m": math.nan}, {"speed_mps": math.nan}, {"yaw_rad": math.inf}):
+        reading = read(condition, state("vut", **change), state("ot1", x_m=40.0))
+        assert reading.holds is None
+
+
+def test_objects_are_taken_to_the_vuts_stamp(state: StateMaker) -> None:
+    vut = state("vut", x_m=10.0, stamp_ns=S)
+    older = state("ot1", x_m=40.0, speed_mps=10.0, stamp_ns=S - 200 * MS)
+    newer = state("ot1", x_m=40.0, speed_mps=10.0, stamp_ns=S + 200 * MS)
+    assert value(GAP, vut, older) == pytest.approx(27.5)
+    assert value(GAP, vut, newer) == pytest.approx(23.5)
+
+
+def test_what_nobody_asks_about_is_not_extrapolated(
+    state: StateMaker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[str] = []
+    honest = ObjectState.extrapolated
+
+    def counted(self: ObjectState, stamp_ns: int) -> ObjectState:
+        asked.append(self.object_id)
+        return honest(self, stamp_ns)
+
+    monkeypatch.setattr(ObjectState, "extrapolated", counted)
+    targets = {f"ot{i}": state(f"ot{i}", x_m=40.0, stamp_ns=S) for i in range(20)}
+    scene = Scene(state("vut", stamp_ns=S + MS), targets, STRAIGHT, 300 * MS, {})
+    for condition in (GAP, TTC, FASTER, ARRIVAL):
+        question(PARSER.validate_python(condition), STRAIGHT, 0).read(scene)
+    assert asked == ["ot1"]
+
+
+# -- instants of change, and texts ----------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("before", "now", "changed_ns"),
+    [
+        ((100 * MS, 13.0), (200 * MS, 9.0), 125 * MS),
+        ((100 * MS, 9.0), (200 * MS, 13.0), 175 * MS),
+        ((0, 12.0), (10, 11.0), 0),  # at the threshold it doesn't hold, and right after it does
+        ((0, 11.0), (10, 12.0), 10),
+        ((0, 13.0), (3, 11.0), 2),  # 1.5: half to even
+        ((0, math.inf), (100, 3.0), 100),
+        ((0, 3.0), (100, math.inf), 100),
+        ((0, math.nan), (100, 3.0), 100),
+        ((0, 3.0), (100, math.nan), 100),
+    ],
+)
+def test_instant_of_a_change(
+    before: tuple[int, float], now: tuple[int, float], changed_ns: int
+) -> None:
+    asked = question(PARSER.validate_python(GAP), STRAIGHT, 0)
+    readings = [
+        Reading(Sample(*s), None if math.isnan(s[1]) else s[1] < 12.0) for s in (before, now)
+    ]
+    assert asked.changed_ns(*readings) == changed_ns
+
+
+@pytest.mark.parametrize(
+    ("condition", "text"),
+    [
+        (GAP, "gap vut - ot1 < 12 m"),
+        (ARRIVAL, "time of vut to anchor (100.0, -5.0) < 3 s"),
+        (HEADWAY, "time headway vut - ot1 < 2 s"),
+        (TTC, "TTC vut - ot1 < 3 s"),
+        (FASTER, "speed of ot1 > 5 m/s"),
+        (SLOWER, "speed of vut < 5 m/s"),
+        (INSIDE, "room of ot1 in region (20.0 to 30.0, -2.0 to 2.0) > 0 m"),
+        (BEGUN, "time since phase conflict >= 0 s"),
+        (LATE, "time since the start >= 4.5 s"),
+        (
+            {"type": "all", "of": [GAP, {"type": "any", "of": [TTC, LATE]}]},
+            "all of (gap vut - ot1 < 12 m; any of (TTC vut - ot1 < 3 s; "
+            "time since the start >= 4.5 s))",
+        ),
+    ],
+)
+def test_conditions_as_text(condition: dict[str, Any], text: str) -> None:
+    assert condition_text(PARSER.validate_python(condition)) == text
+
+
+@given(
+    st.tuples(*[st.floats(-1e6, 1e6)] * 3), st.integers(0, 10**18), st.integers(1, 10 * NS_PER_S)
+)
+def test_the_crossing_is_the_exact_one_rounded_half_to_even(
+    values: tuple[float, float, float], stamp_ns: int, step_ns: int
+) -> None:
+    before, threshold, after = values
+    assume(before != after)
+    asked = Measured(Quantity("gap", "<", threshold, "m"), lambda scene: math.nan)
+    first = Reading(Sample(stamp_ns, before), False)
+    second = Reading(Sample(stamp_ns + step_ns, after), True)
+    share = (Fraction(before) - Fraction(threshold)) / (Fraction(before) - Fraction(after))
+    assert asked.changed_ns(first, second) == stamp_ns + round(share * step_ns)

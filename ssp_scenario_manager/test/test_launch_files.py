@@ -20,11 +20,13 @@ import yaml
 
 from ssp_core.errors import InputError
 from ssp_core.run_spec import load_run
+from ssp_scenario_manager.compile.prepare import prepare_run
 
 ROOT = Path(__file__).resolve().parents[2]
 LAUNCH_FILES = sorted(ROOT.glob("ssp_*/launch/*.launch.py"))
 PARAMETER_FILES = sorted(ROOT.glob("ssp_*/config/*.param.yaml"))
 SIL = ROOT / "ssp_scenario_manager" / "launch" / "sil.launch.py"
+TRACK = SIL.with_name("track.launch.py")
 
 
 class Thing:
@@ -135,6 +137,7 @@ def test_the_launch_files_are_found() -> None:
     names = {str(p.relative_to(ROOT)) for p in LAUNCH_FILES}
     assert names >= {
         "ssp_scenario_manager/launch/sil.launch.py",
+        "ssp_scenario_manager/launch/track.launch.py",
         "ssp_ot_controller/launch/object_target.launch.py",
         "ssp_monitor/launch/monitor.launch.py",
         "ssp_vla_bridge/launch/vla_bridge.launch.py",
@@ -143,7 +146,7 @@ def test_the_launch_files_are_found() -> None:
 
 def test_declared_parameters_are_seen() -> None:
     target = executables("ssp_ot_controller")["object_target"]
-    assert declared_parameters(target) == {"run_file", "object_ids", "autostart"}
+    assert declared_parameters(target) == {"run_file", "object_ids", "autostart", "bodies"}
     assert declared_parameters(executables("ssp_monitor")["monitor"]) == {"run_file", "bag_dir"}
     assert declared_parameters(executables("ssp_scenario_manager")["scenario_manager"]) == set()
 
@@ -255,3 +258,74 @@ def test_a_folder_that_holds_something_is_left_alone(
     with pytest.raises(InputError, match="is not empty"):
         session(entities, tmp_path)
     assert [p.name for p in tmp_path.iterdir()] == ["mine.txt"]
+
+
+# -- a live session -------------------------------------------------------------------------------
+
+
+def on_track(entities: Callable[[Path], list[Thing]], **given: str) -> list[Thing]:
+    """What a host of a live session starts."""
+    made = entities(TRACK)
+    arguments = [t for t in things(made) if t.kind == "DeclareLaunchArgument"]
+    context = {t.args[0]: t.kwargs.get("default_value", "") for t in arguments}
+    assert set(given) <= set(context)
+    (opaque,) = (t for t in made if t.kind == "OpaqueFunction")
+    actions: list[Thing] = opaque.kwargs["function"]({**context, **given})
+    return actions
+
+
+@pytest.fixture
+def live_file(tmp_path: Path) -> Path:
+    run = prepare_run("cut_in", "north_track", tmp_path / "run", seed=None, mode="live")
+    path = tmp_path / "run.yaml"
+    path.write_text(run.model_dump_json(by_alias=True))
+    return path
+
+
+def test_the_managers_host_and_the_objects_host(
+    entities: Callable[[Path], list[Thing]], live_file: Path
+) -> None:
+    run_file = str(live_file)
+    camera = "/camera/image/compressed"
+    here = on_track(
+        entities,
+        run_file=run_file,
+        roles="manager,monitor,vut_adapter",
+        bag_dir="bag",
+        odometry="/ins",
+        unit_forward_m="1.2",
+        camera_image=camera,
+    )
+    nodes = {n.kwargs["executable"]: n for n in here if n.kind == "Node"}
+    assert set(nodes) == {"scenario_manager", "monitor", "vut_adapter"}
+    for node in nodes.values():
+        check_node(node)
+    remapped = [("vut/front_camera/image/compressed", camera)]
+    assert nodes["monitor"].kwargs["remappings"] == remapped
+    assert nodes["scenario_manager"].kwargs["remappings"] == remapped
+    (adapter,) = nodes["vut_adapter"].kwargs["parameters"]
+    assert (adapter["odometry"], adapter["unit_forward_m"]) == ("/ins", 1.2)
+    assert sum("ssp doctor --session" in t.kwargs["msg"] for t in here if t.kind == "LogInfo") == 1
+    bodies = "ot1=udp://10.0.0.21:9001"
+    (targets,) = on_track(entities, run_file=run_file, roles="targets", bodies=bodies)
+    check_node(targets)
+    (given,) = targets.kwargs["parameters"]
+    assert given == {"run_file": run_file, "object_ids": "", "bodies": bodies}
+
+
+@pytest.mark.parametrize(
+    ("given", "field"), [({"roles": "boss"}, "roles"), ({"roles": "monitor"}, "bag_dir")]
+)
+def test_a_host_without_what_it_needs(
+    entities: Callable[[Path], list[Thing]], live_file: Path, given: dict[str, str], field: str
+) -> None:
+    with pytest.raises(InputError, match=field):
+        on_track(entities, run_file=str(live_file), **given)
+
+
+def test_a_simulated_run_is_no_track_session(
+    entities: Callable[[Path], list[Thing]], live_file: Path
+) -> None:
+    live_file.write_text(live_file.read_text().replace('"live"', '"lockstep"'))
+    with pytest.raises(InputError, match="no live session"):
+        on_track(entities, run_file=str(live_file), roles="manager")

@@ -6,9 +6,11 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from ssp_core.geometry import Polyline, Pose2
+from ssp_core.interaction import Observable
 from ssp_core.run_spec import ConflictThresholds
 from ssp_core.state import ObjectState
 from ssp_core.vocab import ObjectClass, Phase
@@ -23,7 +25,12 @@ Pair = tuple[ObjectState, ObjectState]
 FRAMES = [Pose2(0.0, 0.0, 0.0), Pose2(512.0, -240.0, math.radians(37.0))]
 
 
-def play(pairs: list[Pair], frame: Pose2) -> list[tuple[Phase, int]]:
+def play(
+    pairs: list[Pair],
+    frame: Pose2,
+    kind: Observable = "lateral",
+    thresholds: ConflictThresholds = THRESHOLDS,
+) -> list[tuple[Phase, int]]:
     """Phases and their stamps in ms; the scene is turned into a frame of the map."""
     path = Polyline([frame.to_parent(-10.0, 0.0), frame.to_parent(400.0, 0.0)])
     watch, begun = PhaseWatch(), []
@@ -33,10 +40,10 @@ def play(pairs: list[Pair], frame: Pose2) -> list[tuple[Phase, int]]:
         return replace(old, x_m=x, y_m=y, yaw_rad=old.yaw_rad + frame.yaw_rad)
 
     for vut, target in pairs:
-        watch, start = watch_phases(watch, turned(vut), turned(target), path, THRESHOLDS)
+        watch, start = watch_phases(watch, turned(vut), turned(target), path, thresholds, kind)
         if start is not None:
             assert isinstance(start, PhaseStart)
-            assert start.evidence
+            assert ("deceleration" in start.evidence) is (kind == "braking")
             begun.append((start.phase, start.stamp_ns // MS))
     return begun
 
@@ -196,3 +203,64 @@ def test_after_resolution_nothing_more_happens(state: StateMaker) -> None:
     path = Polyline([(0.0, 0.0), (100.0, 0.0)])
     after = watch_phases(watch, state("vut"), state("ot1", x_m=6.0), path, THRESHOLDS)
     assert after == (watch, None)
+
+
+# -- a lead vehicle that brakes -------------------------------------------------------------------
+
+TTC_ALONE = ConflictThresholds(ttc_s=2.5, arrival_gap_s=None)
+
+
+def following(
+    state: StateMaker, seconds: float, braking_mps2: Callable[[float], float], lateral_m: float = 0
+) -> list[Pair]:
+    """Both at 10 m/s with a gap of 20 m; the VUT goes on, the OT has the given acceleration."""
+    pairs, speed, x = [], 10.0, 24.5
+    for k in range(round(seconds * 50)):
+        t = k * 0.02
+        a = braking_mps2(t)
+        vut = state("vut", stamp_ns=k * STEP_NS, x_m=10.0 * t, speed_mps=10.0)
+        ot1 = state("ot1", stamp_ns=k * STEP_NS, x_m=x, y_m=lateral_m, speed_mps=speed)
+        pairs.append((vut, replace(ot1, acceleration_mps2=a)))
+        x, speed = x + 0.02 * speed, max(0.0, speed + 0.02 * a)
+    return pairs
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+def test_a_lead_vehicle_brakes(state: StateMaker, frame: Pose2) -> None:
+    """At 4 m/s^2 from 2.0 s on: after b seconds TTC is (20 - 2 b^2) / (4 b), 2.5 s at b = 1.531.
+
+    The speed is summed in steps, with which the OT is up to 0.04 b m further on: a step later.
+    """
+    pairs = following(state, 4.0, lambda t: -4.0 if t >= 1.999 else 0.0)
+    phases = play(pairs, frame, "braking", TTC_ALONE)
+    assert [p for p, _ in phases] == [Phase.TRIGGER, Phase.CONFLICT]
+    assert phases[0][1] == 2000
+    assert phases[1][1] == pytest.approx(3540, abs=20)
+
+
+@pytest.mark.parametrize(("deceleration", "seen"), [(1.0, False), (1.01, True)])
+def test_the_trigger_needs_deceleration(state: StateMaker, deceleration: float, seen: bool) -> None:
+    pairs = following(state, 2.0, lambda t: -deceleration)
+    phases = play(pairs, FRAMES[0], "braking", TTC_ALONE)
+    assert [p for p, _ in phases] == ([Phase.TRIGGER] if seen else [])
+
+
+def test_braking_beside_the_corridor_is_no_trigger(state: StateMaker) -> None:
+    pairs = following(state, 2.0, lambda t: -4.0, lateral_m=3.5)
+    assert play(pairs, FRAMES[0], "braking", TTC_ALONE) == []
+
+
+def test_noise_on_acceleration_is_no_trigger(state: StateMaker) -> None:
+    """Half of the samples are under the threshold, and never all of them for 0.2 s."""
+    noise = np.random.default_rng(5).normal(-0.9, 1.0, 3000)
+    pairs = following(state, 10.0, lambda t: float(noise[round(t * 50)]))
+    seen = [a.acceleration_mps2 < -1.0 for _, a in pairs]
+    assert 0.3 < sum(seen) / len(seen) < 0.6
+    assert play(pairs, FRAMES[0], "braking", TTC_ALONE) == []
+
+
+def test_a_lateral_twitch_of_a_lead_vehicle_is_no_trigger(state: StateMaker) -> None:
+    pairs = drive(
+        state, 2.0, lambda t: (10.0 * t, 10.0), lambda t: (80.0 + 10 * t, 3.5 - t, 10.0, -1.0)
+    )
+    assert play(pairs, FRAMES[0], "braking", TTC_ALONE) == []

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import pytest
@@ -12,48 +13,59 @@ import pytest
 from ssp_core.run_spec import RunSpec
 from ssp_core.state import ObjectState
 from ssp_core.vocab import ControlState
-from ssp_scenario_manager.core.readiness import (
-    Facts,
-    cannot_fire,
-    missing_to_arm,
-    missing_to_connect,
-    missing_to_start,
-)
+from ssp_scenario_manager.core import readiness
+from ssp_scenario_manager.core.link_clock import Link
+from ssp_scenario_manager.core.readiness import Facts, missing_to_connect
 
+S = 1_000_000_000
+NOW_NS = 50 * S
+LINK = Link(0.001, 0.002, 0.1)
 READY = Facts(
     recorder_ready=True,
     recorder_age_s=0.1,
     camera_age_s=0.1,
     vut_age_s=0.1,
     target_age_s=(("ot1", 0.1),),
+    links=(("ot1", LINK),),
 )
 StateMaker = Callable[..., ObjectState]
+# At the instant of the states.
+missing_to_arm = partial(readiness.missing_to_arm, now_ns=NOW_NS)
+missing_to_start = partial(readiness.missing_to_start, now_ns=NOW_NS)
 
 
 @pytest.fixture
 def vut(state: StateMaker) -> ObjectState:
-    return state("vut")
+    return state("vut", stamp_ns=NOW_NS)
 
 
 @pytest.fixture
 def ot1(state: StateMaker) -> ObjectState:
-    return state("ot1", x_m=40.0, y_m=3.5, control_state=ControlState.DISARMED)
+    return state("ot1", stamp_ns=NOW_NS, x_m=40.0, y_m=3.5, control_state=ControlState.DISARMED)
 
 
 # -- connect --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("age_s", "fresh"), [(1.0, True), (1.001, False), (math.inf, False)])
+@pytest.mark.parametrize(
+    ("age_s", "says"),
+    [
+        (1.0, None),
+        (1.001, "no state of {} arrives: none for 1.00 s, limit 1 s"),
+        (7.5, "no state of {} arrives: none for 7.50 s, limit 1 s"),
+        (math.inf, "no state of {} arrives"),
+    ],
+)
 def test_connect_needs_fresh_states(
-    run: RunSpec, vut: ObjectState, ot1: ObjectState, age_s: float, fresh: bool
+    run: RunSpec, vut: ObjectState, ot1: ObjectState, age_s: float, says: str | None
 ) -> None:
     targets = {"ot1": ot1}
     assert missing_to_connect(run, READY, vut, targets) == []
     facts = replace(READY, vut_age_s=age_s)
-    missing = [] if fresh else ["no state of the VUT arrives"]
+    missing = [says.format("the VUT")] if says else []
     assert missing_to_connect(run, facts, vut, targets) == missing
     facts = replace(READY, target_age_s=(("ot1", age_s),))
-    missing = [] if fresh else ["no state of ot1 arrives"]
+    missing = [says.format("ot1")] if says else []
     assert missing_to_connect(run, facts, vut, targets) == missing
 
 
@@ -62,6 +74,7 @@ def test_connect_needs_fresh_states(
 
 def test_nothing_is_missing(run: RunSpec, vut: ObjectState, ot1: ObjectState) -> None:
     assert missing_to_arm(run, READY, vut, {"ot1": ot1}) == []
+    assert missing_to_arm(run, Facts.of_one_process(run), vut, {"ot1": ot1}) == []
 
 
 @pytest.mark.parametrize(
@@ -74,6 +87,7 @@ def test_nothing_is_missing(run: RunSpec, vut: ObjectState, ot1: ObjectState) ->
             {"recorder_ready": False, "recorder_missing": ("/ssp/a", "/ssp/b")},
             "the recorder is not ready: /ssp/a, /ssp/b",
         ),
+        ({"recorder_lost": 2}, "the recorder has lost 2 messages, limit 0"),
     ],
 )
 def test_the_recorder(
@@ -100,10 +114,20 @@ def test_the_camera_counts_if_there_is_one(
         ({"x_m": 41.5}, []),
         ({"x_m": 41.51}, ["ot1 is 1.51 m from its start, limit 1.5 m"]),
         ({"speed_mps": 0.05}, []),
-        ({"speed_mps": -0.06}, ["ot1 moves at -0.06 m/s"]),
+        ({"speed_mps": -0.06}, ["ot1 moves at -0.06 m/s, limit 0.05 m/s"]),
         ({"control_state": ControlState.ARMED}, []),
-        ({"control_state": ControlState.ABORTING}, ["ot1 is ABORTING, not DISARMED"]),
-        ({"control_state": ControlState.OFF}, ["ot1 is OFF, not DISARMED"]),
+        ({"control_state": ControlState.ABORTING}, ["ot1 is ABORTING, not DISARMED or ARMED"]),
+        ({"control_state": ControlState.OFF}, ["ot1 is OFF, not DISARMED or ARMED"]),
+        ({"position_std_m": 0.5}, []),
+        ({"position_std_m": 0.51}, ["the position of ot1 is uncertain by 0.51 m, limit 0.5 m"]),
+        ({"stamp_ns": NOW_NS - 300_000_000}, []),
+        ({"stamp_ns": NOW_NS - 310_000_000}, ["the state of ot1 is 0.31 s old, limit 0.3 s"]),
+        ({"stamp_ns": NOW_NS + 50_000_000}, []),
+        (
+            {"stamp_ns": NOW_NS + 51_000_000},
+            ["the state of ot1 is stamped 0.051 s ahead of time, limit 0.05 s"],
+        ),
+        ({"x_m": math.nan}, ["ot1 has a state with a value that is no number"]),
     ],
 )
 def test_each_target_in_place_and_disarmed(
@@ -112,13 +136,107 @@ def test_each_target_in_place_and_disarmed(
     assert missing_to_arm(run, READY, vut, {"ot1": replace(ot1, **changed)}) == says
 
 
+@pytest.mark.parametrize(
+    ("link", "says"),
+    [
+        (Link(0.05, 0.5, 1.0), []),
+        (Link(-0.05, 0.0, 0.0), []),
+        (Link(0.051, 0.002, 0.1), ["the clock of ot1 is off by 0.051 s, limit 0.05 s"]),
+        (Link(-9.0, 0.002, 0.1), ["the clock of ot1 is off by -9.000 s, limit 0.05 s"]),
+        (Link(0.0, 0.501, 0.1), ["the link to ot1 takes 0.501 s there and back, limit 0.5 s"]),
+        (
+            Link(0.2, 0.6, 0.1),
+            [
+                "the clock of ot1 is off by 0.200 s, limit 0.05 s",
+                "the link to ot1 takes 0.600 s there and back, limit 0.5 s",
+            ],
+        ),
+        (
+            Link(0.0, 0.0, 1.25),
+            [
+                "clock offset and link delay of ot1 are not measured: "
+                "no answer to heartbeats for 1.25 s, limit 1 s"
+            ],
+        ),
+        (
+            Link(),
+            ["clock offset and link delay of ot1 are not measured: no answer to heartbeats"],
+        ),
+    ],
+)
+def test_each_link_is_measured_and_good(
+    run: RunSpec, vut: ObjectState, ot1: ObjectState, link: Link, says: list[str]
+) -> None:
+    facts = replace(READY, links=(("ot1", link),))
+    assert missing_to_arm(run, facts, vut, {"ot1": ot1}) == says
+
+
+def test_there_is_one_manager(run: RunSpec, vut: ObjectState, ot1: ObjectState) -> None:
+    missing = missing_to_arm(run, replace(READY, other_managers=1), vut, {"ot1": ot1})
+    assert missing == ["1 other managers send heartbeats, limit 0"]
+
+
 def test_the_vut_in_place(run: RunSpec, vut: ObjectState, ot1: ObjectState) -> None:
     away = replace(vut, x_m=-11.0, speed_mps=1.0)
     assert missing_to_arm(run, READY, away, {"ot1": ot1}) == [
         "vut is 11.00 m from its start, limit 1.5 m",
-        "vut moves at 1.00 m/s",
-        "vut is outside the geofence",
+        "vut moves at 1.00 m/s, limit 0.05 m/s",
+        "vut is outside the geofence by 1.90 m, limit 0 m",
     ]
+
+
+def test_the_whole_vut_is_inside_the_fence(
+    run_mapping: dict[str, Any], vut: ObjectState, ot1: ObjectState
+) -> None:
+    """Its reference point is inside, its right side isn't: 0.9 m to the right."""
+    run_mapping["geofence"] = [(-10.0, -0.7), (300.0, -0.7), (300.0, 10.0), (-10.0, 10.0)]
+    narrow = RunSpec.model_validate(run_mapping)
+    assert missing_to_arm(narrow, READY, vut, {"ot1": ot1}) == [
+        "vut is outside the geofence by 0.20 m, limit 0 m"
+    ]
+
+
+def test_the_start_region_is_the_sites(
+    run_mapping: dict[str, Any], vut: ObjectState, ot1: ObjectState
+) -> None:
+    run_mapping["limits"]["start_region_m"] = 0.25
+    strict = RunSpec.model_validate(run_mapping)
+    for x_m, says in ((0.25, []), (0.26, ["vut is 0.26 m from its start, limit 0.25 m"])):
+        assert missing_to_arm(strict, READY, replace(vut, x_m=x_m), {"ot1": ot1}) == says
+
+
+@pytest.mark.parametrize(
+    ("mode", "age_ms", "says"),
+    [
+        ("live", 60, []),  # two periods, and one until the next state comes
+        (
+            "live",
+            80,
+            [
+                "states of vut are 0.060 s old when they come, limit for triggers 0.04 s "
+                "(limits.trigger_age_s)"
+            ],
+        ),
+        ("lockstep", 80, []),
+    ],
+)
+def test_a_live_vut_is_not_too_late_for_triggers(
+    run: RunSpec, vut: ObjectState, ot1: ObjectState, mode: str, age_ms: int, says: list[str]
+) -> None:
+    late = replace(vut, stamp_ns=NOW_NS - age_ms * 1_000_000)
+    spec = run.model_copy(update={"mode": mode})
+    assert missing_to_arm(spec, READY, late, {"ot1": ot1}) == says
+
+
+def test_an_age_at_the_limit_for_triggers_is_allowed(
+    run_mapping: dict[str, Any], vut: ObjectState, ot1: ObjectState
+) -> None:
+    run_mapping |= {"mode": "live", "step_s": 0.0625}
+    run_mapping["limits"]["trigger_age_s"] = 0.125
+    spec = RunSpec.model_validate(run_mapping)
+    for age_ns, count in ((187_500_000, 0), (187_500_001, 1)):
+        late = replace(vut, stamp_ns=NOW_NS - age_ns)
+        assert len(missing_to_arm(spec, READY, late, {"ot1": ot1})) == count
 
 
 def test_separation_before_the_start(
@@ -129,11 +247,25 @@ def test_separation_before_the_start(
     close = RunSpec.model_validate(run_mapping)
     near = replace(ot1, x_m=4.75, y_m=0.0)
     assert missing_to_arm(close, READY, vut, {"ot1": near}) == [
-        "ot1 is 0.25 m from the VUT, limit 0.5 m"
+        "ot1 is 0.25 m from vut, limit 0.5 m"
     ]
     exact = replace(ot1, x_m=5.0, y_m=0.0, size=replace(ot1.size, rear_m=1.0))
     ahead = replace(vut, size=replace(vut.size, front_m=3.5))
     assert missing_to_arm(close, READY, ahead, {"ot1": exact}) == []
+
+
+def test_separation_of_targets_from_each_other(
+    run_mapping: dict[str, Any], vut: ObjectState, ot1: ObjectState
+) -> None:
+    ot2 = {"id": "ot2", "object_class": "car", "start": {"x_m": 44.9, "y_m": 3.5, "yaw_rad": 0.0}}
+    run_mapping["targets"].append(ot2)
+    both = RunSpec.model_validate(run_mapping)
+    facts = replace(
+        READY, target_age_s=(("ot1", 0.1), ("ot2", 0.1)), links=(("ot1", LINK), ("ot2", LINK))
+    )
+    for x_m, says in ((44.9, ["ot2 is 0.40 m from ot1, limit 0.5 m"]), (45.1, [])):
+        second = replace(ot1, object_id="ot2", x_m=x_m)
+        assert missing_to_arm(both, facts, vut, {"ot1": ot1, "ot2": second}) == says
 
 
 def test_everything_that_is_missing_is_named_at_once(
@@ -143,23 +275,22 @@ def test_everything_that_is_missing_is_named_at_once(
     ot2 = {"id": "ot2", "object_class": "car", "start": {"x_m": 70.0, "y_m": 0.0, "yaw_rad": 0.0}}
     run_mapping["targets"].append(ot2)
     both = RunSpec.model_validate(run_mapping)
-    stray = state("ot2", x_m=99.0, y_m=99.0, speed_mps=3.0, control_state=ControlState.INIT)
+    stray = state(
+        "ot2", stamp_ns=NOW_NS, x_m=99.0, y_m=99.0, speed_mps=3.0, control_state=ControlState.INIT
+    )
     assert missing_to_arm(both, Facts(), None, {"ot2": stray}) == [
         "no state of the VUT arrives",
         "no state of ot1 arrives",
         "no state of ot2 arrives",
         "the recorder is silent",
         "no camera frame arrives",
-        "ot2 is INIT, not DISARMED",
+        "clock offset and link delay of ot1 are not measured: no answer to heartbeats",
+        "clock offset and link delay of ot2 are not measured: no answer to heartbeats",
+        "ot2 is INIT, not DISARMED or ARMED",
         "ot2 is 103.16 m from its start, limit 1.5 m",
-        "ot2 moves at 3.00 m/s",
-        "ot2 is outside the geofence",
+        "ot2 moves at 3.00 m/s, limit 0.05 m/s",
+        "ot2 is outside the geofence by 89.90 m, limit 0 m",
     ]
-
-
-def test_no_number_is_not_in_place(run: RunSpec, vut: ObjectState, ot1: ObjectState) -> None:
-    nowhere = replace(ot1, x_m=math.nan)
-    assert "ot1 is outside the geofence" in missing_to_arm(run, READY, vut, {"ot1": nowhere})
 
 
 # -- start ----------------------------------------------------------------------------------------
@@ -173,111 +304,37 @@ def test_start_needs_armed_objects_that_are_still_heard(
     assert missing_to_start(run, READY, vut, {"ot1": ot1}) == ["ot1 is DISARMED, not ARMED"]
     gone = replace(READY, vut_age_s=1.5, recorder_age_s=2.5)
     assert missing_to_start(run, gone, vut, armed) == [
-        "no state of the VUT arrives",
-        "the recorder is not ready",
-    ]
-    assert missing_to_start(run, replace(READY, recorder_ready=False), None, {}) == [
-        "no state of the VUT arrives",
-        "no state of ot1 arrives",
-        "the recorder is not ready",
+        "no state of the VUT arrives: none for 1.50 s, limit 1 s",
+        "the recorder is silent",
     ]
 
 
-# -- cannot fire ----------------------------------------------------------------------------------
-
-
-def arrival(x_m: float, y_m: float = 0.0) -> dict[str, Any]:
-    return {"type": "time_to_arrival", "anchor": (x_m, y_m), "below_s": 3.0}
-
-
-def set_trigger(mapping: dict[str, Any], **changes: Any) -> None:
-    mapping["triggers"][0].update(changes)
-
-
-CASES: dict[str, tuple[Callable[[dict[str, Any]], None], str]] = {
-    "target of the manoeuvre": (
-        lambda m: set_trigger(m, object_id="ot7"),
-        "triggers[0].object_id: ot7 is no target of this run",
-    ),
-    "object of the gap": (
-        lambda m: m["triggers"][0]["condition"].update(object_id="vut"),
-        "triggers[0].condition.object_id: vut is no target of this run",
-    ),
-    "anchor behind": (
-        lambda m: set_trigger(m, condition=arrival(3.6)),
-        "triggers[0].condition.anchor: lies behind the VUT's start",
-    ),
-    "anchor beyond": (
-        lambda m: set_trigger(m, condition=arrival(250.0)),
-        "triggers[0].condition.anchor: lies beyond the VUT's path",
-    ),
-    "anchor beside": (
-        lambda m: set_trigger(m, condition=arrival(100.0, 10.1)),
-        "triggers[0].condition.anchor: is 10.1 m beside the VUT's path",
-    ),
-    "too late": (
-        lambda m: set_trigger(m, not_before_s=40.0),
-        "triggers[0].not_before_s: 40 s is not before the end of the run (40 s)",
-    ),
-    "nothing to leave": (
-        lambda m: m["targets"][0].update(approach=None),
-        "triggers[0].manoeuvre: ot1 has no approach that a lane change could leave",
-    ),
-    "vut without a path": (
-        lambda m: m["vut"].update(approach=None),
-        "vut.approach: the VUT has no path, so that nothing it does can trigger",
-    ),
-    "standing path": (
-        lambda m: m["vut"]["approach"].update(path=[(0.0, 0.0), (0.0, 0.0)]),
-        "vut.approach.path: a path's consecutive points must differ",
-    ),
-    "standing path of a target": (
-        lambda m: m["targets"][0]["approach"].update(path=[(0.0, 0.0), (0.0, 0.0)]),
-        "targets[0].approach.path: a path's consecutive points must differ",
-    ),
-    "standing path of a manoeuvre": (
-        lambda m: set_trigger(
-            m,
-            manoeuvre={
-                "kind": "follow_path",
-                "motion": {"path": [(1.0, 2.0), (1.0, 2.0)], "cruise_mps": 1.0},
-            },
-        ),
-        "triggers[0].manoeuvre.motion.path: a path's consecutive points must differ",
-    ),
-    "two targets of one name": (
-        lambda m: m["targets"].append(m["targets"][0]),
-        "targets[1].id: ot1 stands twice",
-    ),
-    "target named as the vut": (
-        lambda m: m["targets"].append({**m["targets"][0], "id": "vut"}),
-        "targets[1].id: vut stands twice",
-    ),
-    "two triggers of one name": (
-        lambda m: m["triggers"].append(m["triggers"][0]),
-        "triggers[1].id: gap stands twice",
-    ),
-}
-
-
-@pytest.mark.parametrize("name", CASES)
-def test_a_run_that_cannot_fire(run_mapping: dict[str, Any], name: str) -> None:
-    change, says = CASES[name]
-    assert cannot_fire(RunSpec.model_validate(run_mapping)) == []
-    change(run_mapping)
-    assert cannot_fire(RunSpec.model_validate(run_mapping)) == [says]
-
-
-def test_just_possible(run_mapping: dict[str, Any]) -> None:
-    for changes in (
-        {"condition": arrival(3.7)},
-        {"condition": arrival(249.9, -10.0)},
-        {"not_before_s": 39.9},
-    ):
-        set_trigger(run_mapping, **changes)
-        assert cannot_fire(RunSpec.model_validate(run_mapping)) == []
-
-
-def test_all_reasons_at_once(run_mapping: dict[str, Any]) -> None:
-    set_trigger(run_mapping, condition=arrival(300.0), not_before_s=99.0, object_id="ot7")
-    assert len(cannot_fire(RunSpec.model_validate(run_mapping))) == 3
+@pytest.mark.parametrize(
+    ("facts", "changed"),
+    [
+        ({"recorder_ready": False}, {}),
+        ({"recorder_lost": 1}, {}),
+        ({"other_managers": 1}, {}),
+        ({"links": (("ot1", Link(0.2, 0.0, 0.0)),)}, {}),
+        ({}, {"x_m": 45.0}),
+        ({}, {"x_m": 400.0}),
+        ({}, {"x_m": 3.0, "y_m": 0.0}),
+        ({}, {"speed_mps": 0.2}),
+        ({}, {"position_std_m": 2.0}),
+        ({}, {"stamp_ns": NOW_NS - S}),
+        ({}, {"y_m": math.inf}),
+    ],
+)
+def test_what_arming_needs_the_start_needs_again(
+    run: RunSpec,
+    vut: ObjectState,
+    ot1: ObjectState,
+    facts: dict[str, Any],
+    changed: dict[str, Any],
+) -> None:
+    """Between the two somebody may have gone, moved or failed."""
+    armed = {"ot1": replace(ot1, control_state=ControlState.ARMED, **changed)}
+    known = replace(READY, **facts)
+    missing = missing_to_start(run, known, vut, armed)
+    assert missing
+    assert missing == missing_to_arm(run, known, vut, armed)

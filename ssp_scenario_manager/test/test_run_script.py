@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from ssp_core.vocab import SessionPhase as P
+from ssp_scenario_manager.core.command_answer import Answer
 from ssp_scenario_manager.core.run_script import PATIENCE_S, RunScript
-from ssp_scenario_manager.core.session import Answer
 from ssp_scenario_manager.core.session_machine import SessionEvent as E
 
 S = 1_000_000_000
@@ -111,7 +111,7 @@ def test_without_any_answer_it_says_what_was_not_possible() -> None:
     script = begun()
     script.next(P.LOADED, 0)
     script.next(P.LOADED, LATE + 1)
-    assert script.problems == ("connect was not possible in 20 s",)
+    assert script.problems == (f"connect was not possible in {PATIENCE_S:g} s",)
 
 
 def test_an_abort_ends_it_with_or_without_a_standstill() -> None:

@@ -5,15 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
-from ssp_core.run_spec import Limits
+from ssp_core.run_spec import Limits, RunSpec
 from ssp_core.safety_codes import MEANINGS, SafetyCode
 from ssp_core.state import ObjectState
 from ssp_core.vocab import ControlState, Verdict
 from ssp_scenario_manager.core import supervisor
-from ssp_scenario_manager.core.supervisor import Violation, verdict_for, violations
+from ssp_scenario_manager.core.supervisor import Violation, verdict_for
+from ssp_scenario_manager.core.watching import violations
 
 S = 1_000_000_000
 FENCE = [(-100.0, -100.0), (1000.0, -100.0), (1000.0, 100.0), (-100.0, 100.0)]
@@ -23,12 +25,21 @@ LIMITS = Limits(
     acceleration_mps2=5.0,
     separation_m=0.5,
     ack_s=0.5,
+    heartbeat_s=0.25,
+    state_age_s=0.125,
     error_longitudinal_m=2.0,
     error_lateral_m=0.75,
     error_yaw_rad=0.25,
     duration_s=60.0,
+    clock_offset_s=0.0625,
+    position_std_m=0.5,
 )
 StateMaker = Callable[..., ObjectState]
+
+
+@pytest.fixture
+def spec(run: RunSpec) -> RunSpec:
+    return run.model_copy(update={"limits": LIMITS, "geofence": FENCE})
 
 
 # -- separation -----------------------------------------------------------------------------------
@@ -54,7 +65,7 @@ def test_separation(state: StateMaker, gap_m: float, code: SafetyCode | None) ->
         state("ot1", size=size, x_m=-4.5 - gap_m),  # behind
         state("ot1", size=size, y_m=2.0 + gap_m),  # beside
     ):
-        found = supervisor.separation(vut, other, LIMITS)
+        found = supervisor.too_near(vut, other, LIMITS)
         if code is None:
             assert found is None
             continue
@@ -62,6 +73,7 @@ def test_separation(state: StateMaker, gap_m: float, code: SafetyCode | None) ->
         assert (found.code, found.object_id, found.stamp_ns) == (code, "ot1", 7)
         assert found.measured == pytest.approx(max(gap_m, 0.0), abs=1e-12)
         assert found.limit == (0.5 if code is SafetyCode.SEPARATION else 0.0)
+        assert found.detail == "vut and ot1"
 
 
 def test_separation_of_large_and_turned_objects_is_not_skipped(state: StateMaker) -> None:
@@ -73,7 +85,7 @@ def test_separation_of_large_and_turned_objects_is_not_skipped(state: StateMaker
         corner = max(state("vut", yaw_rad=yaw).box.corners(), key=lambda p: p[0])
         # The VUT's foremost corner 0.2 m behind the bus, at the middle of its rear.
         vut = state("vut", yaw_rad=yaw, x_m=-3.2 - corner[0], y_m=-corner[1])
-        found = supervisor.separation(vut, bus, LIMITS)
+        found = supervisor.too_near(vut, bus, LIMITS)
         assert found is not None
         assert found.measured == pytest.approx(0.2)
 
@@ -90,22 +102,36 @@ def test_separation_does_not_depend_on_the_place(state: StateMaker) -> None:
                 x_m=x_m + dx_m,
                 y_m=y_m + dy_m,
             )
-            found = supervisor.separation(bus, walker, LIMITS)
+            found = supervisor.too_near(bus, walker, LIMITS)
             assert found is not None
             assert found.measured == pytest.approx(0.25)
         away = replace(walker, y_m=y_m + 2.7)
-        assert supervisor.separation(bus, away, LIMITS) is None
+        assert supervisor.too_near(bus, away, LIMITS) is None
 
 
 # -- times ----------------------------------------------------------------------------------------
 
+Judge = Callable[[float], Violation | None]
+TIMES: list[tuple[SafetyCode, str, float, Judge]] = [
+    (SafetyCode.VUT_SILENT, "vut", 0.125, lambda s: supervisor.vut_silent(s, LIMITS, 3)),
+    (SafetyCode.OBJECT_SILENT, "a", 0.125, lambda s: supervisor.object_silent("a", s, LIMITS, 3)),
+    (SafetyCode.REPLY_MISSING, "a", 0.25, lambda s: supervisor.reply_missing("a", s, LIMITS, 3)),
+    (
+        SafetyCode.RECORDER,
+        "monitor",
+        2.0,
+        lambda s: supervisor.silent(SafetyCode.RECORDER, "monitor", s, 2.0, 3),
+    ),
+]
 
-@pytest.mark.parametrize(
-    ("age_s", "passed"), [(0.0, False), (0.5, False), (0.5 + 1e-9, True), (math.inf, True)]
-)
-def test_silent(age_s: float, passed: bool) -> None:
-    found = supervisor.silent(SafetyCode.VUT_SILENT, "vut", age_s, 0.5, 3)
-    assert found == (Violation(SafetyCode.VUT_SILENT, "vut", age_s, 0.5, 3) if passed else None)
+
+@pytest.mark.parametrize(("code", "who", "limit_s", "judged"), TIMES, ids=lambda v: str(v))
+def test_silence(code: SafetyCode, who: str, limit_s: float, judged: Judge) -> None:
+    for age_s in (0.0, math.nextafter(limit_s, 0.0), limit_s):
+        assert judged(age_s) is None
+    for age_s in (math.nextafter(limit_s, 9.0), math.inf):
+        assert judged(age_s) == Violation(code, who, age_s, limit_s, 3)
+    assert judged(math.nan) is not None
 
 
 @pytest.mark.parametrize(("age_ns", "passed"), [(S // 2 - 1, 0), (S // 2, 0), (S // 2 + 1, 1)])
@@ -122,6 +148,43 @@ def test_duration(age_ns: int, passed: bool) -> None:
     assert (found is not None) == passed
     if found is not None:
         assert (found.code, found.limit) == (SafetyCode.DURATION, 60.0)
+
+
+@pytest.mark.parametrize("allowance_ns", [0, S // 4])
+@pytest.mark.parametrize(
+    ("ahead_ns", "passed"), [(-9 * S, 0), (0, 0), (S // 16 - 1, 0), (S // 16, 0), (S // 16 + 1, 1)]
+)
+def test_a_stamp_ahead_of_time(
+    state: StateMaker, ahead_ns: int, passed: bool, allowance_ns: int
+) -> None:
+    stamped = state("ot1", stamp_ns=5 * S + ahead_ns + allowance_ns)
+    found = supervisor.stamp_ahead(stamped, 5 * S, allowance_ns / S, LIMITS)
+    assert (found is not None) == passed
+    if found is not None:
+        assert (found.code, found.object_id, found.limit, found.stamp_ns) == (
+            SafetyCode.CLOCK_OFFSET,
+            "ot1",
+            0.0625,
+            5 * S,
+        )
+
+
+# -- counts ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("judged", "code"),
+    [
+        (supervisor.recorder_lost, SafetyCode.RECORDER),
+        (supervisor.foreign_manager, SafetyCode.FOREIGN_MANAGER),
+    ],
+)
+def test_one_is_too_many(judged: Callable[[int, int], Violation | None], code: SafetyCode) -> None:
+    assert judged(0, 7) is None
+    for count in (1, 12):
+        found = judged(count, 7)
+        assert found is not None
+        assert (found.code, found.measured, found.limit, found.stamp_ns) == (code, count, 0.0, 7)
 
 
 # -- reports of objects ---------------------------------------------------------------------------
@@ -160,34 +223,84 @@ def test_tracking_error(
     assert supervisor.tracking_error(replace(reported, reference_id=""), LIMITS) is None
 
 
+# -- together -------------------------------------------------------------------------------------
+
+DRIVING = {"reference_id": "r", "control_state": ControlState.RUNNING}
+OF_A_STATE: list[tuple[SafetyCode, dict[str, Any], dict[str, Any]]] = [
+    (SafetyCode.OVER_SPEED, {"speed_mps": 15.0}, {"speed_mps": 15.0 + 1e-9}),
+    (SafetyCode.OVER_SPEED, {"speed_mps": -15.0}, {"speed_mps": -15.0 - 1e-9}),
+    (SafetyCode.LOCALISATION, {"position_std_m": 0.5}, {"position_std_m": 0.5 + 1e-9}),
+    (SafetyCode.LOCALISATION, {}, {"position_std_m": math.nan}),
+    # Its front is 3.6 m ahead of its reference point.
+    (SafetyCode.OUTSIDE_GEOFENCE, {"x_m": 996.4 - 1e-6}, {"x_m": 996.4 + 1e-6}),
+    (
+        SafetyCode.OVER_ACCELERATION,
+        {"acceleration_mps2": -5.0, **DRIVING},
+        {"acceleration_mps2": -5.0 - 1e-9, **DRIVING},
+    ),
+]
+
+
+@pytest.mark.parametrize(("code", "inside", "outside"), OF_A_STATE)
+@pytest.mark.parametrize("who", ["vut", "ot1"])
+def test_what_one_state_passes(
+    state: StateMaker,
+    spec: RunSpec,
+    who: str,
+    code: SafetyCode,
+    inside: dict[str, Any],
+    outside: dict[str, Any],
+) -> None:
+    assert violations([state(who, **inside)], spec) == []
+    (found,) = violations([state(who, **outside)], spec)
+    assert (found.code, found.object_id) == (code, who)
+
+
+@pytest.mark.parametrize("changed", [{"reference_id": ""}, {"control_state": ControlState.POSTRUN}])
+def test_hard_braking_counts_only_on_a_reference(
+    state: StateMaker, spec: RunSpec, changed: dict[str, Any]
+) -> None:
+    """A vehicle under test may brake as hard as it can; so may an object that stops."""
+    braking = state("ot1", **{"acceleration_mps2": -9.0, **DRIVING, **changed})
+    assert violations([braking], spec) == []
+
+
+def test_how_far_it_sticks_out_of_the_fence(state: StateMaker, spec: RunSpec) -> None:
+    (found,) = violations([state("ot1", x_m=996.65)], spec)
+    assert found.measured == pytest.approx(0.25)
+
+
 @pytest.mark.parametrize(
     "field", ["x_m", "y_m", "yaw_rad", "speed_mps", "acceleration_mps2", "yaw_rate_radps"]
 )
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize("who", ["vut", "ot1"])
-def test_no_number_is_a_violation_and_nothing_else(
-    state: StateMaker, field: str, value: float, who: str
+def test_no_number_is_a_violation_and_hides_no_other(
+    state: StateMaker, spec: RunSpec, field: str, value: float, who: str
 ) -> None:
     states = {"vut": state("vut"), "ot1": state("ot1", x_m=50.0)}
     states[who] = replace(states[who], **{field: value})
-    (found,) = violations(states["vut"], [states["ot1"]], LIMITS, FENCE)
-    assert (found.code, found.object_id) == (SafetyCode.STATE_NOT_FINITE, who)
+    fast = state("ot2", x_m=90.0, speed_mps=20.0)
+    found = violations([*states.values(), fast], spec)
+    assert [(v.code, v.object_id) for v in found] == [
+        (SafetyCode.STATE_NOT_FINITE, who),
+        (SafetyCode.OVER_SPEED, "ot2"),
+    ]
 
 
-# -- together -------------------------------------------------------------------------------------
-
-
-def test_all_pairs_are_looked_at_and_collisions_come_first(state: StateMaker) -> None:
+def test_all_pairs_are_looked_at_and_collisions_come_first(
+    state: StateMaker, spec: RunSpec
+) -> None:
     a = state("ot1", x_m=50.0, reference_id="r", error_lateral_m=1.0)
     b = state("ot2", x_m=54.75)  # 0.25 m ahead of ot1
     c = state("ot3", x_m=56.0)  # in ot2
-    found = violations(state("vut"), [a, b, c], LIMITS, FENCE)
+    found = violations([state("vut"), a, b, c], spec)
     assert [(v.code, v.detail or v.object_id) for v in found] == [
         (SafetyCode.COLLISION, "ot2 and ot3"),
         (SafetyCode.SEPARATION, "ot1 and ot2"),
         (SafetyCode.ERROR_LATERAL, "ot1"),
     ]
-    assert violations(state("vut"), [state("ot1", x_m=50.0)], LIMITS, FENCE) == []
+    assert violations([state("vut"), state("ot1", x_m=50.0)], spec) == []
 
 
 def test_the_reason_names_everything() -> None:
@@ -200,11 +313,12 @@ def test_the_reason_names_everything() -> None:
 
 VERDICTS = {
     Verdict.ABORTED: "OPERATOR OBJECT_SILENT VUT_SILENT HEARTBEAT_LOST ACK_MISSING "
-    "REFERENCE_REFUSED STATE_STALE",
-    Verdict.INVALID_HARNESS: "RECORDER WORLD_SILENT PARTICIPANT_LOST OVERRUN EVENT_MISSING",
+    "REFERENCE_REFUSED STATE_STALE REPLY_MISSING CLOCK_OFFSET LINK_DELAY",
+    Verdict.INVALID_HARNESS: "RECORDER WORLD_SILENT PARTICIPANT_LOST OVERRUN EVENT_MISSING "
+    "FOREIGN_MANAGER",
     Verdict.FAILED_SAFETY: "STATE_NOT_FINITE OUTSIDE_GEOFENCE OVER_SPEED OVER_ACCELERATION "
-    "ERROR_LONGITUDINAL ERROR_LATERAL ERROR_YAW LOCALISATION SEPARATION COLLISION OBJECT_ABORTED "
-    "DURATION",
+    "ERROR_LONGITUDINAL ERROR_LATERAL ERROR_YAW LOCALISATION POSITION_JUMP STATE_FROZEN "
+    "STOPPING_ROOM SEPARATION COLLISION OBJECT_ABORTED DURATION",
 }
 EXPECTED = {SafetyCode[name]: v for v, codes in VERDICTS.items() for name in codes.split()}
 
@@ -216,24 +330,3 @@ def test_every_code_has_a_meaning_and_its_verdict(code: SafetyCode) -> None:
     assert meaning.text.endswith(".")
     assert verdict_for(code) is EXPECTED[code]
     assert verdict_for(code) not in (Verdict.NONE, Verdict.VALID)
-
-
-def test_speed_limit_holds_for_the_vut_too(state: StateMaker) -> None:
-    limit = LIMITS.speed_mps
-    for speed, passed in ((limit - 1e-6, False), (limit, False), (limit + 1e-6, True)):
-        for name in ("vut", "ot1"):
-            found = supervisor.over_speed(state(name, speed_mps=speed), LIMITS)
-            assert (found is not None) is passed
-            if found is not None:
-                assert (found.code, found.object_id) == (SafetyCode.OVER_SPEED, name)
-
-
-def test_a_corner_beyond_the_fence_counts(state: StateMaker) -> None:
-    inside = state("ot1", x_m=1000.0 - state("ot1").size.front_m - 1e-6)
-    beyond = state("ot1", x_m=1000.0 - state("ot1").size.front_m + 1e-6)
-    assert supervisor.outside_geofence(inside, FENCE) is None
-    found = supervisor.outside_geofence(beyond, FENCE)
-    assert found is not None
-    assert (found.code, found.measured) == (SafetyCode.OUTSIDE_GEOFENCE, 2.0)
-    codes = {v.code for v in violations(beyond, [], LIMITS, FENCE)}
-    assert codes == {SafetyCode.OUTSIDE_GEOFENCE}

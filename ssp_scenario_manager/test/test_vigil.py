@@ -1,14 +1,16 @@
-"""Silence of a participant, at, just inside and just outside its limit."""
+"""Silence of a participant and bad links, at, just inside and just outside their limits."""
 
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import pytest
 
 from ssp_core import names
+from ssp_core.run_spec import Camera, RunSpec
 from ssp_core.safety_codes import SafetyCode
+from ssp_core.vocab import SessionPhase
+from ssp_scenario_manager.core.link_clock import Exchange, LinkClocks
 from ssp_scenario_manager.core.vigil import (
     CAMERA_SILENT_S,
     RECORDER_SILENT_S,
@@ -16,59 +18,153 @@ from ssp_scenario_manager.core.vigil import (
     WORLD_SILENT_REALTIME_S,
     Vigil,
 )
-from ssp_scenario_manager.resolve import resolve_run
-from ssp_scenario_manager.scenario import load_scenario, load_site
 
-EVERYBODY = (names.SIL_WORLD, names.VUT_ID, names.MONITOR, names.FRONT_CAMERA)
+EVERYBODY = (names.SIL_WORLD, names.VUT_ID, "ot1", names.MONITOR, names.FRONT_CAMERA)
 NOW_NS = 100_000_000_000
+MS = 1_000_000
+C = SafetyCode
+ARMED, RUNNING, STOPPING = SessionPhase.ARMED, SessionPhase.RUNNING, SessionPhase.STOPPING
 
 
-@pytest.fixture(scope="module")
-def spec() -> Any:
-    scenario, version = load_scenario("cut_in")
-    site, site_version = load_site("boulevard")
-    return resolve_run(scenario, version, site, site_version, run_id="r", seed=1, mode="lockstep")
+def with_camera(run: RunSpec, mode: str) -> RunSpec:
+    return run.model_copy(update={"camera": Camera(), "mode": mode})
 
 
-def heard_at(ages_s: dict[str, float]) -> Vigil:
-    vigil = Vigil()
+def links(offset_s: float = 0.0, delay_s: float = 0.0, age_s: float = 0.0) -> LinkClocks:
+    """A link measured age_s ago."""
+    made = LinkClocks()
+    sent_ns = 7 * NOW_NS
+    arrived_ns = sent_ns + round(delay_s * 1e9)
+    there_ns = sent_ns + round(delay_s * 0.5e9) + round(offset_s * 1e9)
+    made.on_sent(1, sent_ns)
+    exchange = Exchange(sent_ns, there_ns, there_ns, arrived_ns)
+    assert made.on_reply(["ot1"], 1, exchange, NOW_NS - round(age_s * 1e9))
+    return made
+
+
+def heard_at(ages_s: dict[str, float], measured: LinkClocks | None = None) -> Vigil:
+    vigil = Vigil(measured or links())
     for who in EVERYBODY:
         vigil.hear(who, NOW_NS - round(ages_s.get(who, 0.0) * 1e9))
     return vigil
 
 
-def codes(vigil: Vigil, spec: Any, lockstep: bool = True) -> list[SafetyCode]:
-    return [v.code for v in vigil.violations(spec, lockstep, NOW_NS, 7)]
+def codes(vigil: Vigil, spec: RunSpec, phase: SessionPhase = RUNNING) -> list[SafetyCode]:
+    return [v.code for v in vigil.violations(spec, phase, NOW_NS, 7)]
 
 
 @pytest.mark.parametrize(
-    ("who", "limit_s", "code", "lockstep"),
+    ("who", "limit_s", "code", "mode", "phase"),
     [
-        (names.SIL_WORLD, WORLD_SILENT_LOCKSTEP_S, SafetyCode.WORLD_SILENT, True),
-        (names.SIL_WORLD, WORLD_SILENT_REALTIME_S, SafetyCode.WORLD_SILENT, False),
-        (names.VUT_ID, WORLD_SILENT_REALTIME_S, SafetyCode.VUT_SILENT, False),
-        (names.MONITOR, RECORDER_SILENT_S, SafetyCode.RECORDER, True),
-        (names.FRONT_CAMERA, CAMERA_SILENT_S, SafetyCode.PARTICIPANT_LOST, False),
+        (names.SIL_WORLD, WORLD_SILENT_LOCKSTEP_S, C.WORLD_SILENT, "lockstep", RUNNING),
+        (names.SIL_WORLD, WORLD_SILENT_REALTIME_S, C.WORLD_SILENT, "realtime", RUNNING),
+        (names.SIL_WORLD, WORLD_SILENT_REALTIME_S, C.WORLD_SILENT, "realtime", ARMED),
+        (names.VUT_ID, WORLD_SILENT_LOCKSTEP_S + 0.25, C.VUT_SILENT, "lockstep", STOPPING),
+        (names.VUT_ID, WORLD_SILENT_REALTIME_S + 0.25, C.VUT_SILENT, "realtime", RUNNING),
+        (names.VUT_ID, WORLD_SILENT_REALTIME_S, C.VUT_SILENT, "live", ARMED),
+        ("ot1", WORLD_SILENT_LOCKSTEP_S, C.OBJECT_SILENT, "lockstep", ARMED),
+        ("ot1", WORLD_SILENT_REALTIME_S, C.OBJECT_SILENT, "realtime", ARMED),
+        ("ot1", WORLD_SILENT_REALTIME_S, C.OBJECT_SILENT, "live", RUNNING),
+        (names.MONITOR, RECORDER_SILENT_S, C.RECORDER, "lockstep", RUNNING),
+        (names.MONITOR, RECORDER_SILENT_S, C.RECORDER, "live", ARMED),
+        (names.FRONT_CAMERA, CAMERA_SILENT_S, C.PARTICIPANT_LOST, "realtime", RUNNING),
     ],
 )
-def test_silence_ends_a_run_past_its_limit(
-    who: str, limit_s: float, code: SafetyCode, lockstep: bool, spec: Any
+def test_silence_ends_a_session_past_its_limit(
+    who: str, limit_s: float, code: SafetyCode, mode: str, phase: SessionPhase, run: RunSpec
 ) -> None:
-    assert codes(heard_at({who: limit_s - 0.001}), spec, lockstep) == []
-    assert codes(heard_at({who: limit_s}), spec, lockstep) == []
-    assert codes(heard_at({who: limit_s + 0.001}), spec, lockstep) == [code]
+    spec = with_camera(run, mode)
+    assert codes(heard_at({who: limit_s - 0.001}), spec, phase) == []
+    assert codes(heard_at({who: limit_s}), spec, phase) == []
+    assert codes(heard_at({who: limit_s + 0.001}), spec, phase) == [code]
 
 
-def test_who_was_never_heard_is_silent_for_ever(spec: Any) -> None:
+@pytest.mark.parametrize(
+    ("who", "mode", "phase"),
+    [
+        # Steps are counted instead, and the world drops who answers none.
+        ("ot1", "lockstep", RUNNING),
+        ("ot1", "lockstep", STOPPING),
+        # There is none.
+        (names.SIL_WORLD, "live", RUNNING),
+    ],
+)
+def test_whose_silence_is_not_judged_here(
+    who: str, mode: str, phase: SessionPhase, run: RunSpec
+) -> None:
+    assert codes(heard_at({who: 99.0}), with_camera(run, mode), phase) == []
+
+
+def test_who_was_never_heard_is_silent_for_ever(run: RunSpec) -> None:
     assert Vigil().age_s(names.MONITOR, NOW_NS) == math.inf
-    assert codes(Vigil(), spec) == [
-        SafetyCode.WORLD_SILENT,
-        SafetyCode.VUT_SILENT,
-        SafetyCode.RECORDER,
-        SafetyCode.PARTICIPANT_LOST,
+    assert codes(Vigil(), with_camera(run, "lockstep")) == [
+        C.WORLD_SILENT,
+        C.VUT_SILENT,
+        C.RECORDER,
+        C.PARTICIPANT_LOST,
+    ]
+    assert codes(Vigil(), with_camera(run, "live")) == [
+        C.VUT_SILENT,
+        C.OBJECT_SILENT,
+        C.RECORDER,
+        C.PARTICIPANT_LOST,
+        C.REPLY_MISSING,
     ]
 
 
-def test_a_run_without_a_camera_misses_none(spec: Any) -> None:
-    vigil = heard_at({names.FRONT_CAMERA: 60.0})
-    assert codes(vigil, spec.model_copy(update={"camera": None})) == []
+def test_a_run_without_a_camera_misses_none(run: RunSpec) -> None:
+    assert codes(heard_at({names.FRONT_CAMERA: 60.0}), run) == []
+
+
+@pytest.mark.parametrize("mode", ["realtime", "live"])
+@pytest.mark.parametrize("phase", [ARMED, RUNNING, STOPPING])
+@pytest.mark.parametrize(
+    ("inside", "outside", "code"),
+    [
+        ({"age_s": 0.5}, {"age_s": 0.501}, C.REPLY_MISSING),
+        ({"offset_s": 0.05}, {"offset_s": 0.050001}, C.CLOCK_OFFSET),
+        ({"offset_s": -0.05}, {"offset_s": -0.050001}, C.CLOCK_OFFSET),
+        ({"delay_s": 0.5}, {"delay_s": 0.500001}, C.LINK_DELAY),
+    ],
+)
+def test_a_bad_link_ends_a_session(
+    run: RunSpec,
+    mode: str,
+    phase: SessionPhase,
+    inside: dict[str, float],
+    outside: dict[str, float],
+    code: SafetyCode,
+) -> None:
+    spec = with_camera(run, mode)
+    assert codes(heard_at({}, links(**inside)), spec, phase) == []
+    assert codes(heard_at({}, links(**outside)), spec, phase) == [code]
+    # In lockstep what a link does shows in simulated time; answers come by the wall clock.
+    assert codes(heard_at({}, links(**outside)), with_camera(run, "lockstep"), phase) == []
+
+
+@pytest.mark.parametrize("mode", ["lockstep", "realtime", "live"])
+def test_losses_and_other_managers(run: RunSpec, mode: str) -> None:
+    spec = with_camera(run, mode)
+    vigil = heard_at({})
+    vigil.hear_recorder(True, (), 1, NOW_NS)
+    assert codes(vigil, spec) == [C.RECORDER]
+    vigil.hear_recorder(True, (), 0, NOW_NS)
+    vigil.other_managers = 1
+    assert codes(vigil, spec) == [C.FOREIGN_MANAGER]
+
+
+def test_the_facts_that_arming_asks_for(run: RunSpec) -> None:
+    vigil = heard_at({names.VUT_ID: 0.25, "ot1": 0.5}, links(0.01, 0.02, 0.125))
+    vigil.hear_recorder(False, ("/ssp/a",), 3, NOW_NS)
+    vigil.other_managers = 2
+    facts = vigil.facts(run, NOW_NS)
+    assert (facts.recorder_ready, facts.recorder_missing, facts.recorder_lost) == (
+        False,
+        ("/ssp/a",),
+        3,
+    )
+    assert (facts.recorder_age_s, facts.vut_age_s, facts.age_of("ot1")) == (0.0, 0.25, 0.5)
+    link = facts.link_of("ot1")
+    assert (link.offset_s, link.delay_s, link.age_s) == (0.01, 0.02, 0.125)
+    assert facts.other_managers == 2
+    assert Vigil().facts(None, NOW_NS).recorder_age_s == math.inf

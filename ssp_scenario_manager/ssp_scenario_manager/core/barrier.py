@@ -27,6 +27,10 @@ class StepInputs:
         self.step = step
         self.vut_states_sent = vut_states_sent
 
+    def is_overtaken_by(self, step: int) -> bool:
+        """True when the world takes a step although the last one isn't dealt with."""
+        return self.step is not None and self.done_step < self.step < step
+
     def on_answer(
         self, participant: str, step: int, states_sent: int, acks_sent: int, events_sent: int
     ) -> None:

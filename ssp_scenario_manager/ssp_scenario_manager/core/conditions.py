@@ -1,133 +1,298 @@
-"""Values of the trigger conditions (METHOD 2.3), and the watch that finds the instant of firing."""
+"""Single conditions of a trigger (METHOD 2.3): what is measured, and when it holds.
+
+Each has a number in its own unit and a threshold. The number is NaN where it is unknown: the
+condition then neither holds nor fails to. It is +inf where it doesn't exist, as the gap to an
+object that isn't ahead does, and the condition doesn't hold.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal, Protocol
 
-from ssp_core.clock import NS_PER_S, seconds_to_ns
+from ssp_core.clock import ns_to_seconds, seconds_to_ns
+from ssp_core.fence import room_m
 from ssp_core.geometry import Polyline
-from ssp_core.run_spec import Condition, RelativeDistance, TriggerSpec
-from ssp_core.state import ObjectState
+from ssp_core.run_spec import (
+    AllOf,
+    AnyOf,
+    Condition,
+    ElapsedTime,
+    InRegion,
+    PhaseReached,
+    RelativeDistance,
+    SpeedIs,
+    TimeHeadway,
+    TimeToArrival,
+    TimeToCollision,
+)
+from ssp_core.vocab import Phase
+from ssp_scenario_manager.core.scene import Scene
 
-# Below this speed a time to arrival is infinite rather than an amplified noise of the speed.
+# Below this speed a time to arrival or a headway is infinite rather than an amplified noise of the
+# speed.
 STANDSTILL_MPS = 0.1
 
-
-def front_station_m(state: ObjectState, path: Polyline) -> float:
-    """Arc length of an object's foremost point along a path."""
-    station, _ = path.project_beyond(state.x_m, state.y_m)
-    return station + state.size.front_m
-
-
-def condition_value(
-    condition: Condition, vut: ObjectState, others: dict[str, ObjectState], vut_path: Polyline
-) -> float:
-    """The measured quantity of a condition, in the unit of its threshold.
-
-    Args:
-        condition: relative_distance: bumper gap in m along the VUT's path; time_to_arrival: s
-            until the VUT's front is at the anchor at its present speed.
-        vut: state of the VUT.
-        others: states of the objects at the VUT's stamp, by id.
-        vut_path: the VUT's planned path.
-
-    Returns:
-        The value; +inf where it doesn't exist (object unknown or behind, VUT standing, anchor
-        passed).
-    """
-    front = front_station_m(vut, vut_path)
-    if isinstance(condition, RelativeDistance):
-        other = others.get(condition.object_id)
-        if other is None:
-            return math.inf
-        station, _ = vut_path.project_beyond(other.x_m, other.y_m)
-        gap = station - other.size.rear_m - front
-        return gap if gap >= 0.0 else math.inf
-    station, _ = vut_path.project(*condition.anchor)
-    distance = station - front
-    if distance < 0.0 or vut.speed_mps < STANDSTILL_MPS:
-        return math.inf
-    return distance / vut.speed_mps
-
-
-def condition_threshold(condition: Condition) -> float:
-    if isinstance(condition, RelativeDistance):
-        return condition.below_m
-    return condition.below_s
-
-
-def condition_text(condition: Condition) -> str:
-    """The condition for people."""
-    if isinstance(condition, RelativeDistance):
-        return f"gap vut - {condition.object_id} < {condition.below_m:g} m"
-    x, y = condition.anchor
-    return f"time of vut to anchor ({x:.1f}, {y:.1f}) < {condition.below_s:g} s"
+Leaf = (
+    RelativeDistance
+    | TimeToArrival
+    | TimeHeadway
+    | TimeToCollision
+    | SpeedIs
+    | InRegion
+    | PhaseReached
+    | ElapsedTime
+)
 
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """A condition's value at a state stamp."""
+    """A condition's value at a state stamp; NaN: unknown, +inf: there is none."""
 
     stamp_ns: int
     value: float
 
 
 @dataclass(frozen=True, slots=True)
-class Firing:
-    """The instant from which the condition has held for as long as asked, and what showed it."""
+class Reading:
+    """A sample, and whether the condition holds there.
 
-    crossing_ns: int
-    fired_ns: int
-    samples: tuple[Sample, ...]
+    Args:
+        sample: value and stamp.
+        holds: None: unknown.
+        since_ns: from when it has held, where that is known by itself and not from samples.
+    """
+
+    sample: Sample
+    holds: bool | None
+    since_ns: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
-class Watch:
-    """What a trigger remembers between samples."""
-
-    last: Sample | None = None
-    crossing_ns: int | None = None
-    bracket: tuple[Sample, ...] = ()
-    fired: bool = False
-
-
-def _crossing_ns(before: Sample | None, now: Sample, threshold: float) -> int:
-    """Time at which the value passed the threshold, linear between the two samples."""
-    if before is None or not math.isfinite(before.value) or before.value == now.value:
-        return now.stamp_ns
-    share = (before.value - threshold) / (before.value - now.value)
-    return before.stamp_ns + round(share * (now.stamp_ns - before.stamp_ns))
-
-
-def observe(
-    watch: Watch, spec: TriggerSpec, sample: Sample, start_ns: int
-) -> tuple[Watch, Firing | None]:
-    """Takes a new sample into account; fires at most once.
-
-    The condition becomes true on an edge: at the interpolated crossing of its threshold, or at
-    the first sample that counts if it is true there already. Samples before ``not_before_s`` don't
-    count. ``held_for_s`` means held without interruption at every sample.
+class Quantity:
+    """What a single condition compares with what.
 
     Args:
-        watch: what is remembered so far.
-        spec: the trigger.
-        sample: the condition's value at a new, later stamp.
-        start_ns: session time at which the run started.
+        name: of the quantity, for people.
+        relation: of its value to the threshold when the condition holds.
+        threshold: in the unit.
+        unit: of value and threshold.
     """
-    if watch.fired:
-        return watch, None
-    if sample.stamp_ns < start_ns + seconds_to_ns(spec.not_before_s):
-        return Watch(), None
-    threshold = condition_threshold(spec.condition)
-    if not sample.value < threshold:
-        return Watch(last=sample), None
-    crossing, bracket = watch.crossing_ns, watch.bracket
-    if crossing is None:
-        crossing = _crossing_ns(watch.last, sample, threshold)
-        bracket = (watch.last, sample) if watch.last is not None else (sample,)
-    if sample.stamp_ns - crossing < spec.held_for_s * NS_PER_S:
-        return Watch(last=sample, crossing_ns=crossing, bracket=bracket), None
-    return Watch(last=sample, crossing_ns=crossing, bracket=bracket, fired=True), Firing(
-        crossing, sample.stamp_ns, bracket
-    )
+
+    name: str
+    relation: Literal["<", ">", ">="]
+    threshold: float
+    unit: str
+
+    @property
+    def text(self) -> str:
+        return f"{self.name} {self.relation} {self.threshold:g} {self.unit}"
+
+
+def quantity(condition: Leaf) -> Quantity:
+    """What a single condition compares with what."""
+    match condition:
+        case RelativeDistance():
+            return Quantity(f"gap vut - {condition.object_id}", "<", condition.below_m, "m")
+        case TimeHeadway():
+            name = f"time headway vut - {condition.object_id}"
+            return Quantity(name, "<", condition.below_s, "s")
+        case TimeToCollision():
+            return Quantity(f"TTC vut - {condition.object_id}", "<", condition.below_s, "s")
+        case TimeToArrival(anchor=(x, y)):
+            name = f"time of vut to anchor ({x:.1f}, {y:.1f})"
+            return Quantity(name, "<", condition.below_s, "s")
+        case SpeedIs():
+            relation: Literal["<", ">"] = ">" if condition.relation == "above" else "<"
+            return Quantity(f"speed of {condition.object_id}", relation, condition.value_mps, "m/s")
+        case InRegion():
+            x_m = [p[0] for p in condition.polygon]
+            y_m = [p[1] for p in condition.polygon]
+            extent = f"({min(x_m):.1f} to {max(x_m):.1f}, {min(y_m):.1f} to {max(y_m):.1f})"
+            return Quantity(f"room of {condition.object_id} in region {extent}", ">", 0.0, "m")
+        case PhaseReached():
+            return Quantity(f"time since phase {condition.phase}", ">=", 0.0, "s")
+        case ElapsedTime():
+            return Quantity("time since the start", ">=", condition.after_s, "s")
+
+
+def condition_text(condition: Condition) -> str:
+    """The condition for people."""
+    if isinstance(condition, AllOf | AnyOf):
+        parts = "; ".join(condition_text(part) for part in condition.of)
+        return f"{condition.type} of ({parts})"
+    return quantity(condition).text
+
+
+class Question(Protocol):
+    """One single condition, made ready to be asked at many scenes."""
+
+    @property
+    def quantity(self) -> Quantity: ...
+
+    def read(self, scene: Scene) -> Reading:
+        """Value and truth at a scene's stamp."""
+
+    def changed_ns(self, before: Reading, now: Reading) -> int:
+        """When the truth changed that differs between two readings, one after the other."""
+
+
+def _nearest(numerator: int, denominator: int) -> int:
+    """The quotient rounded to the nearest whole number, half to even."""
+    if denominator < 0:
+        numerator, denominator = -numerator, -denominator
+    quotient, rest = divmod(numerator, denominator)
+    over = 2 * rest - denominator
+    return quotient + (over > 0 or (over == 0 and quotient % 2 == 1))
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """A value compared with a threshold.
+
+    Between two samples the value is taken for linear, so that the change is at the interpolated
+    crossing, rounded to the nearest nanosecond (half to even). From or to a value that is unknown
+    or infinite it is at the later sample.
+    """
+
+    quantity: Quantity
+    measure: Callable[[Scene], float]
+
+    def read(self, scene: Scene) -> Reading:
+        value, threshold = self.measure(scene), self.quantity.threshold
+        holds: bool | None = (
+            value < threshold if self.quantity.relation == "<" else (value > threshold)
+        )
+        return Reading(Sample(scene.stamp_ns, value), None if math.isnan(value) else holds)
+
+    def changed_ns(self, before: Reading, now: Reading) -> int:
+        a, b = before.sample, now.sample
+        if not (math.isfinite(a.value) and math.isfinite(b.value)):
+            return b.stamp_ns
+        # (a - threshold) / (a - b) of the way, in whole numbers; Fraction does the same and takes
+        # four times as long, while a dispatch waits.
+        (p, q), (r, s) = a.value.as_integer_ratio(), b.value.as_integer_ratio()
+        t, u = self.quantity.threshold.as_integer_ratio()
+        way, whole = (p * u - t * q) * s, (p * s - r * q) * u
+        return a.stamp_ns + _nearest(way * (b.stamp_ns - a.stamp_ns), whole)
+
+
+@dataclass(frozen=True, slots=True)
+class Timed:
+    """Holds from an instant on, which may become known only after it.
+
+    Args:
+        quantity: its threshold is how long after ``zero_ns`` it begins to hold.
+        zero_ns: instant from which the value counts, None while that isn't known.
+    """
+
+    quantity: Quantity
+    zero_ns: Callable[[Scene], int | None]
+
+    def read(self, scene: Scene) -> Reading:
+        zero_ns = self.zero_ns(scene)
+        if zero_ns is None:
+            return Reading(Sample(scene.stamp_ns, -math.inf), False)
+        since_ns = zero_ns + seconds_to_ns(self.quantity.threshold)
+        sample = Sample(scene.stamp_ns, ns_to_seconds(scene.stamp_ns - zero_ns))
+        return Reading(sample, scene.stamp_ns >= since_ns, since_ns)
+
+    def changed_ns(self, before: Reading, now: Reading) -> int:
+        return now.sample.stamp_ns if now.since_ns is None else now.since_ns
+
+
+def question(condition: Leaf, path: Polyline, started_ns: int) -> Question:
+    """Makes a single condition ready to be asked.
+
+    Args:
+        condition: of a run file.
+        path: the VUT's planned path, frame map.
+        started_ns: session time at which the run started.
+    """
+    what = quantity(condition)
+    match condition:
+        case RelativeDistance():
+            return Measured(what, _gap_m(condition.object_id))
+        case TimeHeadway():
+            return Measured(what, _headway_s(condition.object_id))
+        case TimeToCollision():
+            return Measured(what, _ttc_s(condition.object_id))
+        case TimeToArrival():
+            return Measured(what, _arrival_s(path.project(*condition.anchor)[0]))
+        case SpeedIs():
+            return Measured(what, _speed_mps(condition.object_id))
+        case InRegion():
+            return Measured(what, _room_m(condition.object_id, condition.polygon))
+        case PhaseReached():
+            phase = Phase[condition.phase.upper()]
+            return Timed(what, lambda scene: scene.phases.get(phase))
+        case ElapsedTime():
+            return Timed(what, lambda _: started_ns)
+
+
+def _gap_m(object_id: str) -> Callable[[Scene], float]:
+    def measure(scene: Scene) -> float:
+        meeting = scene.meeting(object_id)
+        if meeting is None:
+            return math.nan
+        return meeting.gap_m if meeting.gap_m >= 0.0 else math.inf
+
+    return measure
+
+
+def _headway_s(object_id: str) -> Callable[[Scene], float]:
+    gap_m = _gap_m(object_id)
+
+    def measure(scene: Scene) -> float:
+        gap, speed = gap_m(scene), scene.vut.speed_mps
+        if math.isnan(gap):
+            return math.nan
+        return gap / speed if speed >= STANDSTILL_MPS else math.inf
+
+    return measure
+
+
+def _ttc_s(object_id: str) -> Callable[[Scene], float]:
+    def measure(scene: Scene) -> float:
+        meeting = scene.meeting(object_id)
+        return math.nan if meeting is None else meeting.ttc_s
+
+    return measure
+
+
+def _arrival_s(anchor_m: float) -> Callable[[Scene], float]:
+    def measure(scene: Scene) -> float:
+        front = scene.vut_front_m()
+        if front is None:
+            return math.nan
+        speed = scene.vut.speed_mps
+        if anchor_m < front or speed < STANDSTILL_MPS:
+            return math.inf
+        return (anchor_m - front) / speed
+
+    return measure
+
+
+def _speed_mps(object_id: str) -> Callable[[Scene], float]:
+    def measure(scene: Scene) -> float:
+        state = scene.state(object_id)
+        return math.nan if state is None else state.speed_mps
+
+    return measure
+
+
+def _room_m(object_id: str, polygon: list[tuple[float, float]]) -> Callable[[Scene], float]:
+    def measure(scene: Scene) -> float:
+        state = scene.state(object_id)
+        return math.nan if state is None else room_m(state.x_m, state.y_m, polygon)
+
+    return measure
+
+
+def leaves(condition: Condition) -> list[Leaf]:
+    """The single conditions of a condition, in the order of the file."""
+    if isinstance(condition, AllOf | AnyOf):
+        return [leaf for part in condition.of for leaf in leaves(part)]
+    return [condition]

@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import lru_cache
 
 from ssp_core.clock import seconds_to_ns
-from ssp_core.geometry import Polyline
-from ssp_core.profile import drive_along, lane_change
-from ssp_core.reference import Reference, ReferencePoint, sample
-from ssp_core.run_spec import FollowPath, LaneChange, Manoeuvre, Motion
+from ssp_core.geometry import Polyline, wrap_angle
+from ssp_core.profile import brake_along, drive_along, lane_change
+from ssp_core.reference import Points, Reference, sample
+from ssp_core.run_spec import Brake, FollowPath, Manoeuvre, Motion, RunSpec
 from ssp_core.state import ObjectState
 
 # The time between dispatch and execute_at of the approach: every link has delivered by then.
 APPROACH_LEAD_S = 0.5
 # How long after execute_at a reference may still arrive and be answered.
 EXPIRY_S = 1.0
+# An object that heads further off its path than this is changing lane; a curve's chords are less.
+BRAKE_HEADING_RAD = 0.1
+# So many paths and motions along them are kept; a run with more plans some of them anew.
+_PREPARED = 256
+# Nearer than this an object counts as on its path; beyond, it brakes beside it.
+ON_PATH_M = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +37,7 @@ class Address:
     execute_at_ns: int
 
 
-def _reference(address: Address, points: list[ReferencePoint]) -> Reference:
+def _reference(address: Address, points: Points) -> Reference:
     return Reference(
         reference_id=address.reference_id,
         object_id=address.object_id,
@@ -38,29 +46,57 @@ def _reference(address: Address, points: list[ReferencePoint]) -> Reference:
         dispatched_ns=address.dispatched_ns,
         execute_at_ns=address.execute_at_ns,
         expires_at_ns=address.execute_at_ns + seconds_to_ns(EXPIRY_S),
-        points=tuple(points),
+        points=points,
     )
+
+
+def prepare(spec: RunSpec) -> None:
+    """Plans ahead what doesn't depend on where the objects will be, so that dispatch need not."""
+    manoeuvres = [trigger.manoeuvre for trigger in spec.triggers]
+    motions = [target.approach for target in spec.targets if target.approach is not None]
+    motions += [each.motion for each in manoeuvres if isinstance(each, FollowPath)]
+    for motion in motions:
+        # One that can't be driven is told of when it is asked for.
+        with suppress(ValueError):
+            _points_along(motion).row_bytes()
+
+
+@lru_cache(maxsize=_PREPARED)
+def _path(points: tuple[tuple[float, float], ...]) -> Polyline:
+    return Polyline(points)
+
+
+@lru_cache(maxsize=_PREPARED)
+def _drive(
+    points: tuple[tuple[float, float], ...],
+    cruise_mps: float,
+    acceleration_mps2: float,
+    deceleration_mps2: float,
+) -> Points:
+    path = _path(points)
+    return drive_along(path, 0.0, 0.0, cruise_mps, acceleration_mps2, deceleration_mps2)
+
+
+def _points_along(motion: Motion) -> Points:
+    """From standstill along a path to its end, where it stands again."""
+    return _drive(
+        tuple(motion.path), motion.cruise_mps, motion.acceleration_mps2, motion.deceleration_mps2
+    )
+
+
+def _along(address: Address, motion: Motion) -> Reference:
+    return _reference(address, _points_along(motion))
 
 
 def approach_reference(address: Address, motion: Motion) -> Reference:
     """From standstill along the path to its end, where it stands again."""
-    return _reference(
-        address,
-        drive_along(
-            Polyline(motion.path),
-            0.0,
-            0.0,
-            motion.cruise_mps,
-            motion.acceleration_mps2,
-            motion.deceleration_mps2,
-        ),
-    )
+    return _along(address, motion)
 
 
 def manoeuvre_reference(
     address: Address,
     manoeuvre: Manoeuvre,
-    state: ObjectState,
+    state: ObjectState | None,
     current: Reference | None,
     approach: Motion | None,
 ) -> Reference:
@@ -69,53 +105,66 @@ def manoeuvre_reference(
     Args:
         address: ids and times.
         manoeuvre: what to do.
-        state: the object's state, used where it has no reference yet.
+        state: the object's state, used where it has no reference yet; None where it has one.
         current: the reference that it tracks.
-        approach: the path that it drives along, needed by a lane change.
+        approach: the path that it drives along, needed by all but a path of its own.
 
     Raises:
-        ValueError: a lane change for an object that has no approach to leave.
+        ValueError: the manoeuvre needs an approach and there is none, or it can't be driven from
+            there.
     """
     if isinstance(manoeuvre, FollowPath):
-        motion = manoeuvre.motion
-        return _reference(
-            address,
-            drive_along(
-                Polyline(motion.path),
-                0.0,
-                0.0,
-                motion.cruise_mps,
-                motion.acceleration_mps2,
-                motion.deceleration_mps2,
-            ),
-        )
+        return _along(address, manoeuvre.motion)
     if approach is None:
-        raise ValueError(f"{address.object_id} has no approach that a lane change could leave")
-    return _lane_change(address, manoeuvre, state, current, approach)
-
-
-def _lane_change(
-    address: Address,
-    manoeuvre: LaneChange,
-    state: ObjectState,
-    current: Reference | None,
-    approach: Motion,
-) -> Reference:
-    path = Polyline(approach.path)
-    if current is not None:
-        point = sample(current, address.execute_at_ns)
-        station, _ = path.project(point.x_m, point.y_m)
-        speed = point.speed_mps
-    else:
-        station, _ = path.project(state.x_m, state.y_m)
-        speed = state.speed_mps
+        raise ValueError(f"{address.object_id} has no approach that it could leave or brake on")
+    path = _path(tuple(approach.path))
+    place = _place(path, address.execute_at_ns, state, current)
+    if isinstance(manoeuvre, Brake):
+        return _reference(address, _brake(path, place, manoeuvre))
     points = lane_change(
         path,
-        station,
-        speed,
+        place.station_m,
+        place.speed_mps,
         manoeuvre.lateral_shift_m,
         manoeuvre.duration_s,
         manoeuvre.cruise_mps,
         manoeuvre.deceleration_mps2,
     )
     return _reference(address, points)
+
+
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """Where an object will be along its path: arc length, offset to the left, heading off it."""
+
+    station_m: float
+    offset_m: float
+    turned_rad: float
+    speed_mps: float
+
+
+def _place(
+    path: Polyline, execute_at_ns: int, state: ObjectState | None, current: Reference | None
+) -> _Place:
+    here = state if current is None else sample(current, execute_at_ns)
+    if here is None:
+        raise ValueError("neither a reference nor a state says where it is")
+    station, offset = path.project(here.x_m, here.y_m)
+    turned = wrap_angle(here.yaw_rad - path.pose(station).yaw_rad)
+    return _Place(station, offset, turned, here.speed_mps)
+
+
+def _brake(path: Polyline, place: _Place, manoeuvre: Brake) -> Points:
+    if abs(place.turned_rad) > BRAKE_HEADING_RAD:
+        raise ValueError(
+            f"it heads {abs(place.turned_rad):.2f} rad off its path and can't brake along it"
+        )
+    offset = place.offset_m if abs(place.offset_m) > ON_PATH_M else 0.0
+    return brake_along(
+        path,
+        place.station_m,
+        place.speed_mps,
+        manoeuvre.to_mps,
+        manoeuvre.deceleration_mps2,
+        offset,
+    )

@@ -71,6 +71,21 @@ class ClearObjects:
     """The objects may leave ABORTING."""
 
 
+@dataclass(frozen=True, slots=True)
+class Note:
+    """Something that people should know, and that changes nothing."""
+
+    stamp_ns: int
+    text: str
+
+
 Outgoing = (
-    StateChanged | Dispatch | Triggered | PhaseBegan | LimitPassed | ArmObjects | ClearObjects
+    StateChanged
+    | Dispatch
+    | Triggered
+    | PhaseBegan
+    | LimitPassed
+    | ArmObjects
+    | ClearObjects
+    | Note
 )

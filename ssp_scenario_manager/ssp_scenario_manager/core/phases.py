@@ -11,7 +11,13 @@ from dataclasses import dataclass, replace
 
 from ssp_core.clock import seconds_to_ns
 from ssp_core.geometry import Polyline
-from ssp_core.interaction import OBSERVABLE_LATERAL_MPS, Encounter, encounter, is_conflict
+from ssp_core.interaction import (
+    Encounter,
+    Observable,
+    encounter,
+    is_conflict,
+    is_observable,
+)
 from ssp_core.run_spec import ConflictThresholds
 from ssp_core.state import ObjectState
 from ssp_core.vocab import Phase
@@ -42,11 +48,13 @@ class PhaseWatch:
     conflict: PhaseStart | None = None
 
 
-def _text(meeting: Encounter) -> str:
-    return (
-        f"gap {meeting.gap_m:.1f} m, TTC {meeting.ttc_s:.2f} s, arrival gap "
-        f"{meeting.arrival_gap_s:.2f} s, lateral speed {meeting.towards_mps:.2f} m/s"
-    )
+def _text(meeting: Encounter, target: ObjectState, kind: Observable) -> str:
+    if kind == "braking":
+        seen = f"deceleration {-target.acceleration_mps2:.2f} m/s^2"
+    else:
+        seen = f"arrival gap {meeting.arrival_gap_s:.2f} s, lateral speed "
+        seen += f"{meeting.towards_mps:.2f} m/s"
+    return f"gap {meeting.gap_m:.1f} m, TTC {meeting.ttc_s:.2f} s, {seen}"
 
 
 def watch_phases(
@@ -55,6 +63,7 @@ def watch_phases(
     target: ObjectState,
     path: Polyline,
     thresholds: ConflictThresholds,
+    kind: Observable = "lateral",
 ) -> tuple[PhaseWatch, PhaseStart | None]:
     """Takes the states of one instant into account.
 
@@ -64,6 +73,7 @@ def watch_phases(
         target: state of the object target that carries the event, same stamp.
         path: the VUT's path.
         thresholds: when a conflict begins.
+        kind: what makes the target's manoeuvre observable.
 
     Returns:
         The new watch, and the phase that has been confirmed, if any.
@@ -76,7 +86,7 @@ def watch_phases(
     conflict = is_conflict(meeting, thresholds.ttc_s, thresholds.arrival_gap_s)
     if watch.phase is Phase.APPROACH:
         met, confirm_s, following = (
-            meeting.towards_mps > OBSERVABLE_LATERAL_MPS,
+            is_observable(kind, meeting, target),
             TRIGGER_CONFIRMATION_S,
             Phase.TRIGGER,
         )
@@ -87,9 +97,9 @@ def watch_phases(
     if not met:
         return PhaseWatch(watch.phase), None
     if watch.since_ns is None:
-        watch = replace(watch, since_ns=vut.stamp_ns, evidence=_text(meeting))
+        watch = replace(watch, since_ns=vut.stamp_ns, evidence=_text(meeting, target, kind))
     elif watch.phase is Phase.APPROACH and conflict and watch.conflict is None:
-        start = PhaseStart(Phase.CONFLICT, vut.stamp_ns, _text(meeting))
+        start = PhaseStart(Phase.CONFLICT, vut.stamp_ns, _text(meeting, target, kind))
         watch = replace(watch, conflict=start)
     since = watch.since_ns if watch.since_ns is not None else vut.stamp_ns
     if vut.stamp_ns - since < seconds_to_ns(confirm_s):

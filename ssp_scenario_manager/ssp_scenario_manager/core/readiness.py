@@ -3,14 +3,23 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
-from ssp_core.geometry import Polyline, box_distance, point_in_polygon
-from ssp_core.run_spec import LaneChange, Path2, RelativeDistance, RunSpec
+from ssp_core import limits as judge
+from ssp_core.clock import ns_to_seconds
+from ssp_core.fence import box_excess_m
+from ssp_core.geometry import box_distance
+from ssp_core.run_spec import Limits, ParticipantSpec, RunSpec
 from ssp_core.state import ObjectState
 from ssp_core.vocab import ControlState
+from ssp_scenario_manager.core.link_clock import Link
 
-START_REGION_M = 1.5
+FRESH_S = 1.0
+RECORDER_FRESH_S = 2.0
+CAMERA_FRESH_S = 3.0
+STANDSTILL_MPS = 0.05
+_READY_TO_ARM = (ControlState.DISARMED, ControlState.ARMED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,169 +28,199 @@ class Facts:
 
     recorder_ready: bool = False
     recorder_missing: tuple[str, ...] = ()
+    recorder_lost: int = 0
     recorder_age_s: float = math.inf
     camera_age_s: float = math.inf
     vut_age_s: float = math.inf
     target_age_s: tuple[tuple[str, float], ...] = ()
+    links: tuple[tuple[str, Link], ...] = ()
+    other_managers: int = 0
 
     def age_of(self, object_id: str) -> float:
         return dict(self.target_age_s).get(object_id, math.inf)
 
+    def link_of(self, object_id: str) -> Link:
+        return dict(self.links).get(object_id, Link())
 
-FRESH_S = 1.0
-RECORDER_FRESH_S = 2.0
-CAMERA_FRESH_S = 3.0
-
-
-def cannot_fire(spec: RunSpec) -> list[str]:
-    """Reasons for which a run's triggers could never fire; refused at load, not on the track."""
-    if spec.vut.approach is None:
-        return ["vut.approach: the VUT has no path, so that nothing it does can trigger"]
-    problems = _not_unique(spec) + _not_paths(spec)
-    if problems:
-        return problems
-    ids = {target.id for target in spec.targets}
-    leaving = {target.id for target in spec.targets if target.approach is not None}
-    path = Polyline(spec.vut.approach.path)
-    for i, trigger in enumerate(spec.triggers):
-        field = f"triggers[{i}]"
-        if isinstance(trigger.manoeuvre, LaneChange) and trigger.object_id in ids - leaving:
-            problems.append(
-                f"{field}.manoeuvre: {trigger.object_id} has no approach that a lane change could "
-                "leave"
-            )
-        if trigger.object_id not in ids:
-            problems.append(f"{field}.object_id: {trigger.object_id} is no target of this run")
-        condition = trigger.condition
-        if isinstance(condition, RelativeDistance):
-            if condition.object_id not in ids:
-                problems.append(
-                    f"{field}.condition.object_id: {condition.object_id} is no target of this run"
-                )
-        else:
-            station, offset = path.project(*condition.anchor)
-            if station <= spec.vut.size.front_m:
-                problems.append(f"{field}.condition.anchor: lies behind the VUT's start")
-            elif station >= path.length_m:
-                problems.append(f"{field}.condition.anchor: lies beyond the VUT's path")
-            elif abs(offset) > 10.0:
-                problems.append(
-                    f"{field}.condition.anchor: is {abs(offset):.1f} m beside the VUT's path"
-                )
-        if trigger.not_before_s >= spec.end.at_latest_s:
-            problems.append(
-                f"{field}.not_before_s: {trigger.not_before_s:g} s is not before the end of the "
-                f"run ({spec.end.at_latest_s:g} s)"
-            )
-    return problems
+    @staticmethod
+    def of_one_process(spec: RunSpec) -> Facts:
+        """Of a session whose parts share one process: no links, one clock, nobody else."""
+        ids = [target.id for target in spec.targets]
+        return Facts(
+            recorder_ready=True,
+            recorder_age_s=0.0,
+            camera_age_s=0.0,
+            vut_age_s=0.0,
+            target_age_s=tuple((i, 0.0) for i in ids),
+            links=tuple((i, Link(0.0, 0.0, 0.0)) for i in ids),
+        )
 
 
-def _not_unique(spec: RunSpec) -> list[str]:
-    problems = []
-    known = {spec.vut.id}
-    for i, target in enumerate(spec.targets):
-        if target.id in known:
-            problems.append(f"targets[{i}].id: {target.id} stands twice")
-        known.add(target.id)
-    seen: set[str] = set()
-    for i, trigger in enumerate(spec.triggers):
-        if trigger.id in seen:
-            problems.append(f"triggers[{i}].id: {trigger.id} stands twice")
-        seen.add(trigger.id)
-    return problems
-
-
-def _not_paths(spec: RunSpec) -> list[str]:
-    """Paths along which nothing can move."""
-    paths: list[tuple[str, Path2]] = []
-    for field, participant in [
-        ("vut", spec.vut),
-        *((f"targets[{i}]", target) for i, target in enumerate(spec.targets)),
-    ]:
-        if participant.approach is not None:
-            paths.append((f"{field}.approach.path", participant.approach.path))
-    for i, trigger in enumerate(spec.triggers):
-        if not isinstance(trigger.manoeuvre, LaneChange):
-            path = trigger.manoeuvre.motion.path
-            paths.append((f"triggers[{i}].manoeuvre.motion.path", path))
-    problems = []
-    for field, path in paths:
-        try:
-            Polyline(path)
-        except ValueError as error:
-            problems.append(f"{field}: {error}")
-    return problems
+def trigger_age_s(spec: RunSpec) -> float:
+    """Triggers are judged on no state of the VUT that is older than this, s: two periods, unless
+    the site has links that are slower than that."""
+    given = spec.limits.trigger_age_s
+    return 2.0 * spec.step_s if given is None else given
 
 
 def missing_to_connect(
-    spec: RunSpec, facts: Facts, vut: ObjectState | None, targets: dict[str, ObjectState]
+    spec: RunSpec, facts: Facts, vut: ObjectState | None, targets: Mapping[str, ObjectState]
 ) -> list[str]:
     """Every participant is heard."""
+    heard = [("the VUT", vut, facts.vut_age_s)]
+    heard += [(t.id, targets.get(t.id), facts.age_of(t.id)) for t in spec.targets]
     missing = []
-    if vut is None or facts.vut_age_s > FRESH_S:
-        missing.append("no state of the VUT arrives")
-    missing += [
-        f"no state of {target.id} arrives"
-        for target in spec.targets
-        if target.id not in targets or facts.age_of(target.id) > FRESH_S
-    ]
+    for name, state, age_s in heard:
+        if state is None or math.isinf(age_s):
+            missing.append(f"no state of {name} arrives")
+        elif not age_s <= FRESH_S:
+            missing.append(
+                f"no state of {name} arrives: none for {age_s:.2f} s, limit {FRESH_S:g} s"
+            )
     return missing
 
 
 def missing_to_arm(
-    spec: RunSpec, facts: Facts, vut: ObjectState | None, targets: dict[str, ObjectState]
+    spec: RunSpec,
+    facts: Facts,
+    vut: ObjectState | None,
+    targets: Mapping[str, ObjectState],
+    now_ns: int,
 ) -> list[str]:
-    """Participants fresh and DISARMED, recorder ready, everybody in place, fence and separation."""
+    """Everything fresh, measured, recorded and in place; the objects DISARMED or ARMED."""
+    return _missing(spec, facts, vut, targets, now_ns, _READY_TO_ARM)
+
+
+def missing_to_start(
+    spec: RunSpec,
+    facts: Facts,
+    vut: ObjectState | None,
+    targets: Mapping[str, ObjectState],
+    now_ns: int,
+) -> list[str]:
+    """All that arming needs, once more, and every object reports that it is ARMED."""
+    return _missing(spec, facts, vut, targets, now_ns, (ControlState.ARMED,))
+
+
+def _missing(
+    spec: RunSpec,
+    facts: Facts,
+    vut: ObjectState | None,
+    targets: Mapping[str, ObjectState],
+    now_ns: int,
+    wanted: tuple[ControlState, ...],
+) -> list[str]:
     missing = missing_to_connect(spec, facts, vut, targets)
-    if facts.recorder_age_s > RECORDER_FRESH_S:
+    if facts.other_managers:
+        missing.append(f"{facts.other_managers} other managers send heartbeats, limit 0")
+    missing += _unrecorded(spec, facts)
+    present = [(spec.vut, vut)] if vut is not None else []
+    for target in spec.targets:
+        missing += _unmeasured(target.id, facts.link_of(target.id), spec.limits)
+        state = targets.get(target.id)
+        if state is not None:
+            present.append((target, state))
+    for participant, state in present:
+        if participant is not spec.vut and state.control_state not in wanted:
+            names = " or ".join(control.name for control in wanted)
+            missing.append(f"{participant.id} is {state.control_state.name}, not {names}")
+        missing += _not_as_it_must_be(participant, state, spec, now_ns)
+    if vut is not None and spec.mode == "live":
+        missing += _too_late_for_triggers(vut, spec, now_ns)
+    return missing + _too_close([state for _, state in present], spec.limits)
+
+
+def _too_late_for_triggers(vut: ObjectState, spec: RunSpec, now_ns: int) -> list[str]:
+    """A VUT whose states come so late that no trigger would ever be judged on them."""
+    # The newest state may lie here for a period before the next one comes.
+    age_s = ns_to_seconds(now_ns - vut.stamp_ns) - spec.step_s
+    limit_s = trigger_age_s(spec)
+    if age_s <= limit_s:
+        return []
+    return [
+        f"states of {spec.vut.id} are {age_s:.3f} s old when they come, limit for triggers "
+        f"{limit_s:g} s (limits.trigger_age_s)"
+    ]
+
+
+def _unrecorded(spec: RunSpec, facts: Facts) -> list[str]:
+    missing = []
+    if not facts.recorder_age_s <= RECORDER_FRESH_S:
         missing.append("the recorder is silent")
     elif not facts.recorder_ready:
         topics = ", ".join(facts.recorder_missing) or "its file is not open"
         missing.append(f"the recorder is not ready: {topics}")
-    if spec.camera is not None and facts.camera_age_s > CAMERA_FRESH_S:
+    elif facts.recorder_lost:
+        missing.append(f"the recorder has lost {facts.recorder_lost} messages, limit 0")
+    if spec.camera is not None and not facts.camera_age_s <= CAMERA_FRESH_S:
         missing.append("no camera frame arrives")
-    if vut is not None:
-        missing += _out_of_place("vut", vut, spec.vut.start.x_m, spec.vut.start.y_m, spec)
-    for target in spec.targets:
-        state = targets.get(target.id)
-        if state is None:
-            continue
-        if state.control_state not in (ControlState.DISARMED, ControlState.ARMED):
-            missing.append(f"{target.id} is {state.control_state.name}, not DISARMED")
-        missing += _out_of_place(target.id, state, target.start.x_m, target.start.y_m, spec)
-        if vut is not None:
-            distance = box_distance(vut.box, state.box)
-            if distance < spec.limits.separation_m:
-                missing.append(
-                    f"{target.id} is {distance:.2f} m from the VUT, "
-                    f"limit {spec.limits.separation_m:g} m"
-                )
     return missing
 
 
-def missing_to_start(
-    spec: RunSpec, facts: Facts, vut: ObjectState | None, targets: dict[str, ObjectState]
-) -> list[str]:
-    """Everybody is still heard, every object reports that it is armed, the recorder is there."""
-    missing = missing_to_connect(spec, facts, vut, targets)
-    if not facts.recorder_ready or facts.recorder_age_s > RECORDER_FRESH_S:
-        missing.append("the recorder is not ready")
-    for target in spec.targets:
-        state = targets.get(target.id)
-        if state is not None and state.control_state is not ControlState.ARMED:
-            missing.append(f"{target.id} is {state.control_state.name}, not ARMED")
+def _unmeasured(object_id: str, link: Link, limits: Limits) -> list[str]:
+    """What is wrong with the link to an object."""
+    if not link.age_s <= FRESH_S:
+        return [
+            f"clock offset and link delay of {object_id} are not measured: no answer to heartbeats"
+            + (f" for {link.age_s:.2f} s, limit {FRESH_S:g} s" if math.isfinite(link.age_s) else "")
+        ]
+    missing = []
+    if (offset := judge.clock_offset(link.offset_s, limits)) is not None:
+        missing.append(
+            f"the clock of {object_id} is off by {offset.measured:.3f} s, limit {offset.limit:g} s"
+        )
+    if (delay := judge.link_delay(link.delay_s, limits)) is not None:
+        missing.append(
+            f"the link to {object_id} takes {delay.measured:.3f} s there and back, "
+            f"limit {delay.limit:g} s"
+        )
     return missing
 
 
-def _out_of_place(
-    name: str, state: ObjectState, x_m: float, y_m: float, spec: RunSpec
+def _not_as_it_must_be(
+    participant: ParticipantSpec, state: ObjectState, spec: RunSpec, now_ns: int
 ) -> list[str]:
+    """What is wrong with one object: its values, their age, its place, its motion."""
+    name, limits = participant.id, spec.limits
+    if not state.is_finite:
+        return [f"{name} has a state with a value that is no number"]
     problems = []
-    away = math.hypot(state.x_m - x_m, state.y_m - y_m)
-    if away > START_REGION_M:
-        problems.append(f"{name} is {away:.2f} m from its start, limit {START_REGION_M:g} m")
-    if abs(state.speed_mps) > 0.05:
-        problems.append(f"{name} moves at {state.speed_mps:.2f} m/s")
-    if not point_in_polygon(state.x_m, state.y_m, spec.geofence):
-        problems.append(f"{name} is outside the geofence")
+    age_s = ns_to_seconds(now_ns - state.stamp_ns)
+    if (stale := judge.state_stale(age_s, limits)) is not None:
+        problems.append(f"the state of {name} is {age_s:.2f} s old, limit {stale.limit:g} s")
+    if (ahead := judge.clock_offset(min(age_s, 0.0), limits)) is not None:
+        problems.append(
+            f"the state of {name} is stamped {-age_s:.3f} s ahead of time, limit {ahead.limit:g} s"
+        )
+    if (vague := judge.localisation(state, limits)) is not None:
+        problems.append(
+            f"the position of {name} is uncertain by {vague.measured:.2f} m, "
+            f"limit {vague.limit:g} m"
+        )
+    start = participant.start
+    away_m = math.hypot(state.x_m - start.x_m, state.y_m - start.y_m)
+    if not away_m <= limits.start_region_m:
+        problems.append(
+            f"{name} is {away_m:.2f} m from its start, limit {limits.start_region_m:g} m"
+        )
+    if not abs(state.speed_mps) <= STANDSTILL_MPS:
+        problems.append(f"{name} moves at {state.speed_mps:.2f} m/s, limit {STANDSTILL_MPS:g} m/s")
+    outside = judge.outside_geofence(box_excess_m(state.box, spec.geofence))
+    if outside is not None:
+        problems.append(f"{name} is outside the geofence by {outside.measured:.2f} m, limit 0 m")
+    return problems
+
+
+def _too_close(everyone: list[ObjectState], limits: Limits) -> list[str]:
+    """Pairs that would break the separation limit as soon as the run starts."""
+    problems = []
+    for i, state in enumerate(everyone):
+        for other in everyone[:i]:
+            passed = judge.separation(other, state, limits)
+            if passed is not None and state.is_finite and other.is_finite:
+                distance_m = box_distance(other.box, state.box)
+                problems.append(
+                    f"{state.object_id} is {distance_m:.2f} m from {other.object_id}, "
+                    f"limit {limits.separation_m:g} m"
+                )
     return problems

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from ssp_core.clock import seconds_to_ns
 from ssp_core.vocab import SessionPhase
-from ssp_scenario_manager.core.session import Answer
+from ssp_scenario_manager.core.command_answer import Answer
 from ssp_scenario_manager.core.session_machine import SessionEvent
 
-# How long a step may be refused (a participant still starting, say) before the goal fails.
-PATIENCE_S = 20.0
+# How long a step may be refused (a participant still starting, say) before the goal fails. A
+# camera that compiles its kernels for the first time on a busy machine takes 30 s.
+PATIENCE_S = 45.0
 
 _NEXT = {
     SessionPhase.LOADED: SessionEvent.CONNECT,

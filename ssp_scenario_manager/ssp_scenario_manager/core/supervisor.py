@@ -1,17 +1,16 @@
-"""Limits of a running session: one named predicate each, with the value it measured.
+"""Limits of a session as the manager judges them: one named predicate each, with what it measured.
 
 A predicate returns None while its limit is kept. Limits are inclusive: a value equal to its limit
-is still allowed, as METHOD 6.11 has it for thresholds.
+is still allowed (METHOD 6.11). What objects judge by too stands in ssp_core.limits.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
+from ssp_core import limits as judge
 from ssp_core.clock import ns_to_seconds
-from ssp_core.geometry import box_distance, point_in_polygon
+from ssp_core.limits import Passed
 from ssp_core.run_spec import Limits
 from ssp_core.safety_codes import MEANINGS, SafetyCode
 from ssp_core.state import ObjectState
@@ -40,153 +39,128 @@ class Violation:
         return f"{meaning.limit_name}:{who} {figures}{detail}"
 
 
-def _reach_m(state: ObjectState) -> float:
-    """No point of the object is farther than this from its reference point."""
-    return max(state.size.front_m, state.size.rear_m) + 0.5 * state.size.width_m
-
-
-def separation(a: ObjectState, b: ObjectState, limits: Limits) -> Violation | None:
-    """Distance between the two boxes; touching is a collision."""
-    between = math.hypot(a.x_m - b.x_m, a.y_m - b.y_m)
-    if between - _reach_m(a) - _reach_m(b) > limits.separation_m:
+def of_object(
+    passed: Passed | None, object_id: str, stamp_ns: int, detail: str = ""
+) -> Violation | None:
+    """A shared predicate's answer as this session's violation."""
+    if passed is None:
         return None
-    distance = box_distance(a.box, b.box)
-    names = f"{a.object_id} and {b.object_id}"
-    if distance == 0.0:
-        return Violation(SafetyCode.COLLISION, b.object_id, 0.0, 0.0, a.stamp_ns, names)
-    if distance < limits.separation_m:
-        return Violation(
-            SafetyCode.SEPARATION, b.object_id, distance, limits.separation_m, a.stamp_ns, names
-        )
-    return None
+    return Violation(passed.code, object_id, passed.measured, passed.limit, stamp_ns, detail)
+
+
+# -- of two objects -------------------------------------------------------------------------------
+
+
+def too_near(a: ObjectState, b: ObjectState, limits: Limits) -> Violation | None:
+    """The boxes of two objects are closer than the separation limit, or touch."""
+    passed = judge.separation(a, b, limits)
+    return of_object(passed, b.object_id, a.stamp_ns, f"{a.object_id} and {b.object_id}")
+
+
+# -- of times -------------------------------------------------------------------------------------
 
 
 def silent(
-    code: SafetyCode, object_id: str, age_s: float, limit_s: float, stamp_ns: int
+    code: SafetyCode, who: str, age_s: float, limit_s: float, stamp_ns: int
 ) -> Violation | None:
-    """Nothing was heard for longer than allowed."""
-    if age_s > limit_s:
-        return Violation(code, object_id, age_s, limit_s, stamp_ns)
-    return None
+    """Nothing was heard for longer than allowed; an age that is no number is too long."""
+    if age_s <= limit_s:
+        return None
+    return Violation(code, who, age_s, limit_s, stamp_ns)
+
+
+def vut_silent(age_s: float, limits: Limits, stamp_ns: int) -> Violation | None:
+    """The newest state of the VUT is too old, s on the session's clock."""
+    return silent(SafetyCode.VUT_SILENT, "vut", age_s, limits.state_age_s, stamp_ns)
+
+
+def object_silent(object_id: str, age_s: float, limits: Limits, stamp_ns: int) -> Violation | None:
+    """The newest state of an object target is too old, s on the session's clock."""
+    return silent(SafetyCode.OBJECT_SILENT, object_id, age_s, limits.state_age_s, stamp_ns)
+
+
+def reply_missing(object_id: str, age_s: float, limits: Limits, stamp_ns: int) -> Violation | None:
+    """An object target doesn't answer heartbeats any more, s on the steady clock."""
+    return silent(SafetyCode.REPLY_MISSING, object_id, age_s, limits.heartbeat_s, stamp_ns)
 
 
 def ack_missing(
     object_id: str, dispatched_ns: int, now_ns: int, limits: Limits
 ) -> Violation | None:
     """A reference was sent and not answered in time."""
-    return silent(
-        SafetyCode.ACK_MISSING,
-        object_id,
-        ns_to_seconds(now_ns - dispatched_ns),
-        limits.ack_s,
-        now_ns,
-    )
+    age_s = ns_to_seconds(now_ns - dispatched_ns)
+    return silent(SafetyCode.ACK_MISSING, object_id, age_s, limits.ack_s, now_ns)
 
 
 def duration(started_ns: int, now_ns: int, limits: Limits) -> Violation | None:
     """The run goes on for too long."""
-    return silent(
-        SafetyCode.DURATION, "", ns_to_seconds(now_ns - started_ns), limits.duration_s, now_ns
-    )
+    passed = judge.duration(ns_to_seconds(now_ns - started_ns), limits)
+    return of_object(passed, "", now_ns)
+
+
+def stamp_ahead(
+    state: ObjectState, now_ns: int, allowance_s: float, limits: Limits
+) -> Violation | None:
+    """A state's stamp lies in the future: the clock that made it is ahead of the session's.
+
+    Args:
+        state: the newest state of an object.
+        now_ns: session time.
+        allowance_s: how far session time itself may lag behind, > 0 where it is only taken from
+            messages.
+        limits: of the site.
+    """
+    passed = judge.stamp_ahead(ns_to_seconds(now_ns - state.stamp_ns), limits, allowance_s)
+    return of_object(passed, state.object_id, now_ns, "its states are stamped ahead of time")
+
+
+# -- of reports -----------------------------------------------------------------------------------
 
 
 def own_abort(state: ObjectState) -> Violation | None:
     """An object went to ABORTING on its own."""
-    if state.control_state == ControlState.ABORTING:
-        return Violation(
-            SafetyCode.OBJECT_ABORTED, state.object_id, 1.0, 0.0, state.stamp_ns, "local stop"
-        )
-    return None
-
-
-def not_finite(state: ObjectState) -> Violation | None:
-    """A state that holds a value that is no number says nothing about where the object is."""
-    if state.is_finite:
+    if state.control_state is not ControlState.ABORTING:
         return None
-    return Violation(SafetyCode.STATE_NOT_FINITE, state.object_id, math.nan, 0.0, state.stamp_ns)
+    return Violation(
+        SafetyCode.OBJECT_ABORTED, state.object_id, 1.0, 0.0, state.stamp_ns, "local stop"
+    )
+
+
+def not_running(state: ObjectState) -> Violation:
+    """An object that isn't RUNNING although the session is."""
+    detail = f"it is {state.control_state.name} while the session runs"
+    return Violation(SafetyCode.OBJECT_ABORTED, state.object_id, 1.0, 0.0, state.stamp_ns, detail)
 
 
 def tracking_error(state: ObjectState, limits: Limits) -> Violation | None:
-    """The object's own report of its distance from the reference; no number counts as too far."""
+    """The object's own report of its distance from the reference that it drives."""
     if not state.reference_id:
         return None
-    for code, value, limit in (
-        (
-            SafetyCode.ERROR_LONGITUDINAL,
-            abs(state.error_longitudinal_m),
-            limits.error_longitudinal_m,
-        ),
-        (SafetyCode.ERROR_LATERAL, abs(state.error_lateral_m), limits.error_lateral_m),
-        (SafetyCode.ERROR_YAW, abs(state.error_yaw_rad), limits.error_yaw_rad),
-    ):
-        if not value <= limit:
-            return Violation(code, state.object_id, value, limit, state.stamp_ns)
-    return None
+    passed = (
+        judge.error_longitudinal(state.error_longitudinal_m, limits)
+        or judge.error_lateral(state.error_lateral_m, limits)
+        or judge.error_yaw(state.error_yaw_rad, limits)
+    )
+    return of_object(passed, state.object_id, state.stamp_ns)
 
 
-def over_speed(state: ObjectState, limits: Limits) -> Violation | None:
-    """The object drives faster than the site allows."""
-    if abs(state.speed_mps) > limits.speed_mps:
-        return Violation(
-            SafetyCode.OVER_SPEED,
-            state.object_id,
-            abs(state.speed_mps),
-            limits.speed_mps,
-            state.stamp_ns,
-        )
-    return None
+def recorder_lost(lost: int, stamp_ns: int) -> Violation | None:
+    """The recorder has lost messages: the run can't be explained from its bag."""
+    if lost <= 0:
+        return None
+    detail = "messages lost by the recorder"
+    return Violation(SafetyCode.RECORDER, "", float(lost), 0.0, stamp_ns, detail)
 
 
-def outside_geofence(
-    state: ObjectState, geofence: Sequence[tuple[float, float]]
-) -> Violation | None:
-    """A corner of the object lies outside the fence; measured is the number of such corners."""
-    outside = sum(not point_in_polygon(x, y, geofence) for x, y in state.box.corners())
-    if outside:
-        return Violation(
-            SafetyCode.OUTSIDE_GEOFENCE,
-            state.object_id,
-            float(outside),
-            0.0,
-            state.stamp_ns,
-            "corners outside",
-        )
-    return None
+def foreign_manager(others: int, stamp_ns: int) -> Violation | None:
+    """Other managers send heartbeats to the same objects."""
+    if others <= 0:
+        return None
+    detail = "two managers must not lead the same objects"
+    return Violation(SafetyCode.FOREIGN_MANAGER, "", float(others), 0.0, stamp_ns, detail)
 
 
-def violations(
-    vut: ObjectState,
-    targets: Sequence[ObjectState],
-    limits: Limits,
-    geofence: Sequence[tuple[float, float]],
-) -> list[Violation]:
-    """All limits that the states of one instant pass, the gravest first.
-
-    Args:
-        vut: state of the VUT.
-        targets: states of the object targets at the VUT's stamp.
-        limits: the site's.
-        geofence: polygon, m, frame map.
-    """
-    broken = [violation for state in [vut, *targets] if (violation := not_finite(state))]
-    if broken:
-        return broken
-    found: list[Violation] = []
-    everyone = [vut, *targets]
-    for i, a in enumerate(everyone):
-        for b in everyone[i + 1 :]:
-            violation = separation(a, b, limits)
-            if violation is not None:
-                found.append(violation)
-    for state in everyone:
-        checks = (over_speed(state, limits), outside_geofence(state, geofence))
-        found += [check for check in checks if check is not None]
-    for state in targets:
-        error = tracking_error(state, limits)
-        if error is not None:
-            found.append(error)
-    return sorted(found, key=lambda v: v.code != SafetyCode.COLLISION)
-
+# -- verdicts -------------------------------------------------------------------------------------
 
 # What an abort for this reason makes of the run; codes that aren't here fail on safety.
 _ABORTED = {
@@ -197,6 +171,9 @@ _ABORTED = {
     SafetyCode.ACK_MISSING,
     SafetyCode.REFERENCE_REFUSED,
     SafetyCode.STATE_STALE,
+    SafetyCode.REPLY_MISSING,
+    SafetyCode.CLOCK_OFFSET,
+    SafetyCode.LINK_DELAY,
 }
 _HARNESS = {
     SafetyCode.RECORDER,
@@ -204,6 +181,7 @@ _HARNESS = {
     SafetyCode.PARTICIPANT_LOST,
     SafetyCode.OVERRUN,
     SafetyCode.EVENT_MISSING,
+    SafetyCode.FOREIGN_MANAGER,
 }
 
 

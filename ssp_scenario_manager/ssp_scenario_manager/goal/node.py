@@ -14,8 +14,9 @@ from ssp_core import names
 from ssp_core.vocab import SessionPhase
 from ssp_msgs.action import RunScenario
 from ssp_msgs.msg import SessionState
+from ssp_scenario_manager.core.command_answer import Answer
 from ssp_scenario_manager.core.run_script import RunScript
-from ssp_scenario_manager.core.session import Answer, Session
+from ssp_scenario_manager.core.session import Session
 from ssp_scenario_manager.core.session_machine import SessionEvent
 
 WHO = "run_scenario"

@@ -3,86 +3,260 @@
 from __future__ import annotations
 
 import json
+import shutil
+import tempfile
 import time
 from pathlib import Path
-from typing import Literal, cast
+from typing import Any, Literal, cast
 
 import click
 
-from ssp_core import console
+from ssp_core import console, names
 from ssp_core.errors import InputError
-from ssp_scenario_manager.resolve import resolve_run
-from ssp_scenario_manager.scenario import load_scenario, load_site
+from ssp_core.fault_file import load_faults, with_faults
+from ssp_core.files import make_folder
+from ssp_core.offscreen import check_gl
+from ssp_core.run_spec import RunSpec
+from ssp_core.vocab import Verdict
+from ssp_scenario_manager.compile.changes import differences
+from ssp_scenario_manager.compile.live import check_live
+from ssp_scenario_manager.compile.prepare import TASK_FOLDER, is_compiled, prepare_run
+from ssp_scenario_manager.compile.task import load_task
+from ssp_scenario_manager.in_process.command import for_one_process, run_many, run_one
+from ssp_scenario_manager.in_process.sweep import is_sweep
+from ssp_scenario_manager.runner import inject
+from ssp_scenario_manager.runner.junit import Case, write_junit
+from ssp_scenario_manager.runner.live import LiveSetup, live_options
+from ssp_scenario_manager.runner.outcome import Outcome
+
+DEFAULT_SITE = "boulevard"
 
 
 @click.command()
-@click.argument("scenario")
-@click.option("--site", default="boulevard", show_default=True, help="Site, by name or file.")
-@click.option("--seed", default=1, show_default=True, type=click.IntRange(0, 2**31))
+@click.argument("what")
+@click.option(
+    "--site", help=f"Site, by name or file; not with a compiled folder. [default: {DEFAULT_SITE}]"
+)
+@click.option(
+    "--seed", type=click.IntRange(0, 2**31 - 1), help="[default: the compiled task's, or 1]"
+)
 @click.option(
     "--mode",
-    type=click.Choice(["lockstep", "realtime"]),
+    type=click.Choice(["lockstep", "realtime", "live"]),
     default="lockstep",
     show_default=True,
-    help="lockstep: as fast as the machine allows and repeatable; realtime: by the wall clock.",
+    help="lockstep: as fast as the machine allows and repeatable; realtime: by the wall clock; "
+    "live: real objects and a real camera, in the ROS domain of the environment "
+    "(docs/deployment.md).",
+)
+@click.option(
+    "--faults",
+    "faults_file",
+    type=click.Path(path_type=Path),
+    help="File (ssp.faults/1) with faults to inject, and disturbances instead of the site's.",
 )
 @click.option(
     "--out",
     type=click.Path(path_type=Path),
-    help="New folder for run.yaml, bag, logs and result.json. [default: out/run-SCENARIO-SITE-…]",
+    help="New folder for all that the run leaves; a sweep goes on in its own. [default: out/run-…]",
 )
 @click.option("--no-camera", is_flag=True, help="Render nothing.")
+@click.option(
+    "--renderer",
+    type=click.Choice(["raster", "gl"]),
+    help="raster: the same pixels everywhere; gl: OpenGL. [default: the site's camera's]",
+)
+@click.option(
+    "--in-process",
+    is_flag=True,
+    help="No ROS, camera or bag: one process, the same states, many times faster than real time.",
+)
+@click.option(
+    "--runs",
+    type=click.IntRange(1),
+    help="With --in-process: so many runs, with seeds that count up; one row each in runs.csv.",
+)
+@click.option(
+    "--vary",
+    multiple=True,
+    metavar="FIELD=VALUES",
+    help="With --in-process: values of a field of run.yaml, a:b (evenly between) or a,b,c (in "
+    "turn); may be repeated.",
+)
+@click.option(
+    "--jobs",
+    type=click.IntRange(1),
+    help="With --runs or --vary: processes that share the runs. [default: 1]",
+)
+@click.option(
+    "--junit",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Write the verdict as JUnit XML too: failed or aborted is a failure, a harness an error.",
+)
+@live_options
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def run(
-    scenario: str,
-    site: str,
-    seed: int,
+    what: str,
+    site: str | None,
+    seed: int | None,
     mode: str,
+    faults_file: Path | None,
     out: Path | None,
     no_camera: bool,
+    renderer: str | None,
+    in_process: bool,
+    runs: int | None,
+    vary: tuple[str, ...],
+    jobs: int | None,
+    junit: Path | None,
     as_json: bool,
+    **live_given: Any,
 ) -> int:
-    """Run one session of SCENARIO (a name or a file) and record it into a bag.
+    """Run one session of WHAT and record it into a bag.
 
-    The nodes run as processes of their own in a ROS domain of their own, on loopback. Exit status
-    0 only when the run's verdict is valid.
+    WHAT is an event, by name or K* file, which is compiled for the site first, or a folder that
+    `ssp compile` wrote. The nodes run as processes of their own in a ROS domain of their own, on
+    loopback; a live session leaves the simulated world and camera out and joins the domain of the
+    environment. Exit status 0 only when the run's verdict is valid.
+
+    \b
+    For example:
+      ssp run cut_in
+      ssp run vru_crossing --site north_track --faults faults.yaml
+      ssp run cut_in --in-process --runs 100 --vary driver.cruise_mps=11:15 --jobs 2
+      ssp run out/task --mode live --body ot1=udp://10.0.0.21:9001 --odometry /ins/odom --wait
     """
-    plan, event_version = load_scenario(scenario)
-    place, site_version = load_site(site)
-    folder = out or Path("out") / time.strftime(f"run-{plan.name}-{place.name}-%Y%m%d-%H%M%S")
-    if folder.is_dir() and any(folder.iterdir()):
-        raise InputError("is not empty", file=folder, remedy="name a new folder with --out")
-    spec = resolve_run(
-        plan,
-        event_version,
-        place,
-        site_version,
-        run_id=folder.name,
-        seed=seed,
-        mode=cast(Literal["lockstep", "realtime"], mode),
-    )
-    if no_camera:
-        spec = spec.model_copy(update={"camera": None})
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
+    live = LiveSetup.of_options(mode, live_given)
+    swept = runs is not None or bool(vary)
+    if (swept or jobs is not None) and not in_process:
+        raise click.UsageError("--runs, --vary and --jobs need --in-process")
+    if swept and junit is not None:
+        raise click.UsageError("--junit tells of one run; --runs and --vary leave runs.csv")
+    if jobs is not None and not swept:
+        raise click.UsageError("--jobs needs --runs or --vary")
+    if in_process and mode != "lockstep":
+        raise click.UsageError("--in-process has no clock to follow: it is always lockstep")
+    if in_process and renderer is not None:
+        raise click.UsageError("--in-process has no camera; leave out --renderer")
+    if live is not None and renderer is not None:
+        raise click.UsageError("--renderer is for a simulated camera; a live one has its driver")
+    if no_camera and renderer is not None:
+        raise click.UsageError("--no-camera and --renderer exclude each other")
+    compiled = is_compiled(what)
+    if compiled and site is not None:
         raise InputError(
-            f"can't be made: {error.strerror}", file=folder, remedy="name another folder"
-        ) from error
-    if place.stand_in:
-        console.note(f"{place.name} is a software stand-in for a physical site, not a vehicle")
+            "is settled: a compiled folder has its site",
+            field="--site",
+            value=site,
+            remedy="leave it out, or name the event instead of the folder",
+        )
+    place = None if compiled else site or DEFAULT_SITE
+    folder = out or Path("out") / _name(what, place)
+    if folder.is_dir() and any(folder.iterdir()) and not (swept and is_sweep(folder)):
+        raise InputError("is not empty", file=folder, remedy="name a new folder with --out")
+    # Made beside it, so that what is refused leaves nothing behind.
+    with tempfile.TemporaryDirectory(prefix="ssp-run-") as scratch:
+        draft = Path(scratch) / (folder.resolve().name or "run")
+        spec = prepare_run(
+            what,
+            place,
+            draft,
+            seed=seed,
+            mode=cast(Literal["lockstep", "realtime", "live"], mode),
+        )
+        if faults_file is not None:
+            spec = with_faults(spec, load_faults(faults_file), faults_file)
+        check_live(spec)
+        if live is not None:
+            live.check(spec)
+        _tell(spec, draft, compiled)
+        if swept:
+            return run_many(spec, folder, vary, runs, jobs or 1, as_json)
+        if in_process:
+            spec = for_one_process(spec)
+        else:
+            spec = _with_camera(spec, no_camera, renderer)
+            inject.check(spec, _nodes(spec))
+        if junit is not None:
+            # Whatever ends the runner before the run: a build server finds no older verdict here.
+            write_junit(junit, "ssp run", [_case(spec, folder)])
+        shutil.move(draft / TASK_FOLDER, make_folder(folder) / TASK_FOLDER)
+    if in_process:
+        status = run_one(spec, folder, as_json)
+        if junit is not None:
+            write_junit(junit, "ssp run", [_case(spec, folder)])
+        return status
     from ssp_scenario_manager.runner.session import run_session
 
-    result = run_session(spec, folder.resolve(), console.note)
+    result = run_session(spec, folder.resolve(), console.note, live)
+    if junit is not None:
+        write_junit(junit, "ssp run", [_case(spec, folder)])
     if as_json:
         click.echo(json.dumps(json.loads((folder / "result.json").read_text())))
     else:
         verdict = result.outcome.verdict.name.lower()
         console.out.print(
-            f"{plan.name} on {place.name}: {verdict}, {result.session_s:.1f} s of session in "
+            f"{spec.scenario} on {spec.site}: {verdict}, {result.session_s:.1f} s of session in "
             f"{result.wall_s:.1f} s, {folder / 'bag'}",
             markup=False,
         )
         for reason in result.outcome.reasons:
             console.out.print(f"  because {reason}", markup=False)
     return 0 if result.outcome.ok else 1
+
+
+def _nodes(spec: RunSpec) -> list[str]:
+    """Names of the processes that a session of this run has."""
+    always = [names.MONITOR, names.SIL_WORLD, names.OBJECT_TARGET, names.SCENARIO_MANAGER]
+    return always + ([names.FRONT_CAMERA] if spec.camera is not None else [])
+
+
+def _with_camera(spec: RunSpec, no_camera: bool, renderer: str | None) -> RunSpec:
+    """The run with the camera that was asked for.
+
+    Raises:
+        HostError: this machine lacks what its renderer needs.
+    """
+    if no_camera or spec.camera is None:
+        return spec.model_copy(update={"camera": None})
+    chosen = spec.camera.model_copy(update={"renderer": renderer or spec.camera.renderer})
+    if chosen.renderer == "gl":
+        check_gl()
+    return spec.model_copy(update={"camera": chosen})
+
+
+def _case(spec: RunSpec, folder: Path) -> Case:
+    """The run as result.json tells it, which isn't there before the end."""
+    facts = {"seed": str(spec.seed), "mode": spec.mode, "folder": str(folder)}
+    group, result = f"{spec.scenario}.{spec.site}", folder / "result.json"
+    if not result.is_file():
+        return Case(group, spec.run_id, Outcome(Verdict.NONE, ("did not end",)), 0.0, facts)
+    told = json.loads(result.read_text())
+    outcome = Outcome(Verdict[told["verdict"].upper()], tuple(told["reasons"]))
+    # A run in one process has no time but its own, so that its result is the same every time.
+    took_s = told.get("wall_s", told["session_s"])
+    return Case(group, spec.run_id, outcome, took_s, facts)
+
+
+def _name(what: str, site: str | None) -> str:
+    """Folder of a run that nobody named."""
+    parts = [Path(what).name.split(".")[0]]
+    if site is not None:
+        parts.append(Path(site).name.split(".")[0])
+    return time.strftime(f"run-{'-'.join(parts)}-%Y%m%d-%H%M%S")
+
+
+def _tell(spec: RunSpec, folder: Path, compiled: bool) -> None:
+    if spec.stand_in and spec.mode != "live":
+        console.note(f"{spec.site} is a software stand-in for a physical site, not a vehicle")
+    if not compiled:
+        return
+    changes = [
+        change
+        for change in differences(load_task(folder / TASK_FOLDER).run, spec)
+        if change.compiled is not None or change.executed is not None
+    ]
+    for change in changes:
+        console.note(f"changed on site: {change.field} {change.compiled!r} → {change.executed!r}")
+    if changes:
+        console.note("changes on site must stand in log.jsonl (`ssp package log-change`)")

@@ -14,10 +14,11 @@ from rclpy.signals import SignalHandlerOptions
 
 from ssp_core import names, ros
 from ssp_core.errors import PeerError
+from ssp_core.safety_codes import SafetyCode
 from ssp_core.vocab import Phase, SessionPhase, Verdict
 from ssp_msgs.action import RunScenario
-from ssp_msgs.msg import PhaseEvent, SafetyEvent, SessionState, TriggerEvent
-from ssp_msgs.srv import SessionCommand
+from ssp_msgs.msg import FaultEvent, PhaseEvent, SafetyEvent, SessionState, TriggerEvent
+from ssp_msgs.srv import LoadScenario, SessionCommand
 from ssp_scenario_manager.runner.outcome import Outcome
 
 Listener = Callable[[str], None]
@@ -49,6 +50,9 @@ class RunClient:
         self._client = ActionClient(self._node, RunScenario, names.RUN_SCENARIO)
         self._say = say
         self._abort = self._node.create_client(SessionCommand, "abort")
+        self._load = self._node.create_client(LoadScenario, names.LOAD_SCENARIO)
+        self._refusal: tuple[str, ...] | None = None
+        self._begun = False
         self._goal: Any = None
         self._result: Any = None
         self._end: SessionState | None = None
@@ -56,19 +60,33 @@ class RunClient:
         self._last_state: int | None = None
         self.elapsed_s = 0.0
         self._running_since: float | None = None
+        # Session time of the start: a live session's clock counts from 1970.
+        self._zero_ns = 0
         self.running_wall_s = 0.0
         sub = self._node.create_subscription
         sub(SessionState, names.SESSION_STATE, self._on_session, ros.LATCHED)
         sub(TriggerEvent, names.TRIGGER_EVENT, self._on_trigger, ros.LATCHED)
         sub(PhaseEvent, names.PHASE_EVENT, self._on_phase, ros.LATCHED)
         sub(SafetyEvent, names.SAFETY_EVENT, self._on_safety, ros.LATCHED)
+        sub(FaultEvent, names.FAULT_EVENT, self._on_fault, ros.LATCHED)
 
     def ready(self) -> bool:
         """The manager offers the action."""
-        return bool(self._client.server_is_ready())
+        return bool(self._client.server_is_ready() and self._load.service_is_ready())
+
+    def load(self, run_file: str) -> None:
+        """Asks the manager to load a run without beginning it; ``loaded`` has its answer."""
+        future = self._load.call_async(LoadScenario.Request(run_file=run_file))
+        future.add_done_callback(self._on_loaded)
+
+    @property
+    def loaded(self) -> tuple[str, ...] | None:
+        """Why the run could not be loaded, empty when it was; None before the answer."""
+        return self._refusal
 
     def begin(self, run_file: str) -> None:
         """Sends the goal; the answer is awaited by spinning."""
+        self._begun = True
         future = self._client.send_goal_async(
             RunScenario.Goal(run_file=run_file), feedback_callback=self._on_feedback
         )
@@ -85,6 +103,11 @@ class RunClient:
         self._executor.spin_once(timeout_sec=timeout_s)
 
     @property
+    def node(self) -> Node:
+        """For further endpoints, which this client then spins."""
+        return self._node
+
+    @property
     def outcome(self) -> Outcome | None:
         """The result once it is here.
 
@@ -92,7 +115,8 @@ class RunClient:
         the result. The session's own last word says the same, and it is latched.
         """
         if self._result is None:
-            if self._end is None or time.monotonic() - self._ended_at < RESULT_GRACE_S:
+            grace_s = RESULT_GRACE_S if self._begun else 0.0
+            if self._end is None or time.monotonic() - self._ended_at < grace_s:
                 return None
             return Outcome(Verdict(self._end.verdict), tuple(self._end.reasons))
         result = self._result.result
@@ -107,6 +131,10 @@ class RunClient:
         rclpy.shutdown(context=self._context)
 
     # -- callbacks -----------------------------------------------------------------------------
+
+    def _on_loaded(self, future: Any) -> None:
+        answer = future.result()
+        self._refusal = () if answer.accepted else (answer.error_msg,)
 
     def _on_accepted(self, future: Any) -> None:
         self._goal = future.result()
@@ -124,29 +152,51 @@ class RunClient:
             now = time.monotonic()
             self._running_since = self._running_since or now
             self.running_wall_s = now - self._running_since
-        if feedback.session_state != self._last_state:
-            self._last_state = feedback.session_state
-            self._say(f"session {SessionPhase(feedback.session_state).name}")
+        self._tell_state(feedback.session_state)
+
+    def _tell_state(self, state: int) -> None:
+        if state != self._last_state:
+            self._last_state = state
+            self._say(f"session {SessionPhase(state).name}")
 
     def _on_session(self, message: SessionState) -> None:
+        if not self._begun:
+            self._tell_state(message.state)
+        if message.state == SessionState.STATE_RUNNING:
+            self._zero_ns = ros.ns_from_stamp(message.header.stamp)
         if message.state in (SessionState.STATE_FINISHED, SessionState.STATE_ABORTED):
             self._end = message
             self._ended_at = time.monotonic()
 
     def _on_trigger(self, message: TriggerEvent) -> None:
-        crossing_s = ros.ns_from_stamp(message.crossing_time) / 1e9
+        crossing_s = (ros.ns_from_stamp(message.crossing_time) - self._zero_ns) / 1e9
         self._say(
             f"trigger {message.trigger_id}: {message.condition} at {crossing_s:.3f} s, reference "
             f"{', '.join(message.reference_ids)} sent {message.processing * 1e3:.1f} ms later"
         )
 
     def _on_phase(self, message: PhaseEvent) -> None:
-        stamp_s = ros.ns_from_stamp(message.header.stamp) / 1e9
+        stamp_s = (ros.ns_from_stamp(message.header.stamp) - self._zero_ns) / 1e9
         self._say(f"phase {Phase(message.phase).name.lower()} at {stamp_s:.2f} s")
 
     def _on_safety(self, message: SafetyEvent) -> None:
         who = f" {message.object_id}" if message.object_id else ""
+        figures = ""
+        if message.code != SafetyCode.OPERATOR:
+            unit = f" {message.unit}" if message.unit else ""
+            figures = f": {message.measured:.3g}{unit}, limit {message.limit:.3g}{unit}"
+        stamp_s = (ros.ns_from_stamp(message.header.stamp) - self._zero_ns) / 1e9
         self._say(
-            f"SAFETY {message.limit_name}{who}: {message.measured:.3g} {message.unit}, limit "
-            f"{message.limit:.3g} (seen by {message.source}, {message.reaction})"
+            f"SAFETY {message.limit_name}{who}{figures} at {stamp_s:.2f} s (seen by "
+            f"{message.source}, {message.reaction})"
+        )
+
+    def _on_fault(self, message: FaultEvent) -> None:
+        if message.source == self._node.get_name():
+            # Injected by the runner, which says so itself.
+            return
+        stamp_s = (ros.ns_from_stamp(message.header.stamp) - self._zero_ns) / 1e9
+        self._say(
+            f"FAULT {message.fault.partition(' ')[2]} of {message.target} "
+            f"{'begins' if message.active else 'ends'} ({stamp_s:.2f} s)"
         )

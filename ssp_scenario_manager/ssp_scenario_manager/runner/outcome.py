@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ssp_core.verdict import Told
 from ssp_core.vocab import Verdict
 
 
@@ -24,3 +25,15 @@ class Outcome:
             return self
         kept = self.verdict if self.verdict not in (Verdict.NONE, Verdict.VALID) else verdict
         return Outcome(kept, (*self.reasons, reason))
+
+    def with_word_of_recorder(self, told: Told | None) -> Outcome:
+        """The same with what the recorder alone knows, which it left when it closed the bag.
+
+        Args:
+            told: its verdict; None where it left none.
+        """
+        outcome = self
+        if told is not None and told.verdict is not Verdict.VALID:
+            for reason in told.reasons:
+                outcome = outcome.with_reason(told.verdict, reason)
+        return outcome

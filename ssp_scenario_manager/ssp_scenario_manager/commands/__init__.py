@@ -1,0 +1,1 @@
+"""The services that command a session."""

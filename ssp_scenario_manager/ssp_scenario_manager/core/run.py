@@ -1,0 +1,182 @@
+"""What belongs to one run of a session and is forgotten with it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from ssp_core.clock import ns_to_seconds, seconds_to_ns
+from ssp_core.continuity import Continuity, follow
+from ssp_core.geometry import Polyline
+from ssp_core.reference import Reference
+from ssp_core.run_spec import RunSpec
+from ssp_core.safety_codes import SafetyCode
+from ssp_core.state import ObjectState
+from ssp_core.vocab import Phase, Verdict
+from ssp_scenario_manager.core import outbox, phases
+from ssp_scenario_manager.core.adaptations import Adaptations
+from ssp_scenario_manager.core.answers import ADAPTED, Answers, is_fatal
+from ssp_scenario_manager.core.dispatch import Address
+from ssp_scenario_manager.core.readying import Readiness
+from ssp_scenario_manager.core.supervisor import Violation, of_object, verdict_for
+from ssp_scenario_manager.core.triggers import OpenWatches
+
+
+@dataclass
+class Run:
+    """The run's file and path, what was sent and answered, and what its watches remember."""
+
+    spec: RunSpec
+    path: Polyline
+    started_ns: int | None = None
+    references: dict[str, Reference] = field(default_factory=dict)
+    answers: Answers = field(default_factory=Answers)
+    adaptations: Adaptations = field(default_factory=Adaptations)
+    ready: Readiness = field(init=False)
+    watches: OpenWatches = field(default_factory=OpenWatches)
+    phase_watch: phases.PhaseWatch = field(default_factory=phases.PhaseWatch)
+    phase_starts: dict[Phase, int] = field(default_factory=dict)
+    armed: bool = False
+    resolved_ns: int | None = None
+    triggers_judged_ns: int = -1
+    failed_trigger: Violation | None = None
+    judged_ns: int = -1
+    own_abort_ns: dict[str, int] = field(default_factory=dict)
+    sent: int = 0
+    late_vut_states: int = 0
+    verdict: Verdict = Verdict.NONE
+    reasons: list[str] = field(default_factory=list)
+    closed: bool = False
+    continuity: dict[str, Continuity] = field(default_factory=dict)
+    _breaks: list[Violation] = field(default_factory=list)
+    _blamed: set[tuple[SafetyCode, str]] = field(default_factory=set)
+    _given: set[str] = field(default_factory=set)
+
+    def elapsed_s(self, now_ns: int) -> float:
+        """Session time since the start, 0 before it."""
+        return 0.0 if self.started_ns is None else ns_to_seconds(now_ns - self.started_ns)
+
+    def __post_init__(self) -> None:
+        self.ready = Readiness(self.spec)
+
+    @property
+    def blind_text(self) -> str:
+        """How far an object may drive before it knows that its link is cut."""
+        limits = self.spec.limits
+        return (
+            f"blind distance on link loss: {limits.speed_mps * limits.heartbeat_s:.1f} m "
+            f"({limits.speed_mps:g} m/s for {limits.heartbeat_s:g} s)"
+        )
+
+    # -- verdict -------------------------------------------------------------------------------
+
+    def blame(self, violation: Violation) -> bool:
+        """Takes a limit that was passed as a reason of the verdict; the first one gives it.
+
+        Returns:
+            False when this limit of this object is a reason already.
+        """
+        if (violation.code, violation.object_id) in self._blamed:
+            return False
+        self._blamed.add((violation.code, violation.object_id))
+        self.reason(verdict_for(violation.code), violation.text, violation.stamp_ns)
+        return True
+
+    def reason(self, verdict: Verdict, text: str, now_ns: int) -> None:
+        """Adds a reason with its time in the run; the verdict is that of the first.
+
+        A person who aborts twice gives one reason, and what comes after the end gives none.
+        """
+        if self.closed or text in self._given:
+            return
+        self._given.add(text)
+        if not self.reasons:
+            self.verdict = verdict
+        if self.started_ns is not None:
+            text += f" at {ns_to_seconds(now_ns - self.started_ns):.2f} s"
+        self.reasons.append(text)
+
+    def close(self) -> None:
+        """The run is over; it was valid if nothing spoke against it, and nothing will any more."""
+        if self.verdict is Verdict.NONE:
+            self.verdict = Verdict.VALID
+        self.closed = True
+
+    def end_early(self, requested_by: str, now_ns: int) -> None:
+        """A run that is ended before its event is resolved is no valid one."""
+        if self.resolved_ns is None:
+            reached = self.phase_watch.phase.name.lower()
+            text = f"stopped by {requested_by} before resolution, in {reached}"
+            self.reason(Verdict.ABORTED, text, now_ns)
+
+    # -- states --------------------------------------------------------------------------------
+
+    def has_target(self, object_id: str) -> bool:
+        """The object is one of the run's targets."""
+        return any(target.id == object_id for target in self.spec.targets)
+
+    def see(self, state: ObjectState) -> None:
+        """Judges a state that arrived by those before it."""
+        memory = self.continuity.get(state.object_id, Continuity())
+        self.continuity[state.object_id], passed = follow(memory, state, self.spec.limits)
+        found = (of_object(p, state.object_id, state.stamp_ns) for p in passed)
+        self._breaks += [violation for violation in found if violation is not None]
+
+    @property
+    def has_breaks(self) -> bool:
+        """A state came that doesn't follow from those before it; the next step ends the run."""
+        return bool(self._breaks)
+
+    def take_breaks(self) -> list[Violation]:
+        """Takes out what ``see`` has found since the last call, in an order of its own.
+
+        States of one step arrive in any order; what is decided must not depend on it.
+        """
+        taken, self._breaks = self._breaks, []
+        return sorted(taken, key=lambda v: (v.stamp_ns, v.object_id, v.code))
+
+    # -- references ----------------------------------------------------------------------------
+
+    def address(self, object_id: str, purpose: str, now_ns: int, lead_s: float) -> Address:
+        """The address of the next reference."""
+        self.sent += 1
+        return Address(
+            reference_id=f"{object_id}-{self.sent}",
+            object_id=object_id,
+            event_version=self.spec.event_version,
+            purpose=purpose,
+            dispatched_ns=now_ns,
+            execute_at_ns=now_ns + seconds_to_ns(lead_s),
+        )
+
+    def send(self, reference: Reference) -> outbox.Dispatch:
+        """Remembers that an answer is due."""
+        self.answers.expect(reference)
+        return outbox.Dispatch(reference)
+
+    def send_again(self, now_ns: int) -> list[outbox.Dispatch]:
+        """Copies of references whose answer may have been lost."""
+        again = self.answers.again(now_ns, self.spec.step_s)
+        return [outbox.Dispatch(reference) for reference in again]
+
+    def answer(
+        self, reference_id: str, accepted: bool, code: int, message: str, now_ns: int
+    ) -> Violation | None:
+        """An object's answer to a reference: a refusal is a violation, a second answer nothing.
+
+        A refused adapted reference is none where the object can go on without it.
+        """
+        reference = self.answers.take(reference_id, accepted=accepted)
+        if reference is None:
+            return None
+        if accepted:
+            known = self.references.get(reference.object_id)
+            if known is None or reference.dispatched_ns >= known.dispatched_ns:
+                self.references[reference.object_id] = reference
+        fatal = not accepted and is_fatal(reference, code)
+        if reference.purpose == ADAPTED and not fatal:
+            self.adaptations.answer(reference_id, accepted=accepted, message=message)
+        if not fatal:
+            return None
+        return Violation(
+            SafetyCode.REFERENCE_REFUSED, reference.object_id, float(code), 0.0, now_ns, message
+        )

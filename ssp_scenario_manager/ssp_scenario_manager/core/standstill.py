@@ -1,0 +1,68 @@
+"""Is it known of everything that it stands?"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from ssp_core.clock import ns_to_seconds
+from ssp_core.run_spec import RunSpec
+from ssp_core.state import ObjectState
+from ssp_core.vocab import ControlState
+from ssp_scenario_manager.core.readiness import FRESH_S, STANDSTILL_MPS
+
+_MOVING = (ControlState.RUNNING, ControlState.REMOTE_CONTROLLED)
+# Whoever is armed hasn't heard of the abort yet, and would drive off if it were told to.
+_NOT_ABORTED = (
+    *_MOVING,
+    ControlState.PRE_ARMING,
+    ControlState.ARMED,
+    ControlState.PRE_RUNNING,
+)
+
+
+def stands(state: ObjectState, now_ns: int, aborting: bool = False) -> bool:
+    """True when a fresh state says that the object stands and is not on the move.
+
+    A stamp far ahead of the session's time is no fresh one either.
+
+    Args:
+        state: newest of the object.
+        now_ns: session time.
+        aborting: the session aborts, and the object must have heard it.
+    """
+    return (
+        abs(state.speed_mps) <= STANDSTILL_MPS
+        and abs(ns_to_seconds(now_ns - state.stamp_ns)) <= FRESH_S
+        and state.control_state not in (_NOT_ABORTED if aborting else _MOVING)
+    )
+
+
+def moving(
+    spec: RunSpec,
+    vut: ObjectState | None,
+    targets: Mapping[str, ObjectState],
+    now_ns: int,
+    *,
+    armed: bool,
+    aborting: bool = False,
+    without: Sequence[str] = (),
+) -> list[str]:
+    """Who isn't known to stand, by id.
+
+    Args:
+        spec: the run.
+        vut: newest state of the VUT.
+        targets: newest states by id.
+        now_ns: session time.
+        armed: the session has armed its objects. Before that, what was never heard need not prove
+            that it stands.
+        aborting: the session aborts; every object must have heard it.
+        without: objects that are not asked, because nothing can be heard of them.
+    """
+    known = {spec.vut.id: vut}
+    known |= {t.id: targets.get(t.id) for t in spec.targets if t.id not in without}
+    return [
+        object_id
+        for object_id, state in known.items()
+        if (armed if state is None else not stands(state, now_ns, aborting))
+    ]

@@ -1,0 +1,1 @@
+"""Listening to a session from outside."""

@@ -1,0 +1,299 @@
+"""What is connected to a session, judged without ROS: rates, stamps, frames, clocks, links.
+
+``ssp doctor --session`` listens for some seconds and gives what it heard to ``session_findings``;
+the last finding says what would keep the session from arming, by the manager's own rules.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+from ssp_core import names
+from ssp_core.clock import ns_to_seconds
+from ssp_core.run_spec import RunSpec
+from ssp_core.state import ObjectState
+from ssp_scenario_manager.core.link_clock import Link
+from ssp_scenario_manager.core.readiness import Facts, missing_to_arm
+from ssp_scenario_manager.doctor.checks import Finding, Status
+
+# A stream that comes at less than this share of its nominal rate is too slow to rely on.
+RATE_SHARE = 0.8
+# A pause of more than so many periods is worth a word.
+PAUSE_PERIODS = 3.0
+# Camera frames and recorder status may be this old when they arrive.
+IMAGE_AGE_S = 0.5
+
+
+@dataclass
+class Stream:
+    """What was heard on one topic, arrivals and stamps in ns on the system clock.
+
+    Args:
+        frame_id: the frame that its messages must name, None where any will do.
+    """
+
+    frame_id: str | None = None
+    arrivals_ns: list[int] = field(default_factory=list)
+    stamps_ns: list[int] = field(default_factory=list)
+    strange_frames: set[str] = field(default_factory=set)
+
+    def hear(self, arrival_ns: int, stamp_ns: int, frame_id: str) -> None:
+        """One more message."""
+        self.arrivals_ns.append(arrival_ns)
+        self.stamps_ns.append(stamp_ns)
+        if self.frame_id is not None and frame_id != self.frame_id:
+            self.strange_frames.add(frame_id)
+
+    @property
+    def rate_hz(self) -> float:
+        """Messages per second between the first and the last, 0 for fewer than two."""
+        if len(self.arrivals_ns) < 2:
+            return 0.0
+        span_s = ns_to_seconds(self.arrivals_ns[-1] - self.arrivals_ns[0])
+        return (len(self.arrivals_ns) - 1) / span_s if span_s > 0.0 else math.inf
+
+    @property
+    def longest_pause_s(self) -> float:
+        pairs = zip(self.arrivals_ns, self.arrivals_ns[1:], strict=False)
+        return max((ns_to_seconds(b - a) for a, b in pairs), default=0.0)
+
+    @property
+    def ages_s(self) -> list[float]:
+        """Arrival minus stamp of each message, sorted; negative ones come from the future."""
+        pairs = zip(self.arrivals_ns, self.stamps_ns, strict=True)
+        return sorted(ns_to_seconds(arrival - stamp) for arrival, stamp in pairs)
+
+    @property
+    def not_rising(self) -> int:
+        """Messages whose stamp isn't later than the one before."""
+        pairs = zip(self.stamps_ns, self.stamps_ns[1:], strict=False)
+        return sum(b <= a for a, b in pairs)
+
+
+@dataclass(frozen=True)
+class Heard:
+    """Everything that was heard of a session.
+
+    Args:
+        streams: by topic, below the namespace; one for every topic that was listened to.
+        states: the newest state of the VUT and each object, by id.
+        lost: gaps in the sequence numbers of states, by id.
+        links: as the manager has measured them, by object; empty when no manager was heard.
+        managers: names of those that send heartbeats.
+        recorder_ready: the recorder's last word, None when it wasn't heard.
+        recorder_missing: what it waits for.
+        now_ns: end of listening, system clock.
+    """
+
+    streams: dict[str, Stream]
+    states: dict[str, ObjectState]
+    lost: dict[str, int]
+    links: dict[str, Link]
+    managers: frozenset[str]
+    recorder_ready: bool | None
+    recorder_missing: tuple[str, ...]
+    now_ns: int
+
+
+def session_findings(spec: RunSpec, heard: Heard) -> list[Finding]:
+    """One finding per thing that is connected, and what keeps the session from arming."""
+    period_s = spec.step_s
+    known = {names.CAMERA_IMAGE, names.CAMERA_INFO, spec.vut.id, *(t.id for t in spec.targets)}
+    # What else was listened to is what the VUT's states are made of.
+    findings = [
+        _odometry_finding(topic, heard.streams[topic], spec)
+        for topic in sorted(heard.streams.keys() - known)
+    ]
+    findings.append(_state_finding(spec, heard, spec.vut.id, period_s))
+    findings += [_state_finding(spec, heard, t.id, period_s) for t in spec.targets]
+    if spec.camera is not None:
+        findings.append(_camera_finding(spec, heard))
+    findings.append(_recorder_finding(heard))
+    findings += _manager_findings(spec, heard)
+    findings += [_link_finding(spec, t.id, heard) for t in spec.targets] if heard.managers else []
+    findings.append(_arming_finding(spec, heard))
+    return findings
+
+
+def _state_finding(spec: RunSpec, heard: Heard, object_id: str, period_s: float) -> Finding:
+    name = f"state of {object_id}"
+    stream = heard.streams[object_id]
+    if not stream.arrivals_ns:
+        return Finding(
+            name,
+            Status.FAIL,
+            f"nothing arrives on {names.absolute(names.state_topic(object_id))}",
+            "is its node running, in this ROS domain, with the same discovery server?",
+        )
+    problems = _stream_problems(stream, 1.0 / period_s, spec.limits.state_age_s)
+    worst = Status.FAIL if any(status is Status.FAIL for status, _ in problems) else Status.OK
+    if worst is Status.OK and (problems or heard.lost.get(object_id)):
+        worst = Status.WARN
+    text = _stream_text(stream)
+    if lost := heard.lost.get(object_id, 0):
+        problems.append((Status.WARN, f"{lost} lost on the way"))
+    text = "; ".join([text, *(problem for _, problem in problems)])
+    return Finding(name, worst, text, _remedy(stream) if problems else "")
+
+
+def _stream_text(stream: Stream) -> str:
+    ages = stream.ages_s
+    middle = ages[len(ages) // 2]
+    return f"{stream.rate_hz:.1f} Hz, stamps {middle * 1e3:.1f} ms old (at most {ages[-1]:.3f} s)"
+
+
+def _stream_problems(
+    stream: Stream, nominal_hz: float, oldest_s: float
+) -> list[tuple[Status, str]]:
+    """What is wrong with a stream, each with how grave it is."""
+    problems = []
+    if stream.rate_hz < RATE_SHARE * nominal_hz:
+        problems.append((Status.FAIL, f"the run wants {nominal_hz:g} Hz"))
+    if stream.longest_pause_s > PAUSE_PERIODS / nominal_hz:
+        problems.append((Status.WARN, f"a pause of {stream.longest_pause_s:.3f} s"))
+    ages = stream.ages_s
+    if ages[-1] > oldest_s:
+        problems.append((Status.FAIL, f"stamps up to {ages[-1]:.3f} s old, limit {oldest_s:g} s"))
+    if ages[0] < 0.0:
+        problems.append((Status.FAIL, f"stamps up to {-ages[0]:.3f} s ahead of this host's clock"))
+    if stream.not_rising:
+        problems.append((Status.FAIL, f"{stream.not_rising} stamps not after the one before"))
+    if stream.strange_frames:
+        found = ", ".join(repr(frame) for frame in sorted(stream.strange_frames))
+        problems.append((Status.FAIL, f"frame {found}, must be {stream.frame_id!r}"))
+    return problems
+
+
+def _remedy(stream: Stream) -> str:
+    if stream.strange_frames:
+        return "set the driver's frame, or put a transform in between"
+    if stream.ages_s[0] < 0.0 or stream.ages_s[0] > 0.05:
+        return "synchronise the clocks (chrony or PTP), and stamp when measured"
+    return "look at the link's load and the driver's rate"
+
+
+def _odometry_finding(topic: str, stream: Stream, spec: RunSpec) -> Finding:
+    """The VUT's GNSS/INS: nothing of it gets any further where its frame or its clock is wrong."""
+    if not stream.arrivals_ns:
+        return Finding(
+            "odometry",
+            Status.FAIL,
+            f"nothing arrives on {names.absolute(topic)}",
+            "is the driver of the GNSS/INS running, in this ROS domain?",
+        )
+    problems = _stream_problems(stream, 1.0 / spec.step_s, spec.limits.state_age_s)
+    failed = any(status is Status.FAIL for status, _ in problems)
+    status = Status.FAIL if failed else Status.WARN if problems else Status.OK
+    text = "; ".join([_stream_text(stream), *(problem for _, problem in problems)])
+    return Finding("odometry", status, text, _remedy(stream) if problems else "")
+
+
+def _camera_finding(spec: RunSpec, heard: Heard) -> Finding:
+    stream = heard.streams[names.CAMERA_IMAGE]
+    rate_hz = spec.camera.rate_hz if spec.camera is not None else math.nan
+    if not stream.arrivals_ns:
+        return Finding(
+            "camera",
+            Status.FAIL,
+            f"no frame arrives on {names.absolute(names.CAMERA_IMAGE)}",
+            "remap the driver's compressed image to it",
+        )
+    if not heard.streams[names.CAMERA_INFO].arrivals_ns:
+        return Finding(
+            "camera",
+            Status.FAIL,
+            f"frames, but no calibration on {names.absolute(names.CAMERA_INFO)}",
+            "remap the driver's camera_info to it",
+        )
+    problems = _stream_problems(stream, rate_hz, IMAGE_AGE_S)
+    failed = any(status is Status.FAIL for status, _ in problems)
+    status = Status.FAIL if failed else Status.WARN if problems else Status.OK
+    text = "; ".join([_stream_text(stream), *(problem for _, problem in problems)])
+    return Finding("camera", status, text, _remedy(stream) if problems else "")
+
+
+def _recorder_finding(heard: Heard) -> Finding:
+    if heard.recorder_ready is None:
+        return Finding("recorder", Status.FAIL, "silent", "start ssp_monitor's node")
+    if not heard.recorder_ready:
+        waits = ", ".join(heard.recorder_missing) or "its file"
+        return Finding("recorder", Status.FAIL, f"waits for {waits}", "start what publishes them")
+    return Finding("recorder", Status.OK, "ready")
+
+
+def _manager_findings(spec: RunSpec, heard: Heard) -> list[Finding]:
+    if not heard.managers:
+        return [
+            Finding(
+                "scenario_manager",
+                Status.FAIL,
+                "no heartbeat, so that links and clocks can't be measured",
+                "start it; it may stay IDLE",
+            )
+        ]
+    found = ", ".join(sorted(heard.managers))
+    if len(heard.managers) > 1:
+        return [
+            Finding(
+                "scenario_manager",
+                Status.FAIL,
+                f"{len(heard.managers)} send heartbeats: {found}",
+                "end all but one, or separate them by ROS_DOMAIN_ID",
+            )
+        ]
+    return [Finding("scenario_manager", Status.OK, f"heartbeats of {found}")]
+
+
+def _link_finding(spec: RunSpec, object_id: str, heard: Heard) -> Finding:
+    name = f"link to {object_id}"
+    link = heard.links.get(object_id, Link())
+    if not math.isfinite(link.delay_s):
+        return Finding(
+            name,
+            Status.FAIL,
+            "heartbeats aren't answered",
+            "is its object_target active? The manager measures links of a loaded run only",
+        )
+    offset_s, delay_s = link.offset_s, link.delay_s
+    limits = spec.limits
+    text = f"clock off by {offset_s * 1e3:+.1f} ms, {delay_s * 1e3:.1f} ms there and back"
+    if abs(offset_s) > limits.clock_offset_s:
+        remedy = "synchronise the clocks (chrony or PTP)"
+        return Finding(name, Status.FAIL, f"{text}; limit ±{limits.clock_offset_s:g} s", remedy)
+    if delay_s > limits.link_delay_s:
+        remedy = "look at the radio link"
+        return Finding(name, Status.FAIL, f"{text}; limit {limits.link_delay_s:g} s", remedy)
+    return Finding(name, Status.OK, text)
+
+
+def _arming_finding(spec: RunSpec, heard: Heard) -> Finding:
+    """What the manager would say to ``arm`` now, by the same rules."""
+    streams = heard.streams
+    facts = Facts(
+        recorder_ready=bool(heard.recorder_ready),
+        recorder_missing=heard.recorder_missing,
+        recorder_age_s=math.inf if heard.recorder_ready is None else 0.0,
+        camera_age_s=_age_s(streams.get(names.CAMERA_IMAGE), heard.now_ns),
+        vut_age_s=_age_s(streams[spec.vut.id], heard.now_ns),
+        target_age_s=tuple((t.id, _age_s(streams[t.id], heard.now_ns)) for t in spec.targets),
+        links=tuple((i, replace(link, age_s=0.0)) for i, link in sorted(heard.links.items())),
+        other_managers=max(0, len(heard.managers) - 1),
+    )
+    targets = {i: state for i, state in heard.states.items() if i != spec.vut.id}
+    missing = missing_to_arm(spec, facts, heard.states.get(spec.vut.id), targets, heard.now_ns)
+    if missing:
+        return Finding("arming", Status.FAIL, "; ".join(missing), "see the findings above")
+    return Finding("arming", Status.OK, "nothing keeps this session from arming")
+
+
+def _age_s(stream: Stream | None, now_ns: int) -> float:
+    if stream is None or not stream.arrivals_ns:
+        return math.inf
+    return ns_to_seconds(now_ns - stream.arrivals_ns[-1])
+
+
+def failed(findings: Sequence[Finding]) -> bool:
+    """True when one of them fails."""
+    return any(finding.status is Status.FAIL for finding in findings)

@@ -1,0 +1,169 @@
+"""What a run in one process came to: verdict, phases, triggers, and what was measured of it."""
+
+from __future__ import annotations
+
+import gc
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ssp_core.clock import ns_to_seconds
+from ssp_core.in_process import FaultFact, Report, make_plant
+from ssp_core.run_spec import RunSpec
+from ssp_core.state import ObjectState
+from ssp_core.vocab import Phase, Verdict
+from ssp_scenario_manager.core.outbox import PhaseBegan
+from ssp_scenario_manager.in_process.loop import InProcessSession
+from ssp_scenario_manager.in_process.passing import Passing
+from ssp_scenario_manager.runner.happened import Fired, Happened, result_keys, rounded
+
+_COLUMNS = ("stamp_ns", "x_m", "y_m", "yaw_rad", "speed_mps", "acceleration_mps2", "yaw_rate_radps")
+
+
+@dataclass
+class Record:
+    """Every report of a run while its world went."""
+
+    reports: list[Report] = field(default_factory=list)
+
+    def truths(self, object_id: str) -> list[ObjectState]:
+        """True states of one object, in time order."""
+        return [s for r in self.reports for s in r.truths if s.object_id == object_id]
+
+    def arrived(self, object_id: str) -> list[ObjectState]:
+        """States of one object as they arrived at the manager, in that order."""
+        return [
+            s
+            for r in self.reports
+            for s in (*r.vut_states, *r.target_states)
+            if s.object_id == object_id
+        ]
+
+
+@dataclass(frozen=True, slots=True)
+class InProcessResult:
+    """How a run ended.
+
+    Args:
+        verdict: of the session; NONE when it never started.
+        reasons: of the verdict, the primary one first.
+        session_s: session time at the end.
+        happened: its phases, triggers and faults, and what was measured of it.
+        error_rms_m: rms of the initiator's reported tracking errors, longitudinal and lateral; NaN
+            when it tracked nothing.
+    """
+
+    verdict: Verdict
+    reasons: tuple[str, ...]
+    session_s: float
+    happened: Happened
+    error_rms_m: tuple[float, float]
+
+    @property
+    def phases(self) -> tuple[PhaseBegan, ...]:
+        return self.happened.phases
+
+    @property
+    def triggers(self) -> tuple[Fired, ...]:
+        return self.happened.triggers
+
+    @property
+    def faults(self) -> tuple[FaultFact, ...]:
+        return self.happened.faults
+
+    @property
+    def passing(self) -> Passing:
+        return self.happened.passing
+
+    @property
+    def min_distance_m(self) -> float:
+        return self.happened.min_distance_m
+
+    @property
+    def ok(self) -> bool:
+        return self.verdict is Verdict.VALID
+
+    def phase_s(self, phase: Phase) -> float | None:
+        """Session time at which a phase began, None: never."""
+        return next((ns_to_seconds(p.stamp_ns) for p in self.phases if p.phase is phase), None)
+
+
+def run_in_process(spec: RunSpec, work_dir: Path | None = None) -> tuple[InProcessResult, Record]:
+    """Runs a session in this process, as fast as it goes.
+
+    Args:
+        spec: the run, in mode lockstep.
+        work_dir: for SUMO's files, where there is traffic.
+
+    Raises:
+        InputError: a run that needs processes, a clock or somebody else to drive the VUT.
+    """
+    record = Record()
+    plant = make_plant(spec, work_dir)
+    # Nothing here makes cycles, and looking for some in every kept state takes its time.
+    collects = gc.isenabled()
+    gc.disable()
+    try:
+        session = InProcessSession(spec, plant, record.reports.append)
+        session.run()
+    finally:
+        if collects:
+            gc.enable()
+        plant.close()
+    account, reports = session.account, record.reports
+    happened = Happened.seen(
+        spec,
+        0,
+        account.phases,
+        account.triggers,
+        account.faults,
+        {i: record.truths(i) for i in (spec.vut.id, *(t.id for t in spec.targets))},
+    )
+    return InProcessResult(
+        verdict=session.session.verdict,
+        reasons=session.session.reasons or session.problems,
+        session_s=ns_to_seconds(reports[-1].now_ns) if reports else 0.0,
+        happened=happened,
+        error_rms_m=_error_rms_m(record.arrived(spec.initiator_id)),
+    ), record
+
+
+def save_states(path: Path, spec: RunSpec, record: Record) -> None:
+    """``states.npz``: per object ``<id>_true`` and ``<id>_arrived``, rows of ``columns``."""
+    arrays: dict[str, Any] = {"columns": np.array(_COLUMNS)}
+    for object_id in (spec.vut.id, *(t.id for t in spec.targets)):
+        for name, states in (
+            ("true", record.truths(object_id)),
+            ("arrived", record.arrived(object_id)),
+        ):
+            rows = [[getattr(state, column) for column in _COLUMNS] for state in states]
+            arrays[f"{object_id}_{name}"] = np.array(rows, dtype=np.float64).reshape(
+                -1, len(_COLUMNS)
+            )
+    np.savez_compressed(path, **arrays)
+
+
+def result_json(spec: RunSpec, result: InProcessResult) -> dict[str, Any]:
+    """``result.json`` of a run in one process: that of any run, and what was measured."""
+    return {
+        **result_keys(spec, result.happened),
+        "in_process": True,
+        "verdict": result.verdict.name.lower(),
+        "reasons": list(result.reasons),
+        "session_s": round(result.session_s, 3),
+        "error_longitudinal_rms_m": rounded(result.error_rms_m[0]),
+        "error_lateral_rms_m": rounded(result.error_rms_m[1]),
+    }
+
+
+def _error_rms_m(states: Sequence[ObjectState]) -> tuple[float, float]:
+    tracked = [s for s in states if s.reference_id]
+    if not tracked:
+        return math.nan, math.nan
+    squares = np.array([(s.error_longitudinal_m, s.error_lateral_m) for s in tracked]) ** 2
+    longitudinal, lateral = np.sqrt(squares.mean(axis=0))
+    return float(longitudinal), float(lateral)

@@ -1,0 +1,1 @@
+"""Subscriptions of the scenario_manager that don't belong to a single object target."""

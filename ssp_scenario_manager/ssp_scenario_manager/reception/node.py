@@ -1,0 +1,122 @@
+"""Subscriptions of the manager: the world, the VUT, the recorder, the camera, everybody's events.
+
+Messages become dataclasses here; what is none is dropped and logged, which is as good as silence.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import Protocol
+
+from rclpy.node import Node
+from sensor_msgs.msg import CameraInfo
+
+from ssp_core import names, ros
+from ssp_core.safety_codes import SafetyCode
+from ssp_core.state import ObjectState as State
+from ssp_core.wire import steps
+from ssp_core.wire.states import decode_state
+from ssp_core.wire.steps import decode_done, decode_tick_head
+from ssp_msgs.msg import (
+    HeartbeatReply,
+    ObjectState,
+    RecorderStatus,
+    SafetyEvent,
+    StepDone,
+    WorldTick,
+)
+from ssp_scenario_manager.core.link_clock import Exchange
+from ssp_scenario_manager.core.supervisor import Violation
+from ssp_scenario_manager.core.vigil import Vigil
+
+# Told of a safety event of another node: what it saw, and the node's name.
+OnEvent = Callable[[Violation, str], None]
+
+
+class Listener(Protocol):
+    """What the manager does with what arrives."""
+
+    def on_tick(self, tick: steps.WorldTick) -> None:
+        """The world has stepped, or holds."""
+
+    def on_step_done(self, done: steps.StepDone) -> None:
+        """A participant has answered a step."""
+
+    def on_vut_state(self, state: State) -> None:
+        """A state of the VUT."""
+
+    def on_event(self, violation: Violation, source: str) -> None:
+        """Another node saw a limit passed."""
+
+    def on_recorder(self) -> None:
+        """The recorder has told the vigil how it is."""
+
+
+class Reception:
+    """Owns the subscriptions.
+
+    Args:
+        node: owns the endpoints.
+        vigil: notes who was heard, and measures the links.
+        listener: takes the rest.
+    """
+
+    def __init__(self, node: Node, vigil: Vigil, listener: Listener) -> None:
+        self._node = node
+        self._vigil = vigil
+        self._listener = listener
+        sub, raw = node.create_subscription, partial(ros.subscribe_raw, node)
+        raw(WorldTick, names.WORLD_TICK, decode_tick_head, listener.on_tick, ros.STATE)
+        raw(StepDone, names.STEP_DONE, decode_done, listener.on_step_done, ros.STATE)
+        vut_topic = names.state_topic(names.VUT_ID)
+        raw(ObjectState, vut_topic, decode_state, listener.on_vut_state, ros.STATE)
+        sub(HeartbeatReply, names.HEARTBEAT_REPLY, self._on_reply, ros.STATE)
+        sub(CameraInfo, names.CAMERA_INFO, self._on_camera_info, ros.SENSOR)
+        sub(RecorderStatus, names.RECORDER_STATUS, self._on_recorder, ros.STATE)
+        sub(SafetyEvent, names.SAFETY_EVENT, self._on_safety_event, ros.LATCHED)
+
+    def look_for_managers(self) -> None:
+        """Counts who else sends heartbeats: a second manager on the same objects."""
+        self._vigil.other_managers = max(0, self._node.count_publishers(names.HEARTBEAT) - 1)
+
+    def _on_reply(self, message: HeartbeatReply) -> None:
+        exchange = Exchange(
+            ros.ns_from_stamp(message.heartbeat_sent),
+            ros.ns_from_stamp(message.heartbeat_received),
+            ros.ns_from_stamp(message.header.stamp),
+            time.time_ns(),
+        )
+        self._vigil.links.on_reply(
+            message.object_ids, message.sequence, exchange, time.monotonic_ns()
+        )
+
+    def _on_camera_info(self, _: CameraInfo) -> None:
+        self._vigil.hear(names.FRONT_CAMERA, time.monotonic_ns())
+
+    def _on_recorder(self, message: RecorderStatus) -> None:
+        self._vigil.hear_recorder(
+            message.ready, tuple(message.missing_topics), message.lost, time.monotonic_ns()
+        )
+        self._listener.on_recorder()
+
+    def _on_safety_event(self, message: SafetyEvent) -> None:
+        if message.source == self._node.get_name():
+            return
+        try:
+            code = SafetyCode(message.code)
+        except ValueError:
+            self._node.get_logger().error(
+                f"unknown safety code {message.code} from {message.source}"
+            )
+            return
+        violation = Violation(
+            code,
+            message.object_id,
+            message.measured,
+            message.limit,
+            ros.ns_from_stamp(message.header.stamp),
+            f"seen by {message.source}",
+        )
+        self._listener.on_event(violation, message.source)

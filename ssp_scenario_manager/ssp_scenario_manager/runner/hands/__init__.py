@@ -1,0 +1,1 @@
+"""The runner's hands and eyes in a session with injected faults."""

@@ -1,0 +1,285 @@
+"""What happened in a run, as result.json has it of every run, however it was held.
+
+Of a session over DDS it is read from the bag; a run in one process gives what it saw. Both have the
+same keys and the same measures; docs/simulation.md says what each means.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ssp_core import names
+from ssp_core.bag import BagReader
+from ssp_core.clock import ns_to_seconds
+from ssp_core.errors import SspError
+from ssp_core.geometry import Polyline, box_distance
+from ssp_core.in_process import FaultFact
+from ssp_core.messages import stamp_ns
+from ssp_core.names import absolute
+from ssp_core.run_spec import RunSpec
+from ssp_core.state import ObjectState
+from ssp_core.vocab import Phase, SessionPhase
+from ssp_core.wire.steps import decode_tick
+from ssp_scenario_manager.core.conditions import Sample
+from ssp_scenario_manager.core.outbox import PhaseBegan
+from ssp_scenario_manager.in_process.passing import NEVER, Passing, passing
+
+RESULT_SCHEMA = "ssp.result/1"
+
+
+@dataclass(frozen=True, slots=True)
+class Fired:
+    """Decision record of a trigger (TriggerEvent.msg); times are session times, ns."""
+
+    trigger_id: str
+    condition: str
+    threshold: float
+    samples: tuple[Sample, ...]
+    crossing_ns: int
+    dispatched_ns: int
+    reference_ids: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Happened:
+    """What happened in a run.
+
+    Args:
+        began_ns: session time at which it began; None: it didn't, and there is no such time.
+        phases: those that began.
+        triggers: those that fired.
+        faults: injected ones that began or ended.
+        passing: of VUT and initiator at the conflict zone.
+        min_distance_m: smallest distance of the VUT and a target, inf: unknown.
+    """
+
+    began_ns: int | None
+    phases: tuple[PhaseBegan, ...]
+    triggers: tuple[Fired, ...]
+    faults: tuple[FaultFact, ...]
+    passing: Passing
+    min_distance_m: float
+
+    @classmethod
+    def seen(
+        cls,
+        spec: RunSpec,
+        began_ns: int | None,
+        phases: Iterable[PhaseBegan],
+        triggers: Iterable[Fired],
+        faults: Iterable[FaultFact],
+        truths: Mapping[str, Sequence[ObjectState]],
+    ) -> Happened:
+        """Measures a run on its true states.
+
+        Args:
+            truths: by id of the VUT and of every target, at the same instants, in time order.
+        """
+        phases, triggers = tuple(phases), tuple(triggers)
+        vut = truths[spec.vut.id]
+        return cls(
+            began_ns,
+            phases,
+            triggers,
+            # Of one instant they come in any order over DDS.
+            tuple(sorted(faults, key=lambda f: (f.stamp_ns, f.fault, f.target, f.active))),
+            _passing(spec, vut, truths[spec.initiator_id], phases, triggers),
+            min((_closest_m(vut, truths[t.id]) for t in spec.targets), default=math.inf),
+        )
+
+    @classmethod
+    def recorded(cls, bag: BagReader, spec: RunSpec) -> Happened:
+        """As a session's bag has it. Raises InputError or ValueError for a damaged bag."""
+
+        def decoded(topic: str) -> list[Any]:
+            return [bag.decode(message) for message in bag.messages([absolute(topic)])]
+
+        starts = [
+            stamp_ns(message.header.stamp)
+            for message in decoded(names.SESSION_STATE)
+            if message.state == int(SessionPhase.RUNNING)
+        ]
+        # Simulated time stands at zero until the run begins; a live session's is the wall clock's.
+        began_ns = starts[0] if starts else (None if spec.mode == "live" else 0)
+        return cls.seen(
+            spec,
+            began_ns,
+            [
+                PhaseBegan(stamp_ns(p.header.stamp), Phase(p.phase), str(p.evidence))
+                for p in decoded(names.PHASE_EVENT)
+            ],
+            [_fired(message) for message in decoded(names.TRIGGER_EVENT)],
+            [
+                FaultFact(
+                    str(f.source),
+                    str(f.fault),
+                    str(f.target),
+                    bool(f.active),
+                    float(f.value),
+                    str(f.unit),
+                    stamp_ns(f.header.stamp),
+                )
+                for f in decoded(names.FAULT_EVENT)
+            ],
+            _true_states(bag, spec),
+        )
+
+
+def happened_by(bag: Path, spec: RunSpec) -> Happened | None:
+    """What happened by a session's bag; None where the bag is missing or damaged.
+
+    Why it can't be read is told with the latencies (``report.measured``).
+    """
+    try:
+        with BagReader(bag) as reader:
+            return Happened.recorded(reader, spec)
+    except (SspError, ValueError):
+        return None
+
+
+def result_keys(spec: RunSpec, happened: Happened | None) -> dict[str, Any]:
+    """Keys of result.json that every run has, besides its verdict and reasons.
+
+    Args:
+        spec: the run.
+        happened: None where nothing is known of it; all that would be told is null then.
+
+    Returns:
+        Times in s since the start of the run.
+    """
+    known: dict[str, Any] = dict.fromkeys(
+        ("phases", "triggers", "faults", "initiator_first", "time_gap_s", "min_distance_m")
+    )
+    if happened is not None:
+        known = {
+            "phases": [_phase(happened, p) for p in happened.phases],
+            "triggers": [_trigger(happened, t) for t in happened.triggers],
+            "faults": [_fault(happened, f) for f in happened.faults],
+            "initiator_first": happened.passing.other_first,
+            "time_gap_s": rounded(happened.passing.time_gap_s),
+            "min_distance_m": rounded(happened.min_distance_m),
+        }
+    return {
+        "schema": RESULT_SCHEMA,
+        "run_id": spec.run_id,
+        "scenario": spec.scenario,
+        "site": spec.site,
+        "seed": spec.seed,
+        "mode": spec.mode,
+        **known,
+    }
+
+
+def shown_gap(gap_s: float | None) -> str:
+    """A time gap for people."""
+    return "no time gap" if gap_s is None else f"time gap {gap_s:.3f} s"
+
+
+def rounded(value: float | None) -> float | None:
+    """To a tenth of a millimetre or millisecond; None for what isn't a number."""
+    return None if value is None or not math.isfinite(value) else round(value, 4)
+
+
+def _s(happened: Happened, time_ns: int) -> float | None:
+    return None if happened.began_ns is None else ns_to_seconds(time_ns - happened.began_ns)
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _phase(happened: Happened, phase: PhaseBegan) -> dict[str, Any]:
+    return {
+        "phase": phase.phase.name.lower(),
+        "at_s": _s(happened, phase.stamp_ns),
+        "evidence": phase.evidence,
+    }
+
+
+def _trigger(happened: Happened, fired: Fired) -> dict[str, Any]:
+    return {
+        "trigger_id": fired.trigger_id,
+        "condition": fired.condition,
+        "threshold": _finite(fired.threshold),
+        "crossing_s": _s(happened, fired.crossing_ns),
+        "dispatched_s": _s(happened, fired.dispatched_ns),
+        "samples": [[_s(happened, s.stamp_ns), _finite(s.value)] for s in fired.samples],
+        "reference_ids": list(fired.reference_ids),
+    }
+
+
+def _fault(happened: Happened, fault: FaultFact) -> dict[str, Any]:
+    number, _, kind = fault.fault.partition(" ")
+    return {
+        "number": int(number) if number.isdecimal() else None,
+        "kind": kind,
+        "target": fault.target,
+        "active": fault.active,
+        "value": _finite(fault.value),
+        "unit": fault.unit,
+        "at_s": _s(happened, fault.stamp_ns),
+    }
+
+
+def _fired(message: Any) -> Fired:
+    pairs = zip(message.sample_stamps, message.sample_values, strict=True)
+    return Fired(
+        trigger_id=str(message.trigger_id),
+        condition=str(message.condition),
+        threshold=float(message.threshold),
+        samples=tuple(Sample(stamp_ns(stamp), float(value)) for stamp, value in pairs),
+        crossing_ns=stamp_ns(message.crossing_time),
+        dispatched_ns=stamp_ns(message.dispatch_time),
+        reference_ids=tuple(map(str, message.reference_ids)),
+    )
+
+
+def _true_states(bag: BagReader, spec: RunSpec) -> dict[str, list[ObjectState]]:
+    """Of each step of the world once, by id. None of a live session, which has no such world."""
+    found: dict[str, list[ObjectState]] = {i: [] for i in (spec.vut.id, *_ids(spec))}
+    steps: dict[int, Sequence[ObjectState]] = {}
+    for message in bag.messages([absolute(names.WORLD_TICK)]):
+        tick = decode_tick(message.data)
+        if tick.step:
+            # A world that holds says its step again.
+            steps.setdefault(tick.step, tick.objects)
+    for _, objects in sorted(steps.items()):
+        by_id = {state.object_id: state for state in objects}
+        if found.keys() <= by_id.keys():
+            for name, states in found.items():
+                states.append(by_id[name])
+    return found
+
+
+def _ids(spec: RunSpec) -> list[str]:
+    return [target.id for target in spec.targets]
+
+
+def _passing(
+    spec: RunSpec,
+    vut: Sequence[ObjectState],
+    other: Sequence[ObjectState],
+    phases: Sequence[PhaseBegan],
+    triggers: Sequence[Fired],
+) -> Passing:
+    """NEVER where the conflict never began: what brakes for an abort may still roll through."""
+    ours = {t.id for t in spec.triggers if t.object_id == spec.initiator_id}
+    fired_ns = next((t.crossing_ns for t in triggers if t.trigger_id in ours), None)
+    met = any(p.phase is Phase.CONFLICT for p in phases)
+    if fired_ns is None or not met or spec.vut.approach is None:
+        return NEVER
+    return passing(vut, other, Polyline(spec.vut.approach.path), fired_ns)
+
+
+def _closest_m(vut: Sequence[ObjectState], other: Sequence[ObjectState]) -> float:
+    """Smallest distance of two boxes over a run; boxes that are far apart are not looked at."""
+    best = math.inf
+    for a, b in zip(vut, other, strict=True):
+        reach = a.size.length_m + a.size.width_m + b.size.length_m + b.size.width_m
+        if math.hypot(a.x_m - b.x_m, a.y_m - b.y_m) - reach < best:
+            best = min(best, box_distance(a.box, b.box))
+    return best

@@ -1,0 +1,198 @@
+"""A live session as ``ssp run --mode live`` starts it: which nodes run here, with what."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import select
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+
+from ssp_core import names
+from ssp_core.errors import InputError
+from ssp_core.run_spec import RunSpec
+
+_OPTIONS = (
+    click.option(
+        "--body",
+        "bodies",
+        multiple=True,
+        metavar="ID=ADDRESS",
+        help="With --mode live: body of an object that is led from this host, udp://HOST:PORT or "
+        "mirror; may be repeated. Objects without one are led from other hosts.",
+    ),
+    click.option(
+        "--odometry",
+        metavar="TOPIC",
+        help="With --mode live: Odometry of the VUT's GNSS/INS, to make its states of. "
+        "[default: somebody else publishes them]",
+    ),
+    click.option(
+        "--unit",
+        type=(float, float, float),
+        metavar="FORWARD LEFT YAW",
+        help="With --odometry: where the unit sits, m ahead of the rear axle and left of the "
+        "middle, rad turned to the left. [default: 0 0 0]",
+    ),
+    click.option(
+        "--remap",
+        "remappings",
+        multiple=True,
+        metavar="FROM:=TO",
+        help="With --mode live: hear one of our topics where a driver publishes it; may be "
+        "repeated.",
+    ),
+    click.option(
+        "--wait",
+        is_flag=True,
+        help="With --mode live: start the nodes and load the run, and begin it on Enter.",
+    ),
+)
+
+
+def _is_address(text: str) -> bool:
+    """Whether object_target takes this for a body; it says the same, but only once it is up."""
+    found = re.fullmatch(r"udp://[^:/\s]+:(\d{1,5})", text)
+    return text == "mirror" or (found is not None and 0 < int(found[1]) < 65536)
+
+
+def live_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Adds the options of a live session; they come as one more argument each."""
+    for option in reversed(_OPTIONS):
+        command = option(command)
+    return command
+
+
+@dataclass(frozen=True, slots=True)
+class LiveSetup:
+    """What of a live session runs on this host, beside manager and recorder.
+
+    Args:
+        bodies: by object id, of those that are led from here: an address, or ``mirror``.
+        odometry: topic of the VUT's GNSS/INS; None: somebody else publishes ``vut/state``.
+        unit: where the unit sits: forward m, left m, yaw to the left rad.
+        remappings: ``from:=to``, for all nodes.
+        wait: the run begins when somebody says so.
+    """
+
+    bodies: dict[str, str]
+    odometry: str | None = None
+    unit: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    remappings: tuple[str, ...] = ()
+    wait: bool = False
+
+    @classmethod
+    def of_options(cls, mode: str, options: dict[str, Any]) -> LiveSetup | None:
+        """The setup that was asked for, None for a simulated run.
+
+        Raises:
+            click.UsageError: an option without the one that it belongs to, or not of its form.
+        """
+        flags = {"bodies": "body", "remappings": "remap"}
+        given = [f"--{flags.get(name, name)}" for name, value in options.items() if value]
+        if mode != "live":
+            if given:
+                raise click.UsageError(f"{', '.join(given)}: only with --mode live")
+            return None
+        if options["unit"] is not None and options["odometry"] is None:
+            raise click.UsageError("--unit says where the unit of --odometry sits")
+        if options["unit"] is not None and not all(map(math.isfinite, options["unit"])):
+            raise click.UsageError("--unit takes finite numbers")
+        bodies: dict[str, str] = {}
+        for entry in options["bodies"]:
+            object_id, equals, address = entry.partition("=")
+            if not (object_id and equals and address) or "," in entry:
+                raise click.UsageError(f"--body {entry}: write ID=udp://HOST:PORT or ID=mirror")
+            if not _is_address(address):
+                raise click.UsageError(
+                    f"--body {entry}: is no body; write udp://HOST:PORT or mirror"
+                )
+            if object_id in bodies:
+                raise click.UsageError(f"--body {object_id}: it has a body already")
+            bodies[object_id] = address
+        for rule in options["remappings"]:
+            old, separator, new = rule.partition(":=")
+            if not (old and separator and new) or old.startswith("__"):
+                raise click.UsageError(f"--remap {rule}: write OURS:=THEIRS")
+        return cls(
+            bodies,
+            options["odometry"],
+            options["unit"] or (0.0, 0.0, 0.0),
+            tuple(options["remappings"]),
+            options["wait"],
+        )
+
+    def check(self, spec: RunSpec) -> None:
+        """Raises InputError for a body of an object that the run doesn't have."""
+        known = [target.id for target in spec.targets]
+        for object_id in self.bodies:
+            if object_id not in known:
+                raise InputError(
+                    "is no object of this run",
+                    field="--body",
+                    value=object_id,
+                    remedy=f"choose {', '.join(known)}",
+                )
+
+    def parameters(self, run_file: Path, bag: Path) -> dict[str, dict[str, object]]:
+        """The nodes of this host by name, in the order of their start, each with its parameters."""
+        found: dict[str, dict[str, object]] = {
+            names.MONITOR: {"run_file": run_file, "bag_dir": bag},
+        }
+        if self.bodies:
+            found[names.OBJECT_TARGET] = {
+                "run_file": run_file,
+                "object_ids": ",".join(sorted(self.bodies)),
+                "bodies": ",".join(f"{i}={address}" for i, address in sorted(self.bodies.items())),
+            }
+        if self.odometry is not None:
+            forward_m, left_m, yaw_left_rad = self.unit
+            found[names.VUT_ADAPTER] = {
+                "run_file": run_file,
+                "odometry": self.odometry,
+                "unit_forward_m": forward_m,
+                "unit_left_m": left_m,
+                "unit_yaw_left_rad": yaw_left_rad,
+            }
+        found[names.SCENARIO_MANAGER] = {}
+        return found
+
+
+def describe(setup: LiveSetup, spec: RunSpec, run_file: Path, env: dict[str, str]) -> list[str]:
+    """What people must know before a live session, one line each."""
+    server = env.get("ROS_DISCOVERY_SERVER")
+    found = f"discovery server {server}" if server else "no discovery server"
+    lines = [
+        f"live session in ROS domain {env['ROS_DOMAIN_ID']}, {found}, "
+        f"DDS profile {Path(env['FASTRTPS_DEFAULT_PROFILES_FILE']).name}"
+    ]
+    if spec.stand_in:
+        lines.append(
+            f"{spec.site} is a stand-in site: its fence and limits are nobody's proving ground"
+        )
+    elsewhere = [t.id for t in spec.targets if t.id not in setup.bodies]
+    if elsewhere:
+        lines.append(f"on other hosts: object_target of {', '.join(elsewhere)}, with {run_file}")
+    if setup.odometry is None:
+        lines.append(f"waiting for the VUT on {names.absolute(names.state_topic(spec.vut.id))}")
+    lines.append(f"to see what is connected: ssp doctor --session {run_file}")
+    return lines
+
+
+class Go:
+    """Enter on standard input. Its end, before that, means that nobody is there to begin."""
+
+    def poll(self) -> bool | None:
+        """True: begin; False: nobody will; None: not yet."""
+        if not select.select([sys.stdin.fileno()], [], [], 0.0)[0]:
+            return None
+        data = os.read(sys.stdin.fileno(), 1024)
+        if b"\n" in data:
+            return True
+        return None if data else False

@@ -1,0 +1,255 @@
+"""What a run's bag says of its triggers, its tracking and its states, for result.json and people.
+
+Of each trigger the way from the crossing to the motion; of each object the tracking error and what
+is missing. docs/triggers.md says what every number means. A run that went wrong has a report too,
+with what there is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ssp_core import names
+from ssp_core.bag import BagReader, object_states
+from ssp_core.clock import ns_to_seconds
+from ssp_core.errors import SspError
+from ssp_core.messages import stamp_ns
+from ssp_core.names import absolute
+from ssp_core.reference import Reference
+from ssp_core.run_spec import RunSpec
+from ssp_core.state import ObjectState
+from ssp_core.vocab import SessionPhase
+from ssp_core.wire.references import Acknowledgement, decode_ack, decode_reference
+from ssp_scenario_manager.runner.report_onset import UNITS, Onset, bands, onset
+from ssp_scenario_manager.runner.report_tracking import Errors, receipt, tracking
+
+SCHEMA = "ssp.measured/1"
+
+
+@dataclass(frozen=True)
+class Heard:
+    """What is read from the bag.
+
+    Args:
+        started_ns: session time at which the run began; 0 where it didn't.
+        firings: decoded TriggerEvent messages in order.
+        references: by id, as first sent.
+        acks: by reference id, the first answer.
+        states: by object id, in the order of recording.
+    """
+
+    started_ns: int
+    firings: Sequence[Any]
+    references: dict[str, Reference]
+    acks: dict[str, Acknowledgement]
+    states: dict[str, list[ObjectState]]
+
+    @classmethod
+    def of(cls, bag: BagReader, spec: RunSpec) -> Heard:
+        """Reads all of it. Raises InputError for a damaged bag."""
+        targets = [target.id for target in spec.targets]
+        starts = [
+            stamp_ns(message.header.stamp)
+            for message in _decoded(bag, names.SESSION_STATE)
+            if message.state == int(SessionPhase.RUNNING)
+        ]
+        references: dict[str, Reference] = {}
+        acks: dict[str, Acknowledgement] = {}
+        for target in targets:
+            for message in bag.messages([absolute(names.reference_topic(target))]):
+                sent = decode_reference(message.data)
+                references.setdefault(sent.reference_id, sent)
+            for message in bag.messages([absolute(names.ack_topic(target))]):
+                ack = decode_ack(message.data)
+                acks.setdefault(ack.reference_id, ack)
+        return cls(
+            started_ns=starts[0] if starts else 0,
+            firings=list(_decoded(bag, names.TRIGGER_EVENT)),
+            references=references,
+            acks=acks,
+            states=object_states(bag, [names.VUT_ID, *targets]),
+        )
+
+
+def _decoded(bag: BagReader, topic: str) -> Iterable[Any]:
+    return (bag.decode(message) for message in bag.messages([absolute(topic)]))
+
+
+def measured(bag: Path, spec: RunSpec, say: Callable[[str], None]) -> dict[str, Any]:
+    """The report of a run.
+
+    Args:
+        bag: of the run; it may be missing or damaged.
+        spec: the run.
+        say: takes one line for people per trigger and per object target.
+
+    Returns:
+        For result.json. ``problem`` says what kept it from being measured, null: nothing.
+    """
+    try:
+        with BagReader(bag) as reader:
+            heard = Heard.of(reader, spec)
+    except (SspError, ValueError) as error:
+        return {"schema": SCHEMA, "problem": str(error)}
+    report = told(heard, spec)
+    for line in lines(report):
+        say(line)
+    return report
+
+
+def told(heard: Heard, spec: RunSpec) -> dict[str, Any]:
+    """As ``measured``, of what was read. Times are s since the start of the run, rounded to µs."""
+    follow = {target.id: tracking(heard.states[target.id]) for target in spec.targets}
+    return {
+        "schema": SCHEMA,
+        "problem": None,
+        "triggers": [_trigger(heard, firing) for firing in heard.firings],
+        "never_fired": sorted(
+            {t.id for t in spec.triggers} - {str(f.trigger_id) for f in heard.firings}
+        ),
+        "tracking": {
+            name: None
+            if found is None
+            else {
+                **_errors(found.whole),
+                "by_reference": [
+                    {"reference_id": reference, "purpose": _purpose(heard, reference), **_errors(e)}
+                    for reference, e in found.by_reference.items()
+                ],
+            }
+            for name, found in follow.items()
+        },
+        "states": {
+            name: {
+                "received": counted.received,
+                "lost": counted.lost,
+                "out_of_order": counted.out_of_order,
+            }
+            for name, counted in ((n, receipt(states)) for n, states in heard.states.items())
+        },
+    }
+
+
+def _purpose(heard: Heard, reference_id: str) -> str | None:
+    sent = heard.references.get(reference_id)
+    return sent.purpose if sent is not None else None
+
+
+def _errors(errors: Errors) -> dict[str, Any]:
+    return {
+        "states": errors.states,
+        "not_finite": errors.not_finite,
+        "lateral_rms_m": round(errors.lateral_rms_m, 4),
+        "lateral_max_m": round(errors.lateral_max_m, 4),
+        "longitudinal_rms_m": round(errors.longitudinal_rms_m, 4),
+        "longitudinal_max_m": round(errors.longitudinal_max_m, 4),
+    }
+
+
+def _trigger(heard: Heard, firing: Any) -> dict[str, Any]:
+    def s(time: Any) -> float:
+        return round(ns_to_seconds(stamp_ns(time) - heard.started_ns), 6)
+
+    pairs = zip(firing.object_ids, firing.reference_ids, strict=True)
+    return {
+        "trigger_id": str(firing.trigger_id),
+        "condition": str(firing.condition),
+        "crossing_s": s(firing.crossing_time),
+        "judged_s": s(firing.header.stamp),
+        "dispatched_s": s(firing.dispatch_time),
+        "processing_ms": round(1e3 * float(firing.processing), 3),
+        "references": [
+            _reference(heard, str(who), str(name), stamp_ns(firing.dispatch_time))
+            for who, name in pairs
+        ],
+    }
+
+
+def _reference(
+    heard: Heard, object_id: str, reference_id: str, dispatched_ns: int
+) -> dict[str, Any]:
+    def s(ns: int) -> float:
+        return round(ns_to_seconds(ns - heard.started_ns), 6)
+
+    sent, ack = heard.references.get(reference_id), heard.acks.get(reference_id)
+    found: dict[str, Any] = {
+        "object_id": object_id,
+        "reference_id": reference_id,
+        "acknowledged_s": s(ack.stamp_ns) if ack is not None else None,
+        "accepted": ack.accepted if ack is not None else None,
+        "refused": ack.error_msg if ack is not None and not ack.accepted else None,
+        "execute_at_s": s(sent.execute_at_ns) if sent is not None else None,
+        "onset": None,
+        "no_onset": None,
+    }
+    began = _onset(heard, object_id, sent, dispatched_ns)
+    if isinstance(began, str):
+        return {**found, "no_onset": began}
+    found["onset"] = {
+        "at_s": s(began.stamp_ns),
+        "quantity": began.quantity,
+        "unit": UNITS[began.quantity],
+        "difference": round(began.difference, 4),
+        "noise_middle": round(began.band.middle, 4),
+        "noise_half_width": round(began.band.half, 4),
+    }
+    return found
+
+
+def _onset(heard: Heard, object_id: str, sent: Reference | None, dispatched_ns: int) -> Onset | str:
+    """The motion onset, or why there is none."""
+    if sent is None:
+        return "the bag doesn't hold the reference"
+    states = sorted(heard.states.get(object_id, ()), key=lambda state: state.stamp_ns)
+    before = [state for state in states if state.stamp_ns <= dispatched_ns]
+    tracked = before[-1].reference_id if before else ""
+    previous = heard.references.get(tracked)
+    if tracked and previous is None:
+        return f"the bag doesn't hold the previous reference {tracked}"
+    noise = bands(states, previous, dispatched_ns)
+    if noise is None:
+        return "too few states before the dispatch to know their noise"
+    began = onset(states, previous, noise, dispatched_ns, sent.execute_at_ns)
+    return began or "no state departs from the previous reference"
+
+
+def lines(report: dict[str, Any]) -> list[str]:
+    """The report for people: one line per trigger, and per object that tracked something."""
+    found = [
+        f"trigger {fired['trigger_id']}: crossed at {fired['crossing_s']:.3f} s, judged on the "
+        f"state of {fired['judged_s']:.3f} s, sent at {fired['dispatched_s']:.3f} s "
+        f"({fired['processing_ms']:.1f} ms of processing)"
+        + "".join(_line_of_reference(r) for r in fired["references"])
+        for fired in report["triggers"]
+    ]
+    found += [f"trigger {name} never fired" for name in report["never_fired"]]
+    for name, errors in report["tracking"].items():
+        counted = report["states"][name]
+        missing = f", {counted['lost']} lost" if counted["lost"] else ", none lost"
+        if errors is not None:
+            found.append(
+                f"tracking of {name}: lateral {errors['lateral_rms_m']:.3f} m rms, at most "
+                f"{errors['lateral_max_m']:.3f} m; longitudinal "
+                f"{errors['longitudinal_rms_m']:.3f} m rms, at most "
+                f"{errors['longitudinal_max_m']:.3f} m; {counted['received']} states{missing}"
+            )
+    return found
+
+
+def _line_of_reference(reference: dict[str, Any]) -> str:
+    who = reference["object_id"]
+    if reference["acknowledged_s"] is None:
+        answer = "no answer"
+    elif reference["accepted"]:
+        answer = f"acknowledged at {reference['acknowledged_s']:.3f} s"
+    else:
+        answer = f"refused: {reference['refused']}"
+    due = reference["execute_at_s"]
+    text = f"; {who}: {answer}" + (f", due at {due:.3f} s" if due is not None else "")
+    began = reference["onset"]
+    if began is None:
+        return f"{text}, no motion seen: {reference['no_onset']}"
+    return f"{text}, moved at {began['at_s']:.3f} s ({began['quantity']})"

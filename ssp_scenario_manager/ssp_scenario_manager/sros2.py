@@ -1,0 +1,176 @@
+"""``python -m ssp_scenario_manager.sros2 RUN_FILE``: the SROS2 policy of a live session.
+
+One table says which node may publish, hear, serve and call what; the policy allows nothing else.
+Enclaves are those of hosts: ``/ssp/control`` (manager, recorder, VUT adapter, operator's tools),
+``/ssp/objects`` (object targets) and ``/ssp/drivers`` (GNSS/INS and camera). docs/deployment.md
+says how keys are made of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+import click
+
+from ssp_core import names
+from ssp_core.console import report_error
+from ssp_core.errors import SspError
+from ssp_core.run_spec import RunSpec, load_run
+
+CONTROL, OBJECTS, DRIVERS = "/ssp/control", "/ssp/objects", "/ssp/drivers"
+_PARAMETERS = (
+    *("describe_parameters", "get_parameter_types", "get_parameters", "list_parameters"),
+    *("set_parameters", "set_parameters_atomically", "get_type_description"),
+)
+_LIFECYCLE = (
+    *("change_state", "get_state", "get_available_states", "get_available_transitions"),
+    "get_transition_graph",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Rights:
+    """What one node may do; topics and services are relative to /ssp, or absolute.
+
+    Args:
+        enclave: of its host.
+        publishes: topics.
+        hears: topics.
+        serves: services.
+        calls: services.
+        executes: actions.
+        starts: actions.
+        own: services below the node's own name, the parameters' included.
+    """
+
+    enclave: str
+    publishes: tuple[str, ...] = ()
+    hears: tuple[str, ...] = ()
+    serves: tuple[str, ...] = ()
+    calls: tuple[str, ...] = ()
+    executes: tuple[str, ...] = ()
+    starts: tuple[str, ...] = ()
+    own: tuple[str, ...] = _PARAMETERS
+
+
+def rights(run: RunSpec, odometry: str = "odometry") -> dict[str, Rights]:
+    """By node name, for the objects of a run.
+
+    Args:
+        run: in mode live.
+        odometry: topic of the GNSS/INS, relative to /ssp or absolute.
+    """
+    ids = [target.id for target in run.targets]
+    singles = [] if run.states_in_one else [names.state_topic(i) for i in ids]
+    states = (*singles, names.OBJECT_STATES) if run.states_in_one else tuple(singles)
+    references = tuple(names.reference_topic(i) for i in ids)
+    acks = tuple(names.ack_topic(i) for i in ids)
+    services = tuple(names.command_service(i) for i in ids)
+    vut = names.state_topic(run.vut.id)
+    events = (names.SESSION_STATE, names.TRIGGER_EVENT, names.PHASE_EVENT, names.SAFETY_EVENT)
+    camera = (names.CAMERA_IMAGE, names.CAMERA_INFO)
+    # What the manager listens for in any session, so that a stray simulated world shows.
+    world = (names.WORLD_TICK, names.STEP_DONE)
+    commands = (*names.SESSION_COMMANDS, names.LOAD_SCENARIO)
+    told = (*events, names.HEARTBEAT, names.LINK_STATUS, names.STEP_DONE)
+    replies = (names.HEARTBEAT_REPLY, names.RECORDER_STATUS)
+    recorded = (vut, *states, *references, *acks, *told, *replies, names.FAULT_EVENT)
+    links = (names.HEARTBEAT, names.LINK_STATUS)
+    # In a live session nobody hears an object's actuator commands and steps; it offers them still.
+    told_by_objects = (
+        *(names.HEARTBEAT_REPLY, names.SAFETY_EVENT, names.FAULT_EVENT),
+        *(names.ACTUATOR_COMMANDS, names.STEP_DONE, f"{names.OBJECT_TARGET}/transition_event"),
+    )
+    table = {
+        names.SCENARIO_MANAGER: Rights(
+            CONTROL,
+            publishes=(*told, *references),
+            hears=(vut, *states, *acks, *replies, *world, names.CAMERA_INFO, names.SAFETY_EVENT),
+            serves=commands,
+            calls=services,
+            executes=(names.RUN_SCENARIO,),
+        ),
+        names.MONITOR: Rights(
+            CONTROL, publishes=(names.RECORDER_STATUS, names.SAFETY_EVENT, names.STEP_DONE)
+        ),
+        f"{names.MONITOR}_intake": Rights(
+            CONTROL, hears=(*recorded, *camera, names.CAMERA_MOUNT), own=_PARAMETERS[-1:]
+        ),
+        names.VUT_ADAPTER: Rights(CONTROL, publishes=(vut,), hears=(odometry,)),
+        "ssp_run": Rights(
+            CONTROL,
+            hears=(*events, *states, vut, names.FAULT_EVENT),
+            calls=(*commands,),
+            starts=(names.RUN_SCENARIO,),
+        ),
+        "doctor_session": Rights(
+            CONTROL,
+            hears=(vut, *states, names.OBJECT_STATES, *replies, *camera, odometry, *links),
+        ),
+        names.OBJECT_TARGET: Rights(
+            OBJECTS,
+            publishes=(*states, *acks, *told_by_objects),
+            hears=(*references, names.HEARTBEAT, vut, *states),
+            serves=services,
+            own=(*_PARAMETERS, *_LIFECYCLE),
+        ),
+        "gnss_ins": Rights(DRIVERS, publishes=(odometry,)),
+    }
+    if run.camera is not None:
+        table["camera"] = Rights(DRIVERS, publishes=(*camera, names.CAMERA_MOUNT))
+    return table
+
+
+def policy(run: RunSpec, odometry: str = "odometry") -> str:
+    """The policy as XML (SROS2 policy schema 0.2.0); arguments as for ``rights``."""
+    root = ElementTree.Element("policy", version="0.2.0")
+    enclaves = ElementTree.SubElement(root, "enclaves")
+    table = rights(run, odometry)
+    for path in sorted({right.enclave for right in table.values()}):
+        enclave = ElementTree.SubElement(enclaves, "enclave", path=path)
+        profiles = ElementTree.SubElement(enclave, "profiles")
+        for node, right in sorted(table.items()):
+            if right.enclave == path:
+                profile = ElementTree.SubElement(profiles, "profile", ns="/ssp", node=node)
+                _fill(profile, node, right)
+    ElementTree.indent(root)
+    return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def _fill(profile: ElementTree.Element, node: str, right: Rights) -> None:
+    # Every node logs and tells of its parameters.
+    publishes = (*right.publishes, "/rosout", "/parameter_events")
+    own = tuple(f"{node}/{service}" for service in right.own)
+    _group(profile, "actions", "execute", right.executes)
+    _group(profile, "actions", "call", right.starts)
+    _group(profile, "services", "reply", (*right.serves, *own))
+    _group(profile, "services", "request", right.calls)
+    _group(profile, "topics", "publish", publishes)
+    _group(profile, "topics", "subscribe", right.hears)
+
+
+def _group(profile: ElementTree.Element, kind: str, what: str, found: Iterable[str]) -> None:
+    wanted = sorted({names.absolute(name) for name in found})
+    if wanted:
+        group = ElementTree.SubElement(profile, kind, {what: "ALLOW"})
+        for name in wanted:
+            ElementTree.SubElement(group, kind.removesuffix("s")).text = name
+
+
+@click.command()
+@click.argument("run_file", type=click.Path(path_type=Path))
+@click.option("--odometry", default="odometry", help="Topic of the VUT's GNSS/INS.")
+def main(run_file: Path, odometry: str) -> None:
+    """Prints the SROS2 policy of the live session RUN_FILE."""
+    try:
+        click.echo(policy(load_run(run_file), odometry), nl=False)
+    except SspError as error:
+        report_error(str(error))
+        raise SystemExit(1) from None
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,204 @@
+"""The scenario_manager as a process, and everybody whom it meets, played by the test."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+from rclpy.action import ActionClient
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+
+from ssp_core import names, ros
+from ssp_core.conversions import state_to_msg
+from ssp_core.domains import free_domain
+from ssp_core.processes import remove_shared_ports, remove_stale_shared_memory, session_environment
+from ssp_core.state import ObjectState
+from ssp_core.vocab import ControlState, SessionPhase
+from ssp_msgs import msg
+from ssp_msgs.action import RunScenario
+from ssp_msgs.srv import LoadScenario, ObjectCommand, SessionCommand
+
+DEADLINE_S = 20.0
+DISARMED, ARMED = ControlState.DISARMED, ControlState.ARMED
+
+
+class Peers:
+    """Everybody whom a manager meets, played by the test: world, object target, recorder."""
+
+    def __init__(self, domain_id: int, state: Callable[..., ObjectState]) -> None:
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=domain_id)
+        self.node = rclpy.create_node("peers", namespace=names.NAMESPACE, context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.vut: ObjectState | None = None
+        self.ot1: ObjectState | None = None
+        self.recorder: msg.RecorderStatus | None = None
+        self.make_state = state
+        self.obeys = True
+        self.seen: list[Any] = []
+        self.safety: list[Any] = []
+        self.beats: list[Any] = []
+        self.links: list[Any] = []
+        self.answers = True
+        self.live = False
+        self.counted = 0
+        self.clock_offset_ns = 0
+        self.commands: list[int] = []
+        pub, sub = self.node.create_publisher, self.node.create_subscription
+        self.tick = pub(msg.WorldTick, names.WORLD_TICK, ros.STATE)
+        self.vut_pub = pub(msg.ObjectState, names.state_topic("vut"), ros.STATE)
+        self.ot1_pub = pub(msg.ObjectState, names.state_topic("ot1"), ros.STATE)
+        self.status = pub(msg.RecorderStatus, names.RECORDER_STATUS, ros.STATE)
+        sub(msg.SessionState, names.SESSION_STATE, self.seen.append, ros.LATCHED)
+        sub(msg.SafetyEvent, names.SAFETY_EVENT, self.safety.append, ros.LATCHED)
+        sub(msg.Heartbeat, names.HEARTBEAT, self._on_beat, ros.STATE)
+        sub(msg.LinkStatus, names.LINK_STATUS, self.links.append, ros.STATE)
+        self.reply = pub(msg.HeartbeatReply, names.HEARTBEAT_REPLY, ros.STATE)
+        self.node.create_service(ObjectCommand, names.command_service("ot1"), self._on_command)
+        self.node.create_timer(0.02, self._publish)
+        client = self.node.create_client
+        self.services = {c: client(SessionCommand, c) for c in names.SESSION_COMMANDS}
+        self.loading = client(LoadScenario, names.LOAD_SCENARIO)
+        self.action = ActionClient(self.node, RunScenario, names.RUN_SCENARIO)
+
+    def _publish(self) -> None:
+        if not self.live:
+            self.tick.publish(msg.WorldTick(step=0, running=False, lockstep=True))
+        if self.vut is not None:
+            self.vut_pub.publish(state_to_msg(self._now(self.vut)))
+        if self.ot1 is not None:
+            self.ot1_pub.publish(state_to_msg(self._now(self.ot1)))
+        if self.recorder is not None:
+            self.status.publish(self.recorder)
+
+    def _now(self, state: ObjectState) -> ObjectState:
+        """Live, states are stamped with the system clock, and counted."""
+        if not self.live:
+            return state
+        self.counted += 1
+        return replace(state, stamp_ns=time.time_ns(), sequence=self.counted)
+
+    def _on_beat(self, beat: Any) -> None:
+        """The object answers each heartbeat, by its own clock, and heeds an abort."""
+        self.beats.append(beat)
+        ended = (SessionPhase.ABORTING, SessionPhase.ABORTED)
+        if beat.session_state in ended and self.ot1 is not None and self.obeys:
+            self.ot1 = replace(self.ot1, control_state=ControlState.ABORTING)
+        if self.answers:
+            now = ros.stamp_from_ns(time.time_ns() + self.clock_offset_ns)
+            answer = msg.HeartbeatReply(
+                participant="peers",
+                object_ids=["ot1"],
+                sequence=beat.sequence,
+                heartbeat_sent=beat.sent,
+                heartbeat_received=now,
+            )
+            answer.header.stamp = now
+            self.reply.publish(answer)
+
+    def _on_command(self, request: Any, response: Any) -> Any:
+        self.commands.append(request.command)
+        response.accepted = self.obeys
+        response.error_msg = "" if self.obeys else "the key is out"
+        armed = request.command == ObjectCommand.Request.COMMAND_ARM
+        if self.obeys:
+            self.appear(ARMED if armed else DISARMED)
+        return response
+
+    def appear(self, control_state: ControlState = DISARMED) -> None:
+        """Everybody is there, in place, and recorded."""
+        self.vut = self.make_state("vut")
+        self.ot1 = self.make_state("ot1", x_m=40.0, y_m=3.5, control_state=control_state)
+        self.recorder = msg.RecorderStatus(ready=True)
+
+    def spin_until(self, condition: Callable[[], Any], what: str) -> None:
+        deadline = time.monotonic() + DEADLINE_S
+        while not condition():
+            assert time.monotonic() < deadline, f"{what} did not happen in time"
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def ask(self, client: Any, request: Any) -> Any:
+        self.spin_until(client.service_is_ready, f"{client.srv_name} is there")
+        future = client.call_async(request)
+        self.spin_until(future.done, f"{client.srv_name} answers")
+        return future.result()
+
+    def command(self, name: str) -> Any:
+        return self.ask(self.services[name], SessionCommand.Request(requested_by="test"))
+
+    def load(self, run_file: Path | str) -> Any:
+        return self.ask(self.loading, LoadScenario.Request(run_file=str(run_file)))
+
+    def obtain(self, name: str) -> None:
+        """Asks until it is accepted: what was published needs a moment to arrive."""
+        self.spin_until(lambda: self.command(name).accepted, name)
+
+    def wait_for(self, state: SessionPhase) -> None:
+        self.spin_until(lambda: self.seen and self.seen[-1].state == state, state.name)
+
+    def run(self, run_file: Path | str) -> Any:
+        """Sends a goal and returns its result."""
+        self.spin_until(self.action.server_is_ready, "the action server")
+        goal = self.action.send_goal_async(RunScenario.Goal(run_file=str(run_file)))
+        self.spin_until(goal.done, "the goal's answer")
+        assert goal.result().accepted
+        result = goal.result().get_result_async()
+        self.spin_until(result.done, "the result")
+        return result.result().result
+
+    def close(self) -> None:
+        self.executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self.context)
+
+
+@pytest.fixture
+def domain() -> Iterator[int]:
+    with free_domain() as domain_id:
+        yield domain_id
+        remove_shared_ports(domain_id)
+    remove_stale_shared_memory()
+
+
+@pytest.fixture
+def manager(domain: int) -> Iterator[subprocess.Popen[str]]:
+    process = subprocess.Popen(
+        [sys.executable, "-m", "ssp_scenario_manager.node"],
+        env=session_environment(domain),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    yield process
+    process.kill()
+    process.communicate(timeout=10)
+
+
+@pytest.fixture
+def peers(
+    domain: int,
+    manager: subprocess.Popen[str],
+    state: Callable[..., ObjectState],
+    monkeypatch: pytest.MonkeyPatch,
+) -> Iterator[Peers]:
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    made = Peers(domain, state)
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def run_file(tmp_path: Path, run_mapping: dict[str, Any]) -> Path:
+    path = tmp_path / "run.yaml"
+    path.write_text(json.dumps(run_mapping))
+    return path

@@ -1,0 +1,110 @@
+"""A live session as a process: the system clock's time, no world, silence seen by a timer."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+
+from ssp_core import names, ros
+from ssp_core.safety_codes import SafetyCode
+from ssp_core.vocab import ControlState, SessionPhase
+from ssp_msgs import msg
+
+pytestmark = pytest.mark.ros
+S = 1_000_000_000
+
+
+@pytest.fixture
+def live(peers: Any, tmp_path: Path, run_mapping: dict[str, Any]) -> Any:
+    """Peers of a live session, with limits that are wide enough for a busy machine."""
+    run_mapping["mode"] = "live"
+    run_mapping["step_s"] = 0.1
+    run_mapping["limits"] |= {
+        "state_age_s": 2.0,
+        "clock_offset_s": 2.0,
+        "link_delay_s": 4.0,
+        "heartbeat_s": 3.0,
+        "ack_s": 60.0,
+    }
+    peers.run_file = tmp_path / "run.yaml"
+    peers.run_file.write_text(json.dumps(run_mapping))
+    peers.live = True
+    return peers
+
+
+def arm(peers: Any) -> None:
+    assert peers.load(peers.run_file).accepted
+    peers.appear()
+    for command in ("connect", "arm"):
+        peers.obtain(command)
+
+
+def wait_for_event(peers: Any, code: SafetyCode) -> None:
+    peers.spin_until(lambda: code in codes(peers), code.name)
+    peers.wait_for(SessionPhase.ABORTED)
+
+
+def codes(peers: Any) -> set[int]:
+    return {event.code for event in peers.safety}
+
+
+def test_a_live_session(live: Any, manager: subprocess.Popen[str]) -> None:
+    """One manager, three sessions: each start of a process costs seconds."""
+    runs_on_the_system_clock(live)
+    live.safety.clear()
+    misses_answers_to_heartbeats(live)
+    live.safety.clear()
+    notices_a_second_manager(live)
+    assert manager.poll() is None
+
+
+def runs_on_the_system_clock(live: Any) -> None:
+    arm(live)
+    live.obtain("start")
+    live.wait_for(SessionPhase.RUNNING)
+    started_ns = ros.ns_from_stamp(live.seen[-1].header.stamp)
+    assert abs(time.time_ns() - started_ns) < 20 * S
+    # A stray world moves nothing: its time is not ours.
+    live.tick.publish(msg.WorldTick(step=5, running=True, lockstep=True))
+    live.spin_until(lambda: live.links, "a report on the links")
+    status = live.links[-1]
+    assert list(status.object_ids) == ["vut", "ot1"]
+    assert status.states_received[1] > 0
+    assert abs(status.clock_offset[1]) < 2.0
+    assert 0.0 <= status.delay[1] < 4.0
+    live.spin_until(
+        lambda: time.time_ns() - ros.ns_from_stamp(live.beats[-1].header.stamp) < S, "a young beat"
+    )
+    # Nobody steps the session, and still it sees that an object is gone.
+    live.ot1 = None
+    live.spin_until(lambda: SafetyCode.OBJECT_SILENT in codes(live), "the event")
+    live.wait_for(SessionPhase.ABORTING)
+    assert not live.command("all_clear").accepted
+    live.ot1 = live.make_state("ot1", x_m=40.0, y_m=3.5, control_state=ControlState.ABORTING)
+    live.wait_for(SessionPhase.ABORTED)
+    live.obtain("all_clear")
+
+
+def misses_answers_to_heartbeats(live: Any) -> None:
+    """States of the object go on: the link in the other direction is what is cut."""
+    arm(live)
+    live.answers = False
+    wait_for_event(live, SafetyCode.REPLY_MISSING)
+    assert SafetyCode.OBJECT_SILENT not in codes(live)
+    live.answers = True
+    live.obtain("all_clear")
+
+
+def notices_a_second_manager(live: Any) -> None:
+    arm(live)
+    other = rclpy.create_node("other", namespace=names.NAMESPACE, context=live.context)
+    other.create_publisher(msg.Heartbeat, names.HEARTBEAT, ros.STATE)
+    wait_for_event(live, SafetyCode.FOREIGN_MANAGER)
+    other.destroy_node()
+    live.obtain("all_clear")

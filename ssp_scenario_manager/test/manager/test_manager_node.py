@@ -1,0 +1,163 @@
+"""The scenario_manager as a process: what its services answer, and that abort always works."""
+
+from __future__ import annotations
+
+import re
+import signal
+import subprocess
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ssp_core.conversions import state_to_msg
+from ssp_core.vocab import ControlState, ObjectClass, SessionPhase, Verdict
+from ssp_msgs.srv import ObjectCommand
+
+pytestmark = pytest.mark.ros
+DEADLINE_S = 20.0
+Peers = Any  # see conftest.py
+
+
+def bring(peers: Peers, run_file: Path, phase: str) -> None:
+    """Any state that can be reached while the world holds."""
+    if phase == "IDLE":
+        return
+    assert peers.load(run_file).accepted
+    if phase == "LOADED":
+        return
+    peers.appear()
+    for command, reached in (("connect", "CONNECTED"), ("arm", "ARMED"), ("start", "RUNNING")):
+        peers.obtain(command)
+        if reached == phase:
+            return
+    if phase in ("ABORTING", "ABORTED"):
+        if phase == "ABORTING":
+            assert peers.vut is not None
+            peers.vut = peers.make_state("vut", speed_mps=1.0)
+            spin = partial(peers.executor.spin_once, timeout_sec=0.02)
+            for _ in range(20):
+                spin()
+        peers.command("abort")
+    else:
+        peers.command("stop")
+    peers.wait_for(SessionPhase[phase])
+
+
+def test_refusals_say_why(peers: Peers, run_file: Path, tmp_path: Path) -> None:
+    answer = peers.command("arm")
+    assert (answer.accepted, answer.error_code) == (False, answer.REFUSED_TRANSITION)
+    assert answer.error_msg == "arm is not possible in state IDLE; possible are: load, abort"
+    assert answer.session_state == SessionPhase.IDLE
+
+    answer = peers.load(tmp_path / "none.yaml")
+    assert not answer.accepted
+    assert answer.error_code != 0
+    assert "none.yaml: can't be read" in answer.error_msg
+
+    assert peers.load(run_file).event_version == "sha256:event"
+    answer = peers.command("connect")
+    assert (answer.accepted, answer.error_code) == (False, answer.REFUSED_CONDITION)
+    assert list(answer.missing) == ["no state of the VUT arrives", "no state of ot1 arrives"]
+
+    # Both are heard, but nothing is as it must be for arming.
+    peers.clock_offset_ns = 2_000_000_000
+    peers.vut = peers.make_state("vut", x_m=-8.0)
+    peers.ot1 = peers.make_state("ot1", x_m=40.0, y_m=3.5, speed_mps=2.0)
+    peers.obtain("connect")
+    peers.spin_until(lambda: "the clock" in peers.command("arm").error_msg, "a measured clock")
+    answer = peers.command("arm")
+    assert (answer.accepted, answer.error_code) == (False, answer.REFUSED_CONDITION)
+    silent, offset, *others = answer.missing
+    assert silent == "the recorder is silent"
+    assert re.fullmatch(r"the clock of ot1 is off by [12]\.\d{3} s, limit 0\.05 s", offset)
+    assert others == [
+        "vut is 8.00 m from its start, limit 1.5 m",
+        "ot1 is OFF, not DISARMED or ARMED",
+        "ot1 moves at 2.00 m/s, limit 0.05 m/s",
+    ]
+    for missing in answer.missing:
+        assert missing in answer.error_msg
+
+
+def test_abort_from_every_state(peers: Peers, run_file: Path) -> None:
+    """Also while the world holds: it ends in ABORTED, and all_clear leads out of it."""
+    for phase in (
+        *("IDLE", "LOADED", "CONNECTED", "ARMED", "RUNNING", "FINISHED", "ABORTING", "ABORTED"),
+        "ARMED",  # once more: the way out leads back to where a run can start
+    ):
+        peers.safety.clear()
+        peers.commands.clear()
+        bring(peers, run_file, phase)
+        assert peers.command("abort").accepted, phase
+        if phase == "ABORTING":
+            assert peers.seen[-1].state != SessionPhase.ABORTED
+            peers.appear(ControlState.ABORTING)
+        peers.wait_for(SessionPhase.ABORTED)
+        assert any(event.limit_name == "operator" for event in peers.safety), phase
+        peers.obtain("all_clear")
+        peers.wait_for(SessionPhase.IDLE)
+        if phase != "IDLE":  # before a load there are no objects to clear
+            clear = ObjectCommand.Request.COMMAND_ALL_CLEAR
+            peers.spin_until(lambda: clear in peers.commands, "the objects are cleared")  # noqa: B023 (waited for at once)
+    # Every transition was announced once, and each begins where the one before ended.
+    states = [SessionPhase(s.state) for s in peers.seen]
+    before = [SessionPhase(s.previous) for s in peers.seen]
+    assert before == [SessionPhase.IDLE, *states[:-1]]
+
+
+def test_the_start_reaches_the_objects_with_its_references_counted(
+    peers: Peers, run_file: Path
+) -> None:
+    """The first heartbeat that says RUNNING says how many references go with it."""
+    bring(peers, run_file, "RUNNING")
+    running = SessionPhase.RUNNING
+    peers.spin_until(lambda: any(b.session_state == running for b in peers.beats), "a beat")
+    first = next(b for b in peers.beats if b.session_state == running)
+    assert dict(zip(first.object_ids, first.references_sent, strict=True)) == {"ot1": 1}
+    sequences = [b.sequence for b in peers.beats]
+    assert sequences == list(range(sequences[0], sequences[0] + len(sequences)))
+
+
+def test_an_object_that_does_not_arm_takes_the_session_back(peers: Peers, run_file: Path) -> None:
+    bring(peers, run_file, "CONNECTED")
+    peers.obeys = False
+    peers.obtain("arm")
+    peers.spin_until(lambda: peers.seen[-1].event == "arm_failed", "the way back")
+    assert peers.seen[-1].reason == "ot1 refused: the key is out"
+    assert peers.seen[-1].state == SessionPhase.CONNECTED
+
+
+def test_a_number_without_a_name_does_not_kill_it(
+    peers: Peers, run_file: Path, manager: subprocess.Popen[str]
+) -> None:
+    bring(peers, run_file, "CONNECTED")
+    strange = state_to_msg(peers.make_state("vut", object_class=ObjectClass.CAR))
+    strange.object_class = 99
+    for _ in range(5):
+        peers.vut_pub.publish(strange)
+    peers.obtain("arm")
+    assert manager.poll() is None
+
+
+def test_a_goal_is_for_an_idle_session(peers: Peers, run_file: Path, tmp_path: Path) -> None:
+    """It must not be given the verdict of the run before it."""
+    result = peers.run(tmp_path / "none.yaml")
+    assert result.error_code != 0
+    assert "can't be read" in result.error_msg
+    bring(peers, run_file, "FINISHED")
+    result = peers.run(run_file)
+    assert (result.verdict, result.run_id) == (Verdict.NONE, "")
+    assert "the session is FINISHED already" in result.error_msg
+    assert peers.seen[-1].state == SessionPhase.FINISHED
+
+
+def test_sigterm_aborts_before_it_goes(
+    peers: Peers, run_file: Path, manager: subprocess.Popen[str]
+) -> None:
+    bring(peers, run_file, "ARMED")
+    manager.send_signal(signal.SIGTERM)
+    peers.spin_until(lambda: peers.seen[-1].event == "abort", "the abort")
+    assert "shuts down" in peers.seen[-1].reason
+    assert manager.wait(timeout=DEADLINE_S) == 0

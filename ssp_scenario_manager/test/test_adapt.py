@@ -1,0 +1,377 @@
+"""Adapting a manoeuvre to a VUT of another speed: when, how far, and when not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+import pytest
+
+from ssp_core.geometry import Polyline
+from ssp_core.reference import Reference
+from ssp_core.run_spec import Adaptation, FollowPath, LaneChange, Limits, Motion, ParticipantSpec
+from ssp_core.state import ObjectState
+from ssp_core.vocab import ObjectClass, Role
+from ssp_scenario_manager.core.adapt import (
+    Adapting,
+    Bounds,
+    Decision,
+    VutTrack,
+    answered,
+    arrival_ns,
+    begin,
+    decide,
+    follow_vut,
+    foreseen_gap_s,
+)
+from ssp_scenario_manager.core.dispatch import Address, approach_reference, manoeuvre_reference
+from ssp_scenario_manager.core.pace import play
+from ssp_scenario_manager.core.routine import Routine, routine_of
+
+S = 1_000_000_000
+PATH = Polyline([(0.0, 0.0), (300.0, 0.0)])
+LIMITS = Limits(speed_mps=17.0, acceleration_mps2=4.5)
+FENCE = [(-50.0, -40.0), (400.0, -40.0), (400.0, 40.0), (-50.0, 40.0)]
+
+
+def participant(name: str, cls: str, x: float, y: float, yaw: float = 0.0) -> ParticipantSpec:
+    return ParticipantSpec.model_validate(
+        {"id": name, "object_class": cls, "start": {"x_m": x, "y_m": y, "yaw_rad": yaw}}
+    )
+
+
+VUT = participant("vut", "car", 0.0, 0.0)
+WALKER = participant("ot1", "pedestrian", 100.0, -2.5, np.pi / 2)
+CAR = participant("ot1", "car", 40.0, 3.5)
+DRIVEN = Motion(path=[(40.0, 3.5), (300.0, 3.5)], cruise_mps=8.5)
+
+
+def address(execute_s: float, name: str = "r") -> Address:
+    return Address(name, "ot1", "v", "manoeuvre", 0, round(execute_s * S))
+
+
+def crossing(execute_s: float = 10.1) -> Routine:
+    """From 1.3 m beside the corridor (1.2 m wide to each side) at 1.5 m/s."""
+    walk = FollowPath(
+        kind="follow_path",
+        motion=Motion(
+            path=[(100.0, -2.5), (100.0, 13.0)],
+            cruise_mps=1.5,
+            acceleration_mps2=1.5,
+            deceleration_mps2=1.5,
+        ),
+    )
+    sent = manoeuvre_reference(address(execute_s), walk, vut(0.0), None, None)
+    found = routine_of(None, sent, 10 * S, WALKER, VUT, PATH)
+    assert found is not None
+    return found
+
+
+def cut_in(execute_s: float = 13.0) -> Routine:
+    change = LaneChange(
+        kind="lane_change", lateral_shift_m=-3.5, duration_s=2.5, cruise_mps=5.5,
+        deceleration_mps2=2.0,
+    )  # fmt: skip
+    approach = approach_reference(address(0.5, "a"), DRIVEN)
+    sent = manoeuvre_reference(address(execute_s), change, vut(0.0), approach, DRIVEN)
+    found = routine_of(approach, sent, 10 * S, CAR, VUT, PATH)
+    assert found is not None
+    return found
+
+
+def vut(
+    t_s: float, x_m: float = 0.0, speed_mps: float = 10.0, acceleration_mps2: float = 0.0
+) -> ObjectState:
+    return ObjectState(
+        "vut", ObjectClass.CAR, Role.VUT, round(t_s * S), x_m, 0.0, 0.0, speed_mps,
+        acceleration_mps2, 0.0, VUT.size,
+    )  # fmt: skip
+
+
+def wish(
+    gap_s: float, first: Literal["initiator", "vut"] = "initiator", **more: object
+) -> Adaptation:
+    return Adaptation.model_validate({"first": first, "gap_s": gap_s, **more})
+
+
+class Drive:
+    """A VUT along PATH, and what is decided of it every 20 ms."""
+
+    def __init__(self, routine: Routine, asked: Adaptation, x_m: float, limits: Limits = LIMITS):
+        self.known: Adapting = begin(routine, 10 * S, asked.lead_time_s)
+        self.asked = asked
+        who = WALKER if routine.zone.start_m < routine.zone.end_m else CAR
+        self.bounds = Bounds(limits, FENCE, who, 0.02)
+        self.t_s, self.x_m = 10.0, x_m
+        self.sent: list[tuple[float, Decision]] = []
+        self.notes: list[str] = []
+        self.wrong: list[str] = []
+        self.arrived_s: float | None = None
+
+    def go(
+        self, seconds: float, speed_mps: float, acceleration: float = 0.0, noise: float = 0.0
+    ) -> None:
+        rng = np.random.default_rng(1)
+        for _ in range(round(seconds / 0.02)):
+            dx, dv = noise * rng.standard_normal(2)
+            seen = vut(self.t_s, self.x_m + dx, speed_mps + dv, acceleration)
+            found = decide(self.known, self.asked, self.bounds, seen, PATH, round(self.t_s * S))
+            self.known = found.adapting
+            if found.pace is not None:
+                self.sent.append((self.t_s, found))
+            self.notes += [found.note] if found.note else []
+            self.wrong += [found.wrong_order] if found.wrong_order else []
+            self.t_s += 0.02
+            self.x_m += speed_mps * 0.02
+            front = self.x_m + VUT.size.front_m
+            if self.arrived_s is None and front >= self.known.routine.zone.start_m:
+                self.arrived_s = self.t_s - (front - self.known.routine.zone.start_m) / speed_mps
+            speed_mps = max(speed_mps + acceleration * 0.02, 0.0)
+
+    @property
+    def gap_s(self) -> float:
+        """As METHOD 1 has it, of the last pace."""
+        routine, first = self.known.routine, self.asked.first == "initiator"
+        own_s = routine.departure_s if first else routine.arrival_s
+        decisive_s = self.known.pace.reached_ns(own_s) / S
+        arrived_s = self.arrived_s
+        assert arrived_s is not None
+        return arrived_s - decisive_s if first else decisive_s - arrived_s
+
+
+def placed(routine: Routine, gap_s: float, speed_mps: float) -> float:
+    """Where the VUT is at 10 s for that gap at that speed, if it comes second."""
+    seconds = gap_s + routine.departure_s + routine.execute_at_ns / S - 10.0
+    return routine.zone.start_m - VUT.size.front_m - speed_mps * seconds
+
+
+# -- routine -----------------------------------------------------------------------------------
+
+
+def test_who_crosses_arrives_and_leaves_by_its_box_and_meets_both_corridors() -> None:
+    routine = crossing()
+    # 1.05 m until its front is in the corridor, 3.95 m until its rear is out of it; the walk
+    # begins with 1.5 m/s^2 over 1 s, built up over 0.4 s.
+    assert routine.arrival_s == pytest.approx(0.2 + 0.5 + 1.05 / 1.5, abs=0.01)
+    assert routine.departure_s == pytest.approx(0.2 + 0.5 + 3.95 / 1.5, abs=0.01)
+    assert (routine.zone.start_m, routine.zone.end_m) == pytest.approx((99.45, 100.55))
+
+
+def test_who_merges_leaves_its_zone_as_it_arrives_and_the_zone_begins_at_its_rear() -> None:
+    routine = cut_in()
+    assert routine.departure_s == routine.arrival_s
+    # A front corner that has turned in comes first.
+    assert 0.6 < routine.arrival_s < 1.0
+    at_start = float(np.interp(0.0, routine.columns[0], routine.columns[1]))
+    driven = float(np.interp(routine.arrival_s, routine.columns[0], routine.columns[1])) - at_start
+    rear = at_start + driven - CAR.size.rear_m
+    assert routine.zone.start_m == pytest.approx(rear, abs=0.3)
+    # Before the manoeuvre it drives on along its approach.
+    assert routine.columns[0, 0] <= -3.0
+    assert routine.columns[4, 1] == pytest.approx(8.5)
+
+
+def test_who_never_comes_into_the_corridor_meets_nobody() -> None:
+    away = LaneChange(
+        kind="lane_change", lateral_shift_m=3.5, duration_s=2.5, cruise_mps=8.0,
+        deceleration_mps2=2.0,
+    )  # fmt: skip
+    approach = approach_reference(address(0.5, "a"), DRIVEN)
+    sent = manoeuvre_reference(address(13.0), away, vut(0.0), approach, DRIVEN)
+    assert routine_of(approach, sent, 10 * S, CAR, VUT, PATH) is None
+
+
+# -- the VUT -----------------------------------------------------------------------------------
+
+
+def test_the_filter_follows_a_steady_acceleration_without_lag_and_averages_noise() -> None:
+    rng = np.random.default_rng(3)
+    track: VutTrack | None = None
+    errors = []
+    for i in range(200):
+        t = 0.02 * i
+        x, v = 10.0 * t + 0.5 * t * t, 10.0 + t
+        dx, dv = 0.05 * rng.standard_normal(2)
+        track = follow_vut(track, vut(t, x + dx, v + dv, 1.0), PATH)
+        errors.append((track.front_m - x - VUT.size.front_m, track.speed_mps - v))
+    late = np.array(errors[50:])
+    assert np.abs(late.mean(axis=0)).max() < 0.01
+    assert late.std(axis=0).max() < 0.02
+    assert track is not None
+    assert follow_vut(track, vut(3.0, 99.0), PATH) is track  # older than what is known
+
+
+def test_a_vut_arrives_at_its_present_speed_and_a_standing_one_never() -> None:
+    track = VutTrack(2 * S, 50.0, 10.0, 0.0)
+    assert arrival_ns(track, 80.0) == pytest.approx(5 * S)
+    assert arrival_ns(track, 40.0) == pytest.approx(1 * S)
+    assert arrival_ns(replace(track, acceleration_mps2=2.0), 61.0) == pytest.approx(3 * S)
+    assert arrival_ns(replace(track, acceleration_mps2=2.0), 85.0) == pytest.approx(5 * S)
+    assert arrival_ns(replace(track, speed_mps=0.4), 80.0) == float("inf")
+    assert arrival_ns(replace(track, speed_mps=3.0, acceleration_mps2=-3.0), 80.0) == float("inf")
+
+
+# -- decisions ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("speed", [8.0, 9.0, 11.0, 12.0])
+@pytest.mark.parametrize("make", [crossing, cut_in])
+def test_a_faster_or_slower_vut_is_met_with_the_specified_gap(make: object, speed: float) -> None:
+    routine: Routine = make()  # type: ignore[operator]
+    gap = 1.0
+    drive = Drive(routine, wish(gap), placed(routine, gap, 10.0))
+    drive.go(9.0, speed)
+    assert drive.gap_s == pytest.approx(gap, abs=0.15)
+    assert drive.sent
+    assert drive.notes[-1] == "adaptation ends: the conflict is at hand"
+    assert drive.wrong == []
+
+
+def test_what_comes_as_foreseen_is_let_be_in_spite_of_noise() -> None:
+    routine = crossing()
+    track = follow_vut(None, vut(10.0, 60.0), PATH)
+    gap = foreseen_gap_s(routine, track, VUT.size, initiator_first=True)
+    drive = Drive(routine, wish(gap), 60.0)
+    drive.go(5.0, 10.0, noise=0.02)
+    assert drive.sent == []
+    assert drive.wrong == []
+
+
+def test_a_noisy_vut_is_not_answered_with_chatter() -> None:
+    drive = Drive(crossing(), wish(0.8), 62.0)
+    drive.go(5.0, 9.0, noise=0.1)
+    times = [t for t, _ in drive.sent]
+    assert 0 < len(times) < 15
+    assert np.diff(times).min() >= 0.1 - 1e-9
+
+
+def test_it_goes_no_faster_and_brakes_no_harder_than_allowed() -> None:
+    routine = cut_in()
+    limits = Limits(speed_mps=10.0, acceleration_mps2=3.5)
+    drive = Drive(
+        routine,
+        wish(1.0, acceleration_mps2=2.0, deceleration_mps2=3.0),
+        placed(routine, 1.0, 10.0),
+        limits,
+    )
+    drive.go(1.0, 11.0)
+    drive.go(3.0, 8.0)
+
+    assert drive.sent
+    for _, decision in drive.sent:
+        assert decision.pace is not None
+        columns = play(routine.columns, decision.pace).columns
+        assert columns[4].max() <= 10.0 + 1e-9
+        assert columns[5].max() <= 2.0 + 1e-9
+        assert columns[5].min() >= -3.0 - 1e-9
+        slowest, fastest = 0.6, 1.4
+        assert slowest <= decision.pace.wanted <= fastest
+
+
+def test_a_gap_that_can_not_be_met_is_approached_and_told_once() -> None:
+    drive = Drive(crossing(), wish(0.8), 55.0)
+    drive.go(3.5, 13.5)
+    assert drive.sent[-1][1].pace is not None
+    assert drive.sent[-1][1].pace.wanted == pytest.approx(1.4)
+    told = [note for note in drive.notes if "as much as the limits allow" in note]
+    assert len(told) == 1
+    assert drive.wrong == []
+
+
+def test_a_passing_order_that_can_not_be_kept_ends_the_event() -> None:
+    drive = Drive(crossing(), wish(0.8), 82.0)
+    drive.go(0.15, 16.0)
+    assert drive.wrong == []  # it may be noise
+    drive.go(0.2, 16.0)
+    assert "the VUT would be" in drive.wrong[0]
+
+
+def test_where_the_vut_comes_first_the_other_waits_for_it() -> None:
+    drive = Drive(cut_in(12.0), wish(0.5, "vut"), 0.0)
+    zone = drive.known.routine.zone
+    comes_s = drive.known.routine.execute_at_ns / S + drive.known.routine.arrival_s
+    # At 14 m/s its rear would have left 0.5 s before the other one arrives.
+    drive.x_m = zone.end_m + VUT.size.length_m - VUT.size.front_m - 14.0 * (comes_s - 0.5 - 10.0)
+    drive.go(1.0, 13.0)
+    assert all(d.pace is not None and d.pace.wanted < 1.0 for _, d in drive.sent)
+    assert drive.sent
+    drive.go(1.0, 2.0)
+    assert "the object target would be" in drive.wrong[0]
+
+
+def test_a_vut_that_responds_is_not_chased() -> None:
+    drive = Drive(crossing(), wish(0.5), 62.0)
+    drive.go(0.5, 10.0)
+    sent = len(drive.sent)
+    drive.go(2.0, 10.0, acceleration=-3.0)
+    assert any("the VUT responds" in note for note in drive.notes)
+    # What it took until the braking could be told from noise.
+    assert len(drive.sent) <= sent + 1
+    assert drive.wrong == []
+
+
+def test_a_vut_that_brakes_before_anybody_moves_has_another_reason() -> None:
+    drive = Drive(cut_in(14.0), wish(1.0), 10.0)
+    drive.go(1.0, 13.0, acceleration=-2.5)
+    assert not any("responds" in note for note in drive.notes)
+    assert drive.sent
+
+
+def test_a_vut_that_stops_makes_nobody_creep() -> None:
+    routine = crossing()
+    drive = Drive(routine, wish(0.5, response_mps2=None), 60.0)
+    drive.go(3.0, 10.0, acceleration=-5.0)
+    planned_s = (routine.execute_at_ns / S) + routine.columns[0, -1]
+    ends_s = drive.known.pace.reached_ns(float(routine.columns[0, -1])) / S
+    assert ends_s < 10.0 + (planned_s - 10.0) / 0.6
+
+
+def test_near_its_decisive_instant_nothing_changes_any_more() -> None:
+    routine = crossing()
+    drive = Drive(routine, wish(0.5, freeze_s=1.0), 60.0)
+    drive.go(8.0, 10.0)
+    last_s = max((t for t, _ in drive.sent), default=0.0)
+    assert last_s <= drive.known.pace.reached_ns(routine.departure_s) / S - 1.0 + 1e-6
+    assert drive.known.over == "the conflict is at hand"
+
+
+def test_every_reference_goes_on_where_the_one_before_has_led() -> None:
+    routine = cut_in()
+    drive = Drive(routine, wish(1.0), placed(routine, 1.0, 13.0))
+    drive.go(0.6, 15.0)
+    drive.go(0.6, 11.0)
+    drive.go(1.0, 14.0)
+    assert len(drive.sent) > 4
+    before = begin(routine, 0, 0.1).pace
+    for _, decision in drive.sent:
+        pace = decision.pace
+        assert pace is not None
+        assert pace.at(pace.start_ns) == pytest.approx(before.at(pace.start_ns), abs=1e-9)
+        before = pace
+
+
+def test_a_late_reference_is_forgotten_and_the_next_one_gets_more_time() -> None:
+    drive = Drive(crossing(), wish(0.8), 62.0)
+    drive.go(0.3, 8.5)
+    known = drive.known
+    assert known.pace != known.taken
+    refused = answered(known, known.pace, accepted=False, most_lead_ns=S // 4)
+    assert refused.pace == known.taken
+    assert (refused.lead_ns, refused.refused) == (S // 5, 1)
+    again = answered(refused, known.pace, accepted=False, most_lead_ns=S // 4)
+    assert (again.lead_ns, again.refused) == (S // 4, 2)
+    taken = answered(again, known.pace, accepted=True, most_lead_ns=S)
+    assert (taken.taken, taken.refused) == (known.pace, 0)
+
+
+def test_references_play_as_references() -> None:
+    routine = crossing()
+    drive = Drive(routine, wish(0.8), 62.0)
+    drive.go(1.0, 8.5)
+    pace = drive.sent[-1][1].pace
+    assert pace is not None
+    sent = Reference("x", "ot1", "v", "adapted", 0, pace.start_ns, pace.start_ns + S,
+                     play(routine.columns, pace))  # fmt: skip
+    assert sent.points[-1].speed_mps == 0.0
+    assert sent.points[-1].y_m == pytest.approx(13.0)

@@ -1,0 +1,165 @@
+"""What ``ssp doctor --session`` makes of what it heard."""
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from ssp_core import names
+from ssp_core.cli import main
+from ssp_core.clock import seconds_to_ns
+from ssp_core.state import ObjectState
+from ssp_core.vocab import ControlState, Role
+from ssp_scenario_manager.compile.compiler import Request, compile_task
+from ssp_scenario_manager.core.link_clock import Link
+from ssp_scenario_manager.doctor.checks import Status
+from ssp_scenario_manager.doctor.session import Heard, Stream, failed, session_findings
+
+NOW_NS = seconds_to_ns(1_800_000_000.0)
+
+
+@pytest.fixture(scope="module")
+def live():
+    task = compile_task(Request(event="cut_in", target="track", site="north_track")).task
+    return task.run.model_copy(update={"mode": "live", "camera": None})
+
+
+def stream(hz=50.0, age_s=0.01, count=250, frame_id=names.MAP_FRAME, frames=names.MAP_FRAME):
+    """A regular stream that ends at NOW_NS."""
+    made = Stream(frame_id)
+    for k in range(count):
+        arrival_ns = NOW_NS - seconds_to_ns((count - 1 - k) / hz)
+        made.hear(arrival_ns, arrival_ns - seconds_to_ns(age_s), frames)
+    return made
+
+
+def state(participant, role, control=ControlState.DISARMED):
+    start = participant.start
+    return ObjectState(
+        object_id=participant.id,
+        object_class=participant.cls,
+        role=role,
+        stamp_ns=NOW_NS - seconds_to_ns(0.01),
+        x_m=start.x_m,
+        y_m=start.y_m,
+        yaw_rad=start.yaw_rad,
+        speed_mps=0.0,
+        acceleration_mps2=0.0,
+        yaw_rate_radps=0.0,
+        size=participant.size,
+        control_state=control,
+        position_std_m=0.02,
+    )
+
+
+@pytest.fixture
+def sound(live):
+    target = live.targets[0]
+    return Heard(
+        streams={live.vut.id: stream(), target.id: stream()},
+        states={
+            live.vut.id: state(live.vut, Role.VUT, ControlState.OFF),
+            target.id: state(target, Role.OT),
+        },
+        lost={},
+        links={target.id: Link(0.001, 0.004)},
+        managers=frozenset({"scenario_manager"}),
+        recorder_ready=True,
+        recorder_missing=(),
+        now_ns=NOW_NS,
+    )
+
+
+def finding(spec, heard, name):
+    return next(f for f in session_findings(spec, heard) if f.name == name)
+
+
+def test_a_sound_session_can_arm(live, sound):
+    findings = session_findings(live, sound)
+    assert [f.status for f in findings] == [Status.OK] * len(findings)
+    assert not failed(findings)
+    assert findings[-1].text == "nothing keeps this session from arming"
+
+
+@pytest.mark.parametrize(
+    ("changes", "status", "words"),
+    [
+        ({"hz": 20.0}, Status.FAIL, "the run wants 50 Hz"),
+        ({"age_s": 0.6}, Status.FAIL, "stamps up to 0.600 s old"),
+        ({"age_s": -0.2}, Status.FAIL, "0.200 s ahead of this host's clock"),
+        ({"frames": "odom"}, Status.FAIL, "frame 'odom', must be 'map'"),
+        ({"count": 0}, Status.FAIL, "nothing arrives on /ssp/vut/state"),
+    ],
+)
+def test_what_is_wrong_with_a_stream_is_said(live, sound, changes, status, words):
+    heard = replace(sound, streams={**sound.streams, "vut": stream(**changes)})
+    found = finding(live, heard, "state of vut")
+    assert (found.status, words in found.text) == (status, True)
+
+
+def test_stamps_that_dont_rise_and_pauses_are_told(live, sound):
+    standing = stream()
+    standing.stamps_ns[100] = standing.stamps_ns[99]
+    heard = replace(sound, streams={**sound.streams, "vut": standing})
+    assert "1 stamps not after the one before" in finding(live, heard, "state of vut").text
+    paused = stream()
+    paused.arrivals_ns[:-1] = [at - seconds_to_ns(0.2) for at in paused.arrivals_ns[:-1]]
+    paused.stamps_ns[:-1] = [at - seconds_to_ns(0.2) for at in paused.stamps_ns[:-1]]
+    heard = replace(sound, streams={**sound.streams, "vut": paused})
+    found = finding(live, heard, "state of vut")
+    assert (found.status, "a pause of 0.220 s" in found.text) == (Status.WARN, True)
+
+
+def test_lost_states_are_a_warning(live, sound):
+    found = finding(live, replace(sound, lost={"vut": 3}), "state of vut")
+    assert (found.status, "3 lost on the way" in found.text) == (Status.WARN, True)
+
+
+@pytest.mark.parametrize(
+    ("link", "words"),
+    [
+        (Link(0.2, 0.004), "clock off by +200.0 ms"),
+        (Link(0.0, 0.9), "900.0 ms there and back"),
+        (Link(), "heartbeats aren't answered"),
+    ],
+)
+def test_links_are_held_to_the_limits_of_arming(live, sound, link, words):
+    target = live.targets[0].id
+    heard = replace(sound, links={target: link})
+    found = finding(live, heard, f"link to {target}")
+    assert (found.status, words in found.text) == (Status.FAIL, True)
+    assert finding(live, heard, "arming").status is Status.FAIL
+
+
+def test_no_manager_two_managers_and_a_waiting_recorder(live, sound):
+    none = replace(sound, managers=frozenset(), links={})
+    assert "no heartbeat" in finding(live, none, "scenario_manager").text
+    two = replace(sound, managers=frozenset({"a", "b"}))
+    assert "2 send heartbeats: a, b" in finding(live, two, "scenario_manager").text
+    assert "other managers" in finding(live, two, "arming").text
+    waiting = replace(sound, recorder_ready=False, recorder_missing=("/ssp/ot1/state",))
+    assert finding(live, waiting, "recorder").text == "waits for /ssp/ot1/state"
+
+
+def test_arming_lists_everything_at_once(live, sound):
+    moved = replace(sound.states["vut"], x_m=sound.states["vut"].x_m + 5.0, position_std_m=math.inf)
+    heard = replace(sound, states={**sound.states, "vut": moved}, recorder_ready=None)
+    text = finding(live, heard, "arming").text
+    for words in ("5.00 m from its start", "uncertain", "the recorder is silent"):
+        assert words in text
+
+
+def test_a_camera_needs_frames_and_a_calibration(live, sound):
+    spec = live.model_copy(update={"camera": type(live).model_fields["camera"].default})
+    streams = {**sound.streams, names.CAMERA_IMAGE: stream(10.0, 0.1, 50, None, "camera")}
+    heard = replace(sound, streams={**streams, names.CAMERA_INFO: Stream()})
+    assert "no calibration" in finding(spec, heard, "camera").text
+    heard = replace(heard, streams={**streams, names.CAMERA_INFO: stream(10.0, 0.1, 50, None, "c")})
+    assert finding(spec, heard, "camera").status is Status.OK
+
+
+def test_only_a_live_session_can_be_listened_to(live, tmp_path, capsys):
+    path = tmp_path / "run.yaml"
+    path.write_text(live.model_copy(update={"mode": "lockstep"}).model_dump_json(by_alias=True))
+    assert main(["doctor", "--session", str(path)]) == 1
+    assert "mode" in capsys.readouterr().err

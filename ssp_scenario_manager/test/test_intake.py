@@ -1,0 +1,63 @@
+"""States as they arrive: heard, counted, taken in; strangers told of once."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from ssp_core import names
+from ssp_core.wire.states import StateArray
+from ssp_scenario_manager.core.barrier import StepInputs
+from ssp_scenario_manager.core.intake import Intake
+from ssp_scenario_manager.core.vigil import Vigil
+
+S = 1_000_000_000
+
+
+def intake_of(driver: Any, decode: Any = None) -> tuple[Intake, Vigil, StepInputs, list[str]]:
+    vigil, inputs, told = Vigil(), StepInputs(("object_target",)), []
+    return Intake(driver.session, vigil, inputs, decode, told.append), vigil, inputs, told
+
+
+def test_states_of_the_run(driver: Any) -> None:
+    driver.until("CONNECTED")
+    intake, vigil, inputs, told = intake_of(driver)
+    for sequence in (1, 1, 2, 4):
+        assert intake.vut(replace(driver.vut, sequence=sequence), 5 * S)
+        intake.target(replace(driver.targets["ot1"], sequence=sequence), 6 * S)
+    # Those that the world repeats while it holds belong to no step.
+    assert (inputs.vut_states, inputs.states) == (2, 2)
+    assert (vigil.age_s(names.VUT_ID, 7 * S), vigil.age_s("ot1", 7 * S)) == (2.0, 1.0)
+    assert (intake.tallies.of["ot1"].received, intake.tallies.of["ot1"].lost) == (4, 1)
+    assert driver.session.targets["ot1"].sequence == 4
+    assert told == []
+
+
+def test_strangers_are_told_of_once_and_not_heard(driver: Any) -> None:
+    driver.until("CONNECTED")
+    intake, vigil, inputs, told = intake_of(driver)
+    for _ in range(3):
+        assert not intake.vut(driver.state("ot9", sequence=3), S)
+        intake.target(driver.state("ot8", sequence=3), S)
+    assert told == [
+        "ot9 is not listened to: sends states as the vehicle under test",
+        "ot8 is not listened to: sends states, but the run doesn't know it",
+    ]
+    assert vigil.age_s("ot8", S) == float("inf")
+    assert set(driver.session.targets) == {"ot1"}
+    # Their process counts them all the same, and the barrier waits for what it counts.
+    assert (inputs.vut_states, inputs.states) == (0, 3)
+
+
+def test_states_of_many_wait_until_they_are_wanted(driver: Any) -> None:
+    driver.until("CONNECTED")
+    array = StateArray(0, "object_target", (replace(driver.targets["ot1"], sequence=9),))
+    intake, vigil, _, _ = intake_of(driver, {b"good": array, b"bad": None}.get)
+    intake.arrivals.put(b"bad", 2 * S)
+    intake.arrivals.put(b"good", 3 * S)
+    assert driver.session.targets["ot1"].sequence == 0
+    intake.waiting()
+    assert driver.session.targets["ot1"].sequence == 9
+    assert vigil.age_s("ot1", 4 * S) == 1.0
+    intake.waiting()
+    assert intake.tallies.of["ot1"].received == 1

@@ -1,0 +1,137 @@
+"""What `ssp run --mode live` starts, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+import pytest
+
+from ssp_core.errors import InputError
+from ssp_core.run_spec import Fault, LinkDisturbance, RunSpec, load_run
+from ssp_scenario_manager.compile.changes import differences
+from ssp_scenario_manager.compile.live import as_live, check_live
+from ssp_scenario_manager.runner.live import LiveSetup, describe
+
+
+def options(**given: Any) -> dict[str, Any]:
+    return {
+        "bodies": (), "odometry": None, "unit": None, "remappings": (), "wait": False, **given
+    }  # fmt: skip
+
+
+@pytest.fixture
+def noisy(run: RunSpec) -> RunSpec:
+    """As a stand-in site brings it."""
+    return run.model_copy(
+        update={
+            "domain": "physical",
+            "disturbance": LinkDisturbance(state_loss=0.01),
+            "disturbances": {"ot1": LinkDisturbance(position_noise_m=0.1)},
+        }
+    )
+
+
+def test_real_objects_are_left_alone(noisy: RunSpec) -> None:
+    live = as_live(noisy)
+    assert live.mode == "live"
+    assert live.disturbance_of("ot1") == live.disturbance_of("vut") == LinkDisturbance()
+    assert live.traffic == []
+    check_live(live)
+    # What a simulated world would add is no change on site; anything else is.
+    assert differences(noisy, live) == []
+    quicker = live.model_copy(update={"step_s": 0.01})
+    assert [d.field for d in differences(noisy, quicker)] == ["step_s"]
+
+
+def test_a_simulated_site_is_no_track(run: RunSpec) -> None:
+    with pytest.raises(InputError, match="no proving ground"):
+        as_live(run.model_copy(update={"domain": "simulation"}))
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("disturbance", {"state_loss": 0.01}),
+        ("disturbances", {"ot1": {"position_noise_m": 0.1}}),
+        ("faults", [{"kind": "position_jump", "target": "ot1", "at_s": 1.0, "value": 2.0}]),
+        ("faults", [{"kind": "vut_stop", "target": "vut", "at_s": 1.0}]),
+    ],
+)
+def test_a_live_run_file_with_faults_of_objects_is_refused(
+    run: RunSpec, tmp_path: Path, field: str, value: Any
+) -> None:
+    mapping = run.model_dump(mode="json", by_alias=True)
+    mapping |= {"disturbance": {}, "disturbances": {}, "faults": [], "traffic": [], "mode": "live"}
+    path = tmp_path / "run.yaml"
+    path.write_text(json.dumps(mapping))
+    load_run(path)
+    path.write_text(json.dumps({**mapping, field: value}))
+    with pytest.raises(InputError, match="live"):
+        load_run(path)
+
+
+def test_faults_of_processes_may_be_rehearsed(noisy: RunSpec) -> None:
+    live = as_live(noisy)
+    kill = Fault(kind="kill", target="object_target", at_s=1.0)
+    check_live(live.model_copy(update={"faults": [kill]}))
+    jump = Fault(kind="position_jump", target="ot1", at_s=1.0)
+    with pytest.raises(InputError, match="position_jump"):
+        check_live(live.model_copy(update={"faults": [jump]}))
+
+
+def test_the_nodes_of_a_host(tmp_path: Path) -> None:
+    setup = LiveSetup.of_options(
+        "live",
+        options(
+            bodies=("ot2=mirror", "ot1=udp://10.0.0.21:9001"), odometry="/ins", unit=(1.2, 0.0, 0.1)
+        ),
+    )
+    assert setup is not None
+    nodes = setup.parameters(tmp_path / "run.yaml", tmp_path / "bag")
+    assert list(nodes) == ["monitor", "object_target", "vut_adapter", "scenario_manager"]
+    assert nodes["object_target"]["object_ids"] == "ot1,ot2"
+    assert nodes["object_target"]["bodies"] == "ot1=udp://10.0.0.21:9001,ot2=mirror"
+    assert nodes["vut_adapter"]["unit_forward_m"] == 1.2
+    assert nodes["vut_adapter"]["unit_yaw_left_rad"] == 0.1
+    elsewhere = LiveSetup.of_options("live", options())
+    assert elsewhere is not None
+    assert list(elsewhere.parameters(tmp_path, tmp_path)) == ["monitor", "scenario_manager"]
+
+
+@pytest.mark.parametrize(
+    ("mode", "given", "told"),
+    [
+        ("lockstep", {"bodies": ("ot1=mirror",)}, "--body: only with --mode live"),
+        ("realtime", {"wait": True}, "--wait: only with --mode live"),
+        ("live", {"unit": (1.0, 0.0, 0.0)}, "--odometry"),
+        ("live", {"bodies": ("ot1",)}, "write ID="),
+        ("live", {"bodies": ("ot1=mirror,ot2=mirror",)}, "write ID="),
+        ("live", {"bodies": ("ot1=mirror", "ot1=udp://a:1")}, "has a body already"),
+        ("live", {"remappings": ("a:b",)}, "OURS:=THEIRS"),
+        ("live", {"remappings": ("__node:=b",)}, "OURS:=THEIRS"),
+    ],
+)
+def test_wrong_options_are_named(mode: str, given: dict[str, Any], told: str) -> None:
+    with pytest.raises(click.UsageError, match=told):
+        LiveSetup.of_options(mode, options(**given))
+
+
+def test_a_simulated_run_has_no_setup() -> None:
+    assert LiveSetup.of_options("lockstep", options()) is None
+
+
+def test_what_people_are_told(run: RunSpec, tmp_path: Path) -> None:
+    setup = LiveSetup({"ot9": "mirror"})
+    with pytest.raises(InputError, match="ot9"):
+        setup.check(run)
+    env = {
+        "ROS_DOMAIN_ID": "7",
+        "ROS_DISCOVERY_SERVER": "10.0.0.1:11811",
+        "FASTRTPS_DEFAULT_PROFILES_FILE": "/x/hosts.xml",
+    }
+    text = "\n".join(describe(LiveSetup({}), run, tmp_path / "run.yaml", env))
+    for part in ("domain 7", "10.0.0.1:11811", "hosts.xml", "object_target of ot1", "/ssp/vut/sta"):
+        assert part in text

@@ -1,0 +1,214 @@
+"""A session from load to its end, and what is told on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from ssp_core.run_spec import RunSpec
+from ssp_core.vocab import ControlState, Phase, SessionPhase, Verdict
+from ssp_scenario_manager.core import course, outbox
+from ssp_scenario_manager.core.session_machine import SessionEvent
+
+MS = 1_000_000
+S = 1_000_000_000
+
+
+def test_a_run_from_load_to_reset(driver: Any, tools: Any) -> None:
+    driver.until("RUNNING")
+    facts = driver.acknowledge()
+    assert tools.changes(facts) == [
+        ("IDLE", "load", "LOADED"),
+        ("LOADED", "connect", "CONNECTED"),
+        ("CONNECTED", "arm", "ARMED"),
+        ("ARMED", "start", "RUNNING"),
+    ]
+    assert [f.armed for f in facts if isinstance(f, outbox.ArmObjects)] == [True]
+    (begun,) = [f for f in facts if isinstance(f, outbox.PhaseBegan)]
+    assert (begun.phase, begun.stamp_ns) == (Phase.APPROACH, 0)
+    (sent,) = [f.reference for f in facts if isinstance(f, outbox.Dispatch)]
+    assert (sent.object_id, sent.purpose, sent.event_version) == ("ot1", "approach", "sha256:event")
+    assert (sent.dispatched_ns, sent.execute_at_ns, sent.expires_at_ns) == (0, S // 2, 3 * S // 2)
+
+    # The VUT closes in until the gap is below 12 m; OT at 40, its rear at 39.1, VUT's front 3.6.
+    for _ in range(20):  # until the approach says that the OT drives
+        driver.step(250 * MS)
+    driver.move("vut", x_m=23.0, speed_mps=10.0)
+    driver.move("ot1", speed_mps=7.0)
+    driver.step()
+    assert not driver.session.outbox
+    driver.move("vut", x_m=24.0)
+    driver.step()
+    fired, dispatched = sorted(driver.acknowledge(), key=lambda f: isinstance(f, outbox.Dispatch))
+    assert isinstance(fired, outbox.Triggered)
+    assert [s.value for s in fired.samples] == pytest.approx([12.5, 11.5])
+    assert fired.crossing_ns == 5030 * MS
+    assert fired.stamp_ns == 5040 * MS
+    assert fired.references == (dispatched.reference,)
+    assert dispatched.reference.purpose == "manoeuvre"
+    assert dispatched.reference.dispatched_ns == 5040 * MS
+    assert dispatched.reference.execute_at_ns == 5140 * MS
+    assert driver.session.verdict is Verdict.NONE
+
+    # It moves over, is in conflict, and then both go on at the same speed.
+    driver.move("ot1", yaw_rad=-0.2)
+    for _ in range(12):
+        driver.step()
+    driver.move("ot1", yaw_rad=0.0, y_m=0.0, x_m=34.0)
+    driver.step()
+    driver.move("ot1", speed_mps=12.0)
+    for _ in range(60):
+        driver.step()
+    facts = driver.acknowledge()
+    began = [f for f in facts if isinstance(f, outbox.PhaseBegan)]
+    assert [f.phase for f in began] == [Phase.TRIGGER, Phase.CONFLICT, Phase.RESOLUTION]
+    # Confirmed after a second of resolution, complete 1.5 s after that.
+    end_ns = began[-1].stamp_ns + S + 3 * S // 2
+    while driver.now_ns < end_ns - 20 * MS:
+        driver.step()
+    assert driver.session.state is SessionPhase.RUNNING
+    driver.step()
+    assert tools.changes(driver.acknowledge()) == [("RUNNING", "complete", "STOPPING")]
+    assert driver.session.elapsed_s(driver.now_ns) == driver.now_ns / S == end_ns / S
+    driver.step()
+    assert driver.session.state is SessionPhase.STOPPING  # they still move
+    driver.move("vut", speed_mps=0.0)
+    driver.move("ot1", speed_mps=0.0)
+    driver.step(control_state=ControlState.POSTRUN)
+    assert tools.changes(driver.acknowledge()) == [("STOPPING", "standstill", "FINISHED")]
+    assert driver.session.verdict is Verdict.VALID
+    assert driver.session.reasons == ()
+    assert driver.command("reset").accepted
+    assert driver.session.state is SessionPhase.IDLE
+    assert driver.session.spec is None
+
+
+def test_the_event_is_that_of_the_initiator(
+    make_driver: Callable[[RunSpec], Any], run_mapping: dict[str, Any]
+) -> None:
+    """A standing target before it in the list has no reference, and no say about phases."""
+    start = {"x_m": 60.0, "y_m": -3.0, "yaw_rad": 0.0}
+    truck = {"id": "ot2", "object_class": "truck", "start": start}
+    run_mapping["targets"].insert(0, truck)
+    run_mapping.update(observable="braking", initiator="ot1")
+    driver = make_driver(RunSpec.model_validate(run_mapping))
+    driver.until("RUNNING")
+    sent = [f.reference for f in driver.acknowledge() if isinstance(f, outbox.Dispatch)]
+    assert [r.object_id for r in sent] == ["ot1"]
+    driver.move("ot1", y_m=0.0, acceleration_mps2=-2.0)
+    driver.move("ot2", y_m=0.0, acceleration_mps2=-2.0)
+    for _ in range(11):
+        driver.step()
+    (began,) = [f for f in driver.acknowledge() if isinstance(f, outbox.PhaseBegan)]
+    assert (began.phase, began.stamp_ns) == (Phase.TRIGGER, 20 * MS)
+    assert began.evidence == "gap 35.5 m, TTC inf s, deceleration 2.00 m/s^2"
+
+    run_mapping.update(initiator=None)
+    driver = make_driver(RunSpec.model_validate(run_mapping))
+    driver.until("RUNNING")
+    driver.acknowledge()
+    driver.move("ot2", y_m=0.0, acceleration_mps2=-2.0)
+    for _ in range(11):
+        driver.step()
+    assert not driver.acknowledge()
+
+
+def test_the_verdict_is_announced_with_the_end(driver: Any, tools: Any) -> None:
+    tools.bring(driver, "ABORTED")
+    announced = [f for f in driver.session.outbox if isinstance(f, outbox.StateChanged)]
+    assert [f.verdict for f in announced[-2:]] == [Verdict.ABORTED, Verdict.ABORTED]
+    assert announced[-1].reasons == ("abort by test at 0.00 s",)
+
+
+@pytest.mark.parametrize("mover", ["vut", "ot1"])
+@pytest.mark.parametrize("phase", ["STOPPING", "ABORTING"])
+def test_it_ends_only_when_everybody_stands(
+    driver: Any, tools: Any, phase: str, mover: str
+) -> None:
+    tools.bring(driver, phase)
+    driver.move(mover, speed_mps=0.051)
+    driver.step(control_state=ControlState.POSTRUN)
+    assert driver.session.state.name == phase
+    driver.move(mover, speed_mps=0.05)
+    driver.step(control_state=ControlState.REMOTE_CONTROLLED)
+    assert driver.session.state.name == phase
+    driver.step(control_state=ControlState.POSTRUN)
+    assert driver.session.state.name in ("FINISHED", "ABORTED")
+
+
+def test_elapsed_time_begins_with_the_run(driver: Any) -> None:
+    driver.now_ns = 3 * S
+    assert driver.session.elapsed_s(9 * S) == 0.0
+    driver.until("ARMED")
+    assert driver.session.elapsed_s(9 * S) == 0.0
+    driver.hear(ControlState.ARMED)
+    driver.command("start")
+    assert driver.session.elapsed_s(9 * S) == 6.0
+
+
+def test_reasons_of_transitions(driver: Any) -> None:
+    driver.until("ARMED")
+    driver.session.outbox.clear()
+    driver.session.command(SessionEvent.DISARM, 0, "somebody", "rain")
+    driver.session.command(SessionEvent.RESET, 0, "somebody", "")
+    told = [f.reason for f in driver.session.outbox if isinstance(f, outbox.StateChanged)]
+    assert told == ["rain", "requested by somebody"]
+    # Whoever disarms the session disarms the objects.
+    assert [f.armed for f in driver.session.outbox if isinstance(f, outbox.ArmObjects)] == [False]
+
+
+def test_one_state_of_the_vut_is_judged_once(driver: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A trigger that must hold doesn't count the same sample twice."""
+    judged: list[int] = []
+
+    def watch(run: Any, vut: Any, *rest: Any) -> list[Any]:
+        judged.append(vut.stamp_ns)
+        return []
+
+    monkeypatch.setattr(course, "watch_triggers", watch)
+    driver.until("RUNNING")
+    driver.acknowledge()
+    driver.step()
+    driver.move("vut", x_m=25.0)
+    driver.hear()  # the same stamp once more
+    driver.session.step(driver.now_ns)
+    driver.step()
+    assert judged == [20 * MS, 40 * MS]
+
+
+@pytest.mark.parametrize(("given_s", "most_ns"), [(None, 40 * MS), (0.1, 100 * MS)])
+def test_no_trigger_is_judged_on_an_old_state_of_the_vut(
+    make_driver: Callable[[RunSpec], Any],
+    run_mapping: dict[str, Any],
+    monkeypatch: pytest.MonkeyPatch,
+    given_s: float | None,
+    most_ns: int,
+) -> None:
+    """Two periods of 20 ms, unless the site says another age."""
+    run_mapping["limits"]["trigger_age_s"] = given_s
+    run_mapping["end"] = {"at_latest_s": 0.5}
+    driver = make_driver(RunSpec.model_validate(run_mapping))
+    judged: list[int] = []
+    monkeypatch.setattr(course, "watch_triggers", lambda run, vut, *_: judged.append(1) or [])
+    driver.until("RUNNING")
+    driver.acknowledge()
+    driver.step()
+    for age_ns, count in ((most_ns, 2), (most_ns + 1, 2)):
+        driver.now_ns += most_ns + 10 * MS
+        driver.session.on_vut_state(driver.state("vut", stamp_ns=driver.now_ns - age_ns))
+        driver.session.on_target_state(replace(driver.targets["ot1"], stamp_ns=driver.now_ns))
+        driver.session.step(driver.now_ns)
+        assert len(judged) == count
+    assert driver.session._run.late_vut_states == 1
+    while driver.session.state is SessionPhase.RUNNING:
+        driver.step()
+    assert "1 states of the VUT came too late for triggers" in driver.session.reasons[0]
+
+
+def test_stopped_by_a_person_before_the_event_is_no_valid_run(driver: Any, tools: Any) -> None:
+    tools.bring(driver, "FINISHED")
+    assert driver.session.verdict is Verdict.ABORTED
+    assert driver.session.reasons == ("stopped by test before resolution, in approach at 0.00 s",)

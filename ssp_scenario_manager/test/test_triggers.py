@@ -1,0 +1,316 @@
+"""When triggers fire, on hand-made cases; any sequence of states is in test_triggers_any.py."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from ssp_core.geometry import Polyline
+from ssp_core.run_spec import TriggerSpec
+from ssp_core.state import ObjectState, Size
+from ssp_core.vocab import ObjectClass, Phase, Role
+from ssp_scenario_manager.core.conditions import Sample
+from ssp_scenario_manager.core.scene import Scene
+from ssp_scenario_manager.core.triggers import Firing, OpenWatches, TriggerWatch, truth
+
+MS = 1_000_000
+S = 1_000_000_000
+PATH = Polyline([(0.0, 0.0), (256.0, 0.0)])
+SIZE = Size(3.5, 1.0, 2.0, 1.5)
+GAP = {"type": "relative_distance", "object_id": "ot1", "below_m": 12.0}
+FAST = {"type": "speed", "object_id": "vut", "relation": "above", "value_mps": 8.0}
+OT_SLOW = {"type": "speed", "object_id": "ot1", "relation": "below", "value_mps": 4.0}
+BEGUN = {"type": "phase_reached", "phase": "trigger"}
+
+
+def both(*of: dict[str, Any]) -> dict[str, Any]:
+    return {"type": "all", "of": list(of)}
+
+
+def either(*of: dict[str, Any]) -> dict[str, Any]:
+    return {"type": "any", "of": list(of)}
+
+
+def spec(condition: dict[str, Any] = GAP, **given: Any) -> TriggerSpec:
+    return TriggerSpec.model_validate(
+        {
+            "id": "t",
+            "condition": condition,
+            "object_id": "ot1",
+            "manoeuvre": {
+                "kind": "lane_change",
+                "lateral_shift_m": 1.0,
+                "duration_s": 1.0,
+                "cruise_mps": 5.0,
+            },
+            **given,
+        }
+    )
+
+
+def car(object_id: str, stamp_ns: int, x_m: float, y_m: float, speed_mps: float) -> ObjectState:
+    role = Role.VUT if object_id == "vut" else Role.OT
+    return ObjectState(
+        object_id, ObjectClass.CAR, role, stamp_ns, x_m, y_m, 0.0, speed_mps, 0.0, 0.0, SIZE
+    )
+
+
+def scene(
+    stamp_ns: int,
+    gap_m: float = 50.0,
+    vut_mps: float = 0.0,
+    ot_mps: float = 10.0,
+    trigger_ns: int | None = None,
+) -> Scene:
+    """VUT and ot1 in a lane, so far apart; NaN as the gap: ot1 isn't heard."""
+    vut = car("vut", stamp_ns, 10.0, 0.0, vut_mps)
+    targets = {}
+    if not math.isnan(gap_m):
+        targets["ot1"] = car("ot1", stamp_ns, 14.5 + gap_m, 0.0, ot_mps)
+    phases = {} if trigger_ns is None else {Phase.TRIGGER: trigger_ns}
+    return Scene(vut, targets, PATH, 300 * MS, phases)
+
+
+def fire(asked: TriggerSpec, scenes: list[Scene], start_ns: int = 0) -> list[Firing]:
+    watch = TriggerWatch(asked, PATH, start_ns)
+    firings = [watch.observe(scene) for scene in scenes]
+    return [firing for firing in firings if firing is not None]
+
+
+def gaps(*samples: tuple[int, float]) -> list[Scene]:
+    return [scene(stamp_ns, gap_m) for stamp_ns, gap_m in samples]
+
+
+def at(firings: list[Firing]) -> list[tuple[int, int]]:
+    return [(f.crossing_ns, f.fired_ns) for f in firings]
+
+
+# -- one condition --------------------------------------------------------------------------------
+
+
+def test_the_crossing_is_interpolated_and_its_samples_kept() -> None:
+    (firing,) = fire(spec(), gaps((0, 16.0), (100 * MS, 13.0), (200 * MS, 9.0)))
+    assert (firing.crossing_ns, firing.fired_ns) == (125 * MS, 200 * MS)
+    assert firing.samples == (Sample(100 * MS, 13.0), Sample(200 * MS, 9.0))
+    assert (firing.threshold, firing.condition) == (12.0, "gap vut - ot1 < 12 m")
+
+
+def test_a_value_at_the_threshold_is_not_below_it() -> None:
+    assert fire(spec(), gaps((0, 16.0), (1, 12.0), (2, 12.0))) == []
+    assert at(fire(spec(), gaps((0, 16.0), (10, 12.0), (20, 11.0)))) == [(10, 20)]
+
+
+def test_without_an_edge_it_fires_also_where_it_holds_from_the_first() -> None:
+    samples = gaps((7, 3.0), (8, 2.0))
+    (firing,) = fire(spec(), samples)
+    assert (firing.crossing_ns, firing.fired_ns) == (7, 7)
+    assert firing.samples == (Sample(7, 3.0),)
+    assert fire(spec(edge="rising"), samples) == []
+
+
+def test_a_rising_edge_needs_it_to_have_failed_before() -> None:
+    samples = gaps((0, 3.0), (100, 13.0), (200, 11.0))
+    (firing,) = fire(spec(edge="rising"), samples)
+    assert (firing.crossing_ns, firing.fired_ns) == (150, 200)
+    assert firing.condition == "gap vut - ot1 < 12 m, rising"
+
+
+def test_a_falling_edge_needs_it_to_have_held_before() -> None:
+    (firing,) = fire(spec(edge="falling"), gaps((0, 13.0), (100, 11.0), (200, 13.0)))
+    assert (firing.crossing_ns, firing.fired_ns) == (150, 200)
+    assert firing.samples == (Sample(100, 11.0), Sample(200, 13.0))
+    assert fire(spec(edge="falling"), gaps((0, 13.0), (100, 14.0), (200, 13.0))) == []
+    # Failing is what must be held then.
+    held = spec(edge="falling", held_for_s=1e-7)
+    assert at(fire(held, gaps((0, 11.0), (100, 13.0), (200, 13.0)))) == [(50, 200)]
+
+
+def test_it_fires_once() -> None:
+    values = [(i, 20.0 if i % 4 < 2 else 5.0) for i in range(40)]
+    assert len(fire(spec(), gaps(*values))) == 1
+    assert len(fire(spec(edge="rising"), gaps(*values))) == 1
+
+
+def test_held_counts_from_the_crossing_and_an_interruption_resets_it() -> None:
+    held = spec(held_for_s=0.2)
+    falling = [(0, 13.0), (100 * MS, 11.0)]  # crosses at 50 ms
+    assert fire(held, gaps(*falling, (249 * MS, 11.0))) == []
+    (firing,) = fire(held, gaps(*falling, (249 * MS, 11.0), (250 * MS, 11.0)))
+    assert (firing.crossing_ns, firing.fired_ns) == (50 * MS, 250 * MS)
+    assert firing.samples == (Sample(0, 13.0), Sample(100 * MS, 11.0))
+    assert firing.condition == "gap vut - ot1 < 12 m, held for 0.2 s"
+    # One sample at the threshold and it starts again.
+    again = [*falling, (200 * MS, 12.0), (300 * MS, 10.0), (399 * MS, 10.0)]
+    assert fire(held, gaps(*again)) == []
+    assert at(fire(held, gaps(*again, (400 * MS, 10.0)))) == [(200 * MS, 400 * MS)]
+
+
+def test_unknown_is_neither_an_edge_nor_held() -> None:
+    held = spec(held_for_s=0.2)
+    samples = [(0, 3.0), (100 * MS, math.nan), (200 * MS, 3.0), (399 * MS, 3.0)]
+    assert fire(held, gaps(*samples)) == []
+    assert at(fire(held, gaps(*samples, (400 * MS, 3.0)))) == [(200 * MS, 400 * MS)]
+    lost = gaps((0, 3.0), (100, math.nan), (200, 3.0))
+    assert fire(spec(edge="rising"), lost) == []
+    assert fire(spec(edge="falling"), lost) == []
+    # It failed before it was unknown: whenever that was, it has become true.
+    assert at(fire(spec(edge="rising"), gaps((0, 13.0), (100, math.nan), (200, 3.0)))) == [
+        (200, 200)
+    ]
+
+
+def test_not_before_counts_from_the_start_of_the_run() -> None:
+    later = spec(not_before_s=1.0)
+    early = [(5 * S, 20.0), (5 * S + 500 * MS, 3.0), (6 * S - 1, 3.0)]
+    assert fire(later, gaps(*early), 5 * S) == []
+    (firing,) = fire(later, gaps(*early, (6 * S, 3.0)), 5 * S)
+    # What happened before doesn't count: it is true from the first sample on.
+    assert (firing.crossing_ns, firing.fired_ns) == (6 * S, 6 * S)
+    assert firing.samples == (Sample(6 * S, 3.0),)
+    assert fire(spec(not_before_s=1.0, edge="rising"), gaps(*early, (6 * S, 3.0)), 5 * S) == []
+
+
+def test_states_before_the_start_of_the_run_do_not_count() -> None:
+    assert at(fire(spec(), gaps((4 * S, 3.0), (5 * S, 3.0)), 5 * S)) == [(5 * S, 5 * S)]
+
+
+def test_old_and_repeated_stamps_change_nothing() -> None:
+    in_order = gaps((0, 16.0), (100, 14.0), (200, 13.0), (300, 11.0))
+    disorder = gaps(
+        (0, 16.0), (200, 13.0), (100, 3.0), (200, 3.0), (199, 3.0), (300, 11.0), (300, 3.0)
+    )
+    assert at(fire(spec(), in_order)) == at(fire(spec(), disorder)) == [(250, 300)]
+
+
+# -- several conditions ---------------------------------------------------------------------------
+
+
+def test_truth_of_nested_conditions() -> None:
+    nested = spec(both(GAP, either(FAST, OT_SLOW))).condition
+    for a in (True, False, None):
+        for b in (True, False, None):
+            grades = {False: 0, None: 1, True: 2}
+            expected = min(grades[a], max(grades[b], grades[None]))
+            assert truth(nested, [a, b, None]) is [False, None, True][expected]
+
+
+def test_all_cross_with_the_latest_and_any_with_the_earliest() -> None:
+    scenes = [scene(0, 13.0, 7.0), scene(100, 11.0, 7.5), scene(200, 9.0, 8.5)]
+    (firing,) = fire(spec(both(GAP, FAST)), scenes)
+    assert (firing.crossing_ns, firing.fired_ns) == (150, 200)
+    assert firing.threshold == 8.0
+    assert firing.samples == (Sample(100, 7.5), Sample(200, 8.5))
+    (firing,) = fire(spec(either(GAP, FAST)), scenes)
+    assert (firing.crossing_ns, firing.fired_ns) == (50, 100)
+    assert firing.threshold == 12.0
+
+
+def test_every_condition_of_a_nested_one_is_explained() -> None:
+    scenes = [scene(S, 13.0, 7.0), scene(2 * S, 11.0, 7.5), scene(3 * S, 9.0, 8.5)]
+    (firing,) = fire(spec(both(GAP, either(FAST, OT_SLOW)), held_for_s=0.1), scenes)
+    assert firing.condition == (
+        "all of (gap vut - ot1 < 12 m (9.000 m, holds since 1.500 s); any of ("
+        "speed of vut > 8 m/s (8.500 m/s, holds since 2.500 s); "
+        "speed of ot1 < 4 m/s (10.000 m/s, fails since 1.000 s))), held for 0.1 s"
+    )
+
+
+def test_a_gap_between_two_states_interrupts_the_holding() -> None:
+    """One part falls at 125, the other rises at 175: both samples are true, what is between not."""
+    scenes = [
+        scene(0, 11.0, 5.0),
+        scene(100, 11.0, 5.0),
+        scene(200, 15.0, 9.0),  # gap fails from 125 on, speed holds from 175 on
+        scene(275, 15.0, 9.0),
+    ]
+    held = spec(either(GAP, FAST), held_for_s=1e-7)
+    assert at(fire(spec(either(GAP, FAST), held_for_s=1.5e-7), scenes[:3])) == []
+    assert at(fire(held, scenes[:2])) == [(0, 100)]
+    assert at(fire(spec(either(GAP, FAST), edge="rising"), scenes[:3])) == [(175, 200)]
+    assert at(fire(spec(either(GAP, FAST), edge="rising", held_for_s=1e-7), scenes)) == [(175, 275)]
+
+
+def test_parts_that_change_at_the_same_instant_leave_no_gap() -> None:
+    scenes = [scene(0, 11.0, 7.0), scene(100, 13.0, 9.0), scene(200, 13.0, 9.0)]
+    held = spec(either(GAP, FAST), held_for_s=2e-7)
+    assert at(fire(held, scenes)) == [(0, 200)]
+    assert at(fire(spec(either(GAP, FAST), edge="rising"), scenes)) == []
+
+
+# -- phases and time ------------------------------------------------------------------------------
+
+
+def test_a_phase_counts_from_its_start_though_it_is_confirmed_later() -> None:
+    scenes = [scene(t, trigger_ns=150 if t >= 300 else None) for t in range(0, 1000, 100)]
+    assert at(fire(spec(BEGUN), scenes)) == [(150, 300)]
+    assert at(fire(spec(BEGUN, held_for_s=3e-7), scenes)) == [(150, 500)]
+    assert at(fire(spec(BEGUN, edge="rising"), scenes)) == [(150, 300)]
+
+
+def test_a_phase_that_began_before_anything_counts_is_no_edge() -> None:
+    scenes = [scene(t, trigger_ns=150 if t >= 300 else None) for t in range(200, 1000, 100)]
+    assert fire(spec(BEGUN, edge="rising"), scenes) == []
+    assert at(fire(spec(BEGUN), scenes)) == [(200, 300)]
+
+
+def test_what_held_since_a_phases_start_is_seen_afterwards() -> None:
+    """The gap holds from 200 to 400, the phase from 150, known at 600: nothing fires afterwards."""
+    short = gaps((0, 13.0), (100, 13.0), (300, 11.0), (500, 13.0))
+    known = [scene(600, 13.0, trigger_ns=150), scene(800, 11.0, trigger_ns=150)]
+    assert at(fire(spec(both(BEGUN, GAP)), [*short, *known])) == [(700, 800)]
+    # That it failed again at 400 is a falling edge, though it was never seen to hold.
+    assert at(fire(spec(both(BEGUN, GAP), edge="falling"), [*short, *known])) == [(400, 600)]
+
+
+def test_elapsed_time_crosses_exactly() -> None:
+    late = spec({"type": "elapsed_time", "after_s": 0.3})
+    scenes = [scene(S + t * 70 * MS) for t in range(10)]
+    assert at(fire(late, scenes, S)) == [(S + 300 * MS, S + 350 * MS)]
+
+
+# -- cost -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("many", [1, 21])
+def test_a_state_is_judged_without_asking_every_object(
+    many: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One trigger costs the same with 1 and 21 objects: counted in encounters and projections."""
+    calls: list[int] = []
+    honest: Callable[..., Any] = Polyline.project_all
+
+    def counted(self: Polyline, points: Any) -> Any:
+        calls.append(len(points))
+        return honest(self, points)
+
+    watch = TriggerWatch(spec(both(GAP, FAST)), PATH, 0)
+    targets = {f"ot{i + 1}": car(f"ot{i + 1}", 0, 60.0 + 8 * i, 0.0, 5.0) for i in range(many)}
+    monkeypatch.setattr(Polyline, "project_all", counted)
+    for stamp_ns in (MS, 2 * MS):
+        watch.observe(Scene(car("vut", stamp_ns, 9.0, 0.0, 5.0), targets, PATH, S, {}))
+    assert calls == [5, 5]
+
+
+def test_only_triggers_that_can_fire_are_asked_in_the_order_of_the_file() -> None:
+    def watch(name: str, not_before_s: float) -> TriggerWatch:
+        late = {"type": "elapsed_time", "after_s": 100.0}
+        return TriggerWatch(spec(late, id=name, not_before_s=not_before_s), PATH, S)
+
+    watches = [watch("a", 2.0), watch("b", 0.0), watch("c", 1.0), watch("d", 2.0)]
+    opened = OpenWatches(watches)
+
+    def asked(stamp_ns: int) -> str:
+        return "".join(each.spec.id for each in opened.at(stamp_ns))
+
+    assert asked(S - 1) == ""
+    assert asked(S) == "b"
+    assert asked(2 * S) == "bc"
+    watches[1].fired = True
+    assert asked(3 * S - 1) == "c"
+    assert asked(3 * S) == "acd"
+    watches[0].fired = watches[3].fired = True
+    assert asked(3 * S) == "c"
+    assert OpenWatches().at(S) == []

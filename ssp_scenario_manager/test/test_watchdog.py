@@ -1,0 +1,89 @@
+"""What is looked at on the steady clock: facts, silence, arming, the end of an abort."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from ssp_core import names
+from ssp_core.run_spec import RunSpec
+from ssp_core.safety_codes import SafetyCode
+from ssp_core.vocab import ControlState, SessionPhase
+from ssp_scenario_manager.core.patience import ARM_CONFIRMATION_S
+from ssp_scenario_manager.core.vigil import WORLD_SILENT_LOCKSTEP_S, Vigil
+from ssp_scenario_manager.core.watchdog import Watchdog
+
+S = 1_000_000_000
+
+
+def hear_all(vigil: Vigil, steady_ns: int) -> None:
+    for who in (names.SIL_WORLD, names.VUT_ID, "ot1", names.MONITOR):
+        vigil.hear(who, steady_ns)
+
+
+def test_the_session_is_told_the_facts(driver: Any) -> None:
+    driver.until("LOADED")
+    vigil = Vigil()
+    watchdog = Watchdog(driver.session, vigil)
+    vigil.hear_recorder(True, (), 0, 2 * S)
+    watchdog.look(3 * S, 0)
+    assert driver.session.facts.recorder_ready
+    assert driver.session.facts.recorder_age_s == 1.0
+
+
+@pytest.mark.parametrize("phase", ["ARMED", "RUNNING"])
+def test_who_falls_silent_ends_the_session(driver: Any, tools: Any, phase: str) -> None:
+    driver.until(phase)
+    vigil = Vigil()
+    watchdog = Watchdog(driver.session, vigil)
+    hear_all(vigil, S)
+    watchdog.look(S, 0)
+    assert driver.session.state.name == phase
+    late_ns = S + round(WORLD_SILENT_LOCKSTEP_S * S) + 1
+    vigil.hear(names.MONITOR, late_ns)
+    watchdog.look(late_ns, 0)
+    told = tools.violations(driver.session.outbox)
+    assert told[0] is SafetyCode.WORLD_SILENT
+    assert (SafetyCode.OBJECT_SILENT in told) == (phase == "ARMED")
+    assert driver.session.state is SessionPhase.ABORTING
+
+
+@pytest.mark.parametrize("phase", ["IDLE", "LOADED", "CONNECTED", "ABORTING"])
+def test_nobody_is_waited_for_before_or_after(driver: Any, tools: Any, phase: str) -> None:
+    tools.bring(driver, phase)
+    driver.session.outbox.clear()
+    Watchdog(driver.session, Vigil()).look(900 * S, driver.now_ns)
+    assert driver.session.state.name == phase
+    assert tools.violations(driver.session.outbox) == []
+
+
+def test_an_object_that_does_not_arm_takes_the_session_back(driver: Any) -> None:
+    driver.until("ARMED")
+    driver.hear(ControlState.PRE_ARMING)
+    vigil = Vigil()
+    watchdog = Watchdog(driver.session, vigil)
+    watchdog.objects_were_told_to_arm(S)
+    late_ns = S + round(ARM_CONFIRMATION_S * S) + 1
+    hear_all(vigil, late_ns)
+    watchdog.look(late_ns, 0)
+    assert driver.session.state is SessionPhase.CONNECTED
+
+
+@pytest.mark.parametrize(("mode", "given_up"), [("realtime", True), ("live", False)])
+def test_a_live_session_waits_for_no_world(
+    make_driver: Any, run: RunSpec, mode: str, given_up: bool
+) -> None:
+    """Its objects brake for as long as they need; a world that died would never say so."""
+    driver = make_driver(run.model_copy(update={"mode": mode}))
+    driver.until("RUNNING")
+    driver.command("abort")
+    driver.move("ot1", speed_mps=3.0)
+    driver.step(control_state=ControlState.ABORTING)
+    vigil = Vigil()
+    watchdog = Watchdog(driver.session, vigil)
+    for steady_ns in (S, 3 * S):
+        vigil.hear("ot1", steady_ns)
+        vigil.hear(names.VUT_ID, steady_ns)
+        unconfirmed = watchdog.look(steady_ns, driver.now_ns)
+    assert unconfirmed is given_up
