@@ -22,6 +22,8 @@ setup(
             "sil_world = ssp_ot_controller.sil.node:main",
             "front_camera = ssp_ot_controller.camera.node:main",
             "object_target = ssp_ot_controller.target.node:main",
+            "vut_adapter = ssp_ot_controller.vut.node:main",
+            "rehearsal = ssp_ot_controller.rehearsal.__main__:run",
         ]
     },
 )

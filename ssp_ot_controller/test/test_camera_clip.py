@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ssp_core.errors import InputError
-from ssp_core.geometry import box_distance
+from ssp_core.geometry import Polyline, box_distance, point_in_polygon
+from ssp_core.interaction import CORRIDOR_MARGIN_M, encounter, is_observable
 from ssp_core.state import ObjectState
 from ssp_core.vocab import ObjectClass, Role
 from ssp_ot_controller.camera.clip import truth, truth_path, write_clip
@@ -97,6 +99,67 @@ def test_pedestrian_crosses_from_the_right_and_the_vut_brakes(seed: int) -> None
     assert last.y_m > board.vut.state(0.0).y_m + 2.0
     assert vut(series[-1]).speed_mps == pytest.approx(0.0, abs=1e-9)
     assert min(box_distance(vut(s).box, partner(s).box) for s in series) > 2.0
+
+
+@given(seed=seeds)
+@settings(max_examples=25)
+def test_the_car_ahead_brakes_abruptly_and_the_vut_late(seed: int) -> None:
+    board = storyboard("lead_braking", seed)
+    series = [board.states(t) for t in board.times()]
+    path = Polyline([(0.0, 0.0), (400.0, 0.0)])
+    meetings = [encounter(vut(s), partner(s), path) for s in series]
+    braking = [
+        is_observable("braking", m, partner(s)) for m, s in zip(meetings, series, strict=True)
+    ]
+    begins = braking.index(True)
+    assert 2.5 < begins / board.fps < 4.0
+    assert all(braking[begins : begins + round(1.5 * board.fps)])  # brake lamps shine meanwhile
+    assert min(partner(s).acceleration_mps2 for s in series) < -4.0
+    late = begins + round(board.fps)
+    assert vut(series[late]).speed_mps == vut(series[0]).speed_mps
+    assert min(m.ttc_s for m in meetings[:begins]) > 2.5
+    assert min(m.ttc_s for m in meetings) < 2.5
+    assert meetings[-1].ttc_s == math.inf  # the gap opens again
+    assert min(box_distance(vut(s).box, partner(s).box) for s in series) > 2.0
+    assert {(partner(s).y_m, vut(s).y_m) for s in series} == {(0.0, 0.0)}
+
+
+def hidden_share(board: Storyboard, t_s: float) -> float:
+    """Share of the pedestrian's width that the truck hides from the camera, seen from above."""
+    states = {s.object_id: s for s in board.states(t_s)}
+    eye_x, eye_y = states["vut"].pose.to_parent(board.camera.forward_m, 0.0)
+    person, truck = states["ot1"], states["ot2"].box
+    hidden = 0
+    for k in range(11):
+        x, y = person.pose.to_parent(0.0, 0.0)
+        y += person.size.width_m * (k / 10 - 0.5)
+        ways = [(eye_x + u * (x - eye_x), eye_y + u * (y - eye_y)) for u in np.linspace(0, 1, 400)]
+        hidden += any(point_in_polygon(a, b, truck.corners()) for a, b in ways)
+    return hidden / 11
+
+
+@given(seed=seeds)
+@settings(max_examples=10, deadline=None)
+def test_a_pedestrian_steps_out_from_behind_a_parked_truck(seed: int) -> None:
+    board = storyboard("occluded_crossing", seed)
+    series = [{s.object_id: s for s in board.states(t)} for t in board.times()]
+    steps = next(k for k, s in enumerate(series) if s["ot1"].speed_mps > 0.0)
+    assert [hidden_share(board, t) for t in board.times()[:steps:12]] == [1.0] * len(
+        range(0, steps, 12)
+    )
+    assert hidden_share(board, board.times()[steps] + 1.2) == 0.0
+    truck = [s["ot2"] for s in series]
+    assert {(s.x_m, s.y_m, s.speed_mps) for s in truck} == {(truck[0].x_m, truck[0].y_m, 0.0)}
+    corridor = truck[0].y_m + truck[0].size.width_m / 2  # its left side, beside the VUT's y = 0
+    assert corridor < -(series[0]["vut"].size.width_m / 2 + CORRIDOR_MARGIN_M)
+    assert series[0]["ot1"].x_m - truck[0].x_m - truck[0].size.front_m > 1.0
+    brakes = next(k for k, s in enumerate(series) if s["vut"].acceleration_mps2 < 0.0)
+    assert brakes / board.fps > steps / board.fps + 1.0
+    assert series[-1]["vut"].speed_mps == pytest.approx(0.0, abs=1e-9)
+    assert series[-1]["ot1"].y_m > 2.0
+    assert min(box_distance(s["vut"].box, s["ot1"].box) for s in series) > 2.0
+    assert min(box_distance(s["ot2"].box, s["ot1"].box) for s in series) > 0.9
+    assert min(box_distance(s["ot2"].box, s["vut"].box) for s in series) > 0.5
 
 
 @pytest.mark.parametrize("scenario", INTERACTIONS)

@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from ssp_core.camera import image_box, view_from
 from ssp_core.geometry import Pose2, wrap_angle
 from ssp_core.run_spec import Camera, Lane, Look, Road, Start
 from ssp_core.state import DEFAULT_SIZES, ObjectState
 from ssp_core.vocab import ObjectClass, Role
-from ssp_ot_controller.camera.model import image_box, view_from
 from ssp_ot_controller.camera.render import Scene, render
 from ssp_ot_controller.camera.stage import Detail
 from ssp_ot_controller.camera.storyboard import storyboard

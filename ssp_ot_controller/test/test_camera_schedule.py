@@ -7,9 +7,10 @@ import math
 import pytest
 
 from ssp_core.clock import NS_PER_S
+from ssp_core.run_spec import Camera
 from ssp_core.state import DEFAULT_SIZES, ObjectState
 from ssp_core.vocab import ObjectClass, Role
-from ssp_ot_controller.camera.schedule import Schedule, steps_per_frame
+from ssp_ot_controller.camera.schedule import Schedule, slowest_frame_s, steps_per_frame
 from ssp_ot_controller.camera.travel import Odometer
 
 
@@ -61,3 +62,10 @@ def test_odometer_sums_the_way_along_the_heading() -> None:
     assert odometer.snapshot()["w"] == pytest.approx(3.0)
     odometer.update([walker(1.0, 1.5, math.pi / 2)])  # a step back
     assert odometer.snapshot()["w"] == pytest.approx(2.5)
+
+
+def test_slow_pictures_are_waited_for() -> None:
+    quick = Camera()
+    assert slowest_frame_s(quick) == slowest_frame_s(Camera(width_px=1920, height_px=1080)) == 1.5
+    for slow in ({"renderer": "gl"}, {"exposure_time_s": 0.01}, {"width_px": 4096}):
+        assert slowest_frame_s(quick.model_copy(update=slow)) > 10.0

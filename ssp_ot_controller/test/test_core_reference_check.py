@@ -16,7 +16,8 @@ from ssp_core.run_spec import Limits
 from ssp_core.state import DEFAULT_SIZES, ObjectState
 from ssp_core.vocab import ControlState, ObjectClass, Role
 from ssp_ot_controller.core.bodies import LIMITS
-from ssp_ot_controller.core.reference_check import RefusalCode, check_reference
+from ssp_ot_controller.core.reference_check import Refusal, RefusalCode, check_reference
+from ssp_ot_controller.core.stop_room import StopRoom
 
 S = 1_000_000_000
 PATH = Polyline([(0.0, 0.0), (200.0, 0.0)])
@@ -43,7 +44,7 @@ def edited(index: int, **changes: float) -> Reference:
     return reference(points=tuple(points))
 
 
-def check(ref: Reference, **changes: Any) -> RefusalCode | None:
+def refused(ref: Reference, **changes: Any) -> Refusal | None:
     arguments: dict[str, Any] = {
         "now_ns": 10 * S,
         "current": standing(),
@@ -53,8 +54,17 @@ def check(ref: Reference, **changes: Any) -> RefusalCode | None:
         "body_limits": LIMITS[ObjectClass.CAR],
         "event_version": VERSION,
         "control_state": ControlState.RUNNING,
+        **changes,
     }
-    refusal = check_reference(ref, **{**arguments, **changes})
+    current = arguments["current"]
+    arguments["stop_room"] = StopRoom(
+        current.object_class, current.size, arguments["limits"], arguments["geofence"], 0.02
+    )
+    return check_reference(ref, **arguments)
+
+
+def check(ref: Reference, **changes: Any) -> RefusalCode | None:
+    refusal = refused(ref, **changes)
     if refusal is None:
         return None
     assert refusal.message
@@ -185,12 +195,26 @@ def test_curvature_and_grip_are_limits_too() -> None:
 
 def test_the_whole_path_with_its_corners_must_be_inside() -> None:
     end = 200.0 + DEFAULT_SIZES[ObjectClass.CAR].front_m
-    tight = [(-10.0, -1.0), (end + 0.01, -1.0), (end + 0.01, 1.0), (-10.0, 1.0)]
-    assert check(reference(), geofence=tight) is None
-    short = [(x - 0.02 if x > 0.0 else x, y) for x, y in tight]
-    assert check(reference(), geofence=short) is RefusalCode.FENCE
-    narrow = [(x, 0.89 * y) for x, y in tight]
-    assert check(reference(), geofence=narrow) is RefusalCode.FENCE
+    # Room for the stops, which test_core_stop_room looks at.
+    wide = [(-10.0, -1.2), (end + 1.0, -1.2), (end + 1.0, 1.2), (-10.0, 1.2)]
+    assert check(reference(), geofence=wide) is None
+    for fence, outside in (
+        ([(x - 1.02 if x > 0.0 else x, y) for x, y in wide], "0.020 m outside"),
+        ([(x, 0.7 * y) for x, y in wide], "0.060 m outside"),
+    ):
+        refusal = refused(reference(), geofence=fence)
+        assert refusal is not None
+        assert refusal.code is RefusalCode.FENCE
+        assert outside in refusal.message
+
+
+def test_a_stop_must_end_inside() -> None:
+    end = 200.0 + DEFAULT_SIZES[ObjectClass.CAR].front_m
+    short = [(-10.0, -5.0), (end + 0.5, -5.0), (end + 0.5, 5.0), (-10.0, 5.0)]
+    refusal = refused(reference(), geofence=short)
+    assert refusal is not None
+    assert refusal.code is RefusalCode.FENCE
+    assert "a stop goes past its end and from point" in refusal.message
 
 
 def test_a_moving_end_is_refused() -> None:
@@ -199,17 +223,7 @@ def test_a_moving_end_is_refused() -> None:
 
 
 def test_messages_name_measured_value_and_limit() -> None:
-    refusal = check_reference(
-        reference(),
-        now_ns=10 * S,
-        current=standing(x_m=0.75),
-        previous=None,
-        limits=Limits(speed_mps=15.0, acceleration_mps2=3.0),
-        geofence=FENCE,
-        body_limits=LIMITS[ObjectClass.CAR],
-        event_version=VERSION,
-        control_state=ControlState.RUNNING,
-    )
+    refusal = refused(reference(), current=standing(x_m=0.75))
     assert refusal is not None
     assert "0.750 m" in refusal.message
     assert "limit is 0.5 m" in refusal.message
@@ -218,3 +232,62 @@ def test_messages_name_measured_value_and_limit() -> None:
 def test_a_point_type_is_what_columns_hold() -> None:
     assert isinstance(reference().points[0], ReferencePoint)
     assert [c.value for c in RefusalCode] == list(range(1, 10))
+
+
+# -- points that are no one motion ----------------------------------------------------------------
+
+_FINE_S = 0.01
+
+
+def fine(
+    speed_mps: Callable[[float], float],
+    sideways_rad: Callable[[float], float] = lambda t: 0.0,
+    yaw_rad: Callable[[float], float] = lambda t: 0.0,
+) -> Reference:
+    """Points so close in time that each step for itself is short: 6 s, speed 0 at the ends.
+
+    Args:
+        speed_mps: by the time.
+        sideways_rad: between the way that the places take and the heading stated.
+        yaw_rad: the heading stated.
+    """
+    points, x, y = [], 0.0, 0.0
+    for i in range(601):
+        t = i * _FINE_S
+        v = speed_mps(t)
+        points.append(ReferencePoint(t, x, y, yaw_rad(t), v, 0.0, 0.0))
+        said = 0.5 * (v + speed_mps(t + _FINE_S)) * _FINE_S
+        way = yaw_rad(t) + sideways_rad(t)
+        x, y = x + said * math.cos(way), y + said * math.sin(way)
+    return reference(points=tuple(points))
+
+
+def gently(t: float) -> float:
+    """0.45 m/s^2, which nobody need state, up and down again."""
+    return max(0.45 * min(t, 5.9 - t), 0.0)
+
+
+@pytest.mark.parametrize(
+    ("points", "word"),
+    [
+        (fine(gently), None),
+        (fine(gently, yaw_rad=lambda t: 0.05 * t), None),
+        # Faster by 4 m/s within one step, and slower again: no body does that.
+        (fine(lambda t: gently(t) + (4.0 if 2.0 < t < 4.0 else 0.0)), "speed changes"),
+        (fine(lambda t: 1.5 * gently(t)), "speed changes"),
+        # A car that is led sideways, a little at a time.
+        (fine(gently, sideways_rad=lambda t: math.pi / 2), "headings"),
+        (fine(gently, sideways_rad=lambda t: 0.2), "headings"),
+    ],
+    ids=["straight", "bend", "leap", "more than stated", "sideways", "askew"],
+)
+def test_columns_that_contradict_each_other_get_past_no_limit(
+    points: Reference, word: str | None
+) -> None:
+    refusal = refused(points)
+    if word is None:
+        assert refusal is None
+    else:
+        assert refusal is not None
+        assert refusal.code is RefusalCode.MALFORMED
+        assert word in refusal.message

@@ -15,7 +15,8 @@ from ssp_core.reference import Reference, ReferencePoint, sample
 from ssp_core.state import DEFAULT_SIZES, ObjectState
 from ssp_core.vocab import ObjectClass, Role
 from ssp_ot_controller.core.bodies import LIMITS, BodyState, Command, step_body
-from ssp_ot_controller.core.tracking import Tracker, lateral_gains, tracking_error
+from ssp_ot_controller.core.gains import lateral_gains
+from ssp_ot_controller.core.tracking import Tracker, tracking_error
 
 DT = 0.02
 DT_NS = 20_000_000

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ssp_core.lockstep import RECORDER_LAG_STEPS
 from ssp_ot_controller.sil.barrier import Barrier
 
 OT, MANAGER, CAMERA = "object_target", "scenario_manager", "front_camera"
@@ -108,3 +109,18 @@ def test_the_leader_is_lost_only_when_nobody_else_is() -> None:
     assert b.lost(1) == [OT]
     b.drop(OT)
     assert b.lost(1) == [MANAGER]
+
+
+def test_a_recorder_is_waited_for_once_it_was_heard_and_may_lag() -> None:
+    b = Barrier((OT, MANAGER), ("ot1",), OT, None, 1, MANAGER, "monitor")
+    answer(b, 500)
+    assert b.waiting_for(500) == []
+    b.on_done("monitor", 0)
+    assert b.waiting_for(RECORDER_LAG_STEPS) == []
+    assert b.waiting_for(RECORDER_LAG_STEPS + 1) == ["monitor"]
+    b.on_done("monitor", 5)
+    b.on_done("monitor", 0)  # an older one that came late
+    assert b.waiting_for(5 + RECORDER_LAG_STEPS) == []
+    assert b.lost(6 + RECORDER_LAG_STEPS) == ["monitor"]
+    b.drop("monitor")
+    assert b.waiting_for(500) == []

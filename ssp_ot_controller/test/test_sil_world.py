@@ -188,6 +188,23 @@ def test_a_body_that_hears_nothing_brakes_hard(run: RunSpec, object_id: str) -> 
     assert body(world, object_id).speed_mps == 0.0
 
 
+def test_a_body_that_hears_nothing_in_a_bend_stays_on_its_arc(run: RunSpec) -> None:
+    """As a real one does: the room for a blind stop was judged along that arc."""
+    world = World(run, MemoryScene())
+    for _ in range(60):
+        world.advance({"ot1": (world.step_index, Command(2.0, 0.05, 0.0))}, drive_vut=False)
+    led = body(world, "ot1")
+    curvature_1pm = led.yaw_rate_radps / led.speed_mps
+    assert curvature_1pm == pytest.approx(0.05, rel=0.01)
+    while body(world, "ot1").speed_mps > 0.0:
+        before = body(world, "ot1")
+        world.advance({}, drive_vut=False)
+        now = body(world, "ot1")
+        if now.speed_mps > 0.0:
+            assert now.yaw_rate_radps / now.speed_mps == pytest.approx(curvature_1pm, rel=0.01)
+        assert now.yaw_rad >= before.yaw_rad
+
+
 @pytest.mark.parametrize(
     "commands",
     [

@@ -16,8 +16,8 @@ from ssp_core.errors import HostError, InputError
 from ssp_core.geometry import Pose2
 from ssp_core.run_spec import ParticipantSpec, RunSpec
 from ssp_core.state import ObjectState
+from ssp_core.sumo_network import OVERHANG_M, find_netconvert, write_network
 from ssp_core.vocab import Role
-from ssp_ot_controller.sil.network import OVERHANG_M, find_netconvert, write_network
 from ssp_ot_controller.sil.sumo_world import Collision, SumoWorld, to_sumo
 
 ORIGIN = Pose2(-120.5, -33.25, 0.4)
@@ -275,3 +275,15 @@ def test_standard_output_stays_clean(tmp_path: Path, capfd: pytest.CaptureFixtur
     drive_by(tmp_path, 1, cut_in=True)
     out, err = capfd.readouterr()
     assert (out, err) == ("", "")
+
+
+def test_a_network_is_made_once_for_a_road_and_again_for_another(tmp_path: Path) -> None:
+    road = run_spec().road
+    made = write_network(road, tmp_path).path
+    made.write_bytes(made.read_bytes() + b"<!-- kept -->")
+    assert write_network(road, tmp_path).path.read_bytes().endswith(b"<!-- kept -->")
+    longer = road.model_copy(update={"length_m": road.length_m + 10.0})
+    assert not write_network(longer, tmp_path).path.read_bytes().endswith(b"<!-- kept -->")
+    # Without its end a network is none.
+    made.unlink()
+    assert write_network(longer, tmp_path).path.is_file()

@@ -16,8 +16,16 @@ from ssp_ot_controller.target.inbox import Inbox
 RUNNING, ARMED = SessionPhase.RUNNING, SessionPhase.ARMED
 
 
-def tick(step: int, heartbeat: int, running: bool = True, lockstep: bool = True) -> Any:
-    return SimpleNamespace(step=step, heartbeat=heartbeat, running=running, lockstep=lockstep)
+def tick(
+    step: int, heartbeat: int, running: bool = True, lockstep: bool = True, vut_states_sent: int = 0
+) -> Any:
+    return SimpleNamespace(
+        step=step,
+        heartbeat=heartbeat,
+        running=running,
+        lockstep=lockstep,
+        vut_states_sent=vut_states_sent,
+    )
 
 
 def reference(name: str, object_id: str = "ot1") -> Reference:

@@ -203,6 +203,65 @@ def test_a_whole_life(rig: Rig) -> None:
     assert rig.step().report.reference_id == ""
 
 
+def test_what_was_accepted_is_accepted_again_however_late_the_copy_comes() -> None:
+    rig = Rig()
+    rig.arm()
+    rig.session = SessionPhase.RUNNING
+    rig.step()
+    sent = reference("a", rig.now_ns + S // 10, straight())
+    late = replace(reference("b", rig.now_ns + S // 10, straight()), purpose="adapted")
+    assert rig.target.on_reference(sent, rig.now_ns) is None
+    for _ in range(30):
+        rig.step()
+    assert rig.target.on_reference(sent, rig.now_ns) is None
+    refusal = rig.target.on_reference(late, rig.now_ns)
+    assert refusal is not None
+    assert refusal.code is RefusalCode.LATE
+    assert rig.step().report.reference_id == "a"
+
+
+@pytest.mark.parametrize(("purpose", "goes_on"), [("adapted", True), ("manoeuvre", False)])
+def test_an_adapted_reference_that_comes_too_late_stops_nobody_who_drives(
+    purpose: str, goes_on: bool
+) -> None:
+    rig = Rig()
+    rig.arm()
+    rig.session = SessionPhase.RUNNING
+    rig.step()
+    assert rig.target.on_reference(reference("a", rig.now_ns + S // 10, straight()), 0) is None
+    for _ in range(30):
+        rig.step()
+    late = replace(reference("b", rig.now_ns - S // 10, straight()), purpose=purpose)
+    refusal = rig.target.on_reference(late, rig.now_ns)
+    assert refusal is not None
+    assert refusal.code is RefusalCode.LATE
+    assert (rig.step().stopped is None) == goes_on
+
+
+def test_an_adapted_reference_that_was_overtaken_does_not_replace_the_newer_one() -> None:
+    """The manager had the newer one accepted, and plans on from it."""
+    rig = Rig()
+    rig.arm()
+    rig.session = SessionPhase.RUNNING
+    rig.step()
+    now_ns = rig.now_ns
+    older, newer = (
+        replace(
+            reference(name, now_ns + S // 10 + k * STEP_NS, straight(), now_ns + k),
+            purpose="adapted",
+        )
+        for k, name in enumerate(("older", "newer"))
+    )
+    assert rig.target.on_reference(newer, now_ns) is None
+    refusal = rig.target.on_reference(older, now_ns)
+    assert refusal is not None
+    assert refusal.code is RefusalCode.LATE
+    assert "newer" in refusal.message
+    for _ in range(30):
+        assert rig.step().stopped is None
+    assert rig.step().report.reference_id == "newer"
+
+
 def test_a_walker_waits_and_crosses() -> None:
     rig = Rig(ObjectClass.PEDESTRIAN)
     rig.body = BodyState(40.0, 3.5, math.pi / 2)
@@ -268,6 +327,40 @@ def test_a_returning_manager_does_not_start_it_again(rig: Rig) -> None:
     assert rig.body.speed_mps == 0.0
 
 
+# -- its own clock --------------------------------------------------------------------------------
+
+
+def test_a_clock_that_is_set_back_stops_it(rig: Rig) -> None:
+    """Nothing new is believed then, and the last state would look young for as long as that."""
+    rig.drive()
+    last = rig.own
+    rig.now_ns -= 10 * S
+    outcome = rig.target.step(last, rig.now_ns, 0.0)
+    assert outcome.stopped is not None
+    assert outcome.stopped.code is SafetyCode.CLOCK_OFFSET
+    assert outcome.stopped.measured == pytest.approx(10.0)
+    assert outcome.command.emergency_stop
+    assert rig.target.state is ControlState.ABORTING
+
+
+def test_no_run_lasts_longer_than_the_site_allows_though_the_manager_goes_on(rig: Rig) -> None:
+    rig.arm()
+    rig.session = SessionPhase.RUNNING
+    began_ns = rig.now_ns
+    while (outcome := rig.step()).stopped is None:
+        assert rig.now_ns - began_ns <= 61 * S
+    assert outcome.stopped.code is SafetyCode.DURATION
+    assert outcome.stopped.measured == pytest.approx(60.02)
+    # It was another run's time.
+    rig.session = SessionPhase.IDLE
+    assert rig.target.command(ObjectEvent.ALL_CLEAR, VERSION, 0.0).accepted
+    assert rig.target.command(ObjectEvent.ARM, VERSION, 0.0).accepted
+    rig.session = SessionPhase.RUNNING
+    for _ in range(10):
+        assert rig.step().stopped is None
+    assert rig.target.state is ControlState.RUNNING
+
+
 # -- references -----------------------------------------------------------------------------------
 
 
@@ -299,17 +392,32 @@ REFUSED: dict[str, tuple[Callable[[int], Reference], RefusalCode]] = {
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_a_refused_reference_leaves_it_on_its_old_one(rig: Rig, name: str) -> None:
+def test_a_refused_reference_stops_it_along_its_old_one(rig: Rig, name: str) -> None:
     make, code = REFUSED[name]
     rig.drive()
     refusal = rig.target.on_reference(make(rig.now_ns), rig.now_ns)
     assert isinstance(refusal, Refusal)
     assert refusal.code is code
-    for _ in range(100):
+    outcome = rig.step()
+    assert outcome.stopped is not None
+    assert outcome.stopped.code is SafetyCode.REFERENCE_REFUSED
+    assert outcome.stopped.measured == code
+    assert not outcome.command.emergency_stop
+    for _ in range(200):
         outcome = rig.step()
-        assert outcome.report.reference_id == "a"
         assert outcome.stopped is None
-    assert rig.body.speed_mps == pytest.approx(8.0, abs=0.05)
+        assert outcome.report.reference_id == "a"
+    assert rig.target.state is ControlState.ABORTING
+    assert rig.body.speed_mps == 0.0
+    assert rig.body.y_m == pytest.approx(3.5, abs=0.02)
+
+
+def test_a_refusal_does_not_stop_an_object_that_stands_unarmed(rig: Rig) -> None:
+    rig.target.power_on()
+    rig.step()
+    assert rig.target.on_reference(reference("a", rig.now_ns, straight()), rig.now_ns) is not None
+    assert rig.step().stopped is None
+    assert rig.target.state is ControlState.DISARMED
 
 
 def test_without_a_further_reference_it_stands_at_the_end(rig: Rig) -> None:
@@ -380,8 +488,13 @@ def test_no_number_keeps_it_from_leaving_init_and_from_arming(rig: Rig) -> None:
 
 
 def test_leaving_the_fence_stops_it(rig: Rig) -> None:
-    rig.drive()
-    outcome = rig.step(y_m=12.0)
+    """Pushed sideways where it stands armed: no jump, and no path that it could be off."""
+    rig.arm()
+    for k in range(30):
+        outcome = rig.step(y_m=3.5 + 0.3 * k)
+        if 3.5 + 0.3 * k + 0.9 > 12.0:
+            break
+        assert outcome.stopped is None
     assert outcome.stopped is not None
     assert outcome.stopped.code is SafetyCode.OUTSIDE_GEOFENCE
 

@@ -92,14 +92,21 @@ class Peers:
         self.actuator: list[Any] = []
         self.acks: list[Any] = []
         self.safety: list[Any] = []
+        self.replies: list[Any] = []
         self.sequence = 0
         pub, sub = self.node.create_publisher, self.node.create_subscription
         self.tick_pub = pub(msg.WorldTick, names.WORLD_TICK, ros.STATE)
         self.beat_pub = pub(msg.Heartbeat, names.HEARTBEAT, ros.STATE)
         self.reference_pub = pub(msg.Reference, names.reference_topic("ot1"), ros.COMMAND)
         sub(msg.ObjectState, names.state_topic("ot1"), self.states.append, ros.STATE)
-        sub(msg.ActuatorCommand, names.ACTUATOR_COMMAND, self.actuator.append, ros.COMMAND)
+        sub(
+            msg.ActuatorCommands,
+            names.ACTUATOR_COMMANDS,
+            lambda message: self.actuator.extend(message.commands),
+            ros.COMMAND,
+        )
         sub(msg.ReferenceAck, names.ack_topic("ot1"), self.acks.append, ros.COMMAND)
+        sub(msg.HeartbeatReply, names.HEARTBEAT_REPLY, self.replies.append, ros.STATE)
         sub(msg.SafetyEvent, names.SAFETY_EVENT, self.safety.append, ros.LATCHED)
         client = self.node.create_client
         self.commands = client(ObjectCommand, names.command_service("ot1"))
@@ -117,14 +124,24 @@ class Peers:
             p.get_subscription_count() for p in (self.tick_pub, self.beat_pub, self.reference_pub)
         )
 
-    def beat(self, session: SessionPhase) -> None:
+    def live_connected(self) -> bool:
+        """As ``connected``, for an object that hears no world."""
+        return self.commands.service_is_ready() and all(
+            p.get_subscription_count() for p in (self.beat_pub, self.reference_pub)
+        )
+
+    def beat(
+        self, session: SessionPhase, sender: str = names.SCENARIO_MANAGER, sent: int = 0
+    ) -> None:
         self.sequence += 1
         self.beat_pub.publish(
             msg.Heartbeat(
+                sender=sender,
                 sequence=self.sequence,
+                sent=ros.stamp_from_ns(time.time_ns()),
                 session_state=int(session),
                 object_ids=["ot1"],
-                references_sent=[0],
+                references_sent=[sent],
             )
         )
 
@@ -155,9 +172,16 @@ class Peers:
         return bool(self.ask(self.lifecycle, request).success)
 
     def arm(self) -> None:
-        self.beat(SessionPhase.ARMED)
-        assert self.tick() is ControlState.DISARMED
-        assert self.command(Request.COMMAND_ARM).accepted
+        """Beats and ticks are on topics of their own: the first beat may come after the tick."""
+        deadline = time.monotonic() + DEADLINE_S
+        while True:
+            self.beat(SessionPhase.ARMED)
+            assert self.tick() is ControlState.DISARMED
+            answer = self.command(Request.COMMAND_ARM)
+            if answer.accepted:
+                break
+            assert "no heartbeat" in answer.error_msg
+            assert time.monotonic() < deadline
         self.beat(SessionPhase.ARMED)
         assert self.tick() is ControlState.ARMED
 
@@ -277,6 +301,7 @@ def test_a_malformed_heartbeat_is_dropped(peers: Peers, target: subprocess.Popen
     for session_state, counts in ((SessionPhase.ARMED, []), (77, [0])):
         peers.beat_pub.publish(
             msg.Heartbeat(
+                sender=names.SCENARIO_MANAGER,
                 sequence=99,
                 session_state=int(session_state),
                 object_ids=["ot1"],
@@ -288,12 +313,121 @@ def test_a_malformed_heartbeat_is_dropped(peers: Peers, target: subprocess.Popen
     assert target.poll() is None
 
 
+def test_a_heartbeat_is_answered_with_the_stamps_of_both_clocks(peers: Peers) -> None:
+    before_ns = time.time_ns()
+    while not peers.replies:
+        peers.beat(SessionPhase.CONNECTED)
+        peers.tick()
+    reply = peers.replies[0]
+    assert (reply.participant, reply.object_ids) == (names.OBJECT_TARGET, ["ot1"])
+    assert 1 <= reply.sequence <= peers.sequence
+    stamps = (reply.heartbeat_sent, reply.heartbeat_received, reply.header.stamp)
+    times_ns = [before_ns, *map(ros.ns_from_stamp, stamps), time.time_ns()]
+    assert times_ns == sorted(times_ns)
+
+
+def test_a_second_manager_stops_an_armed_object_and_keeps_it_from_arming(peers: Peers) -> None:
+    peers.arm()
+    peers.beat(SessionPhase.RUNNING, sender="somebody_else")
+    deadline = time.monotonic() + DEADLINE_S
+    while peers.tick() is ControlState.ARMED:
+        peers.beat(SessionPhase.ARMED)
+        peers.beat(SessionPhase.RUNNING, sender="somebody_else")
+        assert time.monotonic() < deadline
+    peers.spin_until(lambda: peers.safety, "the safety event")
+    assert [event.limit_name for event in peers.safety] == ["foreign_manager"]
+    assert peers.command(Request.COMMAND_ALL_CLEAR).accepted
+    peers.beat(SessionPhase.ARMED)
+    peers.beat(SessionPhase.ARMED, sender="somebody_else")
+    assert peers.tick() is ControlState.DISARMED
+    answer = peers.command(Request.COMMAND_ARM)
+    assert not answer.accepted
+    assert answer.error_code == answer.REFUSED_CONDITION
+
+
+@pytest.fixture
+def body() -> Iterator[str]:
+    """A body behind the body protocol; its address."""
+    module = "ssp_ot_controller.target.bodies.udp_body"
+    process = subprocess.Popen(
+        [sys.executable, "-m", module, "--object", "ot1", "--x", "40"],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    yield process.stdout.readline().split()[-1]
+    process.terminate()
+    process.communicate(timeout=10)
+
+
+def test_live_an_object_of_hardware_drives_and_stops_by_itself(
+    domain: int, run_file: Path, body: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No world, the system's clock, and datagrams to a body in a process of its own."""
+    run = json.loads(run_file.read_text())
+    # A busy machine may keep a process waiting for some time; that isn't what is tested here.
+    limits = {**run["limits"], "heartbeat_s": 1.5, "state_age_s": 1.0, "error_longitudinal_m": 9.0}
+    run_file.write_text(json.dumps({**run, "mode": "live", "limits": limits}))
+    process = start(domain, run_file=run_file, bodies=f"ot1={body}")
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    peers = Peers(domain)
+    try:
+        peers.spin_until(peers.live_connected, "discovery")
+        beating = peers.node.create_timer(0.05, lambda: peers.beat(phase, sent=len(sent)))
+        phase, sent = SessionPhase.ARMED, []
+
+        def control() -> ControlState | None:
+            return ControlState(peers.states[-1].control_state) if peers.states else None
+
+        peers.spin_until(lambda: control() is ControlState.DISARMED, "a first reading")
+        peers.spin_until(lambda: peers.command(Request.COMMAND_ARM).accepted, "arming")
+        peers.spin_until(lambda: control() is ControlState.ARMED, "armed")
+        phase = SessionPhase.RUNNING
+        peers.spin_until(lambda: control() is ControlState.RUNNING, "running")
+        points = drive_along(Polyline([(40.0, 0.0), (90.0, 0.0)]), 0.0, 0.0, 5.0, 2.0, 2.0)
+        now_ns = time.time_ns()
+        second = 10**9
+        sent.append(
+            Reference(
+                "r1", "ot1", VERSION, "approach", now_ns, now_ns + second, now_ns + 3 * second,
+                tuple(points),
+            )
+        )  # fmt: skip
+        peers.reference_pub.publish(reference_to_msg(sent[0]))
+        peers.spin_until(lambda: peers.acks, "an answer")
+        assert peers.acks[0].accepted, peers.acks[0].error_msg
+        peers.spin_until(lambda: peers.states[-1].speed > 2.0, "driving")
+        assert peers.states[-1].x > 40.0
+        peers.node.destroy_timer(beating)
+        peers.spin_until(lambda: control() is ControlState.ABORTING, "its own stop")
+        peers.spin_until(lambda: peers.states[-1].speed == 0.0, "standstill")
+        assert [event.limit_name for event in peers.safety] == ["heartbeat_lost"]
+        numbers = [state.sequence for state in peers.states]
+        assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
+    finally:
+        peers.close()
+        process.kill()
+        process.communicate(timeout=10)
+
+
 def test_lifecycle(peers: Peers) -> None:
     """Deactivating stops; configuring again leaves one node, not two in one."""
     peers.arm()
     assert peers.change(Transition.TRANSITION_DEACTIVATE)
     peers.beat(SessionPhase.ARMED)
     assert peers.tick() is ControlState.ABORTING
+    for command in (Request.COMMAND_ALL_CLEAR, Request.COMMAND_ARM):
+        answer = peers.command(command)
+        assert (answer.accepted, answer.error_code) == (False, answer.REFUSED_CONDITION)
+        assert "not active" in answer.error_msg
+    assert peers.command(Request.COMMAND_ABORT).accepted
+    answered = len(peers.replies)
+    for _ in range(3):
+        peers.beat(SessionPhase.ARMED)
+        assert peers.tick() is ControlState.ABORTING
+        # A busy node would have answered the beats before this command.
+        assert not peers.command(99).accepted
+    assert len(peers.replies) == answered
     assert peers.change(Transition.TRANSITION_CLEANUP)
     peers.spin_until(lambda: not peers.commands.service_is_ready(), "the end of its services")
     assert peers.change(Transition.TRANSITION_CONFIGURE)

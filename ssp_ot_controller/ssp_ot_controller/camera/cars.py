@@ -17,9 +17,12 @@ from ssp_ot_controller.camera.vehicle_parts import (
     Lights,
     arch,
     front_panel,
+    left_panel,
     on_face,
     rear_panel,
+    right_panel,
     wheel,
+    wheel_step,
 )
 
 
@@ -130,8 +133,20 @@ def _car_details(f: Frame, shape: _CarShape, paint: Colour, lights: Lights) -> M
     for side in (-1.0, 1.0):
         y0, y1 = sorted((side * f.y(0.46), side * f.y(0.86)))
         parts.append(rear_panel(rear, y0, y1, f.z(top - 0.1), f.z(top), tail, tail_kind))
+        turn, turn_kind = lights.turn(side)
+        y0, y1 = sorted((side * f.y(0.73), side * f.y(0.89)))
+        parts.append(
+            rear_panel(rear - 0.004, y0, y1, f.z(top - 0.115), f.z(top - 0.045), turn, turn_kind)
+        )
         y0, y1 = sorted((side * f.y(0.48), side * f.y(0.79)))
         parts.append(front_panel(front, y0, y1, f.z(nose - 0.09), f.z(nose), head, head_kind))
+        y0, y1 = sorted((side * f.y(0.58), side * f.y(0.82)))
+        parts.append(
+            front_panel(front + 0.004, y0, y1, f.z(nose - 0.15), f.z(nose - 0.095), turn, turn_kind)
+        )
+        repeater = (f.x(0.745), f.x(0.785), f.z(0.42), f.z(0.48))
+        flank_panel = left_panel if side > 0.0 else right_panel
+        parts.append(flank_panel(side * (f.y(1.0) + 0.01), *repeater, turn, turn_kind))
         flank = sorted((side * f.y(0.9), side * f.y(0.965)))
         parts.append(
             box(
@@ -173,12 +188,30 @@ def _car_details(f: Frame, shape: _CarShape, paint: Colour, lights: Lights) -> M
     return join(parts)
 
 
+def car(size: Size, paint: Colour, variant: int, lights: Lights, travelled_m: float = 0.0) -> Mesh:
+    """A car; ``variant`` picks sedan or hatchback, ``travelled_m`` turns its wheels."""
+    step = wheel_step(travelled_m, _radius(size))
+    return _car(size, paint, variant % len(CAR_SHAPES), lights, step)
+
+
+def _radius(size: Size) -> float:
+    return 0.215 * size.height_m
+
+
+@lru_cache(maxsize=256)
+def _car(size: Size, paint: Colour, variant: int, lights: Lights, step: int) -> Mesh:
+    f, radius = Frame(size), _radius(size)
+    parts = [_car_body(size, paint, variant, lights)]
+    for x in (0.0, f.x(0.805)):
+        for side in (-1.0, 1.0):
+            y = side * (f.y(1.0) + 0.012)
+            parts.append(wheel(x, y, radius, 0.2, side, step))
+    return join(parts)
+
+
 @lru_cache(maxsize=64)
-def car(size: Size, paint: Colour, variant: int, lights: Lights) -> Mesh:
-    """A car; ``variant`` picks sedan or hatchback."""
-    f = Frame(size)
-    shape = CAR_SHAPES[variant % len(CAR_SHAPES)]
-    radius = 0.215 * size.height_m
+def _car_body(size: Size, paint: Colour, variant: int, lights: Lights) -> Mesh:
+    f, shape = Frame(size), CAR_SHAPES[variant]
     parts = [
         _car_hull(f, shape, paint),
         _car_cabin(f, shape, paint, lights),
@@ -186,6 +219,6 @@ def car(size: Size, paint: Colour, variant: int, lights: Lights) -> Mesh:
     ]
     for x in (0.0, f.x(0.805)):
         for side in (-1.0, 1.0):
-            parts.append(arch(x, side * (f.y(1.0) + 0.004), 1.18 * radius, f.z(0.13), side))
-            parts.append(wheel(x, side * (f.y(1.0) + 0.012), radius, 0.2, side))
+            y = side * (f.y(1.0) + 0.004)
+            parts.append(arch(x, y, 1.18 * _radius(size), f.z(0.13), side))
     return join(parts)

@@ -8,7 +8,7 @@ and evaluated as bare frames; the truth file is for labels only.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +16,14 @@ import click
 import cv2
 
 from ssp_core import console
+from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.errors import HostError, SspError
 from ssp_core.files import write_json
+from ssp_core.reference_line import ReferenceLine
 from ssp_core.state import ObjectState
-from ssp_ot_controller.camera.render import Scene, render
+from ssp_ot_controller.camera.indicators import AHEAD_S, Indicator, Indicators, side_of
+from ssp_ot_controller.camera.render import render
+from ssp_ot_controller.camera.scene import Scene
 from ssp_ot_controller.camera.storyboard import INTERACTIONS, Storyboard, storyboard
 from ssp_ot_controller.camera.travel import Odometer
 
@@ -77,6 +81,17 @@ def truth(board: Storyboard) -> dict[str, Any]:
     }
 
 
+def foreseen(board: Storyboard) -> Callable[[Mapping[str, ObjectState], int], dict[str, Indicator]]:
+    """Who is going to move sideways: a clip's motion is known beforehand."""
+    line = ReferenceLine.of_road(board.road)
+
+    def soon(_: Mapping[str, ObjectState], now_ns: int) -> dict[str, Indicator]:
+        later = board.states(ns_to_seconds(now_ns) + AHEAD_S)
+        return {state.object_id: side_of(state, line) for state in later}
+
+    return soon
+
+
 def write_clip(board: Storyboard, video: Path, advance: Callable[[], None] = lambda: None) -> None:
     """Draws the clip into an MP4 file and writes its truth file beside it.
 
@@ -96,12 +111,13 @@ def write_clip(board: Storyboard, video: Path, advance: Callable[[], None] = lam
         raise HostError(
             f"{video}: OpenCV can't write MP4 (mp4v) here; check folder and OpenCV build"
         )
-    odometer = Odometer()
+    odometer, indicators = Odometer(), Indicators(board.road, foreseen(board))
     try:
         for index, t_s in enumerate(board.times()):
             states = board.states(t_s)
             odometer.update(states)
-            scene = Scene(board.road, board.vut.state(t_s), states, odometer.snapshot())
+            blinking = indicators.update(states, seconds_to_ns(t_s))
+            scene = Scene(board.road, board.vut.state(t_s), states, odometer.snapshot(), blinking)
             writer.write(render(scene, board.look, board.camera, index, board.seed))
             advance()
     finally:

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from ssp_ot_controller.camera.bent_row import bent_row
 from ssp_ot_controller.camera.buffers import SAMPLES
 from ssp_ot_controller.camera.ground_row import ground_row
 from ssp_ot_controller.camera.jit import Array, compiled, inlined
@@ -139,6 +140,9 @@ def compose(
     strips: Array,
     values: Array,
     ground_numbers: Array,
+    nodes: Array,
+    cells: Array,
+    line: Array,
     panorama: Array,
     noise: Array,
     style: Array,
@@ -158,14 +162,16 @@ def compose(
     hidden: Array,
     start: Array,
     single: Array,
+    light: Array,
     out: Array,
 ) -> None:
-    """Fills a frame.
+    """Fills a frame, or the light that falls on the sensor where something is to come in between.
 
     Args:
         numbers: vector of PARAMETERS: fog colour, shadow factor, fog, exposure, noise.
         sums, strips, values: see ground.Tables.
         ground_numbers, panorama, noise: see ground, sky and surfaces.
+        nodes, cells, line: see bend.Bend.
         style: see shading.
         position: camera centre, block frame.
         rays: shape (3, 3): direction at pixel (0, 0), and its change per column and per row.
@@ -177,6 +183,7 @@ def compose(
         row, drawn, hidden: memory for one image row: shapes (3 width,), float32; (width,), uint8;
             (width,), bool.
         start, single: memory for one ray and one colour, shape (3,).
+        light: shape (height, 3 width), float32, filled in place of ``out``; no rows: not wanted.
         out: shape (height, 3 width), uint8 blue, green, red.
     """
     height = out.shape[0]
@@ -187,14 +194,24 @@ def compose(
         if start[2] >= _LEVEL:
             sky_row(panorama, start, rays[1], hidden, row)
         else:
-            ground_row(
-                sums, strips, values, ground_numbers, noise, position, start, rays, hidden, row
-            )
+            if nodes.shape[0] > 0:
+                bent_row(
+                    sums, strips, values, ground_numbers, nodes, cells, line, noise, position,
+                    start, rays, hidden, row,
+                )  # fmt: skip
+            else:
+                ground_row(
+                    sums, strips, values, ground_numbers, noise, position, start, rays, hidden, row
+                )
             clear = math.exp(numbers[C_FOG_PER_M] * position[2] / start[2])
             _light_ground(numbers, clear, cover, v, dark[v], row)
         if total > 0:
             _draw_bodies(inverse_depth, owner, planes, lens, style, noise, v, drawn, single, row)
-        develop_row(
-            row, squares, v, height, numbers[C_EXPOSURE], numbers[C_NOISE], grain, noise_state,
-            out[v],
-        )  # fmt: skip
+        if light.shape[0] > 0:
+            for k in range(row.shape[0]):
+                light[v, k] = row[k]
+        else:
+            develop_row(
+                row, squares, v, height, numbers[C_EXPOSURE], numbers[C_NOISE], grain,
+                noise_state, out[v],
+            )  # fmt: skip

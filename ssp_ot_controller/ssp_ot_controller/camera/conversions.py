@@ -8,7 +8,8 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import TransformStamped
 from sensor_msgs.msg import CameraInfo, CompressedImage
 
-from ssp_ot_controller.camera.model import BASE_FRAME, OPTICAL_FRAME, Intrinsics, Mount
+from ssp_core.camera import Intrinsics
+from ssp_ot_controller.camera.mounting import BASE_FRAME, OPTICAL_FRAME, Mount
 
 
 def image_message(stamp: Time, jpeg: bytes) -> CompressedImage:

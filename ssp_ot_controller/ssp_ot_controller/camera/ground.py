@@ -51,7 +51,7 @@ JOINT_M, JOINT_PERIOD_M = 0.03, 0.9
     P_MARK_G,
     P_MARK_R,
     P_KERB_B,
-    P_KERB_G,
+    _,
     P_KERB_R,
 ) = range(12)
 PARAMETERS = 12

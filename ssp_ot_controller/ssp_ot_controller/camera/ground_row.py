@@ -11,13 +11,13 @@ from ssp_ot_controller.camera.ground_colour import CELLS_PER_M, CROSSING_REACH_M
 from ssp_ot_controller.camera.jit import Array, inlined
 from ssp_ot_controller.camera.surfaces import noise_at
 
-_BLOCK = 8  # pixels between which patches are linear: they are wider than that
-_FINE_M = 0.12  # footprint from which on fine grain isn't resolved
-_KERB_FACE = 0.72  # its light
+BLOCK = 8  # pixels between which patches are linear: they are wider than that
+FINE_M = 0.12  # footprint from which on fine grain isn't resolved
+KERB_FACE = 0.72  # its light
 
 
 @inlined
-def _patches(noise: Array, x_m: float, y_m: float, footprint_m: float) -> float:
+def patches(noise: Array, x_m: float, y_m: float, footprint_m: float) -> float:
     """Light and dark patches; each scale fades before a pixel can no longer resolve it."""
     middle = 1.0 - footprint_m / 1.5
     coarse = 1.0 - footprint_m / 12.0
@@ -30,7 +30,7 @@ def _patches(noise: Array, x_m: float, y_m: float, footprint_m: float) -> float:
 
 
 @inlined
-def _plain_strip(
+def plain_strip(
     strips: Array, values: Array, crossing: float, x: float, y: float, wx: float, wy: float
 ) -> int:
     """A number for the ground around a footprint if it has one colour but for grain, else -1.
@@ -51,7 +51,7 @@ def _plain_strip(
 
 
 @inlined
-def _fill_plain(
+def fill_plain(
     values: Array,
     strip: int,
     noise: Array,
@@ -68,12 +68,12 @@ def _fill_plain(
     """Pixels of one strip: its colour and grain, whose shares change by steps along the row."""
     blue, green, red = values[0, strip, 0], values[0, strip, 1], values[0, strip, 2]
     strength = values[0, strip, ground.GRAIN]
-    if fine <= 0.0 and fine + _BLOCK * fine_step <= 0.0:
-        for k in range(_BLOCK):
+    if fine <= 0.0 and fine + BLOCK * fine_step <= 0.0:
+        for k in range(BLOCK):
             grain = strength * (patch + k * patch_step)
             row[3 * k], row[3 * k + 1], row[3 * k + 2] = blue + grain, green + grain, red + grain
         return
-    for k in range(_BLOCK):
+    for k in range(BLOCK):
         share = 1.3 * max(0.0, fine + k * fine_step)
         at = noise_at(noise, 60.0 * (x + k * x_step), 60.0 * (y + k * y_step))
         grain = strength * (patch + k * patch_step + share * at)
@@ -81,7 +81,7 @@ def _fill_plain(
 
 
 @inlined
-def _plane(y_raised: float, y_road: float, numbers: Array) -> int:
+def meets(y_raised: float, y_road: float, numbers: Array) -> int:
     """What a ray meets: 0 the road's level, 1 the raised sidewalks, 2 the face of a kerb."""
     left, right = numbers[ground.P_LEFT_EDGE], numbers[ground.P_RIGHT_EDGE]
     raised_left = numbers[ground.P_LEFT_RAISED] > 0.0
@@ -129,37 +129,37 @@ def ground_row(
     across_x, across_y = abs(rays[1, 0]), abs(rays[1, 1])
     width = hidden.shape[0]
     patch_end, fine_end, code_end = 0.0, 0.0, -1
-    for first in range(-_BLOCK, width, _BLOCK):
+    for first in range(-BLOCK, width, BLOCK):
         patch, fine, code = patch_end, fine_end, code_end
-        dx, dy = start[0] + (first + _BLOCK) * rays[1, 0], start[1] + (first + _BLOCK) * rays[1, 1]
-        plane = _plane(position[1] + raised_depth * dy, position[1] + road_depth * dy, numbers)
+        dx, dy = start[0] + (first + BLOCK) * rays[1, 0], start[1] + (first + BLOCK) * rays[1, 1]
+        plane = meets(position[1] + raised_depth * dy, position[1] + road_depth * dy, numbers)
         t = raised_depth if plane == 1 else road_depth
         wx = max(t * (across_x + abs(growth * dx + rays[2, 0])), ground.CELL_M)
         wy = max(t * (across_y + 0.5 * abs(growth * dy + rays[2, 1])), ground.CELL_M)
         x, y = position[0] + t * dx, position[1] + t * dy
         if textured:
-            patch_end = _patches(noise, x, y, max(wx, wy))
-            fine_end = 1.0 - max(wx, wy) / _FINE_M
+            patch_end = patches(noise, x, y, max(wx, wy))
+            fine_end = 1.0 - max(wx, wy) / FINE_M
         code_end = -1
         if plane != 2:
-            code_end = _plain_strip(strips, values, crossing, x, y, wx, wy)
+            code_end = plain_strip(strips, values, crossing, x, y, wx, wy)
             if code_end >= 0:
                 code_end = 2 * code_end + plane
-        if code >= 0 and code == code_end and first + _BLOCK <= width:
-            _fill_plain(
-                values, code >> 2, noise, x - _BLOCK * t * rays[1, 0], t * rays[1, 0],
-                y - _BLOCK * t * rays[1, 1], t * rays[1, 1], patch, (patch_end - patch) / _BLOCK,
-                fine, (fine_end - fine) / _BLOCK, row[3 * first : 3 * (first + _BLOCK)],
+        if code >= 0 and code == code_end and first + BLOCK <= width:
+            fill_plain(
+                values, code >> 2, noise, x - BLOCK * t * rays[1, 0], t * rays[1, 0],
+                y - BLOCK * t * rays[1, 1], t * rays[1, 1], patch, (patch_end - patch) / BLOCK,
+                fine, (fine_end - fine) / BLOCK, row[3 * first : 3 * (first + BLOCK)],
             )  # fmt: skip
             continue
-        for u in range(max(first, 0), min(first + _BLOCK, width)):
+        for u in range(max(first, 0), min(first + BLOCK, width)):
             if hidden[u]:
                 continue
             dx, dy = start[0] + u * rays[1, 0], start[1] + u * rays[1, 1]
-            plane = _plane(position[1] + raised_depth * dy, position[1] + road_depth * dy, numbers)
+            plane = meets(position[1] + raised_depth * dy, position[1] + road_depth * dy, numbers)
             if plane == 2:
                 for k in range(3):
-                    row[3 * u + k] = _KERB_FACE * numbers[ground.P_KERB_B + k]
+                    row[3 * u + k] = KERB_FACE * numbers[ground.P_KERB_B + k]
                 continue
             t = raised_depth if plane == 1 else road_depth
             x, y = position[0] + t * dx, position[1] + t * dy
@@ -167,8 +167,8 @@ def ground_row(
             wy = max(t * (across_y + 0.5 * abs(growth * dy + rays[2, 1])), ground.CELL_M)
             grain = 0.0
             if textured:
-                grain = patch + (u - first) / _BLOCK * (patch_end - patch)
-                near = 1.0 - max(wx, wy) / _FINE_M
+                grain = patch + (u - first) / BLOCK * (patch_end - patch)
+                near = 1.0 - max(wx, wy) / FINE_M
                 if near > 0.0:
                     grain += 1.3 * near * noise_at(noise, 60.0 * x, 60.0 * y)
             blue, green, red = ground_colour(sums, strips, values, numbers, x, y, wx, wy, grain)

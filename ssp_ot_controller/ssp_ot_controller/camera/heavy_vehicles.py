@@ -23,15 +23,38 @@ from ssp_ot_controller.camera.vehicle_parts import (
     rear_panel,
     right_panel,
     wheel,
+    wheel_step,
 )
+
+_RADIUS_M = 0.48  # of the wheels of both
+
+
+def truck(size: Size, paint: Colour, lights: Lights, travelled_m: float = 0.0) -> Mesh:
+    """A box truck: cab, gap, cargo box with rear doors, underrun guard."""
+    return _truck(size, paint, lights, wheel_step(travelled_m, _RADIUS_M))
+
+
+def bus(size: Size, paint: Colour, lights: Lights, travelled_m: float = 0.0) -> Mesh:
+    """A city bus: one long body with a band of windows, doors on the right, a destination sign."""
+    return _bus(size, paint, lights, wheel_step(travelled_m, _RADIUS_M))
+
+
+@lru_cache(maxsize=128)
+def _truck(size: Size, paint: Colour, lights: Lights, step: int) -> Mesh:
+    f = Frame(size)
+    wheels = [
+        wheel(x, side * f.y(0.98), _RADIUS_M, 0.32, side, step)
+        for side in (-1.0, 1.0)
+        for x in (0.0, f.x(0.86))
+    ]
+    return join([_truck_body(size, paint, lights), *wheels])
 
 
 @lru_cache(maxsize=64)
-def truck(size: Size, paint: Colour, lights: Lights) -> Mesh:
-    """A box truck: cab, gap, cargo box with rear doors, underrun guard."""
+def _truck_body(size: Size, paint: Colour, lights: Lights) -> Mesh:
     f = Frame(size)
     cargo = rgb("d9dad6")
-    frame_z, radius = 0.95, 0.48
+    frame_z = 0.95
     tail, tail_kind = lights.tail
     head, head_kind = lights.head
     cab0, cab1 = f.x(0.77), f.x(1.0)
@@ -90,7 +113,14 @@ def truck(size: Size, paint: Colour, lights: Lights) -> Mesh:
         parts.append(
             box((cab1 - 0.35, cab1 - 0.25), (mirror[0], mirror[1]), (1.7, 2.3), PLASTIC, MATTE)
         )
-        parts += [wheel(x, side * f.y(0.98), radius, 0.32, side) for x in (0.0, f.x(0.86))]
+        turn, turn_kind = lights.turn(side)
+        y0, y1 = sorted((side * f.y(0.74), side * f.y(0.96)))
+        parts.append(rear_panel(rear - 0.008, y0, y1, 0.6, 0.72, turn, turn_kind))
+        y0, y1 = sorted((side * f.y(0.78), side * f.y(0.96)))
+        parts.append(front_panel(cab1 + 0.014, y0, y1, 0.92, 1.06, turn, turn_kind))
+        flank_panel = left_panel if side > 0.0 else right_panel
+        y = side * (f.y(0.96) + 0.012)
+        parts.append(flank_panel(y, cab1 - 0.45, cab1 - 0.2, 1.3, 1.42, turn, turn_kind))
     return join(parts)
 
 
@@ -103,11 +133,21 @@ def _solid(low: Sequence[Vec], high: Sequence[Vec], colour: Colour, kind: int) -
     return join(faces)
 
 
-@lru_cache(maxsize=64)
-def bus(size: Size, paint: Colour, lights: Lights) -> Mesh:
-    """A city bus: one long body with a band of windows, doors on the right, a destination sign."""
+@lru_cache(maxsize=128)
+def _bus(size: Size, paint: Colour, lights: Lights, step: int) -> Mesh:
     f = Frame(size)
-    radius, floor = 0.48, 0.32
+    wheels = [
+        wheel(x, side * (f.y(1.0) + 0.016), _RADIUS_M, 0.3, side, step)
+        for side in (-1.0, 1.0)
+        for x in (0.0, f.x(0.79))
+    ]
+    return join([_bus_body(size, paint, lights), *wheels])
+
+
+@lru_cache(maxsize=64)
+def _bus_body(size: Size, paint: Colour, lights: Lights) -> Mesh:
+    f = Frame(size)
+    floor = 0.32
     tail, tail_kind = lights.tail
     head, head_kind = lights.head
     top = size.height_m
@@ -142,8 +182,18 @@ def bus(size: Size, paint: Colour, lights: Lights) -> Mesh:
         low = 0.45 if door else window[0]
         parts.append(right_panel(right, x0, x1, low, window[1], PANE, GLASS))
     for side in (-1.0, 1.0):
+        turn, turn_kind = lights.turn(side)
+        y0, y1 = sorted((side * f.y(0.68), side * f.y(0.97)))
+        parts.append(rear_panel(rear - 0.002, y0, y1, 0.22 * top, 0.45 * top, PLASTIC, MATTE))
         y0, y1 = sorted((side * f.y(0.72), side * f.y(0.94)))
-        parts.append(rear_panel(rear - 0.004, y0, y1, 0.24 * top, 0.42 * top, tail, tail_kind))
+        parts.append(rear_panel(rear - 0.004, y0, y1, 0.24 * top, 0.34 * top, tail, tail_kind))
+        parts.append(rear_panel(rear - 0.004, y0, y1, 0.37 * top, 0.43 * top, turn, turn_kind))
+        y0, y1 = sorted((side * f.y(0.76), side * f.y(0.96)))
+        parts.append(front_panel(front + 0.004, y0, y1, 0.29 * top, 0.34 * top, turn, turn_kind))
+        y = left if side > 0.0 else right
+        flank_panel = left_panel if side > 0.0 else right_panel
+        parts.append(flank_panel(y, f.x(0.93), f.x(0.955), 0.3 * top, 0.345 * top, turn, turn_kind))
+        y0, y1 = sorted((side * f.y(0.72), side * f.y(0.94)))
         parts.append(front_panel(front + 0.004, y0, y1, 0.2 * top, 0.27 * top, head, head_kind))
         mirror = sorted((side * f.y(1.0), side * f.y(1.16)))
         parts.append(
@@ -156,6 +206,6 @@ def bus(size: Size, paint: Colour, lights: Lights) -> Mesh:
             )
         )
         for x in (0.0, f.x(0.79)):
-            parts.append(arch(x, side * (f.y(1.0) + 0.012), 1.2 * radius, floor, side))
-            parts.append(wheel(x, side * (f.y(1.0) + 0.016), radius, 0.3, side))
+            y = side * (f.y(1.0) + 0.012)
+            parts.append(arch(x, y, 1.2 * _RADIUS_M, floor, side))
     return join(parts)

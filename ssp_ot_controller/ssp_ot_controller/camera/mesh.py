@@ -56,6 +56,10 @@ class Mesh:
         shift = np.array([x_m, y_m, z_m], dtype=np.float32)
         return Mesh(self.corners + shift, self.normals, self.colours, self.uv, self.kinds)
 
+    def scaled(self, by: float) -> Mesh:
+        """The mesh that many times as large; its surface pattern keeps its size."""
+        return Mesh(self.corners * np.float32(by), self.normals, self.colours, self.uv, self.kinds)
+
 
 def join(meshes: Iterable[Mesh]) -> Mesh:
     """All triangles in one mesh."""

@@ -14,15 +14,27 @@ from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, CompressedImage
 
 from ssp_core import names
+from ssp_core.camera import intrinsics
 from ssp_core.errors import InputError
-from ssp_core.messages import object_state
-from ssp_core.ros import LATCHED, SENSOR, STATE, StopRequest, run_node
+from ssp_core.ros import (
+    LATCHED,
+    SENSOR,
+    STATE,
+    StopRequest,
+    run_node,
+    stamp_from_ns,
+    subscribe_raw,
+)
 from ssp_core.run_spec import Camera, RunSpec, load_run
+from ssp_core.scenery import left_out
+from ssp_core.wire import steps
 from ssp_msgs.msg import StepDone, WorldTick
 from ssp_ot_controller.camera import conversions
 from ssp_ot_controller.camera.encode import jpeg
-from ssp_ot_controller.camera.model import intrinsics, mount
-from ssp_ot_controller.camera.render import Scene, render, warm_up
+from ssp_ot_controller.camera.indicators import Foreseen, Indicators
+from ssp_ot_controller.camera.mounting import mount
+from ssp_ot_controller.camera.render import render, warm_up
+from ssp_ot_controller.camera.scene import Scene
 from ssp_ot_controller.camera.schedule import Schedule, steps_per_frame
 from ssp_ot_controller.camera.travel import Odometer
 
@@ -55,9 +67,12 @@ class FrontCamera(Node):
                 remedy="give the run a camera, or don't start front_camera",
             )  # fmt: skip
         self._camera: Camera = self._run.camera
+        for text in left_out(self._run.road):
+            self.get_logger().warning(text)
         self._lens = intrinsics(self._camera)
         self._schedule = Schedule(steps_per_frame(self._camera.rate_hz, self._run.step_s))
         self._odometer = Odometer()
+        self._indicators = Indicators(self._run.road, Foreseen(self._run))
         # Compiling or loading kernels takes seconds: do it before anybody can see this node.
         warm_up(self._run.road, self._run.look, self._camera, self._run.seed)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -70,12 +85,12 @@ class FrontCamera(Node):
         self._done = self.create_publisher(StepDone, names.STEP_DONE, STATE)
         self._mount = self.create_publisher(TransformStamped, names.CAMERA_MOUNT, LATCHED)
         self._mount.publish(conversions.mount_message(mount(self._camera)))
-        self.create_subscription(WorldTick, names.WORLD_TICK, self._on_tick, STATE)
+        subscribe_raw(self, WorldTick, names.WORLD_TICK, steps.decode_tick, self._on_tick, STATE)
         self.create_timer(_CHECK_PERIOD_S, self._check, clock=self._steady)
         self.create_timer(_DROP_REPORT_PERIOD_S, self._report_drops, clock=self._steady)
 
-    def _on_tick(self, tick: WorldTick) -> None:
-        states = [object_state(o) for o in tick.objects]
+    def _on_tick(self, tick: steps.WorldTick) -> None:
+        states = tick.objects
         self._odometer.update(states)
         now_ns = self._steady.now().nanoseconds
         wanted, self._schedule = self._schedule.decide(tick.step, tick.running, now_ns)
@@ -84,12 +99,13 @@ class FrontCamera(Node):
         vut = next((s for s in states if s.object_id == self._run.vut.id), None)
         if vut is None:
             raise ValueError(f"tick {tick.step} has no object {self._run.vut.id!r}")
+        blinking = self._indicators.update(states, tick.stamp_ns)
         self._check()
         if not tick.lockstep and len(self._waiting) > _REALTIME_BACKLOG:
             self._dropped += 1
             return
-        scene = Scene(self._run.road, vut, tuple(states), self._odometer.snapshot())
-        job = _Job(tick.step, tick.header.stamp, scene)
+        scene = Scene(self._run.road, vut, states, self._odometer.snapshot(), blinking)
+        job = _Job(tick.step, stamp_from_ns(tick.stamp_ns), scene)
         self._waiting.append(self._worker.submit(self._publish_frame, job))
 
     def _publish_frame(self, job: _Job) -> None:
@@ -100,7 +116,7 @@ class FrontCamera(Node):
         data = jpeg(picture, self._camera.jpeg_quality)
         self._info.publish(conversions.info_message(job.stamp, self._lens))
         self._image.publish(conversions.image_message(job.stamp, data))
-        self._done.publish(StepDone(participant=names.FRONT_CAMERA, step=job.step))
+        self._done.publish(steps.encode_done(steps.StepDone(names.FRONT_CAMERA, job.step)))
 
     def _check(self) -> None:
         """Forgets finished frames; raises the worker's error here, where it stops the node."""

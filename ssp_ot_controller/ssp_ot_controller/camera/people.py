@@ -1,4 +1,4 @@
-"""Bodies of pedestrians, cyclists and motorcyclists, posed by the distance travelled.
+"""Bodies of pedestrians, posed by the distance travelled, and the parts that riders share.
 
 The origin is the reference point on the ground (under the body or the saddle), x forward.
 """
@@ -20,23 +20,16 @@ from ssp_ot_controller.camera.mesh import (
     ellipsoid,
     join,
     loft,
-    ring,
     tube,
 )
 from ssp_ot_controller.camera.palettes import rgb
-from ssp_ot_controller.camera.surfaces import GLOSSY, LAMP, MATTE
+from ssp_ot_controller.camera.surfaces import MATTE
 
 _SKIN = (rgb("d9a684"), rgb("a9744f"), rgb("7a4f35"), rgb("e5b898"))
 _HAIR = (rgb("2a1d15"), rgb("5a3d22"), rgb("1a1a1c"), rgb("8a6a3a"))
-_SHOE = rgb("1f1d1d")
-_TYRE = rgb("1b1b1d")
-_METAL = rgb("9ba0a5")
+SHOE = rgb("1f1d1d")
 _STRIDE_M = 1.45  # both steps
-_WHEEL_M = 0.335  # radius of a bicycle's wheels
-# Wheel turns per turn of the pedals; with eight spokes the wheels look the same after each.
-_GEAR = 2.5
-_PEDAL_M = _GEAR * 2.0 * math.pi * _WHEEL_M
-_PHASES = 48  # poses per stride and per turn of the pedals, so that bodies can be kept
+_PHASES = 48  # poses per stride, so that bodies can be kept
 _SWINGS = 8
 
 
@@ -64,7 +57,7 @@ def outfit(number: int, tops: tuple[Colour, ...], trousers: tuple[Colour, ...]) 
     )
 
 
-def _joint(a: Vec, b: Vec, upper_m: float, lower_m: float, bend: float) -> Vec:
+def joint(a: Vec, b: Vec, upper_m: float, lower_m: float, bend: float) -> Vec:
     """Knee or elbow between two ends in the x-z plane; bend + puts it forward."""
     dx, dy, dz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     reach = math.sqrt(dx * dx + dy * dy + dz * dz)
@@ -81,7 +74,7 @@ def _joint(a: Vec, b: Vec, upper_m: float, lower_m: float, bend: float) -> Vec:
     )
 
 
-def _limb(
+def limb(
     a: Vec, middle: Vec, b: Vec, radii: tuple[float, float, float], colours: tuple[Colour, Colour]
 ) -> Mesh:
     return join(
@@ -125,29 +118,27 @@ def _walker(size: Size, look: Outfit, phase_step: int, swing_step: int) -> Mesh:
         lift = 0.07 * h * swing * max(0.0, math.cos(angle))
         top = (0.0, side * 0.30 * half * 2, hip)
         foot = (step, side * 0.055 * h, 0.045 * h + lift)
-        knee = _joint(top, foot, 0.255 * h, 0.25 * h, 1.0)
+        knee = joint(top, foot, 0.255 * h, 0.25 * h, 1.0)
         parts.append(
-            _limb(top, knee, foot, (0.05 * h, 0.038 * h, 0.026 * h), (look.trousers, look.trousers))
+            limb(top, knee, foot, (0.05 * h, 0.038 * h, 0.026 * h), (look.trousers, look.trousers))
         )
         parts.append(
             ellipsoid(
                 (foot[0] + 0.035 * h, foot[1], foot[2] - 0.02 * h),
-                (0.075 * h, 0.026 * h, 0.025 * h), _SHOE, 4, 7,
+                (0.075 * h, 0.026 * h, 0.025 * h), SHOE, 4, 7,
             )
         )  # fmt: skip
         reach = -0.16 * h * swing * math.sin(angle)
         arm = (0.0, side * (half + 0.022 * h), shoulder - 0.02 * h)
         hand = (reach + 0.02 * h, side * (half + 0.05 * h), hip - 0.02 * h + 0.3 * abs(reach))
-        elbow = _joint(arm, hand, 0.16 * h, 0.155 * h, -1.0)
-        parts.append(
-            _limb(arm, elbow, hand, (0.034 * h, 0.027 * h, 0.02 * h), (look.top, look.top))
-        )
+        elbow = joint(arm, hand, 0.16 * h, 0.155 * h, -1.0)
+        parts.append(limb(arm, elbow, hand, (0.034 * h, 0.027 * h, 0.02 * h), (look.top, look.top)))
         parts.append(ellipsoid(hand, (0.025 * h,) * 3, look.skin, 4, 6))
     depth = 0.068 * h
     parts += [
-        _torso(((hip - 0.04 * h, 0.8), (hip + 0.08 * h, 0.78), (0.7 * h, 0.92), (shoulder, 1.0),
+        torso(((hip - 0.01 * h, 0.86), (hip + 0.08 * h, 0.8), (0.7 * h, 0.92), (shoulder, 1.0),
                 (shoulder + 0.03 * h, 0.45)), 0.0, 0.0, depth, half, look.top),
-        _torso(((hip - 0.07 * h, 0.68), (hip + 0.03 * h, 0.83)), 0.0, 0.0, depth, half,
+        torso(((hip - 0.07 * h, 0.66), (hip + 0.0 * h, 0.84)), 0.0, 0.0, depth, half,
                look.trousers),
         tube((0.0, 0.0, shoulder), (0.0, 0.0, 0.9 * h), 0.03 * h, 0.03 * h, look.skin, 7),
         _head(0.012 * h, 0.932 * h, h, look),
@@ -160,7 +151,7 @@ def _walker(size: Size, look: Outfit, phase_step: int, swing_step: int) -> Mesh:
     return join(parts)
 
 
-def _torso(
+def torso(
     levels: tuple[tuple[float, float], ...],
     x0: float,
     lean: float,
@@ -185,145 +176,3 @@ def _torso(
             )
         )
     return loft(rings, colour)
-
-
-def _rider(
-    look: Outfit,
-    size: Size,
-    saddle: Vec,
-    grip: Vec,
-    feet: tuple[Vec, Vec],
-    lean_m: float,
-    helmet: Colour,
-) -> Mesh:
-    """A person who sits on a saddle, hands on the bar, feet where they are put."""
-    h = size.height_m
-    scale = h / 1.75
-    top = h - 0.12 * scale
-    shoulder = (saddle[0] + lean_m, 0.0, top - 0.2 * scale)
-    hip_z = saddle[2] + 0.06
-    lean = lean_m / (shoulder[2] - hip_z)
-    rise = shoulder[2] - hip_z
-    parts = [
-        _torso(((hip_z - 0.05, 0.85), (hip_z + 0.3 * rise, 0.82), (hip_z + 0.75 * rise, 1.0),
-                (shoulder[2], 0.9), (shoulder[2] + 0.05, 0.4)),
-               saddle[0], lean, 0.125 * scale, 0.2 * scale, look.top),
-        ellipsoid((shoulder[0] + 0.07, 0.0, top), (0.115 * scale, 0.09 * scale, 0.12 * scale),
-                  look.skin, 6, 9),
-        ellipsoid((shoulder[0] + 0.05, 0.0, top + 0.035 * scale),
-                  (0.145 * scale, 0.105 * scale, 0.09 * scale), helmet, 5, 10, GLOSSY),
-    ]  # fmt: skip
-    for side, foot in zip((-1.0, 1.0), feet, strict=True):
-        hip = (saddle[0], side * 0.1, hip_z)
-        knee = _joint(hip, foot, 0.46 * scale, 0.46 * scale, 1.0)
-        parts.append(
-            _limb(
-                hip,
-                knee,
-                foot,
-                (0.085 * scale, 0.06 * scale, 0.045 * scale),
-                (look.trousers, look.trousers),
-            )
-        )
-        parts.append(
-            ellipsoid((foot[0] + 0.05, foot[1], foot[2]), (0.13, 0.045, 0.045), _SHOE, 4, 7)
-        )
-        arm = (shoulder[0], side * 0.2 * scale, shoulder[2] - 0.02)
-        hand = (grip[0], side * grip[1], grip[2])
-        elbow = _joint(arm, hand, 0.32 * scale, 0.32 * scale, -1.0)
-        parts.append(_limb(arm, elbow, hand, (0.055, 0.042, 0.034), (look.top, look.skin)))
-    return join(parts)
-
-
-def cyclist(size: Size, look: Outfit, travelled_m: float, lamps: bool) -> Mesh:
-    """A bicycle with its rider; pedals and wheels turn with the distance travelled."""
-    return _bicycle(size, look, round(travelled_m / _PEDAL_M * _PHASES) % _PHASES, lamps)
-
-
-@lru_cache(maxsize=256)
-def _bicycle(size: Size, look: Outfit, phase_step: int, lamps: bool) -> Mesh:
-    angle = -2.0 * math.pi * phase_step / _PHASES
-    radius = _WHEEL_M
-    rear, front = -size.rear_m + radius, size.front_m - radius
-    crank = (0.18, 0.0, 0.28)
-    saddle = (-0.02, 0.0, 0.93)
-    head_low, head_high = (front - 0.1, 0.0, 0.68), (front - 0.17, 0.0, 0.92)
-    grip: Vec = (front - 0.12, 0.25, 1.0)
-    bar = 0.026
-    frame = look.vehicle
-    parts = [
-        ring((rear, 0.0, radius), radius, 0.045, 0.045, _TYRE),
-        ring((front, 0.0, radius), radius, 0.045, 0.045, _TYRE),
-        tube(crank, saddle, bar, bar, frame, 6, GLOSSY),
-        tube(crank, head_low, bar * 1.2, bar * 1.2, frame, 6, GLOSSY),
-        tube((0.02, 0.0, 0.82), head_high, bar, bar, frame, 6, GLOSSY),
-        tube((rear, 0.0, radius), crank, bar * 0.8, bar * 0.8, frame, 6, GLOSSY),
-        tube((rear, 0.0, radius), (0.02, 0.0, 0.8), bar * 0.7, bar * 0.7, frame, 6, GLOSSY),
-        tube((front, 0.0, radius), (front - 0.19, 0.0, 1.0), bar, bar, frame, 6, GLOSSY),
-        tube((grip[0], -0.28, 1.0), (grip[0], 0.28, 1.0), 0.018, 0.018, _TYRE, 6),
-        ellipsoid(saddle, (0.14, 0.08, 0.035), _TYRE, 4, 7),
-        box((-size.rear_m + 0.02, -size.rear_m + 0.05), (-0.04, 0.04), (0.62, 0.7),
-            rgb("ff3a30") if lamps else rgb("b01c1c"), LAMP if lamps else GLOSSY),
-        box((front - 0.02, front + 0.03), (-0.04, 0.04), (0.86, 0.93),
-            rgb("fffbe8"), LAMP if lamps else GLOSSY),
-    ]  # fmt: skip
-    parts += [_spokes((x, 0.0, radius), radius, _GEAR * angle) for x in (rear, front)]
-    feet = []
-    for side in (-1.0, 1.0):
-        turn = angle + (0.0 if side > 0 else math.pi)
-        feet.append(
-            (crank[0] + 0.17 * math.cos(turn), side * 0.12, crank[2] + 0.06 + 0.17 * math.sin(turn))
-        )
-    parts.append(_rider(look, size, saddle, grip, (feet[0], feet[1]), 0.3, rgb("e8e6e0")))
-    return join(parts)
-
-
-def _spokes(hub: Vec, radius_m: float, angle: float) -> Mesh:
-    parts = []
-    for i in range(4):
-        turn = angle + i * math.pi / 4
-        dx, dz = 0.93 * radius_m * math.cos(turn), 0.93 * radius_m * math.sin(turn)
-        parts.append(
-            tube(
-                (hub[0] - dx, 0.0, hub[2] - dz),
-                (hub[0] + dx, 0.0, hub[2] + dz),
-                0.006,
-                0.006,
-                _METAL,
-                3,
-            )
-        )
-    return join(parts)
-
-
-@lru_cache(maxsize=16)
-def motorcycle(size: Size, look: Outfit, brake: bool, lamps: bool) -> Mesh:
-    """A motorcycle with its rider in a full helmet."""
-    radius = 0.31
-    rear, front = -size.rear_m + radius, size.front_m - radius
-    saddle = (-0.1, 0.0, 0.78)
-    grip: Vec = (front - 0.42, 0.34, 1.05)
-    paint = look.vehicle
-    tail = rgb("ff4a3c") if brake else rgb("d8282a" if lamps else "a01a1c")
-    parts = [
-        ring((rear, 0.0, radius), radius, 0.11, 0.17, _TYRE),
-        ring((front, 0.0, radius), radius, 0.11, 0.12, _TYRE),
-        tube((rear, -0.06, radius), (rear, 0.06, radius), 0.16, 0.16, _METAL, 10),
-        tube((front, -0.05, radius), (front, 0.05, radius), 0.15, 0.15, _METAL, 10),
-        tube((front, -0.09, radius), (front - 0.3, -0.09, 1.0), 0.03, 0.03, _METAL, 6),
-        tube((front, 0.09, radius), (front - 0.3, 0.09, 1.0), 0.03, 0.03, _METAL, 6),
-        box((rear + 0.2, front - 0.35), (-0.17, 0.17), (0.28, 0.62), rgb("3a3c40"), MATTE),
-        ellipsoid((front - 0.68, 0.0, 0.82), (0.32, 0.19, 0.17), paint, 6, 10, GLOSSY),
-        ellipsoid((front - 0.22, 0.0, 0.92), (0.2, 0.2, 0.24), paint, 6, 10, GLOSSY),
-        box((-size.rear_m + 0.12, front - 0.85), (-0.13, 0.13), (0.68, 0.79), _TYRE, MATTE),
-        box((-size.rear_m + 0.02, -size.rear_m + 0.32), (-0.12, 0.12), (0.66, 0.82), paint, GLOSSY),
-        box((-size.rear_m, -size.rear_m + 0.03), (-0.11, 0.11), (0.7, 0.79), tail,
-            LAMP if brake or lamps else GLOSSY),
-        box((-size.rear_m - 0.01, -size.rear_m + 0.03), (-0.09, 0.09), (0.46, 0.58), rgb("e9e6d8")),
-        box((front - 0.05, front), (-0.1, 0.1), (0.86, 1.0), rgb("fffbe8"), LAMP),
-        tube((grip[0], -0.38, grip[2]), (grip[0], 0.38, grip[2]), 0.022, 0.022, _TYRE, 6),
-        tube((rear, -0.2, 0.4), (0.2, -0.2, 0.34), 0.055, 0.045, _METAL, 7),
-    ]  # fmt: skip
-    feet = ((0.1, -0.22, 0.36), (0.1, 0.22, 0.36))
-    parts.append(_rider(look, size, saddle, grip, feet, 0.22, paint))
-    return join(parts)

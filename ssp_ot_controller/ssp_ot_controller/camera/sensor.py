@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ssp_ot_controller.camera.jit import Array, inlined
+from ssp_ot_controller.camera.jit import Array, compiled, inlined
 
 _VIGNETTE = 0.10  # light that the corners lose
 _GRAIN_LENGTH = 1 << 17
@@ -68,3 +68,20 @@ def develop_row(
     for i in range(length):
         value = (gain - loss * squares[i]) * row[i] + scale * np.float32(part[i]) + half
         out[i] = np.uint8(min(highest, max(lowest, value)))
+
+
+@compiled
+def develop(
+    light: Array,
+    squares: Array,
+    exposure: float,
+    noise_sigma: float,
+    grain: Array,
+    noise_state: np.uint64,
+    out: Array,
+) -> None:
+    """Writes a whole image; arguments as develop_row, with ``light`` and ``out`` row by row."""
+    for v in range(out.shape[0]):
+        develop_row(
+            light[v], squares, v, out.shape[0], exposure, noise_sigma, grain, noise_state, out[v]
+        )

@@ -139,6 +139,12 @@ def build_panorama(numbers: Array, outline: Array, noise: Array) -> Array:
     return panorama
 
 
+def colours(panorama: Array) -> Array:
+    """The panorama as blue, green, red, shape (rows, columns, 3), uint8."""
+    parts = [(panorama >> np.uint64(_CHANNEL_BITS * k)) & np.uint64(0xFF) for k in range(3)]
+    return np.stack(parts, axis=2).astype(np.uint8)
+
+
 @inlined
 def _panorama_place(start: Array, step: Array, u: int, rows: int) -> tuple[float, float]:
     """Column and row in the panorama of the ray at a column of the image."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -28,6 +29,10 @@ _BRAKE = rgb("ff4a3c")
 _HEAD = rgb("dfe6ea")
 _HEAD_LIT = rgb("fffbe8")
 AMBER = rgb("d98a2b")
+_TURN = rgb("8a4f1a")
+_TURN_LIT = rgb("ffae1c")
+_SPOKES = 5
+WHEEL_STEPS = 8  # poses of a wheel between two spokes, so that bodies can be kept
 
 
 @dataclass(frozen=True)
@@ -36,6 +41,8 @@ class Lights:
 
     brake: bool
     lamps: bool
+    left: bool = False  # indicators: shining at this instant, not only blinking
+    right: bool = False
 
     @property
     def tail(self) -> tuple[Colour, int]:
@@ -46,6 +53,11 @@ class Lights:
     @property
     def head(self) -> tuple[Colour, int]:
         return (_HEAD_LIT, LAMP) if self.lamps else (_HEAD, GLOSSY)
+
+    def turn(self, side: float) -> tuple[Colour, int]:
+        """Of the indicators of one side, + is left."""
+        lit = self.left if side > 0.0 else self.right
+        return (_TURN_LIT, LAMP) if lit else (_TURN, GLOSSY)
 
 
 @dataclass(frozen=True)
@@ -84,20 +96,43 @@ def on_face(
     return quad(at(u[0], v[0]), at(u[1], v[0]), at(u[1], v[1]), at(u[0], v[1]), colour, kind)
 
 
-def wheel(x_m: float, y_m: float, radius_m: float, width_m: float, outward: float) -> Mesh:
-    """A wheel with tyre and rim; its outer face stands at y_m, on the side ``outward`` (+ left)."""
+def wheel_step(travelled_m: float, radius_m: float) -> int:
+    """Pose of wheels with this way behind them, 0 to WHEEL_STEPS - 1."""
+    between = 2.0 * math.pi / _SPOKES * radius_m
+    return round(travelled_m / between * WHEEL_STEPS) % WHEEL_STEPS
+
+
+@lru_cache(maxsize=64)
+def wheel(
+    x_m: float, y_m: float, radius_m: float, width_m: float, outward: float, step: int = 0
+) -> Mesh:
+    """A wheel with tyre and rim; its outer face stands at y_m, on the side ``outward`` (+ left).
+
+    ``step`` turns its spokes: as the vehicle rolls forward, the upper ones move forward.
+    """
     inner = y_m - outward * width_m
     tyre = tube((x_m, inner, radius_m), (x_m, y_m, radius_m), radius_m, radius_m, _TYRE, 16)
-    angles = outward * 2.0 * math.pi * np.arange(10) / 10
     offset = y_m + outward * 0.008
-    parts = [tyre]
-    for share, colour in ((0.64, _RIM), (0.2, PLASTIC)):
-        circle = [
-            (x_m - share * radius_m * math.cos(t), offset, radius_m * (1 + share * math.sin(t)))
-            for t in angles
+    turned = 2.0 * math.pi / _SPOKES * step / WHEEL_STEPS
+
+    def place(share: float, angle: float, y: float) -> Vec:
+        # From straight up, forward.
+        x = x_m + share * radius_m * math.sin(angle)
+        return x, y, radius_m * (1.0 + share * math.cos(angle))
+
+    def disc(share: float, y: float, colour: Colour) -> Mesh:
+        angles = outward * 2.0 * math.pi * np.arange(12) / 12
+        return fan([place(share, float(t), y) for t in angles], colour)
+
+    parts = [tyre, disc(0.66, offset, _RIM)]
+    for i in range(_SPOKES):
+        middle = turned + 2.0 * math.pi * (i + 0.5) / _SPOKES
+        gap = [
+            place(share, middle + outward * half, offset + outward * 0.004)
+            for share, half in ((0.24, -0.3), (0.24, 0.3), (0.56, 0.42), (0.56, -0.42))
         ]
-        parts.append(fan(circle, colour))
-        offset += outward * 0.005
+        parts.append(quad(gap[3], gap[2], gap[1], gap[0], _TYRE))
+    parts.append(disc(0.16, offset + outward * 0.008, PLASTIC))
     return join(parts)
 
 

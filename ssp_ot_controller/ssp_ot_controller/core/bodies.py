@@ -96,9 +96,7 @@ class Command:
 
     @property
     def is_finite(self) -> bool:
-        return all(
-            math.isfinite(v) for v in (self.acceleration_mps2, self.curvature_1pm, self.heading_rad)
-        )
+        return math.isfinite(self.acceleration_mps2 + self.curvature_1pm + self.heading_rad)
 
 
 class Moving(Protocol):

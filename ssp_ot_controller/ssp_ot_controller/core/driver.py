@@ -9,9 +9,10 @@ in the corridor, and people and cyclists who are in it or will be when the VUT c
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+from ssp_core.car_following import following_acceleration, free_acceleration
 from ssp_core.geometry import Polyline, wrap_angle
 from ssp_core.run_spec import Driver
 from ssp_core.state import ObjectState
@@ -31,8 +32,6 @@ _STEPPING_MPS = 0.2
 _LOOKAHEAD_S = 0.6
 _MIN_LOOKAHEAD_M = 4.0
 _MIN_GAP_M = 0.1
-# Share of the softened acceleration in the mix.
-_COOLNESS = 0.99
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,9 +63,9 @@ class _Extent:
     across_mps: float
 
 
-def _extent(state: ObjectState, path: Polyline) -> _Extent:
+def _extent(state: ObjectState, path: Polyline, place: tuple[float, float]) -> _Extent:
     """Extent about the projection of the reference point; the path counts as straight there."""
-    station, offset = path.project(state.x_m, state.y_m)
+    station, offset = place
     pose = path.pose(station)
     if station <= 0.0 or station >= path.length_m:
         # Beyond an end the path goes on straight.
@@ -75,17 +74,28 @@ def _extent(state: ObjectState, path: Polyline) -> _Extent:
     turn = wrap_angle(state.yaw_rad - pose.yaw_rad)
     c, s = math.cos(turn), math.sin(turn)
     half, size = state.size.width_m / 2.0, state.size
-    ends = [(x, y) for x in (size.front_m, -size.rear_m) for y in (half, -half)]
-    stations = [station + c * x - s * y for x, y in ends]
-    offsets = [offset + s * x + c * y for x, y in ends]
+    # Of a rectangle, the extremes along a direction are its middle and half its projected sides.
+    ahead, behind = size.front_m, -size.rear_m
+    along = abs(s) * half
+    across = abs(c) * half
     return _Extent(
-        min(stations),
-        max(stations),
-        min(offsets),
-        max(offsets),
+        station + min(c * ahead, c * behind) - along,
+        station + max(c * ahead, c * behind) + along,
+        offset + min(s * ahead, s * behind) - across,
+        offset + max(s * ahead, s * behind) + across,
         state.speed_mps * c,
         state.speed_mps * s,
     )
+
+
+def _is_beside(
+    other: ObjectState, path: Polyline, place: tuple[float, float], half_m: float
+) -> bool:
+    """True when an object is so far beside the path that none of its corners is in the corridor."""
+    station, offset = place
+    size = other.size
+    reach = max(size.front_m, size.rear_m) + 0.5 * size.width_m
+    return 0.0 < station < path.length_m and abs(offset) > half_m + reach
 
 
 def _occupied_s(other: _Extent, half_m: float) -> tuple[float, float] | None:
@@ -115,7 +125,7 @@ def _arrival_s(gap_m: float, speed_mps: float, driver: Driver) -> float:
 
 
 def find_obstacles(
-    vut: ObjectState, others: Iterable[ObjectState], path: Polyline, driver: Driver
+    vut: ObjectState, others: Sequence[ObjectState], path: Polyline, driver: Driver
 ) -> list[Obstacle]:
     """Everything ahead in the VUT's corridor, or predicted to be there when the VUT comes by.
 
@@ -128,15 +138,35 @@ def find_obstacles(
         path: of the VUT, frame map.
         driver: for its cruise speed and acceleration.
     """
-    own = _extent(vut, path)
+    return _find_obstacles(vut, others, path, driver, _places(vut, others, path))
+
+
+def _places(
+    vut: ObjectState, others: Sequence[ObjectState], path: Polyline
+) -> list[tuple[float, float]]:
+    """Station and offset of the VUT, then of everybody else."""
+    return path.project_all([(vut.x_m, vut.y_m), *((o.x_m, o.y_m) for o in others)])
+
+
+def _find_obstacles(
+    vut: ObjectState,
+    others: Sequence[ObjectState],
+    path: Polyline,
+    driver: Driver,
+    places: Sequence[tuple[float, float]],
+) -> list[Obstacle]:
+    own = _extent(vut, path, places[0])
     half = vut.size.width_m / 2.0 + CORRIDOR_MARGIN_M
     found = []
-    for other in others:
-        e = _extent(other, path)
+    for other, place in zip(others, places[1:], strict=True):
+        vulnerable = other.object_class in VULNERABLE
+        if not vulnerable and _is_beside(other, path, place, half):
+            continue
+        e = _extent(other, path, place)
         if e.front_m <= own.front_m:
             continue
         gap = e.rear_m - own.front_m
-        if other.object_class in VULNERABLE:
+        if vulnerable:
             if not _meets(vut, e, gap, half, driver):
                 continue
             # Their motion along the path is no reason to close in on them while they cross.
@@ -163,34 +193,18 @@ def _meets(vut: ObjectState, other: _Extent, gap_m: float, half_m: float, driver
 
 
 def follow(speed_mps: float, obstacle: Obstacle, driver: Driver) -> float:
-    """Acceleration in m/s^2 with one obstacle ahead.
-
-    IDM: a (1 - (v/v0)^4 - (s*/s)^2), s* = s0 + v T + v dv / (2 sqrt(a b)). CAH: the acceleration
-    that just avoids a collision when the one ahead keeps its own. Of the two the milder counts,
-    softened: CAH + b tanh((IDM - CAH) / b).
-    """
-    a, b = driver.acceleration_mps2, driver.comfortable_deceleration_mps2
-    v, gap, ahead = speed_mps, obstacle.gap_m, obstacle.speed_mps
-    closing = v - ahead
-    wanted = driver.standstill_gap_m + v * driver.headway_s + v * closing / (2.0 * math.sqrt(a * b))
-    idm = a * (1.0 - (v / driver.cruise_mps) ** 4 - (max(wanted, 0.0) / gap) ** 2)
-    # The room that is left above the gap to keep at standstill.
-    room = max(gap - driver.standstill_gap_m, _MIN_GAP_M)
-    ahead_a = min(obstacle.acceleration_mps2, a)
-    slower = max(ahead, 0.0)
-    below = slower * slower - 2.0 * room * ahead_a
-    if below > 0.0 and slower * closing <= -2.0 * room * ahead_a:
-        cah = v * v * ahead_a / below
-    else:
-        cah = ahead_a - (closing * closing / (2.0 * room) if closing > 0.0 else 0.0)
-    if idm >= cah:
-        return idm
-    return (1.0 - _COOLNESS) * idm + _COOLNESS * (cah + b * math.tanh((idm - cah) / b))
+    """Acceleration in m/s^2 with one obstacle ahead."""
+    return following_acceleration(
+        speed_mps, obstacle.gap_m, obstacle.speed_mps, obstacle.acceleration_mps2, driver
+    )
 
 
 def steer(vut: ObjectState, path: Polyline) -> float:
     """Curvature in 1/m of pure pursuit: 2 y / L^2 to the path's point at a distance ahead."""
-    station, _ = path.project(vut.x_m, vut.y_m)
+    return _steer(vut, path, path.project(vut.x_m, vut.y_m)[0])
+
+
+def _steer(vut: ObjectState, path: Polyline, station: float) -> float:
     ahead = max(_MIN_LOOKAHEAD_M, _LOOKAHEAD_S * vut.speed_mps)
     target = path.pose(station + ahead)
     x, y = vut.pose.to_local(target.x_m, target.y_m)
@@ -198,7 +212,7 @@ def steer(vut: ObjectState, path: Polyline) -> float:
 
 
 def drive(
-    vut: ObjectState, others: Iterable[ObjectState], path: Polyline, driver: Driver, dt_s: float
+    vut: ObjectState, others: Sequence[ObjectState], path: Polyline, driver: Driver, dt_s: float
 ) -> Command:
     """The driver's command for the next step.
 
@@ -214,17 +228,17 @@ def drive(
     """
     limits = LIMITS[vut.object_class]
     v = max(vut.speed_mps, 0.0)
-    a, b = driver.acceleration_mps2, driver.comfortable_deceleration_mps2
-    free = a * (1.0 - (v / driver.cruise_mps) ** 4)
+    b = driver.comfortable_deceleration_mps2
     # A little above cruise speed the driver only eases off.
-    wanted = max(min(free, (driver.cruise_mps - v) / dt_s), -b)
-    station, _ = path.project(vut.x_m, vut.y_m)
+    wanted = max(min(free_acceleration(v, driver), (driver.cruise_mps - v) / dt_s), -b)
+    places = _places(vut, others if driver.reacts else (), path)
+    station = places[0][0]
     left = path.length_m - station
     if v * v / (2.0 * b) >= left - v * limits.acceleration_lag_s:
         wanted = min(wanted, -v * v / (2.0 * left) if left > 0.05 else -b)
     if driver.reacts:
-        for obstacle in find_obstacles(vut, others, path, driver):
+        for obstacle in _find_obstacles(vut, others, path, driver, places):
             wanted = min(wanted, follow(v, obstacle, driver))
     acceleration = min(max(wanted, -limits.deceleration_mps2), limits.acceleration_mps2)
     bound = limits.curvature_1pm
-    return Command(acceleration, min(max(steer(vut, path), -bound), bound), vut.yaw_rad)
+    return Command(acceleration, min(max(_steer(vut, path, station), -bound), bound), vut.yaw_rad)

@@ -1,23 +1,22 @@
 """What an object watches by itself: may it go on, or must it stop without being told?
 
-Every predicate has a name of its own, takes a measured value and its limit, and is true when the
-limit is passed; a value at the limit hasn't passed it. All are written so that a value that isn't
-finite counts as passed.
+The predicates are those of ssp_core.limits, which the manager judges by too; here is which of them
+count when.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from ssp_core import limits as judge
 from ssp_core.clock import ns_to_seconds
+from ssp_core.limits import Passed
 from ssp_core.reference import Reference
 from ssp_core.run_spec import Limits
 from ssp_core.safety_codes import MEANINGS, SafetyCode
 from ssp_core.state import ObjectState
 from ssp_core.vocab import ControlState
-from ssp_ot_controller.core.fence import box_excess_m
 from ssp_ot_controller.core.tracking import TrackingError
 
 # States in which an object may move or is about to: here it needs the manager and a good state.
@@ -31,6 +30,9 @@ WATCHED = frozenset(
         ControlState.REMOTE_CONTROLLED,
     }
 )
+
+
+_MOVING = (ControlState.RUNNING, ControlState.POSTRUN, ControlState.REMOTE_CONTROLLED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,62 +57,75 @@ class StopNow:
     unit: str
 
 
-def heartbeat_lost(age_s: float, limit_s: float) -> bool:
-    return not age_s <= limit_s
-
-
-def state_stale(age_s: float, limit_s: float) -> bool:
-    return not age_s <= limit_s
-
-
-def state_not_finite(state: ObjectState) -> bool:
-    return not state.is_finite
-
-
-def outside_geofence(excess_m: float) -> bool:
-    return not excess_m <= 0.0
-
-
-def over_speed(speed_mps: float, limit_mps: float) -> bool:
-    return not abs(speed_mps) <= limit_mps
-
-
-def over_acceleration(acceleration_mps2: float, limit_mps2: float) -> bool:
-    return not abs(acceleration_mps2) <= limit_mps2
-
-
-def error_longitudinal(error_m: float, limit_m: float) -> bool:
-    return not abs(error_m) <= limit_m
-
-
-def error_lateral(error_m: float, limit_m: float) -> bool:
-    return not abs(error_m) <= limit_m
-
-
-def error_yaw(error_rad: float, limit_rad: float) -> bool:
-    return not abs(error_rad) <= limit_rad
-
-
 def reference_over(reference: Reference | None, now_ns: int) -> bool:
     """True when no reference asks for motion: none, not begun, or driven to its end."""
     return reference is None or now_ns < reference.execute_at_ns or now_ns >= reference.end_ns
 
 
-def _stop(code: SafetyCode, measured: float, limit: float) -> StopNow:
-    meaning = MEANINGS[code]
-    return StopNow(code, meaning.limit_name, measured, limit, meaning.unit)
+def _stop(passed: Passed) -> StopNow:
+    meaning = MEANINGS[passed.code]
+    return StopNow(passed.code, meaning.limit_name, passed.measured, passed.limit, meaning.unit)
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """What an object knows at one step.
+
+    Args:
+        heartbeat_age_s: since the manager's last heartbeat, inf before the first.
+        other_managers: how many others send heartbeats too.
+        state: the newest own state.
+        running_s: since it was started, 0 when it isn't RUNNING.
+        lost: what says that the object doesn't know where it is (``lost_its_place``).
+        reference: the one being tracked; None when there is none.
+        error: of the last tracking step; None when there was none.
+        outside_m: how far it sticks out of the fence, 0 for inside.
+        room_excess_m: how far a stop from here would end outside the fence, 0 for inside.
+        refused: number of the refusal of a reference in this step, 0 for none.
+        others: states of other objects at the stamp of the own one.
+    """
+
+    heartbeat_age_s: float
+    state: ObjectState
+    reference: Reference | None
+    error: TrackingError | None
+    running_s: float = 0.0
+    lost: Passed | None = None
+    other_managers: int = 0
+    outside_m: float = 0.0
+    room_excess_m: float = 0.0
+    refused: int = 0
+    others: Sequence[ObjectState] = ()
+
+
+def lost_its_place(
+    state: ObjectState, now_ns: int, continuity: Sequence[Passed], limits: Limits
+) -> Passed | None:
+    """The first sign that an object's own state can't be believed, None when there is none.
+
+    Args:
+        state: the newest own state.
+        now_ns: on the object's clock.
+        continuity: what ``ssp_core.continuity.follow`` says of it.
+        limits: of the site.
+    """
+    age_s = ns_to_seconds(now_ns - state.stamp_ns)
+    return (
+        judge.state_stale(age_s, limits)
+        # A clock that was set back: however long nothing new comes, the state would look young.
+        or judge.stamp_ahead(age_s, limits)
+        or judge.state_not_finite(state)
+        or judge.localisation(state, limits)
+        or (continuity[0] if continuity else None)
+    )
 
 
 def decide(
+    seen: Seen,
     *,
     now_ns: int,
     control_state: ControlState,
-    heartbeat_ns: int | None,
-    state: ObjectState | None,
-    reference: Reference | None,
-    error: TrackingError | None,
     limits: Limits,
-    geofence: Sequence[tuple[float, float]],
 ) -> Continue | StopNow:
     """Goes on, or stops with the first limit that is passed.
 
@@ -119,53 +134,57 @@ def decide(
     brakes for another reason leaves its reference and brakes harder than one.
 
     Args:
-        now_ns: time on the clock of the watchdogs (simulated in lockstep, else steady), ns.
+        seen: what the object knows.
+        now_ns: on the object's clock.
         control_state: of the object.
-        heartbeat_ns: when the last heartbeat arrived, on the same clock; None before the first.
-        state: the newest own state, its stamp on the same clock; None before the first.
-        reference: the one being tracked; None when there is none.
-        error: of the last tracking step; None when there was none.
         limits: of the site.
-        geofence: polygon, m, frame map.
     """
     if control_state not in WATCHED:
         return Continue(brake=True)
-    silence_s = math.inf if heartbeat_ns is None else ns_to_seconds(now_ns - heartbeat_ns)
-    if heartbeat_lost(silence_s, limits.heartbeat_s):
-        return _stop(SafetyCode.HEARTBEAT_LOST, silence_s, limits.heartbeat_s)
-    age_s = math.inf if state is None else ns_to_seconds(now_ns - state.stamp_ns)
-    if state is None or state_stale(age_s, limits.state_age_s):
-        return _stop(SafetyCode.STATE_STALE, age_s, limits.state_age_s)
-    if state_not_finite(state):
-        return _stop(SafetyCode.STATE_NOT_FINITE, math.nan, 0.0)
-    excess_m = box_excess_m(state.box, geofence)
-    if outside_geofence(excess_m):
-        return _stop(SafetyCode.OUTSIDE_GEOFENCE, excess_m, 0.0)
-    if over_speed(state.speed_mps, limits.speed_mps):
-        return _stop(SafetyCode.OVER_SPEED, state.speed_mps, limits.speed_mps)
-    idle = control_state is not ControlState.RUNNING or reference_over(reference, now_ns)
-    if not idle:
-        stop = _decide_driving(state, error, limits)
-        if stop is not None:
-            return stop
-    return Continue(brake=idle)
+    running = control_state is ControlState.RUNNING
+    idle = not running or reference_over(seen.reference, now_ns)
+    passed = (
+        judge.heartbeat_lost(seen.heartbeat_age_s, limits)
+        or _foreign_manager(seen.other_managers)
+        or seen.lost
+        or judge.outside_geofence(seen.outside_m)
+        or judge.over_speed(seen.state, limits)
+        or judge.duration(seen.running_s, limits)
+    )
+    if passed is None and control_state in _MOVING:
+        passed = _too_close(seen, limits)
+    if passed is None and running:
+        passed = _refused(seen.refused) or _stopping_room(seen.room_excess_m)
+    if passed is None and not idle:
+        passed = judge.over_acceleration(seen.state, limits) or _off_reference(seen.error, limits)
+    return Continue(brake=idle) if passed is None else _stop(passed)
 
 
-def _decide_driving(
-    state: ObjectState, error: TrackingError | None, limits: Limits
-) -> StopNow | None:
-    if over_acceleration(state.acceleration_mps2, limits.acceleration_mps2):
-        return _stop(
-            SafetyCode.OVER_ACCELERATION, state.acceleration_mps2, limits.acceleration_mps2
-        )
+def _foreign_manager(others: int) -> Passed | None:
+    return Passed(SafetyCode.FOREIGN_MANAGER, float(others), 0.0) if others else None
+
+
+def _refused(number: int) -> Passed | None:
+    return Passed(SafetyCode.REFERENCE_REFUSED, float(number), 0.0) if number else None
+
+
+def _stopping_room(excess_m: float) -> Passed | None:
+    return None if excess_m <= 0.0 else Passed(SafetyCode.STOPPING_ROOM, excess_m, 0.0)
+
+
+def _too_close(seen: Seen, limits: Limits) -> Passed | None:
+    for other in seen.others:
+        passed = judge.separation(seen.state, other, limits)
+        if passed is not None:
+            return passed
+    return None
+
+
+def _off_reference(error: TrackingError | None, limits: Limits) -> Passed | None:
     if error is None:
         return None
-    if error_longitudinal(error.longitudinal_m, limits.error_longitudinal_m):
-        return _stop(
-            SafetyCode.ERROR_LONGITUDINAL, error.longitudinal_m, limits.error_longitudinal_m
-        )
-    if error_lateral(error.lateral_m, limits.error_lateral_m):
-        return _stop(SafetyCode.ERROR_LATERAL, error.lateral_m, limits.error_lateral_m)
-    if error_yaw(error.yaw_rad, limits.error_yaw_rad):
-        return _stop(SafetyCode.ERROR_YAW, error.yaw_rad, limits.error_yaw_rad)
-    return None
+    return (
+        judge.error_longitudinal(error.longitudinal_m, limits)
+        or judge.error_lateral(error.lateral_m, limits)
+        or judge.error_yaw(error.yaw_rad, limits)
+    )

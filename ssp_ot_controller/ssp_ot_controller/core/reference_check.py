@@ -10,13 +10,15 @@ from enum import IntEnum
 import numpy as np
 
 from ssp_core.clock import ns_to_seconds
+from ssp_core.fence import row_excess_m
 from ssp_core.geometry import Pose2, wrap_angle
 from ssp_core.reference import Reference, sample
 from ssp_core.run_spec import Limits
 from ssp_core.state import ObjectState
 from ssp_core.vocab import ControlState, ObjectClass
 from ssp_ot_controller.core.bodies import BodyLimits
-from ssp_ot_controller.core.fence import corners_of, excess_m
+from ssp_ot_controller.core.one_motion import STEP_M, contradiction
+from ssp_ot_controller.core.stop_room import StopRoom
 
 # Rounding of a profile that drives exactly at a limit is no refusal.
 _ROUNDING = 1e-6
@@ -58,7 +60,7 @@ class Continuity:
     position_m: float = 0.5
     yaw_rad: float = 0.2
     speed_mps: float = 1.0
-    step_m: float = 0.1
+    step_m: float = STEP_M
 
 
 DEFAULT_CONTINUITY = Continuity()
@@ -75,6 +77,7 @@ def check_reference(
     body_limits: BodyLimits,
     event_version: str,
     control_state: ControlState,
+    stop_room: StopRoom,
     continuity: Continuity = DEFAULT_CONTINUITY,
 ) -> Refusal | None:
     """The first reason to refuse a reference, None when it may be taken.
@@ -89,6 +92,7 @@ def check_reference(
         body_limits: of the object.
         event_version: K* version that the object was connected with.
         control_state: references are taken in RUNNING only.
+        stop_room: of the object, in this fence.
         continuity: tolerances.
     """
     return (
@@ -101,6 +105,7 @@ def check_reference(
         or _check_steps(reference, continuity)
         or _check_fence(reference, current, geofence)
         or _check_end(reference)
+        or _check_stops(reference, stop_room)
     )
 
 
@@ -224,26 +229,15 @@ def _check_limits(reference: Reference, limits: Limits, body: BodyLimits) -> Ref
 
 
 def _check_steps(reference: Reference, continuity: Continuity) -> Refusal | None:
-    """Positions must move as the speeds say, or the points don't describe one motion."""
-    t, x, y, _, speed, _, _ = reference.columns
-    moved = np.hypot(np.diff(x), np.diff(y))
-    said = 0.5 * (speed[:-1] + speed[1:]) * np.diff(t)
-    gap = np.abs(moved - said)
-    i = int(np.argmax(gap))
-    allowed = continuity.step_m + 0.05 * said[i]
-    if gap[i] > allowed:
-        return _malformed(
-            f"from point {i} to {i + 1} it moves {moved[i]:.3f} m while its speeds say "
-            f"{said[i]:.3f} m, limit is {allowed:.3f} m apart"
-        )
-    return None
+    text = contradiction(reference.columns, continuity.step_m)
+    return None if text is None else _malformed(text)
 
 
 def _check_fence(
     reference: Reference, current: ObjectState, geofence: Sequence[tuple[float, float]]
 ) -> Refusal | None:
     _, x, y, yaw, _, _, _ = reference.columns
-    excess = excess_m(corners_of(x, y, yaw, current.size), geofence)
+    excess = row_excess_m(x, y, yaw, current.size, geofence)
     i = int(np.argmax(excess))
     if excess[i] > 0.0:
         return Refusal(
@@ -252,6 +246,20 @@ def _check_fence(
             "outside the geofence, limit is 0 m",
         )
     return None
+
+
+def _check_stops(reference: Reference, stop_room: StopRoom) -> Refusal | None:
+    """From each of its points the object must be able to stop inside the fence."""
+    lack = stop_room.lack(reference.columns)
+    if lack is None:
+        return None
+    point = reference.points[lack.point]
+    return Refusal(
+        RefusalCode.FENCE,
+        f"{lack.how} from point {lack.point} (x {point.x_m:.2f} m, y {point.y_m:.2f} m, "
+        f"{point.speed_mps:.1f} m/s) on ends {lack.excess_m:.3f} m outside the geofence, "
+        "limit is 0 m",
+    )
 
 
 def _check_end(reference: Reference) -> Refusal | None:

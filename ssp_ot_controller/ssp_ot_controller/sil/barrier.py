@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from ssp_core.lockstep import RECORDER_LAG_STEPS
+
 
 class Barrier:
     """Answers of the participants by step; those that were dropped aren't waited for.
@@ -15,6 +17,8 @@ class Barrier:
         camera: the participant that answers frame steps only, None for none.
         leader: the participant that answers after all others.
         frame_steps: every how many steps a frame is due; the camera may lag that much.
+        recorder: the participant that may lag RECORDER_LAG_STEPS, and is waited for once it was
+            heard; None for none.
     """
 
     def __init__(
@@ -25,6 +29,7 @@ class Barrier:
         camera: str | None,
         frame_steps: int,
         leader: str,
+        recorder: str | None = None,
     ) -> None:
         # Nobody answers step 0: the world holds there until the session starts the run.
         self._done = dict.fromkeys(participants, 0)
@@ -34,11 +39,15 @@ class Barrier:
         self._leader = leader
         self._frame_steps = frame_steps
         self._frame_done = -1
+        self._recorder = recorder
+        self._recorded: int | None = None
         self.dropped: set[str] = set()
 
     def on_done(self, participant: str, step: int) -> None:
         if participant == self._camera:
             self._frame_done = max(self._frame_done, step)
+        elif participant == self._recorder:
+            self._recorded = max(self._recorded or 0, step)
         elif participant in self._done:
             self._done[participant] = max(self._done[participant], step)
 
@@ -68,4 +77,6 @@ class Barrier:
             newest_due = (step + 1 - self._frame_steps) // self._frame_steps * self._frame_steps
             if newest_due >= 0 and self._frame_done < newest_due:
                 missing.append(self._camera)
+        if self._recorded is not None and step - self._recorded > RECORDER_LAG_STEPS:
+            missing.append(str(self._recorder))
         return [name for name in missing if name not in self.dropped]

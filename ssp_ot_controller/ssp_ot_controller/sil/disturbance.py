@@ -1,79 +1,271 @@
-"""Seeded disturbances of localisation and links, counted in steps so that they repeat exactly."""
+"""What comes between an object and its true state, its manager and its body: one place for all.
+
+A ``Channel`` belongs to whoever stands for the object (its process, or ``sil_world`` for the VUT):
+localisation, clock and links. An ``Actuator`` belongs to the simulated body. Both are counted in
+steps of the run and seeded per run, object and purpose, and draw once a step whatever is active,
+so that one disturbance more or less leaves the others as they are.
+"""
 
 from __future__ import annotations
 
-import zlib
-from collections import deque
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
-import numpy as np
-
-from ssp_core.run_spec import LinkDisturbance
+from ssp_core.clock import seconds_to_ns
+from ssp_core.run_spec import FaultKind, LinkDisturbance, RunSpec
 from ssp_core.state import ObjectState
+from ssp_ot_controller.core.bodies import Command
+from ssp_ot_controller.sil.draws import normals, uniforms
+from ssp_ot_controller.sil.fault_schedule import FaultChange, FaultSchedule
+from ssp_ot_controller.sil.line import Line, LineQuality
+
+Item = TypeVar("Item")
+
+# Below this speed an object stands, and its wheel sensors say so.
+_WHEELS_TURN_MPS = 0.1
+LINK_FAULTS: tuple[FaultKind, ...] = ("link_cut", "link_delay", "link_loss", "link_reorder")
+OWN_FAULTS: tuple[FaultKind, ...] = ("clock_step", "position_jump", "state_nan", "state_frozen")
+ACTUATOR_FAULTS: tuple[FaultKind, ...] = ("actuator_stuck",)
 
 
-def _generator(seed: int, name: str, purpose: str) -> np.random.Generator:
-    return np.random.default_rng([seed, zlib.crc32(f"{name}/{purpose}".encode())])
-
-
-class Localisation:
-    """What an object's localisation makes of its true state.
+@dataclass(frozen=True, slots=True)
+class LinkSizes:
+    """What a clock and a link measurement would find: one-way delays and the clock, s.
 
     Args:
-        disturbance: sizes of the noise, one sigma.
-        seed: of the run.
-        object_id: gives each object noise of its own.
+        clock_offset_s: the object's clock minus the manager's.
+        up_s: from the object to the manager, jitter left out.
+        down_s: from the manager to the object.
+        cut: nothing passes.
     """
 
-    def __init__(self, disturbance: LinkDisturbance, seed: int, object_id: str) -> None:
-        self._noise = disturbance
-        self._random = _generator(seed, object_id, "localisation")
+    clock_offset_s: float
+    up_s: float
+    down_s: float
+    cut: bool
 
-    def measure(self, truth: ObjectState) -> ObjectState:
-        """The measured state; one draw per call, whatever the sizes are."""
-        dx, dy, dv = self._random.standard_normal(3)
-        sigma, sigma_v = self._noise.position_noise_m, self._noise.speed_noise_mps
-        if sigma == 0.0 and sigma_v == 0.0:
-            return truth
-        # A standing object knows that it stands: its wheel sensors say so.
-        speed = truth.speed_mps + sigma_v * float(dv) if truth.speed_mps > 0.1 else truth.speed_mps
-        return replace(
-            truth,
-            x_m=truth.x_m + sigma * float(dx),
-            y_m=truth.y_m + sigma * float(dy),
-            speed_mps=speed,
-            position_std_m=sigma,
+
+class Channel:
+    """Localisation, clock and links of one object. Reads no clock.
+
+    ``begin`` opens each step; the others then take that step's states and messages. While the world
+    holds, noise, delays and losses of the run file are off (the links are judged by what is
+    measured of them before the start), but faults without a time strike as soon as the object is
+    armed.
+
+    Args:
+        run: disturbances, faults, seed and step.
+        object_id: whose.
+    """
+
+    def __init__(self, run: RunSpec, object_id: str) -> None:
+        self._noise: LinkDisturbance = run.disturbance_of(object_id)
+        self._step_s = run.step_s
+        kinds = (*LINK_FAULTS, *OWN_FAULTS, *ACTUATOR_FAULTS)
+        self._faults = FaultSchedule(run.faults, (object_id,), kinds)
+        self._running = False
+        seed = run.seed
+        self._position = normals(seed, object_id, "localisation")
+        self._dropouts = uniforms(seed, object_id, "dropout")
+        self._dropout_ends_ns: int | None = None
+        self._fix: ObjectState | None = None
+        self._frozen: ObjectState | None = None
+        step_ns = seconds_to_ns(run.step_s)
+
+        def line(purpose: str) -> Line[object]:
+            return Line(
+                step_ns,
+                uniforms(seed, object_id, purpose),
+                normals(seed, object_id, f"{purpose} jitter"),
+                uniforms(seed, object_id, f"{purpose} order"),
+            )
+
+        # How often the world holds isn't the same in two runs: no draws of the run's own streams.
+        self._hold = uniforms(seed, object_id, "hold")
+        self._up, self._acks = line("link"), line("acks")
+        self._heartbeats, self._references = line("heartbeats"), line("references")
+        self._offset_ns = seconds_to_ns(self._noise.clock_offset_s)
+        n = self._noise
+        clean = self._faults.is_empty
+        self._plain_up = clean and not any(
+            (n.state_delay_s, n.state_jitter_s, n.state_loss, n.reorder)
+        )
+        self._plain_down = clean and not any((n.command_delay_s, n.command_loss))
+        self._plain_own = clean and not any(
+            (n.position_noise_m, n.speed_noise_mps, n.dropout_per_s, n.clock_offset_s)
         )
 
+    def begin(self, now_ns: int, *, running: bool, armed: bool) -> list[FaultChange]:
+        """Opens a step; what begins or ends with it is to be published as FaultEvent.
 
-@dataclass
-class Link:
-    """A one-way link that delays and loses states.
+        Args:
+            now_ns: session time.
+            running: the session's time goes; False while the world holds.
+            armed: the object is armed.
+        """
+        if running and not self._running:
+            for line in (self._up, self._acks, self._heartbeats, self._references):
+                line.clear()
+        self._running = running
+        return self._faults.begin(now_ns, running=running, armed=armed)
+
+    def clock_ns(self, now_ns: int) -> int:
+        """What the object's own clock says at a session time: its states and acks carry it."""
+        step_ns = seconds_to_ns(self._faults.total("clock_step"))
+        return now_ns + step_ns + (self._offset_ns if self._running else 0)
+
+    def links(self) -> LinkSizes:
+        """Clock and delays as they are now, for a measurement of the link outside the steps."""
+        n, extra_s = self._noise, self._faults.total("link_delay")
+        return LinkSizes(
+            n.clock_offset_s + self._faults.total("clock_step"),
+            n.state_delay_s + extra_s,
+            n.command_delay_s + extra_s,
+            self._faults.has("link_cut"),
+        )
+
+    # -- localisation --------------------------------------------------------------------------
+
+    def measure(self, truth: ObjectState, now_ns: int) -> ObjectState:
+        """What the object's localisation makes of its true state.
+
+        Noise, then dropout (the last state again, with its old stamp), jump to the left, frozen
+        position, not a number, and the object's own clock on the stamp.
+        """
+        if self._plain_own:
+            return truth
+        fix = self._located(truth, now_ns) if self._running else truth
+        return self._faulty(fix, now_ns) if not self._faults.is_empty else self._stamped(fix)
+
+    def _located(self, truth: ObjectState, now_ns: int) -> ObjectState:
+        n = self._noise
+        dx, dy, dv = next(self._position), next(self._position), next(self._position)
+        begins = next(self._dropouts) < n.dropout_per_s * self._step_s
+        if self._dropout_ends_ns is not None and now_ns >= self._dropout_ends_ns:
+            self._dropout_ends_ns = None
+        if begins and self._dropout_ends_ns is None:
+            self._dropout_ends_ns = now_ns + seconds_to_ns(n.dropout_s)
+        if self._dropout_ends_ns is not None and self._fix is not None:
+            return replace(self._fix, sequence=truth.sequence)
+        self._fix = truth
+        if n.position_noise_m or n.speed_noise_mps:
+            moves = truth.speed_mps > _WHEELS_TURN_MPS
+            self._fix = replace(
+                truth,
+                x_m=truth.x_m + n.position_noise_m * dx,
+                y_m=truth.y_m + n.position_noise_m * dy,
+                speed_mps=truth.speed_mps + (n.speed_noise_mps * dv if moves else 0.0),
+                position_std_m=n.position_noise_m,
+            )
+        return self._fix
+
+    def _faulty(self, fix: ObjectState, now_ns: int) -> ObjectState:
+        jump_m = self._faults.total("position_jump")
+        if jump_m:
+            x, y = fix.pose.to_parent(0.0, jump_m)
+            fix = replace(fix, x_m=x, y_m=y)
+        if not self._faults.has("state_frozen"):
+            self._frozen = None
+        elif self._frozen is None:
+            self._frozen = fix
+        else:
+            fix = replace(self._frozen, stamp_ns=fix.stamp_ns, sequence=fix.sequence)
+        if self._faults.has("state_nan"):
+            fix = replace(fix, x_m=math.nan, y_m=math.nan)
+        return self._stamped(fix)
+
+    def _stamped(self, fix: ObjectState) -> ObjectState:
+        offset_ns = self.clock_ns(0)
+        return replace(fix, stamp_ns=fix.stamp_ns + offset_ns) if offset_ns else fix
+
+    # -- links ---------------------------------------------------------------------------------
+
+    def up(self, state: ObjectState, now_ns: int) -> list[ObjectState]:
+        """Sends a state to the manager; gives the states that arrive there now, in that order."""
+        if self._plain_up:
+            return [state]
+        n = self._noise
+        return self._pass_on(self._up, [state], now_ns, self._upwards(n.state_loss, n.reorder))
+
+    def up_acks(self, acks: Sequence[Item], now_ns: int) -> list[Item]:
+        """The same for acknowledgements, which only a fault loses: their transport is reliable."""
+        if self._plain_up:
+            return list(acks)
+        return self._pass_on(self._acks, acks, now_ns, self._upwards(0.0, 0.0))
+
+    def down_heartbeats(self, beats: Sequence[Item], now_ns: int) -> list[Item]:
+        """Those heartbeats that reach the object now, of this step's and of earlier ones."""
+        if self._plain_down:
+            return list(beats)
+        return self._pass_on(self._heartbeats, beats, now_ns, self._downwards())
+
+    def down_references(self, references: Sequence[Item], now_ns: int) -> list[Item]:
+        """Those references that reach the object now, of this step's and of earlier ones."""
+        if self._plain_down:
+            return list(references)
+        return self._pass_on(self._references, references, now_ns, self._downwards())
+
+    def _upwards(self, loss: float, reorder: float) -> LineQuality:
+        n, faults = self._noise, self._faults
+        return LineQuality(
+            n.state_delay_s + faults.total("link_delay"),
+            n.state_jitter_s,
+            faults.share("link_loss", loss),
+            faults.share("link_reorder", reorder),
+            faults.has("link_cut"),
+        )
+
+    def _downwards(self) -> LineQuality:
+        n, faults = self._noise, self._faults
+        return LineQuality(
+            n.command_delay_s + faults.total("link_delay"),
+            0.0,
+            faults.share("link_loss", n.command_loss),
+            0.0,
+            faults.has("link_cut"),
+        )
+
+    def _pass_on(
+        self, line: Line[object], items: Sequence[Item], now_ns: int, quality: LineQuality
+    ) -> list[Item]:
+        if not self._running:
+            # Time stands still: what is sent arrives, unless a fault keeps it from it.
+            lost = quality.cut or next(self._hold) < self._faults.share("link_loss", 0.0)
+            return [] if lost else list(items)
+        return line.pass_on(items, now_ns, quality)  # type: ignore[return-value]  # Items went in
+
+
+class Actuator:
+    """Drive and brakes of one simulated body, healthy or not.
 
     Args:
-        delay_steps: each state arrives that many steps later.
-        loss: probability of losing one.
-        random: seeded generator.
+        run: disturbances and faults.
+        object_id: whose.
+        lag_scale: factor on the lags of drive, brakes and steering.
     """
 
-    delay_steps: int
-    loss: float
-    random: np.random.Generator
+    def __init__(self, run: RunSpec, object_id: str, lag_scale: float) -> None:
+        self.lag_scale = lag_scale
+        self._faults = FaultSchedule(run.faults, (object_id,), ACTUATOR_FAULTS)
+        self._last: Command | None = None
 
-    def __post_init__(self) -> None:
-        self._line: deque[ObjectState | None] = deque([None] * self.delay_steps)
+    def actuate(self, command: Command, now_ns: int) -> Command:
+        """What the body does of a command.
 
-    def pass_on(self, state: ObjectState) -> ObjectState | None:
-        """Takes the state of this step in, and gives what arrives at this step, if anything."""
-        lost = float(self.random.random()) < self.loss
-        self._line.append(None if lost else state)
-        return self._line.popleft()
-
-
-def make_link(disturbance: LinkDisturbance, seed: int, object_id: str, step_s: float) -> Link:
-    """The state link of one object in one run."""
-    return Link(
-        round(disturbance.state_delay_s / step_s),
-        disturbance.state_loss,
-        _generator(seed, object_id, "link"),
-    )
+        A stuck actuator keeps the fault's acceleration, or without one the last command's; steering
+        still works, and so does an emergency stop, which has a brake of its own.
+        """
+        if self._faults.is_empty:
+            return command
+        self._faults.begin(now_ns, running=True, armed=True)
+        stuck = self._faults.active("actuator_stuck")
+        if not stuck:
+            self._last = command
+            return command
+        if command.emergency_stop:
+            return command
+        held = self._last.acceleration_mps2 if self._last is not None else 0.0
+        value = stuck[-1].value
+        return replace(command, acceleration_mps2=held if value is None else value)

@@ -8,7 +8,7 @@ angles clockwise from north in degrees; ``to_sumo`` and ``from_sumo`` are the on
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -18,10 +18,10 @@ import libsumo  # type: ignore[import-untyped] # has no types
 from ssp_core.clock import seconds_to_ns
 from ssp_core.errors import HostError, InputError
 from ssp_core.geometry import Pose2, wrap_angle
-from ssp_core.run_spec import ParticipantSpec, RunSpec, TrafficSpec
+from ssp_core.run_spec import RunSpec, TrafficSpec
 from ssp_core.state import DEFAULT_SIZES, ObjectState
+from ssp_core.sumo_network import Network, write_network
 from ssp_core.vocab import ObjectClass, Role
-from ssp_ot_controller.sil.network import Network, write_network
 
 _VCLASS = {
     ObjectClass.CAR: "passenger",
@@ -86,10 +86,13 @@ class SumoWorld:
         self._work_dir = work_dir
         self._external = {p.id: p for p in (run.vut, *run.targets)}
         self._traffic = {t.id: t for t in run.traffic}
+        # Asked for in every step, and looked up by word each time.
+        self._kinds = {t.id: ObjectClass.from_word(t.object_class) for t in run.traffic}
+        ours = sorted(self._external.values(), key=lambda p: p.id)
+        self._fronts = [(p.id, p.cls is ObjectClass.PEDESTRIAN, p.size.front_m) for p in ours]
         self._step = 0
         self._yaw: dict[str, float] = {}
         self._states: list[ObjectState] = []
-        self._collisions: tuple[Collision, ...] = ()
         ids = [p.id for p in (run.vut, *run.targets)] + [t.id for t in run.traffic]
         for i in sorted(set(ids)):
             if ids.count(i) > 1:
@@ -105,7 +108,7 @@ class SumoWorld:
             raise HostError(f"SUMO doesn't start: {error}") from error
         try:
             self._populate(network)
-            self._place([(p, p.start.pose, 0.0) for p in self._external.values()])
+            self._place({p.id: (p.start.pose, 0.0) for p in self._external.values()})
             # SUMO inserts traffic at the end of a step: after this one all of it is at its start.
             self._advance()
             missing = sorted(set(self._traffic) - {s.object_id for s in self._states})
@@ -218,7 +221,8 @@ class SumoWorld:
 
     def collisions(self) -> tuple[Collision, ...]:
         """What overlapped in the last step, sorted. SUMO's view: verdicts use own boxes."""
-        return self._collisions
+        pairs = {tuple(sorted((c.collider, c.victim))) for c in libsumo.simulation.getCollisions()}
+        return tuple(Collision(a, b) for a, b in sorted(pairs))
 
     def step(self, poses: Sequence[ObjectState]) -> list[ObjectState]:
         """Advances by one step to where the VUT and all targets have the given states.
@@ -234,21 +238,22 @@ class SumoWorld:
                 SUMO is as it was.
         """
         ids = sorted(s.object_id for s in poses)
-        if ids != sorted(self._external):
+        if ids != [name for name, _, _ in self._fronts]:
             raise ValueError(f"need one state of each of {sorted(self._external)}, got {ids}")
         for s in poses:
             if not s.is_finite:
                 raise ValueError(f"state of {s.object_id!r} isn't finite: {s}")
-        self._place([(self._external[s.object_id], s.pose, s.speed_mps) for s in poses])
+        self._place({s.object_id: (s.pose, s.speed_mps) for s in poses})
         self._step += 1
         self._advance()
         return self.traffic()
 
-    @staticmethod
-    def _place(items: Sequence[tuple[ParticipantSpec, Pose2, float]]) -> None:
-        for participant, pose, speed_mps in sorted(items, key=lambda item: item[0].id):
-            name, at = participant.id, to_sumo(pose, participant.size.front_m)
-            if participant.cls is ObjectClass.PEDESTRIAN:
+    def _place(self, places: Mapping[str, tuple[Pose2, float]]) -> None:
+        """Puts our objects where they are, in the order of their ids."""
+        for name, walks, front_m in self._fronts:
+            pose, speed_mps = places[name]
+            at = to_sumo(pose, front_m)
+            if walks:
                 libsumo.person.moveToXY(
                     name, "", at.x_m, at.y_m, at.angle_deg, keepRoute=_KEEP_PERSON
                 )
@@ -265,11 +270,9 @@ class SumoWorld:
         present = sorted(set(libsumo.vehicle.getIDList()) & self._traffic.keys())
         self._states = [self._state(name) for name in present]
         self._yaw = {s.object_id: s.yaw_rad for s in self._states}
-        pairs = {tuple(sorted((c.collider, c.victim))) for c in libsumo.simulation.getCollisions()}
-        self._collisions = tuple(Collision(a, b) for a, b in sorted(pairs))
 
     def _state(self, name: str) -> ObjectState:
-        cls = ObjectClass.from_word(self._traffic[name].object_class)
+        cls = self._kinds[name]
         size = DEFAULT_SIZES[cls]
         x, y = libsumo.vehicle.getPosition(name)
         pose = from_sumo(SumoPose(x, y, libsumo.vehicle.getAngle(name)), size.front_m)

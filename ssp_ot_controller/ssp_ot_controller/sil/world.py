@@ -3,19 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Protocol
 
 from ssp_core.clock import seconds_to_ns
-from ssp_core.geometry import Polyline
-from ssp_core.run_spec import ParticipantSpec, RunSpec
+from ssp_core.run_spec import RunSpec
 from ssp_core.state import ObjectState
-from ssp_core.vocab import ControlState, Role
-from ssp_ot_controller.core.bodies import BodyState, Command, brake_command, step_body
-from ssp_ot_controller.core.driver import drive
+from ssp_core.vocab import ControlState, Role, SessionPhase
+from ssp_ot_controller.core.bodies import BodyState, Command, step_body
+from ssp_ot_controller.sil.disturbance import Actuator
+from ssp_ot_controller.sil.vut import VutDriver
 
 # A body that hears no command for this long brakes as hard as it can, whoever is to blame.
 BODY_TIMEOUT_S = 0.2
+# In these states of the session the world steps on until everything stands, and then holds.
+OVER = (SessionPhase.FINISHED, SessionPhase.ABORTED, SessionPhase.IDLE)
+
+
+def _lag_scale(run: RunSpec, object_id: str) -> float:
+    """The run's general disturbance is of the objects' actuators; the VUT's has to be named."""
+    if object_id == run.vut.id and object_id not in run.disturbances:
+        return 1.0
+    return run.disturbance_of(object_id).actuator_lag_scale
 
 
 class Scene(Protocol):
@@ -41,23 +49,26 @@ class World:
         self._bodies = {
             spec.id: BodyState.at_rest(spec.start.pose) for spec in [run.vut, *run.targets]
         }
-        self._specs = {spec.id: spec for spec in [run.vut, *run.targets]}
-        motion = run.vut.approach
-        self._vut_path = Polyline(motion.path) if motion is not None else None
-        self._traffic = scene.traffic()
+        specs = (run.vut, *run.targets)
+        # Asked for in every step, and looked up by word each time.
+        self._kinds = {spec.id: (spec.cls, spec.size) for spec in specs}
+        self._step_ns = seconds_to_ns(run.step_s)
+        self._actuators = {t.id: Actuator(run, t.id, _lag_scale(run, t.id)) for t in run.targets}
+        self._actuators[run.vut.id] = Actuator(run, run.vut.id, _lag_scale(run, run.vut.id))
+        self.driver = VutDriver(run)
+        self._observe(scene.traffic())
 
     @property
     def now_ns(self) -> int:
         """Simulated time of the present state."""
-        return self.step_index * seconds_to_ns(self._run.step_s)
+        return self.step_index * self._step_ns
 
     def objects(self) -> list[ObjectState]:
         """Ground truth of everything, sorted by id."""
-        own = [self._state(spec) for spec in self._specs.values()]
-        return sorted([*own, *self._traffic], key=lambda s: s.object_id)
+        return list(self._everyone)
 
     def vut(self) -> ObjectState:
-        return self._state(self._run.vut)
+        return self._own[self._run.vut.id]
 
     def advance(
         self, commands: Mapping[str, tuple[int, Command]], drive_vut: bool
@@ -66,26 +77,39 @@ class World:
 
         Args:
             commands: newest command of each object, with the step that it answered. An object
-                without one, or with one that is older than BODY_TIMEOUT_S, brakes hard.
+                without one, or with one that is older than BODY_TIMEOUT_S, brakes hard and holds
+                its steering. The VUT's are those of an external driver.
             drive_vut: False: the VUT's driver brakes to a standstill.
 
         Returns:
             Ground truth after the step, sorted by id.
         """
         dt_s = self._run.step_s
-        everyone = self.objects()
+        vut_id, now_ns = self._run.vut.id, self.now_ns
         for object_id, body in list(self._bodies.items()):
-            spec = self._specs[object_id]
-            if spec is self._run.vut:
-                command = self._vut_command(everyone, drive_vut)
-                scale = 1.0
+            if object_id == vut_id:
+                command = self._vut_command(commands, drive_vut)
             else:
                 command = self._object_command(object_id, commands)
-                scale = self._run.disturbance.actuator_lag_scale
-            self._bodies[object_id] = step_body(spec.cls, body, command, dt_s, lag_scale=scale)
+            actuator = self._actuators[object_id]
+            self._bodies[object_id] = step_body(
+                self._kinds[object_id][0],
+                body,
+                actuator.actuate(command, now_ns),
+                dt_s,
+                lag_scale=actuator.lag_scale,
+            )
         self.step_index += 1
-        self._traffic = self._scene.step([self._state(spec) for spec in self._specs.values()])
+        own = {object_id: self._state(object_id) for object_id in self._bodies}
+        self._observe(self._scene.step(list(own.values())), own)
         return self.objects()
+
+    def _observe(
+        self, traffic: list[ObjectState], own: dict[str, ObjectState] | None = None
+    ) -> None:
+        """Takes the ground truth of an instant."""
+        self._own = own or {object_id: self._state(object_id) for object_id in self._bodies}
+        self._everyone = sorted([*self._own.values(), *traffic], key=lambda s: s.object_id)
 
     def all_stand(self) -> bool:
         """True when VUT and object targets stand; traffic doesn't count."""
@@ -97,27 +121,27 @@ class World:
         step, command = commands.get(object_id, (-1, None))
         age_s = (self.step_index - step) * self._run.step_s
         if command is None or not command.is_finite or age_s > BODY_TIMEOUT_S:
-            return Command(0.0, 0.0, self._bodies[object_id].yaw_rad, emergency_stop=True)
+            body = self._bodies[object_id]
+            # Steering stays as it is: that is where the object was led last.
+            return Command(0.0, body.curvature_1pm, body.yaw_rad, emergency_stop=True)
         return command
 
-    def _vut_command(self, everyone: list[ObjectState], drive_vut: bool) -> Command:
-        vut, driver = self.vut(), self._run.driver
-        comfortable = driver.comfortable_deceleration_mps2
-        if self._vut_path is None:
-            return brake_command(vut, comfortable)
-        others = [s for s in everyone if s.object_id != vut.object_id]
-        command = drive(vut, others, self._vut_path, driver, self._run.step_s)
-        if drive_vut:
-            return command
-        # While it stops it keeps its lane, and brakes harder for what stops ahead of it.
-        return replace(command, acceleration_mps2=min(command.acceleration_mps2, -comfortable))
+    def _vut_command(self, commands: Mapping[str, tuple[int, Command]], drive_vut: bool) -> Command:
+        vut = self.vut()
+        external = None
+        if vut.object_id in commands:
+            step, command = commands[vut.object_id]
+            external = (self.step_index - step) * self._run.step_s, command
+        others = [s for s in self._everyone if s.object_id != vut.object_id]
+        return self.driver.command(vut, others, external, drives=drive_vut)
 
-    def _state(self, spec: ParticipantSpec) -> ObjectState:
-        body = self._bodies[spec.id]
+    def _state(self, object_id: str) -> ObjectState:
+        body = self._bodies[object_id]
+        cls, size = self._kinds[object_id]
         return ObjectState(
-            object_id=spec.id,
-            object_class=spec.cls,
-            role=Role.VUT if spec is self._run.vut else Role.OT,
+            object_id=object_id,
+            object_class=cls,
+            role=Role.VUT if object_id == self._run.vut.id else Role.OT,
             stamp_ns=self.now_ns,
             x_m=body.x_m,
             y_m=body.y_m,
@@ -125,7 +149,7 @@ class World:
             speed_mps=body.speed_mps,
             acceleration_mps2=body.acceleration_mps2,
             yaw_rate_radps=body.yaw_rate_radps,
-            size=spec.size,
+            size=size,
             sequence=self.step_index + 1,
             control_state=ControlState.OFF,
         )

@@ -6,7 +6,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from ssp_core.names import VUT_ID
 from ssp_core.reference import Reference
+from ssp_core.state import ObjectState
 from ssp_core.vocab import SessionPhase
 
 
@@ -24,7 +26,8 @@ class Inbox:
     """Holds a lockstep tick back until the manager's messages that precede it are here.
 
     A tick names the manager's last heartbeat before it, and that heartbeat says how many
-    references had been sent to each object. Outside lockstep nothing is held back.
+    references had been sent to each object; it also counts the states of the VUT. Outside lockstep
+    nothing is held back.
 
     Args:
         object_ids: the objects of this node.
@@ -36,6 +39,8 @@ class Inbox:
         self._last_beat: Beat | None = None
         self._references: dict[str, list[Reference]] = {i: [] for i in self._ids}
         self._received = dict.fromkeys(self._ids, 0)
+        self._states: list[ObjectState] = []
+        self._vut_states = 0
         self._tick: Any = None
 
     def on_heartbeat(
@@ -49,6 +54,12 @@ class Inbox:
             self._references[reference.object_id].append(reference)
             self._received[reference.object_id] += 1
 
+    def on_state(self, state: ObjectState) -> None:
+        """A state of the VUT or of another process's object."""
+        self._states.append(state)
+        # While the world holds, the VUT's first state is repeated and not counted.
+        self._vut_states += state.object_id == VUT_ID and state.sequence > 1
+
     def on_tick(self, tick: Any) -> None:
         """Keeps the newest WorldTick; a held one that the world didn't wait for is replaced."""
         self._tick = tick
@@ -58,7 +69,7 @@ class Inbox:
         tick = self._tick
         if tick is None:
             return None
-        if tick.lockstep and tick.running and not self._complete(tick.heartbeat):
+        if tick.lockstep and tick.running and not self._complete(tick):
             return None
         self._tick = None
         return tick
@@ -86,7 +97,15 @@ class Inbox:
         taken, self._references[object_id] = self._references[object_id], []
         return taken
 
-    def _complete(self, heartbeat: int) -> bool:
+    def states(self) -> list[ObjectState]:
+        """Takes out the states of others, in the order of arrival."""
+        taken, self._states = self._states, []
+        return taken
+
+    def _complete(self, tick: Any) -> bool:
+        if self._vut_states < tick.vut_states_sent:
+            return False
+        heartbeat = tick.heartbeat
         if heartbeat == 0:
             return True
         beat = self._last_beat

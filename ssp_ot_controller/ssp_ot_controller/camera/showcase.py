@@ -1,0 +1,201 @@
+"""Contact sheets of the camera's pictures, to look at: would a person name every object?
+
+``python -m ssp_ot_controller.camera.showcase --out docs/images`` writes ``camera-classes.jpg``
+(each class from three sides at 10, 25 and 40 m) and ``camera-conditions.jpg`` (day, dusk, rain and
+fog by both renderers).
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from pathlib import Path
+
+import click
+import cv2
+import numpy as np
+
+from ssp_core import console
+from ssp_core.camera import shown_box, view_from
+from ssp_core.errors import HostError, SspError
+from ssp_core.files import make_folder, write_bytes
+from ssp_core.offscreen import check_gl
+from ssp_core.run_spec import Camera, Lane, Look, Road, Start
+from ssp_core.state import DEFAULT_SIZES, ObjectState
+from ssp_core.vocab import ObjectClass, Role
+from ssp_ot_controller.camera.encode import jpeg
+from ssp_ot_controller.camera.indicators import Indicator
+from ssp_ot_controller.camera.jit import Array
+from ssp_ot_controller.camera.render import render
+from ssp_ot_controller.camera.scene import Scene
+
+_SEED = 1
+_STAMP_NS = 1_400_000_000  # indicators shine, and the windscreen is wet
+DISTANCES_M = (10.0, 25.0, 40.0)
+SIDES = {"rear": 0.0, "side": math.pi / 2, "front": math.pi}
+_TILE = (124, 96)
+_SCENE = (480, 270)
+_QUALITY = 88
+_STRIP_PX = 14
+CONDITIONS = {
+    "day": Look(),
+    "dusk": Look(light="dusk"),
+    "rain": Look(rain=0.7),
+    "fog": Look(fog_per_m=0.03),
+    "dusk, rain, city": Look(palette="dusk_city", light="dusk", rain=0.5),
+}
+_ROAD = Road(
+    origin=Start(x_m=0.0, y_m=0.0, yaw_rad=0.0),
+    length_m=260.0,
+    lanes=[
+        Lane(y_m=0.0, width_m=3.5, direction="forward"),
+        Lane(y_m=3.5, width_m=3.5, direction="forward"),
+        Lane(y_m=7.0, width_m=3.5, direction="backward"),
+    ],
+    sidewalk_left_m=2.0,
+    sidewalk_right_m=2.0,
+    crossing_x_m=75.0,
+)
+
+
+def _thing(
+    object_id: str, object_class: ObjectClass, x_m: float, y_m: float, yaw_rad: float = 0.0,
+    speed_mps: float = 5.0, acceleration_mps2: float = 0.0,
+) -> ObjectState:  # fmt: skip
+    return ObjectState(
+        object_id, object_class, Role.TRAFFIC, _STAMP_NS, x_m, y_m, yaw_rad, speed_mps,
+        acceleration_mps2, 0.0, DEFAULT_SIZES[object_class],
+    )  # fmt: skip
+
+
+_VUT = _thing("vut", ObjectClass.CAR, 10.0, 0.0, 0.0, 10.0)
+
+
+def _titled(image: Array, text: str) -> Array:
+    """The picture under a strip with black words on white."""
+    strip = np.full((_STRIP_PX, image.shape[1], 3), 245, np.uint8)
+    cv2.putText(
+        strip,
+        text,
+        (3, _STRIP_PX - 4),
+        cv2.FONT_HERSHEY_SIMPLEX,
+        0.36,
+        (20, 20, 20),
+        1,
+        cv2.LINE_AA,
+    )
+    return np.vstack([strip, image])
+
+
+def tile(state: ObjectState, camera: Camera, look: Look) -> Array:
+    """A cut-out around an object; its pixels are kept as they are, only larger."""
+    image = render(Scene(_ROAD, _VUT, (state,), {state.object_id: 0.35}), look, camera, 3, _SEED)
+    box = shown_box(view_from(_VUT.pose, camera), state)
+    if box is None:
+        raise ValueError(f"{state.object_id} isn't in the picture")
+    wide, high = _TILE
+    size = max(box[3] - box[1], (box[2] - box[0]) * high / wide, 16.0) * 1.35
+    scale = high / size
+    middle = (0.5 * (box[0] + box[2]), 0.5 * (box[1] + box[3]))
+    move = np.array(
+        [[scale, 0.0, wide / 2 - scale * middle[0]], [0.0, scale, high / 2 - scale * middle[1]]]
+    )
+    how = cv2.INTER_NEAREST if scale > 1.0 else cv2.INTER_AREA
+    return np.asarray(cv2.warpAffine(image, move, _TILE, flags=how, borderValue=(128, 128, 128)))
+
+
+def classes(camera: Camera, look: Look) -> Array:
+    """Rows are classes; columns are sides at each distance, from camera to nearest point."""
+    rows = []
+    for object_class in ObjectClass:
+        if object_class is ObjectClass.UNKNOWN:
+            continue
+        size, row = DEFAULT_SIZES[object_class], []
+        for distance_m in DISTANCES_M:
+            for side, yaw_rad in SIDES.items():
+                near = {"rear": size.rear_m, "front": size.front_m}.get(side, size.width_m / 2)
+                x_m = _VUT.x_m + camera.forward_m + distance_m + near
+                # From the side, its middle is ahead.
+                y_m = (size.rear_m - size.front_m) / 2 if side == "side" else 0.0
+                speed_mps = 1.4 if object_class is ObjectClass.PEDESTRIAN else 5.0
+                one = tile(
+                    _thing(object_class.word, object_class, x_m, y_m, yaw_rad, speed_mps),
+                    camera, look,
+                )  # fmt: skip
+                row.append(_titled(one, f"{object_class.word} {distance_m:.0f} m"))
+        rows.append(np.hstack(row))
+    return np.vstack(rows)
+
+
+def street(look: Look, camera: Camera) -> Array:
+    """A street with a bit of everything: who brakes, who indicates, who walks."""
+    objects = (
+        _thing("a1", ObjectClass.CAR, 27.0, 3.5, 0.0, 8.0, -3.0),
+        _thing("truck", ObjectClass.TRUCK, 52.0, 0.0),
+        _thing("p", ObjectClass.PEDESTRIAN, 30.0, -2.6, 1.2, 1.4),
+        _thing("c", ObjectClass.CYCLIST, 34.0, -1.3),
+        _thing("m", ObjectClass.MOTORCYCLE, 40.0, 1.0),
+        _thing("on", ObjectClass.CAR, 45.0, 7.0, math.pi),
+    )
+    scene = Scene(
+        _ROAD, _VUT, objects, {o.object_id: 0.3 for o in objects},
+        {"a1": Indicator.RIGHT, "truck": Indicator.LEFT},
+    )  # fmt: skip
+    return render(scene, look, camera, 3, _SEED)
+
+
+def conditions(camera: Camera) -> Array:
+    """Rows are conditions, columns renderers; without OpenGL the second column is missing."""
+    renderers = ["raster", "gl"]
+    try:
+        check_gl()
+    except HostError as error:
+        console.note(f"note: {error}")
+        renderers = ["raster"]
+    rows = []
+    for name, look in CONDITIONS.items():
+        row = []
+        for renderer in renderers:
+            image = street(look, camera.model_copy(update={"renderer": renderer}))
+            small = np.asarray(cv2.resize(image, _SCENE, interpolation=cv2.INTER_AREA))
+            row.append(_titled(small, f"{name} ({renderer})"))
+        rows.append(np.hstack(row))
+    return np.vstack(rows)
+
+
+@click.command()
+@click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path))
+@click.option("--light", default="day", type=click.Choice(["day", "dusk"]), show_default=True)
+@click.option("--rain", default=0.0, type=click.FloatRange(0.0, 1.0), show_default=True)
+def showcase(out: Path, light: str, rain: float) -> int:
+    """Write contact sheets of the camera's pictures into a folder."""
+    camera = Camera()  # 960 x 540
+    look = Look.model_validate({"light": light, "rain": rain})
+    make_folder(out)
+    with console.progress("drawing", None):
+        for name, image in (
+            ("camera-classes.jpg", classes(camera, look)),
+            ("camera-conditions.jpg", conditions(camera)),
+        ):
+            write_bytes(out / name, jpeg(image, _QUALITY))
+            click.echo(out / name)
+    return 0
+
+
+def main() -> int:
+    """Runs the command line and returns its exit status."""
+    try:
+        showcase.main(
+            prog_name="python -m ssp_ot_controller.camera.showcase", standalone_mode=False
+        )
+    except click.ClickException as error:
+        error.show()
+        return error.exit_code
+    except SspError as error:
+        console.report_error(str(error))
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

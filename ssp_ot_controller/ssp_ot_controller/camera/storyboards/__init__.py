@@ -1,0 +1,1 @@
+"""Synthetic clips, one module per scenario: closed formulas of time, no dynamics, no control."""

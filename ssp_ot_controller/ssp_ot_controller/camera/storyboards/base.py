@@ -1,0 +1,89 @@
+"""What the scenarios' modules share: road, camera, light, and the VUT that carries the camera."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ssp_core.names import VUT_ID
+from ssp_core.run_spec import Camera, Lane, Look, Road, Start
+from ssp_core.state import DEFAULT_SIZES
+from ssp_core.vocab import ObjectClass, Role
+from ssp_ot_controller.camera.motion import Actor, Line, Ramp
+
+LANE_M = 3.4
+VUT_START_M = 10.0
+CAR = DEFAULT_SIZES[ObjectClass.CAR]
+
+
+@dataclass(frozen=True)
+class Play:
+    """What one scenario shows; map and block frame are the same, the VUT's lane is at y = 0."""
+
+    road: Road
+    camera: Camera
+    look: Look
+    vut: Actor
+    others: tuple[Actor, ...]
+
+
+def road(lanes_forward: int) -> Road:
+    """A city road with one oncoming lane and sidewalks."""
+    forward = [
+        Lane(y_m=i * LANE_M, width_m=LANE_M, direction="forward") for i in range(lanes_forward)
+    ]
+    backward = Lane(y_m=lanes_forward * LANE_M, width_m=LANE_M, direction="backward")
+    return Road(
+        origin=Start(x_m=0.0, y_m=0.0, yaw_rad=0.0),
+        length_m=260.0,
+        lanes=[*forward, backward],
+        sidewalk_left_m=2.4,
+        sidewalk_right_m=2.4,
+        crossing_x_m=None,
+    )
+
+
+def camera() -> Camera:
+    """Another one than in the sessions."""
+    return Camera(
+        width_px=960,
+        height_px=540,
+        hfov_deg=66.0,
+        rate_hz=24.0,
+        forward_m=1.6,
+        height_m=1.35,
+        pitch_down_rad=0.02,
+        jpeg_quality=92,
+    )
+
+
+def look(rng: np.random.Generator) -> Look:
+    """The light of an evening."""
+    return Look(
+        palette="dusk_city",
+        fog_per_m=float(rng.uniform(0.001, 0.002)),
+        sun_azimuth_deg=float(rng.uniform(15.0, 40.0)),
+        sun_elevation_deg=float(rng.uniform(9.0, 16.0)),
+        exposure=1.15,
+        noise_sigma=2.0,
+    )
+
+
+def vut(speed_mps: float, ramps: tuple[Ramp, ...]) -> Actor:
+    """The car with the camera, in its lane."""
+    along = Line(VUT_START_M, speed_mps, ramps)
+    return Actor(VUT_ID, ObjectClass.CAR, Role.VUT, along, Line(0.0, 0.0))
+
+
+def oncoming(start_m: float, speed_mps: float) -> Actor:
+    """A car in the oncoming lane of a road with two lanes forward."""
+    return Actor(
+        "oncoming_car",
+        ObjectClass.CAR,
+        Role.TRAFFIC,
+        Line(start_m, -speed_mps),
+        Line(2 * LANE_M, 0.0),
+        math.pi,
+    )

@@ -1,0 +1,228 @@
+"""The world's side of a session in one process: world, VUT and all object targets, without ROS.
+
+It does in one call what ``sil_world`` and ``object_target`` do with a step in lockstep, in the same
+order, so that the states are the same to the last bit.
+"""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from collections.abc import Iterable
+from contextlib import ExitStack
+from pathlib import Path
+
+from ssp_core import names
+from ssp_core.clock import seconds_to_ns
+from ssp_core.errors import InputError
+from ssp_core.in_process import AckFact, FaultFact, LimitFact, LinkFact, Report, Word
+from ssp_core.run_spec import RunSpec
+from ssp_core.safety_codes import SafetyCode
+from ssp_core.state import ObjectState
+from ssp_core.vocab import SessionPhase
+from ssp_ot_controller.core.bodies import Command
+from ssp_ot_controller.core.object_machine import ObjectEvent
+from ssp_ot_controller.sil.disturbance import Channel
+from ssp_ot_controller.sil.fault_schedule import FaultChange
+from ssp_ot_controller.sil.vut import DRIVER_TIMEOUT_S
+from ssp_ot_controller.sil.world import OVER, Scene, World
+from ssp_ot_controller.target.crew import Crew
+from ssp_ot_controller.target.crew_step import CrewStep, Tick
+
+# While the world holds it repeats its state so often, on the clock of those who wait.
+HOLD_PERIOD_S = 0.1
+
+
+class NoTraffic:
+    """A scene without anybody but the VUT and the targets: SUMO has nothing to say in it."""
+
+    def step(self, poses: list[ObjectState]) -> list[ObjectState]:
+        return []
+
+    def traffic(self) -> list[ObjectState]:
+        return []
+
+
+class InProcessPlant:
+    """See ssp_core.in_process.Plant.
+
+    Args:
+        run: the run, in mode lockstep.
+        scene: SUMO, or a scene without traffic.
+        resources: closed with the plant.
+    """
+
+    def __init__(self, run: RunSpec, scene: Scene, resources: ExitStack) -> None:
+        self._run = run
+        self._resources = resources
+        self._world = World(run, scene)
+        self._crew = Crew(run)
+        self._vut = Channel(run, names.VUT_ID)
+        self._commands: dict[str, tuple[int, Command]] = {}
+        self._references_sent = {t.id: 0 for t in run.targets}
+        self._beats = 0
+        self._steady_ns = 0
+        self._running = False
+        self._over = False
+        self._driver_told = False
+
+    def hold(self, word: Word) -> Report:
+        self._hear(word)
+        self._steady_ns += seconds_to_ns(HOLD_PERIOD_S)
+        return self._report(word.session, self._world.now_ns)
+
+    def command(self, object_id: str, command: int, event_version: str) -> str:
+        event = ObjectEvent(command)
+        reply = self._crew.command(object_id, event, event_version, self._steady_ns)
+        return "" if reply.accepted else reply.error_msg
+
+    def advance(self, word: Word) -> Report:
+        self._hear(word)
+        self._running = not self._over
+        before_ns = self._world.now_ns
+        self._world.advance(self._commands, word.session is SessionPhase.RUNNING)
+        self._steady_ns += seconds_to_ns(self._run.step_s)
+        if word.session in OVER and self._world.all_stand():
+            self._running, self._over = False, True
+        return self._report(word.session, before_ns)
+
+    def close(self) -> None:
+        self._resources.close()
+
+    def _hear(self, word: Word) -> None:
+        for reference in word.references:
+            self._references_sent[reference.object_id] += 1
+            self._crew.take_reference(reference)
+        self._beats += 1
+        self._crew.take_heartbeat(
+            self._beats, word.session, word.stamp_ns, dict(self._references_sent)
+        )
+
+    def _report(self, session: SessionPhase, before_ns: int) -> Report:
+        """What VUT and objects make of the world's present state."""
+        world, now_ns = self._world, self._world.now_ns
+        limits, driver = [], world.driver
+        faults = _facts(driver.fault_changes, names.SIL_WORLD, before_ns)
+        driver.fault_changes.clear()
+        if driver.external_is_silent and not self._driver_told:
+            self._driver_told = True
+            limits.append(
+                LimitFact(
+                    SafetyCode.PARTICIPANT_LOST,
+                    names.SIL_WORLD,
+                    names.VUT_DRIVER,
+                    driver.external_silence_s,
+                    DRIVER_TIMEOUT_S,
+                    now_ns,
+                )
+            )
+        # As in the node: in the step in which the run ends, too, the VUT's state is disturbed.
+        stepped = self._running or (self._over and before_ns != now_ns)
+        armed = session is SessionPhase.ARMED
+        changes = self._vut.begin(now_ns, running=stepped, armed=armed)
+        faults += _facts(changes, names.SIL_WORLD, now_ns)
+        vut_states = self._vut.up(self._vut.measure(world.vut(), now_ns), now_ns)
+        truths = world.objects()
+        self._crew.take_states(vut_states)
+        self._crew.take_tick(
+            Tick(
+                step=world.step_index,
+                now_ns=now_ns,
+                running=self._running,
+                lockstep=True,
+                heartbeat=self._beats,
+                truths={s.object_id: s for s in truths},
+            ),
+            self._steady_ns,
+        )
+        answer = self._crew.step(self._steady_ns)
+        if answer is None:
+            raise RuntimeError("the objects wait for something that was never sent")
+        for object_id, command in answer.commands:
+            self._commands[object_id] = world.step_index, command
+        return Report(
+            step=world.step_index,
+            now_ns=now_ns,
+            running=self._running,
+            truths=tuple(truths),
+            vut_states=tuple(vut_states),
+            target_states=answer.states,
+            acks=_acks(answer),
+            limits=(*limits, *_limits(answer)),
+            faults=(*faults, *_facts(answer.faults, names.OBJECT_TARGET, now_ns)),
+            links=() if self._running else self._links(),
+        )
+
+    def _links(self) -> tuple[LinkFact, ...]:
+        found = []
+        for object_id in self._crew.object_ids:
+            link = self._crew.links_of(object_id)
+            delay_s = math.inf if link.cut else link.up_s + link.down_s
+            found.append(LinkFact(object_id, link.clock_offset_s, delay_s))
+        return tuple(found)
+
+
+def make_plant(run: RunSpec, work_dir: Path | None) -> InProcessPlant:
+    """World and objects of a run; SUMO is there only where there is traffic to move.
+
+    Raises:
+        InputError: a run that needs processes or a clock.
+    """
+    if run.mode != "lockstep":
+        raise InputError(
+            "a run in one process has no clock to follow",
+            field="mode",
+            value=run.mode,
+            remedy="run it in lockstep, or in processes of their own",
+        )
+    if run.driver.external:
+        raise InputError(
+            "a run in one process has nobody else to drive the VUT",
+            field="driver.external",
+            remedy="run it in processes of their own",
+        )
+    with ExitStack() as resources:
+        scene: Scene = NoTraffic()
+        if run.traffic:
+            from ssp_ot_controller.sil.sumo_world import SumoWorld
+
+            folder = work_dir or Path(
+                resources.enter_context(tempfile.TemporaryDirectory(prefix="ssp-sumo-"))
+            )
+            scene = resources.enter_context(SumoWorld(run, folder))
+        return InProcessPlant(run, scene, resources.pop_all())
+
+
+def _facts(changes: Iterable[FaultChange], source: str, now_ns: int) -> list[FaultFact]:
+    return [
+        FaultFact(source, f"{c.number} {c.kind}", c.target, c.active, c.value, c.unit, now_ns)
+        for c in changes
+    ]
+
+
+def _acks(answer: CrewStep) -> tuple[AckFact, ...]:
+    return tuple(
+        AckFact(
+            ack.reference_id,
+            ack.object_id,
+            ack.refusal is None,
+            int(ack.refusal.code) if ack.refusal else 0,
+            ack.refusal.message if ack.refusal else "",
+            ack.stamp_ns,
+        )
+        for ack in answer.acks
+    )
+
+
+def _limits(answer: CrewStep) -> list[LimitFact]:
+    return [
+        LimitFact(
+            event.stop.code,
+            names.OBJECT_TARGET,
+            event.object_id,
+            event.stop.measured,
+            event.stop.limit,
+            answer.now_ns,
+        )
+        for event in answer.events
+    ]

@@ -1,0 +1,85 @@
+"""Plays the VUT's GNSS/INS: nav_msgs/Odometry of a vehicle that drives while the session runs."""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+
+from nav_msgs.msg import Odometry
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+
+from ssp_core import names, ros
+from ssp_core.clock import seconds_to_ns
+from ssp_core.run_spec import load_run
+from ssp_core.state import ObjectState as State
+from ssp_core.vocab import SessionPhase
+from ssp_core.wire import steps
+from ssp_core.wire.states import StateArray, decode_state, decode_states
+from ssp_msgs.msg import Heartbeat, ObjectState, ObjectStates
+from ssp_ot_controller.rehearsal.vehicle import PlayedVehicle
+
+# What its localisation says of itself, one sigma.
+_POSITION_STD_M = 0.02
+
+
+class PlayedVut(Node):
+    """Thin node around PlayedVehicle. Its faults are parameters: rate, frame and clock."""
+
+    def __init__(self, stop: ros.StopRequest) -> None:
+        super().__init__("played_vut", namespace=names.NAMESPACE)
+        run = load_run(self.declare_parameter("run_file", "").value)
+        topic = self.declare_parameter("odometry", "odometry").value
+        rate_hz = float(self.declare_parameter("rate_hz", 100.0).value)
+        self._frame = str(self.declare_parameter("frame", names.MAP_FRAME).value)
+        self._offset_ns = seconds_to_ns(float(self.declare_parameter("clock_offset_s", 0.0).value))
+        self._vehicle = PlayedVehicle(run, time.time_ns())
+        self._others: dict[str, State] = {}
+        self._pub = self.create_publisher(Odometry, topic, ros.STATE)
+        sub = ros.subscribe_raw
+        beats = steps.decode_heartbeat
+        sub(self, Heartbeat, names.HEARTBEAT, beats, self._on_beat, ros.STATE)
+        if run.states_in_one:
+            arrays = names.OBJECT_STATES
+            sub(self, ObjectStates, arrays, decode_states, self._on_states, ros.STATE)
+        else:
+            for target in run.targets:
+                one = names.state_topic(target.id)
+                sub(self, ObjectState, one, decode_state, self._on_state, ros.STATE)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(1.0 / rate_hz, self._publish, clock=steady)
+
+    def _on_beat(self, beat: steps.Heartbeat) -> None:
+        self._vehicle.hear(SessionPhase(beat.session_state), time.time_ns())
+
+    def _on_state(self, state: State) -> None:
+        self._others[state.object_id] = state
+
+    def _on_states(self, array: StateArray) -> None:
+        for state in array.states:
+            self._on_state(state)
+
+    def _publish(self) -> None:
+        others = [self._others[key] for key in sorted(self._others)]
+        body = self._vehicle.advance(others, time.time_ns())
+        message = Odometry()
+        message.header.stamp = ros.stamp_from_ns(self._vehicle.now_ns + self._offset_ns)
+        message.header.frame_id = self._frame
+        message.child_frame_id = f"{names.VUT_ID}/base_link"
+        pose, twist = message.pose, message.twist.twist
+        pose.pose.position.x, pose.pose.position.y = body.x_m, body.y_m
+        pose.pose.orientation.z = math.sin(body.yaw_rad / 2.0)
+        pose.pose.orientation.w = math.cos(body.yaw_rad / 2.0)
+        pose.covariance[0] = pose.covariance[7] = _POSITION_STD_M**2
+        twist.linear.x, twist.angular.z = body.speed_mps, body.yaw_rate_radps
+        self._pub.publish(message)
+
+
+def main() -> None:
+    """Entry point of the node."""
+    sys.exit(ros.run_node(PlayedVut, lambda node: None))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,121 @@
+"""The body's end of the body protocol, without a socket and without a clock: a simulated plant."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any
+
+from ssp_core.clock import NS_PER_S, ns_to_seconds, seconds_to_ns
+from ssp_core.geometry import Pose2
+from ssp_core.vocab import ObjectClass
+from ssp_ot_controller.core.bodies import BodyState, Command, step_body
+from ssp_ot_controller.target.bodies import BodyReading
+from ssp_ot_controller.target.bodies.datagrams import (
+    CommandDatagram,
+    Envelope,
+    Order,
+    Reason,
+    Rejected,
+    decode_command,
+    encode_state,
+)
+
+# However long a command says that it holds: nothing heard for this long, and the body brakes.
+WATCHDOG_S = 0.2
+# The plant is stepped this finely.
+_PLANT_STEP_S = 0.005
+
+
+class BodyServer:
+    """One body: follows the newest command, and brakes by itself when it hears none.
+
+    It follows one commander. Another address is not listened to until the first has been silent
+    for as long as the watchdog waits and the body stands.
+
+    Args:
+        object_id: whose body.
+        object_class: its plant.
+        pose: where it stands, frame map.
+        now_ns: on the session's clock.
+        rate_hz: how often it sends its state.
+    """
+
+    def __init__(
+        self,
+        object_id: str,
+        object_class: ObjectClass,
+        pose: Pose2,
+        now_ns: int,
+        rate_hz: float = 100.0,
+    ) -> None:
+        self.rejected: Counter[Reason] = Counter()
+        self.strangers = 0
+        self.commander: Any = None
+        self.body = BodyState.at_rest(pose)
+        self._object_id = object_id
+        self._class = object_class
+        self._boot_ns = now_ns
+        self._now_ns = now_ns
+        self._period_ns = round(NS_PER_S / rate_hz)
+        self._next_state_ns = now_ns
+        self._sequence = 0
+        self._order = Order()
+        self._command = Command(0.0, 0.0, self.body.yaw_rad, emergency_stop=True)
+        self._brakes_at_ns = now_ns
+
+    @property
+    def brakes_by_itself(self) -> bool:
+        """The last command is too old."""
+        return self._now_ns >= self._brakes_at_ns
+
+    def on_datagram(self, data: bytes, address: Any, now_ns: int) -> None:
+        """A datagram of whoever, at the time at which it came."""
+        self.advance(now_ns)
+        found = decode_command(data, self._object_id)
+        if isinstance(found, Rejected):
+            self.rejected[found.reason] += 1
+            return
+        if address != self.commander:
+            free = self.commander is None or (self.brakes_by_itself and self.body.speed_mps == 0.0)
+            if not free:
+                self.strangers += 1
+                return
+            self.commander, self._order = address, Order()
+        late = self._order.check(found.envelope)
+        if late is not None:
+            self.rejected[late.reason] += 1
+            return
+        self._take(found, now_ns)
+
+    def _take(self, datagram: CommandDatagram, now_ns: int) -> None:
+        holds_s = min(datagram.timeout_ms / 1000.0, WATCHDOG_S)
+        self._command = datagram.command
+        self._brakes_at_ns = now_ns + seconds_to_ns(holds_s)
+
+    def advance(self, now_ns: int) -> None:
+        """Moves the body up to a time."""
+        step_ns = seconds_to_ns(_PLANT_STEP_S)
+        while self._now_ns + step_ns <= now_ns:
+            command = self._command
+            if self.brakes_by_itself:
+                # Steering stays as it is: that is where the object was led last.
+                command = Command(
+                    0.0, self.body.curvature_1pm, self.body.yaw_rad, emergency_stop=True
+                )
+            self.body = step_body(self._class, self.body, command, ns_to_seconds(step_ns))
+            self._now_ns += step_ns
+
+    def state_due(self, now_ns: int) -> bytes | None:
+        """The datagram that is due by now, None while none is, or nobody has asked for any."""
+        self.advance(now_ns)
+        if self.commander is None or now_ns < self._next_state_ns:
+            return None
+        self._next_state_ns = max(self._next_state_ns + self._period_ns, now_ns)
+        self._sequence += 1
+        b = self.body
+        reading = BodyReading(
+            self._now_ns, b.x_m, b.y_m, b.yaw_rad, b.speed_mps, b.acceleration_mps2,
+            b.yaw_rate_radps, 0.02, self.brakes_by_itself,
+        )  # fmt: skip
+        envelope = Envelope(self._object_id, self._boot_ns, self._sequence, self._now_ns)
+        return encode_state(envelope, reading)

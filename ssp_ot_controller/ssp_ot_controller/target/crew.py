@@ -1,0 +1,291 @@
+"""All object targets of one process without ROS: messages and ticks in, one step's answers out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from ssp_core.clock import ns_to_seconds
+from ssp_core.errors import InputError
+from ssp_core.names import SCENARIO_MANAGER
+from ssp_core.reference import Reference
+from ssp_core.run_spec import RunSpec
+from ssp_core.safety_codes import MEANINGS, SafetyCode
+from ssp_core.state import ObjectState
+from ssp_core.vocab import ControlState, SessionPhase
+from ssp_ot_controller.core.bodies import Command
+from ssp_ot_controller.core.local_safety import StopNow
+from ssp_ot_controller.core.object_machine import ObjectEvent
+from ssp_ot_controller.core.reference_check import Refusal, RefusalCode
+from ssp_ot_controller.sil.disturbance import Channel, LinkSizes
+from ssp_ot_controller.sil.fault_schedule import FaultChange
+from ssp_ot_controller.target.commands import REFUSED_CONDITION, Reply
+from ssp_ot_controller.target.crew_step import Ack, Counts, CrewStep, Stopped, Tick
+from ssp_ot_controller.target.earshot import Earshot
+from ssp_ot_controller.target.inbox import Beat, Inbox
+from ssp_ot_controller.target.manager_line import ManagerLine
+from ssp_ot_controller.target.target import Target
+
+# On the steady clock: without ticks there are no states to judge.
+TICK_SILENCE_S = 1.0
+# Lockstep: the world may take this long for a step (others may be dropped meanwhile).
+WORLD_HANG_S = 4.0
+_MAY_MOVE = (
+    ControlState.PRE_ARMING,
+    ControlState.ARMED,
+    ControlState.RUNNING,
+    ControlState.POSTRUN,
+)
+
+
+_INACTIVE = Refusal(RefusalCode.STATE, "the node of this object is not active")
+
+
+class _Member:
+    """One object with its localisation, its links and what it has heard."""
+
+    def __init__(self, object_id: str, run: RunSpec) -> None:
+        self.target = Target(object_id, run)
+        self.channel = Channel(run, object_id)
+        self.references: list[Reference] = []
+        self.heartbeat_stamp_ns: int | None = None
+        self.heartbeat_arrived_ns: int | None = None
+
+    def hear(self, beats: Iterable[Beat], steady_ns: int) -> None:
+        for beat in beats:
+            self.heartbeat_stamp_ns = beat.stamp_ns
+            self.heartbeat_arrived_ns = steady_ns
+            self.target.on_session_state(beat.session)
+
+    def silence_s(self, steady_ns: int) -> float:
+        """Since the last heartbeat on the steady clock, inf before the first."""
+        if self.heartbeat_arrived_ns is None:
+            return float("inf")
+        return ns_to_seconds(steady_ns - self.heartbeat_arrived_ns)
+
+    def answer(self, now_ns: int, active: bool) -> list[Ack]:
+        """Deals with the references that have come, on the object's own clock."""
+        # While armed they wait for the start, which may be under way on another topic.
+        if not self.references or self.target.state is ControlState.ARMED:
+            return []
+        taken, self.references = self.references, []
+        return [
+            Ack(
+                r.object_id,
+                r.reference_id,
+                self.target.on_reference(r, now_ns) if active else _INACTIVE,
+                now_ns,
+            )
+            for r in taken
+        ]
+
+
+class Crew:
+    """The object targets of one process. Reads no clock; see the arguments of each method.
+
+    Args:
+        run: the run.
+        object_ids: which of its targets; all of them when empty.
+        steady_ns: time on the steady clock.
+
+    Attributes:
+        active: False: nothing is armed or accepted, whatever comes.
+
+    Raises:
+        InputError: an id that is none of the run's targets.
+    """
+
+    def __init__(self, run: RunSpec, object_ids: Iterable[str] = (), steady_ns: int = 0) -> None:
+        known = [t.id for t in run.targets]
+        wanted = list(object_ids)
+        unknown = sorted(set(wanted) - set(known))
+        if unknown:
+            raise InputError(
+                "not in the run",
+                field="parameter object_ids",
+                value=", ".join(unknown),
+                remedy=f"the run has {', '.join(known)}",
+            )
+        self.object_ids = tuple(sorted(set(wanted or known)))
+        self._members = {i: _Member(i, run) for i in self.object_ids}
+        self.active = True
+        self._inbox = Inbox(self.object_ids)
+        self._line = ManagerLine(run.limits.heartbeat_s)
+        self._earshot = Earshot(run.limits)
+        self._counts = Counts()
+        self._now_ns = 0
+        self._step = 0
+        self._tick_arrived_ns = steady_ns
+        self._in_step = False
+        for member in self._members.values():
+            member.target.power_on()
+
+    # -- what arrives --------------------------------------------------------------------------
+
+    def take_heartbeat(
+        self,
+        sequence: int,
+        session: SessionPhase,
+        stamp_ns: int,
+        references_sent: Mapping[str, int],
+        sender: str = SCENARIO_MANAGER,
+        steady_ns: int = 0,
+    ) -> None:
+        """A heartbeat of a manager (Heartbeat.msg); the objects hear it with the next tick.
+
+        Args:
+            sequence: of the heartbeat; one sender's rises.
+            session: state of the session.
+            stamp_ns: session time.
+            references_sent: so far, by object id.
+            sender: node that sent it. Another one than before is not obeyed, but stops us.
+            steady_ns: when it came, on the steady clock.
+        """
+        may_move = any(m.target.state in _MAY_MOVE for m in self._members.values())
+        if self._line.is_ours(sender, sequence, steady_ns, may_move=may_move):
+            self._inbox.on_heartbeat(sequence, session, stamp_ns, references_sent)
+
+    def take_reference(self, reference: Reference) -> None:
+        """A reference; one for an object of another process is not looked at."""
+        self._inbox.on_reference(reference)
+
+    def take_states(self, states: Iterable[ObjectState]) -> None:
+        """States of others that are heard: the VUT's, and objects' of other processes."""
+        for state in states:
+            self._inbox.on_state(state)
+
+    def take_tick(self, tick: Tick, steady_ns: int) -> None:
+        """The newest tick, and when it came on the steady clock."""
+        self._tick_arrived_ns = steady_ns
+        self._in_step = tick.in_step
+        self._inbox.on_tick(tick)
+
+    def command(
+        self, object_id: str, event: ObjectEvent, event_version: str, steady_ns: int
+    ) -> Reply:
+        """A command of the manager to one object."""
+        if event is ObjectEvent.ALL_CLEAR:
+            # Beats that came before this command must not abort the object again after it.
+            beats = self._inbox.heartbeats(None, holding=False)
+            for member in self._members.values():
+                member.hear(beats, steady_ns)
+        member = self._members[object_id]
+        if not self.active and event is not ObjectEvent.ABORT:
+            return Reply(False, REFUSED_CONDITION, _INACTIVE.message)
+        return member.target.command(
+            event, event_version, member.silence_s(steady_ns), self._line.strangers(steady_ns)
+        )
+
+    def fallbacks(self) -> dict[str, int]:
+        """Steps at which each object's wanted control law failed and another had to do."""
+        return {i: member.target.tracker.fallbacks for i, member in self._members.items()}
+
+    def links_of(self, object_id: str) -> LinkSizes:
+        """Clock and delays of an object's links as they are now."""
+        return self._members[object_id].channel.links()
+
+    def state_of(self, object_id: str) -> ControlState:
+        return self._members[object_id].target.state
+
+    # -- steps ---------------------------------------------------------------------------------
+
+    def step(self, steady_ns: int) -> CrewStep | None:
+        """Answers the newest tick; None while there is none or something before it is missing.
+
+        Args:
+            steady_ns: now on the steady clock; decides only outside lockstep.
+        """
+        tick: Tick | None = self._inbox.take()
+        if tick is None:
+            return None
+        self._now_ns, self._step = tick.now_ns, tick.step
+        holding = tick.lockstep and not tick.running and tick.step == 0
+        beats = self._inbox.heartbeats(tick.heartbeat if tick.in_step else None, holding)
+        self._earshot.take(self._inbox.states())
+        strangers = self._line.strangers(steady_ns)
+        commands: list[tuple[str, Command]] = []
+        states: list[ObjectState] = []
+        acks: list[Ack] = []
+        events: list[Stopped] = []
+        faults: list[FaultChange] = []
+        for object_id, member in self._members.items():
+            channel, now_ns = member.channel, tick.now_ns
+            armed = member.target.state is ControlState.ARMED
+            faults += channel.begin(now_ns, running=tick.running, armed=armed)
+            member.hear(channel.down_heartbeats(beats, now_ns), steady_ns)
+            truth = tick.truths.get(object_id)
+            if truth is None:
+                continue
+            own = channel.measure(truth, now_ns)
+            own_ns = channel.clock_ns(now_ns)
+            if member.target.state is not ControlState.ARMED:
+                sent = self._inbox.references(object_id)
+                member.references += channel.down_references(sent, now_ns)
+            acks += channel.up_acks(member.answer(own_ns, self.active), now_ns)
+            outcome = member.target.step(
+                own,
+                own_ns,
+                self._heartbeat_age_s(member, tick, steady_ns),
+                self._earshot.near(own),
+                strangers,
+            )
+            if outcome.stopped is not None:
+                events.append(Stopped(object_id, outcome.stopped))
+            commands.append((object_id, outcome.command))
+            states += channel.up(outcome.report, now_ns)
+        # What the objects of one process tell the manager, they hear of each other a step later.
+        self._earshot.take(states)
+        counts = self._count(len(states) if tick.running else 0, len(acks), len(events))
+        return CrewStep(
+            tick.step,
+            tick.now_ns,
+            tick.in_step,
+            tuple(commands),
+            tuple(states),
+            tuple(acks),
+            tuple(events),
+            counts,
+            tuple(faults),
+        )
+
+    def watch(self, steady_ns: int) -> CrewStep | None:
+        """Stops whatever may move when no tick comes any more; None when nothing is to be done."""
+        limit_s = WORLD_HANG_S if self._in_step else TICK_SILENCE_S
+        if ns_to_seconds(steady_ns - self._tick_arrived_ns) <= limit_s:
+            return None
+        return self.halt(steady_ns, limit_s)
+
+    def halt(self, steady_ns: int, limit_s: float = 0.0) -> CrewStep | None:
+        """Whatever may move stops, latched and announced; None when nothing does."""
+        silence_s = ns_to_seconds(steady_ns - self._tick_arrived_ns)
+        meaning = MEANINGS[SafetyCode.STATE_STALE]
+        stop = StopNow(SafetyCode.STATE_STALE, meaning.limit_name, silence_s, limit_s, meaning.unit)
+        moving = {i: m.target for i, m in self._members.items() if m.target.state in _MAY_MOVE}
+        if not moving:
+            return None
+        commands = tuple((i, target.stop_blindly()) for i, target in moving.items())
+        reports = [target.last_report() for target in moving.values()]
+        return CrewStep(
+            self._step,
+            self._now_ns,
+            False,
+            commands,
+            tuple(report for report in reports if report is not None),
+            (),
+            tuple(Stopped(i, stop) for i in moving),
+            self._count(0, 0, len(moving)),
+        )
+
+    # -- inside --------------------------------------------------------------------------------
+
+    def _heartbeat_age_s(self, member: _Member, tick: Tick, steady_ns: int) -> float:
+        """On session time in lockstep, where the manager beats once a step; else steady."""
+        if not tick.in_step:
+            return member.silence_s(steady_ns)
+        if member.heartbeat_stamp_ns is None:
+            return float("inf")
+        return ns_to_seconds(tick.now_ns - member.heartbeat_stamp_ns)
+
+    def _count(self, states: int, acks: int, safety_events: int) -> Counts:
+        c = self._counts
+        self._counts = Counts(c.states + states, c.acks + acks, c.safety_events + safety_events)
+        return self._counts

@@ -1,0 +1,1 @@
+"""What an object_target sends."""

@@ -1,0 +1,175 @@
+"""From a GNSS/INS fix to the VUT's state at its reference point, without ROS.
+
+The receiver gives pose and velocity of its own frame (where antenna or unit sit, x forward).
+The session speaks of the reference point: on the ground, under the rear axle. A lever arm joins the
+two, and a rotating vehicle moves them at different velocities.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from ssp_core.clock import ns_to_seconds
+from ssp_core.errors import PeerError
+from ssp_core.geometry import wrap_angle
+from ssp_core.run_spec import ParticipantSpec
+from ssp_core.state import ObjectState
+from ssp_core.vocab import ControlState, Role
+
+# A quaternion whose norm is further from 1 than this was never meant as one.
+_NORM_TOLERANCE = 0.01
+# Roll or pitch beyond this is no road; the unit is mounted or configured wrongly.
+_MAX_TILT_RAD = 0.35
+# Time constant of the acceleration that is made of differences of speed.
+ACCELERATION_FILTER_S = 0.1
+# After a pause longer than this a difference of speeds says nothing about the acceleration now.
+_MAX_PAUSE_S = 0.5
+
+
+class Unusable(PeerError):
+    """A fix that can't become a state; the message says why."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fix:
+    """One message of the receiver (nav_msgs/Odometry).
+
+    Args:
+        stamp_ns: when it was measured, session time, ns.
+        frame_id: of the pose; must be the session's map (ENU).
+        x_m: east, m.
+        y_m: north, m.
+        quaternion: orientation (x, y, z, w) of the unit in the map.
+        forward_mps: velocity of the unit along its own x.
+        left_mps: along its own y.
+        yaw_rate_radps: counter-clockwise positive.
+        variance_x_m2: of x; negative or NaN: the unit gives none.
+        variance_y_m2: of y, as variance_x_m2.
+    """
+
+    stamp_ns: int
+    frame_id: str
+    x_m: float
+    y_m: float
+    quaternion: tuple[float, float, float, float]
+    forward_mps: float
+    left_mps: float
+    yaw_rate_radps: float
+    variance_x_m2: float
+    variance_y_m2: float
+
+
+@dataclass(frozen=True, slots=True)
+class LeverArm:
+    """Where the unit sits, from the reference point, in the vehicle's frame; m and rad.
+
+    Args:
+        forward_m: + is ahead of the rear axle.
+        left_m: + is left of the middle.
+        yaw_left_rad: how the unit is turned against the vehicle.
+    """
+
+    forward_m: float = 0.0
+    left_m: float = 0.0
+    yaw_left_rad: float = 0.0
+
+
+def yaw_of(quaternion: tuple[float, float, float, float]) -> float:
+    """Heading of an orientation, rad, counter-clockwise from east.
+
+    Raises:
+        Unusable: it is no unit quaternion, or tilts more than a road does.
+    """
+    x, y, z, w = quaternion
+    norm = math.sqrt(x * x + y * y + z * z + w * w)
+    if not abs(norm - 1.0) <= _NORM_TOLERANCE:
+        raise Unusable(f"the orientation's norm is {norm:.3f}, not 1")
+    upright = 1.0 - 2.0 * (x * x + y * y) / (norm * norm)
+    if upright < math.cos(_MAX_TILT_RAD):
+        tilt = math.degrees(math.acos(max(-1.0, min(1.0, upright))))
+        raise Unusable(f"the orientation tilts by {tilt:.0f} degrees; no road does")
+    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+class VutStates:
+    """Makes the VUT's states of fixes, numbered from 1. Reads no clock.
+
+    Args:
+        vut: the run's VUT; gives class and size.
+        lever: where the unit sits.
+        map_frame: the frame that fixes must be in.
+    """
+
+    def __init__(self, vut: ParticipantSpec, lever: LeverArm, map_frame: str) -> None:
+        self._vut = vut
+        self._lever = lever
+        self._map_frame = map_frame
+        self._last: ObjectState | None = None
+        self._sequence = 0
+
+    def take(self, fix: Fix) -> ObjectState:
+        """The state of the reference point at the fix's stamp.
+
+        Raises:
+            Unusable: wrong frame, values that aren't finite, a stamp that doesn't rise. A VUT of
+                which only such fixes come is silent, which ends a session.
+        """
+        if fix.frame_id != self._map_frame:
+            raise Unusable(f"frame is {fix.frame_id!r}, the session's is {self._map_frame!r}")
+        numbers = (fix.x_m, fix.y_m, *fix.quaternion, fix.forward_mps, fix.left_mps)
+        if not all(math.isfinite(v) for v in (*numbers, fix.yaw_rate_radps)):
+            raise Unusable("it holds a value that isn't finite")
+        if self._last is not None and fix.stamp_ns <= self._last.stamp_ns:
+            late_s = ns_to_seconds(self._last.stamp_ns - fix.stamp_ns)
+            raise Unusable(f"its stamp lies {late_s:.3f} s before the newest one, or equals it")
+        yaw = wrap_angle(yaw_of(fix.quaternion) - self._lever.yaw_left_rad)
+        state = self._state(fix, yaw)
+        self._last = state
+        self._sequence += 1
+        return replace(state, sequence=self._sequence)
+
+    def _state(self, fix: Fix, yaw_rad: float) -> ObjectState:
+        lever = self._lever
+        c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+        turn = lever.yaw_left_rad
+        # The unit's velocity along the vehicle, less what turning adds at the lever's end.
+        along = math.cos(turn) * fix.forward_mps - math.sin(turn) * fix.left_mps
+        speed = along + fix.yaw_rate_radps * lever.left_m
+        return ObjectState(
+            object_id=self._vut.id,
+            object_class=self._vut.cls,
+            role=Role.VUT,
+            stamp_ns=fix.stamp_ns,
+            x_m=fix.x_m - c * lever.forward_m + s * lever.left_m,
+            y_m=fix.y_m - s * lever.forward_m - c * lever.left_m,
+            yaw_rad=yaw_rad,
+            speed_mps=speed,
+            acceleration_mps2=self._acceleration(fix.stamp_ns, speed),
+            yaw_rate_radps=fix.yaw_rate_radps,
+            size=self._vut.size,
+            control_state=ControlState.OFF,
+            position_std_m=_std_m(fix),
+        )
+
+    def _acceleration(self, stamp_ns: int, speed_mps: float) -> float:
+        """First-order filter over differences of speed; 0 at first and after a pause."""
+        if self._last is None:
+            return 0.0
+        dt_s = ns_to_seconds(stamp_ns - self._last.stamp_ns)
+        if dt_s > _MAX_PAUSE_S:
+            return 0.0
+        share = -math.expm1(-dt_s / ACCELERATION_FILTER_S)
+        raw = (speed_mps - self._last.speed_mps) / dt_s
+        return self._last.acceleration_mps2 + share * (raw - self._last.acceleration_mps2)
+
+
+def _std_m(fix: Fix) -> float:
+    """The larger of the two standard deviations; infinite where the unit gives none.
+
+    A receiver that doesn't say how good its position is has none that can be relied on.
+    """
+    worst = max(fix.variance_x_m2, fix.variance_y_m2)
+    if not (fix.variance_x_m2 > 0.0 and fix.variance_y_m2 > 0.0 and math.isfinite(worst)):
+        return math.inf
+    return math.sqrt(worst)

@@ -1,0 +1,125 @@
+"""A stop must end inside the fence: along the path, past its end, and blindly along an arc."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ssp_core.blind_stop import EMERGENCY_BRAKE_MPS2
+from ssp_core.geometry import Polyline
+from ssp_core.profile import drive_along, lane_change
+from ssp_core.reference import Reference
+from ssp_core.run_spec import Limits
+from ssp_core.state import DEFAULT_SIZES, ObjectState
+from ssp_core.stopping import stopping_of
+from ssp_core.vocab import ObjectClass, Role
+from ssp_ot_controller.core.bodies import LIMITS as BODIES
+from ssp_ot_controller.core.stop_room import StopRoom
+from ssp_ot_controller.core.track import Track
+
+S = 1_000_000_000
+CAR, WALKER = ObjectClass.CAR, ObjectClass.PEDESTRIAN
+LIMITS = Limits(speed_mps=15.0, acceleration_mps2=5.0, state_age_s=0.3, frozen_s=0.2)
+PATH = Polyline([(0.0, 0.0), (200.0, 0.0)])
+DRIVE = drive_along(PATH, 0.0, 0.0, 12.0, 2.0, 2.0)
+
+
+def fence(right_m: float = -50.0, end_m: float = 300.0) -> list[tuple[float, float]]:
+    return [(-20.0, right_m), (end_m, right_m), (end_m, 50.0), (-20.0, 50.0)]
+
+
+def room(cls: ObjectClass = CAR, **sides: float) -> StopRoom:
+    return StopRoom(cls, DEFAULT_SIZES[cls], LIMITS, fence(**sides), 0.02)
+
+
+def state(cls: ObjectClass = CAR, **changes: float) -> ObjectState:
+    base = ObjectState("ot", cls, Role.OT, 0, 50.0, 0.0, 0.0, 10.0, 0.0, 0.0, DEFAULT_SIZES[cls])
+    return replace(base, **changes)
+
+
+def blind_m(speed_mps: float, cls: ObjectClass = CAR) -> float:
+    """v (silence + reaction) + v^2 / 2a with the hardest braking, and the margin."""
+    s = stopping_of(cls, LIMITS, 0.02)
+    hardest = BODIES[cls].emergency_deceleration_mps2
+    return speed_mps * (0.3 + s.reaction_s) + speed_mps**2 / (2.0 * hardest) + s.margin_m
+
+
+@pytest.mark.parametrize("speed_mps", [0.5, 3.0, 10.0, 15.0])
+def test_blind_stop_straight_on_at_its_boundary(speed_mps: float) -> None:
+    here = state(speed_mps=speed_mps)
+    end_m = 50.0 + blind_m(speed_mps) + here.size.front_m
+    assert room(end_m=end_m).excess_m(here, None, None) == 0.0
+    assert room(end_m=end_m + 0.01).excess_m(here, None, None) == 0.0
+    assert room(end_m=end_m - 0.01).excess_m(here, None, None) == pytest.approx(0.01)
+
+
+def test_a_blind_stop_follows_the_arc_that_the_object_is_on() -> None:
+    right = state(yaw_rate_radps=-10.0 * 0.05)  # radius 20 m
+    turned = 0.05 * blind_m(10.0)
+    lowest = -(1.0 - math.cos(turned)) / 0.05 - 3.6 * math.sin(turned) - 0.9 * math.cos(turned)
+    assert room(right_m=lowest - 0.01).excess_m(right, None, None) == 0.0
+    assert room(right_m=lowest + 0.01).excess_m(right, None, None) == pytest.approx(0.01, rel=0.1)
+    assert room(right_m=lowest + 0.01).excess_m(state(), None, None) == 0.0
+
+
+def test_a_walker_that_turns_on_the_spot_stops_straight_on() -> None:
+    walker = state(WALKER, speed_mps=1.5, yaw_rate_radps=-2.0)
+    assert room(WALKER, right_m=-0.3).excess_m(walker, None, None) == 0.0
+    ahead = room(WALKER, end_m=50.0 + blind_m(1.5, WALKER) + 0.2)
+    assert ahead.excess_m(walker, None, None) == pytest.approx(0.05)
+
+
+def test_past_the_end_of_the_path_a_stop_goes_straight_on() -> None:
+    """The last 10 m of a path at 10 m/s: service braking needs more than they have."""
+    reference = Reference("r", "ot", "v", "approach", 0, 0, S, DRIVE)
+    track = Track(reference)
+    assert (track.end.x_m, track.end.y_m) == (200.0, 0.0)
+    needed_m = stopping_of(CAR, LIMITS, 0.02).distance_m(10.0, 0.0)
+    end_m = 200.0 + needed_m - 10.0 + 3.6
+    near = state(x_m=150.0)
+    assert room(end_m=end_m + 0.01).excess_m(near, 10.0, track) == 0.0
+    assert room(end_m=end_m - 0.01).excess_m(near, 10.0, track) == pytest.approx(0.01)
+    assert room(end_m=end_m - 0.01).excess_m(near, 10.1, track) == 0.0
+
+
+@pytest.mark.parametrize(("end_m", "good"), [(204.6, True), (204.0, False)])
+def test_a_reference_needs_room_past_its_end(end_m: float, good: bool) -> None:
+    lack = room(end_m=end_m).lack(DRIVE.columns)
+    assert (lack is None) == good
+    if lack is not None:
+        assert "past its end" in lack.how
+        assert 0.0 < lack.excess_m < 1.0
+
+
+@pytest.mark.parametrize(("right_m", "good"), [(-12.0, True), (-6.0, False)])
+def test_a_lane_change_needs_room_to_stop_blindly(right_m: float, good: bool) -> None:
+    """Where it steers hardest to the right, held steering leads farthest to the right."""
+    points = lane_change(PATH, 10.0, 13.0, -3.5, 2.5, 13.0, 2.0)
+    lack = room(right_m=right_m).lack(points.columns)
+    assert (lack is None) == good
+    if lack is not None:
+        assert "holds its steering" in lack.how
+        assert points[lack.point].curvature_1pm < 0.0
+
+
+def test_who_drives_an_accepted_reference_may_stop_anywhere() -> None:
+    """The check of references asks for more room than the check while driving."""
+    points = lane_change(PATH, 10.0, 13.0, -3.5, 2.5, 13.0, 2.0)
+    for right_m in np.arange(-12.0, -5.0, 0.25):
+        judge = room(right_m=float(right_m))
+        if judge.lack(points.columns) is not None:
+            continue
+        for p in points:
+            here = state(
+                x_m=p.x_m, y_m=p.y_m, yaw_rad=p.yaw_rad, speed_mps=p.speed_mps,
+                yaw_rate_radps=p.speed_mps * p.curvature_1pm,
+            )  # fmt: skip
+            assert judge.excess_m(here, None, None) == 0.0
+
+
+def test_the_bodies_brake_as_hard_as_is_relied_upon() -> None:
+    known = {cls: body.emergency_deceleration_mps2 for cls, body in BODIES.items()}
+    assert known == EMERGENCY_BRAKE_MPS2

@@ -1,0 +1,86 @@
+"""The played VUT: it drives while it hears that the session runs, and brakes else."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ssp_core.run_spec import RunSpec
+from ssp_core.vocab import SessionPhase
+from ssp_ot_controller.rehearsal.vehicle import PlayedVehicle
+
+S = 1_000_000_000
+EPOCH = 1_700_000_000 * S
+PERIOD = S // 100
+
+
+def played() -> PlayedVehicle:
+    at = {"y_m": 0.0, "yaw_rad": 0.0}
+    manoeuvre = {"kind": "brake", "to_mps": 0.0, "deceleration_mps2": 2.0}
+    after = {"type": "elapsed_time", "after_s": 1.0}
+    run: dict[str, Any] = {
+        "schema": "ssp.run/1",
+        "run_id": "r",
+        "scenario": "s",
+        "interaction": "lead_braking",
+        "domain": "physical",
+        "stand_in": True,
+        "event_version": "v",
+        "mode": "live",
+        "site": "s",
+        "site_version": "v",
+        "seed": 1,
+        "road": {
+            "origin": {"x_m": 0.0, **at},
+            "length_m": 400.0,
+            "lanes": [{"y_m": 0.0, "width_m": 3.5, "direction": "forward"}],
+        },
+        "geofence": [(0.0, -8.0), (400.0, -8.0), (400.0, 12.0)],
+        "vut": {
+            "id": "vut",
+            "object_class": "car",
+            "start": {"x_m": 10.0, **at},
+            "approach": {"path": [(10.0, 0.0), (390.0, 0.0)], "cruise_mps": 10.0},
+        },
+        "driver": {"cruise_mps": 10.0},
+        "targets": [{"id": "ot1", "object_class": "car", "start": {"x_m": 200.0, **at}}],
+        "triggers": [{"id": "t", "condition": after, "object_id": "ot1", "manoeuvre": manoeuvre}],
+        "limits": {"speed_mps": 15.0, "acceleration_mps2": 5.0},
+    }
+    return PlayedVehicle(RunSpec.model_validate(run), EPOCH)
+
+
+def advance(vehicle: PlayedVehicle, seconds: float, phase: SessionPhase | None) -> None:
+    for _ in range(round(seconds * 100)):
+        now_ns = vehicle.now_ns + PERIOD
+        if phase is not None:
+            vehicle.hear(phase, now_ns)
+        vehicle.advance((), now_ns)
+        assert vehicle.now_ns == now_ns
+
+
+def test_drives_while_the_session_runs() -> None:
+    vehicle = played()
+    advance(vehicle, 1.0, SessionPhase.ARMED)
+    assert vehicle.body.speed_mps == 0.0
+    advance(vehicle, 2.0, SessionPhase.RUNNING)
+    assert vehicle.body.speed_mps > 2.0
+    advance(vehicle, 6.0, SessionPhase.ABORTING)
+    assert vehicle.body.speed_mps == 0.0
+
+
+def test_brakes_when_nobody_says_anything_any_more() -> None:
+    vehicle = played()
+    advance(vehicle, 2.0, SessionPhase.RUNNING)
+    advance(vehicle, 6.0, None)
+    assert vehicle.body.speed_mps == 0.0
+
+
+def test_a_late_call_moves_it_as_many_would() -> None:
+    one, other = played(), played()
+    for vehicle in (one, other):
+        vehicle.hear(SessionPhase.RUNNING, EPOCH)
+    for step in range(1, 31):
+        one.advance((), EPOCH + step * PERIOD)
+    other.advance((), EPOCH + 30 * PERIOD)
+    assert one.body == other.body
+    assert one.body.speed_mps > 0.0

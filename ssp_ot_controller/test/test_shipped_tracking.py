@@ -1,0 +1,89 @@
+"""Accuracy on the shipped scenarios: their own references, tracked by each law on the plant."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from ssp_core.clock import seconds_to_ns
+from ssp_core.reference import Reference, sample
+from ssp_core.run_spec import ParticipantSpec
+from ssp_core.state import ObjectState
+from ssp_core.vocab import Role
+from ssp_ot_controller.core.bodies import LIMITS as BODIES
+from ssp_ot_controller.core.bodies import BodyLimits, BodyState, step_body, tightened
+from ssp_ot_controller.core.tracking import make_tracker
+from ssp_scenario_manager.compile.compiler import Request, compile_task
+from ssp_scenario_manager.core.dispatch import Address, approach_reference, manoeuvre_reference
+
+LATERAL_RMS_M = 0.05
+LONGITUDINAL_RMS_M = 0.10
+# When the manoeuvre is asked for: at cruise speed, or at once by who has no approach.
+TRIGGER_S = 10.0
+
+
+@cache
+def shipped(event: str) -> tuple[ParticipantSpec, BodyLimits, tuple[Reference, ...]]:
+    """The initiator of an event, its body on the site, and the references that it gets."""
+    run = compile_task(Request(event=event, target="sumo", site="boulevard")).task.run
+    target = next(t for t in run.targets if t.id == run.initiator_id)
+    trigger = next(t for t in run.triggers if t.object_id == target.id)
+    start = target.start
+    state = ObjectState(
+        target.id, target.cls, Role.OT, 0, start.x_m, start.y_m, start.yaw_rad, 0.0, 0.0, 0.0,
+        target.size,
+    )  # fmt: skip
+    references = []
+    if target.approach is not None:
+        first = Address("a", target.id, run.event_version, "approach", 0, 0)
+        references.append(approach_reference(first, target.approach))
+    at_ns = seconds_to_ns(TRIGGER_S) if references else 0
+    second = Address("b", target.id, run.event_version, "manoeuvre", at_ns, at_ns)
+    current = references[0] if references else None
+    references.append(
+        manoeuvre_reference(second, trigger.manoeuvre, state, current, target.approach)
+    )
+    return target, tightened(BODIES[target.cls], run.limits), tuple(references)
+
+
+def errors_m(
+    event: str, tracker: str, step_s: float, from_s: float = 0.0, to_s: float = 120.0
+) -> tuple[float, float]:
+    """Rms of the longitudinal and lateral errors over both references, to the last standstill."""
+    target, body_limits, references = shipped(event)
+    law = make_tracker(tracker, target.cls, body_limits, step_s)  # type: ignore[arg-type]
+    step_ns = seconds_to_ns(step_s)
+    at = sample(references[0], seconds_to_ns(from_s))
+    body = BodyState(at.x_m, at.y_m, at.yaw_rad, at.speed_mps, at.acceleration_mps2)
+    rows = []
+    end_ns = min(references[-1].end_ns + seconds_to_ns(1.0), seconds_to_ns(to_s))
+    for k in range(seconds_to_ns(from_s) // step_ns, end_ns // step_ns):
+        now_ns = k * step_ns
+        driven = [r for r in references if r.execute_at_ns <= now_ns][-1]
+        state = ObjectState(
+            target.id, target.cls, Role.OT, now_ns, body.x_m, body.y_m, body.yaw_rad,
+            body.speed_mps, body.acceleration_mps2, body.yaw_rate_radps, target.size,
+        )  # fmt: skip
+        command, error = law.track(state, driven, now_ns)
+        rows.append((error.longitudinal_m, error.lateral_m))
+        body = step_body(target.cls, body, command, step_s)
+    assert law.fallbacks == 0
+    longitudinal_m, lateral_m = np.sqrt((np.array(rows) ** 2).mean(axis=0)).tolist()
+    return longitudinal_m, lateral_m
+
+
+@pytest.mark.parametrize("event", ["cut_in", "lead_braking", "vru_crossing", "occluded_crossing"])
+def test_tracking_errors_at_100_hz(event: str) -> None:
+    longitudinal_m, lateral_m = errors_m(event, "lqr", 0.01, to_s=30.0)
+    assert longitudinal_m <= LONGITUDINAL_RMS_M
+    assert lateral_m <= LATERAL_RMS_M
+
+
+@pytest.mark.parametrize("event", ["cut_in", "lead_braking"])
+def test_tracking_errors_of_plans_at_100_hz(event: str) -> None:
+    """Around the manoeuvre; walkers walk by one law."""
+    longitudinal_m, lateral_m = errors_m(event, "mpc", 0.01, TRIGGER_S - 0.5, TRIGGER_S + 4.5)
+    assert longitudinal_m <= LONGITUDINAL_RMS_M
+    assert lateral_m <= LATERAL_RMS_M

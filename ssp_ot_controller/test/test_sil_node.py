@@ -1,0 +1,247 @@
+"""The sil_world as a process: who drives the VUT, injected faults, the wall clock, refusals."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+
+from ssp_core import names, ros
+from ssp_core.domains import free_domain
+from ssp_core.processes import remove_shared_ports, remove_stale_shared_memory, session_environment
+from ssp_core.safety_codes import SafetyCode
+from ssp_core.vocab import SessionPhase
+from ssp_msgs import msg
+from ssp_ot_controller.sil.node import OVERRUN_S
+
+pytestmark = pytest.mark.ros
+DEADLINE_S = 30.0
+
+
+def run_mapping(**changes: Any) -> dict[str, Any]:
+    start = {"x_m": 40.0, "y_m": 0.0, "yaw_rad": 0.0}
+    return {
+        "schema": "ssp.run/1",
+        "run_id": "r",
+        "scenario": "s",
+        "interaction": "cut_in",
+        "domain": "simulation",
+        "stand_in": False,
+        "event_version": "sha256:event",
+        "site": "s",
+        "site_version": "sha256:s",
+        "seed": 1,
+        "mode": "lockstep",
+        "road": {
+            "origin": {"x_m": 0.0, "y_m": 0.0, "yaw_rad": 0.0},
+            "length_m": 400.0,
+            "lanes": [{"y_m": 0.0, "width_m": 3.5, "direction": "forward"}],
+        },
+        "geofence": [(0.0, -8.0), (400.0, -8.0), (400.0, 12.0), (0.0, 12.0)],
+        "vut": {
+            "id": "vut",
+            "object_class": "car",
+            "start": {**start, "x_m": 10.0},
+            "approach": {"path": [(10.0, 0.0), (390.0, 0.0)], "cruise_mps": 10.0},
+        },
+        "driver": {"cruise_mps": 10.0},
+        "targets": [{"id": "ot1", "object_class": "car", "start": {**start, "x_m": 200.0}}],
+        "triggers": [
+            {
+                "id": "t",
+                "condition": {"type": "relative_distance", "object_id": "ot1", "below_m": 9.0},
+                "object_id": "ot1",
+                "manoeuvre": {
+                    "kind": "lane_change",
+                    "lateral_shift_m": -3.5,
+                    "duration_s": 2.5,
+                    "cruise_mps": 8.0,
+                },
+            }
+        ],
+        "limits": {"speed_mps": 15.0, "acceleration_mps2": 5.0},
+        "camera": None,
+        **changes,
+    }
+
+
+class Peers:
+    """Everybody whom a world meets, played by the test: manager, objects, the VUT's driver."""
+
+    def __init__(self, domain_id: int) -> None:
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=domain_id)
+        self.node = rclpy.create_node("peers", namespace=names.NAMESPACE, context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.ticks: list[Any] = []
+        self.vut: list[Any] = []
+        self.safety: list[Any] = []
+        self.faults: list[Any] = []
+        self.drives = False
+        pub, sub = self.node.create_publisher, self.node.create_subscription
+        self.done = pub(msg.StepDone, names.STEP_DONE, ros.STATE)
+        self.commands = pub(msg.ActuatorCommands, names.ACTUATOR_COMMANDS, ros.COMMAND)
+        self.driver = pub(msg.ActuatorCommand, names.VUT_COMMAND, ros.COMMAND)
+        self.beats = pub(msg.Heartbeat, names.HEARTBEAT, ros.STATE)
+        self.session = pub(msg.SessionState, names.SESSION_STATE, ros.LATCHED)
+        sub(msg.WorldTick, names.WORLD_TICK, self._on_tick, ros.STATE)
+        sub(msg.ObjectState, names.state_topic("vut"), self.vut.append, ros.STATE)
+        sub(msg.SafetyEvent, names.SAFETY_EVENT, self.safety.append, ros.LATCHED)
+        sub(msg.FaultEvent, names.FAULT_EVENT, self.faults.append, ros.LATCHED)
+
+    def _on_tick(self, tick: Any) -> None:
+        self.ticks.append(tick)
+        if self.drives:
+            self.drive(tick.step)
+        if not tick.running:
+            return
+        one = msg.ActuatorCommand(object_id="ot1", step=tick.step, acceleration=-1.0)
+        self.commands.publish(
+            msg.ActuatorCommands(participant="object_target", step=tick.step, commands=[one])
+        )
+        self.done.publish(msg.StepDone(participant="object_target", step=tick.step))
+        self.answer(tick.step)
+
+    def drive(self, step: int) -> None:
+        self.driver.publish(msg.ActuatorCommand(object_id="vut", step=step, acceleration=1.5))
+
+    def answer(self, step: int) -> None:
+        running = int(SessionPhase.RUNNING)
+        self.done.publish(
+            msg.StepDone(participant="scenario_manager", step=step, session_state=running)
+        )
+
+    def start_realtime(self) -> None:
+        beat = msg.Heartbeat(sender="scenario_manager", session_state=int(SessionPhase.RUNNING))
+        self.node.create_timer(0.05, lambda: self.beats.publish(beat))
+        ends = (self.beats, self.session)
+        self.spin_until(lambda: all(p.get_subscription_count() for p in ends), "discovery")
+        # A world that hears no heartbeats stops at once, and the other end may see us later.
+        held = len(self.ticks)
+        self.spin_until(lambda: len(self.ticks) > held + 5, "holding")
+        self.session.publish(msg.SessionState(state=int(SessionPhase.RUNNING)))
+
+    def spin_until(self, condition: Callable[[], Any], what: str) -> None:
+        deadline = time.monotonic() + DEADLINE_S
+        while not condition():
+            assert time.monotonic() < deadline, f"{what} did not happen in time"
+            self.executor.spin_once(timeout_sec=0.05)
+
+    @property
+    def step(self) -> int:
+        return int(self.ticks[-1].step) if self.ticks else -1
+
+    def codes(self) -> list[tuple[int, str]]:
+        return [(event.code, event.object_id) for event in self.safety]
+
+    def close(self) -> None:
+        self.executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self.context)
+
+
+Start = Callable[..., tuple[subprocess.Popen[str], Peers]]
+
+
+@pytest.fixture
+def start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Start]:
+    """Starts a world and its peers; both are gone after the test."""
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    worlds: list[subprocess.Popen[str]] = []
+    peers: list[Peers] = []
+    with free_domain() as domain_id:
+
+        def make(**changes: Any) -> tuple[subprocess.Popen[str], Peers]:
+            run_file = tmp_path / "run.yaml"
+            run_file.write_text(json.dumps(run_mapping(**changes)))
+            worlds.append(world_process(domain_id, run_file))
+            peers.append(Peers(domain_id))
+            peers[-1].spin_until(lambda: peers[-1].ticks, "the first tick")
+            return worlds[-1], peers[-1]
+
+        yield make
+        for one in peers:
+            one.close()
+        for world in worlds:
+            world.kill()
+            world.communicate(timeout=10)
+        remove_shared_ports(domain_id)
+    remove_stale_shared_memory()
+
+
+def world_process(domain_id: int, run_file: Path) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [
+            sys.executable, "-m", "ssp_ot_controller.sil.node",
+            "--ros-args", "-p", f"run_file:={run_file}",
+        ],
+        env=session_environment(domain_id),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )  # fmt: skip
+
+
+def test_an_external_driver_is_waited_for_obeyed_and_missed(start: Start) -> None:
+    fault = {"kind": "actuator_stuck", "target": "vut", "at_s": 0.1, "duration_s": 0.1, "value": 1}
+    _, peers = start(driver={"cruise_mps": 10.0, "external": True}, faults=[fault])
+    # Without its driver the VUT says nothing, so that no session can begin.
+    peers.spin_until(lambda: len(peers.ticks) >= 5, "holding")
+    assert not peers.vut
+    peers.drives = True
+    peers.spin_until(lambda: peers.vut, "the VUT's state")
+    peers.answer(0)
+    peers.spin_until(lambda: peers.step >= 50, "fifty steps")
+    # One step is the driver's delay of one period; in the second half of a second it is at full.
+    assert peers.ticks[-1].objects[-1].acceleration == pytest.approx(1.5, abs=0.1)
+    assert peers.codes() == []
+    # Its silence stops the world, until it is dropped and the VUT is braked to a standstill.
+    peers.drives = False
+    peers.spin_until(lambda: peers.safety, "its loss")
+    assert peers.codes() == [(SafetyCode.PARTICIPANT_LOST, names.VUT_DRIVER)]
+    peers.spin_until(
+        lambda: peers.ticks[-1].objects[-1].speed == 0.0 and peers.step > 60, "standstill"
+    )
+    assert peers.codes() == [(SafetyCode.PARTICIPANT_LOST, names.VUT_DRIVER)]
+    seen = [(f.source, f.fault, f.target, f.active, f.value, f.unit) for f in peers.faults]
+    assert seen == [
+        ("sil_world", "0 actuator_stuck", "vut", active, 1.0, "m/s^2") for active in (True, False)
+    ]
+    stamps = [f.header.stamp.nanosec for f in peers.faults]
+    assert stamps == [100_000_000, 200_000_000]
+
+
+def test_a_world_that_falls_behind_the_wall_clock_says_so(start: Start) -> None:
+    world, peers = start(mode="realtime")
+    peers.start_realtime()
+    peers.spin_until(lambda: peers.step >= 3, "the first steps")
+    os.kill(world.pid, signal.SIGSTOP)
+    # What is tested is a stall of a certain length.
+    time.sleep(3.0 * OVERRUN_S)
+    os.kill(world.pid, signal.SIGCONT)
+    peers.spin_until(lambda: peers.safety, "an event")
+    (event,) = peers.safety
+    assert (event.code, event.object_id) == (SafetyCode.OVERRUN, "sil_world")
+    assert event.measured > event.limit == OVERRUN_S
+
+
+def test_a_live_session_is_none_of_a_simulated_worlds(tmp_path: Path) -> None:
+    (tmp_path / "run.yaml").write_text(json.dumps(run_mapping(mode="live")))
+    with free_domain() as domain_id:
+        world = world_process(domain_id, tmp_path / "run.yaml")
+        _, error = world.communicate(timeout=DEADLINE_S)
+    assert world.returncode == 1
+    assert "mode: a live session has no simulated world" in error
+    assert "Traceback" not in error

@@ -1,0 +1,377 @@
+"""The body protocol: codec, order, watchdog, and objects that are stepped over it."""
+
+from __future__ import annotations
+
+import math
+import socket
+import struct
+import zlib
+from dataclasses import replace
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ssp_core.errors import HostError, InputError
+from ssp_core.geometry import Pose2
+from ssp_core.vocab import ObjectClass
+from ssp_ot_controller.core.bodies import LIMITS, Command
+from ssp_ot_controller.target.bodies import BodyReading
+from ssp_ot_controller.target.bodies.body_server import WATCHDOG_S, BodyServer
+from ssp_ot_controller.target.bodies.datagrams import (
+    COMMAND_BYTES,
+    STATE_BYTES,
+    CommandDatagram,
+    Envelope,
+    Order,
+    Reason,
+    Rejected,
+    decode_command,
+    decode_state,
+    encode_command,
+    encode_state,
+)
+from ssp_ot_controller.target.bodies.mirror import MirrorBody
+from ssp_ot_controller.target.bodies.udp import TIMEOUT_MS, UdpBody
+from ssp_ot_controller.target.live import parse_bodies
+
+S = 1_000_000_000
+MS = 1_000_000
+T0 = 1_790_000_000 * S
+ENVELOPE = Envelope("ot1", T0, 7, T0 + 123)
+READING = BodyReading(T0 + 123, 1.5, -2.5, 0.25, 8.0, -1.0, 0.125, 0.02, True)
+COMMAND = CommandDatagram(ENVELOPE, Command(-1.5, 0.01, 3.0, False), 200)
+
+finite = st.floats(-1e300, 1e300)
+int64 = st.integers(-(2**63), 2**63 - 1)
+envelopes = st.builds(
+    Envelope,
+    st.from_regex(r"[a-z][a-z0-9_]{0,31}", fullmatch=True),
+    int64,
+    st.integers(0, 2**64 - 1),
+    int64,
+)
+
+
+# -- codec ----------------------------------------------------------------------------------------
+
+
+@given(envelopes, st.tuples(*[finite] * 6), st.floats(), st.booleans())
+def test_a_state_comes_out_as_it_went_in(
+    envelope: Envelope, values: tuple[float, ...], std: float, brakes: bool
+) -> None:
+    reading = BodyReading(envelope.stamp_ns, *values, std, brakes)  # type: ignore[misc]
+    data = encode_state(envelope, reading)
+    assert len(data) == STATE_BYTES
+    found = decode_state(data, envelope.object_id)
+    assert not isinstance(found, Rejected)
+    assert found[0] == envelope
+    # As bits: a sigma that is no number must stay none.
+    assert encode_state(*found) == data
+
+
+@given(envelopes, st.tuples(finite, finite, finite), st.booleans(), st.integers(0, 2**32 - 1))
+def test_a_command_comes_out_as_it_went_in(
+    envelope: Envelope, values: tuple[float, ...], stop: bool, timeout_ms: int
+) -> None:
+    datagram = CommandDatagram(envelope, Command(*values, stop), timeout_ms)
+    data = encode_command(datagram)
+    assert len(data) == COMMAND_BYTES
+    assert decode_command(data, envelope.object_id) == datagram
+
+
+@given(st.binary(max_size=200))
+def test_no_bytes_make_it_raise(data: bytes) -> None:
+    assert isinstance(decode_state(data, "ot1"), Rejected)
+    assert isinstance(decode_command(data, "ot1"), Rejected)
+
+
+@given(st.integers(0, STATE_BYTES * 8 - 1))
+def test_one_wrong_bit_is_noticed(bit: int) -> None:
+    data = bytearray(encode_state(ENVELOPE, READING))
+    data[bit // 8] ^= 1 << bit % 8
+    assert isinstance(decode_state(bytes(data), "ot1"), Rejected)
+
+
+def resealed(data: bytes, at: int, value: bytes) -> bytes:
+    """The same with other bytes and a checksum that fits."""
+    body = data[:at] + value + data[at + len(value) : -4]
+    return body + struct.pack("<I", zlib.crc32(body))
+
+
+STATE = encode_state(ENVELOPE, READING)
+
+
+@pytest.mark.parametrize(
+    ("data", "reason"),
+    [
+        (STATE[:-1], Reason.LENGTH),
+        (STATE + b"\0", Reason.LENGTH),
+        (b"", Reason.LENGTH),
+        (b"X" + STATE[1:], Reason.MAGIC),
+        (resealed(STATE, 4, b"\2"), Reason.VERSION),
+        (resealed(STATE, 5, b"\2"), Reason.KIND),
+        (resealed(STATE, 6, b"\1\0"), Reason.LENGTH),
+        (STATE[:70] + b"\x55" + STATE[71:], Reason.CHECKSUM),
+        (resealed(STATE, 8, b"ot2"), Reason.OBJECT),
+        (resealed(STATE, 64, struct.pack("<d", math.nan)), Reason.NOT_FINITE),
+        (resealed(STATE, 64 + 24, struct.pack("<d", math.inf)), Reason.NOT_FINITE),
+    ],
+)
+def test_what_is_wrong_is_said(data: bytes, reason: Reason) -> None:
+    found = decode_state(data, "ot1")
+    assert isinstance(found, Rejected)
+    assert found.reason is reason
+    assert found.text
+
+
+def test_layout_is_that_of_the_docs() -> None:
+    """Whoever builds a body reads docs/body-protocol.md: the offsets there are these."""
+    assert (STATE_BYTES, COMMAND_BYTES) == (132, 100)
+    assert STATE[:8] == b"SSPB\x01\x01" + struct.pack("<H", 132)
+    assert STATE[8:40] == b"ot1".ljust(32, b"\0")
+    assert struct.unpack_from("<qQq", STATE, 40) == (T0, 7, T0 + 123)
+    assert struct.unpack_from("<7d", STATE, 64) == (1.5, -2.5, 0.25, 8.0, -1.0, 0.125, 0.02)
+    assert STATE[120] == 1
+    data = encode_command(COMMAND)
+    assert data[:8] == b"SSPB\x01\x02" + struct.pack("<H", 100)
+    assert struct.unpack_from("<3dIB", data, 64) == (-1.5, 0.01, 3.0, 200, 0)
+
+
+@pytest.mark.parametrize("object_id", ["", "x" * 33, "ötzi"])
+def test_ids_that_have_no_room_are_refused(object_id: str) -> None:
+    with pytest.raises(ValueError, match=r"1 to 32 bytes|ascii"):
+        encode_state(replace(ENVELOPE, object_id=object_id), READING)
+
+
+def test_a_command_that_is_no_number_is_never_sent() -> None:
+    with pytest.raises(ValueError, match="finite"):
+        encode_command(replace(COMMAND, command=Command(math.nan, 0.0, 0.0)))
+
+
+def test_order() -> None:
+    order = Order()
+
+    def passes(boot_ns: int, sequence: int) -> bool:
+        return order.check(replace(ENVELOPE, boot_ns=boot_ns, sequence=sequence)) is None
+
+    assert passes(5, 1)
+    assert passes(5, 3)
+    assert not passes(5, 3)
+    assert not passes(5, 2)
+    assert passes(6, 1)  # started anew
+    assert not passes(5, 4)
+
+
+# -- the body's end -------------------------------------------------------------------------------
+
+
+class Rig:
+    """A body and somebody who commands it, in made-up time."""
+
+    def __init__(self, cls: ObjectClass = ObjectClass.CAR) -> None:
+        self.now_ns = T0
+        self.server = BodyServer("ot1", cls, Pose2(10.0, 2.0, 0.0), T0)
+        self.sequence = 0
+        self.states: list[BodyReading] = []
+
+    def send(
+        self, acceleration_mps2: float, address: str = "us", boot_ns: int = T0, **changes: object
+    ) -> None:
+        self.sequence += 1
+        envelope = Envelope("ot1", boot_ns, self.sequence, self.now_ns)
+        datagram = CommandDatagram(envelope, Command(acceleration_mps2, 0.0, 0.0), 200)
+        data = encode_command(replace(datagram, **changes))  # type: ignore[arg-type]
+        self.server.on_datagram(data, address, self.now_ns)
+
+    def run(self, seconds: float, acceleration_mps2: float | None = None) -> None:
+        """Time passes in steps of 20 ms, with commands or without."""
+        for _ in range(round(seconds / 0.02)):
+            if acceleration_mps2 is not None:
+                self.send(acceleration_mps2)
+            for _ in range(4):
+                self.now_ns += 5 * MS
+                data = self.server.state_due(self.now_ns)
+                if data is not None:
+                    found = decode_state(data, "ot1")
+                    assert not isinstance(found, Rejected)
+                    self.states.append(found[1])
+
+
+def test_a_body_follows_and_reports_at_its_rate() -> None:
+    rig = Rig()
+    assert rig.server.state_due(T0 + S) is None  # nobody has asked
+    rig.now_ns = T0 + S
+    rig.run(2.0, 2.0)
+    assert len(rig.states) == pytest.approx(200, abs=2)
+    stamps = [s.stamp_ns for s in rig.states]
+    assert stamps == sorted(set(stamps))
+    assert rig.states[-1].speed_mps == pytest.approx(3.6, abs=0.2)
+    assert not any(s.brakes_by_itself for s in rig.states[1:])
+
+
+@pytest.mark.parametrize("cls", [ObjectClass.CAR, ObjectClass.CYCLIST, ObjectClass.PEDESTRIAN])
+def test_a_body_that_hears_nothing_brakes_by_itself(cls: ObjectClass) -> None:
+    rig = Rig(cls)
+    rig.run(1.2, 2.0)
+    x_m, speed = rig.server.body.x_m, rig.server.body.speed_mps
+    assert speed > 1.5
+    # The last command came one step of 20 ms ago.
+    rig.run(WATCHDOG_S - 0.04)
+    assert not rig.states[-1].brakes_by_itself
+    rig.run(0.04)
+    assert rig.states[-1].brakes_by_itself
+    rig.run(3.0)
+    assert rig.server.body.speed_mps == 0.0
+    limits = LIMITS[cls]
+    fastest = speed + 2.0 * WATCHDOG_S
+    hardest = limits.emergency_deceleration_mps2
+    reaction_s = WATCHDOG_S + limits.acceleration_lag_s + hardest / limits.acceleration_rate_mps3
+    assert rig.server.body.x_m - x_m <= fastest * reaction_s + fastest**2 / (2.0 * hardest)
+
+
+def test_a_command_may_hold_for_a_shorter_time_but_not_for_a_longer_one() -> None:
+    rig = Rig()
+    rig.run(1.0, 2.0)
+    rig.send(2.0, timeout_ms=60)
+    rig.run(0.06)
+    assert rig.server.brakes_by_itself
+    rig.send(2.0, timeout_ms=60_000)
+    rig.run(WATCHDOG_S - 0.02)
+    assert not rig.server.brakes_by_itself
+    rig.run(0.02)
+    assert rig.server.brakes_by_itself
+
+
+def test_old_foreign_and_broken_datagrams_move_nothing() -> None:
+    rig = Rig()
+    rig.send(0.0)
+    before = rig.sequence
+    rig.sequence = 0
+    rig.send(3.0)  # a copy of the first number
+    rig.sequence = before
+    rig.send(3.0, address="somebody")
+    rig.server.on_datagram(b"SSPB", "us", rig.now_ns)
+    rig.server.on_datagram(
+        encode_command(replace(COMMAND, envelope=replace(ENVELOPE, object_id="ot2"))),
+        "us",
+        rig.now_ns,
+    )
+    rig.run(0.5)
+    assert rig.server.body.speed_mps == 0.0
+    assert rig.server.strangers == 1
+    assert rig.server.rejected == {Reason.ORDER: 1, Reason.LENGTH: 1, Reason.OBJECT: 1}
+
+
+def test_a_new_commander_takes_over_from_a_silent_one_at_standstill() -> None:
+    rig = Rig()
+    rig.run(1.0, 2.0)
+    rig.run(0.3)
+    rig.send(3.0, address="new", boot_ns=T0 - S)
+    assert (rig.server.commander, rig.server.strangers) == ("us", 1)  # it still rolls
+    rig.run(3.0)
+    rig.send(3.0, address="new", boot_ns=T0 - S)
+    assert rig.server.commander == "new"
+    assert not rig.server.brakes_by_itself
+
+
+# -- the object's end -----------------------------------------------------------------------------
+
+
+def test_udp_takes_the_newest_good_state_and_counts_the_others() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as body:
+        body.bind(("127.0.0.1", 0))
+        body.settimeout(5.0)
+        ours = UdpBody("ot1", "127.0.0.1", body.getsockname()[1], T0)
+        ours.command(Command(1.0, 0.0, 0.0), T0 + 5)
+        data, address = body.recvfrom(200)
+        found = decode_command(data, "ot1")
+        assert isinstance(found, CommandDatagram)
+        assert found.envelope == Envelope("ot1", T0, 1, T0 + 5)
+        assert found.timeout_ms == TIMEOUT_MS
+        assert ours.read() is None
+        for sequence in (1, 3, 2, 3):
+            envelope = replace(ENVELOPE, sequence=sequence, stamp_ns=sequence)
+            body.sendto(encode_state(envelope, READING), address)
+        body.sendto(b"noise", address)
+        body.sendto(STATE + b"\0" * 300, address)
+        # The loopback delivers in order: once the last one is there, all are.
+        newest = None
+        while ours.rejected[Reason.LENGTH] < 2:
+            newest = ours.read() or newest
+        assert newest is not None
+        assert newest.stamp_ns == 3
+        assert ours.rejected == {Reason.ORDER: 2, Reason.LENGTH: 2}
+        ours.close()
+
+
+def test_a_body_that_has_no_address_is_an_error_of_this_machine(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def unknown(*_: object, **__: object) -> None:
+        raise socket.gaierror(socket.EAI_NONAME, "Name or service not known")
+
+    monkeypatch.setattr(socket, "getaddrinfo", unknown)
+    with pytest.raises(HostError, match=r"udp://nowhere:9000: .*not known"):
+        UdpBody("ot1", "nowhere", 9000, T0)
+
+
+def test_a_body_where_nobody_listens_is_silent() -> None:
+    ours = UdpBody("ot1", "127.0.0.1", 9, T0)
+    for _ in range(3):
+        ours.command(Command(0.0, 0.0, 0.0), T0)
+        assert ours.read() is None
+    ours.close()
+
+
+def test_a_mirror_does_exactly_what_it_is_told() -> None:
+    body = MirrorBody(ObjectClass.CAR, Pose2(0.0, 0.0, 0.0), T0)
+    assert body.read() == BodyReading(T0, 0.0, 0.0, 0.0, 0.0)
+    assert body.read() is None
+    for k in range(101):
+        body.command(Command(2.0 if k < 50 else -4.0, 0.0, 0.0), T0 + k * 20 * MS)
+    reading = body.read()
+    assert reading is not None
+    assert reading.speed_mps == 0.0
+    assert reading.x_m == pytest.approx(1.5, abs=0.05)  # v^2 / 2a of 2 m/s, there and back
+
+
+# -- parameters -----------------------------------------------------------------------------------
+
+
+def test_bodies_by_parameter() -> None:
+    text = "ot1=udp://10.0.0.5:9001, ot2=mirror,ot3=udp://[fe80::1]:65535"
+    assert parse_bodies(text, ["ot1", "ot2", "ot3"]) == {
+        "ot1": ("10.0.0.5", 9001),
+        "ot2": None,
+        "ot3": ("fe80::1", 65535),
+    }
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "ot1 has no body"),
+        ("ot1", "is no body"),
+        ("ot1=10.0.0.5:9001", "is no body"),
+        ("ot1=udp://10.0.0.5", "is no body"),
+        ("ot1=udp://10.0.0.5:0", "is no body"),
+        ("ot1=udp://10.0.0.5:65536", "is no body"),
+        ("ot1=mirror,ot1=mirror", "has a body already"),
+        ("ot1=mirror,ot9=mirror", "is no object of this process"),
+    ],
+)
+def test_bodies_that_do_not_fit_are_refused(text: str, says: str) -> None:
+    with pytest.raises(InputError, match=says) as error:
+        parse_bodies(text, ["ot1"])
+    assert "parameter bodies" in str(error.value)
+
+
+@settings(max_examples=50)
+@given(st.lists(st.tuples(st.integers(0, 3), st.integers(0, 20)), max_size=40))
+def test_whatever_order_datagrams_come_in_each_counts_once(rows: list[tuple[int, int]]) -> None:
+    order, passed = Order(), []
+    for boot_ns, sequence in rows:
+        if order.check(replace(ENVELOPE, boot_ns=boot_ns, sequence=sequence)) is None:
+            passed.append((boot_ns, sequence))
+    assert passed == sorted(set(passed))
