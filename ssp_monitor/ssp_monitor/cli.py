@@ -9,9 +9,9 @@ from typing import Any
 import click
 
 from ssp_core.bag import BagReader, RecoverReport, recover
+from ssp_core.bag.check import CheckReport, check_bag
 from ssp_core.clock import ns_to_seconds
 from ssp_core.console import note, out, progress
-from ssp_monitor.core.check import CheckReport, check_bag
 
 BAG = click.Path(path_type=Path)
 as_json = click.option("--json", "json_", is_flag=True, help="Print JSON for programs.")

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import sys
 import threading
+import time
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 
 import rclpy
@@ -17,23 +19,34 @@ from rclpy.clock_type import ClockType
 from rclpy.impl.implementation_singleton import rclpy_implementation as rcl
 from rclpy.node import Node
 from rclpy.qos import QoSCompatibility, qos_check_compatible
+from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 
 from ssp_core import names, ros
 from ssp_core.bag import BagMessage
 from ssp_core.errors import HostError
-from ssp_core.files import read_text
+from ssp_core.lockstep import RECORDER_STEPS
 from ssp_core.run_spec import load_run
 from ssp_core.safety_codes import MEANINGS, SafetyCode
+from ssp_core.verdict import write_verdict
+from ssp_core.vocab import SessionPhase, Verdict
+from ssp_core.wire import steps
+from ssp_core.wire.steps import decode_tick_head, encode_done
 from ssp_monitor.conversions import message_class, recording_profile
+from ssp_monitor.core.attachments import run_attachments
+from ssp_monitor.core.last_word import LastWord
 from ssp_monitor.core.losses import SequenceGaps
 from ssp_monitor.core.recorder import Recorder
 from ssp_monitor.core.stamps import SimulatedTime, begins_with_stamp
 from ssp_monitor.core.topics import TopicSpec, bag_topics, uses_simulated_time
-from ssp_monitor.params import read_params
-from ssp_msgs.msg import RecorderStatus, SafetyEvent
+from ssp_monitor.params import read_params, topic_rules
+from ssp_msgs.msg import RecorderStatus, SafetyEvent, SessionState, StepDone
 
 STATUS_PERIOD_S = 0.5
+SESSION_TOPIC = names.absolute(names.SESSION_STATE)
+TICK_TOPIC = names.absolute(names.WORLD_TICK)
+# A session that is under way when the recorder is told to stop has so long for its last word.
+LAST_WORD_S = 3.0
 WAIT_NS = 50_000_000
 
 
@@ -45,24 +58,34 @@ class Intake:
         recorder: where the messages go.
         simulated_time: messages are dated by their own stamps; otherwise by the middleware's
             times of reception and publication.
+        listen: takes the bytes of messages of some topics as they are recorded, in that thread.
     """
 
     def __init__(
-        self, topics: tuple[TopicSpec, ...], recorder: Recorder, simulated_time: bool
+        self,
+        topics: tuple[TopicSpec, ...],
+        recorder: Recorder,
+        simulated_time: bool,
+        listen: Mapping[str, Callable[[bytes], None]],
     ) -> None:
+        self._listen = listen
         self.gaps = SequenceGaps()
         self.time = SimulatedTime()
         self.error: BaseException | None = None
         self._topics = topics
         self._recorder = recorder
         self._simulated_time = simulated_time
-        self._stamped = {topic.name: begins_with_stamp(topic.msgtype) for topic in topics}
+        self._stamped = {
+            topic.name: topic.session_time and begins_with_stamp(topic.msgtype) for topic in topics
+        }
         # A node of its own, since an executor takes the messages of all subscriptions of a node
-        # that it spins; without the process's arguments, which rename every node.
+        # that it spins; of the process's arguments, which rename every node, it takes those that
+        # say where a topic is to be heard. It is recorded under its own name all the same.
         self._node = rclpy.create_node(
             f"{names.MONITOR}_intake",
             namespace=names.NAMESPACE,
             use_global_arguments=False,
+            cli_args=topic_rules(sys.argv),
             enable_rosout=False,
             start_parameter_services=False,
         )
@@ -123,6 +146,8 @@ class Intake:
             else:
                 log_ns, publish_ns = info["received_timestamp"], info["source_timestamp"]
             self._recorder.put(BagMessage(topic.name, log_ns, publish_ns, data, sequence))
+            if topic.name in self._listen:
+                self._listen[topic.name](data)
 
 
 class MonitorNode(Node):
@@ -138,10 +163,18 @@ class MonitorNode(Node):
         params = read_params(self)
         run = load_run(params.run_file)
         self._topics = bag_topics(run)
-        attachment = ("run.yaml", "application/yaml", read_text(params.run_file).encode())
-        self.recorder = Recorder(params.bag_dir, self._topics, [attachment])
+        self._last_word = LastWord(run.run_id)
+        self._session_heard = threading.Event()
+        self._done = self.create_publisher(StepDone, names.STEP_DONE, ros.STATE)
+        attachments = run_attachments(params.run_file)
+        self.recorder = Recorder(params.bag_dir, self._topics, attachments)
         try:
-            self.intake = Intake(self._topics, self.recorder, uses_simulated_time(run))
+            self.intake = Intake(
+                self._topics,
+                self.recorder,
+                uses_simulated_time(run),
+                {SESSION_TOPIC: self._hear, TICK_TOPIC: self._keep_pace},
+            )
         except BaseException:
             self.recorder.stop()
             raise
@@ -194,13 +227,40 @@ class MonitorNode(Node):
         event.reaction = "abort"
         self._safety.publish(event)
 
+    def _hear(self, data: bytes) -> None:
+        message = deserialize_message(data, SessionState)
+        try:
+            state, verdict = SessionPhase(message.state), Verdict(message.verdict)
+        except ValueError as error:
+            self.get_logger().error(f"session state not understood: {error}")
+            return
+        self._last_word.hear(state, verdict, tuple(message.reasons), message.run_id)
+        self._session_heard.set()
+
+    def _keep_pace(self, data: bytes) -> None:
+        """In lockstep the world doesn't run further ahead of the recorder than it says it is."""
+        tick = decode_tick_head(data)
+        if tick.lockstep and tick.step % RECORDER_STEPS == 0:
+            self._done.publish(encode_done(steps.StepDone(names.MONITOR, tick.step)))
+
+    def _await_last_word(self) -> None:
+        """Who ends all nodes at once must not lose how the session ends, and the braking."""
+        deadline = time.monotonic() + LAST_WORD_S
+        while self._last_word.is_due and time.monotonic() < deadline:
+            if self.intake.error is not None or not self.count_publishers(names.SESSION_STATE):
+                return
+            self._session_heard.wait(0.05)
+            self._session_heard.clear()
+
     def close(self) -> None:
-        """Ends reception, closes the bag and prints one line about it.
+        """Ends reception, closes the bag, leaves the verdict and prints one line about it.
 
         Raises:
             HostError: not everything that arrived is in the bag.
         """
+        self._await_last_word()
         self.intake.stop()
+        lost = self.lost
         state = self.recorder.stop()
         print(
             f"{names.MONITOR}: {state.messages} messages, {state.bytes / 1e6:.1f} MB in "
@@ -209,6 +269,7 @@ class MonitorNode(Node):
         )
         if state.failure is not None:
             raise HostError(state.failure)
+        write_verdict(self.recorder.path, *self._last_word.verdict(lost), "monitor")
 
 
 def main() -> int:

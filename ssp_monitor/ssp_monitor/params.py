@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 from rclpy.node import Node
@@ -34,3 +36,14 @@ def read_params(node: Node) -> MonitorParams:
         InputError: one is missing.
     """
     return MonitorParams(run_file=_path(node, "run_file"), bag_dir=_path(node, "bag_dir"))
+
+
+def topic_rules(arguments: Sequence[str]) -> list[str]:
+    """Of a process's arguments those that rename topics, and none that renames nodes.
+
+    Args:
+        arguments: as in sys.argv, ``-r from:=to`` among them.
+    """
+    rules = [rule for flag, rule in pairwise(arguments) if flag in ("-r", "--remap")]
+    found = [rule for rule in rules if not rule.partition(":=")[0].split(":")[-1].startswith("__")]
+    return ["--ros-args", *(word for rule in found for word in ("-r", rule))] if found else []

@@ -22,6 +22,7 @@ from ssp_monitor.core.losses import SequenceGaps
 from ssp_monitor.core.recorder import FLUSH_S, Recorder
 from ssp_monitor.core.stamps import SimulatedTime, begins_with_stamp
 from ssp_monitor.core.topics import CLOCK_TYPE, Profile, TopicSpec, bag_topics, uses_simulated_time
+from ssp_monitor.params import topic_rules
 
 CLOCK = TopicSpec("/clock", CLOCK_TYPE, Profile.STATE)
 DEADLINE_S = 10.0
@@ -36,7 +37,7 @@ def wait_for(condition: Callable[[], bool]) -> None:
 
 def test_a_bag_holds_every_topic_of_every_object(run_mapping: dict[str, Any]) -> None:
     topics = {t.name: t for t in bag_topics(RunSpec.model_validate(run_mapping))}
-    assert len(topics) == 18
+    assert len(topics) == 21
     for object_id in ("ot1", "walker"):
         for kind in ("state", "reference", "reference_ack"):
             assert f"/ssp/{object_id}/{kind}" in topics
@@ -45,6 +46,34 @@ def test_a_bag_holds_every_topic_of_every_object(run_mapping: dict[str, Any]) ->
         "/ssp/session_state", "/ssp/vut/front_camera/image/compressed",
     }  # fmt: skip
     assert all(t.msgtype in typestore().types for t in topics.values())
+
+
+def test_the_states_of_many_objects_come_on_one_topic(run_mapping: dict[str, Any]) -> None:
+    targets = [{**run_mapping["targets"][0], "id": f"ot{k}"} for k in range(1, 6)]
+    run = RunSpec.model_validate({**run_mapping, "targets": targets})
+    assert run.states_in_one
+    topics = {t.name: t for t in bag_topics(run)}
+    assert topics["/ssp/object_states"].required
+    assert topics["/ssp/vut/state"].required
+    assert "/ssp/ot1/state" not in topics
+    assert {"/ssp/ot1/reference", "/ssp/ot5/reference_ack"} <= topics.keys()
+
+
+def test_a_live_session_has_no_world(run_mapping: dict[str, Any]) -> None:
+    run = RunSpec.model_validate({**run_mapping, "domain": "physical", "mode": "live"})
+    required = {t.name for t in bag_topics(run) if t.required}
+    assert "/ssp/world/tick" not in {t.name for t in bag_topics(run)}
+    assert {"/ssp/vut/state", "/ssp/ot1/state"} <= required
+
+
+def test_stamps_of_another_clock_are_not_taken_for_session_time(
+    run_mapping: dict[str, Any],
+) -> None:
+    topics = bag_topics(RunSpec.model_validate(run_mapping))
+    assert {t.name for t in topics if not t.session_time} == {
+        "/ssp/manager/heartbeat_reply",
+        "/ssp/manager/link_status",
+    }
 
 
 def test_a_run_without_a_camera_waits_for_none(run_mapping: dict[str, Any]) -> None:
@@ -58,7 +87,9 @@ def test_only_a_physical_session_without_stand_in_uses_the_system_clock(
     run = RunSpec.model_validate(run_mapping)
     assert uses_simulated_time(run)
     assert not uses_simulated_time(run.model_copy(update={"domain": "physical"}))
-    assert uses_simulated_time(run.model_copy(update={"domain": "physical", "stand_in": True}))
+    stand_in = {"domain": "physical", "stand_in": True}
+    assert uses_simulated_time(run.model_copy(update=stand_in))
+    assert not uses_simulated_time(run.model_copy(update={**stand_in, "mode": "live"}))
 
 
 def test_every_recorded_type_begins_with_a_stamp(run_mapping: dict[str, Any]) -> None:
@@ -170,3 +201,10 @@ def test_a_removed_bag_is_a_failure_that_counts_what_is_lost(
 def test_the_recorder_refuses_a_directory_that_exists(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="exists already"):
         Recorder(tmp_path, [CLOCK])
+
+
+def test_topics_are_renamed_and_nodes_are_not() -> None:
+    given = ["-m", "--ros-args", "-r", "__node:=monitor", "-p", "a:=b", "-r", "x:=/y"]
+    given += ["--remap", "other:__ns:=/z"]
+    assert topic_rules(given) == ["--ros-args", "-r", "x:=/y"]
+    assert topic_rules(["-m", "--ros-args", "-r", "__node:=monitor"]) == []

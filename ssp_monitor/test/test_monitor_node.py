@@ -22,12 +22,14 @@ from sensor_msgs.msg import CompressedImage
 
 from ssp_core import names, ros
 from ssp_core.bag import BagReader, recover
+from ssp_core.bag.check import check_bag
 from ssp_core.domains import free_domain
 from ssp_core.errors import InputError
 from ssp_core.processes import remove_stale_shared_memory
 from ssp_core.safety_codes import SafetyCode
+from ssp_core.verdict import Told, read_verdict
+from ssp_core.vocab import Verdict
 from ssp_monitor.conversions import PUBLISHED, message_class, recording_profile
-from ssp_monitor.core.check import check_bag
 from ssp_monitor.core.recorder import OFFERED
 from ssp_msgs.msg import (
     ObjectState,
@@ -151,7 +153,10 @@ def test_an_ordinary_stop_leaves_a_complete_bag(
     session: Session, monitor: subprocess.Popen[str], run_file: Path, tmp_path: Path
 ) -> None:
     session.offer_all()
-    session.publishers[names.SESSION_STATE].publish(SessionState(state=SessionState.STATE_IDLE))
+    ended = SessionState(
+        state=SessionState.STATE_FINISHED, verdict=SessionState.VERDICT_VALID, run_id="run_1"
+    )
+    session.publishers[names.SESSION_STATE].publish(ended)
     session.wait_ready()
     steps = 300
     for k in range(steps):
@@ -163,6 +168,7 @@ def test_an_ordinary_stop_leaves_a_complete_bag(
     out, err = monitor.communicate(timeout=DEADLINE_S)
     assert (monitor.returncode, err) == (0, "")
     assert f"{tmp_path / 'bag'}, 0 lost" in out
+    assert read_verdict(tmp_path / "bag") == Told(Verdict.VALID, ())
 
     assert check_bag(tmp_path / "bag").problems == ()
     with BagReader(tmp_path / "bag") as bag:
@@ -197,11 +203,34 @@ def test_a_kill_leaves_everything_up_to_the_last_flush(
     monitor.wait(DEADLINE_S)
     with pytest.raises(InputError, match="no metadata"):
         BagReader(tmp_path / "bag")
+    assert read_verdict(tmp_path / "bag") is None
     report = recover(tmp_path / "bag", tmp_path / "recovered")
     assert report.messages["/ssp/ot1/state"] == steps
     assert report.messages["/ssp/vut/front_camera/image/compressed"] == 5
     assert report.attachments == ("run.yaml",)
     assert check_bag(tmp_path / "recovered").ok
+
+
+def test_the_sessions_last_word_is_waited_for(
+    session: Session, monitor: subprocess.Popen[str], tmp_path: Path
+) -> None:
+    """Who stops all nodes at once stops a session that has still something to say."""
+    session.offer_all()
+    session.wait_ready()
+    pub = session.publishers[names.SESSION_STATE]
+    pub.publish(SessionState(state=SessionState.STATE_RUNNING, run_id="run_1"))
+    before = session.status[-1].messages
+    session.spin_until(lambda: session.status[-1].messages > before, "the state in the bag")
+    monitor.send_signal(signal.SIGTERM)
+    for state in (SessionState.STATE_ABORTING, SessionState.STATE_ABORTED):
+        aborted = SessionState(
+            state=state, verdict=SessionState.VERDICT_ABORTED, reasons=["rain"], run_id="run_1"
+        )
+        pub.publish(aborted)
+    monitor.communicate(timeout=DEADLINE_S)
+    assert read_verdict(tmp_path / "bag") == Told(Verdict.ABORTED, ("rain",))
+    with BagReader(tmp_path / "bag") as bag:
+        assert bag.topics["/ssp/session_state"].count == 3
 
 
 def test_it_is_ready_only_when_every_required_topic_has_a_publisher(

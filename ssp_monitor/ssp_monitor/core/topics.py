@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 from ssp_core import names
@@ -31,6 +31,7 @@ class TopicSpec:
         required: its publisher exists before a run; the recorder isn't ready without it.
         single_publisher: gaps in the middleware's sequence numbers are losses. Numbers count per
             publisher and don't say which, so with several they prove nothing.
+        session_time: the stamp that its messages begin with, if any, is on the session's clock.
     """
 
     name: str
@@ -38,19 +39,38 @@ class TopicSpec:
     profile: Profile
     required: bool = False
     single_publisher: bool = True
+    session_time: bool = True
 
 
 def bag_topics(run: RunSpec) -> tuple[TopicSpec, ...]:
     """All topics of a session with their types, in the order in which they stand in the bag."""
     state, reference = "ssp_msgs/msg/ObjectState", "ssp_msgs/msg/Reference"
-    topics = [
-        TopicSpec(names.CLOCK, CLOCK_TYPE, Profile.STATE),
-        TopicSpec(names.WORLD_TICK, "ssp_msgs/msg/WorldTick", Profile.STATE, required=True),
-        TopicSpec(names.state_topic(run.vut.id), state, Profile.STATE, required=True),
-    ]
+    topics = [TopicSpec(names.state_topic(run.vut.id), state, Profile.STATE, required=True)]
+    live = run.mode == "live"
+    if not live:
+        topics = [
+            TopicSpec(names.CLOCK, CLOCK_TYPE, Profile.STATE),
+            TopicSpec(names.WORLD_TICK, "ssp_msgs/msg/WorldTick", Profile.STATE, required=True),
+            *topics,
+        ]
+    # In a live session the objects may be spread over several processes.
+    if run.states_in_one:
+        arrays = "ssp_msgs/msg/ObjectStates"
+        topics.append(
+            TopicSpec(
+                names.OBJECT_STATES,
+                arrays,
+                Profile.STATE,
+                required=True,
+                single_publisher=not live,
+            )
+        )
     for target in run.targets:
+        if not run.states_in_one:
+            topics.append(
+                TopicSpec(names.state_topic(target.id), state, Profile.STATE, required=True)
+            )
         topics += [
-            TopicSpec(names.state_topic(target.id), state, Profile.STATE, required=True),
             TopicSpec(names.reference_topic(target.id), reference, Profile.COMMAND),
             TopicSpec(names.ack_topic(target.id), "ssp_msgs/msg/ReferenceAck", Profile.COMMAND),
         ]
@@ -58,11 +78,22 @@ def bag_topics(run: RunSpec) -> tuple[TopicSpec, ...]:
     topics += [
         TopicSpec(names.SESSION_STATE, "ssp_msgs/msg/SessionState", latched, required=True),
         TopicSpec(names.HEARTBEAT, "ssp_msgs/msg/Heartbeat", Profile.STATE),
+        TopicSpec(
+            names.HEARTBEAT_REPLY,
+            "ssp_msgs/msg/HeartbeatReply",
+            Profile.STATE,
+            single_publisher=not live,
+            session_time=False,
+        ),
+        TopicSpec(names.LINK_STATUS, "ssp_msgs/msg/LinkStatus", Profile.STATE, session_time=False),
         TopicSpec(names.TRIGGER_EVENT, "ssp_msgs/msg/TriggerEvent", latched),
         TopicSpec(names.PHASE_EVENT, "ssp_msgs/msg/PhaseEvent", latched),
         TopicSpec(names.SAFETY_EVENT, "ssp_msgs/msg/SafetyEvent", latched, single_publisher=False),
+        TopicSpec(names.FAULT_EVENT, "ssp_msgs/msg/FaultEvent", latched, single_publisher=False),
         TopicSpec(names.RECORDER_STATUS, "ssp_msgs/msg/RecorderStatus", Profile.STATE),
     ]
+    if run.driver.external:
+        topics.append(TopicSpec(names.VUT_COMMAND, "ssp_msgs/msg/ActuatorCommand", Profile.COMMAND))
     if run.camera is not None:
         topics += [
             TopicSpec(
@@ -71,12 +102,9 @@ def bag_topics(run: RunSpec) -> tuple[TopicSpec, ...]:
             TopicSpec(names.CAMERA_INFO, "sensor_msgs/msg/CameraInfo", Profile.SENSOR),
             TopicSpec(names.CAMERA_MOUNT, "geometry_msgs/msg/TransformStamped", latched),
         ]
-    return tuple(
-        TopicSpec(names.absolute(t.name), t.msgtype, t.profile, t.required, t.single_publisher)
-        for t in topics
-    )
+    return tuple(replace(topic, name=names.absolute(topic.name)) for topic in topics)
 
 
 def uses_simulated_time(run: RunSpec) -> bool:
     """Whether stamps count from the start of a simulated world, and /clock carries them."""
-    return run.stand_in or run.domain != "physical"
+    return run.mode != "live" and (run.stand_in or run.domain != "physical")
