@@ -15,7 +15,13 @@ import pytest
 
 from ssp_core.bag import BagWriter
 from ssp_core.bag.types import serialize, typestore
+from ssp_core.files import write_json, write_text
 from ssp_core.vocab import ObjectClass, Role, SessionPhase, Verdict
+from ssp_scenario_manager.compile.task import Task, sealed
+from ssp_scenario_manager.site import Site, find_shipped, site_version
+from ssp_scenario_manager.spec.load import load_event
+from ssp_scenario_manager.spec.log import Record
+from ssp_scenario_manager.spec.log_file import append_record
 
 VERSION = "sha256:" + "1" * 64
 STEP_NS = 20_000_000
@@ -127,13 +133,15 @@ class RunBag:
         )
         self.write("/ssp/vut/front_camera/image/compressed", image, stamp_ns)
 
-    def camera(self, stamp_ns: int) -> None:
-        """96×54 px, 75° across, 1.45 m high, 1.8 m ahead, looking 0.03 rad down."""
-        focal = 48.0 / math.tan(math.radians(37.5))
+    def camera(self, stamp_ns: int, width: int = 96) -> None:
+        """16:9, 75° across, 1.45 m high, 1.8 m ahead, looking 0.03 rad down."""
+        height = width * 9 // 16
+        u, v = width / 2, height / 2
+        focal = u / math.tan(math.radians(37.5))
         roi = self.types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
         info = self.types["sensor_msgs/msg/CameraInfo"](
-            header=self.header(stamp_ns), height=54, width=96, distortion_model="plumb_bob",
-            d=np.zeros(5), k=np.array([focal, 0, 48, 0, focal, 27, 0, 0, 1.0]),
+            header=self.header(stamp_ns), height=height, width=width, distortion_model="plumb_bob",
+            d=np.zeros(5), k=np.array([focal, 0, u, 0, focal, v, 0, 0, 1.0]),
             r=np.eye(3).ravel(), p=np.zeros(12), binning_x=0, binning_y=0, roi=roi,
         )  # fmt: skip
         self.write("/ssp/vut/front_camera/camera_info", info, stamp_ns)
@@ -182,40 +190,190 @@ def poses(t_s: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
     return (10.0 * t_s, 0.0, 0.0, 10.0, 0.0), car
 
 
+def k_star_poses(t_s: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """VUT at 13 m/s; a car at 8.5 m/s changes into its lane from the left, and the VUT brakes."""
+    braked_s = min(max(t_s - 5.0, 0.0), 2.0)
+    speed = 13.0 - 3.0 * braked_s
+    x_m = 13.0 * min(t_s, 5.0) + 13.0 * braked_s - 1.5 * braked_s**2 + 7.0 * max(t_s - 7.0, 0.0)
+    progress = min(max((t_s - 3.0) / 2.5, 0.0), 1.0)
+    y_m = LANE_M * 0.5 * (1.0 + math.cos(math.pi * progress))
+    right = LANE_M * 0.5 * math.pi / 2.5 * math.sin(math.pi * progress) if 0 < progress < 1 else 0.0
+    yaw, pace = math.atan2(-right, 8.5), math.hypot(8.5, right)
+    slowing = -3.0 if 0.0 < braked_s < 2.0 else 0.0
+    return (x_m, 0.0, 0.0, speed, slowing), (38.0 + 8.5 * t_s, y_m, yaw, pace, 0.0)
+
+
+def lanes_of(count: int) -> list[dict[str, Any]]:
+    """Lanes in the VUT's direction, from the right."""
+    return [{"y_m": LANE_M * n, "width_m": LANE_M, "direction": "forward"} for n in range(count)]
+
+
+def made_up_site(domain: str, lanes: int = 1) -> Site:
+    """One straight block."""
+    limits = {"speed_mps": 20.0, "acceleration_mps2": 6.0}
+    whole = {"block": "main", "from_s_m": 0, "to_s_m": 400, "from_l_m": -9, "to_l_m": 9}
+    return Site.model_validate(
+        {
+            "schema": "ssp.site/1",
+            "name": "made_up",
+            "description": "a straight road",
+            "domain": domain,
+            "stand_in": False,
+            "blocks": [
+                {
+                    "id": "main",
+                    "origin": {"x_m": 0.0, "y_m": 0.0, "yaw_rad": 0.0},
+                    "pieces": [{"length_m": 400.0}],
+                    "lanes": lanes_of(lanes),
+                    "road_type": "urban",
+                    "left_boundary": "kerb",
+                    "right_boundary": "kerb",
+                    "permitted": ["keep_lane"],
+                    "speed_limit_mps": 13.9,
+                }
+            ],
+            "ot_reachable": [whole],
+            "safe_stop_zones": [whole],
+            "geofence": whole,
+            "limits": limits,
+        }
+    )
+
+
+def made_up_task(site: Site, event_name: str, validated_by: dict[str, str] | None) -> Task:
+    """A task as a compiler leaves it; its run is that of run_file."""
+    version = load_event(event_name)[1]
+    links = {"event_version": version, "site_version": site_version(site)}
+    run = {**run_file(event_name, site.domain, site.stand_in), **links}
+    run["road"] = {**run["road"], "lanes": lanes_of(len(site.blocks[0].lanes))}
+    here = {"s_m": 100.0, "l_m": 0.0, "x_m": 100.0, "y_m": 0.0}
+    block = site.blocks[0].model_dump(mode="json")
+    task = Task.model_validate(
+        {
+            "schema": "ssp.task/1",
+            "target": "sumo" if site.domain == "simulation" else "track",
+            "event": {"name": event_name, "version": version},
+            "compiler": "ssp test",
+            "seed": 1,
+            "place": {"kind": "site", "name": site.name, "sha256": site_version(site)},
+            "block": {k: block[k] for k in ("id", "origin", "pieces", "lanes")}
+            | {"length_m": 400.0},
+            "chosen_by": "highest score",
+            "retrieval": [],
+            "anchors": {"vut": {"start": here, "goal": here, "conflict": here}},
+            "vut_route": [(0.0, 0.0), (400.0, 0.0)],
+            "trigger": {
+                "quantity": "relative_distance",
+                "object_id": "ot1",
+                "below": 15.0,
+                "unit": "m",
+                "expected": here,
+            },
+            "conflict_zone": [here],
+            "limits": run["limits"],
+            "geofence": run["geofence"],
+            "tunings": [],
+            "validated_by": validated_by,
+            "run": run,
+        }
+    )
+    return sealed(task)
+
+
+def write_task(
+    folder: Path,
+    domain: str = "simulation",
+    event: str = "cut_in",
+    validated_by: dict[str, str] | None = None,
+    lanes: int = 1,
+) -> Path:
+    """Writes a compiled folder without a compiler."""
+    site = made_up_site(domain, lanes)
+    task = made_up_task(site, event, validated_by)
+    write_text(folder / "task.json", task.model_dump_json(by_alias=True, indent=1))
+    write_text(folder / "site.yaml", site.model_dump_json(by_alias=True, indent=1))
+    write_text(folder / "run.yaml", task.run.model_dump_json(by_alias=True, indent=1))
+    write_text(folder / "event.yaml", find_shipped(event, "event").read_text())
+    record = {
+        "kind": "tuning", "when": "2025-03-01T09:00:00Z", "who": "ssp compile",
+        "subject": f"task {event}", "version": task.version, "reason": "middle of the range",
+    }  # fmt: skip
+    append_record(folder / "log.jsonl", Record.model_validate(record))
+    return folder
+
+
+def write_bag(
+    path: Path,
+    scenario: str = "cut_in",
+    domain: str = "simulation",
+    verdict: Verdict = Verdict.VALID,
+    reasons: tuple[str, ...] = (),
+    stand_in: bool = False,
+    frames: bool = True,
+    duration_s: float = 9.0,
+    task: Path | None = None,
+    told: bool = True,
+    like_k_star: bool = False,
+) -> Path:
+    """Writes a recorded cut-in of 9 s at 50 Hz with frames at 10 Hz; simulated time is not 0.
+
+    With a compiled folder, its files are the attachments.
+
+    Args:
+        told: write verdict.json too, as the runner does.
+        like_k_star: what the shipped cut_in asks for, rather than the simpler scene: from the left,
+            far enough ahead, and seen by a camera of 640×360 px.
+    """
+    bag = RunBag(path)
+    start_ns = LEAD_STEPS * STEP_NS
+    with bag.writer:
+        run = json.dumps(run_file(scenario, domain, stand_in)).encode()
+        if task is not None:
+            run = (task / "run.yaml").read_bytes()
+            for file in sorted(task.iterdir()):
+                if file.name != "run.yaml":
+                    bag.writer.attach(file.name, file.read_bytes(), "text/plain")
+        bag.writer.attach("run.yaml", run, "application/yaml")
+        bag.session(0, SessionPhase.ARMED, Verdict.NONE, [])
+        bag.camera(0, 640 if like_k_star else 96)
+        for k in range(LEAD_STEPS + round(duration_s * 50)):
+            stamp_ns = k * STEP_NS
+            if stamp_ns == start_ns:
+                bag.session(stamp_ns, SessionPhase.RUNNING, Verdict.NONE, [])
+            own, other = (k_star_poses if like_k_star else poses)((stamp_ns - start_ns) / 1e9)
+            vut = bag.state(stamp_ns, "vut", Role.VUT, own)
+            car = bag.state(stamp_ns, "ot1", Role.OT, other)
+            tick = bag.tick(stamp_ns, k, [car, vut])
+            bag.write("/ssp/world/tick", tick, stamp_ns)
+            bag.write("/ssp/vut/state", vut, stamp_ns)
+            if frames and k % FRAME_STEPS == 0:
+                bag.frame(stamp_ns, picture(k))
+        bag.session(k * STEP_NS, SessionPhase.FINISHED, verdict, list(reasons))
+    if told:
+        word = {"schema": "ssp.verdict/1", "verdict": verdict.name.lower()}
+        write_json(bag.writer.path / "verdict.json", {**word, "reasons": list(reasons)})
+    return bag.writer.path
+
+
+@pytest.fixture(scope="session")
+def bag_writer() -> Callable[..., Path]:
+    """write_bag, for fixtures that outlive a test."""
+    return write_bag
+
+
+@pytest.fixture(scope="session")
+def task_writer() -> Callable[..., Path]:
+    """write_task, for fixtures that outlive a test."""
+    return write_task
+
+
+@pytest.fixture
+def make_task(tmp_path: Path) -> Callable[..., Path]:
+    """write_task into the test's folder."""
+    return lambda name="compiled", **options: write_task(tmp_path / name, **options)
+
+
 @pytest.fixture
 def make_bag(tmp_path: Path) -> Callable[..., Path]:
-    """Writes a recorded cut-in of 9 s at 50 Hz with frames at 10 Hz; simulated time is not 0."""
-
-    def make(
-        name: str = "bag",
-        scenario: str = "cut_in",
-        domain: str = "simulation",
-        verdict: Verdict = Verdict.VALID,
-        reasons: tuple[str, ...] = (),
-        stand_in: bool = False,
-        frames: bool = True,
-        duration_s: float = 9.0,
-    ) -> Path:
-        bag = RunBag(tmp_path / name)
-        start_ns = LEAD_STEPS * STEP_NS
-        with bag.writer:
-            run = json.dumps(run_file(scenario, domain, stand_in)).encode()
-            bag.writer.attach("run.yaml", run, "application/yaml")
-            bag.session(0, SessionPhase.ARMED, Verdict.NONE, [])
-            bag.camera(0)
-            for k in range(LEAD_STEPS + round(duration_s * 50)):
-                stamp_ns = k * STEP_NS
-                if stamp_ns == start_ns:
-                    bag.session(stamp_ns, SessionPhase.RUNNING, Verdict.NONE, [])
-                own, other = poses((stamp_ns - start_ns) / 1e9)
-                vut = bag.state(stamp_ns, "vut", Role.VUT, own)
-                car = bag.state(stamp_ns, "ot1", Role.OT, other)
-                tick = bag.tick(stamp_ns, k, [car, vut])
-                bag.write("/ssp/world/tick", tick, stamp_ns)
-                bag.write("/ssp/vut/state", vut, stamp_ns)
-                if frames and k % FRAME_STEPS == 0:
-                    bag.frame(stamp_ns, picture(k))
-            bag.session(k * STEP_NS, SessionPhase.FINISHED, verdict, list(reasons))
-        return bag.writer.path
-
-    return make
+    """write_bag into the test's folder."""
+    return lambda name="bag", *given, **options: write_bag(tmp_path / name, *given, **options)

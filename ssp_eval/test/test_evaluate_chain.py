@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from ssp_core.errors import InputError, PeerError
+from ssp_core.hashing import sha256_file
 from ssp_core.vocab import Verdict
 from ssp_eval.evaluate.asker import (
     Asker,
@@ -129,8 +130,15 @@ def test_a_cell_s_folder_is_complete(make_bag: BagMaker, tmp_path: Path) -> None
     cell = cell_json(result)
     assert (cell["status"], cell["stand_in"], cell["labels_proposed"]) == ("ok", True, True)
     assert cell["clip"]["ego"] == "measured"
-    for name in ("bag", "labels", "task", "preprocessing", "decoding", "extractor", "thresholds"):
-        assert cell["hashes"][name].startswith("sha256:"), name
+    assert cell["task_version"] is None
+    assert cell["hashes"].pop("bag") == sha256_file(next((tmp_path / "bag").glob("*.mcap")))
+    assert cell["hashes"].pop("verdict") == sha256_file(tmp_path / "bag" / "verdict.json")
+    for name in ("labels.json", "raw.jsonl", "requests.jsonl", "records.jsonl", "score.json"):
+        found = cell["hashes"].pop(name.partition(".")[0])
+        assert found == sha256_file(result.folder / name), name
+    assert set(cell["hashes"]) == {
+        "question", "preprocessing", "decoding", "extractor", "thresholds",
+    }  # fmt: skip
     asked = [json.loads(line) for line in (result.folder / "requests.jsonl").open()]
     assert [one["request_id"] for one in asked] == [r.request_id for r in responses]
     for one in asked:
@@ -301,7 +309,7 @@ def test_a_bridge_that_died_is_seen_in_table_and_report(
     show(results, out)
     shown = capfd.readouterr()
     row = next(line for line in shown.out.splitlines() if " m " in line)
-    assert row.split()[3:6] == ["ok", "9", "2"]
+    assert row.split()[3:7] == ["ok", "unaudited", "9", "2"]
     assert "2 answers missing: bridge died" in shown.err
     assert "2 answers missing: bridge died" in write_report(out).read_text()
 

@@ -7,11 +7,14 @@ from pathlib import Path
 
 import pytest
 
+from ssp_core.bag import BagReader
 from ssp_core.cli import main
 from ssp_core.errors import InputError
+from ssp_core.files import write_json
 from ssp_eval.evaluate.asker import bridge_spec
 from ssp_eval.evaluate.cli import model_specs
 from ssp_eval.evaluate.controls import CONTROLS
+from ssp_eval.evaluate.provenance import read_provenance
 from ssp_vla_bridge.core.backend import BACKENDS
 
 BagMaker = Callable[..., Path]
@@ -57,3 +60,14 @@ def test_controls_are_bridges_of_ours() -> None:
     assert bridge_spec("perfect").options_for("f", 7) == {"labels_file": "f", "clip_start_ns": 7}
     with pytest.raises(InputError, match="not valid JSON"):
         bridge_spec("perfect={")
+
+
+def test_the_runners_verdict_holds_for_the_file_in_the_bag_too(make_bag: BagMaker) -> None:
+    bag = make_bag()
+    told = {"schema": "ssp.verdict/1", "verdict": "invalid_harness", "reasons": ["a node died"]}
+    write_json(bag / "verdict.json", told)
+    (file,) = bag.glob("*.mcap")
+    for path in (bag, file):
+        with BagReader(path) as reader:
+            facts = read_provenance(reader)
+        assert facts.refusal == "the run's verdict is invalid_harness: a node died"

@@ -169,9 +169,13 @@ def test_time_grows_in_proportion_to_the_text(unit: str) -> None:
         extract(text)
         return time.process_time() - started
 
-    small = min(seconds(1000) for _ in range(3))
-    large = min(seconds(8000) for _ in range(2))
-    assert large < 24 * small + 0.05
+    def in_proportion() -> bool:
+        small = min(seconds(1000) for _ in range(3))
+        return min(seconds(8000) for _ in range(2)) < 24 * small + 0.05
+
+    # Eight times the text; what grows with its square takes 64 times as long, however busy the
+    # machine is, and never comes through.
+    assert any(in_proportion() for _ in range(4))
 
 
 def test_two_thousand_texts_of_a_hundred_words_take_seconds() -> None:

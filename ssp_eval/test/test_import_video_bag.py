@@ -16,9 +16,10 @@ from rosbags.highlevel import AnyReader
 from ssp_core.bag import BagReader
 from ssp_core.cli import main
 from ssp_core.hashing import sha256_file
+from ssp_core.video import VideoInfo
 from ssp_eval.import_video.messages import mount_quaternion
 from ssp_eval.import_video.options import keep_every, output_size
-from ssp_eval.import_video.video import VideoInfo
+from ssp_scenario_manager.spec.log_file import read_log
 
 IMAGE = "/ssp/vut/front_camera/image/compressed"
 INFO = "/ssp/vut/front_camera/camera_info"
@@ -102,6 +103,22 @@ def test_import_json_says_what_is_known_and_what_is_not(video: Path, tmp_path: P
             "provenance": "unknown", "hfov_deg": None, "height_m": None, "pitch_down_rad": None,
         },
     }  # fmt: skip
+
+
+def test_the_source_is_entered_into_the_log(video: Path, tmp_path: Path) -> None:
+    version = "sha256:" + "1" * 64
+    facts = ("--scenario", "cut_in", "--event-version", version, "--generator", "some/1")
+    for name in ("bag", "bag.2"):
+        crop = ("--start", 1, "--end", 3)
+        assert run(video, *crop, "--ego-unknown", *facts, "--out", tmp_path / name) == 0
+        (record,) = read_log(tmp_path / f"{name}.log.jsonl")
+        assert (record.kind, record.subject, record.version) == ("source", "cut_in", version)
+        assert record.details == {
+            "generator": "some/1",
+            "original": "source.avi",
+            "sha256": sha256_file(video),
+            "crop": {"start_s": 1.0, "end_s": 3.0},
+        }
 
 
 def test_a_declared_speed_becomes_a_straight_motion(video: Path, tmp_path: Path) -> None:

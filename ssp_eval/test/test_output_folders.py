@@ -33,6 +33,7 @@ def video(tmp_path: Path) -> Path:
         ("labels", "new", "{bag}", "--out", "{out}"),
         ("evaluate", "{bag}", "--propose-labels", "--bridge", "silent", "--out", "{out}"),
         ("report", "{out}"),
+        ("run", "cut_in", "--out", "{out}"),
     ],
     ids=lambda arguments: arguments[0],
 )

@@ -13,6 +13,7 @@ from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_core.geometry import Pose2, wrap_angle
 from ssp_core.state import DEFAULT_SIZES, ObjectState
@@ -23,6 +24,10 @@ from ssp_eval.labels.geometry import Corridor, motion_word, position_word
 from ssp_eval.labels.model import Labels, labels_to_json, load_labels, parse_labels
 from ssp_eval.labels.proposal_file import is_unreviewed, sidecar, write_proposal
 from ssp_eval.labels.propose import ProposalRules, Truth, propose, response_problems
+from ssp_scenario_manager.spec.load import load_event
+from ssp_scenario_manager.spec.model import Interval
+from ssp_scenario_manager.spec.seal import seal_event
+from ssp_scenario_manager.spec.write import write_event
 
 LANE_M = 3.5
 STEP_S = 0.04
@@ -346,6 +351,40 @@ def test_command_line_from_a_truth_file(tmp_path: Path) -> None:
     assert checked["warnings"] == []
     again = CliRunner().invoke(labels_command, ["new", "--truth", str(source), "--out", str(out)])
     assert isinstance(again.exception, InputError)
+
+
+@pytest.mark.parametrize(
+    ("scenario", "more", "rule"),
+    [
+        ("cut_in", [], "TTC is under 3 s (the shipped K* cut_in)"),
+        ("cut_in", ["--event", "cut_in"], "TTC is under 3 s (K* cut_in)"),
+        ("cut_in", ["--event", "FILE"], "TTC is under 2 s (K* cut_in)"),
+        ("merge", [], "TTC is under 2.5 s or the gap between the arrivals is under 1.5 s (no K*, "
+         "the defaults: none is shipped for merge)"),
+        ("cut_in", ["--event-version", "sha256:1"], "(no K*, the defaults: the shipped cut_in is "
+         "not sha256:1)"),
+    ],
+)  # fmt: skip
+def test_whose_thresholds_hold_for_a_truth_file_is_said(
+    scenario: str, more: list[str], rule: str, tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    source, out = tmp_path / "clip.truth.json", tmp_path / "labels.json"
+    source.write_text(json.dumps({**truth_file(cut_in()), "scenario": scenario}))
+    own = tmp_path / "own.event.yaml"
+    event, _ = load_event("cut_in")
+    limits = event.constraints.thresholds.model_copy(
+        update={"ttc": Interval(min=2.0, max=2.0, unit="s")}
+    )
+    constraints = event.constraints.model_copy(update={"thresholds": limits})
+    write_event(own, seal_event(event.model_copy(update={"constraints": constraints})))
+    given = [str(own) if word == "FILE" else word for word in more]
+    assert main(["labels", "new", "--truth", str(source), "--out", str(out), *given]) == 0
+    said = " ".join(capsys.readouterr().err.split())
+    assert rule in said
+    version = load_labels(out).event_version
+    assert (version == "unknown") == (not more)
+    assert ("names a K* version" in said) == (not more)
 
 
 def test_command_line_refuses_what_is_no_truth(tmp_path: Path) -> None:

@@ -14,13 +14,16 @@ from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ssp_core.cli import main
 from ssp_core.errors import InputError
+from ssp_core.files import write_json
+from ssp_core.hashing import sha256_file
 from ssp_core.vocab import Verdict
 from ssp_eval.evaluate.asker import DirectAskers, bridge_spec
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.report.cli import report
-from ssp_eval.report.load import load_cells
+from ssp_eval.report.load import load_cells, load_requests
 from ssp_eval.report.matrix import matrix, shade
 from ssp_eval.report.page import write_report
 from ssp_eval.report.projection import overlay, project
@@ -107,8 +110,8 @@ def test_what_must_be_said_is_said(campaign: Path) -> None:
     assert "failed_safety: &lt;b&gt;fence&lt;/b&gt;" in page
     assert "<b>fence" not in page
     for cell in load_cells(campaign):
-        for digest in cell.facts["hashes"].values():
-            assert digest in page
+        for digest in cell.facts.hashes.values():
+            assert digest is None or digest in page
         if cell.score is not None:
             assert f"{cell.score.ivcs:.3f}" in page
 
@@ -149,6 +152,83 @@ def test_the_command_line(campaign: Path, tmp_path: Path) -> None:
     nothing = CliRunner().invoke(report, [str(tmp_path)])
     assert isinstance(nothing.exception, InputError)
     assert "holds no evaluated cells" in str(nothing.exception)
+
+
+WRONG: list[tuple[str, object]] = [
+    ("schema", "ssp.cell/2"),
+    ("admission", 5),
+    ("admission.status", "perhaps"),
+    ("admission.audit_sha256", 5),
+    ("status", 5),
+    ("status", "done"),
+    ("reasons", "a text"),
+    ("stand_in", "false"),
+    ("scenario", None),
+    ("clip", []),
+    ("clip.geometry.fx_px", "wide"),
+    ("answers.ignored", {}),
+    ("answers.sent", -1),
+    ("answers.missing_by_kind", {"late": "two"}),
+    ("hashes", {"bag": 5}),
+    ("preprocessing.frames", 1.5),
+    ("decoding", [1]),
+]
+
+
+def test_a_wrong_field_of_a_cell_is_named(
+    campaign: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = campaign / "cells" / "cut_in__simulation__perfect" / "cell.json"
+    good = file.read_text()
+    for path, value in WRONG:
+        facts = json.loads(good)
+        node = facts
+        *above, last = path.split(".")
+        for key in above:
+            node = node[key]
+        node[last] = value
+        file.write_text(json.dumps(facts))
+        assert main(["report", str(campaign)]) == 1, path
+        error = "".join(capsys.readouterr().err.split())
+        assert "Traceback" not in error
+        assert "cell.json" in error
+        assert path in error
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "5", "{", '{"t_s": 1}', '{"label_t_s": "x"}', '{"label_t_s": 1, "frames": [{}]}',
+        '{"label_t_s": 1, "frames": 5}', '{"label_t_s": 1, "history": [{"x_m": 1}]}',
+        '{"label_t_s": 1, "missing": 5}', '{"label_t_s": NaN}', "[" * 100000,
+    ],
+)  # fmt: skip
+def test_a_damaged_request_is_named_by_its_line(line: str, tmp_path: Path) -> None:
+    file = tmp_path / "requests.jsonl"
+    file.write_text('{"label_t_s": 1.0, "t_s": null, "missing": ""}\n' + line + "\n")
+    with pytest.raises(InputError) as caught:
+        load_requests(file)
+    assert (caught.value.file, caught.value.line) == (str(file), 2)
+
+
+def test_a_cell_of_nothing_but_its_schema_is_an_error(
+    campaign: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = campaign / "cells" / "cut_in__simulation__perfect" / "cell.json"
+    file.write_text('{"schema": "ssp.cell/1"}')
+    assert main(["report", str(campaign)]) == 1
+    assert "scenario" in capsys.readouterr().err
+
+
+def test_a_cell_of_an_earlier_version_is_unaudited(campaign: Path) -> None:
+    file = campaign / "cells" / "cut_in__simulation__perfect" / "cell.json"
+    facts = json.loads(file.read_text())
+    del facts["admission"], facts["answers"]["missing_by_kind"]
+    facts["hashes"]["verdict"] = None
+    file.write_text(json.dumps(facts))
+    cell = next(c for c in load_cells(campaign) if c.id == "cut_in__simulation__perfect")
+    assert (cell.admission, cell.audit_sha256) == ("unaudited", None)
+    write_report(campaign)
 
 
 def test_a_damaged_cell_is_named(campaign: Path) -> None:
@@ -211,3 +291,20 @@ def test_shade_goes_from_light_to_dark() -> None:
     assert shade(1.0) == "#084081"
     brightness = [int(shade(v / 10)[1:3], 16) for v in range(11)]
     assert brightness == sorted(brightness, reverse=True)
+
+
+def test_the_audits_that_cells_go_by_are_linked_where_they_lie(campaign: Path) -> None:
+    audit = campaign / "audits" / "cut_in"
+    write_json(audit / "audit.json", {"any": "audit"})
+    digest = sha256_file(audit / "audit.json")
+    for file in (campaign / "cells").glob("cut_in__*/cell.json"):
+        value = json.loads(file.read_text())
+        value["admission"] = {"status": "admitted", "audit_sha256": digest, "reasons": []}
+        write_json(file, value)
+    assert "audits/cut_in" not in write_report(campaign).read_text()  # there is no page of it
+    (audit / "audit.html").write_text("<html></html>")
+    page = write_report(campaign).read_text()
+    assert '<a href="audits/cut_in/audit.html">cut in</a>.' in page
+    assert page.count('<a href="audits/cut_in/audit.html">admitted</a>') == 2 * len(MODELS)
+    write_json(audit / "audit.json", {"another": "audit"})
+    assert "audits/cut_in" not in write_report(campaign).read_text()

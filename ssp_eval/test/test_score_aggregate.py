@@ -22,9 +22,9 @@ from ssp_eval.score.aggregate import (
 )
 
 
-def cell(scenario, domain, model, ivcs=0.5, *, paired=True, **values):
+def cell(scenario, domain, model, ivcs=0.5, *, admitted=True, **values):
     score = dict.fromkeys(METRICS, 0.0) | {"rl_s": None, "ivcs": ivcs} | values
-    return Cell(scenario, domain, model, score, paired)
+    return Cell(scenario, domain, model, score, admitted)
 
 
 CELLS = [
@@ -61,8 +61,8 @@ def test_a_null_ratio_is_left_out_and_n_says_so():
     assert means(CELLS, BY_MODEL)[("b",)]["cia_eff"] == Mean(0.5, 1)
 
 
-def test_unpaired_cells_stay_out_of_domain_means_only():
-    cells = [*CELLS, cell("vru", "physical", "a", 0.0, paired=False)]
+def test_cells_that_no_audit_admitted_stay_out_of_domain_means_only():
+    cells = [*CELLS, cell("vru", "physical", "a", 0.0, admitted=False)]
     assert means(cells, BY_DOMAIN) == means(CELLS, BY_DOMAIN)
     assert means(cells, BY_SCENARIO_DOMAIN) == means(CELLS, BY_SCENARIO_DOMAIN)
     assert means(cells, BY_MODEL)[("a",)]["ivcs"].n == 4

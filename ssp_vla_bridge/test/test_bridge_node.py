@@ -207,9 +207,8 @@ def test_overload_and_timeout_are_said(bridge, asker, make_request):
     for name in ("wait-1", "wait-2", "wait-3"):
         client.ask(make_request(name))
     client.until(lambda: len(client.answers) == 4)
-    # Whether the worker had taken the first one when the others came is a matter of timing.
+    # Which one waits depends on when the worker takes the first; at most one ever does.
     codes = {a.request_id: a.error_code for a in client.answers}
-    assert codes["wait-3"] == 3
     assert codes["sleep-4"] == 1
     assert sorted(codes.values()) in ([1, 1, 3, 3], [1, 3, 3, 3])
     client.ask(make_request("sleep-0"))

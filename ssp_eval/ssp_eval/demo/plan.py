@@ -1,17 +1,25 @@
-"""What the demonstration does, as a list of commands that a user could type."""
+"""What the demonstration does, as commands that a user could type, and which need which."""
 
 from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-SCENARIOS = ("cut_in", "vru_crossing")
-# Domain, site and seed of the recorded sessions.
-SESSIONS = (("simulation", "boulevard", 11), ("physical", "north_track", 12))
+SCENARIOS = ("cut_in", "vru_crossing", "lead_braking", "occluded_crossing")
+DEFAULT_SCENARIOS = SCENARIOS[:2]
 BRIDGES = ("constant_velocity", "opencv_baseline")
-GENERATOR = "ssp clip maker (rendered, kinematic)"
+SIMULATION_SITE, TRACK_SITE = "boulevard", "north_track"
+SIMULATION_SEED, TRACK_SEED = 11, 12
+CLIP_SEED = 1
+# As the K* of the shipped events name it: their source clips are made anew here.
+GENERATOR = "ssp-clip/1"
+
+
+def _nothing() -> tuple[str, ...]:
+    return ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,44 +27,44 @@ class Step:
     """One command of the demonstration.
 
     Args:
+        name: what others know it by.
         title: for the progress display.
         arguments: of ``ssp``; of ``python -m`` when ``module`` is set.
+        needs: names of the steps that must be done before.
+        session: it runs a session; one at a time does.
         module: a Python module to run instead of an ssp verb.
+        more: arguments that are known only when the steps before are done.
     """
 
+    name: str
     title: str
     arguments: tuple[str, ...]
+    needs: tuple[str, ...] = ()
+    session: bool = False
     module: str | None = None
+    more: Callable[[], tuple[str, ...]] = _nothing
 
     def command(self, python: str) -> list[str]:
-        if self.module is not None:
-            return [python, "-m", self.module, *self.arguments]
-        return [python, "-m", "ssp_core.cli", *self.arguments]
+        """What to run, once the steps that it needs are done."""
+        module = self.module or "ssp_core.cli"
+        return [python, "-m", module, *self.arguments, *self.more()]
 
 
-def recordings(out: Path) -> list[Path]:
-    """Folders that hold one recording (bag and labels.json) each."""
-    folders = []
-    for scenario in SCENARIOS:
-        folders.append(out / "runs" / f"{scenario}-synthetic")
-        folders += [out / "runs" / f"{scenario}-{domain}" for domain, _, _ in SESSIONS]
-    return folders
+def run_folder(out: Path, scenario: str, domain: str) -> Path:
+    """Folder of one recording: bag and labels.json, and more for a session."""
+    return out / "runs" / f"{scenario}-{domain}"
 
 
 def clip_path(out: Path, scenario: str) -> Path:
     return out / "clips" / f"{scenario}.mp4"
 
 
-def clip_steps(out: Path) -> list[Step]:
-    """Makes the synthetic clips, each with its truth file."""
-    return [
-        Step(
-            f"{scenario}: make a synthetic clip",
-            ("--scenario", scenario, "--out", str(clip_path(out, scenario))),
-            module="ssp_ot_controller.camera.clip",
-        )
-        for scenario in SCENARIOS
-    ]
+def audit_folder(out: Path, scenario: str) -> Path:
+    return out / "audits" / scenario
+
+
+def package_folder(out: Path) -> Path:
+    return out / "package"
 
 
 def declared_options(clip: Path) -> tuple[str, ...]:
@@ -75,57 +83,142 @@ def declared_options(clip: Path) -> tuple[str, ...]:
     )
 
 
-def recording_steps(
-    out: Path, event_versions: dict[str, str], declared: dict[str, tuple[str, ...]]
-) -> list[Step]:
-    """Imports and labels the clips, runs and labels the sessions.
+def steps(out: Path, versions: Mapping[str, str]) -> list[Step]:
+    """All steps; each needs only ones before it.
 
     Args:
         out: folder of the demonstration.
-        event_versions: version of each scenario, which the synthetic clips are declared to show.
-        declared: options that declare speed and camera of each scenario's clip.
+        versions: K* version of each scenario, which the synthetic clips are declared to show.
     """
-    plan: list[Step] = []
-    for scenario in SCENARIOS:
-        clip = clip_path(out, scenario)
-        folder = out / "runs" / f"{scenario}-synthetic"
-        version = ("--event-version", event_versions[scenario])
-        bag, labels = str(folder / "bag"), str(folder / "labels.json")
-        truth = str(clip.with_suffix(".truth.json"))
-        plan += [
-            Step(
-                f"{scenario}: import the clip as a bag",
-                (
-                    *("import-video", str(clip), *declared[scenario], "--scenario", scenario),
-                    *(*version, "--generator", GENERATOR, "--out", bag),
-                ),
-            ),
-            Step(
-                f"{scenario}: label the clip",
-                ("labels", "new", "--truth", truth, *version, "--out", labels),
-            ),
-        ]
-        for domain, site, seed in SESSIONS:
-            folder = out / "runs" / f"{scenario}-{domain}"
-            bag, labels = str(folder / "bag"), str(folder / "labels.json")
-            plan += [
-                Step(
-                    f"{scenario}: run the {domain} session",
-                    ("run", scenario, "--site", site, "--seed", str(seed), "--out", str(folder)),
-                ),
-                Step(
-                    f"{scenario}: label the {domain} session",
-                    ("labels", "new", bag, "--out", labels),
-                ),
-            ]
-    return plan
+    scenarios = list(versions)
+    plan = [step for scenario in scenarios for step in _simulation(out, scenario)]
+    plan += [step for name in scenarios for step in _synthetic(out, name, versions[name])]
+    plan += [step for scenario in scenarios for step in _physical(out, scenario)]
+    plan += [_audit(out, scenario) for scenario in scenarios]
+    return [*plan, *_evaluation(out, scenarios)]
 
 
-def scoring_steps(out: Path) -> list[Step]:
-    """Asks the bridges about every recording, scores the answers, writes the report."""
-    bridges = [argument for name in BRIDGES for argument in ("--bridge", name)]
-    bags = [str(folder / "bag") for folder in recordings(out)]
+def _simulation(out: Path, scenario: str) -> list[Step]:
+    folder = run_folder(out, scenario, "simulation")
     return [
-        Step("ask the bridges and score", ("evaluate", *bags, *bridges, "--out", str(out))),
-        Step("write the report", ("report", str(out))),
+        Step(
+            f"{scenario}/simulation",
+            f"{scenario}: compile and run the simulation",
+            (
+                *("run", scenario, "--site", SIMULATION_SITE),
+                *("--seed", str(SIMULATION_SEED), "--out", str(folder)),
+            ),
+            session=True,
+        ),
+        _labels(out, scenario, "simulation"),
+    ]
+
+
+def _synthetic(out: Path, scenario: str, version: str) -> list[Step]:
+    clip = clip_path(out, scenario)
+    folder = run_folder(out, scenario, "synthetic")
+    return [
+        Step(
+            f"{scenario}/clip",
+            f"{scenario}: make a synthetic clip",
+            ("--scenario", scenario, "--seed", str(CLIP_SEED), "--out", str(clip)),
+            module="ssp_ot_controller.camera.clip",
+        ),
+        Step(
+            f"{scenario}/synthetic",
+            f"{scenario}: import the clip as a bag",
+            (
+                *("import-video", str(clip), "--scenario", scenario, "--event-version", version),
+                *("--generator", GENERATOR, "--out", str(folder / "bag")),
+            ),
+            needs=(f"{scenario}/clip",),
+            more=lambda: declared_options(clip),
+        ),
+        Step(
+            f"{scenario}/synthetic/labels",
+            f"{scenario}: label the clip",
+            (
+                *("labels", "new", "--truth", str(clip.with_suffix(".truth.json"))),
+                *("--event-version", version, "--out", str(folder / "labels.json")),
+            ),
+            needs=(f"{scenario}/synthetic",),
+        ),
+    ]
+
+
+def _physical(out: Path, scenario: str) -> list[Step]:
+    task = out / "tasks" / f"{scenario}-track"
+    folder = run_folder(out, scenario, "physical")
+    simulation = run_folder(out, scenario, "simulation")
+    return [
+        Step(
+            f"{scenario}/task",
+            f"{scenario}: compile for the track",
+            (
+                *("compile", scenario, "--target", "track", "--site", TRACK_SITE),
+                *("--seed", str(TRACK_SEED), "--validated-by", str(simulation)),
+                *("--out", str(task)),
+            ),
+            needs=(f"{scenario}/simulation",),
+        ),
+        Step(
+            f"{scenario}/physical",
+            f"{scenario}: run the compiled task on the track",
+            ("run", str(task), "--out", str(folder)),
+            needs=(f"{scenario}/task",),
+            session=True,
+        ),
+        _labels(out, scenario, "physical"),
+    ]
+
+
+def _labels(out: Path, scenario: str, domain: str) -> Step:
+    folder = run_folder(out, scenario, domain)
+    return Step(
+        f"{scenario}/{domain}/labels",
+        f"{scenario}: label the {domain} session",
+        ("labels", "new", str(folder / "bag"), "--out", str(folder / "labels.json")),
+        needs=(f"{scenario}/{domain}",),
+    )
+
+
+_DOMAINS = ("synthetic", "simulation", "physical")
+
+
+def _audit(out: Path, scenario: str) -> Step:
+    recordings = (str(run_folder(out, scenario, domain)) for domain in _DOMAINS)
+    return Step(
+        f"{scenario}/audit",
+        f"{scenario}: audit the three recordings",
+        ("audit", *recordings, "--out", str(audit_folder(out, scenario))),
+        needs=tuple(f"{scenario}/{domain}/labels" for domain in _DOMAINS),
+    )
+
+
+def _evaluation(out: Path, scenarios: Sequence[str]) -> list[Step]:
+    """Asks the bridges about every recording, scores the answers, reports and packs it all."""
+    bags = [str(run_folder(out, s, d) / "bag") for s in scenarios for d in _DOMAINS]
+    audits = [word for s in scenarios for word in ("--audit", str(audit_folder(out, s)))]
+    bridges = [word for name in BRIDGES for word in ("--bridge", name)]
+    package = str(package_folder(out))
+    return [
+        Step(
+            "evaluate",
+            "ask the bridges and score",
+            ("evaluate", *bags, *audits, *bridges, "--out", str(out)),
+            needs=tuple(f"{scenario}/audit" for scenario in scenarios),
+        ),
+        Step("report", "write the report", ("report", str(out)), needs=("evaluate",)),
+        Step(
+            "package",
+            "make the evidence package",
+            ("package", "make", str(out), "--out", package),
+            needs=("report",),
+        ),
+        Step(
+            "verify",
+            "verify the evidence package",
+            ("package", "verify", package),
+            needs=("package",),
+        ),
     ]

@@ -2,40 +2,63 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from pathlib import Path
+from pathlib import Path, PurePosixPath
+from typing import TypeVar
 
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder
+from ssp_eval.evaluate.admission import NO_AUDIT, Admission
 from ssp_eval.evaluate.asker import Askers, ModelSpec
 from ssp_eval.evaluate.cell import CellOptions, CellResult, LabelledClip, evaluate_cell
 from ssp_eval.evaluate.clip import Clip
+from ssp_eval.evaluate.provenance import bag_folder
 from ssp_eval.evaluate.truth import truth_from_bag
-from ssp_eval.labels.model import Labels, load_labels
+from ssp_eval.labels.model import Labels, labels_version, load_labels
 from ssp_eval.labels.proposal_file import is_unreviewed, write_proposal
 from ssp_eval.labels.propose import propose
 from ssp_eval.score import DEFAULT
 from ssp_vla_bridge.core.adapters import check_adapter
 
+AnyPath = TypeVar("AnyPath", Path, PurePosixPath)
+
 
 def find_labels(bag: Path) -> Path | None:
-    """The labels file of a bag: inside it, beside it as ``<bag>.labels.json``, or in its folder."""
-    candidates = (
-        bag / "labels.json",
-        bag.parent / f"{bag.name}.labels.json",
-        bag.parent / "labels.json",
-    )
-    return next((path for path in candidates if path.is_file()), None)
+    """The labels file of a bag: inside it, beside it as ``<bag>.labels.json``, or in its folder.
+
+    Args:
+        bag: its folder, or an MCAP file in it.
+    """
+    return next((path for path in labels_places(bag_folder(bag)) if path.is_file()), None)
 
 
-def labelled_clip(clip: Clip, labels_path: Path | None, propose_labels: bool) -> LabelledClip:
+def labels_places(bag: AnyPath) -> tuple[AnyPath, AnyPath, AnyPath]:
+    """Where the labels of a bag may lie, in order.
+
+    Args:
+        bag: its folder, or an MCAP file that lies by itself.
+    """
+    return bag / "labels.json", _beside(bag), bag.parent / "labels.json"
+
+
+def _beside(bag: AnyPath) -> AnyPath:
+    return bag.parent / f"{bag.name}.labels.json"
+
+
+def labelled_clip(
+    clip: Clip,
+    labels_path: Path | None,
+    propose_labels: bool,
+    admission: Admission = NO_AUDIT,
+) -> LabelledClip:
     """A clip with the labels that belong to it.
 
     Args:
         clip: open.
         labels_path: given by the user; None looks beside the bag.
         propose_labels: where there are none, propose them from the recorded ground truth.
+        admission: what the audit says of the recording.
 
     Raises:
         InputError: there are none, or they belong to another clip.
@@ -44,7 +67,7 @@ def labelled_clip(clip: Clip, labels_path: Path | None, propose_labels: bool) ->
     if path is not None:
         labels = load_labels(path)
         _check_belongs(clip, labels, path)
-        labelled = LabelledClip(clip, labels, path.name, is_unreviewed(path))
+        labelled = _labelled(clip, labels, path.name, is_unreviewed(path), admission)
         if labelled.refusal is None:
             _check_span(clip, labels, path)
         return labelled
@@ -56,10 +79,17 @@ def labelled_clip(clip: Clip, labels_path: Path | None, propose_labels: bool) ->
             remedy="give --labels FILE, or --propose-labels to make them from the ground truth",
         )
     proposal = propose(truth_from_bag(clip.path))
-    target = clip.path.parent / f"{clip.path.name}.labels.json"
+    target = _beside(bag_folder(clip.path))
     make_folder(target.parent)
     write_proposal(target, proposal, source=facts.bag_sha256)
-    return LabelledClip(clip, proposal.labels, target.name, True)
+    return _labelled(clip, proposal.labels, target.name, True, admission)
+
+
+def _labelled(
+    clip: Clip, labels: Labels, source: str, proposed: bool, admission: Admission
+) -> LabelledClip:
+    held = admission.held_against(labels_version(labels), clip.provenance.verdict_sha256)
+    return LabelledClip(clip, labels, source, proposed, held)
 
 
 def _check_belongs(clip: Clip, labels: Labels, path: Path) -> None:
@@ -110,6 +140,25 @@ def check_distinct(clips: Sequence[LabelledClip]) -> None:
             )
 
 
+def _check_once(clips: Sequence[Clip]) -> None:
+    """Refuses a recording that is given twice, be it under two paths.
+
+    Raises:
+        InputError: naming both.
+    """
+    seen: dict[str, Path] = {}
+    for clip in clips:
+        digest = clip.provenance.bag_sha256
+        if digest in seen:
+            raise InputError(
+                f"is the same recording as {seen[digest]}",
+                file=clip.path,
+                value=digest,
+                remedy="give each bag once",
+            )
+        seen[digest] = clip.path
+
+
 def run_campaign(
     bags: Sequence[tuple[Path, Path | None]],
     models: Sequence[ModelSpec],
@@ -117,6 +166,7 @@ def run_campaign(
     out: Path,
     options: CellOptions,
     propose_labels: bool = False,
+    admissions: Mapping[str, Admission] | None = None,
     on_total: Callable[[int], None] = lambda _: None,
     on_record: Callable[[], None] = lambda: None,
 ) -> list[CellResult]:
@@ -129,6 +179,7 @@ def run_campaign(
         out: campaign folder.
         options: adapter and reuse.
         propose_labels: where there are no labels, propose them.
+        admissions: what audits say, by hash of the bag; a bag that isn't there is unaudited.
         on_total: told once how many label times there are.
         on_record: called once per label time and model.
 
@@ -138,10 +189,12 @@ def run_campaign(
     check_adapter(options.adapter)
     results = []
     with ExitStack() as stack:
-        clips = [
-            labelled_clip(stack.enter_context(Clip(bag)), labels, propose_labels)
-            for bag, labels in bags
-        ]
+        opened = [stack.enter_context(Clip(bag)) for bag, _ in bags]
+        _check_once(opened)
+        clips = []
+        for clip, (_, labels) in zip(opened, bags, strict=True):
+            admission = (admissions or {}).get(clip.provenance.bag_sha256, NO_AUDIT)
+            clips.append(labelled_clip(clip, labels, propose_labels, admission))
         check_distinct(clips)
         make_folder(out)
         on_total(sum(len(c.labels.labels) for c in clips) * len(models))

@@ -13,10 +13,18 @@ from ssp_core import __version__
 from ssp_core.errors import PeerError
 from ssp_core.files import write_bytes, write_json, write_text
 from ssp_core.hashing import sha256_bytes, sha256_file, sha256_json
+from ssp_eval.evaluate.admission import NO_AUDIT, Admission
 from ssp_eval.evaluate.asker import Asker, Askers, Ignored, Loss, ModelSpec
 from ssp_eval.evaluate.clip import Clip, NoQuestion, Question
 from ssp_eval.evaluate.interpret import records_of
-from ssp_eval.evaluate.store import Asked, RawStore, new_request_id, request_key
+from ssp_eval.evaluate.store import (
+    RAW_FILE,
+    REQUESTS_FILE,
+    Asked,
+    RawStore,
+    new_request_id,
+    request_key,
+)
 from ssp_eval.extract import extractor_hash
 from ssp_eval.labels.model import Labels, labels_to_json
 from ssp_eval.records import record_to_json
@@ -42,12 +50,14 @@ class LabelledClip:
         labels: of this clip.
         labels_source: where they come from, for people.
         proposed: made from privileged states and not reviewed since.
+        admission: what the audit says of the recording.
     """
 
     clip: Clip
     labels: Labels
     labels_source: str
     proposed: bool
+    admission: Admission = NO_AUDIT
 
     @property
     def name(self) -> str:
@@ -60,6 +70,8 @@ class LabelledClip:
         facts = self.clip.provenance
         if facts.refusal is not None:
             return facts.refusal
+        if self.admission.refusal is not None:
+            return self.admission.refusal
         if facts.event_version not in (None, self.labels.event_version):
             return (
                 f"the labels are for event version {self.labels.event_version}, the recording "
@@ -83,6 +95,8 @@ class CellResult:
         asked: requests that were sent.
         reused: answers that an earlier run had stored.
         losses: label times without an answer, counted by kind (asker.Loss).
+        admission: admitted, refused, unpaired or unaudited (admission.py).
+        admission_reasons: of a refusal, or why an audit of the recording doesn't hold any more.
     """
 
     folder: Path
@@ -95,6 +109,8 @@ class CellResult:
     asked: int
     reused: int
     losses: Mapping[str, int]
+    admission: str
+    admission_reasons: tuple[str, ...] = ()
 
     @property
     def missing(self) -> int:
@@ -244,6 +260,13 @@ def frame_path(out: Path, sha256: str) -> Path:
     return out / FRAMES / f"{sha256.removeprefix('sha256:')[:32]}.jpg"
 
 
+def _file_hashes(folder: Path) -> dict[str, str]:
+    """Of the files beside cell.json, so that a score can be walked back to what gave it."""
+    names = (LABELS_FILE, RAW_FILE, REQUESTS_FILE, RECORDS_FILE, SCORE_FILE)
+    there = (folder / name for name in names if (folder / name).is_file())
+    return {path.stem: sha256_file(path) for path in there}
+
+
 def _finish(
     folder: Path,
     labelled: LabelledClip,
@@ -277,6 +300,7 @@ def _finish(
         "status": status,
         "reasons": list(reasons),
         "stand_in": facts.stand_in,
+        "admission": labelled.admission.to_json(),
         "event_version": labelled.labels.event_version,
         "clip": {
             "origin": facts.origin,
@@ -286,6 +310,9 @@ def _finish(
             "camera": facts.camera,
             "geometry": None if camera is None else asdict(camera),
             "mount_forward_m": None if mount is None else mount.forward_m,
+            "mount_left_m": 0.0 if mount is None else mount.left_m,
+            "mount_yaw_left_rad": 0.0 if mount is None else mount.yaw_left_rad,
+            "mount_roll_right_rad": 0.0 if mount is None else mount.roll_right_rad,
         },
         "labels_source": labelled.labels_source,
         "labels_proposed": labelled.proposed,
@@ -300,10 +327,12 @@ def _finish(
         "decoding": [decodings[key] for key in sorted(decodings)],
         "preprocessing": asdict(preprocessing),
         "adapter": options.adapter,
+        "task_version": None if facts.run is None else facts.run.task_version,
         "hashes": {
+            **_file_hashes(folder),
             "bag": facts.bag_sha256,
-            "labels": sha256_file(folder / LABELS_FILE),
-            "task": sha256_json(asdict(labelled.clip.task)),
+            "verdict": facts.verdict_sha256,
+            "question": sha256_json(asdict(labelled.clip.task)),
             "preprocessing": preprocessing.sha256,
             "decoding": sha256_json([decodings[key] for key in sorted(decodings)]),
             "extractor": extractor_hash(),
@@ -323,4 +352,6 @@ def _finish(
         asked=len(sent),
         reused=reused,
         losses=losses,
+        admission=labelled.admission.status,
+        admission_reasons=labelled.admission.reasons,
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,13 @@ from rich.table import Table
 
 from ssp_core import console
 from ssp_core.errors import InputError
+from ssp_eval.evaluate.admission import (
+    ADMITTED,
+    REFUSED,
+    UNAUDITED,
+    Admission,
+    load_admissions,
+)
 from ssp_eval.evaluate.asker import ModelSpec, bridge_spec, check_bridge
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions, CellResult, losses_text
@@ -32,6 +39,13 @@ _COLUMNS = (("JOVR", "jovr"), ("Sem", "sem_acc_eff"), ("CIA", "cia_eff"), ("TQSR
     type=_PATH,
     multiple=True,
     help="Labels file, once per BAG in the same order. Default: beside each bag.",
+)
+@click.option(
+    "--audit",
+    "audits",
+    type=_PATH,
+    multiple=True,
+    help="Audit (audit.json or its folder); repeatable. What it refused isn't evaluated.",
 )
 @click.option("--propose-labels", is_flag=True, help="Where there are none, propose them.")
 @click.option(
@@ -56,6 +70,7 @@ _COLUMNS = (("JOVR", "jovr"), ("Sem", "sem_acc_eff"), ("CIA", "cia_eff"), ("TQSR
 def evaluate(
     bags: tuple[Path, ...],
     labels_files: tuple[Path, ...],
+    audits: tuple[Path, ...],
     propose_labels: bool,
     bridges: tuple[str, ...],
     attached: tuple[str, ...],
@@ -68,7 +83,9 @@ def evaluate(
     """Replays BAGS through VLA bridges and scores the answers.
 
     Raw answers are stored in OUT before anything interprets them; asking is not repeated for what
-    is stored. Exit status 1 when some cell has no score.
+    is stored. Recordings are looked up in the audits by the hash of their bag: a refused one isn't
+    evaluated, one that is unpaired or in no audit is scored and stays out of domain means. Exit
+    status 1 when some cell has no score, be it for a refusal.
     """
     if labels_files and len(labels_files) != len(bags):
         raise click.UsageError(
@@ -80,7 +97,13 @@ def evaluate(
     if labels_files:
         paired = list(zip(bags, labels_files, strict=True))
     results = evaluate_bags(
-        paired, models, out, CellOptions(adapter, fresh), timeout_s, propose_labels
+        paired,
+        models,
+        out,
+        CellOptions(adapter, fresh),
+        timeout_s,
+        propose_labels,
+        load_admissions(audits),
     )
     if as_json:
         for result in results:
@@ -124,6 +147,7 @@ def evaluate_bags(
     options: CellOptions,
     timeout_s: float = 60.0,
     propose_labels: bool = False,
+    admissions: Mapping[str, Admission] | None = None,
 ) -> list[CellResult]:
     """A campaign over topics with a progress bar; what the command line and the demo run.
 
@@ -134,6 +158,7 @@ def evaluate_bags(
         options: adapter and reuse.
         timeout_s: for one answer.
         propose_labels: where there are no labels, propose them.
+        admissions: what audits say, by hash of the bag.
 
     Raises:
         InputError: a bag, its labels or an option is wrong.
@@ -151,6 +176,7 @@ def evaluate_bags(
             out,
             options,
             propose_labels,
+            admissions,
             on_total=lambda total: bar.update(task, total=total),
             on_record=lambda: bar.advance(task),
         )
@@ -159,13 +185,18 @@ def evaluate_bags(
 def show(results: Sequence[CellResult], out: Path) -> None:
     """The table at the end of a campaign."""
     table = Table(box=None, pad_edge=False)
-    for name in ("scenario", "domain", "model", "status"):
+    for name in ("scenario", "domain", "model", "status", "audit"):
         table.add_column(name, no_wrap=True)
     for name in ("n", "missing", *(title for title, _ in _COLUMNS), "risk", "IVCS"):
         table.add_column(name, justify="right", no_wrap=True)
     for result in results:
         table.add_row(
-            result.scenario, result.domain, result.model, result.status, *_numbers(result)
+            result.scenario,
+            result.domain,
+            result.model,
+            result.status,
+            result.admission,
+            *_numbers(result),
         )
     # A narrow terminal or a pipe gets long lines rather than cut names.
     unbounded = console.out.options.update(max_width=_WIDEST)
@@ -177,6 +208,12 @@ def show(results: Sequence[CellResult], out: Path) -> None:
             console.note(f"{place}: {result.status}: {'; '.join(result.reasons)}")
         elif result.missing:
             console.note(f"{place}: {losses_text(result.losses)} (see cell.json)")
+        if result.admission == UNAUDITED and result.admission_reasons:
+            why = "; ".join(result.admission_reasons)
+            console.note(f"{place}: counts as unaudited, audit it again: {why}")
+    outside = sorted({r.admission for r in results} - {ADMITTED, REFUSED})
+    if outside:
+        console.note(f"{' and '.join(outside)} recordings stay out of domain means")
     console.note(f"written to {out}; `ssp report {out}` makes a page of it")
 
 
@@ -198,6 +235,8 @@ def _to_json(result: CellResult) -> dict[str, Any]:
         "domain": result.domain,
         "model": result.model,
         "status": result.status,
+        "admission": result.admission,
+        "admission_reasons": list(result.admission_reasons),
         "reasons": list(result.reasons),
         "sent": result.asked,
         "reused": result.reused,

@@ -6,7 +6,6 @@ it is built, so that the memory used doesn't grow with the recording.
 
 from __future__ import annotations
 
-import math
 from bisect import bisect_right
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
@@ -15,6 +14,7 @@ from types import TracebackType
 from typing import Any, NamedTuple, Self
 
 from ssp_core.bag import BagMessage, BagReader
+from ssp_core.camera import Mounting
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.errors import InputError
 from ssp_core.geometry import wrap_angle
@@ -57,15 +57,6 @@ class Preprocessing:
     @property
     def sha256(self) -> str:
         return sha256_json(asdict(self))
-
-
-@dataclass(frozen=True)
-class Mount:
-    """Where the camera sits on the VUT: m ahead of its reference point, m up, rad down."""
-
-    forward_m: float
-    height_m: float
-    pitch_down_rad: float
 
 
 @dataclass(frozen=True)
@@ -159,7 +150,7 @@ class Clip:
         states.sort(key=lambda entry: entry[0])
         return frames, states
 
-    def _camera(self) -> tuple[CameraGeometry | None, Mount | None]:
+    def _camera(self) -> tuple[CameraGeometry | None, Mounting | None]:
         if self.provenance.camera == "unknown":
             return None, None
         info, transform = self._first(_INFO), self._first(_MOUNT)
@@ -302,13 +293,9 @@ def _sample(state: ObjectState, origin: ObjectState) -> EgoSample:
     )
 
 
-def _mount(transform: Any) -> Mount:
-    """From the optical frame's pose: its z axis is the direction of view."""
-    q = transform.rotation
-    x, y, z, w = float(q.x), float(q.y), float(q.z), float(q.w)
-    forward, up = 2.0 * (x * z + w * y), 1.0 - 2.0 * (x * x + y * y)
-    return Mount(
-        forward_m=float(transform.translation.x),
-        height_m=float(transform.translation.z),
-        pitch_down_rad=-math.atan2(up, forward),
+def _mount(transform: Any) -> Mounting:
+    move, turn = transform.translation, transform.rotation
+    return Mounting.of_transform(
+        (float(move.x), float(move.y), float(move.z)),
+        (float(turn.x), float(turn.y), float(turn.z), float(turn.w)),
     )

@@ -9,6 +9,7 @@ from ssp_eval.evaluate.store import Asked
 from ssp_eval.extract import extract
 from ssp_eval.records import BehaviourRecord
 from ssp_vla_bridge.core.adapters import adapt
+from ssp_vla_bridge.core.response import Response
 
 
 def records_of(asked: Sequence[Asked], adapter: str) -> list[BehaviourRecord]:
@@ -23,21 +24,30 @@ def records_of(asked: Sequence[Asked], adapter: str) -> list[BehaviourRecord]:
     Raises:
         InputError: there is no such adapter.
     """
-    records = []
-    for one in asked:
-        response = one.record_from
-        if response is None or one.t_s is None:
-            continue
-        adapted = adapt(adapter, response)
-        info = asdict(adapted.info)
-        records.append(
-            BehaviourRecord(
-                t_s=one.t_s,
-                text=adapted.text,
-                slots=extract(adapted.text),
-                trajectory=adapted.trajectory,
-                invalid=adapted.invalid,
-                adapter={**info, "notes": list(adapted.info.notes)},
-            )
-        )
-    return records
+    return [
+        record_of(one.t_s, one.record_from, adapter)
+        for one in asked
+        if one.record_from is not None and one.t_s is not None
+    ]
+
+
+def record_of(t_s: float, response: Response, adapter: str) -> BehaviourRecord:
+    """The record of one raw answer; the same answer always gives the same record.
+
+    Args:
+        t_s: clip time of the newest frame that was sent.
+        response: as it came.
+        adapter: name of the adapter.
+
+    Raises:
+        InputError: there is no such adapter.
+    """
+    adapted = adapt(adapter, response)
+    return BehaviourRecord(
+        t_s=t_s,
+        text=adapted.text,
+        slots=extract(adapted.text),
+        trajectory=adapted.trajectory,
+        invalid=adapted.invalid,
+        adapter={**asdict(adapted.info), "notes": list(adapted.info.notes)},
+    )

@@ -2,26 +2,25 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
-import yaml
 from pydantic import Field
 
 from ssp_core.bag import BagReader
 from ssp_core.errors import InputError
-from ssp_core.files import parse_model, read_mapping
+from ssp_core.files import parse_mapping, parse_model
 from ssp_core.hashing import sha256_file, sha256_json
 from ssp_core.messages import stamp_ns
 from ssp_core.names import SESSION_STATE, absolute
 from ssp_core.run_spec import RunSpec, Strict
+from ssp_core.verdict import VERDICT_FILE, Told, read_verdict
 from ssp_core.vocab import SessionPhase, Verdict
 
 RUN_ATTACHMENT = "run.yaml"
 IMPORT_ATTACHMENT = "import.json"
-VERDICT_FILE = "verdict.json"
+NO_VERDICT = f"the bag holds no {VERDICT_FILE}: the runner's word on how the run ended is missing"
 # A domain is a part of a cell's folder name, and so is a scenario.
 SAFE_NAME = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"
 
@@ -72,6 +71,8 @@ class Provenance:
         camera: measured, declared, assumed or unknown.
         verdict: word of the run's verdict, None for an imported video.
         verdict_reasons: reasons of the verdict, the primary one first.
+        verdict_sha256: hash of the runner's verdict.json, which lies outside the MCAP file; None
+            where there is none.
         session_start_ns: stamp of the first RUNNING state, None for an imported video.
         run: the run file of a session.
     """
@@ -87,18 +88,37 @@ class Provenance:
     camera: str
     verdict: str | None
     verdict_reasons: tuple[str, ...]
+    verdict_sha256: str | None
     session_start_ns: int | None
     run: RunSpec | None
+
+    @property
+    def lacks_verdict(self) -> bool:
+        """True for a session of which the runner's last word is missing.
+
+        What went wrong after the session's own last word, a node that died or a bag that isn't
+        whole, stands there alone, and an invalid run must never enter a mean.
+        """
+        return self.run is not None and self.verdict_sha256 is None
 
     @property
     def refusal(self) -> str | None:
         """Why the recording can't be scored at all; None when it can."""
         if self.verdict in (None, Verdict.VALID.name.lower()):
-            return None
+            return NO_VERDICT if self.lacks_verdict else None
         if self.verdict == Verdict.NONE.name.lower():
             return "the recording ends before the run got a verdict"
         why = "; ".join(self.verdict_reasons) or "no reason was recorded"
         return f"the run's verdict is {self.verdict}: {why}"
+
+
+def bag_folder(bag: Path) -> Path:
+    """The folder that a bag is, also where somebody named an MCAP file in it.
+
+    Args:
+        bag: the folder, an MCAP file in it, or one that lies by itself, which is its own answer.
+    """
+    return bag.parent if (bag.parent / "metadata.yaml").is_file() and bag.is_file() else bag
 
 
 def read_provenance(bag: BagReader) -> Provenance:
@@ -121,55 +141,39 @@ def read_provenance(bag: BagReader) -> Provenance:
     )
 
 
-def _runner_verdict(bag: Path) -> tuple[Verdict, tuple[str, ...]] | None:
-    """Verdict and reasons that ``ssp run`` left in the bag's folder, None where it left none.
+def _told_verdict(bag: Path) -> tuple[Told, str] | None:
+    """What lies in the bag's folder on how the run ended, and the file's hash; or None.
+
+    Args:
+        bag: the folder, or an MCAP file in it.
 
     Raises:
-        InputError: the file is not what the runner writes.
+        InputError: the file is no verdict.
     """
-    file = bag / VERDICT_FILE
-    if not file.is_file():
-        return None
-    value = read_mapping(file)
-    words = {v.name.lower(): v for v in Verdict}
-    reasons = value.get("reasons")
-    if (
-        value.get("schema") != "ssp.verdict/1"
-        or value.get("verdict") not in words
-        or not isinstance(reasons, list)
-    ):
-        raise InputError(
-            "is no verdict of a run",
-            file=file,
-            value=value,
-            remedy="it is written by `ssp run`; record the run again",
-        )
-    return words[value["verdict"]], tuple(str(reason) for reason in reasons)
+    folder = bag if bag.is_dir() else bag.parent
+    told = read_verdict(folder)
+    return None if told is None else (told, sha256_file(folder / VERDICT_FILE))
 
 
 def _session(bag: BagReader, digest: str, data: bytes) -> Provenance:
     place = f"{bag.path}:{RUN_ATTACHMENT}"
-    try:
-        value = yaml.safe_load(data)
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise InputError(f"is no YAML: {error}", file=place) from error
-    run = parse_model(RunSpec, value, place)
+    run = parse_model(RunSpec, parse_mapping(data, place), place)
     topic = absolute(SESSION_STATE)
     states = [bag.decode(message) for message in bag.messages([topic])]
     running = [stamp_ns(s.header.stamp) for s in states if s.state == SessionPhase.RUNNING]
     verdict = Verdict(states[-1].verdict) if states else Verdict.NONE
     reasons = tuple(str(reason) for reason in states[-1].reasons) if states else ()
-    told = _runner_verdict(bag.path)
-    if told is not None and told[0] is not Verdict.VALID:
-        # What went wrong after the session's last word is known to the runner alone.
-        verdict = told[0] if verdict in (Verdict.VALID, Verdict.NONE) else verdict
-        reasons = tuple(dict.fromkeys((*reasons, *told[1])))
+    told = _told_verdict(bag.path)
+    if told is not None and told[0].verdict is not Verdict.VALID:
+        # What went wrong after the session's last word is known to runner and recorder alone.
+        verdict = told[0].verdict if verdict in (Verdict.VALID, Verdict.NONE) else verdict
+        reasons = tuple(dict.fromkeys((*reasons, *told[0].reasons)))
     if not running:
         # Without a start there is no clip time; the verdict says why there was none.
         verdict = verdict if verdict is not Verdict.VALID else Verdict.INVALID_HARNESS
         reasons = (*reasons, "the session never reached RUNNING")
     return Provenance(
-        name=bag.path.name,
+        name=bag_folder(bag.path).name,
         bag_sha256=digest,
         scenario=run.scenario,
         domain=run.domain,
@@ -180,21 +184,22 @@ def _session(bag: BagReader, digest: str, data: bytes) -> Provenance:
         camera="measured",
         verdict=verdict.name.lower(),
         verdict_reasons=reasons,
+        verdict_sha256=None if told is None else told[1],
         session_start_ns=min(running, default=None),
         run=run,
     )
 
 
+def _seconds(value: object) -> str:
+    return f"{value:.6g}" if isinstance(value, int | float) else str(value)
+
+
 def _imported(bag: BagReader, digest: str, data: bytes) -> Provenance:
     place = f"{bag.path}:{IMPORT_ATTACHMENT}"
-    try:
-        value = json.loads(data)
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"is no JSON: {error}", file=place) from error
-    video = parse_model(ImportedVideo, value, place)
-    crop = f"{video.crop.get('start_s')} to {video.crop.get('end_s')} s"
+    video = parse_model(ImportedVideo, parse_mapping(data, place), place)
+    crop = " to ".join(_seconds(video.crop.get(key)) for key in ("start_s", "end_s")) + " s"
     return Provenance(
-        name=bag.path.name,
+        name=bag_folder(bag.path).name,
         bag_sha256=digest,
         scenario=video.scenario,
         domain=video.domain,
@@ -205,6 +210,7 @@ def _imported(bag: BagReader, digest: str, data: bytes) -> Provenance:
         camera=video.camera.provenance,
         verdict=None,
         verdict_reasons=(),
+        verdict_sha256=None,
         session_start_ns=None,
         run=None,
     )

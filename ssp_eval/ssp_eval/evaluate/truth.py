@@ -18,13 +18,17 @@ from ssp_core.bag import BagReader
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.errors import InputError
 from ssp_core.files import parse_model, read_text
+from ssp_core.interaction import Observable
 from ssp_core.messages import object_state, peek_stamp_ns, stamp_ns
 from ssp_core.names import CAMERA_IMAGE, VUT_ID, WORLD_TICK, absolute
-from ssp_core.run_spec import Strict
+from ssp_core.run_spec import ConflictThresholds, Strict
 from ssp_core.state import ObjectState, Size
 from ssp_core.vocab import ObjectClass, Role
 from ssp_eval.evaluate.provenance import read_provenance
 from ssp_eval.labels.propose import Truth
+from ssp_scenario_manager.interactions import KINDS
+from ssp_scenario_manager.spec.load import load_event
+from ssp_scenario_manager.spec.model import Event, Interval
 
 _TICK = absolute(WORLD_TICK)
 _IMAGE = absolute(CAMERA_IMAGE)
@@ -80,6 +84,8 @@ def truth_from_bag(path: str | Path) -> Truth:
         source=str(path),
         hfov_rad=None if run.camera is None else math.radians(run.camera.hfov_deg),
         thresholds=run.thresholds,
+        observable=run.observable,
+        rules_of="the recorded run",
     )
 
 
@@ -140,7 +146,10 @@ class TruthFile(Strict):
 
 
 def truth_from_file(
-    path: str | Path, domain: str | None = None, event_version: str | None = None
+    path: str | Path,
+    domain: str | None = None,
+    event_version: str | None = None,
+    event: Event | None = None,
 ) -> Truth:
     """Ground truth that a clip's maker wrote beside it, in the clip's own time.
 
@@ -148,6 +157,8 @@ def truth_from_file(
         path: the truth file.
         domain: of the clip, where it isn't the one that the file names (METHOD 5.2).
         event_version: K* version, where the file names none.
+        event: the K*, for its thresholds and what it makes observable. Where it isn't given, the
+            shipped K* of this scenario is taken, unless another version is named.
 
     Raises:
         InputError: it is not valid, or the frames' times don't rise.
@@ -164,10 +175,14 @@ def truth_from_file(
     series = [(f.t_s, [_object(o, f.t_s, path) for o in f.objects]) for f in found.frames]
     first = series[0][1]
     targets = tuple(state.object_id for state in first if state.role is Role.OT)
+    version = found.event_version or event_version or UNKNOWN_VERSION
+    rules_of = "" if event is None else f"K* {event.name}"
+    if event is None:
+        event, rules_of = _shipped_event(found.scenario, version)
     return Truth(
         scenario=found.scenario,
         domain=domain or found.domain,
-        event_version=found.event_version or event_version or UNKNOWN_VERSION,
+        event_version=version,
         start_s=series[0][0],
         end_s=series[-1][0],
         vut_id=next((s.object_id for s in first if s.role is Role.VUT), VUT_ID),
@@ -175,7 +190,40 @@ def truth_from_file(
         series=series,
         source=str(path),
         hfov_rad=None if found.camera.hfov_deg is None else math.radians(found.camera.hfov_deg),
+        thresholds=ConflictThresholds() if event is None else event_thresholds(event),
+        observable=None if event is None else event_observable(event),
+        rules_of=rules_of,
     )
+
+
+def _shipped_event(scenario: str, version: str) -> tuple[Event | None, str]:
+    """The shipped K* of a scenario, None: it is none of this version; and whose rules hold."""
+    try:
+        event, found = load_event(scenario)
+    except InputError:
+        return None, f"no K*, the defaults: none is shipped for {scenario}"
+    if version not in (found, UNKNOWN_VERSION):
+        return None, f"no K*, the defaults: the shipped {scenario} is not {version}"
+    return event, f"the shipped K* {event.name}"
+
+
+def event_thresholds(event: Event) -> ConflictThresholds:
+    """A K*'s thresholds of the conflict (METHOD 1), in s; an interval counts with its middle."""
+    limits = event.constraints.thresholds
+    return ConflictThresholds(ttc_s=_middle(limits.ttc), arrival_gap_s=_middle(limits.arrival_gap))
+
+
+def _middle(interval: Interval | None) -> float | None:
+    if interval is None:
+        return None
+    ends = [end for end in (interval.min, interval.max) if end is not None]
+    return sum(ends) / len(ends) if ends else None
+
+
+def event_observable(event: Event) -> Observable | None:
+    """What makes the manoeuvre of a K*'s kind of interaction observable, None: no such kind."""
+    kind = KINDS.get(event.interaction.type)
+    return None if kind is None else kind.observable
 
 
 def _object(found: TruthObject, t_s: float, path: str | Path) -> ObjectState:

@@ -11,37 +11,14 @@ from pathlib import Path
 import click
 
 from ssp_core.console import note, out, progress
+from ssp_core.options import Number
 from ssp_core.vocab import DOMAINS
 from ssp_eval.import_video.importer import ImportSummary, import_clip
-from ssp_eval.import_video.options import CameraFacts, ImportOptions
+from ssp_eval.import_video.options import CameraFacts, ImportOptions, source_log_entry
+from ssp_scenario_manager.spec.log_file import append_record, utc_now
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 VERSION = re.compile(r"sha256:[0-9a-f]{64}")
-
-
-class Number(click.ParamType[float]):
-    """A finite number within limits; click's own range lets nan through."""
-
-    name = "number"
-
-    def __init__(
-        self, low: float = -math.inf, high: float = math.inf, low_open: bool = False
-    ) -> None:
-        self._low, self._high, self._low_open = low, high, low_open
-
-    def convert(
-        self, value: object, param: click.Parameter | None, ctx: click.Context | None
-    ) -> float:
-        try:
-            number = float(str(value))
-        except ValueError:
-            number = math.nan
-        too_low = number <= self._low if self._low_open else number < self._low
-        if not math.isfinite(number) or too_low or number > self._high:
-            limits = f"{'above' if self._low_open else 'from'} {self._low:g}"
-            limits += f" up to {self._high:g}" if math.isfinite(self._high) else ""
-            self.fail(f"{value!r} is no number {limits}", param, ctx)
-        return number
 
 
 def _matching(
@@ -114,6 +91,7 @@ def import_video(
 
     A video doesn't tell how fast its camera moved: state the speed with --ego-speed (recorded as
     declared), or say --ego-unknown. Times in the bag count from the first frame of the crop.
+    Where the video comes from is entered into log L, <bag>.log.jsonl.
     """
     if (ego_speed is None) != ego_unknown:
         raise click.UsageError(
@@ -139,6 +117,8 @@ def import_video(
     with progress("importing", None) as bar:
         task = bar.task_ids[0]
         summary = import_clip(options, lambda count: bar.advance(task, count))
+    log = summary.bag.with_name(f"{summary.bag.name}.log.jsonl")
+    append_record(log, source_log_entry(summary.record, utc_now()))
     if json_:
         click.echo(json.dumps(_as_json(summary), indent=1))
         return

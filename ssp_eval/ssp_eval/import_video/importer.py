@@ -20,6 +20,7 @@ from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder
 from ssp_core.hashing import sha256_file
+from ssp_core.video import Video
 from ssp_eval.import_video import messages
 from ssp_eval.import_video.options import (
     ATTACHMENT,
@@ -28,7 +29,6 @@ from ssp_eval.import_video.options import (
     keep_every,
     output_size,
 )
-from ssp_eval.import_video.video import Video
 
 JPEG_QUALITY = 90
 STATE_STEP_NS = 20_000_000

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from ssp_eval.import_video.video import VideoInfo
+from ssp_core.video import VideoInfo
+from ssp_scenario_manager.spec.log import Record
 
 SCHEMA = "ssp.import/1"
 ATTACHMENT = "import.json"
@@ -129,3 +131,26 @@ def import_record(
             "pitch_down_rad": options.camera.pitch_down_rad,
         },
     }
+
+
+def source_log_entry(record: Mapping[str, Any], when: str) -> Record:
+    """What log L keeps of the source: hash, generator, original and crop (METHOD 1).
+
+    Args:
+        record: the content of import.json.
+        when: ISO 8601, UTC.
+    """
+    return Record(
+        kind="source",
+        when=when,
+        who="ssp import-video",
+        subject=record["scenario"] or record["source"]["name"],
+        version=record["event_version"],
+        reason="imported as a bag",
+        details={
+            "generator": record["generator"],
+            "original": record["source"]["name"],
+            "sha256": record["source"]["sha256"],
+            "crop": record["crop"],
+        },
+    )

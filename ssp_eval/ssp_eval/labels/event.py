@@ -6,9 +6,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from ssp_core.geometry import Polyline
-from ssp_core.interaction import OBSERVABLE_LATERAL_MPS, Encounter, encounter, is_conflict
+from ssp_core.interaction import (
+    Encounter,
+    Observable,
+    encounter,
+    is_conflict,
+    is_observable,
+)
 from ssp_core.run_spec import ConflictThresholds
 from ssp_core.state import ObjectState
+
+# "Staying so" for a lead vehicle that brakes: it has no corridor to arrive in.
+BRAKING_HOLD_S = 0.2
 
 
 @dataclass(frozen=True)
@@ -18,7 +27,8 @@ class Event:
     Args:
         object_id: the OT.
         trigger_s: its manoeuvre becomes observable.
-        arrival_s: its first overlap with the VUT's corridor.
+        arrival_s: its first overlap with the VUT's corridor; of a lead vehicle, which is in it all
+            the time, the trigger.
         conflict_s: TTC or arrival gap falls under its threshold; None: it never does.
         resolution_s: neither is under it from here on; None: not within the clip.
     """
@@ -61,30 +71,48 @@ def samples_of(
 
 
 def find_event(
-    samples: Sequence[Sample], path: Polyline, thresholds: ConflictThresholds
+    samples: Sequence[Sample],
+    path: Polyline,
+    thresholds: ConflictThresholds,
+    observable: Observable = "lateral",
+    harmless: bool = False,
 ) -> Event | None:
-    """The event of one OT, None when it never enters the VUT's corridor from the side.
+    """The event of one OT, None when its manoeuvre never becomes observable.
 
-    With the whole clip at hand, "staying so" means until the OT is in the corridor, and "for good"
-    means to the end of the clip.
+    With the whole clip at hand, "staying so" means until the OT is in the corridor, or for a lead
+    vehicle at least BRAKING_HOLD_S, and "for good" means to the end of the clip.
 
     Args:
         samples: in time order.
         path: of the VUT over the whole clip.
         thresholds: when a conflict begins.
+        observable: ``lateral``: the OT enters the VUT's corridor from the side, ahead of the VUT
+            or, where it never does that, behind it; ``braking``: it brakes in the corridor ahead.
+        harmless: an entry behind the VUT is an event without a conflict, too.
     """
     meetings = [encounter(s.vut, s.other, path) for s in samples]
-    arrival = _arrival(samples, meetings)
-    if arrival is None:
-        return None
-    trigger = arrival
-    while trigger > 0 and meetings[trigger - 1].towards_mps > OBSERVABLE_LATERAL_MPS:
-        trigger -= 1
+    if observable == "lateral":
+        ahead, behind = _arrivals(samples, meetings)
+        arrival = behind if ahead is None else ahead
+        if arrival is None:
+            return None
+        trigger = arrival
+        while trigger > 0 and is_observable(
+            "lateral", meetings[trigger - 1], samples[trigger - 1].other
+        ):
+            trigger -= 1
+    else:
+        found = _braking(samples, meetings)
+        if found is None:
+            return None
+        trigger = arrival = ahead = found
     under = [
         i
         for i in range(trigger + 1, len(samples))
         if is_conflict(meetings[i], thresholds.ttc_s, thresholds.arrival_gap_s)
     ]
+    if ahead is None and not under and not harmless:
+        return None
     ends = bool(under) and under[-1] + 1 < len(samples)
     return Event(
         object_id=samples[0].other.object_id,
@@ -95,10 +123,30 @@ def find_event(
     )
 
 
-def _arrival(samples: Sequence[Sample], meetings: Sequence[Encounter]) -> int | None:
-    """Index of the first overlap with the corridor, ahead of the VUT, that has a beginning."""
+def _arrivals(
+    samples: Sequence[Sample], meetings: Sequence[Encounter]
+) -> tuple[int | None, int | None]:
+    """Indices of the first overlaps with the corridor that have a beginning: ahead of the VUT, and
+    behind its front."""
+    ahead = behind = None
     for i in range(1, len(samples)):
-        entered = meetings[i].in_corridor and not meetings[i - 1].in_corridor
-        if entered and meetings[i].gap_m > -samples[i].other.size.length_m:
-            return i
+        if meetings[i].in_corridor and not meetings[i - 1].in_corridor:
+            if meetings[i].gap_m > -samples[i].other.size.length_m:
+                ahead = i if ahead is None else ahead
+            else:
+                behind = i if behind is None else behind
+    return ahead, behind
+
+
+def _braking(samples: Sequence[Sample], meetings: Sequence[Encounter]) -> int | None:
+    """Index at which an object ahead in the corridor begins to brake, and goes on doing so."""
+    start: int | None = None
+    for i, (sample, meeting) in enumerate(zip(samples, meetings, strict=True)):
+        if meeting.gap_m < 0.0 or not is_observable("braking", meeting, sample.other):
+            start = None
+            continue
+        if start is None:
+            start = i
+        if sample.t_s - samples[start].t_s >= BRAKING_HOLD_S - 1e-9:
+            return start
     return None

@@ -11,16 +11,22 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from ssp_core.geometry import Polyline, Pose2, wrap_angle
-from ssp_core.interaction import CORRIDOR_MARGIN_M, OBSERVABLE_LATERAL_MPS
+from ssp_core.interaction import (
+    AGAINST_RAD,
+    OBSERVABLE_LATERAL_MPS,
+    corridor_half_m,
+    is_crossing,
+)
 from ssp_core.state import ObjectState
 from ssp_core.vocab import ObjectClass
+from ssp_eval.sight import MIN_SHARE, clear_share
 
 _EXTENSION_M = 500.0
 _POINT_SPACING_M = 0.5
-# A direction between these two angles to the path crosses it.
-_ALONG_RAD = math.radians(45.0)
-_AGAINST_RAD = math.radians(135.0)
+_EYE_HEIGHT_M = 1.45
 # Seen from the VUT's front, an object this far to the side is beside it rather than ahead.
 _BESIDE_RAD = math.radians(60.0)
 
@@ -78,7 +84,7 @@ class Corridor:
         points.insert(0, vut[0].pose.to_parent(-_EXTENSION_M, 0.0))
         end = Pose2(*points[-1], vut[-1].yaw_rad)
         points.append(end.to_parent(_EXTENSION_M, 0.0))
-        return cls(Polyline(points), vut[0].size.width_m / 2.0 + CORRIDOR_MARGIN_M)
+        return cls(Polyline(points), corridor_half_m(vut[0].size.width_m))
 
     def extent(self, state: ObjectState) -> Extent:
         """What an object's box covers."""
@@ -142,9 +148,9 @@ def motion_word(
         return "stationary"
     along_mps, left_mps = corridor.velocity(other)
     direction_rad = abs(math.atan2(left_mps, along_mps))
-    if direction_rad > _AGAINST_RAD:
+    if direction_rad > AGAINST_RAD:
         return "oncoming"
-    if direction_rad > _ALONG_RAD:
+    if is_crossing(direction_rad):
         return "crossing_from_right" if left_mps > 0 else "crossing_from_left"
     extent = corridor.extent(other)
     offset_m = (extent.l_min_m + extent.l_max_m) / 2.0
@@ -161,12 +167,32 @@ def motion_word(
     return "same_direction"
 
 
+def _eye(vut: ObjectState) -> Pose2:
+    """Where a forward camera sits as a rule: half-way to the front."""
+    return Pose2(*vut.pose.to_parent(vut.size.front_m / 2.0, 0.0), vut.yaw_rad)
+
+
+def is_hidden(vut: ObjectState, other: ObjectState, obstacles: Sequence[ObjectState]) -> bool:
+    """True when obstacles hide an object from the VUT's camera, but for less than a quarter of it.
+
+    Args:
+        vut: with the camera.
+        other: that is looked at.
+        obstacles: neither the VUT nor that object.
+    """
+    if not obstacles:
+        return False
+    eye = _eye(vut)
+    eye_m = np.array([eye.x_m, eye.y_m, _EYE_HEIGHT_M])
+    return clear_share(eye_m, other, obstacles) < MIN_SHARE
+
+
 def in_view(vut: ObjectState, other: ObjectState, hfov_rad: float, range_m: float) -> bool:
     """True when some corner of an object lies in the forward camera's field and range.
 
-    Occlusion by others is not looked at.
+    Occlusion by others is another question: is_hidden.
     """
-    eye = Pose2(*vut.pose.to_parent(vut.size.front_m / 2.0, 0.0), vut.yaw_rad)
+    eye = _eye(vut)
     for x_m, y_m in [*other.box.corners(), (other.x_m, other.y_m)]:
         ahead_m, left_m = eye.to_local(x_m, y_m)
         inside = ahead_m > 0 and abs(math.atan2(left_m, ahead_m)) <= hfov_rad / 2.0

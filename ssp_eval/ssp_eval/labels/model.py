@@ -9,6 +9,7 @@ from typing import Any
 
 from ssp_core.errors import InputError
 from ssp_core.files import read_mapping, read_text
+from ssp_core.hashing import sha256_json
 from ssp_core.vocab import (
     CONFLICTS,
     DOMAINS,
@@ -20,9 +21,8 @@ from ssp_core.vocab import (
     POSITIONS,
 )
 from ssp_eval import strict
+from ssp_eval.labels.template import FILL_IN, SCHEMA, unfilled
 from ssp_eval.strict import Place
-
-SCHEMA = "ssp.labels/1"
 
 _KEYS = (
     "schema",
@@ -137,11 +137,13 @@ def parse_labels(value: object, file: str | Path) -> Labels:
     Raises:
         InputError: the first thing that is wrong, with its field path (METHOD 5.6): unknown
             schema, missing or unknown keys, a value outside its vocabulary or of the wrong type,
-            times that don't rise, an empty action set, no labels, no risk onset.
+            times that don't rise, an empty action set, no labels, no risk onset; or it is a
+            template that isn't filled in.
     """
     place = Place(file)
     found = strict.mapping(value, place, _KEYS)
     strict.choice(found["schema"], place.at("schema"), (SCHEMA,))
+    _refuse_template(found, file)
     risk = found["risk_time_s"]
     result = Labels(
         scenario=_name(found["scenario"], place.at("scenario")),
@@ -159,6 +161,17 @@ def parse_labels(value: object, file: str | Path) -> Labels:
             remedy="a labels file must say when the risk begins, in one way or the other",
         )
     return result
+
+
+def _refuse_template(value: object, file: str | Path) -> None:
+    waiting = unfilled(value)
+    if waiting:
+        raise InputError(
+            FILL_IN,
+            file=file,
+            field=waiting[0],
+            remedy=f"{len(waiting)} fields are empty; `ssp labels sheet` shows the frames",
+        )
 
 
 def _labels(value: object, place: Place) -> tuple[Label, ...]:
@@ -222,6 +235,11 @@ def labels_to_json(labels: Labels) -> dict[str, Any]:
         "first_frame_dynamics": labels.first_frame_dynamics,
         "labels": [_label_json(label) for label in labels.labels],
     }
+
+
+def labels_version(labels: Labels) -> str:
+    """Hash of what labels say, however their file is written."""
+    return sha256_json(labels_to_json(labels))
 
 
 def _label_json(label: Label) -> dict[str, Any]:

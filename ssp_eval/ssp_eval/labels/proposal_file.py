@@ -3,20 +3,26 @@
 The schema of labels is closed, so the mark stands in a sidecar: ``labels.proposal.json`` beside
 ``labels.json`` names the hash of the file that was proposed, the phases that were measured, and
 the source. Labels whose hash the sidecar still names are unreviewed; whoever reviews them edits
-them, or removes the sidecar.
+them, removes the sidecar, or goes through them with ``ssp spec review``. While such a review goes
+on, the sidecar lists what was decided so far, and the labels stay unreviewed until all of it is.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
+from ssp_core.errors import InputError
 from ssp_core.files import read_mapping, write_json
 from ssp_core.hashing import sha256_file
-from ssp_eval.labels.model import labels_to_json
+from ssp_eval.labels.model import Labels, labels_to_json
 from ssp_eval.labels.propose import Proposal
 
 SCHEMA = "ssp.proposal/1"
+# Key of the sidecar of labels that are under review: the fields that were decided.
+_DECIDED = "decided"
 
 
 def sidecar(labels: Path) -> Path:
@@ -43,7 +49,7 @@ def write_proposal(path: Path, proposal: Proposal, source: str) -> None:
 
 
 def is_unreviewed(path: Path) -> bool:
-    """True for labels that stand as they were proposed.
+    """True for labels that stand as they were proposed, or whose review isn't finished.
 
     Raises:
         InputError: the sidecar can't be read.
@@ -51,4 +57,40 @@ def is_unreviewed(path: Path) -> bool:
     mark = sidecar(path)
     if not mark.is_file():
         return False
-    return read_mapping(mark).get("labels_sha256") == sha256_file(path)
+    value = read_mapping(mark)
+    return _DECIDED in value or value.get("labels_sha256") == sha256_file(path)
+
+
+def decided_fields(path: Path) -> frozenset[str]:
+    """Fields that an unfinished review has decided, such as ``labels[3]``.
+
+    Raises:
+        InputError: the sidecar can't be read.
+    """
+    value = read_mapping(sidecar(path)).get(_DECIDED, [])
+    if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
+        raise InputError(
+            "must be a list of fields", file=sidecar(path), field=_DECIDED, value=value
+        )
+    return frozenset(value)
+
+
+def write_decided(path: Path, labels: Labels, decided: Iterable[str]) -> None:
+    """Writes labels under review; the mark first, so that they never look reviewed before they are.
+
+    Args:
+        path: the labels file, with a sidecar.
+        labels: as decided so far.
+        decided: fields that are.
+    """
+    mark: dict[str, Any] = read_mapping(sidecar(path))
+    mark[_DECIDED] = sorted(decided)
+    write_json(sidecar(path), mark)
+    write_json(path, labels_to_json(labels))
+    mark["labels_sha256"] = sha256_file(path)
+    write_json(sidecar(path), mark)
+
+
+def confirm(path: Path) -> None:
+    """Takes the mark off: a person has decided every label."""
+    sidecar(path).unlink(missing_ok=True)

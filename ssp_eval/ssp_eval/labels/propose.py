@@ -6,11 +6,15 @@ The rules, per label time (METHOD 1 and 5.1, geometry in the VUT's frame):
 slot              proposed value
 ================  ===============================================================================
 phase             by the event times measured after METHOD 1
-risk_visible      from the start of the trigger phase on: the manoeuvre is observable
-risk_time_s       start of the trigger phase
-objects           classes of the OTs in the camera's view; null when none is in view
-position, motion  of the critical OT (geometry.py); null when it is out of view
-conflict          approach no_conflict, trigger potential, conflict active, resolution resolved
+risk_time_s       start of the trigger phase; where something hides the critical OT then, the first
+                  instant from which it can be seen
+risk_visible      from risk_time_s on
+objects           classes of the OTs that can be seen and matter; null when there is none. An OT
+                  that stands all the time and has no event of its own matters only while it hides
+                  the critical one
+position, motion  of the critical OT (geometry.py); null when it is hidden or out of view
+conflict          approach no_conflict, trigger potential, conflict active, resolution resolved;
+                  null where the critical OT is hidden in the trigger or conflict phase
 lon_actions       no_conflict: maintain; and accelerate where the VUT itself speeds up over the
                   next second, stop where it stands. potential: maintain, decelerate. active:
                   decelerate, stop. resolved: maintain, accelerate, decelerate, and stop where the
@@ -19,9 +23,13 @@ lat_actions       straight; and left or right where the VUT's own lane bends tha
                   the threshold of METHOD 6.6 within a second
 ================  ===============================================================================
 
-What the VUT "itself does" is measured as METHOD 6.6 reads a trajectory, from its states at 0, 0.5
-and 1.0 s. It widens the admissible set only where there is no conflict: what a driver did in a
-conflict says nothing about what was right.
+The event is that of the OT whose conflict starts first. What makes its manoeuvre observable, and
+the thresholds of the conflict, are those of the run or of the K*; where nobody says, entering from
+the side, else braking ahead. "Can be seen" means in the camera's field and range, with a quarter of
+its outline free of other objects (sight.py). What the VUT "itself does" is
+measured as METHOD 6.6 reads a trajectory, from its states at 0, 0.5 and 1.0 s. It widens the
+admissible set only where there is no conflict: what a driver did in a conflict says nothing about
+what was right.
 """
 
 from __future__ import annotations
@@ -34,6 +42,7 @@ from itertools import pairwise
 
 from ssp_core.clock import seconds_to_ns
 from ssp_core.errors import InputError
+from ssp_core.interaction import Observable
 from ssp_core.run_spec import ConflictThresholds
 from ssp_core.state import ObjectState
 from ssp_core.vocab import LON_ACTIONS
@@ -43,6 +52,7 @@ from ssp_eval.labels.geometry import (
     Corridor,
     MotionThresholds,
     in_view,
+    is_hidden,
     motion_word,
     position_word,
 )
@@ -101,6 +111,8 @@ class Truth:
         source: the file, for messages.
         hfov_rad: of the forward camera, None: not known.
         thresholds: the event's own, where its K* or its run gives them.
+        observable: what makes the manoeuvre observable, None: not known.
+        rules_of: whose thresholds and observable these are, for people.
     """
 
     scenario: str
@@ -114,6 +126,8 @@ class Truth:
     source: str
     hfov_rad: float | None = None
     thresholds: ConflictThresholds = field(default_factory=ConflictThresholds)
+    observable: Observable | None = None
+    rules_of: str = "no K*, the defaults"
 
 
 @dataclass(frozen=True)
@@ -145,16 +159,18 @@ def propose(truth: Truth, rules: ProposalRules = DEFAULT_RULES) -> Proposal:
     event = _critical_event(truth, series, corridor)
     times_s = label_times(truth.start_s, truth.end_s, event, rules, truth.source)
     ticks_s = [t_s for t_s, _ in series]
+    scene = _Scene(truth, rules, event, corridor, _standing(truth, series, event, rules))
+    risk_s = scene.risk_s(series)
     labels = []
     for t_s in times_s:
         now = series[max(0, bisect_right(ticks_s, t_s + _TOLERANCE_S) - 1)][1]
         own = _own_motion(series, ticks_s, truth.vut_id, t_s)
-        labels.append(_label(t_s, now, truth, event, corridor, rules, own))
+        labels.append(_label(t_s, now, scene, risk_s, own))
     result = Labels(
         scenario=truth.scenario,
         domain=truth.domain,
         event_version=truth.event_version,
-        risk_time_s=event.trigger_s,
+        risk_time_s=risk_s,
         first_frame_dynamics=False,
         labels=tuple(labels),
     )
@@ -167,16 +183,23 @@ def _critical_event(
     corridor: Corridor,
 ) -> Event:
     """Of all OTs' events the one whose conflict starts first."""
-    events = []
-    for object_id in truth.target_ids:
-        samples = samples_of(series, truth.vut_id, object_id)
-        event = find_event(samples, corridor.path, truth.thresholds) if samples else None
-        if event is not None:
-            events.append(event)
+    kinds: tuple[Observable, ...] = ("lateral", "braking")
+    if truth.observable is not None:
+        kinds = (truth.observable,)
+    events: list[Event] = []
+    for kind in kinds:
+        for object_id in truth.target_ids:
+            samples = samples_of(series, truth.vut_id, object_id)
+            event = find_event(samples, corridor.path, truth.thresholds, kind) if samples else None
+            if event is not None:
+                events.append(event)
+        if any(event.conflict_s is not None for event in events):
+            break
     if not events:
+        side, lead = "enters the VUT's corridor from the side", "brakes ahead of it in its corridor"
+        what = {"lateral": side, "braking": lead}.get(truth.observable or "", f"{side}, or {lead}")
         raise InputError(
-            f"no object target ({', '.join(truth.target_ids) or 'none given'}) enters the VUT's "
-            "corridor from the side",
+            f"no object target ({', '.join(truth.target_ids) or 'none given'}) {what}",
             file=truth.source,
             remedy="write its labels by hand",
         )
@@ -253,34 +276,91 @@ def _own_motion(
     return _OwnMotion(stands, not stands and speeds_up, sideways)
 
 
-def _label(
-    t_s: float,
-    now: dict[str, ObjectState],
+@dataclass(frozen=True)
+class _Scene:
+    """What doesn't change over a clip."""
+
+    truth: Truth
+    rules: ProposalRules
+    event: Event
+    corridor: Corridor
+    standing: frozenset[str]
+
+    def hides(self, now: dict[str, ObjectState], by: str | None = None) -> bool:
+        """True when other objects, or that one alone, hide the critical OT."""
+        critical = now.get(self.event.object_id)
+        if critical is None:
+            return False
+        vut_id = self.truth.vut_id
+        others = [
+            state
+            for object_id, state in now.items()
+            if object_id not in (vut_id, self.event.object_id) and by in (None, object_id)
+        ]
+        return is_hidden(now[vut_id], critical, others)
+
+    def sees(self, now: dict[str, ObjectState], object_id: str) -> bool:
+        """True when an object is in the camera's field and range and not hidden."""
+        vut_id, rules = self.truth.vut_id, self.rules
+        if object_id not in now or vut_id not in now:
+            return False
+        hfov_rad = rules.hfov_rad if self.truth.hfov_rad is None else self.truth.hfov_rad
+        if not in_view(now[vut_id], now[object_id], hfov_rad, rules.range_m):
+            return False
+        others = [s for key, s in now.items() if key not in (vut_id, object_id)]
+        return not is_hidden(now[vut_id], now[object_id], others)
+
+    def risk_s(self, series: Sequence[tuple[float, dict[str, ObjectState]]]) -> float:
+        """The trigger, or the first instant after it at which nothing hides the critical OT."""
+        for t_s, now in series:
+            after = t_s >= self.event.trigger_s - _TOLERANCE_S
+            if after and self.truth.vut_id in now and not self.hides(now):
+                return t_s
+        return self.event.trigger_s
+
+
+def _standing(
     truth: Truth,
+    series: Sequence[tuple[float, dict[str, ObjectState]]],
     event: Event,
-    corridor: Corridor,
     rules: ProposalRules,
-    own: _OwnMotion,
+) -> frozenset[str]:
+    """The OTs without an event that stand over the whole clip."""
+    moving = {
+        state.object_id
+        for _, states in series
+        for state in states.values()
+        if abs(state.speed_mps) >= rules.motion.standstill_mps
+    }
+    return frozenset(truth.target_ids) - moving - {event.object_id}
+
+
+def _label(
+    t_s: float, now: dict[str, ObjectState], scene: _Scene, risk_s: float, own: _OwnMotion
 ) -> Label:
-    vut = now[truth.vut_id]
-    hfov_rad = rules.hfov_rad if truth.hfov_rad is None else truth.hfov_rad
+    vut, event = now[scene.truth.vut_id], scene.event
     seen = [
         now[object_id]
-        for object_id in truth.target_ids
-        if object_id in now and in_view(vut, now[object_id], hfov_rad, rules.range_m)
+        for object_id in scene.truth.target_ids
+        if scene.sees(now, object_id)
+        and (object_id not in scene.standing or scene.hides(now, by=object_id))
     ]
     critical = next((state for state in seen if state.object_id == event.object_id), None)
     phase = event.phase_at(t_s)
-    conflict = _CONFLICT_OF_PHASE[phase]
+    conflict: str | None = _CONFLICT_OF_PHASE[phase]
+    actions = _lon_actions(_CONFLICT_OF_PHASE[phase], own)
+    if phase in ("trigger", "conflict") and scene.hides(now):
+        conflict = None
+    motion = scene.rules.motion
     return Label(
         t_s=t_s,
         phase=phase,
-        risk_visible=t_s >= event.trigger_s - _TOLERANCE_S,
+        risk_visible=t_s >= risk_s - _TOLERANCE_S,
         objects=tuple(sorted({state.object_class.word for state in seen})) if seen else None,
-        position=None if critical is None else position_word(corridor, vut, critical),
-        motion=None if critical is None else motion_word(corridor, vut, critical, rules.motion),
+        position=None if critical is None else position_word(scene.corridor, vut, critical),
+        motion=None if critical is None else motion_word(scene.corridor, vut, critical, motion),
         conflict=conflict,
-        lon_actions=_lon_actions(conflict, own),
+        lon_actions=actions,
         lat_actions=("straight",) if own.sideways is None else ("straight", own.sideways),
     )
 

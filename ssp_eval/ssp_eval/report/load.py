@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from ssp_core.errors import InputError
-from ssp_core.files import read_text
+from ssp_core.files import parse_model, read_text
 from ssp_core.vocab import DOMAINS
 from ssp_eval.evaluate.cell import (
     CELL_FILE,
-    CELL_SCHEMA,
     CELLS,
     LABELS_FILE,
     RECORDS_FILE,
@@ -23,7 +21,9 @@ from ssp_eval.evaluate.controls import CONTROLS
 from ssp_eval.evaluate.store import REQUESTS_FILE
 from ssp_eval.labels.model import Labels, load_labels
 from ssp_eval.records import BehaviourRecord, load_records
+from ssp_eval.report.facts import CellFacts, RequestFacts, load_facts
 from ssp_eval.score import CellScore, score_cell
+from ssp_eval.strict import Place, parse_json
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class CellData:
 
     Args:
         folder: of the cell.
-        facts: content of cell.json.
+        facts: of cell.json.
         labels: of the clip.
         records: empty unless the cell has answers.
         requests: what was asked, one per label time.
@@ -41,7 +41,7 @@ class CellData:
     """
 
     folder: Path
-    facts: dict[str, Any]
+    facts: CellFacts
     labels: Labels
     records: tuple[BehaviourRecord, ...]
     requests: tuple[dict[str, Any], ...]
@@ -51,17 +51,27 @@ class CellData:
     @property
     def scenario(self) -> str:
         """Name of the scenario."""
-        return str(self.facts["scenario"])
+        return self.facts.scenario
 
     @property
     def domain(self) -> str:
         """Name of the domain."""
-        return str(self.facts["domain"])
+        return self.facts.domain
 
     @property
     def model(self) -> str:
         """Name of the model."""
-        return str(self.facts["model"])
+        return self.facts.model
+
+    @property
+    def admission(self) -> str:
+        """admitted, refused, unpaired or unaudited; cells of an earlier version are unaudited."""
+        return self.facts.admission.status
+
+    @property
+    def audit_sha256(self) -> str | None:
+        """Hash of the audit that the recording was looked up in."""
+        return self.facts.admission.audit_sha256
 
     @property
     def is_control(self) -> bool:
@@ -96,14 +106,10 @@ def _domain_order(domain: str) -> int:
 
 
 def _load(file: Path) -> CellData:
-    facts = _json(read_text(file), file)
-    if facts.get("schema") != CELL_SCHEMA:
-        raise InputError(
-            f"must have schema {CELL_SCHEMA}", file=file, field="schema", value=facts.get("schema")
-        )
+    facts = load_facts(file)
     folder = file.parent
     labels = load_labels(folder / LABELS_FILE)
-    if facts["status"] != "ok":
+    if facts.status != "ok":
         return CellData(folder, facts, labels, (), (), None, ())
     records = load_records(folder / RECORDS_FILE)
     score = score_cell(labels, records)
@@ -114,22 +120,35 @@ def _load(file: Path) -> CellData:
             "The stored score differs from what its records and labels give now; this page shows "
             "the latter."
         )
-    if facts["hashes"]["thresholds"] != score.details.thresholds_sha256:
+    if facts.hashes.get("thresholds") != score.details.thresholds_sha256:
         notes.append("It was evaluated with other thresholds than this page uses.")
-    # Cells of an earlier version don't tell the kinds apart.
-    if losses := losses_text(facts["answers"].get("missing_by_kind", {})):
+    if losses := losses_text(facts.answers.missing_by_kind):
         notes.append(f"{losses}. They count as missing outputs.")
-    requests_file = folder / REQUESTS_FILE
-    lines = read_text(requests_file).splitlines()
-    requests = tuple(_json(line, requests_file, n) for n, line in enumerate(lines, start=1))
+    requests = load_requests(folder / REQUESTS_FILE)
     return CellData(folder, facts, labels, records, requests, score, tuple(notes))
 
 
+def load_requests(file: Path) -> tuple[dict[str, Any], ...]:
+    """What was asked, one per label time.
+
+    Raises:
+        InputError: a line is damaged; with its number.
+    """
+    found = []
+    for number, line in enumerate(read_text(file).splitlines(), start=1):
+        value = _json(line, file, number)
+        try:
+            parse_model(RequestFacts, value, file)
+        except InputError as error:
+            raise InputError(
+                error.problem, file=file, line=number, field=error.field, value=error.value
+            ) from error
+        found.append(value)
+    return tuple(found)
+
+
 def _json(text: str, file: Path, line: int | None = None) -> dict[str, Any]:
-    try:
-        value = json.loads(text)
-    except ValueError as error:
-        raise InputError(f"is no JSON: {error}", file=file, line=line) from error
+    value = parse_json(text, Place(file, line))
     if not isinstance(value, dict):
         raise InputError("must be a JSON object", file=file, line=line, value=value)
     return value

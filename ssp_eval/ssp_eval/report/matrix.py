@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from ssp_eval.evaluate.admission import UNAUDITED, UNPAIRED
 from ssp_eval.report import svg
 from ssp_eval.report.load import CellData
 from ssp_eval.score import CellScore
@@ -20,6 +21,8 @@ COLUMNS = (
     ("atc_eff", "ATC", "text and trajectory agree (diagnostic)"),
 )
 IN_IVCS = 4
+# Cells that are scored and stay out of domain means (METHOD 4).
+MARKS = {UNPAIRED: "†", UNAUDITED: "‡"}
 # One hue from light to dark: readable without colour vision and in print.
 _LIGHT, _DARK = (214, 228, 240), (8, 64, 129)
 
@@ -60,6 +63,12 @@ def matrix(cells: Sequence[CellData]) -> str:
     parts.append(svg.element("line", x1=0, x2=WIDTH, y1=y, y2=y, class_="rule"))
     parts.append(_legend(y + 26))
     height = y + 52
+    marked = {cell.admission for cell in cells} & set(MARKS)
+    if marked:
+        meaning = " · ".join(f"{MARKS[status]} {status}" for status in sorted(marked))
+        text = f"{meaning}: scored, and left out of domain means"
+        parts.append(svg.text(10, height, text, class_="note"))
+        height += 20
     return svg.element(
         "svg", "".join(parts), class_="matrix", viewBox=f"0 0 {svg.number(WIDTH)} {height}",
         role="img", aria_label="Result matrix",
@@ -94,12 +103,13 @@ def _header() -> str:
 
 def _row(cell: CellData, y: float) -> str:
     middle = y + _ROW / 2
-    name = cell.model + (" (control)" if cell.is_control else "")
+    mark = MARKS.get(cell.admission, "")
+    name = cell.model + (" (control)" if cell.is_control else "") + (f" {mark}" if mark else "")
     parts = [svg.text(100, middle + 4, name, class_="model")]
     if cell.score is None:
-        reason = "; ".join(cell.facts["reasons"]) or "no reason given"
+        reason = "; ".join(cell.facts.reasons) or "no reason given"
         short = reason if len(reason) <= 100 else reason[:97] + "…"
-        line = f"{cell.facts['status']}: {short}"
+        line = f"{cell.facts.status}: {short}"
         parts.append(svg.text(_LABELS + 10, middle + 4, line, class_="refused"))
     else:
         for index, (key, title, _) in enumerate(COLUMNS):

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import jinja2
@@ -12,6 +13,10 @@ from markupsafe import Markup
 
 from ssp_core import __version__
 from ssp_core.files import make_folder, write_text
+from ssp_core.hashing import sha256_file
+from ssp_eval.audit.model import AUDIT_FILE
+from ssp_eval.audit.model import PAGE_FILE as AUDIT_PAGE
+from ssp_eval.evaluate.admission import ADMITTED
 from ssp_eval.evaluate.cell import frame_path
 from ssp_eval.report.load import CellData, load_cells
 from ssp_eval.report.matrix import matrix
@@ -27,6 +32,8 @@ from ssp_eval.report.tables import (
 from ssp_eval.report.view import RecordView, record_views
 
 PAGE = "index.html"
+# Where a campaign keeps its audits, if it does.
+AUDIT_PATTERN = f"audits/*/{AUDIT_FILE}"
 _HERE = Path(__file__).parent
 SLOTS = ("objects", "position", "motion", "conflict", "lon_action", "lat_action")
 
@@ -54,12 +61,32 @@ def write_report(out: Path, on_picture: Callable[[int, int], None] = lambda done
             pictures[frame] = data_uri(path)
         on_picture(done, len(used))
     target = make_folder(out) / PAGE
-    write_text(target, render(cells, views, pictures))
+    write_text(target, render(cells, views, pictures, audit_pages(out, cells)))
     return target
 
 
+def audit_pages(out: Path, cells: list[CellData]) -> dict[str, str]:
+    """Pages of the audits that the cells go by, where they lie in the campaign folder.
+
+    Returns:
+        Path from the report by hash of the audit, those of the first scenario first.
+    """
+    found = {}
+    named = dict.fromkeys(cell.audit_sha256 for cell in cells)
+    there = {
+        sha256_file(file): file.with_name(AUDIT_PAGE) for file in sorted(out.glob(AUDIT_PATTERN))
+    }
+    for digest in named:
+        if digest is not None and digest in there and there[digest].is_file():
+            found[digest] = there[digest].relative_to(out).as_posix()
+    return found
+
+
 def render(
-    cells: list[CellData], views: dict[str, list[RecordView]], pictures: dict[str, str]
+    cells: list[CellData],
+    views: dict[str, list[RecordView]],
+    pictures: dict[str, str],
+    audits: Mapping[str, str] = MappingProxyType({}),
 ) -> str:
     """The page as HTML.
 
@@ -67,6 +94,7 @@ def render(
         cells: in the order in which they are shown.
         views: by cell id, its label times.
         pictures: data URIs by frame hash.
+        audits: path of an audit's page by the audit's hash.
     """
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(_HERE),
@@ -85,6 +113,8 @@ def render(
         cells=cells,
         views=views,
         pictures=Markup(_script_json(pictures)),
+        audits=audits,
+        audit_links=_audit_links(cells, audits),
         style=Markup((_HERE / "style.css").read_text("utf-8")),
         script=Markup((_HERE / "page.js").read_text("utf-8")),
         matrix=Markup(matrix(cells)),
@@ -97,6 +127,16 @@ def render(
         facts=_facts(cells, views),
         version=__version__,
     )
+
+
+def _audit_links(cells: list[CellData], audits: Mapping[str, str]) -> list[tuple[str, str]]:
+    """Scenario and page of each audit."""
+    found: dict[str, str] = {}
+    for cell in cells:
+        page = audits.get(cell.audit_sha256 or "")
+        if page is not None:
+            found.setdefault(cell.scenario, page)
+    return list(found.items())
 
 
 def _short(digest: str) -> str:
@@ -119,6 +159,15 @@ def _title(models: list[str], scenarios: list[str]) -> str:
     return title[0].upper() + title[1:]
 
 
+def _outside(cells: list[CellData]) -> list[tuple[str, str]]:
+    """Scored recordings that stay out of domain means, by what the audit says of them."""
+    found: dict[str, set[str]] = {}
+    for cell in cells:
+        if cell.score is not None and cell.admission != ADMITTED:
+            found.setdefault(cell.admission, set()).add(f"{cell.scenario} / {cell.domain}")
+    return [(status, ", ".join(sorted(names))) for status, names in sorted(found.items())]
+
+
 def _facts(cells: list[CellData], views: dict[str, list[RecordView]]) -> dict[str, Any]:
     ok = [cell for cell in cells if cell.score is not None]
     driven = list(dict.fromkeys(c.model for c in cells if not c.is_control))
@@ -132,19 +181,20 @@ def _facts(cells: list[CellData], views: dict[str, list[RecordView]]) -> dict[st
         "records": sum(len(of_cell) for of_cell in views.values()),
         "scored": len(ok),
         "out": [cell for cell in cells if cell.score is None],
-        "stand_in": sorted({f"{c.scenario} / {c.domain}" for c in cells if c.facts["stand_in"]}),
-        "proposed": any(cell.facts["labels_proposed"] for cell in cells),
+        "outside": _outside(cells),
+        "stand_in": sorted({f"{c.scenario} / {c.domain}" for c in cells if c.facts.stand_in}),
+        "proposed": any(cell.facts.labels_proposed for cell in cells),
         "controls": sorted({cell.model for cell in cells if cell.is_control}),
         "nulls": [cell for cell in ok if cell.score and cell.score.details.ivcs_nulls],
         "unmatched": [cell for cell in ok if cell.score and cell.score.details.unmatched_records],
         "notes": [cell for cell in cells if cell.notes],
         "assumed": sorted(
             {
-                f"{c.scenario} / {c.domain}: ego motion {c.facts['clip']['ego']}, camera "
-                f"{c.facts['clip']['camera']}"
+                f"{c.scenario} / {c.domain}: ego motion {c.facts.clip.ego}, camera "
+                f"{c.facts.clip.camera}"
                 for c in cells
-                if (c.facts["clip"]["ego"], c.facts["clip"]["camera"]) != ("measured", "measured")
+                if (c.facts.clip.ego, c.facts.clip.camera) != ("measured", "measured")
             }
         ),
-        "missing": sum(len(cell.facts["answers"]["missing"]) for cell in ok),
+        "missing": sum(len(cell.facts.answers.missing) for cell in ok),
     }

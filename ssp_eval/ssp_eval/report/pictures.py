@@ -21,15 +21,30 @@ def data_uri(path: Path) -> str:
         InputError: it isn't there or is no picture.
     """
     try:
-        data = np.frombuffer(path.read_bytes(), np.uint8)
+        data = path.read_bytes()
     except OSError as error:
         raise InputError(f"can't be read: {error.strerror}", file=path) from error
-    image = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
+    return jpeg_uri(data, path)
+
+
+def jpeg_uri(data: bytes, place: str | Path, max_width_px: int = MAX_WIDTH_PX) -> str:
+    """As data_uri, of a picture's bytes.
+
+    Args:
+        data: JPEG or another format that OpenCV reads.
+        place: where it comes from, for messages.
+        max_width_px: wider ones are made smaller.
+
+    Raises:
+        InputError: it is no picture.
+    """
+    pixels = np.frombuffer(data, np.uint8)
+    image = cv2.imdecode(pixels, cv2.IMREAD_COLOR) if pixels.size else None
     if image is None:
-        raise InputError("is no picture", file=path)
+        raise InputError("is no picture", file=place)
     height, width = image.shape[:2]
-    if width > MAX_WIDTH_PX:
-        size = (MAX_WIDTH_PX, max(1, round(height * MAX_WIDTH_PX / width)))
+    if width > max_width_px:
+        size = (max_width_px, max(1, round(height * max_width_px / width)))
         image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
     encoded = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1]
     return "data:image/jpeg;base64," + base64.b64encode(encoded.tobytes()).decode()

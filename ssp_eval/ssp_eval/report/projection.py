@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
+from dataclasses import fields
 from typing import Any
 
+from ssp_core import camera
+from ssp_core.geometry import Pose2
 from ssp_eval.report import svg
 from ssp_vla_bridge.core.trajectory import Trajectory, interpolate
 
@@ -14,7 +17,11 @@ _STEP_S = 0.1
 
 
 def project(
-    x_m: float, y_m: float, geometry: dict[str, Any], mount_forward_m: float
+    x_m: float,
+    y_m: float,
+    geometry: dict[str, Any],
+    mount_forward_m: float,
+    mount_turn: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> tuple[float, float] | None:
     """Pixel (u, v) of a point on the ground, None where it isn't ahead of the camera.
 
@@ -23,20 +30,30 @@ def project(
         y_m: to its left.
         geometry: fields of CameraGeometry, with height_m and pitch_down_rad known.
         mount_forward_m: of the camera, ahead of the reference point.
+        mount_turn: how far it sits to the left (m), and is turned left and leans right (rad).
     """
-    pitch, height_m = float(geometry["pitch_down_rad"]), float(geometry["height_m"])
-    ahead_m = x_m - mount_forward_m
-    depth_m = ahead_m * math.cos(pitch) + height_m * math.sin(pitch)
-    down_m = height_m * math.cos(pitch) - ahead_m * math.sin(pitch)
-    if depth_m < _NEAREST_M:
+    names = (field.name for field in fields(camera.Intrinsics))
+    view = camera.mounted_view(
+        Pose2(0.0, 0.0, 0.0),
+        camera.Intrinsics(**{name: geometry[name] for name in names}),
+        camera.Mounting(
+            mount_forward_m,
+            float(geometry["height_m"]),
+            float(geometry["pitch_down_rad"]),
+            *mount_turn,
+        ),
+    )
+    seen = camera.project(view, [(x_m, y_m, 0.0)])
+    if seen.depth_m[0] < _NEAREST_M:
         return None
-    u = geometry["cx_px"] - geometry["fx_px"] * y_m / depth_m
-    v = geometry["cy_px"] + geometry["fy_px"] * down_m / depth_m
-    return u, v
+    return float(seen.u_px[0]), float(seen.v_px[0])
 
 
 def overlay(
-    trajectory: Trajectory, geometry: dict[str, Any] | None, mount_forward_m: float | None
+    trajectory: Trajectory,
+    geometry: dict[str, Any] | None,
+    mount_forward_m: float | None,
+    mount_turn: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> str:
     """SVG over the picture: the ribbon that the VUT would cover, with a dot every half second.
 
@@ -44,6 +61,7 @@ def overlay(
         trajectory: a valid one.
         geometry: of the camera, None: not known.
         mount_forward_m: of the camera, None: not known.
+        mount_turn: see project.
 
     Returns:
         Empty where the camera's pose isn't known or nothing of the path lies in front of it.
@@ -62,9 +80,9 @@ def overlay(
         heading = math.atan2(ahead[0][1] - ahead[1][1], ahead[0][0] - ahead[1][0])
         dx_m, dy_m = -math.sin(heading) * _HALF_WIDTH_M, math.cos(heading) * _HALF_WIDTH_M
         sides = [
-            project(x_m + dx_m, y_m + dy_m, geometry, mount_forward_m),
-            project(x_m - dx_m, y_m - dy_m, geometry, mount_forward_m),
-            project(x_m, y_m, geometry, mount_forward_m),
+            project(x_m + dx_m, y_m + dy_m, geometry, mount_forward_m, mount_turn),
+            project(x_m - dx_m, y_m - dy_m, geometry, mount_forward_m, mount_turn),
+            project(x_m, y_m, geometry, mount_forward_m, mount_turn),
         ]
         if sides[0] and sides[1] and sides[2]:
             left.append(sides[0])
@@ -74,7 +92,9 @@ def overlay(
     for t_s in (0.5 * k for k in range(1, int(2 * end_s + 1e-6) + 1)):
         if t_s < start_s:
             continue
-        spot = project(*interpolate(trajectory, min(t_s, end_s)), geometry, mount_forward_m)
+        spot = project(
+            *interpolate(trajectory, min(t_s, end_s)), geometry, mount_forward_m, mount_turn
+        )
         if spot:
             dots.append(svg.element("circle", cx=spot[0], cy=spot[1], r=geometry["width_px"] / 160))
     if len(middle) < 2 and not dots:

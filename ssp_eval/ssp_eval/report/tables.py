@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ssp_core.vocab import DOMAINS
+from ssp_eval.evaluate.admission import ADMITTED
 from ssp_eval.report.load import CellData
 from ssp_eval.score import STAGES
 from ssp_eval.score.aggregate import (
@@ -70,17 +71,21 @@ class MeanRow:
 
 @dataclass(frozen=True)
 class MeanTable:
-    """One grouping."""
+    """One grouping, and how many cells it leaves out because the audit didn't admit them."""
 
     title: str
     keys: tuple[str, ...]
     rows: tuple[MeanRow, ...]
+    left_out: int
 
 
 def scored(cells: Sequence[CellData]) -> list[Cell]:
-    """The cells that may enter means: valid ones, controls left out."""
+    """The cells that may enter means: valid ones, controls left out.
+
+    Those that the audit didn't admit say so, and enter no domain mean (METHOD 4).
+    """
     return [
-        Cell(c.scenario, c.domain, c.model, c.score.to_json())
+        Cell(c.scenario, c.domain, c.model, c.score.to_json(), c.admission == ADMITTED)
         for c in cells
         if c.score is not None and not c.is_control
     ]
@@ -95,7 +100,8 @@ def mean_tables(cells: Sequence[Cell]) -> list[MeanTable]:
             n = by_metric["ivcs"].n
             values = tuple(_mean_cell(by_metric[key], n, key) for key, _ in MEAN_COLUMNS)
             rows.append(MeanRow(group, n, values))
-        tables.append(MeanTable(title, keys, tuple(rows)))
+        left_out = sum(not cell.admitted for cell in cells) if "domain" in keys else 0
+        tables.append(MeanTable(title, keys, tuple(rows), left_out))
     return tables
 
 

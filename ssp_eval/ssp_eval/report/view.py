@@ -106,10 +106,15 @@ def _view(
     frames: Sequence[dict[str, Any]] = request.get("frames", [])
     valid = record is not None and judgement.trajectory_valid
     trajectory = record.trajectory if record is not None and valid else None
-    clip = cell.facts["clip"]
+    clip = cell.facts.clip
     drawn = ""
     if trajectory is not None:
-        drawn = overlay(trajectory, clip["geometry"], clip["mount_forward_m"])
+        drawn = overlay(
+            trajectory,
+            None if clip.geometry is None else clip.geometry.model_dump(),
+            clip.mount_forward_m,
+            (clip.mount_left_m, clip.mount_yaw_left_rad, clip.mount_roll_right_rad),
+        )
     stage = judgement.first_failure
     return RecordView(
         anchor=f"{cell.id}-{index}",

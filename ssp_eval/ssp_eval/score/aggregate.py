@@ -39,15 +39,15 @@ class Cell:
         domain: synthetic, simulation or physical.
         model: name of the model.
         score: at least the keys of METRICS, unrounded, null as None.
-        paired: False where partners of the recording were refused by the audit; such a cell
-            stays out of domain means (METHOD 4).
+        admitted: False where the audit refused a partner of the recording, or where no audit
+            knows it; such a cell stays out of domain means (METHOD 4).
     """
 
     scenario: str
     domain: str
     model: str
     score: Mapping[str, float | None]
-    paired: bool = True
+    admitted: bool = True
 
 
 @dataclass(frozen=True)
@@ -74,8 +74,8 @@ def means(cells: Sequence[Cell], by: Sequence[str]) -> dict[tuple[str, ...], dic
 
     Args:
         cells: those that are valid; a run that isn't never gets here.
-        by: BY_DOMAIN, BY_MODEL, BY_SCENARIO_DOMAIN or BY_SCENARIO_MODEL. Unpaired cells are left
-            out where the grouping has the domain.
+        by: BY_DOMAIN, BY_MODEL, BY_SCENARIO_DOMAIN or BY_SCENARIO_MODEL. Cells that aren't
+            admitted are left out where the grouping has the domain.
 
     Returns:
         Per group, in sorted order, the means by metric.
@@ -86,7 +86,7 @@ def means(cells: Sequence[Cell], by: Sequence[str]) -> dict[tuple[str, ...], dic
     _refuse_duplicates(cells)
     groups: dict[tuple[str, ...], list[Cell]] = {}
     for cell in cells:
-        if cell.paired or "domain" not in by:
+        if cell.admitted or "domain" not in by:
             groups.setdefault(tuple(getattr(cell, key) for key in by), []).append(cell)
     return {
         key: {metric: mean(cell.score[metric] for cell in group) for metric in METRICS}

@@ -11,7 +11,6 @@ import numpy as np
 
 from ssp_vla_bridge.core.task import TASK, DrivingTask
 
-EGO_PROVENANCES = ("measured", "declared", "unknown")
 _JPEG_START = b"\xff\xd8"
 _JPEG_END = b"\xff\xd9"
 
@@ -85,7 +84,7 @@ class Request:
         frames: oldest first, the last one at or before stamp_ns.
         camera: geometry of all frames, None when it is not known.
         history: oldest first, the last sample at t = 0; empty when it is not known.
-        ego_provenance: where the history comes from, one of EGO_PROVENANCES.
+        ego_provenance: where the history comes from: ``measured``, ``declared`` or ``unknown``.
         task: what is asked.
     """
 

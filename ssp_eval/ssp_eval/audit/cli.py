@@ -1,0 +1,112 @@
+"""``ssp audit``: do three recordings show the same event?"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+from rich.table import Table
+
+from ssp_core import console
+from ssp_core.errors import InputError
+from ssp_core.files import make_folder, write_json, write_text
+from ssp_eval.audit.judge import check_domains, judge
+from ssp_eval.audit.model import AUDIT_FILE, PAGE_FILE, Audit, RecordingEntry
+from ssp_eval.audit.page import render
+from ssp_eval.audit.recording import read_recording
+from ssp_scenario_manager.spec.load import load_event
+
+_PATH = click.Path(path_type=Path)
+_WIDEST = 300
+
+
+@click.command()
+@click.argument("synthetic", metavar="SYN", type=_PATH)
+@click.argument("simulation", metavar="SIM", type=_PATH)
+@click.argument("physical", metavar="PHY", type=_PATH)
+@click.option("--out", type=_PATH, required=True, help="Folder for audit.json and audit.html.")
+@click.option(
+    "--event", "event_name", metavar="K*", help="K* by name or file. Default: the one in the bags."
+)
+@click.option("--json", "as_json", is_flag=True, help="Print the audit as JSON.")
+@click.option("--force", is_flag=True, help="Replace an audit that is in the folder.")
+def audit(
+    synthetic: Path,
+    simulation: Path,
+    physical: Path,
+    out: Path,
+    event_name: str | None,
+    as_json: bool,
+    force: bool,
+) -> int:
+    """Holds three recordings of one event against its K* and against each other (METHOD 4).
+
+    SYN, SIM and PHY are bag directories, or run folders that hold bag/; labels.json is looked for
+    beside each bag. Exit status 0 when all three are admitted, 1 when one is refused.
+    """
+    for file in (out / AUDIT_FILE, out / PAGE_FILE):
+        if file.exists() and not force:
+            raise InputError("exists already", file=file, remedy="give --force to replace it")
+    event = None if event_name is None else load_event(event_name)[0]
+    with console.progress("reading", 6) as bar:
+        task = bar.task_ids[0]
+        recordings = []
+        for path in (synthetic, simulation, physical):
+            recordings.append(read_recording(path))
+            bar.advance(task)
+        check_domains(recordings)
+        bar.update(task, description="measuring")
+        judged = judge(recordings, event)
+        bar.update(task, description="drawing")
+        page = render(judged, lambda done, of: bar.advance(task))
+    make_folder(out)
+    value = judged.audit.model_dump(mode="json", by_alias=True)
+    write_json(out / AUDIT_FILE, value)
+    write_text(out / PAGE_FILE, page)
+    if as_json:
+        click.echo(judged.audit.model_dump_json(by_alias=True))
+    else:
+        show(judged.audit)
+        console.note(f"written to {out / AUDIT_FILE} and {out / PAGE_FILE}")
+    return 0 if judged.audit.admitted else 1
+
+
+def show(found: Audit) -> None:
+    """The audit as a table, and every reason under it."""
+    table = Table(box=None, pad_edge=False)
+    for name in ("domain", "recording", "status", "KPR", "EPD", "visible", "primary reason"):
+        table.add_column(name, no_wrap=True)
+    for r in found.recordings:
+        primary = r.reasons[0].text if r.reasons else "·"
+        table.add_row(
+            r.domain, r.name, r.status, _number(r.kpr, 2), _number(r.epd, 3), _visible(r), primary
+        )
+    unbounded = console.out.options.update(max_width=_WIDEST)
+    table.width = console.out.measure(table, options=unbounded).maximum
+    console.out.print(table)
+    for r in found.recordings:
+        for reason in r.reasons:
+            console.out.print(f"{r.domain}: {reason.text}: {reason.detail}", markup=False)
+            for following in reason.consequences:
+                console.out.print(f"  so {following.text}: {following.detail}", markup=False)
+        if r.stand_in:
+            console.note(f"{r.domain} is a software stand-in, not a vehicle")
+        for contradiction in r.contradictions:
+            console.note(f"{r.domain}: {contradiction}")
+        for change in r.changes:
+            if change.logged:
+                late = ", entered after the run" if change.later else ""
+                console.note(
+                    f"{r.domain}: {change.field} was changed on site by {change.who}{late}"
+                )
+
+
+def _number(value: float | None, digits: int) -> str:
+    return "–" if value is None else f"{value:.{digits}f}"
+
+
+def _visible(r: RecordingEntry) -> str:
+    """The smallest share of anything that must be visible."""
+    sights = [*r.coverage.participants.values(), *([r.coverage.zone] if r.coverage.zone else [])]
+    known = [sight.fraction for sight in sights if sight.fraction is not None]
+    return f"{100 * min(known):.0f} %" if known else "–"

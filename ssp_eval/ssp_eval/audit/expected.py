@@ -1,0 +1,186 @@
+"""What a K* says of its event: q(k), the times of its phases, and whether a person reviewed them.
+
+For a recording with states this is what it is held against; for an imported video, which has none,
+it is all that is known (METHOD 4).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from ssp_eval.audit.values import CONFLICT, MOTION, ORDER, ROLES, TOPOLOGY, Property
+from ssp_scenario_manager.spec.fields import owner
+from ssp_scenario_manager.spec.model import UNRESOLVED, Count, Event, Quantity, Unresolved
+from ssp_scenario_manager.spec.seal import seals
+
+_LANES = ("rightmost", "middle", "leftmost")
+_REVIEWED = ("accepted", "edited")
+PHASES_FIELD = "phases"
+
+
+def expected_properties(event: Event) -> dict[str, Property]:
+    """q(k) as the K* has them; an unresolved one isn't determined."""
+    return {
+        TOPOLOGY: _topology(event),
+        ROLES: _roles(event),
+        MOTION: _known({"motion": (event.interaction.dominant_motion,)}),
+        CONFLICT: _known({"paths": (event.interaction.relation,)}),
+        ORDER: _known({"order": (" before ".join(event.interaction.passing_order),)}),
+    }
+
+
+def _known(words: Mapping[str, tuple[str, ...]]) -> Property:
+    return Property(words, "from the K*")
+
+
+def _topology(event: Event) -> Property:
+    road = event.topology
+    for name in ("segment", "vut_lane"):
+        if getattr(road, name) == UNRESOLVED:
+            return Property(None, f"topology.{name} is unresolved in the K*")
+    return _known(
+        {
+            "lanes_same_direction": _counts(road.lanes_same_direction),
+            "lanes_opposite": _counts(road.lanes_opposite),
+            "segment": (road.segment,),
+            "vut_lane": _LANES if road.vut_lane == "any" else (road.vut_lane,),
+            "adjacency": (_adjacency(event),),
+        }
+    )
+
+
+def _counts(count: Count) -> tuple[str, ...]:
+    return tuple(str(n) for n in range(count.min, count.max + 1))
+
+
+def _adjacency(event: Event) -> str:
+    initiator = event.participants.get(event.interaction.initiator)
+    place = None if initiator is None else initiator.region.place
+    if place == "vut_lane":
+        return "same lane"
+    if place in ("left_lane", "right_lane", "oncoming_lane"):
+        return "adjacent lanes"
+    return "beside the lanes"
+
+
+def _roles(event: Event) -> Property:
+    words: dict[str, tuple[str, ...]] = {}
+    for who, participant in event.participants.items():
+        words[who] = (f"{participant.role}, {participant.class_}",)
+        if participant.role == "OT":
+            words[f"{who} starts in"] = (participant.region.place,)
+    words["initiator"] = (event.interaction.initiator,)
+    words["affected"] = (event.interaction.affected,)
+    return _known(words)
+
+
+@dataclass(frozen=True)
+class When:
+    """A time of the source clip: between two instants, which are the same where it is exact."""
+
+    low_s: float
+    high_s: float
+
+    @property
+    def middle_s(self) -> float:
+        return (self.low_s + self.high_s) / 2.0
+
+    @property
+    def half_s(self) -> float:
+        return (self.high_s - self.low_s) / 2.0
+
+
+@dataclass(frozen=True)
+class Timeline:
+    """Part E in s of the source; None where a time is unresolved or open to one side."""
+
+    start: When | None
+    end: When | None
+    trigger: When | None
+    conflict: When | None
+    resolution: When | None
+
+
+def timeline(event: Event) -> Timeline:
+    """When the phases start in the source clip."""
+    parts = event.events
+    return Timeline(
+        _when(parts.clip.start),
+        _when(parts.clip.end),
+        _when(parts.trigger.start),
+        _when(parts.conflict.start),
+        _when(parts.resolution.start),
+    )
+
+
+def _when(quantity: Quantity | Unresolved) -> When | None:
+    if quantity == UNRESOLVED or quantity.min is None or quantity.max is None:
+        return None
+    return When(quantity.min, quantity.max)
+
+
+# What a person must have reviewed for each field of KPR, and for the phases.
+def reviewed_paths(event: Event) -> dict[str, tuple[str, ...]]:
+    """Paths of the K* that each q(k), and the phases, rest on."""
+    participants = [
+        f"participants.{who}.{name}"
+        for who, participant in event.participants.items()
+        for name in ("role", "class", *(("region.place",) if participant.role == "OT" else ()))
+    ]
+    return {
+        TOPOLOGY: tuple(
+            f"topology.{name}"
+            for name in ("lanes_same_direction", "lanes_opposite", "segment", "vut_lane")
+        ),
+        ROLES: (*participants, "interaction.initiator", "interaction.affected"),
+        MOTION: ("interaction.dominant_motion",),
+        CONFLICT: ("interaction.relation",),
+        ORDER: ("interaction.passing_order",),
+        PHASES_FIELD: (
+            "events.clip.start",
+            "events.clip.end",
+            *(f"events.{phase}.start" for phase in ("trigger", "conflict", "resolution")),
+        ),
+    }
+
+
+@dataclass(frozen=True)
+class Review:
+    """What persons decided of a K*.
+
+    Args:
+        evidence: per field of KPR, and for the phases: where it can be seen, for people.
+        gaps: per field, what isn't reviewed and why; empty where everything is.
+    """
+
+    evidence: Mapping[str, str]
+    gaps: Mapping[str, tuple[str, ...]]
+
+
+def review_of(event: Event) -> Review:
+    """Whether every q(k) and the phases were reviewed, with evidence, and not changed since."""
+    sealed = seals(event)
+    evidence: dict[str, str] = {}
+    gaps: dict[str, tuple[str, ...]] = {}
+    for field, paths in reviewed_paths(event).items():
+        missing, sources = [], []
+        for path in paths:
+            entry = owner(path, event.uncertainty)
+            if entry is None:
+                missing.append(f"{path} has no entry in part U")
+                continue
+            doubt = event.uncertainty[entry]
+            if doubt.review not in _REVIEWED:
+                missing.append(f"{path} is {doubt.review}")
+            elif doubt.seal is None:
+                missing.append(f"{path} is {doubt.review} without a seal")
+            elif doubt.seal != sealed.get(entry):
+                missing.append(f"{path} was changed after its review")
+            elif not doubt.source.strip():
+                missing.append(f"{path} names no evidence")
+            else:
+                sources.append(doubt.source)
+        evidence[field] = "; ".join(dict.fromkeys(sources))
+        gaps[field] = tuple(missing)
+    return Review(evidence, gaps)

@@ -1,0 +1,348 @@
+"""q(d, k) and the phases of a recording, measured from its states alone (METHOD 1 and 4).
+
+Nothing of the specification goes in but its thresholds and what it makes observable: who conflicts
+with whom, how, and in which order, is found out here.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+from ssp_core.geometry import box_distance
+from ssp_core.interaction import Observable, encounter
+from ssp_core.run_spec import ConflictThresholds, Road
+from ssp_core.state import ObjectState
+from ssp_core.vocab import MOTIONS
+from ssp_eval.audit.lanes import Lanes, Spot
+from ssp_eval.audit.meeting import Meeting, Zone, meet
+from ssp_eval.audit.values import CONFLICT, MOTION, ORDER, ROLES, TOPOLOGY, Property
+from ssp_eval.labels.event import Event, Sample, find_event, samples_of
+from ssp_eval.labels.geometry import Corridor, motion_word
+
+# Less than this before the trigger, and the clip begins with it: one frame at 10 Hz.
+APPROACH_S = 0.1
+
+States = Mapping[str, ObjectState]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Recorded states, and what is needed to read them.
+
+    Args:
+        series: (clip time in s, states by id), times rising, from the clip's start to its end.
+        vut_id: id of the VUT.
+        target_ids: ids of the OTs.
+        road: that they drive on.
+        start_s: clip time of the clip's start.
+        end_s: clip time of its end.
+        thresholds: of the K*.
+        observable: what the K*'s kind of interaction makes observable.
+    """
+
+    series: Sequence[tuple[float, States]]
+    vut_id: str
+    target_ids: tuple[str, ...]
+    road: Road
+    start_s: float
+    end_s: float
+    thresholds: ConflictThresholds
+    observable: Observable
+
+
+@dataclass(frozen=True)
+class Phases:
+    """Starts of the phases in clip time, None where one can't be located; the approach starts with
+    the clip, and can't be located where the clip begins with the trigger."""
+
+    start_s: float
+    end_s: float
+    trigger_s: float | None
+    conflict_s: float | None
+    resolution_s: float | None
+
+    @property
+    def has_approach(self) -> bool:
+        return self.trigger_s is None or self.trigger_s - self.start_s >= APPROACH_S
+
+    @property
+    def critical_s(self) -> tuple[float, float] | None:
+        """From the trigger to the resolution, or to the clip's end where there is none."""
+        if self.trigger_s is None:
+            return None
+        return self.trigger_s, self.end_s if self.resolution_s is None else self.resolution_s
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What the states say.
+
+    Args:
+        properties: q(d, k) per field.
+        phases: of the event.
+        initiator: whose manoeuvre is the event, None: there is none.
+        affected: who is affected by it.
+        zone: outline of the conflict zone in map, None: there is none.
+        zone_until_s: clip time at which the VUT reaches it, None: it never does.
+        first_arrival_s: clip time of the first arrival at the zone, None: there is none.
+        facts: quantities with their units in the name; None: it doesn't exist.
+        notes: what else was noticed, for people.
+    """
+
+    properties: Mapping[str, Property]
+    phases: Phases
+    initiator: str | None
+    affected: str | None
+    zone: tuple[tuple[float, float], ...] | None
+    zone_until_s: float | None
+    first_arrival_s: float | None
+    facts: Mapping[str, float | None]
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Pair:
+    """Somebody's event as seen from somebody else."""
+
+    observer: str
+    other: str
+    samples: Sequence[Sample]
+    corridor: Corridor
+    event: Event | None
+
+
+def measure(scene: Scene) -> Measured:
+    """Measures a recording.
+
+    Raises:
+        ValueError: there is no state of the VUT, or no OT is ever there together with it.
+    """
+    vut = [states[scene.vut_id] for _, states in scene.series if scene.vut_id in states]
+    if not vut:
+        raise ValueError(f"there are no states of {scene.vut_id}")
+    pair = _critical_pair(scene, vut)
+    event = pair.event
+    phases = Phases(
+        scene.start_s,
+        scene.end_s,
+        None if event is None else event.trigger_s,
+        None if event is None else event.conflict_s,
+        None if event is None else event.resolution_s,
+    )
+    meeting = meet(pair.samples, pair.corridor, event)
+    target_id = pair.other if pair.observer == scene.vut_id else pair.observer
+    own = Corridor.of(vut)
+    lanes = Lanes.of(scene.road, vut)
+    swapped = pair.observer != scene.vut_id
+    properties = {
+        TOPOLOGY: _topology(scene, lanes, vut, target_id, meeting),
+        ROLES: _roles(scene, lanes, pair),
+        MOTION: _dominant_motion(scene, own, target_id, phases),
+        CONFLICT: Property(
+            {"paths": (meeting.relation,)},
+            f"how the path of {pair.other} meets the corridor of {pair.observer}",
+        ),
+        ORDER: _order(pair, meeting),
+    }
+    zone = None
+    if meeting.zone is not None:
+        zone = _outline(pair.corridor, meeting.zone)
+    until_s = meeting.other_arrival_s if swapped else meeting.own_arrival_s
+    return Measured(
+        properties,
+        phases,
+        None if event is None else pair.other,
+        None if event is None else pair.observer,
+        zone,
+        until_s,
+        _first_arrival(meeting),
+        _facts(scene, own, target_id, phases, meeting),
+        _notes(pair, meeting),
+    )
+
+
+def _critical_pair(scene: Scene, vut: Sequence[ObjectState]) -> _Pair:
+    """The event of METHOD 1: the OT's whose conflict comes first, as the VUT sees it.
+
+    Only where no OT has a conflict with the VUT the question is turned round: does the VUT do to an
+    OT what the OT should have done to it?
+    """
+    seen, turned = [], []
+    corridor = Corridor.of(vut)
+    for target_id in scene.target_ids:
+        samples = samples_of(scene.series, scene.vut_id, target_id)
+        if not samples:
+            continue
+        seen.append(_pair(scene, scene.vut_id, target_id, samples, corridor))
+    if not seen:
+        raise ValueError(f"none of {', '.join(scene.target_ids)} is there with {scene.vut_id}")
+    best = min(seen, key=_urgency)
+    if best.event is not None and best.event.conflict_s is not None:
+        return best
+    for target_id in scene.target_ids:
+        samples = samples_of(scene.series, target_id, scene.vut_id)
+        if any(s.vut.speed_mps > 0.0 for s in samples):
+            path = Corridor.of([s.vut for s in samples])
+            pair = _pair(scene, target_id, scene.vut_id, samples, path)
+            # Of two paths that cross, neither is the one that the other crosses.
+            if meet(samples, path, pair.event).relation in ("merge", "following"):
+                turned.append(pair)
+    return min([*seen, *turned], key=_urgency)
+
+
+def _urgency(pair: _Pair) -> tuple[float, float]:
+    """Events with a conflict first, then events, then the rest; the earlier the first."""
+    if pair.event is None:
+        return math.inf, math.inf
+    conflict_s = pair.event.conflict_s
+    return (math.inf if conflict_s is None else conflict_s), pair.event.trigger_s
+
+
+def _pair(
+    scene: Scene, observer: str, other: str, samples: Sequence[Sample], corridor: Corridor
+) -> _Pair:
+    event = find_event(samples, corridor.path, scene.thresholds, scene.observable, harmless=True)
+    return _Pair(observer, other, samples, corridor, event)
+
+
+def _topology(
+    scene: Scene, lanes: Lanes, vut: Sequence[ObjectState], target_id: str, meeting: Meeting
+) -> Property:
+    spots = [spot for state in vut if (spot := lanes.spot(state)) is not None]
+    if not spots:
+        return Property(None, "the VUT is nowhere on the road")
+    held = _most([spot.lane for spot in spots])
+    other = _first_spot(scene, lanes, target_id)
+    adjacency = "unknown"
+    if other is not None:
+        adjacency = _adjacency(lanes, other.lane, held)
+    how = "lanes of the road under the VUT's path; its lane is the one that it is in longest"
+    return Property(
+        {
+            "lanes_same_direction": (str(lanes.same_direction),),
+            "lanes_opposite": (str(lanes.opposite),),
+            "segment": (lanes.segment(min(s.s_m for s in spots), max(s.s_m for s in spots)),),
+            "vut_lane": lanes.lane_words(held),
+            "adjacency": (adjacency,),
+        },
+        how,
+    )
+
+
+def _most(lanes: Sequence[int | None]) -> int | None:
+    """What occurs most often; of equal ones the first."""
+    return max(dict.fromkeys(lanes), key=lanes.count)
+
+
+def _adjacency(lanes: Lanes, origin: int | None, target: int | None) -> str:
+    """How the lane that somebody comes from lies to the VUT's."""
+    if origin is None or target is None:
+        return "beside the lanes"
+    if origin == target:
+        return "same lane"
+    return "adjacent lanes" if abs(origin - target) == 1 else "lanes apart"
+
+
+def _first_spot(scene: Scene, lanes: Lanes, object_id: str) -> Spot | None:
+    first = next((states[object_id] for _, states in scene.series if object_id in states), None)
+    return None if first is None else lanes.spot(first)
+
+
+def _roles(scene: Scene, lanes: Lanes, pair: _Pair) -> Property:
+    own = _first_spot(scene, lanes, scene.vut_id)
+    own_lane = None if own is None else own.lane
+    words: dict[str, tuple[str, ...]] = {}
+    for object_id in (scene.vut_id, *scene.target_ids):
+        classes = {
+            states[object_id].object_class.word for _, states in scene.series if object_id in states
+        }
+        role = "VUT" if object_id == scene.vut_id else "OT"
+        words[object_id] = (f"{role}, {' then '.join(sorted(classes)) or 'never there'}",)
+        spot = _first_spot(scene, lanes, object_id)
+        if object_id != scene.vut_id and spot is not None:
+            words[f"{object_id} starts in"] = (lanes.place_word(spot, own_lane),)
+    # Without an event nobody has the wrong part in it.
+    everybody = (scene.vut_id, *scene.target_ids)
+    words["initiator"] = everybody if pair.event is None else (pair.other,)
+    words["affected"] = everybody if pair.event is None else (pair.observer,)
+    return Property(words, "recorded classes, lanes at the clip's start, and whose event it is")
+
+
+def _dominant_motion(scene: Scene, corridor: Corridor, target_id: str, phases: Phases) -> Property:
+    span = phases.critical_s
+    if span is None:
+        return Property(None, "there is no trigger that it could be measured from")
+    held = dict.fromkeys(MOTIONS, 0.0)
+    samples = samples_of(scene.series, scene.vut_id, target_id)
+    for sample, following in pairwise(samples):
+        if span[0] <= sample.t_s < span[1]:
+            word = motion_word(corridor, sample.vut, sample.other)
+            held[word] += following.t_s - sample.t_s
+    word = max(MOTIONS, key=lambda motion: held[motion])
+    if held[word] <= 0.0:
+        return Property(None, "the trigger comes with the last state")
+    shares = ", ".join(
+        f"{w} {t:.2f} s" for w, t in sorted(held.items(), key=lambda x: -x[1]) if t > 0.0
+    )
+    return Property({"motion": (word,)}, f"of {target_id} from {span[0]:.2f} s on: {shares}")
+
+
+def _order(pair: _Pair, meeting: Meeting) -> Property:
+    first = meeting.other_first
+    if first is None:
+        return Property(None, "the paths have no conflict zone")
+    pair_ids = (pair.other, pair.observer) if first else (pair.observer, pair.other)
+    other, own = meeting.other_arrival_s, meeting.own_arrival_s
+    there = "was in it from the beginning" if other == -math.inf else f"at {other:.2f} s"
+    here = "never" if own is None else f"at {own:.2f} s"
+    how = f"arrival at the conflict zone: {pair.other} {there}, {pair.observer} {here}"
+    return Property({"order": (" before ".join(pair_ids),)}, how)
+
+
+def _first_arrival(meeting: Meeting) -> float | None:
+    arrivals = (meeting.other_arrival_s, meeting.own_arrival_s)
+    return min((t_s for t_s in arrivals if t_s is not None), default=None)
+
+
+def _outline(corridor: Corridor, zone: Zone) -> tuple[tuple[float, float], ...]:
+    """The zone's corners and edges in map, counter-clockwise, along a bend in steps of 2 m."""
+    steps = max(1, math.ceil((zone.end_m - zone.start_m) / 2.0))
+    stations = [zone.start_m + (zone.end_m - zone.start_m) * k / steps for k in range(steps + 1)]
+    right = [corridor.path.pose(s, -corridor.half_width_m) for s in stations]
+    left = [corridor.path.pose(s, corridor.half_width_m) for s in reversed(stations)]
+    return tuple((p.x_m, p.y_m) for p in [*right, *left])
+
+
+def _facts(
+    scene: Scene, corridor: Corridor, target_id: str, phases: Phases, meeting: Meeting
+) -> dict[str, float | None]:
+    samples = samples_of(scene.series, scene.vut_id, target_id)
+    span = phases.critical_s
+    meetings = [
+        encounter(s.vut, s.other, corridor.path)
+        for s in samples
+        if span is not None and span[0] <= s.t_s <= span[1]
+    ]
+    ttc_s = min((m.ttc_s for m in meetings), default=math.inf)
+    nearest_m = min(box_distance(s.vut.box, s.other.box) for s in samples)
+    facts: dict[str, float | None] = {
+        "time_gap_s": meeting.time_gap_s,
+        "min_ttc_s": ttc_s if math.isfinite(ttc_s) else None,
+        "min_distance_m": nearest_m,
+        "trigger_gap_m": meetings[0].gap_m if meetings else None,
+    }
+    for name, t_s in (("trigger", phases.trigger_s), ("conflict", phases.conflict_s)):
+        now = None if t_s is None else next((s for s in samples if s.t_s >= t_s), None)
+        facts[f"vut_speed_at_{name}_mps"] = None if now is None else now.vut.speed_mps
+        facts[f"ot_speed_at_{name}_mps"] = None if now is None else now.other.speed_mps
+    return facts
+
+
+def _notes(pair: _Pair, meeting: Meeting) -> tuple[str, ...]:
+    notes = []
+    if meeting.other_first and meeting.own_arrival_s is None:
+        notes.append(f"{pair.observer} never reaches the conflict zone; {pair.other} is the first")
+    return tuple(notes)

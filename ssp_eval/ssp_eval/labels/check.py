@@ -1,0 +1,86 @@
+"""What speaks against a labels file that has the right form: its phases, its times, its marks."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+from ssp_core.vocab import PHASES
+from ssp_eval.labels.model import Labels
+from ssp_scenario_manager.spec.model import Event, Interval
+from ssp_scenario_manager.spec.units import si
+
+_TOLERANCE_S = 1e-6
+
+
+def phase_problems(labels: Labels) -> list[str]:
+    """Phases that go back: approach, trigger, conflict, resolution follow each other (METHOD 1)."""
+    problems = []
+    for i, (before, after) in enumerate(pairwise(labels.labels), start=1):
+        if PHASES.index(after.phase) < PHASES.index(before.phase):
+            problems.append(
+                f"labels[{i}].phase: {after.phase} at {after.t_s:g} s comes after "
+                f"{before.phase} at {before.t_s:g} s; phases don't go back"
+            )
+    return problems
+
+
+def risk_warnings(labels: Labels) -> list[str]:
+    """A risk that is seen before its onset, or is no longer seen while the conflict lasts."""
+    found = []
+    onset_s = labels.risk_onset_s
+    for i, label in enumerate(labels.labels):
+        at = f"labels[{i}]"
+        if label.risk_visible and label.t_s < onset_s - _TOLERANCE_S:
+            found.append(
+                f"{at}.risk_visible: true at {label.t_s:g} s, before risk_time_s ({onset_s:g} s)"
+            )
+        if label.risk_visible and label.phase == "approach":
+            found.append(f"{at}.risk_visible: true in the approach, before anything is to be seen")
+    for i, (before, after) in enumerate(pairwise(labels.labels), start=1):
+        lasting = after.phase in ("trigger", "conflict")
+        if before.risk_visible and not after.risk_visible and lasting:
+            found.append(f"labels[{i}].risk_visible: false in the {after.phase} after it was true")
+    return found
+
+
+def event_problems(labels: Labels, event: Event, version: str) -> list[str]:
+    """Phases that K*'s times don't allow, and another version than K*'s.
+
+    Args:
+        labels: of the clip that K* was taken from; other clips have other times.
+        event: K*.
+        version: its content hash.
+    """
+    problems = []
+    if labels.event_version != version:
+        problems.append(f"event_version: {labels.event_version} is not the event's, {version}")
+    starts = {phase: getattr(event.events, phase).start for phase in PHASES}
+    for i, label in enumerate(labels.labels):
+        index = PHASES.index(label.phase)
+        begins = _span(starts[label.phase])
+        if begins and label.t_s < begins[0] - _TOLERANCE_S:
+            problems.append(
+                f"labels[{i}].phase: {label.phase} at {label.t_s:g} s, but it starts at "
+                f"{begins[0]:g} s at the earliest"
+            )
+        after = _span(starts[PHASES[index + 1]]) if index + 1 < len(PHASES) else None
+        if after and label.t_s > after[1] + _TOLERANCE_S:
+            problems.append(
+                f"labels[{i}].phase: {label.phase} at {label.t_s:g} s, but {PHASES[index + 1]} "
+                f"starts by {after[1]:g} s"
+            )
+    return problems
+
+
+def _span(start: Interval | str) -> tuple[float, float] | None:
+    if isinstance(start, str):
+        return None
+    found = si(start)
+    return found.low, found.high
+
+
+def middle_s(start: Interval | str) -> float | None:
+    """The middle of an event's time, s; None where it is unresolved or open."""
+    if isinstance(start, str) or start.min is None or start.max is None:
+        return None
+    return si(start).mid

@@ -1,0 +1,160 @@
+"""The pictures of a bag or of a video file at given clip times, and what it says about itself."""
+
+from __future__ import annotations
+
+import json
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ssp_core.bag import BagReader
+from ssp_core.clock import ns_to_seconds
+from ssp_core.errors import InputError
+from ssp_core.hashing import sha256_file
+from ssp_core.names import WORLD_TICK, absolute
+from ssp_core.video import Video
+from ssp_eval.evaluate.clip import Clip, NoQuestion, Preprocessing
+from ssp_eval.evaluate.provenance import IMPORT_ATTACHMENT, read_provenance
+from ssp_eval.score import DEFAULT
+
+_TOLERANCE_S = 1e-6
+
+
+@dataclass(frozen=True)
+class About:
+    """What a recording says about itself; None where it doesn't.
+
+    Args:
+        scenario: name.
+        domain: of METHOD 5.2.
+        event_version: K* version.
+        video_sha256: of the source video.
+        bag_sha256: of the bag.
+        has_states: whether it holds ground truth that labels can be proposed from.
+        first_s: clip time of the first frame.
+        last_s: clip time of the last frame.
+    """
+
+    scenario: str | None
+    domain: str | None
+    event_version: str | None
+    video_sha256: str | None
+    bag_sha256: str | None
+    has_states: bool
+    first_s: float
+    last_s: float
+
+
+@dataclass(frozen=True)
+class Picture:
+    """The newest frame at or before a clip time, BGR, and its own clip time."""
+
+    t_s: float
+    image: NDArray[np.uint8]
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a path names a bag rather than a video file."""
+    return path.is_dir() or path.suffix == ".mcap"
+
+
+def about(path: Path, start_s: float = 0.0) -> About:
+    """What a recording says about itself.
+
+    Args:
+        path: bag or video file.
+        start_s: of a video, where its clip begins.
+
+    Raises:
+        InputError: it is neither.
+    """
+    if is_bag(path):
+        with BagReader(path) as bag:
+            provenance = read_provenance(bag)
+            tick = bag.topics.get(absolute(WORLD_TICK))
+            video = bag.attachment(IMPORT_ATTACHMENT)
+        with Clip(path) as clip:
+            first_s, last_s = clip.first_s, clip.last_s
+        return About(
+            scenario=provenance.scenario,
+            domain=provenance.domain,
+            event_version=provenance.event_version,
+            video_sha256=_source_sha256(video),
+            bag_sha256=provenance.bag_sha256,
+            has_states=provenance.run is not None and tick is not None and tick.count > 0,
+            first_s=max(0.0, first_s),
+            last_s=last_s,
+        )
+    times_s = _times_s(path, start_s)
+    return About(None, None, None, sha256_file(path), None, False, 0.0, times_s[-1] - times_s[0])
+
+
+def pictures(path: Path, times_s: Sequence[float], start_s: float = 0.0) -> list[Picture | None]:
+    """The frame at each clip time, None where there is none at or shortly before it.
+
+    Args:
+        path: bag or video file.
+        times_s: clip times.
+        start_s: of a video, where its clip begins.
+
+    Raises:
+        InputError: it is neither, or a frame can't be decoded.
+    """
+    if is_bag(path):
+        return _of_bag(path, times_s)
+    return _of_video(path, times_s, start_s)
+
+
+def _of_bag(path: Path, times_s: Sequence[float]) -> list[Picture | None]:
+    found: list[Picture | None] = []
+    with Clip(path, Preprocessing(frames=1)) as clip:
+        for t_s in times_s:
+            question = clip.question(t_s)
+            if isinstance(question, NoQuestion):
+                found.append(None)
+                continue
+            frame = question.request.frames[-1]
+            image = cv2.imdecode(np.frombuffer(frame.jpeg, np.uint8), cv2.IMREAD_COLOR)
+            if image is None:
+                raise InputError(f"holds a frame at {question.t_s:.3f} s that is none", file=path)
+            at_s = ns_to_seconds(frame.stamp_ns - clip.start_ns)
+            found.append(Picture(at_s, np.asarray(image, dtype=np.uint8)))
+    return found
+
+
+def _of_video(path: Path, times_s: Sequence[float], start_s: float) -> list[Picture | None]:
+    frames_s = _times_s(path, start_s)
+    first_s = frames_s[0]
+    # Which of the clip's frames is wanted for each time, -1: none is recent enough.
+    newest = [bisect_right(frames_s, first_s + t_s + _TOLERANCE_S) - 1 for t_s in times_s]
+    wanted = [
+        i if DEFAULT.at_most(first_s + t_s - frames_s[i], DEFAULT.match_window_s) else -1
+        for i, t_s in zip(newest, times_s, strict=True)
+    ]
+    images: dict[int, Picture] = {}
+    with Video(path) as video:
+        for i, frame in enumerate(video.frames(start_s, None, 1)):
+            if i in wanted:
+                images[i] = Picture(frame.time_s - first_s, frame.image.copy())
+    return [images.get(i) for i in wanted]
+
+
+def _source_sha256(attachment: bytes | None) -> str | None:
+    """Hash of an imported video, from the attachment that read_provenance has checked."""
+    if attachment is None:
+        return None
+    found = json.loads(attachment)["source"].get("sha256")
+    return found if isinstance(found, str) else None
+
+
+def _times_s(path: Path, start_s: float) -> list[float]:
+    with Video(path) as video:
+        times_s = [frame.time_s for frame in video.frames(start_s, None, 1)]
+    if not times_s:
+        raise InputError(f"has no frame from {start_s:g} s on", file=path, field="--start")
+    return times_s

@@ -1,0 +1,247 @@
+"""The review of proposed labels: label by label, a person accepts or edits what was derived."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ssp_core.errors import InputError
+from ssp_core.hashing import sha256_bytes, sha256_file
+from ssp_core.vocab import CONFLICTS, LAT_ACTIONS, LON_ACTIONS, MOTIONS, OBJECTS, PHASES, POSITIONS
+from ssp_eval.labels.check import phase_problems, risk_warnings
+from ssp_eval.labels.model import Labels, labels_to_json, load_labels, parse_labels
+from ssp_eval.labels.proposal_file import (
+    confirm,
+    decided_fields,
+    is_unreviewed,
+    sidecar,
+    write_decided,
+)
+from ssp_eval.labels.propose import response_problems
+from ssp_scenario_manager.spec.log import Record
+from ssp_scenario_manager.spec.log_file import append_records
+from ssp_scenario_manager.spec.review.terminal import Terminal, ask_reason
+
+PROMPT = "  [a]ccept [e]dit [s]kip [q]uit [?] > "
+_HELP = """  a  accept the label as it is
+  e  change slots, such as: motion=stationary lon_actions=decelerate,stop conflict=null
+  s  skip it for now
+  q  stop here; what was decided is kept, and the same command goes on"""
+_RISK = "risk_time_s"
+_PAIR = re.compile(r"(\w+)=(\S*)")
+_LISTS = {"objects": OBJECTS, "lon_actions": LON_ACTIONS, "lat_actions": LAT_ACTIONS}
+_WORDS = {"phase": PHASES, "position": POSITIONS, "motion": MOTIONS, "conflict": CONFLICTS}
+
+
+class _BadLine(Exception):
+    """What was typed is no change of a label; the message says why."""
+
+
+@dataclass
+class _Desk:
+    """A labels file under review: every decision is on the disk before the next question."""
+
+    path: Path
+    log: Path
+    who: str
+    now: Callable[[], str]
+    labels: Labels
+    decided: set[str]
+
+    def __post_init__(self) -> None:
+        self._on_disk = sha256_file(self.path)
+
+    def record(self, reason: str, field: str | None, old: Any, new: Any, **details: Any) -> Record:
+        return Record(
+            kind="label_review",
+            when=self.now(),
+            who=self.who,
+            subject=f"{self.labels.scenario} {self.labels.domain}",
+            version=self._on_disk,
+            field=field,
+            old=old,
+            new=new,
+            reason=reason,
+            details=details,
+        )
+
+    def decide(self, field: str, after: Labels, records: list[Record]) -> None:
+        if sha256_bytes(self.path.read_bytes()) != self._on_disk:
+            raise InputError(
+                "was changed by somebody else during the review",
+                file=self.path,
+                remedy="start the review again; what was decided before is kept",
+            )
+        append_records(self.log, records)
+        self.decided.add(field)
+        write_decided(self.path, after, self.decided)
+        self.labels, self._on_disk = after, sha256_file(self.path)
+
+
+def review_labels(
+    path: Path, log: Path, who: str, now: Callable[[], str], terminal: Terminal
+) -> int:
+    """Goes through proposed labels; exit status 0 when every one is decided.
+
+    Args:
+        path: the labels file.
+        log: its log L.
+        who: decides.
+        now: time in ISO 8601 UTC.
+        terminal: the person.
+
+    Raises:
+        InputError: the file is no labels file, or is a template.
+    """
+    labels = load_labels(path)
+    if not is_unreviewed(path):
+        terminal.say(f"{path}: is not marked as a proposal; there is nothing to review")
+        return 0
+    desk = _Desk(path, log, who, now, labels, set(decided_fields(path)))
+    fields = [_RISK, *(f"labels[{i}]" for i in range(len(labels.labels)))]
+    waiting = [field for field in fields if field not in desk.decided]
+    for number, field in enumerate(waiting, start=1):
+        _show(desk.labels, field, f"[{number}/{len(waiting)}]", terminal)
+        if not _ask(desk, field, terminal):
+            break
+    left = [field for field in fields if field not in desk.decided]
+    problems = phase_problems(desk.labels)
+    for problem in problems:
+        terminal.say(f"! {problem}")
+    for warning in [*response_problems(desk.labels), *risk_warnings(desk.labels)]:
+        terminal.say(f"warning: {warning}")
+    if left or problems:
+        what = f"{len(left)} left to decide: {', '.join(left)}" if left else "phases contradict"
+        terminal.say(f"\n{path}: {what}")
+        return 1
+    reason = "every label was decided"
+    append_records(log, [desk.record(reason, None, None, None, sidecar=sidecar(path).name)])
+    confirm(path)
+    terminal.say(f"\n{path}: reviewed, {sha256_file(path)}")
+    return 0
+
+
+def _show(labels: Labels, field: str, number: str, terminal: Terminal) -> None:
+    value = _get(labels_to_json(labels), field)
+    if field == _RISK:
+        terminal.say(f"\n{number} {field}: {'null' if value is None else f'{value:g} s'}")
+        return
+    terminal.say(f"\n{number} {field}, t = {value['t_s']:g} s")
+    for slot, given in value.items():
+        if slot != "t_s":
+            terminal.say(f"  {slot:<13}{_text(given)}")
+
+
+def _ask(desk: _Desk, field: str, terminal: Terminal) -> bool:
+    """Asks until one field is decided or skipped; False when the review stops."""
+    while True:
+        answer = terminal.ask(PROMPT)
+        if answer is None or answer in ("q", "quit"):
+            return False
+        if answer in ("s", "skip"):
+            return True
+        value = _get(labels_to_json(desk.labels), field)
+        if answer in ("a", "accept"):
+            record = desk.record("agrees with the frames", field, value, value)
+            desk.decide(field, desk.labels, [record])
+            return True
+        if answer in ("e", "edit"):
+            if _edit(desk, field, terminal):
+                return True
+        else:
+            terminal.say(_HELP)
+
+
+def _edit(desk: _Desk, field: str, terminal: Terminal) -> bool:
+    prompt = "  new time, s, or null> " if field == _RISK else "  slot=value …> "
+    text = terminal.ask(prompt)
+    if text is None:
+        return False
+    content = labels_to_json(desk.labels)
+    try:
+        changes = _risk_change(text) if field == _RISK else _changes(text)
+        old = {path: _get(content, path) for path in (_at(field, slot) for slot in changes)}
+        for slot, value in changes.items():
+            _put(content, _at(field, slot), value)
+        after = parse_labels(content, desk.path)
+    except _BadLine as error:
+        terminal.say(f"  not understood: {error}")
+        return False
+    except InputError as error:
+        remedy = f"; {error.remedy}" if error.remedy else ""
+        terminal.say(f"  ! {error.field}: {error.problem}{remedy}")
+        return False
+    reason = ask_reason(terminal)
+    if reason is None:
+        terminal.say("  nothing was changed")
+        return False
+    new = labels_to_json(after)
+    records = [desk.record(reason, path, was, _get(new, path)) for path, was in old.items()]
+    desk.decide(field, after, records)
+    for problem in phase_problems(after):
+        terminal.say(f"  ! {problem}")
+    return True
+
+
+def _risk_change(text: str) -> dict[str, Any]:
+    if text == "null":
+        return {"": None}
+    try:
+        return {"": float(text.removesuffix("s").strip())}
+    except ValueError:
+        raise _BadLine("type a clip time in seconds, or null") from None
+
+
+def _changes(text: str) -> dict[str, Any]:
+    """Slots and their new values in a typed line."""
+    pairs = _PAIR.findall(text)
+    if not pairs or _PAIR.sub("", text).strip():
+        raise _BadLine("type slots and values, such as: motion=stationary conflict=null")
+    changes: dict[str, Any] = {}
+    for slot, given in pairs:
+        if slot == "risk_visible":
+            if given not in ("true", "false"):
+                raise _BadLine("risk_visible is true or false")
+            changes[slot] = given == "true"
+        elif slot in _LISTS:
+            changes[slot] = None if given == "null" else [word for word in given.split(",") if word]
+        elif slot in _WORDS:
+            changes[slot] = None if given == "null" else given
+        else:
+            known = ", ".join([*_WORDS, *_LISTS, "risk_visible"])
+            raise _BadLine(f"there is no slot {slot!r}; known are {known}")
+    return changes
+
+
+def _at(field: str, slot: str) -> str:
+    return f"{field}.{slot}" if slot else field
+
+
+def _get(content: dict[str, Any], path: str) -> Any:
+    holder, key = _place(content, path)
+    return holder[key]
+
+
+def _put(content: dict[str, Any], path: str, value: Any) -> None:
+    holder, key = _place(content, path)
+    holder[key] = value
+
+
+def _place(content: dict[str, Any], path: str) -> tuple[Any, Any]:
+    """Where a field of this review stands: risk_time_s, labels[i] or labels[i].slot."""
+    found = re.fullmatch(r"labels\[(\d+)\](?:\.(\w+))?", path)
+    if found is None:
+        return content, path
+    index, slot = int(found.group(1)), found.group(2)
+    return (content["labels"], index) if slot is None else (content["labels"][index], slot)
+
+
+def _text(value: Any) -> str:
+    if value is None:
+        return "null"
+    if isinstance(value, bool):
+        return str(value).lower()
+    return ", ".join(value) or "(nobody)" if isinstance(value, list) else str(value)

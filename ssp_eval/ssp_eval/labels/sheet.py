@@ -1,0 +1,161 @@
+"""Contact sheets to label from: the frame at each label's time, and what the label says."""
+
+from __future__ import annotations
+
+import json
+from base64 import b64encode
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import jinja2
+
+from ssp_core.contact_sheet import Tile, contact_sheet, encode
+from ssp_core.errors import InputError
+from ssp_core.files import read_mapping
+from ssp_eval import strict
+from ssp_eval.labels.footage import Picture
+from ssp_eval.strict import Place
+
+LEAST_WIDTH_PX = 640
+_SLOTS = (
+    "phase",
+    "risk_visible",
+    "objects",
+    "position",
+    "motion",
+    "conflict",
+    "lon_actions",
+    "lat_actions",
+)
+_COLUMNS = 3
+_QUALITY = 90
+_HERE = Path(__file__).parent
+
+
+@dataclass(frozen=True)
+class Row:
+    """One label: its time, and its slots as text, "" where it says nothing."""
+
+    t_s: float
+    slots: dict[str, str]
+
+
+@dataclass(frozen=True)
+class Rows:
+    """A labels file or a template, as far as a sheet needs it."""
+
+    title: str
+    event_version: str
+    rows: tuple[Row, ...]
+
+
+def read_rows(path: Path) -> Rows:
+    """The times and slots of a labels file, of a template, or of one that is half filled in.
+
+    Raises:
+        InputError: it can't be read, or its times are none.
+    """
+    value = read_mapping(path)
+    place = Place(path)
+    labels = strict.items(value.get("labels"), place.at("labels"))
+    if not labels:
+        raise place.at("labels").error("must hold at least one label")
+    rows = []
+    for i, label in enumerate(labels):
+        at = place.at("labels").at(i)
+        if not isinstance(label, dict):
+            raise at.error("must be an object", label)
+        if "t_s" not in label:
+            raise at.at("t_s").error("is missing")
+        slots = {slot: _text(label.get(slot)) for slot in _SLOTS}
+        rows.append(Row(strict.finite(label["t_s"], at.at("t_s")), slots))
+    title = f"{_text(value.get('scenario'))}, {_text(value.get('domain'))}"
+    return Rows(title, _text(value.get("event_version")), tuple(rows))
+
+
+def picture_sheet(
+    rows: Rows, pictures: Sequence[Picture | None], suffix: str, width_px: int = LEAST_WIDTH_PX
+) -> bytes:
+    """One picture with all frames, as PNG or JPEG.
+
+    Args:
+        rows: labels.
+        pictures: one for each row, None where the clip has none.
+        suffix: ``.png`` or ``.jpg``.
+        width_px: of each frame.
+
+    Raises:
+        InputError: the clip has no frame at any of the times.
+    """
+    tiles = [
+        Tile(picture.image, _lines(row, picture))
+        for row, picture in zip(rows.rows, pictures, strict=True)
+        if picture is not None
+    ]
+    if not tiles:
+        raise InputError("no label's time lies inside the clip", field="labels")
+    return encode(contact_sheet(tiles, _COLUMNS, width_px), suffix, _QUALITY)
+
+
+def html_sheet(
+    rows: Rows,
+    pictures: Sequence[Picture | None],
+    source: str,
+    width_px: int = LEAST_WIDTH_PX,
+) -> str:
+    """A page with every frame in its own size, at least as wide as asked, and its slots beside it.
+
+    Args:
+        rows: labels.
+        pictures: one for each row, None where the clip has none.
+        source: name of bag or video.
+        width_px: least width of a frame on the page.
+    """
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(_HERE),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    items = [
+        {"t_s": row.t_s, "slots": row.slots, "picture": _shown(picture, width_px)}
+        for row, picture in zip(rows.rows, pictures, strict=True)
+    ]
+    return environment.get_template("sheet.html.j2").render(
+        title=rows.title, version=rows.event_version, source=source, items=items
+    )
+
+
+def _shown(picture: Picture | None, width_px: int) -> dict[str, Any] | None:
+    if picture is None:
+        return None
+    data = b64encode(encode(picture.image, ".jpg", _QUALITY)).decode()
+    return {
+        "uri": f"data:image/jpeg;base64,{data}",
+        "t_s": picture.t_s,
+        "width_px": max(width_px, picture.image.shape[1]),
+    }
+
+
+def _lines(row: Row, picture: Picture) -> tuple[str, ...]:
+    at = f"t = {row.t_s:g} s (frame at {picture.t_s:.3f} s)"
+    if not any(row.slots.values()):
+        return (f"{at}: to be filled in",)
+    slots = {key: text or "-" for key, text in row.slots.items()}
+    risk = {"true": "risk visible", "false": "no risk visible"}.get(slots["risk_visible"], "risk -")
+    return (
+        f"{at}: {slots['phase']}, {risk}",
+        f"{slots['objects']} | {slots['position']} | {slots['motion']} | {slots['conflict']}",
+        f"lon {slots['lon_actions']} | lat {slots['lat_actions']}",
+    )
+
+
+def _text(value: Any) -> str:
+    if value is None or value == []:
+        return ""
+    if isinstance(value, list):
+        return ", ".join(_text(item) for item in value)
+    return value if isinstance(value, str) else json.dumps(value)

@@ -1,0 +1,1 @@
+"""Evidence packages (METHOD 4): everything behind a score in one folder, every link a hash."""

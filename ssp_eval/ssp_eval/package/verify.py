@@ -1,0 +1,266 @@
+"""Verifying a package: every byte, every link, and what a change breaks."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import stat
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ssp_core.errors import InputError
+from ssp_eval.package.build import work_out
+from ssp_eval.package.contents import Contents
+from ssp_eval.package.logs import merged_log
+from ssp_eval.package.model import (
+    OBJECTS,
+    TABLE_FILE,
+    Chain,
+    FileEntry,
+    Link,
+    Package,
+    load_table,
+    object_path,
+)
+
+_BLOCK_BYTES = 1 << 20
+_SHOWN = 3
+_DAMAGE = ("changed", "missing", "superfluous")
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing that is wrong with a package.
+
+    Args:
+        kind: changed, missing or superfluous (a file); link (a hash that leads nowhere); table.
+        file: path that the file had, or its place in the package where it had none.
+        object: where its bytes lie in the package, empty where there are none.
+        text: what is wrong.
+        breaks: what rests on the file: cells with their number of scores, audits, tasks.
+    """
+
+    kind: str
+    file: str
+    object: str
+    text: str
+    breaks: tuple[str, ...] = ()
+
+    def as_dict(self) -> dict[str, Any]:
+        return {**asdict(self), "breaks": list(self.breaks)}
+
+
+@dataclass
+class Verdict:
+    """What a verification found.
+
+    Args:
+        id: of the package, None where its table can't be read.
+        findings: empty for a package that is as it was made.
+        missing: parts that a whole package would hold, as its table says.
+        notes: what could not be checked, and why.
+        files: how many were hashed.
+        links: how many were followed.
+        scores: how many can be walked back to K*.
+    """
+
+    id: str | None = None
+    findings: list[Finding] = field(default_factory=list)
+    missing: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    files: int = 0
+    links: int = 0
+    scores: int = 0
+
+    @property
+    def ok(self) -> bool:
+        return not self.findings
+
+
+def verify_package(
+    folder: Path,
+    *,
+    expected_id: str | None = None,
+    on_total: Callable[[int], None] = lambda _: None,
+    on_bytes: Callable[[int], None] = lambda _: None,
+    on_step: Callable[[str], None] = lambda _: None,
+) -> Verdict:
+    """Checks the bytes first, then what they say of each other.
+
+    Where bytes are wrong, the links that rest on them are named, and the others are not followed
+    anew: their files are as they were when they held.
+
+    Args:
+        folder: the package.
+        expected_id: id that it must have, as somebody wrote it down when it was made.
+        on_total: told once how many bytes there are.
+        on_bytes: told how many more bytes were hashed.
+        on_step: told afterwards what is done next, where it takes some seconds.
+
+    Raises:
+        InputError: there is no such folder.
+    """
+    if not folder.is_dir():
+        raise InputError("is no folder", file=folder, remedy="name a folder of `ssp package make`")
+    verdict = Verdict()
+    try:
+        package = load_table(folder)
+    except InputError as error:
+        text = error.problem if error.field is None else f"{error.field}: {error.problem}"
+        verdict.findings.append(Finding("table", TABLE_FILE, TABLE_FILE, text))
+        return verdict
+    verdict.id, verdict.missing = package.id, package.missing
+    if expected_id is not None and package.id != expected_id:
+        text = f"is package {package.id}, expected was {expected_id}"
+        verdict.findings.append(Finding("table", TABLE_FILE, TABLE_FILE, text))
+    on_total(sum(entry.bytes for entry in package.files))
+    verdict.findings += _bytes(folder, package, on_bytes)
+    verdict.files = len(package.files)
+    if any(finding.kind in _DAMAGE for finding in verdict.findings):
+        verdict.notes.append("links were not followed, since files are not as they were")
+        return verdict
+    _follow(folder, package, verdict, on_step)
+    return verdict
+
+
+def _bytes(folder: Path, package: Package, on_bytes: Callable[[int], None]) -> Iterable[Finding]:
+    by_hash: dict[str, list[FileEntry]] = {}
+    paths: set[str] = set()
+    for entry in package.files:
+        by_hash.setdefault(entry.sha256, []).append(entry)
+        if entry.path in paths:
+            yield Finding("table", entry.path, "", "stands twice in the table")
+        paths.add(entry.path)
+    for sha256, entries in sorted(by_hash.items(), key=lambda item: item[1][0].path):
+        name = str(object_path(folder, sha256).relative_to(folder))
+        problem = _problem(folder / name, sha256, entries[0].bytes, on_bytes)
+        if problem is None:
+            continue
+        kind, text = problem
+        for entry in entries:
+            yield Finding(kind, entry.path, name, text, _breaks(package, entry.path))
+    known = {object_path(folder, sha256).name for sha256 in by_hash}
+    yield from _superfluous(folder, {TABLE_FILE, OBJECTS}, "")
+    if (folder / OBJECTS).is_symlink():
+        text = "is a link, and the bytes lie outside the package"
+        yield Finding("changed", OBJECTS, OBJECTS, text)
+    elif (folder / OBJECTS).is_dir():
+        yield from _superfluous(folder / OBJECTS, known, f"{OBJECTS}/")
+
+
+def _problem(
+    path: Path, sha256: str, size: int, on_bytes: Callable[[int], None]
+) -> tuple[str, str] | None:
+    """What is wrong with an object, None where it is as it was."""
+    digest, found = hashlib.sha256(), 0
+    try:
+        if not stat.S_ISREG(path.lstat().st_mode):
+            return "changed", "is no plain file any more"
+        with path.open("rb") as stream:
+            while block := stream.read(_BLOCK_BYTES):
+                digest.update(block)
+                found += len(block)
+                on_bytes(len(block))
+    except FileNotFoundError:
+        return "missing", "is not there any more"
+    except OSError as error:
+        return "changed", f"can't be read: {error.strerror}"
+    if f"sha256:{digest.hexdigest()}" != sha256:
+        return "changed", f"was changed: its {found} bytes have sha256:{digest.hexdigest()}"
+    if found != size:
+        return "changed", f"has {found} bytes, and {TABLE_FILE} says {size}"
+    return None
+
+
+def _superfluous(folder: Path, known: set[str], prefix: str) -> Iterable[Finding]:
+    for name in sorted(os.listdir(folder)):
+        if name not in known:
+            shown = f"{prefix}{name}".encode("utf-8", "replace").decode()
+            text = f"is not in {TABLE_FILE}"
+            yield Finding("superfluous", shown, shown, text)
+
+
+def _breaks(package: Package, path: str) -> tuple[str, ...]:
+    """What rests on a file, over any number of links."""
+    sources: dict[str, set[str]] = {}
+    for link in package.links:
+        sources.setdefault(link.target, set()).add(link.source)
+    reached, waiting = {path}, [path]
+    while waiting:
+        for source in sources.get(waiting.pop(), ()):
+            if source not in reached:
+                reached.add(source)
+                waiting.append(source)
+    roles = {entry.path: entry.role for entry in package.files}
+    scores: dict[str, int] = {}
+    for chain in package.chains:
+        scores[chain.cell] = scores.get(chain.cell, 0) + 1
+    found = []
+    for other in sorted(reached):
+        role = roles.get(other)
+        if role == "cell":
+            found.append(f"{scores.get(other, 0)} scores of {other}")
+        elif role in ("audit", "task", "recording") and other != path:
+            found.append(f"{role} {other}")
+    return tuple(found)
+
+
+def _follow(
+    folder: Path, package: Package, verdict: Verdict, on_step: Callable[[str], None]
+) -> None:
+    """Works the links out anew and compares them with the table."""
+    contents = Contents(folder, package.files)
+    found = work_out(contents, on_step)
+    verdict.notes += found.notes
+    for problem in found.problems:
+        at = f"{problem.field}: " if problem.field else ""
+        verdict.findings.append(
+            Finding(
+                "link",
+                problem.file,
+                _object(contents, problem.file),
+                f"{at}{problem.text}",
+                _breaks(package, problem.file),
+            )
+        )
+    for name, told, worked_out in (
+        ("links", _lines(package.links), _lines(found.links)),
+        ("chains", _lines(package.chains), _lines(found.chains)),
+        ("missing", package.missing, found.missing),
+    ):
+        for text, items in (
+            ("says what its files don't", set(told).difference(worked_out)),
+            ("lacks what its files say", set(worked_out).difference(told)),
+        ):
+            verdict.findings += [
+                Finding("table", TABLE_FILE, TABLE_FILE, f"{name}: {text}: {item}")
+                for item in sorted(items)[:_SHOWN]
+            ]
+    verdict.findings += _log(contents)
+    verdict.links = len(found.links)
+    verdict.scores = len(found.chains)
+
+
+def _lines(items: Iterable[Link | Chain]) -> list[str]:
+    return [item.model_dump_json() for item in items]
+
+
+def _object(contents: Contents, path: str) -> str:
+    entry = contents.by_path.get(path)
+    return "" if entry is None else str(contents.object(entry).relative_to(contents.folder))
+
+
+def _log(contents: Contents) -> Iterable[Finding]:
+    """The merged log is what its parts give."""
+    for entry in contents.of("log_merged"):
+        try:
+            parts = [(part.path, contents.text(part)) for part in contents.of("log")]
+            same = merged_log(parts) == contents.text(entry)
+        except InputError as error:
+            yield Finding("link", entry.path, _object(contents, entry.path), str(error))
+            continue
+        if not same:
+            text = "is not what the parts of the log give"
+            yield Finding("link", entry.path, _object(contents, entry.path), text)

@@ -1,0 +1,135 @@
+"""What the report reads of a cell's files; what else stands in them is let be."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from ssp_core.files import load_model
+from ssp_core.run_spec import Finite
+
+Count = Annotated[int, Field(ge=0)]
+
+
+class _Part(BaseModel):
+    """No value is made to fit: ``"false"`` is no boolean and 5 is no text."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True, strict=True)
+
+
+class AdmissionFacts(_Part):
+    """What the audit said of the recording; cells of an earlier version say nothing."""
+
+    status: Literal["admitted", "refused", "unpaired", "unaudited"] = "unaudited"
+    audit_sha256: str | None = None
+
+
+class GeometryFacts(_Part):
+    """The forward camera: px, m and rad; height and pitch are null where nobody knows them."""
+
+    fx_px: Finite
+    fy_px: Finite
+    cx_px: Finite
+    cy_px: Finite
+    width_px: Annotated[int, Field(gt=0)]
+    height_px: Annotated[int, Field(gt=0)]
+    height_m: Finite | None = None
+    pitch_down_rad: Finite | None = None
+
+
+class ClipFacts(_Part):
+    """The recording that was shown."""
+
+    origin: str
+    verdict: str | None
+    ego: str
+    camera: str
+    geometry: GeometryFacts | None
+    mount_forward_m: Finite | None
+    mount_left_m: Finite = 0.0
+    mount_yaw_left_rad: Finite = 0.0
+    mount_roll_right_rad: Finite = 0.0
+
+
+class IgnoredFacts(_Part):
+    """Answers that came and weren't used."""
+
+    late: Count
+    duplicate: Count
+    unknown: Count
+
+
+class AnswerFacts(_Part):
+    """What was asked, and what came back."""
+
+    sent: Count
+    reused: Count
+    missing: list[dict[str, Any]]
+    # Cells of an earlier version don't tell the kinds apart.
+    missing_by_kind: dict[str, Count] = {}
+    ignored: IgnoredFacts
+
+
+class PreprocessingFacts(_Part):
+    """Of the frames in a request."""
+
+    frames: Count
+    frame_spacing_s: Finite
+
+
+class CellFacts(_Part):
+    """cell.json (``ssp.cell/1``): scenario × domain × model."""
+
+    schema_: Literal["ssp.cell/1"] = Field(alias="schema")
+    scenario: str
+    domain: str
+    model: str
+    model_ids: list[str]
+    status: Literal["ok", "refused", "failed"]
+    reasons: list[str]
+    stand_in: bool
+    admission: AdmissionFacts = AdmissionFacts()
+    event_version: str
+    clip: ClipFacts
+    labels_source: str
+    labels_proposed: bool
+    answers: AnswerFacts
+    backend_options: dict[str, Any]
+    decoding: list[dict[str, Any]]
+    preprocessing: PreprocessingFacts
+    adapter: str
+    # Null where a recording has no such part: an imported video has no verdict.
+    hashes: dict[str, str | None]
+
+
+class FrameFacts(_Part):
+    """A frame that was sent."""
+
+    sha256: str
+
+
+class PlaceFacts(_Part):
+    """Where the VUT was, in its own frame at the request, m."""
+
+    x_m: Finite
+    y_m: Finite
+
+
+class RequestFacts(_Part):
+    """One line of requests.jsonl: a label time, and what was asked then, if anything was."""
+
+    label_t_s: Finite
+    missing: str = ""
+    frames: list[FrameFacts] = []
+    history: list[PlaceFacts] = []
+
+
+def load_facts(file: Path) -> CellFacts:
+    """Reads a cell.json.
+
+    Raises:
+        InputError: it is no JSON, or a field is missing or wrong; with its path.
+    """
+    return load_model(CellFacts, file)

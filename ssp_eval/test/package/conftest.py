@@ -1,0 +1,129 @@
+"""Evidence of one scenario, recorded and evaluated without ROS, and a package of it."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from ssp_core.cli import main
+from ssp_core.files import write_json
+from ssp_core.hashing import sha256_file
+from ssp_core.vocab import PHASES
+from ssp_eval.audit.expected import timeline
+from ssp_eval.evaluate.admission import load_admissions
+from ssp_eval.evaluate.asker import DirectAskers, bridge_spec
+from ssp_eval.evaluate.campaign import run_campaign
+from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.truth import truth_from_bag
+from ssp_eval.labels.model import labels_to_json
+from ssp_eval.labels.propose import propose
+from ssp_eval.package.make import make_package
+from ssp_scenario_manager.compile.task import load_task
+from ssp_scenario_manager.spec.load import load_event
+from ssp_scenario_manager.spec.model import Event
+
+Writer = Callable[..., Path]
+MODEL = "constant_velocity"
+DOMAINS = ("synthetic", "simulation", "physical")
+
+
+def write_video(path: Path) -> None:
+    path.parent.mkdir(parents=True)
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10.0, (96, 54))
+    for k in range(90):
+        writer.write(np.full((54, 96, 3), k, np.uint8))
+    writer.release()
+
+
+def clip_labels(event: Event, version: str) -> dict[str, Any]:
+    """Labels of the made-up clip, with the phases that the K* has at these times."""
+    times = timeline(event)
+    starts = (times.trigger, times.conflict, times.resolution)
+    labels = []
+    for k in range(9):
+        t_s = 1.3 + 0.5 * k
+        passed = sum(when is not None and t_s >= when.middle_s for when in starts)
+        labels.append(
+            {
+                "t_s": t_s, "phase": PHASES[passed], "risk_visible": t_s > 3.2,
+                "objects": ["car"], "position": "front", "motion": "same_direction",
+                "conflict": "potential", "lon_actions": ["maintain"], "lat_actions": ["straight"],
+            }
+        )  # fmt: skip
+    return {
+        "schema": "ssp.labels/1", "scenario": "cut_in", "domain": "synthetic",
+        "event_version": version, "risk_time_s": 3.3, "first_frame_dynamics": False,
+        "labels": labels,
+    }  # fmt: skip
+
+
+def bag_hash(bag: Path) -> str:
+    (file,) = bag.glob("*.mcap")
+    return sha256_file(file)
+
+
+@pytest.fixture(scope="module")
+def evidence(
+    tmp_path_factory: pytest.TempPathFactory, bag_writer: Writer, task_writer: Writer
+) -> Path:
+    """What a demonstration leaves of one scenario and one model."""
+    root = tmp_path_factory.mktemp("evidence") / "demo"
+    event, version = load_event("cut_in")
+    bags = {}
+    checked = None
+    for domain in ("simulation", "physical"):
+        run = root / "runs" / f"cut_in-{domain}"
+        task = task_writer(run / "task", domain, validated_by=checked, lanes=2)
+        bags[domain] = bag_writer(run / "bag", domain=domain, task=task, like_k_star=True)
+        shutil.copy(task / "run.yaml", run / "run.yaml")
+        checked = {
+            "run_id": run.name,
+            "task_version": load_task(task).version,
+            "bag_sha256": bag_hash(bags[domain]),
+        }
+    clip = root / "clips" / "cut_in.avi"
+    write_video(clip)
+    bags["synthetic"] = root / "runs" / "cut_in-synthetic" / "bag"
+    assert main(
+        ["import-video", str(clip), "--ego-unknown", "--generator", str(event.source.generator),
+         "--scenario", "cut_in", "--event-version", version,
+         "--domain", "synthetic", "--out", str(bags["synthetic"])]
+    ) == 0  # fmt: skip
+    labels = labels_to_json(propose(truth_from_bag(bags["simulation"])).labels)
+    for domain in ("simulation", "physical"):
+        write_json(bags[domain].parent / "labels.json", {**labels, "domain": domain})
+    write_json(bags["synthetic"].parent / "labels.json", clip_labels(event, version))
+    runs = [str(bags[domain]) for domain in DOMAINS]
+    assert main(["audit", *runs, "--out", str(root / "audits" / "cut_in")]) == 0
+    results = run_campaign(
+        [(bags[d], None) for d in DOMAINS], [bridge_spec(MODEL)], DirectAskers(), root,
+        CellOptions(), admissions=load_admissions([root / "audits" / "cut_in"]),
+    )  # fmt: skip
+    assert [result.status for result in results] == ["ok"] * 3
+    assert [result.admission for result in results] == ["admitted"] * 3
+    return root
+
+
+@pytest.fixture(scope="module")
+def made(evidence: Path) -> Path:
+    out = evidence.parent / "package"
+    make_package([evidence], out)
+    return out
+
+
+@pytest.fixture
+def package(made: Path, tmp_path: Path) -> Path:
+    """A package of one's own."""
+    return Path(shutil.copytree(made, tmp_path / "package"))
+
+
+@pytest.fixture
+def own(evidence: Path, tmp_path: Path) -> Path:
+    """Evidence of one's own."""
+    return Path(shutil.copytree(evidence, tmp_path / "demo"))

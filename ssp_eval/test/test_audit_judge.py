@@ -1,0 +1,42 @@
+"""Three recordings of sessions: each is held against the K* and not against itself (METHOD 4)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from ssp_core.hashing import sha256_file
+from ssp_core.vocab import DOMAINS
+from ssp_eval.audit.judge import judge
+from ssp_eval.audit.recording import read_recording
+from ssp_scenario_manager.spec.load import load_event
+
+
+def test_what_lies_beside_the_recording_is_bound_by_hash(make_bag: Callable[..., Path]) -> None:
+    bags = [
+        make_bag(f"{domain}/bag", domain=domain, told=domain != "physical") for domain in DOMAINS
+    ]
+    for bag in bags:  # a session's labels aren't read, whatever they say
+        (bag.parent / "labels.json").write_text("no labels")
+    entries = judge([read_recording(bag) for bag in bags], load_event("cut_in")[0]).audit.recordings
+    assert [e.labels_sha256 for e in entries] == [None] * 3
+    assert [e.verdict for e in entries] == ["valid"] * 3
+    told = sha256_file(bags[0] / "verdict.json")
+    assert [e.verdict_sha256 for e in entries] == [told, told, None]
+    missing = [[r.code for r in e.reasons if r.code == "verdict_missing"] for e in entries]
+    assert missing == [[], [], ["verdict_missing"]]
+    named = judge([read_recording(next(b.glob("*.mcap"))) for b in bags]).audit.recordings
+    assert [e.name for e in named] == [e.name for e in entries] == list(DOMAINS)
+
+
+def test_a_synthetic_session_is_held_against_the_event(make_bag: Callable[..., Path]) -> None:
+    # One lane, and the OT comes from the right of it: three times the same, never the event.
+    bags = [make_bag(f"{domain}/bag", domain=domain) for domain in DOMAINS]
+    audit = judge([read_recording(bag) for bag in bags], load_event("cut_in")[0]).audit
+    codes = {
+        found.code
+        for reason in audit.recordings[0].reasons
+        for found in (reason, *reason.consequences)
+    }
+    assert {"topology_differs", "place_differs"} <= codes
+    assert [recording.kpr for recording in audit.recordings] == [1.0, 1.0, 1.0]

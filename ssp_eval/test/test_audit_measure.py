@@ -1,0 +1,395 @@
+"""q(d, k), phases and facts from states alone (METHOD 1, 4): scenes whose answers are known."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ssp_core.geometry import Pose2, wrap_angle
+from ssp_core.run_spec import ConflictThresholds, CurvePiece, Lane, Road, Start
+from ssp_core.state import DEFAULT_SIZES, ObjectState
+from ssp_core.vocab import ObjectClass, Role
+from ssp_eval.audit.compare import phase_findings, property_findings
+from ssp_eval.audit.expected import expected_properties
+from ssp_eval.audit.lanes import Lanes
+from ssp_eval.audit.measure import Measured, Scene, measure
+from ssp_eval.audit.reasons import explain
+from ssp_eval.audit.values import CONFLICT, FIELDS, MOTION, ORDER, ROLES, TOPOLOGY, is_equal
+from ssp_scenario_manager.spec.load import load_event
+
+STEP_S = 0.05
+TTC_ONLY = ConflictThresholds(ttc_s=3.0, arrival_gap_s=None)
+BOTH = ConflictThresholds(ttc_s=2.5, arrival_gap_s=1.5)
+Motion = Callable[[float], tuple[float, float]]
+
+
+ORIGIN = Pose2(0.0, 0.0, 0.0)
+
+
+def road(origin: Pose2 = ORIGIN, **more: Any) -> Road:
+    lanes = [
+        Lane(y_m=y, width_m=3.5, direction=d)
+        for y, d in ((0.0, "forward"), (3.5, "forward"), (7.0, "backward"))
+    ]
+    start = Start(x_m=origin.x_m, y_m=origin.y_m, yaw_rad=origin.yaw_rad)
+    return Road(**{"origin": start, "length_m": 400.0, "lanes": lanes, **more})
+
+
+def moving(name: str, cls: ObjectClass, t_s: float, motion: Motion) -> ObjectState:
+    """A state on a path that is given as a function of time; speeds by differences."""
+    h = 1e-4
+    (x0, y0), (x1, y1) = motion(t_s - h), motion(t_s + h)
+    vx, vy = (x1 - x0) / (2 * h), (y1 - y0) / (2 * h)
+    speed = math.hypot(vx, vy)
+    late = motion(t_s + 2 * h + 1e-2)
+    later = motion(t_s + 1e-2)
+    faster = math.hypot((late[0] - later[0]) / (2 * h), (late[1] - later[1]) / (2 * h))
+    yaw = math.atan2(vy, vx) if speed > 1e-6 else (math.pi / 2 if cls.name == "PEDESTRIAN" else 0.0)
+    x, y = motion(t_s)
+    role = Role.VUT if name == "vut" else Role.OT
+    return ObjectState(
+        name, cls, role, round(t_s * 1e9), x, y, yaw, speed, (faster - speed) / 1e-2, 0.0,
+        DEFAULT_SIZES[cls],
+    )  # fmt: skip
+
+
+def scene(
+    vut: Motion,
+    ot1: Motion,
+    cls: ObjectClass = ObjectClass.CAR,
+    *,
+    length_s: float = 14.0,
+    **more: Any,
+) -> Scene:
+    series = []
+    for k in range(round(length_s / STEP_S)):
+        t_s = k * STEP_S
+        objects = [moving("vut", ObjectClass.CAR, t_s, vut), moving("ot1", cls, t_s, ot1)]
+        series.append((t_s, {o.object_id: o for o in objects}))
+    given = {
+        "series": series, "vut_id": "vut", "target_ids": ("ot1",), "road": road(),
+        "start_s": 0.0, "end_s": series[-1][0], "thresholds": TTC_ONLY, "observable": "lateral",
+    }  # fmt: skip
+    return Scene(**{**given, **more})
+
+
+def shift(t_s: float, at_s: float, from_m: float, to_m: float) -> float:
+    progress = min(max((t_s - at_s) / 2.5, 0.0), 1.0)
+    return from_m + (to_m - from_m) * 0.5 * (1.0 - math.cos(math.pi * progress))
+
+
+def braking(x_m: float, speed: float, at_s: float, rate: float, to: float = 0.0) -> Motion:
+    """Straight on at y = 0, braking from some time on."""
+
+    def motion(t_s: float) -> tuple[float, float]:
+        braked_s = min(max(0.0, t_s - at_s), (speed - to) / rate)
+        rest_s = max(0.0, t_s - at_s - braked_s)
+        x = x_m + speed * min(t_s, at_s) + speed * braked_s - rate * braked_s**2 / 2 + to * rest_s
+        return x, 0.0
+
+    return motion
+
+
+def cut_in(side: float = 1.0, speed: float = 8.5, gap_m: float = 42.0, **more: Any) -> Scene:
+    """A slower car 42 m ahead on one side changes lanes at 5 s; the VUT brakes at 6 s."""
+    return scene(
+        braking(0.0, 13.0, 6.0, 3.0, 6.0),
+        lambda t: (gap_m + speed * t, shift(t, 5.0, side * 3.5, 0.0)),
+        **more,
+    )
+
+
+def crossing(start_s: float = 4.0, **more: Any) -> Scene:
+    """A pedestrian crosses from the right at x = 80 m; the VUT brakes at 5 s, or drives on."""
+    vut = more.pop("vut", braking(0.0, 12.0, 5.0, 4.0, 1.5))
+    return scene(
+        vut,
+        lambda t: (80.0, -4.0 + 1.5 * max(0.0, t - start_s)),
+        ObjectClass.PEDESTRIAN,
+        thresholds=BOTH,
+        **more,
+    )
+
+
+def lead() -> Scene:
+    return scene(
+        braking(0.0, 13.0, 7.0, 4.0, 3.0),
+        braking(30.0, 13.0, 5.0, 4.0, 3.0),
+        observable="braking",
+    )
+
+
+def words(found: Measured, field: str, part: str) -> tuple[str, ...]:
+    value = found.properties[field].words
+    assert value is not None
+    return value[part]
+
+
+def codes(event: str, found: Measured) -> list[str]:
+    wanted = expected_properties(load_event(event)[0])
+    findings = property_findings(
+        found.properties, wanted, found.phases, found.first_arrival_s
+    ) + phase_findings(found.phases, "")
+    return [reason.finding.code for reason in explain(findings)]
+
+
+@pytest.mark.parametrize(
+    ("event", "made", "relation", "motion"),
+    [
+        ("cut_in", cut_in, "merge", "cutting_in_from_left"),
+        ("vru_crossing", crossing, "crossing", "crossing_from_right"),
+        ("lead_braking", lead, "following", "same_direction"),
+    ],
+)
+def test_an_event_is_what_its_specification_says(
+    event: str, made: Callable[[], Scene], relation: str, motion: str
+) -> None:
+    found = measure(made())
+    assert codes(event, found) == []
+    assert words(found, CONFLICT, "paths") == (relation,)
+    assert words(found, MOTION, "motion") == (motion,)
+    assert words(found, ORDER, "order") == ("ot1 before vut",)
+    assert (found.initiator, found.affected) == ("ot1", "vut")
+    wanted = expected_properties(load_event(event)[0])
+    assert all(is_equal(found.properties[field], wanted[field]) for field in FIELDS)
+
+
+def test_phases_and_facts_of_a_cut_in() -> None:
+    found = measure(cut_in())
+    phases = found.phases
+    # 3.5 m in 2.5 s: lateral speed 2.2 m/s · sin(π (t − 5)/2.5) passes 0.2 m/s at 5.07 s.
+    assert phases.trigger_s == pytest.approx(5.07, abs=STEP_S)
+    assert phases.trigger_s is not None
+    assert phases.conflict_s is not None
+    assert phases.resolution_s is not None
+    assert phases.trigger_s < phases.conflict_s < phases.resolution_s
+    # The gap at the trigger: 42 − 0.9 + 8.5 · 5.1 − (13 · 5.1 + 3.6).
+    assert found.facts["trigger_gap_m"] == pytest.approx(37.5 - 4.5 * 5.1, abs=0.5)
+    assert found.facts["vut_speed_at_trigger_mps"] == pytest.approx(13.0, abs=0.01)
+    assert found.facts["ot_speed_at_conflict_mps"] == pytest.approx(8.6, abs=0.3)
+
+
+def test_time_gap_of_a_crossing_is_from_departure_to_arrival() -> None:
+    found = measure(crossing())
+    # The walker's far edge leaves the corridor (1.2 m) at y = 1.45 m: 4 + 5.45/1.5 s.
+    left_s = 4.0 + 5.45 / 1.5
+    assert found.zone_until_s is not None
+    assert found.facts["time_gap_s"] == pytest.approx(found.zone_until_s - left_s, abs=0.1)
+    # The conflict point: 0.3 m before the walker's near edge. Of the VUT, 3.6 m of which are ahead
+    # of its reference: 79.45 = 63.6 + 12 t - 2 t² from 5 s on.
+    assert found.zone is not None
+    assert min(x for x, _ in found.zone) == pytest.approx(79.45, abs=0.01)
+    assert max(x for x, _ in found.zone) == pytest.approx(80.55, abs=0.01)
+    assert {round(abs(y), 6) for _, y in found.zone} == {1.2}
+    assert found.zone_until_s == pytest.approx(5.0 + (12.0 - math.sqrt(17.2)) / 4.0, abs=0.005)
+
+
+@pytest.mark.parametrize("slant", [-0.5, 0.5])
+def test_the_zone_of_a_slanting_crossing_is_what_both_corridors_share(slant: float) -> None:
+    """From the right through x = 80 m, with or against the VUT: dx/dy = 0.5 or -0.5."""
+
+    def walker(t: float) -> tuple[float, float]:
+        y = -4.0 + 1.3 * max(0.0, t - 4.0)
+        return 80.0 + slant * y, y
+
+    vut = braking(0.0, 12.0, 5.0, 4.0, 1.5)
+    found = measure(scene(vut, walker, ObjectClass.PEDESTRIAN, thresholds=BOTH))
+    assert words(found, CONFLICT, "paths") == ("crossing",)
+    # Half of the VUT's corridor is 1.2 m; the walker's, 0.55 m, lies slanting on the path.
+    reach = 1.2 * 0.5 + 0.55 * math.hypot(1.0, 0.5)
+    assert found.zone is not None
+    assert min(x for x, _ in found.zone) == pytest.approx(80.0 - reach, abs=0.01)
+    assert max(x for x, _ in found.zone) == pytest.approx(80.0 + reach, abs=0.01)
+
+
+def test_the_zone_of_a_merge_has_no_margin_along_the_path() -> None:
+    """METHOD 1: the part of the VUT's lane that the OT enters, from its first overlap."""
+    whole = cut_in()
+    found = measure(whole)
+    half = DEFAULT_SIZES[ObjectClass.CAR].width_m / 2.0 + 0.3
+    others = [states["ot1"] for _, states in whole.series]
+    entered = next(o for o in others if min(y for _, y in o.box.corners()) < half)
+    assert found.zone is not None
+    assert min(x for x, _ in found.zone) == pytest.approx(
+        min(x for x, _ in entered.box.corners()), abs=1e-6
+    )
+
+
+def test_vut_first() -> None:
+    found = measure(crossing(start_s=5.29, vut=lambda t: (12.0 * t, 0.0)))
+    assert words(found, ORDER, "order") == ("vut before ot1",)
+    assert found.phases.conflict_s is not None
+    assert codes("vru_crossing", found) == ["order_differs"]
+    # The rear (0.9 m behind the reference) leaves the zone, which ends 0.3 m beyond the walker, at
+    # 6.79 s. The walker reaches the corridor at 5.29 + 2.55/1.5 = 6.99 s, and is in it at 7 s.
+    assert found.facts["time_gap_s"] == pytest.approx(7.0 - (80.55 + 0.9) / 12.0, abs=0.005)
+
+
+def test_from_the_wrong_side() -> None:
+    right = [Lane(y_m=y, width_m=3.5, direction="forward") for y in (-3.5, 0.0)]
+    found = measure(cut_in(side=-1.0, road=road(lanes=right)))
+    assert words(found, TOPOLOGY, "vut_lane") == ("leftmost",)
+    assert words(found, ROLES, "ot1 starts in") == ("right_lane",)
+    assert codes("cut_in", found) == ["wrong_side"]
+
+
+def test_who_cuts_in_on_whom() -> None:
+    """The VUT changes lanes in front of the OT: nothing but the roles is turned round."""
+    turned = scene(
+        lambda t: (42.0 + 8.5 * t, shift(t, 5.0, 3.5, 0.0)), braking(0.0, 13.0, 6.0, 3.0, 6.0)
+    )
+    found = measure(turned)
+    assert (found.initiator, found.affected) == ("vut", "ot1")
+    assert codes("cut_in", found) == ["roles_swapped"]
+
+
+def test_a_crossing_is_never_turned_round() -> None:
+    found = measure(crossing(start_s=9.5, vut=lambda t: (12.0 * t, 0.0)))
+    assert found.affected in ("vut", None)
+    assert "roles_swapped" not in codes("vru_crossing", found)
+
+
+@pytest.mark.parametrize(("speed", "gap_m"), [(13.0, 30.0), (12.5, 30.0)])
+def test_without_a_conflict(speed: float, gap_m: float) -> None:
+    found = measure(cut_in(speed=speed, gap_m=gap_m))
+    assert found.phases.trigger_s is not None
+    assert (found.phases.conflict_s, found.phases.resolution_s) == (None, None)
+    assert codes("cut_in", found)[0] == "conflict_missing"
+    assert found.initiator == "ot1"
+
+
+def test_without_a_manoeuvre() -> None:
+    found = measure(scene(lambda t: (13.0 * t, 0.0), lambda t: (40.0 + 13.0 * t, 3.5)))
+    assert found.phases.trigger_s is None
+    assert codes("cut_in", found) == ["no_manoeuvre"]
+    assert found.properties[MOTION].words is None
+    assert words(found, CONFLICT, "paths") == ("none",)
+
+
+def test_a_clip_that_begins_in_the_manoeuvre_has_no_approach() -> None:
+    whole = cut_in()
+    late = replace(whole, series=[x for x in whole.series if x[0] >= 5.3], start_s=5.3)
+    assert not measure(late).phases.has_approach
+    assert codes("cut_in", measure(late)) == ["approach_phase"]
+
+
+def test_a_conflict_that_never_ends() -> None:
+    whole = cut_in()
+    early = replace(whole, series=[x for x in whole.series if x[0] <= 6.6], end_s=6.6)
+    assert measure(early).phases.conflict_s is not None
+    assert codes("cut_in", measure(early)) == ["conflict_unresolved"]
+
+
+def test_another_road_and_another_class() -> None:
+    narrow = [
+        Lane(y_m=y, width_m=3.5, direction=d) for y, d in ((0.0, "forward"), (3.5, "backward"))
+    ]
+    found = measure(cut_in(road=road(lanes=narrow)))
+    assert codes("cut_in", found)[0] == "topology_differs"
+    assert words(found, ROLES, "ot1 starts in") == ("oncoming_lane",)
+    walker = crossing()
+    series = [
+        (t, {k: replace(s, object_class=ObjectClass.CYCLIST) if k == "ot1" else s
+             for k, s in now.items()})
+        for t, now in walker.series
+    ]  # fmt: skip
+    assert codes("vru_crossing", measure(replace(walker, series=series))) == ["roles_differ"]
+
+
+@settings(max_examples=8, deadline=None)
+@given(
+    x=st.floats(-1e3, 1e3), y=st.floats(-1e3, 1e3), yaw=st.floats(-3.1, 3.1),
+    which=st.sampled_from([cut_in, crossing, lead]),
+)  # fmt: skip
+def test_nothing_depends_on_where_the_site_lies(
+    x: float, y: float, yaw: float, which: Callable[[], Scene]
+) -> None:
+    before, by = which(), Pose2(x, y, yaw)
+
+    def moved(s: ObjectState) -> ObjectState:
+        px, py = by.to_parent(s.x_m, s.y_m)
+        return replace(s, x_m=px, y_m=py, yaw_rad=wrap_angle(s.yaw_rad + yaw))
+
+    series = [(t, {k: moved(s) for k, s in now.items()}) for t, now in before.series]
+    after = replace(before, series=series, road=road(by))
+    ours, theirs = measure(before), measure(after)
+    for field in FIELDS:
+        assert theirs.properties[field].words == ours.properties[field].words
+    for name in ("trigger_s", "conflict_s", "resolution_s"):
+        here, there = getattr(ours.phases, name), getattr(theirs.phases, name)
+        assert there == pytest.approx(here, abs=1.5 * STEP_S)
+
+
+# -- the road --------------------------------------------------------------------------------------
+
+
+def at(x_m: float, y_m: float, yaw_rad: float = 0.0) -> ObjectState:
+    size = replace(DEFAULT_SIZES[ObjectClass.CAR], front_m=2.25, rear_m=2.25)
+    return ObjectState("vut", ObjectClass.CAR, Role.VUT, 0, x_m, y_m, yaw_rad, 10.0, 0.0, 0.0, size)
+
+
+@pytest.mark.parametrize(
+    ("y_m", "lane", "place"),
+    [
+        (0.4, ("rightmost",), "vut_lane"),
+        (3.0, ("leftmost",), "left_lane"),
+        (7.0, ("oncoming",), "oncoming_lane"),
+        (-2.5, ("off the road",), "right_kerb"),
+        (9.5, ("off the road",), "left_kerb"),
+    ],
+)
+def test_lanes_and_places(y_m: float, lane: tuple[str, ...], place: str) -> None:
+    lanes = Lanes.of(road(), [at(10.0, 0.0)])
+    spot = lanes.spot(at(50.0, y_m))
+    assert spot is not None
+    assert lanes.lane_words(spot.lane) == lane
+    assert lanes.place_word(spot, 0) == place
+
+
+def test_left_and_right_are_the_vuts() -> None:
+    """Driving against the line: what lies at smaller offsets is to the left."""
+    lanes = Lanes.of(road(), [at(50.0, 7.0, math.pi)])
+    assert (lanes.same_direction, lanes.opposite) == (1, 2)
+    own, other = lanes.spot(at(50.0, 7.0)), lanes.spot(at(60.0, 3.5))
+    assert own is not None
+    assert other is not None
+    assert lanes.lane_words(own.lane) == ("rightmost", "leftmost")
+    assert lanes.place_word(other, own.lane) == "oncoming_lane"
+    beyond = lanes.spot(at(60.0, 10.0))
+    assert beyond is not None
+    assert lanes.place_word(beyond, own.lane) == "right_kerb"
+
+
+def test_three_lanes_have_a_middle_and_lanes_apart() -> None:
+    three = [Lane(y_m=3.5 * k, width_m=3.5, direction="forward") for k in range(3)]
+    lanes = Lanes.of(road(lanes=three), [at(10.0, 0.0)])
+    assert [lanes.lane_words(k) for k in range(3)] == [("rightmost",), ("middle",), ("leftmost",)]
+    spot = lanes.spot(at(10.0, 7.0))
+    assert spot is not None
+    assert lanes.place_word(spot, 0) == "2_lanes_left"
+
+
+def test_a_bend_is_a_curve_where_it_is_driven_on() -> None:
+    pieces = [
+        CurvePiece(length_m=100.0),
+        CurvePiece(length_m=50.0, end_curvature_1pm=0.01),
+        CurvePiece(length_m=100.0, start_curvature_1pm=0.01, end_curvature_1pm=0.01),
+    ]
+    lanes = Lanes(road(pieces=pieces, length_m=250.0))
+    assert lanes.segment(0.0, 90.0) == "straight"
+    assert lanes.segment(80.0, 160.0) == "curve"
+    assert lanes.segment(240.0, 130.0) == "curve"
+
+
+def test_what_cannot_be_measured() -> None:
+    empty = cut_in()
+    with pytest.raises(ValueError, match="no states of vut"):
+        measure(replace(empty, series=[]))
+    with pytest.raises(ValueError, match="none of ot9"):
+        measure(replace(empty, target_ids=("ot9",)))

@@ -1,0 +1,151 @@
+"""Steps side by side: one waits for what it needs, one session at a time, all end in order."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ssp_core.errors import PeerError
+from ssp_eval.demo.follow import AT_ONCE, follow
+from ssp_eval.demo.plan import Step
+
+
+class Script(Step):
+    """A step that runs a piece of Python."""
+
+    def command(self, python: str) -> list[str]:
+        return [python, "-c", *self.arguments]
+
+
+def script(name: str, code: str, *needs: str, session: bool = False) -> Script:
+    return Script(name, f"do {name}", (code,), needs, session)
+
+
+def timed(path: Path, name: str) -> str:
+    """Code that notes when it begins and ends."""
+    return (
+        "import time, pathlib\n"
+        f"note = pathlib.Path({str(path)!r}, {name!r})\n"
+        "begin = time.monotonic(); time.sleep(0.15)\n"
+        "note.write_text(f'{begin} {time.monotonic()}')"
+    )
+
+
+def spans(path: Path) -> dict[str, tuple[float, float]]:
+    found = {}
+    for file in path.iterdir():
+        begin, end = map(float, file.read_text().split())
+        found[file.name] = (begin, end)
+    return found
+
+
+@pytest.fixture
+def logs(tmp_path: Path) -> Path:
+    path = tmp_path / "logs"
+    path.mkdir()
+    return path
+
+
+def nothing(*_: Any) -> None:
+    pass
+
+
+def test_steps_wait_for_what_they_need_and_share_the_host(tmp_path: Path, logs: Path) -> None:
+    notes = tmp_path / "notes"
+    notes.mkdir()
+    plan = [("a", ""), ("s1", ""), ("s2", ""), ("b", "a"), ("c", "s1"), ("d", "b c s2")]
+    steps = [
+        script(name, timed(notes, name), *needs.split(), session=name.startswith("s"))
+        for name, needs in plan
+    ]
+    started: list[tuple[str, int]] = []
+    ended: list[str] = []
+    follow(steps, logs, lambda s, n: started.append((s.name, n)), lambda s: ended.append(s.name))
+    found = spans(notes)
+    assert set(found) == set(ended) == {name for name, _ in plan}
+    assert [number for _, number in started] == [1, 2, 3, 4, 5, 6]
+    for name, needs in plan:
+        assert all(found[other][1] <= found[name][0] for other in needs.split())
+    assert found["s1"][1] <= found["s2"][0] or found["s2"][1] <= found["s1"][0]
+    moments = [begin for begin, _ in found.values()]
+    at_once = [sum(b <= m < e for b, e in found.values()) for m in moments]
+    assert max(at_once) == AT_ONCE
+    assert {p.name for p in logs.iterdir()} == {f"{name}.log" for name, _ in plan}
+
+
+def test_a_step_that_fails_ends_the_others_and_shows_its_last_lines(logs: Path) -> None:
+    steps = [
+        script("bad", "print('the reason'); raise SystemExit(3)"),
+        script("long", "import time; time.sleep(60)"),
+        script("never", "raise SystemExit('ran')", "bad"),
+    ]
+    began = time.monotonic()
+    with pytest.raises(PeerError, match=r"do bad: failed with status 3\n(.*\n)*the reason"):
+        follow(steps, logs, nothing, nothing)
+    assert time.monotonic() - began < 20
+    assert not (logs / "never.log").exists()
+
+
+GRACEFUL = """
+import signal, sys, time, pathlib
+def end(*_):
+    time.sleep(0.2)
+    pathlib.Path({path!r}).write_text('in order')
+    sys.exit(0)
+signal.signal(signal.SIGINT, end)
+pathlib.Path({ready!r}).write_text('')
+time.sleep(60)
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_lets_every_step_end_in_order(
+    number: signal.Signals, tmp_path: Path, logs: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("ssp_eval.demo.follow.END_TIMEOUT_S", 10.0)
+    paths = {n: (str(tmp_path / n), str(tmp_path / f"{n}.ready")) for n in ("one", "two")}
+    steps = [
+        script(name, GRACEFUL.format(path=path, ready=ready))
+        for name, (path, ready) in paths.items()
+    ]
+
+    def interrupt() -> None:
+        deadline = time.monotonic() + 20
+        while time.monotonic() < deadline and not all(Path(r).exists() for _, r in paths.values()):
+            time.sleep(0.02)
+        os.kill(os.getpid(), number)
+
+    handlers: dict[int, Any] = {n: signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)}
+    thread = threading.Thread(target=interrupt)
+    thread.start()
+    with pytest.raises(PeerError, match="do one, do two: interrupted"):
+        follow(steps, logs, nothing, nothing)
+    thread.join()
+    assert [Path(path).read_text() for path, _ in paths.values()] == ["in order"] * 2
+    assert {n: signal.getsignal(n) for n in handlers} == handlers
+
+
+def test_a_step_that_does_not_end_is_killed(
+    logs: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr("ssp_eval.demo.follow.END_TIMEOUT_S", 0.5)
+    ready = tmp_path / "ready"
+    stubborn = (
+        "import signal, time, pathlib\nsignal.signal(signal.SIGINT, signal.SIG_IGN)\n"
+        f"pathlib.Path({str(ready)!r}).write_text('')\ntime.sleep(60)"
+    )
+    wait_then_fail = (
+        "import time, pathlib\n"
+        f"while not pathlib.Path({str(ready)!r}).exists(): time.sleep(0.02)\n"
+        "raise SystemExit(1)"
+    )
+    with pytest.raises(PeerError, match="do bad: failed"):
+        follow(
+            [script("stubborn", stubborn), script("bad", wait_then_fail)], logs, nothing, nothing
+        )

@@ -1,0 +1,78 @@
+"""The demonstration's plan: commands that exist, in an order that works, from K* to the package."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+import pytest
+
+from ssp_core.cli import cli
+from ssp_core.files import write_json
+from ssp_eval.demo import plan
+from ssp_eval.demo.folder import MADE
+from ssp_scenario_manager.spec.load import load_event
+
+OUT = Path("out")
+VERSION = "sha256:" + "1" * 64
+
+
+def parse(arguments: tuple[str, ...]) -> click.Context:
+    """What the command line makes of the arguments, without running anything.
+
+    Raises:
+        click.UsageError: a command or an option doesn't exist.
+    """
+    context, command, rest = cli.make_context("ssp", list(arguments)), cli, list(arguments)
+    while isinstance(command, click.Group):
+        name, found, rest = command.resolve_command(context, rest)
+        assert found is not None
+        command, context = found, found.make_context(name, list(rest), parent=context)
+    return context
+
+
+@pytest.mark.parametrize("scenarios", [plan.DEFAULT_SCENARIOS, plan.SCENARIOS, ("lead_braking",)])
+def test_every_step_is_a_command_that_exists(scenarios: tuple[str, ...]) -> None:
+    steps = plan.steps(OUT, dict.fromkeys(scenarios, VERSION))
+    for step in steps:
+        if step.module is None and step.arguments[0] != "import-video":
+            assert parse(step.arguments).params, step.name
+    done: set[str] = set()
+    for step in steps:
+        assert done.issuperset(step.needs), step.name
+        done.add(step.name)
+    assert len(done) == len(steps)
+    assert [step.name for step in steps if step.session] == [
+        *(f"{name}/simulation" for name in scenarios),
+        *(f"{name}/physical" for name in scenarios),
+    ]
+
+
+def test_what_a_clip_declares_is_taken_from_its_truth(tmp_path: Path) -> None:
+    (step,) = (
+        s for s in plan.steps(tmp_path, {"cut_in": VERSION}) if s.arguments[0] == "import-video"
+    )
+    camera = {"hfov_deg": 66.0, "height_m": 1.35, "pitch_down_rad": 0.02}
+    speeds = [{"t_s": 0.0, "speed_mps": 11.512}, {"t_s": 0.1, "speed_mps": 9.0}]
+    truth = plan.clip_path(tmp_path, "cut_in").with_suffix(".truth.json")
+    write_json(truth, {"camera": camera, "ego_speed_mps": speeds})
+    arguments = step.command("python")[3:]
+    params = parse(tuple(arguments)).params
+    assert params["ego_speed"] == 11.51
+    assert params["camera_pitch_deg"] == pytest.approx(1.146)
+    assert params["event_version"] == VERSION
+
+
+@pytest.mark.parametrize("name", plan.SCENARIOS)
+def test_clips_are_those_that_the_events_name(name: str) -> None:
+    event = load_event(name)[0]
+    assert event.source.generator == plan.GENERATOR
+
+
+def test_all_that_is_made_is_known_when_it_is_cleared() -> None:
+    """A step writes below the folder only into what a later demonstration may remove."""
+    for step in plan.steps(OUT, {"cut_in": VERSION}):
+        for argument in step.arguments:
+            path = Path(argument)
+            if path.parts[:1] == (OUT.name,) and len(path.parts) > 1:
+                assert path.parts[1] in MADE, (step.name, argument)
