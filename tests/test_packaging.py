@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+import sys
 import tomllib
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
@@ -17,7 +18,9 @@ PYTHON_PACKAGES = [name for name in PACKAGES if name != "ssp_msgs"]
 ROSDEP_NAMES = {
     "click": "python3-click",
     "cv2": "python3-opencv",
+    "defusedxml": "python3-defusedxml",
     "jinja2": "python3-jinja2",
+    "lxml": "python3-lxml",
     "numba": "python3-numba",
     "numpy": "python3-numpy",
     "pydantic": "python3-pydantic",
@@ -27,7 +30,11 @@ ROSDEP_NAMES = {
     "yaml": "python3-yaml",
 }
 # Without a rosdep key; bootstrap/runtime.in installs them.
-NO_KEY = {"mcap", "libsumo"}
+NO_KEY = {"libsumo", "mcap", "openai", "pyclothoids", "scenariogeneration"}
+# What a requirement brings along as a part of its own interface.
+BROUGHT_BY = {"markupsafe": "jinja2", "pydantic_core": "pydantic", "zstandard": "mcap"}
+# Extras of the project, imported only where they are installed.
+EXTRA = {"carla", "moderngl", "osqp"}
 OURS = {*PACKAGES, "ssp_core"}
 
 
@@ -91,11 +98,18 @@ def test_package_xml_names_everything_that_is_imported(package: str) -> None:
         # Comes with ssp_msgs, on which every package depends.
         assert "ssp_msgs" in declared
         declared |= {e.text for e in manifest("ssp_msgs") if e.tag.endswith("depend")}
-    names = imported(sources(package))
+    names = {BROUGHT_BY.get(name, name) for name in imported(sources(package))}
     ros = {n for n in names if n.endswith("_msgs") or n in ("rclpy", "builtin_interfaces")}
     missing = {n for n in ros - OURS if n not in declared}
     missing |= {n for n, key in ROSDEP_NAMES.items() if n in names and key not in declared}
     assert missing == set()
+    elsewhere = {n for n in names if n in sys.stdlib_module_names} | ros | OURS | EXTRA | NO_KEY
+    assert names - elsewhere <= ROSDEP_NAMES.keys(), "neither a rosdep name nor one of runtime.in"
+
+
+def test_what_has_no_rosdep_key_is_among_the_requirements() -> None:
+    wanted = requirement_names((ROOT / "bootstrap" / "runtime.in").read_text())
+    assert wanted >= NO_KEY
 
 
 @pytest.mark.parametrize("package", PYTHON_PACKAGES)

@@ -11,18 +11,39 @@ def percentile(values: list[float], share: float) -> float:
     return ordered[min(len(ordered) - 1, int(share * len(ordered)))]
 
 
-def report(name: str, ours: float, bound: float, unit: str, note: str, *, lower: bool) -> None:
-    """Prints a figure beside its bound.
+def report(
+    name: str,
+    ours: float,
+    bound: float | None,
+    unit: str,
+    note: str,
+    *,
+    lower: bool,
+    ratio_limit: float | None = None,
+    limit: float | None = None,
+) -> None:
+    """Prints a figure beside its bound, and the limit that it must keep.
 
     Args:
         name: what was measured.
         ours: the product's figure.
-        bound: the lower bound's figure, same unit.
+        bound: the lower bound's figure, same unit; None where there is none.
         unit: of both.
         note: sizes and counts that the figure depends on.
         lower: True where less is better. The ratio is always "times as bad as the bound".
+        ratio_limit: the ratio must be at most that.
+        limit: our figure must be at most that where less is better, else at least that.
     """
-    ratio = ours / bound if lower else bound / ours
+    ratio = None
+    if bound is not None:
+        ratio = ours / bound if lower else bound / ours
+    kept, words = True, []
+    if ratio is not None and ratio_limit is not None:
+        kept = ratio <= ratio_limit
+        words.append(f"ratio <= {ratio_limit:g}")
+    if limit is not None:
+        kept = kept and (ours <= limit if lower else ours >= limit)
+        words.append(f"{'<=' if lower else '>='} {limit:g} {unit}")
     print(
         json.dumps(
             {
@@ -31,6 +52,8 @@ def report(name: str, ours: float, bound: float, unit: str, note: str, *, lower:
                 "bound": bound,
                 "unit": unit,
                 "ratio": ratio,
+                "limit": ", ".join(words) or None,
+                "kept": kept,
                 "note": note,
             }
         ),

@@ -1,100 +1,120 @@
-"""A lockstep session through DDS against the same cores in one process without ROS."""
+"""Sessions in lockstep against the clock: through DDS, with and without a camera, and without DDS.
+
+Five object targets at 50 Hz: the cut-in on the boulevard, with four more that drive along the road
+and beside it. The lower bound of what goes through DDS is the same session in one process, which
+has the same cores and no messages.
+"""
 
 from __future__ import annotations
 
+import math
+import statistics
 import tempfile
 import time
 from pathlib import Path
 
 from measure import report
 
-from ssp_core.clock import ns_to_seconds
-from ssp_core.reference import Reference
-from ssp_core.run_spec import RunSpec
-from ssp_core.vocab import SessionPhase
-from ssp_ot_controller.core.bodies import Command
-from ssp_ot_controller.core.object_machine import ObjectEvent
-from ssp_ot_controller.sil.sumo_world import SumoWorld
-from ssp_ot_controller.sil.world import World
-from ssp_ot_controller.target.target import Target
-from ssp_scenario_manager.core import outbox
-from ssp_scenario_manager.core.readiness import Facts
-from ssp_scenario_manager.core.session import Session
-from ssp_scenario_manager.core.session_machine import SessionEvent
-from ssp_scenario_manager.resolve import resolve_run
+from ssp_core.run_spec import Camera, Motion, ObjectWord, ParticipantSpec, RunSpec, Start
+from ssp_core.vocab import Verdict
+from ssp_scenario_manager.compile.compiler import Request, compile_task
+from ssp_scenario_manager.in_process.outcome import run_in_process
 from ssp_scenario_manager.runner.session import run_session
-from ssp_scenario_manager.scenario import load_scenario, load_site
+
+ROUNDS = 3
+# Objects that are there besides: class, from, to, cruise in m/s.
+_OTHERS: tuple[tuple[ObjectWord, tuple[float, float], tuple[float, float], float], ...] = (
+    ("car", (110.0, 3.5), (394.0, 3.5), 9.0),
+    ("truck", (380.0, 7.0), (20.0, 7.0), 8.0),
+    ("cyclist", (120.0, -2.6), (380.0, -2.6), 4.0),
+    ("pedestrian", (150.0, 14.5), (250.0, 14.5), 1.4),
+)
 
 
-def make_run() -> RunSpec:
-    scenario, version = load_scenario("cut_in")
-    site, site_version = load_site("boulevard")
-    spec = resolve_run(
-        scenario, version, site, site_version, run_id="bench", seed=1, mode="lockstep"
-    )
-    return spec.model_copy(update={"camera": None})
+def one_target() -> RunSpec:
+    """The shipped scenario, without its camera."""
+    task = compile_task(Request(event="cut_in", target="sumo", site="boulevard")).task
+    return task.run.model_copy(update={"run_id": "bench", "camera": None})
 
 
-def without_ros(spec: RunSpec) -> tuple[float, float]:
-    """Session seconds and wall seconds of the same run in one process."""
-    with tempfile.TemporaryDirectory() as folder, SumoWorld(spec, Path(folder)) as sumo:
-        world, session = World(spec, sumo), Session()
-        targets = {t.id: Target(t.id, spec) for t in spec.targets}
-        for target in targets.values():
-            target.power_on()
-        session.load(spec, 0)
-        session.facts = Facts(True, (), 0.0, 0.0, 0.0, tuple((t, 0.0) for t in targets))
-        commands: dict[str, tuple[int, Command]] = {}
-        inbox: list[Reference] = []
-        wishes = [SessionEvent.CONNECT, SessionEvent.ARM, SessionEvent.START]
-        started = time.perf_counter()
-        while session.state not in (SessionPhase.FINISHED, SessionPhase.ABORTED):
-            now_ns = world.now_ns
-            states = {s.object_id: s for s in world.objects()}
-            for name, target in targets.items():
-                target.on_session_state(session.state)
-                for reference in [r for r in inbox if r.object_id == name]:
-                    refusal = target.on_reference(reference, now_ns)
-                    message = refusal.message if refusal else ""
-                    session.on_ack(reference.reference_id, refusal is None, 0, message, now_ns)
-                outcome = target.step(states[name], now_ns, 0.0)
-                commands[name] = (world.step_index, outcome.command)
-                session.on_target_state(outcome.report)
-            inbox.clear()
-            session.on_vut_state(states["vut"])
-            if wishes and session.command(wishes[0], now_ns, "bench", "").accepted:
-                wishes.pop(0)
-            session.step(now_ns)
-            for fact in session.outbox:
-                if isinstance(fact, outbox.Dispatch):
-                    inbox.append(fact.reference)
-                elif isinstance(fact, outbox.ArmObjects):
-                    for target in targets.values():
-                        target.command(ObjectEvent.ARM, spec.event_version, 0.0)
-            session.outbox.clear()
-            if session.state in (SessionPhase.LOADED, SessionPhase.CONNECTED, SessionPhase.ARMED):
-                continue
-            world.advance(commands, session.state is SessionPhase.RUNNING)
-        if session.state is not SessionPhase.FINISHED:
-            raise RuntimeError(f"the run without ROS failed: {session.reasons}")
-        return ns_to_seconds(world.now_ns), time.perf_counter() - started
+def five_targets() -> RunSpec:
+    """The shipped scenario with four more object targets that are on their way all the while."""
+    run = one_target()
+    others = []
+    for number, (word, begin, end, cruise_mps) in enumerate(_OTHERS, start=2):
+        yaw_rad = math.atan2(end[1] - begin[1], end[0] - begin[0])
+        motion = Motion(
+            path=[begin, end], cruise_mps=cruise_mps, acceleration_mps2=1.0, deceleration_mps2=1.0
+        )
+        start = Start(x_m=begin[0], y_m=begin[1], yaw_rad=yaw_rad)
+        others.append(
+            ParticipantSpec(id=f"ot{number}", object_class=word, start=start, approach=motion)
+        )
+    return run.model_copy(update={"targets": [*run.targets, *others]})
+
+
+def through_dds(spec: RunSpec) -> float:
+    """Times real time, from the start of the run to its end."""
+    with tempfile.TemporaryDirectory() as folder:
+        result = run_session(spec, Path(folder), lambda line: None)
+    if result.outcome.verdict is not Verdict.VALID:
+        raise RuntimeError(f"the session failed: {result.outcome.reasons}")
+    return result.session_s / result.running_wall_s
+
+
+def in_one_process(spec: RunSpec, work_dir: Path) -> float:
+    """Times real time, with all that a run of a sweep takes to start."""
+    started = time.perf_counter()
+    result, _ = run_in_process(spec, work_dir)
+    wall_s = time.perf_counter() - started
+    if not result.ok:
+        raise RuntimeError(f"the run in one process failed: {result.reasons}")
+    return result.session_s / wall_s
 
 
 def main() -> None:
-    spec = make_run()
+    one, five = one_target(), five_targets()
+    camera = Camera(width_px=1280, height_px=720, rate_hz=10.0)
+    filmed = five.model_copy(update={"camera": camera})
+    rates: dict[str, list[float]] = {name: [] for name in ("dds", "filmed", "one", "five")}
     with tempfile.TemporaryDirectory() as folder:
-        result = run_session(spec, Path(folder), lambda line: None)
-    if not result.outcome.ok:
-        raise RuntimeError(f"the session failed: {result.outcome.reasons}")
-    simulated, wall = without_ros(spec)
+        in_one_process(five, Path(folder))  # imports, gains and files are there from now on
+        for _ in range(ROUNDS):
+            rates["five"].append(in_one_process(five, Path(folder)))
+            rates["one"].append(in_one_process(one, Path(folder)))
+            rates["dds"].append(through_dds(five))
+            rates["filmed"].append(through_dds(filmed))
+    unit, size = "x real time", f"{1 / five.step_s:.0f} Hz, median of {ROUNDS}, best "
+    middle = {name: statistics.median(found) for name, found in rates.items()}
+    best = {name: f"{max(found):.3g}" for name, found in rates.items()}
     report(
-        "SIL: lockstep through DDS",
-        result.session_s / result.running_wall_s,
-        simulated / wall,
-        "x real time",
-        f"{len(spec.targets)} object target(s), {1 / spec.step_s:.0f} Hz, camera off",
+        "SIL: lockstep through DDS, camera off",
+        middle["dds"],
+        middle["five"],
+        unit,
+        f"{len(five.targets)} object targets, {size}{best['dds']}",
         lower=False,
+        limit=8.0,
     )
+    report(
+        "SIL: lockstep through DDS, 1280x720 at 10 Hz recorded",
+        middle["filmed"],
+        None,
+        unit,
+        f"{len(five.targets)} object targets, {size}{best['filmed']}",
+        lower=False,
+        limit=1.5,
+    )
+    for name, spec in (("one", one), ("five", five)):
+        report(
+            "SIL: in one process",
+            middle[name],
+            None,
+            unit,
+            f"{len(spec.targets)} object target(s), {size}{best[name]}",
+            lower=False,
+            limit=100.0,
+        )
 
 
 if __name__ == "__main__":

@@ -11,6 +11,8 @@ import pytest
 import yaml
 from rosbags.highlevel import AnyReader
 
+from ssp_core.run_spec import load_run
+
 pytestmark = [pytest.mark.ros, pytest.mark.system]
 
 STATE_TOPICS = ("/ssp/vut/state", "/ssp/ot1/state", "/ssp/ot1/reference", "/ssp/ot1/reference_ack")
@@ -36,11 +38,21 @@ def moving_bytes(bag: Path, topic: str) -> list[bytes]:
         return kept
 
 
-@pytest.mark.parametrize("scenario", ["cut_in", "vru_crossing"])
-@pytest.mark.parametrize("site", ["boulevard", "north_track"])
-def test_both_scenarios_are_valid_on_both_sites(
-    scenario: str, site: str, start_session: Any
-) -> None:
+@pytest.mark.parametrize(
+    ("scenario", "site"),
+    [
+        ("cut_in", "boulevard"),
+        ("cut_in", "north_track"),
+        ("cut_in", "south_loop"),
+        ("vru_crossing", "boulevard"),
+        ("vru_crossing", "north_track"),
+        ("lead_braking", "boulevard"),
+        ("lead_braking", "south_loop"),
+        ("occluded_crossing", "boulevard"),
+        ("occluded_crossing", "north_track"),
+    ],
+)
+def test_events_compiled_for_sites_are_valid(scenario: str, site: str, start_session: Any) -> None:
     session = start_session(scenario, "--site", site, "--no-camera")
     result = session.finish()
     assert (session.process.returncode, result["verdict"], result["reasons"]) == (0, "valid", [])
@@ -59,6 +71,23 @@ def test_both_scenarios_are_valid_on_both_sites(
     tracked = [m for m in messages(bag, "/ssp/ot1/state") if m.reference_id]
     assert max(abs(m.error_lateral) for m in tracked) < 0.3
     assert not messages(bag, "/ssp/safety_event")
+
+    measured = result["measured"]
+    (fired,) = measured["triggers"]
+    (sent,) = fired["references"]
+    way = [fired["crossing_s"], fired["judged_s"], fired["dispatched_s"]]
+    way += [sent["acknowledged_s"], sent["execute_at_s"], sent["onset"]["at_s"]]
+    assert way == sorted(way)
+    assert way[-1] - way[-2] < 0.2
+    assert measured["tracking"]["ot1"]["lateral_rms_m"] <= 0.05
+    assert measured["tracking"]["ot1"]["longitudinal_rms_m"] <= 0.10
+    run = load_run(session.folder / "run.yaml")
+    states = measured["states"]
+    assert states.keys() == {"vut", *(target.id for target in run.targets)}
+    for name in states:
+        # Nothing is lost but what the site's links lose.
+        most = 3.0 * run.disturbance_of(name).state_loss * states[name]["received"]
+        assert states[name]["lost"] <= most
 
 
 def test_the_bag_reads_with_types_from_the_file_and_agrees_with_its_metadata(

@@ -1,0 +1,284 @@
+"""Writes what documents say of tables in the code: ``python docs/generate.py``.
+
+``state-machines.md`` as a whole, and the tables of ``safety.md`` between their marks. A test fails
+while a document says something else than the code.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from enum import Enum
+from pathlib import Path
+
+from ssp_core.names import SESSION_COMMANDS
+from ssp_core.run_spec import Limits
+from ssp_core.safety_codes import MEANINGS, SafetyCode
+from ssp_core.stopping import stopping_of
+from ssp_core.vocab import ObjectClass, Verdict
+from ssp_ot_controller.core import object_machine
+from ssp_scenario_manager.core import patience, readiness, session_machine, vigil, watching
+from ssp_scenario_manager.core.supervisor import verdict_for
+
+DOCS = Path(__file__).resolve().parent
+ROOT = DOCS.parent
+S = SafetyCode
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
+    return "\n".join([*lines, *(f"| {' | '.join(row)} |" for row in rows)])
+
+
+# -- state machines -------------------------------------------------------------------------------
+
+
+def _diagram(table: Mapping[Enum, Mapping[Enum, Enum]], name: Callable[[Enum], str]) -> str:
+    """A Mermaid state diagram with one arrow per pair of states, under all of its events."""
+    arrows: dict[tuple[Enum, Enum], list[str]] = {}
+    for state, row in table.items():
+        for event, target in row.items():
+            arrows.setdefault((state, target), []).append(name(event))
+    first = next(iter(table))
+    lines = ["```mermaid", "stateDiagram-v2", f"    [*] --> {first.name}"]
+    for (state, target), events in arrows.items():
+        lines.append(f"    {state.name} --> {target.name}: {', '.join(events)}")
+    return "\n".join([*lines, "```"])
+
+
+def _matrix(
+    table: Mapping[Enum, Mapping[Enum, Enum]], events: Sequence[Enum], name: Callable[[Enum], str]
+) -> str:
+    """State by event; a dash is refused, and changes nothing."""
+    rows = []
+    for state, row in table.items():
+        cells = [row[event].name if event in row else "–" for event in events]
+        rows.append([f"{state.value} {state.name}", *cells])
+    return _table(["state", *(f"`{name(event)}`" for event in events)], rows)
+
+
+def state_machines() -> str:
+    """The whole of state-machines.md."""
+    session, target = session_machine.TABLE, object_machine.TABLE
+    commands = [session_machine.SessionEvent(word) for word in ("load", *SESSION_COMMANDS)]
+    seen = [event for event in session_machine.SessionEvent if event not in commands]
+    return f"""# State machines
+
+Made by `python docs/generate.py` from the tables in the code; don't edit. Every pair of state and
+event is tested against an expectation of its own, and an event that a state doesn't know is refused
+without any effect.
+
+## Session
+`ssp_scenario_manager/core/session_machine.py`; numbers as in `SessionState.msg`. Every transition
+is made, and published on `session_state`, by one function.
+
+{_diagram(session, lambda event: str(event.value))}
+
+Commands are services with an answer and a reason (`load` is `load_scenario`):
+
+{_matrix(session, commands, lambda event: str(event.value))}
+
+What the session notices itself:
+
+{_matrix(session, seen, lambda event: str(event.value))}
+
+`connect`, `arm`, `start` and `all_clear` are refused, with everything that is missing, unless their
+conditions hold as well ([safety.md](safety.md)). `abort` is never refused.
+
+## Object
+`ssp_ot_controller/core/object_machine.py`; names and numbers are those of ISO 22133. PRE_RUNNING
+and REMOTE_CONTROLLED are states of the standard that our objects don't enter; abort is legal there
+too.
+
+{_diagram(target, lambda event: event.name)}
+
+{_matrix(target, list(object_machine.ObjectEvent), lambda event: event.name)}
+"""
+
+
+# -- limits ---------------------------------------------------------------------------------------
+
+OBJECT, MANAGER, WORLD, RECORDER, PERSON = "object", "manager", "world", "recorder", "a person"
+# The limit of each event (a field of the site's limits, or words), and who judges it. A test
+# compares object and manager with what the code of both judges.
+JUDGED: dict[SafetyCode, tuple[str, tuple[str, ...]]] = {
+    S.HEARTBEAT_LOST: ("heartbeat_s", (OBJECT,)),
+    S.STATE_STALE: ("state_age_s", (OBJECT,)),
+    S.STATE_NOT_FINITE: ("finite", (OBJECT, MANAGER)),
+    S.OUTSIDE_GEOFENCE: ("the site's fence", (OBJECT, MANAGER)),
+    S.OVER_SPEED: ("speed_mps", (OBJECT, MANAGER)),
+    S.OVER_ACCELERATION: ("acceleration_mps2", (OBJECT, MANAGER)),
+    S.ERROR_LONGITUDINAL: ("error_longitudinal_m", (OBJECT, MANAGER)),
+    S.ERROR_LATERAL: ("error_lateral_m", (OBJECT, MANAGER)),
+    S.ERROR_YAW: ("error_yaw_rad", (OBJECT, MANAGER)),
+    S.LOCALISATION: ("position_std_m", (OBJECT, MANAGER)),
+    S.POSITION_JUMP: ("jump_m", (OBJECT, MANAGER)),
+    S.STATE_FROZEN: ("frozen_s", (OBJECT, MANAGER)),
+    S.STOPPING_ROOM: ("the site's fence", (OBJECT,)),
+    S.SEPARATION: ("separation_m", (OBJECT, MANAGER)),
+    S.COLLISION: ("0", (OBJECT, MANAGER)),
+    S.OBJECT_SILENT: ("state_age_s", (MANAGER,)),
+    S.VUT_SILENT: ("state_age_s", (MANAGER,)),
+    S.WORLD_SILENT: ("see below", (MANAGER,)),
+    S.ACK_MISSING: ("ack_s", (MANAGER,)),
+    S.REFERENCE_REFUSED: ("none refused", (OBJECT, MANAGER)),
+    S.OBJECT_ABORTED: ("none", (MANAGER,)),
+    S.DURATION: ("duration_s", (OBJECT, MANAGER)),
+    S.RECORDER: ("none lost; see below", (MANAGER, RECORDER)),
+    S.OPERATOR: ("–", (PERSON,)),
+    S.PARTICIPANT_LOST: ("see below", (MANAGER, WORLD)),
+    S.OVERRUN: ("see below", (WORLD,)),
+    S.EVENT_MISSING: ("end.at_latest_s", (MANAGER,)),
+    S.CLOCK_OFFSET: ("clock_offset_s", (OBJECT, MANAGER)),
+    S.LINK_DELAY: ("link_delay_s", (MANAGER,)),
+    S.REPLY_MISSING: ("heartbeat_s", (MANAGER,)),
+    S.FOREIGN_MANAGER: ("none", (OBJECT, MANAGER)),
+}
+
+
+def _limit(words: str, unit: str) -> str:
+    field = Limits.model_fields.get(words)
+    if field is None:
+        return words
+    shown = "given by the site" if field.is_required() else f"{field.default:g} {unit}".strip()
+    return f"`limits.{words}`: {shown}"
+
+
+def _reaction(judges: Sequence[str]) -> str:
+    if judges == (OBJECT,):
+        return "local stop, which aborts the session"
+    return "local stop; abort" if OBJECT in judges else "abort"
+
+
+def limits() -> str:
+    """Every safety event."""
+    rows = []
+    for code, (words, judges) in JUDGED.items():
+        meaning = MEANINGS[code]
+        rows.append(
+            [
+                str(int(code)),
+                f"`{meaning.limit_name}`",
+                meaning.text,
+                _limit(words, meaning.unit),
+                ", ".join(judges),
+                _reaction(judges),
+                f"`{verdict_for(code).name.lower()}`",
+            ]
+        )
+    return _table(["code", "event", "says", "limit", "judged by", "reaction", "verdict"], rows)
+
+
+def verdicts() -> str:
+    """Which events lead to which verdict."""
+    rows = []
+    for verdict in (Verdict.FAILED_SAFETY, Verdict.ABORTED, Verdict.INVALID_HARNESS):
+        codes = [f"`{MEANINGS[c].limit_name}`" for c in SafetyCode if verdict_for(c) is verdict]
+        rows.append([f"`{verdict.name.lower()}`", ", ".join(codes)])
+    return _table(["verdict", "when the first reason is"], rows)
+
+
+# -- times ----------------------------------------------------------------------------------------
+
+
+def _constant(file: str, name: str) -> float:
+    """A number that a module assigns, without importing it: a node's needs ROS."""
+    tree = ast.parse((ROOT / file).read_text())
+    for node in tree.body:
+        if isinstance(node, ast.Assign) and any(
+            isinstance(target, ast.Name) and target.id == name for target in node.targets
+        ):
+            return float(ast.literal_eval(node.value))
+    raise ValueError(f"{file} assigns no {name}")
+
+
+def times() -> str:
+    """Times that are the same at every site."""
+    target = "ssp_ot_controller/ssp_ot_controller/target/crew.py"
+    world = "ssp_ot_controller/ssp_ot_controller/sil/node.py"
+    body = "ssp_ot_controller/ssp_ot_controller/sil/world.py"
+    manager = "ssp_scenario_manager/ssp_scenario_manager/node.py"
+    rows = [
+        ("manager", "beats outside lockstep every", _constant(manager, "WATCHDOG_PERIOD_S")),
+        ("manager", "arms on states and measurements no older than", readiness.FRESH_S),
+        ("manager", "takes the recorder for silent after", vigil.RECORDER_SILENT_S),
+        ("manager", "takes the camera for lost after", vigil.CAMERA_SILENT_S),
+        ("manager", "takes a world for dead in lockstep after", vigil.WORLD_SILENT_LOCKSTEP_S),
+        (
+            "manager",
+            "takes world, VUT or object for silent otherwise, by arrival, after",
+            vigil.WORLD_SILENT_REALTIME_S,
+        ),
+        ("manager", "gives objects to report that they are armed", patience.ARM_CONFIRMATION_S),
+        ("manager", "gives an object that stops to say why", watching.OWN_REASON_S),
+        ("manager", "reports an abort without a standstill after", patience.ABORT_STANDSTILL_S),
+        ("object", "stops without ticks or readings after", _constant(target, "TICK_SILENCE_S")),
+        ("object", "gives a lockstep world for a step", _constant(target, "WORLD_HANG_S")),
+        ("world", "drops a participant in lockstep after", _constant(world, "HANG_LIMIT_S")),
+        ("world", "says that it fell behind in realtime after", _constant(world, "OVERRUN_S")),
+        (
+            "simulated body",
+            "brakes hard without a command after",
+            _constant(body, "BODY_TIMEOUT_S"),
+        ),
+    ]
+    return _table(["who", "does", "time"], ([a, b, f"{c:g} s"] for a, b, c in rows))
+
+
+SPEEDS_MPS = (3.0, 5.0, 8.0, 10.0, 14.0, 16.0, 20.0, 25.0)
+TIMEOUTS_S = (0.2, 0.5, 1.0)
+
+
+def blind() -> str:
+    """How far an object drives before it knows that its link is cut."""
+    rows = []
+    for speed in SPEEDS_MPS:
+        cells = [f"{speed * timeout:.1f} m" for timeout in TIMEOUTS_S]
+        rows.append([f"{speed:g} m/s ({3.6 * speed:.0f} km/h)", *cells])
+    return _table(["speed", *(f"`heartbeat_s` {t:g} s" for t in TIMEOUTS_S)], rows)
+
+
+STEP_S = 0.02
+
+
+def stopping() -> str:
+    """The bound of the whole way from a cut link to standstill, by class."""
+    site = Limits(speed_mps=20.0, acceleration_mps2=5.0)
+    classes = [ObjectClass.CAR, ObjectClass.TRUCK, ObjectClass.CYCLIST, ObjectClass.PEDESTRIAN]
+    rows = []
+    for cls in classes:
+        way = stopping_of(cls, site, STEP_S)
+        cells = [
+            f"{way.distance_m(v, site.heartbeat_s):.1f} m" for v in (2.0, 5.0, 10.0, 14.0, 16.0)
+        ]
+        facts = [f"{way.reaction_s:.2f} s", f"{way.deceleration_mps2:g} m/s²"]
+        rows.append([cls.name.lower(), *facts, *cells])
+    head = ["class", "reaction", "deceleration", "2 m/s", "5 m/s", "10 m/s", "14 m/s", "16 m/s"]
+    return _table(head, rows)
+
+
+BLOCKS: dict[str, Callable[[], str]] = {
+    "limits": limits,
+    "verdicts": verdicts,
+    "times": times,
+    "blind": blind,
+    "stopping": stopping,
+}
+_MARKED = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
+
+
+def with_tables(text: str) -> str:
+    """A document with its marked tables made anew. Raises KeyError for an unknown table."""
+    return _MARKED.sub(lambda m: f"{m[1]}{BLOCKS[m[2]]()}\n{m[3]}", text)
+
+
+def main() -> None:
+    """Writes both documents."""
+    (DOCS / "state-machines.md").write_text(state_machines())
+    safety = DOCS / "safety.md"
+    safety.write_text(with_tables(safety.read_text()))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,217 @@
+"""A live session and the processes that play its hardware, for the system tests."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ssp_core.files import write_text
+from ssp_scenario_manager.compile.compiler import Request, compile_task
+from ssp_scenario_manager.compile.task import RUN_FILE
+from ssp_scenario_manager.compile.writer import write_task_files
+
+DEADLINE_S = 60.0
+ODOMETRY = "/ins/odometry"
+
+
+@dataclass(frozen=True)
+class Row:
+    """A true state of a played body, on the system clock."""
+
+    time_ns: int
+    x_m: float
+    y_m: float
+    speed_mps: float
+
+
+class Stage:
+    """Starts processes of one or several hosts and ends them all.
+
+    Args:
+        folder: of the test.
+        env: of all processes.
+    """
+
+    def __init__(self, folder: Path, env: dict[str, str]) -> None:
+        self.folder = folder
+        self.env = {**os.environ, **env, "PYTHONUNBUFFERED": "1"}
+        self._started: list[subprocess.Popen[Any]] = []
+
+    @property
+    def log(self) -> Path:
+        """Of the played bodies."""
+        return self.folder / "bodies.csv"
+
+    def rows(self) -> list[Row]:
+        """The log of the played bodies; a row that is being written is left out."""
+        if not self.log.is_file():
+            return []
+        text = self.log.read_text()
+        whole = text[: text.rfind("\n") + 1]
+        return [
+            Row(int(r["time_ns"]), float(r["x_m"]), float(r["y_m"]), float(r["speed_mps"]))
+            for r in csv.DictReader(whole.splitlines())
+        ]
+
+    def wait_for(self, condition: Callable[[], bool], what: str) -> None:
+        """Waits until a condition holds; waiting in vain fails the test."""
+        end = time.monotonic() + DEADLINE_S
+        while not condition():
+            if time.monotonic() > end:
+                pytest.fail(f"waited {DEADLINE_S:g} s in vain for {what}")
+            time.sleep(0.05)
+
+    def wait_for_motion(self, run: subprocess.Popen[Any], speed_mps: float) -> None:
+        """Waits until the object drives faster than that."""
+
+        def drives() -> bool:
+            assert run.poll() is None, self.said("ssp_run")
+            found = self.rows()
+            return bool(found) and found[-1].speed_mps > speed_mps
+
+        self.wait_for(drives, f"an object faster than {speed_mps:g} m/s")
+
+    def start(
+        self, name: str, command: Sequence[str], host: Sequence[str] = (), **kwargs: Any
+    ) -> subprocess.Popen[Any]:
+        """One process; its output goes to NAME.txt."""
+        with (self.folder / f"{name}.txt").open("a") as out:
+            process = subprocess.Popen(
+                [*host, *command],
+                env=self.env,
+                stdout=out,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+                **kwargs,
+            )
+        self._started.append(process)
+        return process
+
+    def said(self, name: str) -> str:
+        file = self.folder / f"{name}.txt"
+        return file.read_text() if file.is_file() else ""
+
+    def run_live(
+        self, task: Path, *arguments: str, host: Sequence[str] = ()
+    ) -> subprocess.Popen[Any]:
+        """``ssp run --mode live --wait``, up to where it waits."""
+        command = [sys.executable, "-m", "ssp_core.cli", "run", str(task), "--mode", "live"]
+        command += ["--out", str(self.folder / "run"), "--wait", "--odometry", ODOMETRY]
+        process = self.start("ssp_run", [*command, *arguments], host, stdin=subprocess.PIPE)
+        self.wait_for(
+            lambda: "press Enter" in self.said("ssp_run") or process.poll() is not None,
+            "the loaded session",
+        )
+        assert process.poll() is None, self.said("ssp_run")
+        return process
+
+    def play(self, name: str, *arguments: str, host: Sequence[str] = ()) -> subprocess.Popen[Any]:
+        """Played hardware, once it plays."""
+        command = [sys.executable, "-m", "ssp_ot_controller.rehearsal"]
+        run_file = str(self.folder / "run" / "run.yaml")
+        process = self.start(name, [*command, run_file, *arguments], host)
+        self.wait_for(
+            lambda: "playing" in self.said(name) or process.poll() is not None, f"{name} to play"
+        )
+        assert process.poll() is None, self.said(name)
+        return process
+
+    def doctor(self, *, host: Sequence[str] = ()) -> dict[str, Any]:
+        """What ``ssp doctor --session`` finds, by name, and whether it is content."""
+        command = [sys.executable, "-m", "ssp_core.cli", "doctor", "--json", "--seconds", "1.5"]
+        command += ["--session", str(self.folder / "run" / "run.yaml"), "--odometry", ODOMETRY]
+        done = subprocess.run(
+            [*host, *command], env=self.env, capture_output=True, text=True, timeout=DEADLINE_S
+        )
+        told = json.loads(done.stdout)
+        assert done.returncode == (0 if told["ok"] else 1)
+        return {f["name"]: f for f in told["findings"]}
+
+    def ask_doctor(self, *, host: Sequence[str] = ()) -> None:
+        """Fails unless the doctor is content.
+
+        A busy machine may keep a process waiting just while it listens; asked again, it isn't.
+        """
+        bad: list[dict[str, str]] = []
+        for _ in range(4):
+            told = self.doctor(host=host)
+            bad = [finding for finding in told.values() if finding["status"] == "fail"]
+            if not bad:
+                assert told["arming"]["text"] == "nothing keeps this session from arming"
+                return
+        pytest.fail(f"the doctor found {bad}")
+
+    def begin(self, process: subprocess.Popen[Any]) -> None:
+        """Presses Enter."""
+        assert process.stdin is not None
+        process.stdin.write(b"\n")
+        process.stdin.flush()
+
+    def finish(self, process: subprocess.Popen[Any]) -> dict[str, Any]:
+        """Waits for the end of a run; its result, with the exit status as ``status``."""
+        status = process.wait(DEADLINE_S)
+        result: dict[str, Any] = json.loads((self.folder / "run" / "result.json").read_text())
+        return {**result, "status": status}
+
+    def close(self) -> None:
+        """Ends whatever still runs."""
+        alive = [process for process in self._started if process.poll() is None]
+        for process in alive:
+            process.terminate()
+        for process in alive:
+            try:
+                process.wait(10.0)
+            except subprocess.TimeoutExpired:
+                os.killpg(process.pid, signal.SIGKILL)
+                process.wait()
+        for process in self._started:
+            if process.stdin is not None:
+                process.stdin.close()
+
+
+@pytest.fixture
+def make_stage(tmp_path: Path) -> Iterator[Callable[[dict[str, str]], Stage]]:
+    """Makes the stage of a test, of which no process outlives it."""
+    stages: list[Stage] = []
+
+    def make(env: dict[str, str]) -> Stage:
+        stages.append(Stage(tmp_path, env))
+        return stages[-1]
+
+    yield make
+    for stage in stages:
+        stage.close()
+
+
+@pytest.fixture
+def task(tmp_path: Path) -> Callable[[str], Path]:
+    """Compiles a scenario for the track that stands in for a proving ground."""
+    return lambda scenario: _compile(scenario, tmp_path / "task")
+
+
+def _compile(scenario: str, folder: Path) -> Path:
+    """With limits for a busy machine where only punctuality is judged."""
+    compiled = compile_task(Request(event=scenario, target="track", site="north_track", seed=1))
+    write_task_files(compiled, folder)
+    run = compiled.task.run
+    # Silence of a second is nothing to stop for here, and a blind stop needs that much more room.
+    lax = {"state_age_s": 1.0, "heartbeat_s": 1.0, "trigger_age_s": 1.0, "clock_offset_s": 0.15}
+    limits = run.limits.model_copy(update={**lax, "error_longitudinal_m": 4.0, "ack_s": 2.0})
+    middle = [sum(axis) / len(run.geofence) for axis in zip(*run.geofence, strict=True)]
+    fence = [(2.0 * x - middle[0], 2.0 * y - middle[1]) for x, y in run.geofence]
+    text = run.model_copy(update={"limits": limits, "geofence": fence}).model_dump_json(
+        by_alias=True, indent=1
+    )
+    write_text(folder / RUN_FILE, text + "\n")
+    return folder

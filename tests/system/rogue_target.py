@@ -1,0 +1,24 @@
+"""An object target that calls itself by another name from some time on; started by a test."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import ssp_ot_controller.target.outlet.node as outlet
+from ssp_core.clock import seconds_to_ns
+from ssp_core.state import ObjectState
+from ssp_ot_controller.target.node import main
+
+CHANGE_NS = seconds_to_ns(8.0)
+_honest = outlet.encode_state
+
+
+def _disguised(state: ObjectState) -> bytes:
+    if state.stamp_ns >= CHANGE_NS:
+        state = replace(state, object_id="ot7")
+    return _honest(state)
+
+
+if __name__ == "__main__":
+    outlet.encode_state = _disguised
+    main()

@@ -1,0 +1,362 @@
+"""The transfer audit against real recordings: good ones pass, broken ones are refused (METHOD 4).
+
+Every broken run is compiled from the shipped K* and then changed on site in one respect, and each
+change is entered into the log unless that is what is wrong. It takes the place of the simulation.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ssp_core.files import write_text
+from ssp_core.run_spec import load_run
+from ssp_eval.audit.model import Audit, RecordingEntry, load_audit
+from ssp_scenario_manager.compile.changes import value_at, with_value
+from ssp_scenario_manager.spec.load import load_event
+from ssp_scenario_manager.spec.log import Record
+from ssp_scenario_manager.spec.log_file import append_record
+
+pytestmark = [pytest.mark.ros, pytest.mark.system]
+
+HERE = Path(__file__).parent
+SESSION_S = 240.0
+# Runs the verbs with another program in place of the object target.
+WITH_ROGUE = """
+import sys
+from ssp_core.cli import main
+from ssp_scenario_manager.runner import session
+session._NODES["object_target"] = "rogue_target"
+sys.exit(main(sys.argv[1:]))
+"""
+Changes = Mapping[str, Any]
+
+
+def ssp(*arguments: object, program: str | None = None) -> subprocess.CompletedProcess[str]:
+    start = ["-m", "ssp_core.cli"] if program is None else ["-c", program]
+    path = os.pathsep.join([str(HERE), os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep)
+    return subprocess.run(
+        [sys.executable, *start, *map(str, arguments)],
+        capture_output=True, text=True, timeout=SESSION_S, env={**os.environ, "PYTHONPATH": path},
+        check=False,
+    )  # fmt: skip
+
+
+def succeed(*arguments: object) -> None:
+    done = ssp(*arguments)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("audit")
+
+
+@pytest.fixture(scope="module")
+def good(folder: Path) -> Callable[[str, str], Path]:
+    """Recordings of an event as they should be, each made once: domain to folder."""
+
+    def make(event: str, domain: str) -> Path:
+        target = folder / f"{event}-{domain}"
+        if target.exists():
+            return target
+        if domain == "synthetic":
+            synthetic(event, target)
+        else:
+            site = {"simulation": "boulevard", "physical": "north_track"}[domain]
+            succeed("run", event, "--site", site, "--seed", 11, "--out", target)
+        return target
+
+    return make
+
+
+def synthetic(event: str, target: Path) -> None:
+    """The K*'s own source clip, imported, with labels beside it."""
+    clip = target.parent / f"{event}.mp4"
+    maker = [sys.executable, "-m", "ssp_ot_controller.camera.clip"]
+    subprocess.run([*maker, "--scenario", event, "--seed", "1", "--out", str(clip)], check=True)
+    version = load_event(event)[1]
+    succeed(
+        "import-video", clip, "--scenario", event, "--event-version", version,
+        "--generator", "ssp-clip/1", "--ego-unknown", "--out", target / "bag",
+    )  # fmt: skip
+    truth = clip.with_suffix(".truth.json")
+    succeed(
+        "labels", "new", "--truth", truth, "--event-version", version,
+        "--out", target / "labels.json",
+    )  # fmt: skip
+
+
+def broken_run(
+    folder: Path,
+    event: str,
+    changes: Changes,
+    *,
+    logged: bool = True,
+    program: str | None = None,
+) -> Path:
+    """A run of the simulation, compiled and then changed."""
+    task = folder / "task"
+    succeed("compile", event, "--target", "sumo", "--site", "boulevard", "--out", task)
+    run = load_run(task / "run.yaml")
+    for field, new in changes.items():
+        old = value_at(run, field)
+        run = with_value(run, field, new)
+        record = Record(
+            kind="site_change", when="2025-03-01T09:30:00Z", who="A. Tester", subject=event,
+            field=field, old=old, new=value_at(run, field), reason="to be refused",
+        )  # fmt: skip
+        if logged:
+            append_record(task / "log.jsonl", record)
+    write_text(task / "run.yaml", run.model_dump_json(by_alias=True, indent=1) + "\n")
+    done = ssp("run", task, "--seed", 11, "--out", folder / "run", program=program)
+    assert (folder / "run" / "result.json").is_file(), done.stdout + done.stderr
+    return folder / "run"
+
+
+def audit(
+    tmp_path: Path, good: Callable[[str, str], Path], event: str, simulation: Path
+) -> tuple[int, Audit]:
+    recordings = good(event, "synthetic"), simulation, good(event, "physical")
+    done = ssp("audit", *recordings, "--out", tmp_path / "audit")
+    page = (tmp_path / "audit" / "audit.html").read_text()
+    found = load_audit(tmp_path / "audit")
+    for reason in found.recordings[1].reasons:
+        assert reason.text in page
+        assert reason.text in done.stdout
+    return done.returncode, found
+
+
+def refused(found: Audit) -> RecordingEntry:
+    """The simulation's entry; its partners have nothing wrong with them."""
+    synthetic, simulation, physical = found.recordings
+    assert [r.status for r in found.recordings] == ["unpaired", "refused", "unpaired"]
+    assert (synthetic.reasons, physical.reasons) == ([], [])
+    return simulation
+
+
+def codes(entry: RecordingEntry) -> dict[str, list[str]]:
+    return {r.code: [c.code for c in r.consequences] for r in entry.reasons}
+
+
+# -- good runs -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("event", ["cut_in", "vru_crossing"])
+def test_good_runs_are_admitted(
+    event: str, good: Callable[[str, str], Path], tmp_path: Path
+) -> None:
+    status, found = audit(tmp_path, good, event, good(event, "simulation"))
+    assert [(r.status, r.reasons) for r in found.recordings] == [("admitted", [])] * 3
+    assert status == 0
+    version = load_event(event)[1]
+    assert {found.event_version, *(r.event_version for r in found.recordings)} == {version}
+    for index, recording in enumerate(found.recordings):
+        assert recording.kpr == 1.0
+        assert recording.epd is not None
+        assert (recording.epd == 0.0) == (index == 0)
+        assert recording.evidence == ("reviewed" if index == 0 else "states")
+        phi = recording.phases.phi
+        assert 0.0 < phi["trigger"] < phi["conflict"] < phi["resolution"] < 1.0
+        assert recording.contradictions == []
+        for sight in recording.coverage.participants.values():
+            assert sight.fraction is not None
+            assert sight.fraction >= sight.needed
+    physical = found.recordings[2]
+    assert physical.stand_in
+    assert {"stand-in", "communication", "local speed", "tracking error of ot1"} <= set(
+        physical.disclosures
+    )
+
+
+# -- the negative set ------------------------------------------------------------------------------
+
+
+def mirrored() -> Changes:
+    """The VUT in the left lane, the OT to its right and changing to the left."""
+    return {
+        "vut.start.y_m": 3.5,
+        "vut.approach.path": [[15.0, 3.5], [390.0, 3.5]],
+        "targets[0].start.y_m": 0.0,
+        "targets[0].approach.path": [[58.874, 0.0], [390.0, 0.0]],
+        "triggers[0].manoeuvre.lateral_shift_m": 3.5,
+    }
+
+
+def swapped() -> Changes:
+    """The VUT changes from the left lane in front of the OT, which has to brake."""
+    shift = [[113.0, 3.4], [119.0, 2.9], [125.0, 1.75], [131.0, 0.6], [137.0, 0.1], [143.0, 0.0]]
+    return {
+        "vut.start.x_m": 75.0,
+        "vut.start.y_m": 3.5,
+        "vut.approach.path": [[75.0, 3.5], [107.0, 3.5], *shift, [390.0, 0.0]],
+        "vut.approach.cruise_mps": 5.0,
+        "driver.cruise_mps": 5.0,
+        "targets[0].start.x_m": 15.0,
+        "targets[0].start.y_m": 0.0,
+        "targets[0].approach.path": [[15.0, 0.0], [390.0, 0.0]],
+        "targets[0].approach.cruise_mps": 11.0,
+        "triggers[0].condition": {
+            "type": "time_to_arrival", "anchor": [119.0, 2.9], "below_s": 0.1
+        },
+        "triggers[0].manoeuvre": {"kind": "brake", "to_mps": 4.0, "deceleration_mps2": 4.0},
+        "end.at_latest_s": 18.0,
+    }  # fmt: skip
+
+
+def harmless() -> Changes:
+    """The OT changes lanes nearly as fast as the VUT drives."""
+    return {
+        "targets[0].start.x_m": 42.0,
+        "targets[0].approach.path": [[42.0, 3.5], [390.0, 3.5]],
+        "targets[0].approach.cruise_mps": 12.0,
+        "triggers[0].manoeuvre.cruise_mps": 12.5,
+        "end.at_latest_s": 14.0,
+    }
+
+
+def test_from_the_wrong_side(good: Callable[[str, str], Path], tmp_path: Path) -> None:
+    run = broken_run(tmp_path, "cut_in", mirrored())
+    status, found = audit(tmp_path, good, "cut_in", run)
+    entry = refused(found)
+    assert status == 1
+    assert codes(entry) == {"wrong_side": ["lane_differs", "place_differs"]}
+    assert "cutting_in_from_right instead of cutting_in_from_left" in entry.reasons[0].detail
+    # Topology (another lane of the VUT), roles (another start) and motion of five fields.
+    assert entry.kpr == pytest.approx(2 / 5)
+    assert {change.who for change in entry.changes} == {"A. Tester"}
+
+
+def test_swapped_roles(good: Callable[[str, str], Path], tmp_path: Path) -> None:
+    run = broken_run(tmp_path, "cut_in", swapped())
+    entry = refused(audit(tmp_path, good, "cut_in", run)[1])
+    assert next(iter(codes(entry))) == "roles_swapped"
+    under = codes(entry)["roles_swapped"]
+    assert {"order_differs", "lane_differs", "place_differs"} <= set(under)
+    assert {"motion_differs", "wrong_side"} & set(under)
+    assert len(entry.reasons) == 1
+    assert entry.properties["participant_roles"].words is not None
+    assert entry.properties["participant_roles"].words["initiator"] == ["vut"]
+
+
+def test_the_vut_passes_first(good: Callable[[str, str], Path], tmp_path: Path) -> None:
+    # With an adaptation, the session would end the run as soon as it sees that.
+    changes = {
+        "driver.reacts": False,
+        "triggers[0].condition.below_s": 0.4,
+        "triggers[0].adaptation": None,
+    }
+    run = broken_run(tmp_path, "vru_crossing", changes)
+    assert json.loads((run / "result.json").read_text())["verdict"] == "valid"
+    entry = refused(audit(tmp_path, good, "vru_crossing", run)[1])
+    # Whom the VUT has passed its camera doesn't see.
+    assert codes(entry) == {"order_differs": ["participant_off_camera"]}
+    assert "vut before ot1 instead of ot1 before vut" in entry.reasons[0].detail
+    assert entry.kpr == pytest.approx(4 / 5)
+
+
+def test_a_missing_conflict(good: Callable[[str, str], Path], tmp_path: Path) -> None:
+    run = broken_run(tmp_path, "cut_in", harmless())
+    entry = refused(audit(tmp_path, good, "cut_in", run)[1])
+    assert next(iter(codes(entry))) == "conflict_missing"
+    assert {"conflict_phase", "resolution_phase", "epd_missing", "event_awaited"} <= set(
+        codes(entry)["conflict_missing"]
+    )
+    assert len(entry.reasons) == 1
+    assert "not under 3 s" in entry.reasons[0].detail
+    assert (entry.epd, entry.phases.conflict_s) == (None, None)
+    assert entry.phases.trigger_s is not None
+
+
+def test_off_camera_in_the_conflict(good: Callable[[str, str], Path], tmp_path: Path) -> None:
+    # Looking up so far that the lower edge of the picture is about the horizon.
+    run = broken_run(tmp_path, "vru_crossing", {"camera.pitch_down_rad": -0.385})
+    entry = refused(audit(tmp_path, good, "vru_crossing", run)[1])
+    assert next(iter(codes(entry))) == "participant_off_camera"
+    assert "in the conflict" in entry.reasons[0].detail
+    assert entry.kpr == 1.0
+    assert entry.coverage.participants["ot1"].fraction is not None
+    assert entry.coverage.participants["ot1"].fraction < 0.5
+
+
+def test_a_safety_abort(good: Callable[[str, str], Path], tmp_path: Path) -> None:
+    run = broken_run(tmp_path, "cut_in", {"limits.separation_m": 16.0})
+    assert json.loads((run / "result.json").read_text())["verdict"] == "failed_safety"
+    entry = refused(audit(tmp_path, good, "cut_in", run)[1])
+    assert next(iter(codes(entry))) == "safety_abort"
+    assert "separation of ot1" in entry.reasons[0].detail
+    assert "run_invalid" in codes(entry)["safety_abort"]
+    assert len(entry.reasons) == 1
+    assert len(entry.safety_events) >= 1
+
+
+def test_an_id_that_changes_mid_run(good: Callable[[str, str], Path], tmp_path: Path) -> None:
+    run = broken_run(tmp_path, "cut_in", {}, program=WITH_ROGUE)
+    entry = refused(audit(tmp_path, good, "cut_in", run)[1])
+    assert next(iter(codes(entry))) == "identity_switch"
+    assert entry.reasons[0].detail.startswith("the states of ot1 say ot7 from 8.")
+    under = {code for codes_under in codes(entry).values() for code in codes_under}
+    # The manager hears no more of ot1 and aborts, so that there is no event.
+    assert {"safety_abort", "trigger_phase", "epd_missing"} <= under
+    assert set(codes(entry)) == {"identity_switch"}
+    assert any("ot1 is gone" in text for text in entry.identities)
+
+
+def test_an_unlogged_change(good: Callable[[str, str], Path], tmp_path: Path) -> None:
+    run = broken_run(tmp_path, "cut_in", {"driver.headway_s": 1.6}, logged=False)
+    entry = refused(audit(tmp_path, good, "cut_in", run)[1])
+    assert codes(entry) == {"unlogged_change": []}
+    assert entry.reasons[0].detail == "driver.headway_s: 1.4 to 1.6"
+    assert [(c.field, c.logged) for c in entry.changes] == [("driver.headway_s", False)]
+    assert entry.kpr == 1.0
+
+
+def test_the_same_change_with_a_record_is_admitted(
+    good: Callable[[str, str], Path], tmp_path: Path
+) -> None:
+    run = broken_run(tmp_path, "cut_in", {"driver.headway_s": 1.6})
+    status, found = audit(tmp_path, good, "cut_in", run)
+    assert (status, found.admitted) == (0, True)
+    (change,) = found.recordings[1].changes
+    assert (change.old, change.new, change.who, change.reason) == (
+        1.4, 1.6, "A. Tester", "to be refused",
+    )  # fmt: skip
+
+
+# -- what wasn't compiled, or belongs to something else --------------------------------------------
+
+
+def test_recordings_of_two_events_are_refused(
+    good: Callable[[str, str], Path], tmp_path: Path
+) -> None:
+    status, found = audit(tmp_path, good, "cut_in", good("vru_crossing", "simulation"))
+    # The K* is the simulation's, so it is the partners that are of another one.
+    assert status == 1
+    assert found.recordings[0].reasons[0].code == "other_event"
+    assert found.recordings[2].reasons[0].code == "other_event"
+
+
+def test_a_video_of_another_maker_is_refused(
+    good: Callable[[str, str], Path], tmp_path: Path
+) -> None:
+    clip, target = good("cut_in", "synthetic").parent / "cut_in.mp4", tmp_path / "other"
+    version = load_event("cut_in")[1]
+    succeed(
+        "import-video", clip, "--scenario", "cut_in", "--event-version", version,
+        "--generator", "somebody", "--ego-unknown", "--end", "6", "--out", target / "bag",
+    )  # fmt: skip
+    recordings = target, good("cut_in", "simulation"), good("cut_in", "physical")
+    assert ssp("audit", *recordings, "--out", tmp_path / "audit").returncode == 1
+    synthetic, *others = load_audit(tmp_path / "audit").recordings
+    assert codes(synthetic) == {"other_source": [], "coverage_unknown": []}
+    details = [reason.detail for reason in synthetic.reasons]
+    assert any("was made by somebody" in text for text in details)
+    assert any("the crop's end is 6 s" in text for text in details)
+    assert [r.status for r in others] == ["unpaired", "unpaired"]

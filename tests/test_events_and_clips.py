@@ -1,0 +1,94 @@
+"""The shipped K* say of their source clips what the clips' ground truth says."""
+
+from __future__ import annotations
+
+import pytest
+
+from ssp_core.geometry import Polyline
+from ssp_core.interaction import encounter
+from ssp_core.run_spec import ConflictThresholds
+from ssp_eval.labels.event import find_event, samples_of
+from ssp_ot_controller.camera.clip import GENERATOR
+from ssp_ot_controller.camera.storyboard import INTERACTIONS, Storyboard, storyboard
+from ssp_scenario_manager.interactions import KINDS
+from ssp_scenario_manager.spec.load import load_event
+from ssp_scenario_manager.spec.model import Event, Interval
+
+# Times stand in K* to the millisecond.
+ROUNDING_S = 0.0006
+
+
+def _value(quantity: object) -> float:
+    assert isinstance(quantity, Interval)
+    assert quantity.min is not None
+    assert quantity.min == quantity.max
+    return quantity.min
+
+
+@pytest.fixture(params=INTERACTIONS)
+def event(request: pytest.FixtureRequest) -> Event:
+    return load_event(request.param)[0]
+
+
+@pytest.fixture
+def board(event: Event) -> Storyboard:
+    name, _, seed = event.source.original.partition(" seed ")
+    assert (event.source.generator, name) == (GENERATOR, event.name)
+    return storyboard(name, int(seed))
+
+
+def test_clip_and_rate(event: Event, board: Storyboard) -> None:
+    assert _value(event.source.rate) == board.fps
+    assert _value(event.events.clip.end) == board.duration_s
+    frames = event.events.resolution.evidence[-1].frames
+    assert frames is not None
+    assert frames[1] == len(board.times()) - 1
+
+
+def test_phases_start_when_the_ground_truth_says(event: Event, board: Storyboard) -> None:
+    series = [(t_s, {s.object_id: s for s in board.states(t_s)}) for t_s in board.times()]
+    samples = samples_of(series, event.vut_id, event.interaction.initiator)
+    ttc, gap = event.constraints.thresholds.ttc, event.constraints.thresholds.arrival_gap
+    thresholds = ConflictThresholds(
+        ttc_s=_value(ttc) if ttc else None, arrival_gap_s=_value(gap) if gap else None
+    )
+    road = Polyline([(0.0, 0.0), (board.road.length_m, 0.0)])
+    kind = KINDS[event.interaction.type]
+    found = find_event(samples, road, thresholds, observable=kind.observable)
+    assert found is not None
+    for phase, truth_s in (
+        ("trigger", found.trigger_s),
+        ("conflict", found.conflict_s),
+        ("resolution", found.resolution_s),
+    ):
+        assert _value(getattr(event.events, phase).start) == pytest.approx(truth_s, abs=ROUNDING_S)
+
+
+def test_participants_and_where_they_start(event: Event, board: Storyboard) -> None:
+    states = {state.object_id: state for state in board.states(0.0)}
+    vut = states[event.vut_id]
+    road = Polyline([(0.0, 0.0), (board.road.length_m, 0.0)])
+    for who, participant in event.participants.items():
+        assert states[who].object_class.word == participant.class_
+        gap = participant.region.gap
+        if who != event.vut_id:
+            assert isinstance(gap, Interval)
+            assert gap.min is not None
+            assert gap.max is not None
+            assert gap.min <= encounter(vut, states[who], road).gap_m <= gap.max
+            offset = states[who].y_m
+            side = participant.region.place.partition("_")[0]
+            assert {"left": offset > 1.5, "right": offset < -1.5, "vut": offset == 0.0}[side]
+
+
+def test_road_is_one_that_the_topology_allows(event: Event, board: Storyboard) -> None:
+    topology = event.topology
+    same = sum(lane.direction == "forward" for lane in board.road.lanes)
+    opposite = len(board.road.lanes) - same
+    assert topology.lanes_same_direction.min <= same <= topology.lanes_same_direction.max
+    assert topology.lanes_opposite.min <= opposite <= topology.lanes_opposite.max
+    width = topology.lane_width
+    assert isinstance(width, Interval)
+    assert width.min is not None
+    assert width.max is not None
+    assert all(width.min <= lane.width_m <= width.max for lane in board.road.lanes)
