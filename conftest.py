@@ -8,7 +8,16 @@ hides the package ``ssp_eval/ssp_eval/`` from the tests.
 from __future__ import annotations
 
 import importlib
+import os
 from importlib.util import find_spec
+
+from hypothesis import settings
+
+# The same examples in every run, so that a change is judged by what it changed. To look for new
+# ones: SSP_EXPLORE=1 ./ssp test.
+settings.register_profile("same", derandomize=True)
+settings.register_profile("explore")
+settings.load_profile("explore" if os.environ.get("SSP_EXPLORE") else "same")
 
 for _name in (
     "ssp_core",

@@ -165,6 +165,25 @@ def test_a_paused_node_stands_still_until_its_time_is_over(
     assert not made.release(1.0, 9.0)
 
 
+def test_a_world_that_was_ahead_is_dated_by_where_its_clock_came_to_stand(
+    run: RunSpec, child: NodeProcess, tmp_path: Path
+) -> None:
+    lockstep = run.model_copy(update={"mode": "lockstep"})
+    fault = Fault(kind="pause", target="sil_world", at_s=1.0, duration_s=3.0)
+    made, _, _ = injector(lockstep, child, tmp_path, fault)
+    made.poll(1.0, 5.0)
+    assert made.injected == []
+    made.poll(1.6, 5.05)
+    assert made.injected == []
+    made.poll(1.6, 5.30)
+    assert made.injected == []
+    made.poll(1.6, 5.5)
+    (begun,) = made.injected
+    assert (begun.session_s, begun.wall_s) == (1.6, 5.0)
+    assert made.release(1.6, 6.0)
+    assert [one.active for one in made.injected] == [True, False]
+
+
 def test_what_still_stands_at_the_end_goes_on(
     run: RunSpec, child: NodeProcess, tmp_path: Path
 ) -> None:

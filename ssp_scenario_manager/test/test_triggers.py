@@ -98,6 +98,13 @@ def test_the_crossing_is_interpolated_and_its_samples_kept() -> None:
     assert (firing.threshold, firing.condition) == (12.0, "gap vut - ot1 < 12 m")
 
 
+def test_a_crossing_between_two_nanoseconds_is_at_the_even_one() -> None:
+    # 14 648 437.5 ns after the first sample: 1 000 976 562.5 ns.
+    first, second = 986_328_125, 1_005_859_375
+    (firing,) = fire(spec(), gaps((first, 18.0), (second, 10.0)))
+    assert firing.crossing_ns == 1_000_976_562
+
+
 def test_a_value_at_the_threshold_is_not_below_it() -> None:
     assert fire(spec(), gaps((0, 16.0), (1, 12.0), (2, 12.0))) == []
     assert at(fire(spec(), gaps((0, 16.0), (10, 12.0), (20, 11.0)))) == [(10, 20)]

@@ -46,6 +46,8 @@ from ssp_ot_controller.sil.world import OVER, World
 HOLD_PERIOD_S = 0.1
 # Lockstep: a participant that keeps the world waiting this long on the steady clock is dropped.
 HANG_LIMIT_S = 1.5
+# A world that didn't look for so long stood still itself, and blames nobody for that time.
+OWN_PAUSE_S = 0.5
 # An external driver that is heard while the world holds is one that may drive.
 DRIVER_FRESH_S = 1.0
 CLOSE_LIMIT_S = 4.0
@@ -92,7 +94,7 @@ class SilWorld(Node):
         self._vut_states_sent = 0
         self._running = False
         self._over = False
-        self._waiting_since_ns = time.monotonic_ns()
+        self._waiting_since_ns = self._looked_ns = time.monotonic_ns()
         self._started_ns = 0
         self._overrun_told = False
         self._driver_told = False
@@ -236,12 +238,16 @@ class SilWorld(Node):
 
     def _on_hold_timer(self) -> None:
         """While holding: repeats the present state. While stepping: watches for the silent."""
+        now_ns, looked_ns = time.monotonic_ns(), self._looked_ns
+        self._looked_ns = now_ns
         if not self._running:
             if self._driver_is_there():
                 self._report_vut(running=False)
             self._publish_tick()
             return
-        waited_s = (time.monotonic_ns() - self._waiting_since_ns) / NS_PER_S
+        if (now_ns - looked_ns) / NS_PER_S > OWN_PAUSE_S:
+            self._waiting_since_ns = now_ns
+        waited_s = (now_ns - self._waiting_since_ns) / NS_PER_S
         if self._lockstep and waited_s > HANG_LIMIT_S:
             lost = self._barrier.lost(self._world.step_index)
             overdue = [one for one in lost if waited_s > self._hang_limit_s(one)]

@@ -176,7 +176,7 @@ class Measured:
         (p, q), (r, s) = a.value.as_integer_ratio(), b.value.as_integer_ratio()
         t, u = self.quantity.threshold.as_integer_ratio()
         way, whole = (p * u - t * q) * s, (p * s - r * q) * u
-        return a.stamp_ns + _nearest(way * (b.stamp_ns - a.stamp_ns), whole)
+        return _nearest(a.stamp_ns * whole + way * (b.stamp_ns - a.stamp_ns), whole)
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,13 +25,13 @@ START_TIMEOUT_S = 30.0
 # After a process died, the session itself should end within this time; then it is ended.
 END_TIMEOUT_S = 20.0
 # Objects that hear no manager any more, or a world that goes on after a pause: time to stand.
-STANDSTILL_S = 8.0
+STANDSTILL_S = 20.0
 # Beyond the heartbeat's limit, for an object to say on the wall's clock that it was passed.
 NOTICED_S = 0.5
 # A truth this old comes from a world that is dead or stands still, and so does all in it.
 WORLD_GONE_S = 2.0
 # For what a session that has given its result, or gives up, still has to say.
-LAST_WORDS_S = 4.0
+LAST_WORDS_S = 8.0
 # How long an armed session is held with a fault in it, for the limits that apply to it.
 ARMED_HOLD_S = 3.0
 

@@ -25,6 +25,10 @@ _OF_NODES = ("kill", "pause", "disk_full")
 _OF_REFERENCES = ("reference_stale", "reference_out_of_fence")
 # Longer than any approach passes by, and short enough that a loaded run may still hope for it.
 _HELD_SHARE = 0.7
+# The world's clock has come to stand when nothing newer was heard for so long; one that goes on for
+# longer than the second isn't struck by the signal.
+_STANDS_S = 0.3
+_SETTLES_S = 1.0
 RUNNER_KINDS = frozenset((*_OF_NODES, *_OF_REFERENCES, "operator_abort", "trigger_never"))
 
 
@@ -51,7 +55,8 @@ class Injected:
     Args:
         index: of the fault in the run file.
         active: True: it begins.
-        session_s: session time that the runner knew at that instant; 0 before the start.
+        session_s: session time at that instant as far as the runner knew it; 0 before the start.
+            What stops the simulated world is dated by where the world's clock came to stand.
         wall_s: steady time since the runner started, s.
     """
 
@@ -78,6 +83,8 @@ class _Timed:
     index: int
     fault: Fault
     begun_s: float | None = None
+    heard: tuple[float, float] | None = None
+    """Newest session time and when it was heard, while the world's clock may still go on."""
     ended: bool = False
 
     def is_over(self, wall_s: float) -> bool:
@@ -189,7 +196,10 @@ class Injector:
             if timed.begun_s is None:
                 if at_s is not None and session_s > 0.0 and session_s >= at_s:
                     self._begin(timed, session_s, wall_s)
-            elif timed.is_over(wall_s):
+                continue
+            if timed.heard is not None:
+                self._settle(timed, session_s, wall_s)
+            if timed.is_over(wall_s):
                 self._end(timed, session_s, wall_s)
 
     def release(self, session_s: float, wall_s: float) -> bool:
@@ -208,7 +218,11 @@ class Injector:
     def _begin(self, timed: _Timed, session_s: float, wall_s: float) -> None:
         fault = timed.fault
         timed.begun_s = wall_s
-        self._note(timed, True, session_s, wall_s)
+        if fault.at_s is not None and self._stops_the_world(fault):
+            # In lockstep the world may be far ahead of what this process has heard of it.
+            timed.heard = (session_s, wall_s)
+        else:
+            self._note(timed, True, session_s, wall_s)
         if fault.kind == "kill":
             self._signal(fault.target, signal.SIGKILL)
         elif fault.kind == "pause":
@@ -220,8 +234,28 @@ class Injector:
         elif fault.kind in _OF_REFERENCES:
             self.hands.send_strange_reference(fault.target, fault.kind)
 
+    def _stops_the_world(self, fault: Fault) -> bool:
+        """The world's clock comes to stand by it at once: it waits for every participant."""
+        struck = fault.kind in ("kill", "pause") and fault.target != names.MONITOR
+        return struck and self.spec.mode == "lockstep"
+
+    def _settle(self, timed: _Timed, session_s: float, wall_s: float) -> None:
+        """Notes the beginning once the session's time stands."""
+        newest_s, heard_s = timed.heard or (session_s, wall_s)
+        begun_s = heard_s if timed.begun_s is None else timed.begun_s
+        if session_s == newest_s and wall_s - heard_s < _STANDS_S:
+            return
+        if session_s == newest_s or wall_s - begun_s > _SETTLES_S:
+            timed.heard = None
+            self._note(timed, True, session_s, begun_s)
+        else:
+            timed.heard = (session_s, wall_s)
+
     def _end(self, timed: _Timed, session_s: float, wall_s: float) -> None:
         timed.ended = True
+        if timed.heard is not None:
+            timed.heard = None
+            self._note(timed, True, session_s, timed.begun_s or wall_s)
         if timed.fault.kind == "pause":
             self._signal(timed.fault.target, signal.SIGCONT)
             self._note(timed, False, session_s, wall_s)
