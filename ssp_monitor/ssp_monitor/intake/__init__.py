@@ -1,0 +1,1 @@
+"""Reception of what is recorded."""
