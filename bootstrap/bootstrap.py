@@ -1,7 +1,8 @@
 """Makes the pip environment: system libraries, .venv, pinned packages, the built workspace.
 
 Runs on the system's Python with the standard library only. Called by ./ssp when something that
-the environment was made from has changed; safe to call again after an interruption.
+the environment was made from has changed; safe to call again after an interruption. With
+``--test-tools`` it installs what only the tests need, as `ssp test` asks for.
 """
 
 from __future__ import annotations
@@ -34,6 +35,8 @@ SYSTEM_LIBRARIES = {
     "libXrender.so.1": "libxrender1",
     "libatomic.so.1": "libatomic1",
 }
+# The tests look at pages in a real browser, under any of these names.
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
 
 class BootstrapError(Exception):
@@ -96,6 +99,18 @@ def install_apt_packages(packages: list[str]) -> None:
     env = {**os.environ, "DEBIAN_FRONTEND": "noninteractive"}
     run([*prefix, "apt-get", "update"], "apt-get update", env)
     run([*prefix, *apt], f"installing {' '.join(packages)} (by hand: {by_hand})", env)
+
+
+def install_test_tools() -> int:
+    """Installs what only the tests need; without it they fail and say so, each on its own."""
+    if any(shutil.which(name) for name in BROWSERS):
+        return 0
+    try:
+        install_apt_packages(["chromium"])
+    except BootstrapError as error:
+        print(f"ssp setup: the tests of pages need a browser: {error}", file=sys.stderr)
+        return 1
+    return 0
 
 
 def check_interpreter() -> None:
@@ -207,4 +222,4 @@ def main(fingerprint: str) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1]))
+    sys.exit(install_test_tools() if sys.argv[1:] == ["--test-tools"] else main(sys.argv[1]))

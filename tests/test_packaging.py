@@ -16,6 +16,7 @@ PACKAGES = sorted(p.parent.name for p in ROOT.glob("ssp_*/package.xml"))
 PYTHON_PACKAGES = [name for name in PACKAGES if name != "ssp_msgs"]
 # Import name of what rosdep and our package.xml name otherwise.
 ROSDEP_NAMES = {
+    "aiohttp": "python3-aiohttp",
     "click": "python3-click",
     "cv2": "python3-opencv",
     "defusedxml": "python3-defusedxml",
@@ -30,11 +31,11 @@ ROSDEP_NAMES = {
     "yaml": "python3-yaml",
 }
 # Without a rosdep key; bootstrap/runtime.in installs them.
-NO_KEY = {"libsumo", "mcap", "openai", "pyclothoids", "scenariogeneration"}
+NO_KEY = {"av", "isal", "libsumo", "mcap", "openai", "pyclothoids", "scenariogeneration"}
 # What a requirement brings along as a part of its own interface.
 BROUGHT_BY = {"markupsafe": "jinja2", "pydantic_core": "pydantic", "zstandard": "mcap"}
 # Extras of the project, imported only where they are installed.
-EXTRA = {"carla", "moderngl", "osqp"}
+EXTRA = {"carla", "moderngl", "osqp", "pyarrow"}
 OURS = {*PACKAGES, "ssp_core"}
 
 

@@ -32,7 +32,8 @@ def _checks(arguments: tuple[str, ...], quick: bool) -> list[tuple[str, list[str
         ("lint", ["ruff", "check", "."]),
         ("types", ["mypy", *PACKAGES]),
     ]
-    return [*checks, ("tests", pytest)]
+    tools = [sys.executable, "bootstrap/bootstrap.py", "--test-tools"]
+    return [*checks, ("tools", tools), ("tests", pytest)]
 
 
 @click.command(context_settings={"ignore_unknown_options": True})
@@ -41,7 +42,7 @@ def _checks(arguments: tuple[str, ...], quick: bool) -> list[tuple[str, list[str
 def test(quick: bool, pytest_arguments: tuple[str, ...]) -> int:
     """Run format, lint, types and all tests; further arguments go to pytest.
 
-    All four run even when one fails; exit status 1 when any did.
+    All of them run even when one fails; exit status 1 when any did.
     """
     root = os.environ.get("SSP_ROOT")
     if root is None or not (Path(root) / "pyproject.toml").is_file():
