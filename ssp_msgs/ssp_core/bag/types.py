@@ -14,12 +14,29 @@ from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_
 from rosbags.typesys.base import TypesysError
 from rosbags.typesys.store import Typestore
 
+from ssp_core.bag.video_type import VIDEO_DEFINITION, VIDEO_TYPE
+from ssp_core.bag.definition_limits import BoundedStore, check_text, check_types
 from ssp_core.errors import HostError, InputError
 
 PACKAGE = "ssp_msgs"
 MSG_ENCODING = "ros2msg"
 IDL_ENCODING = "ros2idl"
 _SEPARATOR = "=" * 80 + "\n"
+_SHOWN = 200
+# What rosbags' parsers and the code that they generate raise on a text that is no definition.
+_UNUSABLE = (
+    TypesysError,
+    LookupError,
+    ValueError,
+    TypeError,
+    AttributeError,
+    NameError,
+    AssertionError,
+    SyntaxError,
+    OverflowError,
+    MemoryError,
+    RecursionError,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,12 +68,12 @@ def _folders() -> list[Traversable]:
 
 @cache
 def _own_texts() -> dict[str, str]:
-    """Text of each .msg file of ssp_msgs by full type name."""
+    """Text of each .msg file of ssp_msgs, and of the video type, by full type name."""
     folders = _folders()
     for folder in folders:
         # Other packages have folders named msg too; ours holds this file.
         if folder.joinpath("ObjectState.msg").is_file():
-            return {
+            return {VIDEO_TYPE: VIDEO_DEFINITION} | {
                 f"{PACKAGE}/msg/{entry.name.removesuffix('.msg')}": entry.read_text("utf-8")
                 for entry in sorted(folder.iterdir(), key=lambda entry: entry.name)
                 if entry.name.endswith(".msg")
@@ -121,10 +138,12 @@ def store_from(written: TypeDefinition) -> Typestore:
     """A store that knows exactly the types of one definition, as it stands in a bag.
 
     Raises:
-        InputError: the definition can't be parsed or lacks the type that it is for.
+        InputError: the definition can't be parsed, asks for too much, or lacks the type that it is
+            for.
     """
-    store = get_typestore(Stores.EMPTY)
+    store = BoundedStore()
     try:
+        check_text(written.text, idl=written.encoding == IDL_ENCODING)
         if written.encoding == MSG_ENCODING:
             types = get_types_from_msg(written.text, written.msgtype)
         elif written.encoding == IDL_ENCODING:
@@ -136,10 +155,14 @@ def store_from(written: TypeDefinition) -> Typestore:
                 value=written.encoding,
                 remedy=f"{MSG_ENCODING} and {IDL_ENCODING} are understood",
             )
+        check_types(types)
         store.register(types)
         store.get_msgdef(written.msgtype)
-    except (TypesysError, KeyError, ValueError, SyntaxError, RecursionError) as error:
+    except _UNUSABLE as error:
+        # rosbags' messages repeat the whole definition.
+        text = str(error).replace(repr(written.text), "")
+        text = " ".join(text.split()) or type(error).__name__
         raise InputError(
-            f"has a definition that can't be used: {error}", field=written.msgtype
+            f"has a definition that can't be used: {text[:_SHOWN]}", field=written.msgtype
         ) from error
     return store
