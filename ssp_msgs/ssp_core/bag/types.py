@@ -14,8 +14,8 @@ from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_
 from rosbags.typesys.base import TypesysError
 from rosbags.typesys.store import Typestore
 
-from ssp_core.bag.video_type import VIDEO_DEFINITION, VIDEO_TYPE
 from ssp_core.bag.definition_limits import BoundedStore, check_text, check_types
+from ssp_core.bag.video_type import VIDEO_DEFINITION, VIDEO_TYPE
 from ssp_core.errors import HostError, InputError
 
 PACKAGE = "ssp_msgs"
@@ -160,7 +160,9 @@ def store_from(written: TypeDefinition) -> Typestore:
         store.get_msgdef(written.msgtype)
     except _UNUSABLE as error:
         # rosbags' messages repeat the whole definition.
-        text = str(error).replace(repr(written.text), "")
+        text = str(error)
+        for whole in (f"MSG: {written.msgtype}\n{written.text}", written.text):
+            text = text.replace(repr(whole), "")
         text = " ".join(text.split()) or type(error).__name__
         raise InputError(
             f"has a definition that can't be used: {text[:_SHOWN]}", field=written.msgtype
