@@ -1,0 +1,194 @@
+"""Turns the images of a camera into H.264 or H.265 while they are recorded.
+
+One message in, one message out, at the same times and with the same stamp, so that a bag with
+video answers the same questions as one with JPEG. Nothing looks ahead, and a keyframe that brings
+its parameter sets comes every second, so that a player and a reader can begin at any of them.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+from fractions import Fraction
+from typing import Protocol, cast
+
+import av
+import numpy as np
+from av.video.frame import PictureType
+from av.video.reformatter import ColorRange, Colorspace
+
+from ssp_core.bag import BagMessage
+from ssp_core.bag.image_messages import (
+    COMPRESSED_TYPE,
+    RAW_TYPE,
+    ImageMessage,
+    encode_video_message,
+    read_image,
+)
+from ssp_core.bag.still_images import Bgr, decode_still
+from ssp_core.bag.video_type import VIDEO_TYPE
+from ssp_core.clock import NS_PER_S
+
+SOURCE_TYPES = (COMPRESSED_TYPE, RAW_TYPE)
+DEFAULT_CRF = 23
+MOST_CRF = 51
+
+_COMMON = {"preset": "ultrafast", "tune": "zerolatency", "forced-idr": "1"}
+# Keyframes come when we say so; one thread, so that the same pictures give the same bytes.
+_X264 = "scenecut=0:keyint=infinite:bframes=0:threads=1"
+_X265 = "scenecut=0:keyint=-1:bframes=0:repeat-headers=1:pools=none:frame-threads=1:log-level=none"
+
+
+class Codec(Enum):
+    """How frames are encoded; the value is the ``format`` of the message."""
+
+    H264 = "h264"
+    H265 = "h265"
+
+
+class Encoder(Protocol):
+    """Replaces the messages of one topic before they are written; used by one thread."""
+
+    @property
+    def msgtype(self) -> str:
+        """Full name of the type that comes out."""
+
+    def encode(self, message: BagMessage) -> list[BagMessage]:
+        """What is to be written in place of a message: nothing, it, or several held back."""
+
+    def finish(self) -> list[BagMessage]:
+        """What was still held back."""
+
+
+class VideoEncoder:
+    """Encodes the images of one topic.
+
+    A frame that is damaged is left out and counted (``damaged``, ``last_problem``), and the
+    video goes on without it. When the size changes, the video goes on at the new size from a
+    keyframe. Pictures with an odd width or height lose their last column or row, which 4:2:0
+    can't hold.
+
+    Args:
+        source_type: full name of the type that comes in, one of SOURCE_TYPES.
+        codec: H.264, which everything plays, or H.265, which is smaller and costs twice as much.
+        crf: quality, 0 (lossless) to 51; 23 is hard to tell from a JPEG of quality 90.
+        keyframe_s: longest time between keyframes.
+
+    Raises:
+        ValueError: another type, or a number out of range.
+    """
+
+    msgtype = VIDEO_TYPE
+
+    def __init__(
+        self,
+        source_type: str,
+        codec: Codec = Codec.H264,
+        crf: int = DEFAULT_CRF,
+        keyframe_s: float = 1.0,
+    ) -> None:
+        if source_type not in SOURCE_TYPES:
+            raise ValueError(f"{source_type} is not encoded; {' and '.join(SOURCE_TYPES)} are")
+        if not 0 <= crf <= MOST_CRF:
+            raise ValueError(f"crf {crf} is not from 0 to {MOST_CRF}")
+        if not keyframe_s > 0.0:
+            raise ValueError(f"keyframe_s {keyframe_s} is not above 0")
+        self._source_type, self._codec, self._crf = source_type, codec, crf
+        self._keyframe_ns = round(keyframe_s * NS_PER_S)
+        self._context: av.VideoCodecContext | None = None
+        self._key_at_ns: int | None = None
+        self._number = 0
+        self._waiting: dict[int, tuple[BagMessage, ImageMessage]] = {}
+        self.damaged = 0
+        self.last_problem = ""
+
+    def encode(self, message: BagMessage) -> list[BagMessage]:
+        """The frame as a CompressedVideo message; nothing for a damaged one."""
+        try:
+            image = read_image(self._source_type, message.data)
+            picture = _even(decode_still(image))
+        except ValueError as error:
+            self._left_out(str(error))
+            return []
+        height, width = picture.shape[:2]
+        done: list[BagMessage] = []
+        if self._context is not None and (self._context.width, self._context.height) != (
+            width,
+            height,
+        ):
+            done = self.finish()
+        try:
+            return done + self._encode(message, image, picture)
+        except (av.error.FFmpegError, MemoryError) as error:
+            self._waiting.pop(self._number - 1, None)
+            self._context = None  # its state is unknown; the next frame is a keyframe
+            self._left_out(f"{width} x {height} px can't be encoded: {error}")
+            return done
+
+    def finish(self) -> list[BagMessage]:
+        """What the encoder held back; afterwards it begins anew with a keyframe."""
+        context, self._context = self._context, None
+        try:
+            done = [] if context is None else self._messages(context.encode(None))
+        except av.error.FFmpegError as error:
+            done = []
+            self._left_out(str(error))
+        self._waiting.clear()
+        return done
+
+    def _encode(self, message: BagMessage, image: ImageMessage, picture: Bgr) -> list[BagMessage]:
+        fresh = self._context is None
+        if self._context is None:
+            self._context = self._open(picture.shape[1], picture.shape[0])
+        frame = av.VideoFrame.from_ndarray(picture, format="bgr24").reformat(
+            format="yuv420p",
+            dst_colorspace=Colorspace.SMPTE170M,
+            dst_color_range=ColorRange.JPEG,
+        )
+        frame.pts = self._number
+        since_ns = message.log_time_ns - (self._key_at_ns or 0)
+        # A clock that was set back must not put the next keyframe off.
+        if fresh or self._key_at_ns is None or not 0 <= since_ns < self._keyframe_ns:
+            frame.pict_type = PictureType.I
+            self._key_at_ns = message.log_time_ns
+        else:
+            frame.pict_type = PictureType.NONE
+        self._waiting[self._number] = (message, image)
+        self._number += 1
+        return self._messages(self._context.encode(frame))
+
+    def _open(self, width_px: int, height_px: int) -> av.VideoCodecContext:
+        h264 = self._codec is Codec.H264
+        name = "libx264" if h264 else "libx265"
+        context = cast(av.VideoCodecContext, av.CodecContext.create(name, "w"))
+        context.width, context.height, context.pix_fmt = width_px, height_px, "yuv420p"
+        context.time_base = Fraction(1, 1000)  # frames are numbered; their times are the messages'
+        context.color_range, context.colorspace = ColorRange.JPEG, Colorspace.SMPTE170M
+        context.thread_count = 1
+        private = {"x264-params": _X264} if h264 else {"x265-params": _X265}
+        context.options = _COMMON | {"crf": str(self._crf)} | private
+        context.open()
+        return context
+
+    def _messages(self, packets: list[av.Packet[av.VideoStream]]) -> list[BagMessage]:
+        done = []
+        for packet in packets:
+            found = self._waiting.pop(packet.pts if packet.pts is not None else -1, None)
+            if found is None:
+                continue
+            message, image = found
+            data = encode_video_message(
+                image.stamp_ns, image.frame_id, bytes(packet), self._codec.value
+            )
+            done.append(message._replace(data=data))
+        return done
+
+    def _left_out(self, problem: str) -> None:
+        self.damaged += 1
+        self.last_problem = problem
+
+
+def _even(picture: Bgr) -> Bgr:
+    height, width = picture.shape[0] & ~1, picture.shape[1] & ~1
+    if not height or not width:
+        raise ValueError(f"a picture of {picture.shape[1]} x {picture.shape[0]} px")
+    return np.ascontiguousarray(picture[:height, :width])

@@ -1,0 +1,241 @@
+"""Frames as H.264 and H.265: what goes in comes out, at the same times."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from ssp_core.bag import BagMessage, BagReader, BagWriter
+from ssp_core.bag.frames import Frames, Picture, image_topics, keyframe_before
+from ssp_core.bag.image_messages import COMPRESSED_TYPE, RAW_TYPE, read_image
+from ssp_core.bag.still_images import Bgr
+from ssp_core.bag.types import serialize, typestore
+from ssp_core.bag.video_stream import is_keyframe
+from ssp_core.bag.video_type import VIDEO_TYPE
+from ssp_core.clock import NS_PER_S
+from ssp_core.errors import InputError
+from ssp_monitor.core.video_encoder import Codec, VideoEncoder
+
+TOPIC = "/ssp/vut/front_camera/image/compressed"
+FRAME_NS = NS_PER_S // 25
+START_NS = 1_700_000_000 * NS_PER_S
+
+
+def scene(number: int, width: int = 320, height: int = 180) -> Bgr:
+    """A road-like picture in which everything moves."""
+    image = np.full((height, width, 3), (190, 150, 110), np.uint8)
+    image[height // 2 :] = (70, 75, 80)
+    x = (number * 5) % width
+    cv2.rectangle(image, (x, height // 3), (x + 40, height * 2 // 3), (20, 30, 200), -1)
+    cv2.circle(image, (width - x, height // 4), 14, (40, 220, 90), -1)
+    return image
+
+
+def header(stamp_ns: int) -> object:
+    types = typestore().types
+    stamp = types["builtin_interfaces/msg/Time"](
+        sec=stamp_ns // NS_PER_S, nanosec=stamp_ns % NS_PER_S
+    )
+    return types["std_msgs/msg/Header"](stamp=stamp, frame_id="camera_optical")
+
+
+def jpeg_message(number: int, image: Bgr | None = None, data: bytes | None = None) -> BagMessage:
+    stamp_ns = START_NS + number * FRAME_NS
+    if data is None:
+        data = cv2.imencode(".jpg", scene(number) if image is None else image)[1].tobytes()
+    message = typestore().types[COMPRESSED_TYPE](
+        header=header(stamp_ns), format="jpeg", data=np.frombuffer(data, np.uint8)
+    )
+    return BagMessage(TOPIC, stamp_ns + 4_000_000, stamp_ns + 900, serialize(message), number + 7)
+
+
+def raw_message(number: int, encoding: str) -> BagMessage:
+    stamp_ns = START_NS + number * FRAME_NS
+    image = scene(number)
+    if encoding == "rgb8":
+        image = cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+    if encoding == "mono8":
+        image = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    message = typestore().types[RAW_TYPE](
+        header=header(stamp_ns), height=image.shape[0], width=image.shape[1], encoding=encoding,
+        is_bigendian=0, step=image.strides[0], data=image.reshape(-1),
+    )  # fmt: skip
+    return BagMessage(TOPIC, stamp_ns, stamp_ns, serialize(message), number)
+
+
+def encoded(encoder: VideoEncoder, messages: Sequence[BagMessage]) -> list[BagMessage]:
+    found = [out for message in messages for out in encoder.encode(message)]
+    return found + encoder.finish()
+
+
+def video_bag(path: Path, messages: Sequence[BagMessage]) -> Path:
+    with BagWriter(path) as writer:
+        writer.add_topic(TOPIC, VIDEO_TYPE)
+        for m in messages:
+            writer.write(m.topic, m.data, m.log_time_ns, m.publish_time_ns, m.sequence)
+    return path
+
+
+def shown(path: Path, start_ns: int | None = None, stop_ns: int | None = None) -> list[Picture]:
+    with BagReader(path) as bag:
+        return list(Frames(bag, TOPIC).pictures(start_ns, stop_ns))
+
+
+def keyframes(messages: Sequence[BagMessage]) -> list[int]:
+    images = [read_image(VIDEO_TYPE, m.data) for m in messages]
+    return [i for i, image in enumerate(images) if is_keyframe(image.data, image.format)]
+
+
+@pytest.mark.parametrize("codec", list(Codec))
+def test_frames_keep_their_times_and_look_alike(tmp_path: Path, codec: Codec) -> None:
+    source = [jpeg_message(i) for i in range(70)]
+    video = encoded(VideoEncoder(COMPRESSED_TYPE, codec), source)
+    assert [m._replace(data=b"") for m in video] == [m._replace(data=b"") for m in source]
+    assert sum(len(m.data) for m in video) < sum(len(m.data) for m in source) / 3
+    assert keyframes(video) == [0, 25, 50]
+    path = video_bag(tmp_path / "bag", video)
+    with BagReader(path) as bag:
+        assert image_topics(bag) == [TOPIC]
+        first = bag.decode(next(iter(bag.messages([TOPIC]))))
+        assert (first.frame_id, first.format) == ("camera_optical", codec.value)
+        assert first.timestamp.sec == 1_700_000_000
+    pictures = shown(path)
+    assert [p.stamp_ns for p in pictures] == [START_NS + i * FRAME_NS for i in range(70)]
+    for i, picture in enumerate(pictures):
+        assert cv2.PSNR(picture.image, scene(i)) > 32.0
+
+
+def test_reading_begins_at_any_frame(tmp_path: Path) -> None:
+    video = encoded(VideoEncoder(COMPRESSED_TYPE), [jpeg_message(i) for i in range(80)])
+    path = video_bag(tmp_path / "bag", video)
+    whole = shown(path)
+    start_ns, stop_ns = video[47].log_time_ns, video[50].log_time_ns
+    part = shown(path, start_ns, stop_ns)
+    assert [p.stamp_ns for p in part] == [p.stamp_ns for p in whole[47:50]]
+    for one, other in zip(part, whole[47:50], strict=True):
+        assert np.array_equal(one.image, other.image)
+    with BagReader(path) as bag:
+        assert keyframe_before(bag, TOPIC, start_ns) == video[25].log_time_ns
+        assert keyframe_before(bag, TOPIC, video[25].log_time_ns) == video[25].log_time_ns
+        assert keyframe_before(bag, TOPIC, video[0].log_time_ns - 1) is None
+        jpegs = list(Frames(bag, TOPIC).jpegs(stamps={whole[3].stamp_ns}))
+    assert [j.stamp_ns for j in jpegs] == [whole[3].stamp_ns]
+    assert jpegs[0].data.startswith(b"\xff\xd8")
+
+
+def test_a_keyframe_far_back_is_found(tmp_path: Path) -> None:
+    encoder = VideoEncoder(COMPRESSED_TYPE, keyframe_s=1000.0)
+    video = encoded(encoder, [jpeg_message(i) for i in range(200)])
+    assert keyframes(video) == [0]
+    path = video_bag(tmp_path / "bag", video)
+    assert [p.stamp_ns for p in shown(path, video[199].log_time_ns)] == [START_NS + 199 * FRAME_NS]
+
+
+@pytest.mark.parametrize("encoding", ["rgb8", "bgr8", "mono8"])
+def test_raw_images_keep_their_colours(tmp_path: Path, encoding: str) -> None:
+    encoder = VideoEncoder(RAW_TYPE, crf=10)
+    video = encoded(encoder, [raw_message(i, encoding) for i in range(3)])
+    last = shown(video_bag(tmp_path / "bag", video))[-1].image
+    wanted = scene(2)
+    if encoding == "mono8":
+        wanted = cv2.cvtColor(cv2.cvtColor(wanted, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR)
+    assert cv2.PSNR(last, wanted) > 32.0
+    # Flat parts show that no colours are exchanged and no range is mistaken.
+    assert np.abs(last[5, 5].astype(int) - wanted[5, 5]).max() <= 3
+
+
+@pytest.mark.parametrize(
+    ("data", "problem"),
+    [
+        (b"", "neither JPEG nor PNG"),
+        (b"GIF89a", "neither JPEG nor PNG"),
+        (cv2.imencode(".jpg", scene(0))[1].tobytes()[:-200], "cut off"),
+        (b"\xff\xd8\xff\xc0\x00\x11\x08\xff\xff\xff\xff\x03" + bytes(20), "65535 x 65535"),
+        (b"\x89PNG\r\n\x1a\n", "cut off"),
+        (b"\xff\xd8\xff\xc0\x00\x11\x08\x00\x10\x00\x10\x03\xff\xd9", "can't be decoded"),
+    ],
+)
+def test_a_damaged_frame_is_counted_and_the_video_goes_on(
+    tmp_path: Path, data: bytes, problem: str
+) -> None:
+    encoder = VideoEncoder(COMPRESSED_TYPE)
+    source = [jpeg_message(0), jpeg_message(1, data=data), jpeg_message(2)]
+    video = encoded(encoder, source)
+    assert [m.sequence for m in video] == [7, 9]
+    assert encoder.damaged == 1
+    assert problem in encoder.last_problem
+    pictures = shown(video_bag(tmp_path / "bag", video))
+    assert [p.stamp_ns for p in pictures] == [START_NS, START_NS + 2 * FRAME_NS]
+    assert cv2.PSNR(pictures[1].image, scene(2)) > 32.0
+
+
+def test_bytes_that_are_no_message_are_counted() -> None:
+    encoder = VideoEncoder(COMPRESSED_TYPE)
+    for cut in (0, 3, 20, 40):
+        message = jpeg_message(0)
+        assert encoder.encode(message._replace(data=message.data[:cut])) == []
+    assert encoder.damaged == 4
+
+
+def test_a_new_size_begins_with_a_keyframe(tmp_path: Path) -> None:
+    encoder = VideoEncoder(COMPRESSED_TYPE)
+    sizes = [(320, 180)] * 3 + [(201, 99)] * 3 + [(320, 180)] * 3
+    source = [jpeg_message(i, scene(i, *size)) for i, size in enumerate(sizes)]
+    video = encoded(encoder, source)
+    assert keyframes(video) == [0, 3, 6]
+    pictures = shown(video_bag(tmp_path / "bag", video))
+    assert [p.image.shape[1::-1] for p in pictures] == [
+        (w & ~1, h & ~1) for w, h in sizes
+    ]  # the odd row and column are gone
+    assert encoder.damaged == 0
+
+
+def test_a_clock_that_is_set_back_gets_a_keyframe() -> None:
+    times = [0, 1, 2, -50, -49, 3]
+    source = [
+        jpeg_message(i)._replace(log_time_ns=START_NS + t * FRAME_NS) for i, t in enumerate(times)
+    ]
+    assert keyframes(encoded(VideoEncoder(COMPRESSED_TYPE), source)) == [0, 3, 5]
+
+
+def test_the_same_pictures_give_the_same_bytes() -> None:
+    source = [jpeg_message(i) for i in range(5)]
+    assert encoded(VideoEncoder(COMPRESSED_TYPE), source) == encoded(
+        VideoEncoder(COMPRESSED_TYPE), source
+    )
+
+
+@pytest.mark.parametrize(
+    ("make", "problem"),
+    [
+        (lambda: VideoEncoder("std_msgs/msg/Header"), "is not encoded"),
+        (lambda: VideoEncoder(RAW_TYPE, crf=52), "crf 52"),
+        (lambda: VideoEncoder(RAW_TYPE, keyframe_s=0.0), "keyframe_s"),
+    ],
+)
+def test_impossible_settings_are_refused(make: Callable[[], object], problem: str) -> None:
+    with pytest.raises(ValueError, match=problem):
+        make()
+
+
+def test_frames_before_the_first_keyframe_are_left_out(tmp_path: Path) -> None:
+    video = encoded(VideoEncoder(COMPRESSED_TYPE), [jpeg_message(i) for i in range(40)])
+    assert len(shown(video_bag(tmp_path / "bag", video[10:]))) == 15
+
+
+def test_a_damaged_video_frame_is_an_error_or_reported(tmp_path: Path) -> None:
+    video = encoded(VideoEncoder(COMPRESSED_TYPE), [jpeg_message(i) for i in range(40)])
+    video[5] = video[5]._replace(data=video[5].data[:20])
+    path = video_bag(tmp_path / "bag", video)
+    with BagReader(path) as bag:
+        with pytest.raises(InputError, match=f"{TOPIC}: holds a frame at {video[5].log_time_ns}"):
+            list(Frames(bag, TOPIC).pictures())
+        told: list[int] = []
+        frames = Frames(bag, TOPIC, lambda log_time_ns, _: told.append(log_time_ns))
+        stamps = {p.stamp_ns for p in frames.pictures()}
+    assert told == [video[5].log_time_ns]
+    assert {START_NS + i * FRAME_NS for i in (4, 25, 39)} <= stamps
