@@ -15,6 +15,7 @@ from rosbags.typesys.base import TypesysError
 from rosbags.typesys.store import Typestore
 
 from ssp_core.bag.definition_limits import BoundedStore, check_text, check_types
+from ssp_core.bag.installed_types import installed_types
 from ssp_core.bag.video_type import VIDEO_DEFINITION, VIDEO_TYPE
 from ssp_core.errors import HostError, InputError
 
@@ -103,12 +104,15 @@ def typestore() -> Typestore:
 def definition(msgtype: str) -> TypeDefinition:
     """Definition of a known type with all that it uses, comments of ssp_msgs kept.
 
+    A type that is neither among Jazzy's common interfaces nor in ssp_msgs is looked for in what is
+    installed, and is in the typestore afterwards.
+
     Raises:
-        InputError: neither Jazzy's common interfaces nor ssp_msgs hold the type.
+        InputError: the type is nowhere.
     """
     store = typestore()
     if msgtype not in store.fielddefs:
-        raise InputError("is no known message type", field=msgtype)
+        store.register(installed_types(msgtype, store.fielddefs))
     # A section is "MSG: package/Name\n<text>"; the first one has no such line.
     first, *rest = store.generate_msgdef(msgtype, ros_version=2)[0].split(_SEPARATOR)
     # Our own files stand in for what the store generates: their comments give the units.
