@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 
 from ssp_core.bag import BagReader
+from ssp_core.bag.frames import Frames
 from ssp_core.camera import View, object_corners, project
 from ssp_core.clock import ns_to_seconds
 from ssp_core.geometry import FloatArray
@@ -109,7 +110,7 @@ def _fetch(one: Examined, indices: Sequence[int]) -> dict[int, bytes]:
     """JPEG by index into the recording's frames."""
     frames = one.recording.frames_s
     start_ns = one.recording.provenance.session_start_ns
-    found: dict[int, bytes] = {}
+    index_of: dict[int, int] = {}
     with BagReader(one.recording.path) as bag:
         for message in bag.messages([_IMAGE]):
             stamp_ns = peek_stamp_ns(message.data)
@@ -117,8 +118,13 @@ def _fetch(one: Examined, indices: Sequence[int]) -> dict[int, bytes]:
                 start_ns = stamp_ns
             t_s = ns_to_seconds(stamp_ns - start_ns)
             for index in indices:
-                if index not in found and abs(frames[index] - t_s) < 1e-6:
-                    found[index] = bytes(bag.decode(message).data)
+                if abs(frames[index] - t_s) < 1e-6:
+                    index_of.setdefault(stamp_ns, index)
+        if not index_of:
+            return {}
+        found: dict[int, bytes] = {}
+        for frame in Frames(bag, _IMAGE).jpegs(stamps=index_of):
+            found.setdefault(index_of[frame.stamp_ns], frame.data)
     return found
 
 

@@ -14,6 +14,8 @@ from types import TracebackType
 from typing import Any, NamedTuple, Self
 
 from ssp_core.bag import BagMessage, BagReader
+from ssp_core.bag.frames import Frames
+from ssp_core.bag.image_messages import IMAGE_TYPES
 from ssp_core.camera import Mounting
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.errors import InputError
@@ -31,7 +33,6 @@ _IMAGE = absolute(CAMERA_IMAGE)
 _INFO = absolute(CAMERA_INFO)
 _MOUNT = absolute(CAMERA_MOUNT)
 _VUT_STATE = absolute(state_topic(VUT_ID))
-_IMAGE_TYPE = "sensor_msgs/msg/CompressedImage"
 
 
 @dataclass(frozen=True)
@@ -125,9 +126,12 @@ class Clip:
                 file=self.path,
                 remedy=f"its topics are {', '.join(sorted(self._bag.topics)) or 'none'}",
             )
-        if info.msgtype != _IMAGE_TYPE:
+        if info.msgtype not in IMAGE_TYPES:
             raise InputError(
-                f"must be of type {_IMAGE_TYPE}", file=self.path, field=_IMAGE, value=info.msgtype
+                f"must be of one of the types {', '.join(IMAGE_TYPES)}",
+                file=self.path,
+                field=_IMAGE,
+                value=info.msgtype,
             )
 
     def _index(self) -> tuple[list[_FrameEntry], list[tuple[int, BagMessage]]]:
@@ -236,10 +240,8 @@ class Clip:
         start_ns = min(frame.log_time_ns for frame in chosen)
         stop_ns = max(frame.log_time_ns for frame in chosen) + 1
         found: dict[int, bytes] = {}
-        for message in self._bag.messages([_IMAGE], start_ns, stop_ns):
-            stamp = peek_stamp_ns(message.data)
-            if stamp in wanted and stamp not in found:
-                found[stamp] = bytes(self._bag.decode(message).data)
+        for frame in Frames(self._bag, _IMAGE).jpegs(start_ns, stop_ns, wanted):
+            found.setdefault(frame.stamp_ns, frame.data)
         return tuple(Frame(stamp, found[stamp]) for stamp in sorted(found))
 
     def _history(self, now_ns: int) -> tuple[EgoSample, ...]:

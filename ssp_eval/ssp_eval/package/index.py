@@ -8,11 +8,11 @@ from pathlib import PurePosixPath
 from typing import TypeVar
 
 from ssp_core.bag import BagReader
+from ssp_core.bag.frames import Frames
 from ssp_core.bag.reader import bag_files
 from ssp_core.errors import InputError
 from ssp_core.files import Model, parse_mapping, parse_model
 from ssp_core.hashing import sha256_bytes, sha256_json
-from ssp_core.messages import stamp_ns
 from ssp_core.names import CAMERA_IMAGE, absolute
 from ssp_core.run_spec import RunSpec
 from ssp_core.verdict import VERDICT_FILE
@@ -259,7 +259,7 @@ def _parsed(
 
 def _frames(bag: BagReader) -> dict[int, str]:
     found: dict[int, str] = {}
-    for message in bag.messages([_IMAGE]):
-        image = bag.decode(message)
-        found.setdefault(stamp_ns(image.header.stamp), sha256_bytes(bytes(image.data)))
+    if _IMAGE in bag.topics:
+        for frame in Frames(bag, _IMAGE).jpegs():
+            found.setdefault(frame.stamp_ns, sha256_bytes(frame.data))
     return found
