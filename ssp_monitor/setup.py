@@ -8,7 +8,7 @@ setup(
     name=package_name,
     version="0.1.0",
     packages=find_packages(exclude=["test"]),
-    package_data={"": ["*.yaml", "*.j2", "*.css", "*.js", "py.typed"]},
+    package_data={"": ["*.yaml", "*.j2", "*.html", "*.css", "*.js", "py.typed"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{package_name}"]),
         (f"share/{package_name}", ["package.xml"]),
@@ -17,5 +17,10 @@ setup(
     ],
     zip_safe=True,
     license="Apache-2.0",
-    entry_points={"console_scripts": ["monitor = ssp_monitor.node:main"]},
+    entry_points={
+        "console_scripts": [
+            "monitor = ssp_monitor.node:main",
+            "page = ssp_monitor.page.node:main",
+        ]
+    },
 )

@@ -1,0 +1,261 @@
+"""The snapshot that the page shows, made of what was heard: facts in, JSON values out."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from ssp_core.geometry import Polyline, box_distance
+from ssp_core.interaction import Encounter, encounter
+from ssp_core.run_spec import Limits
+from ssp_core.state import ObjectState
+from ssp_core.vocab import Phase, Role, SessionPhase
+from ssp_monitor.page.board import Board
+from ssp_monitor.page.facts import Event, Heard, LinkFact, RecorderFact
+from ssp_monitor.page.readiness import age_s, standing_in_the_way
+
+# Older than this, nothing of a source is shown as if it were now.
+STALE_S = 1.0
+RECORDER_STALE_S = 2.5
+CAMERA_STALE_S = 1.5
+# Without a run file: limits as a site without its own has them.
+DEFAULT_STATE_AGE_S = 0.3
+# Which commands a session takes in which state; the manager has the last word.
+COMMANDS: dict[SessionPhase, tuple[str, ...]] = {
+    SessionPhase.UNKNOWN: (),
+    SessionPhase.IDLE: (),
+    SessionPhase.LOADED: ("connect", "reset"),
+    SessionPhase.CONNECTED: ("arm", "reset"),
+    SessionPhase.ARMED: ("disarm", "start"),
+    SessionPhase.RUNNING: ("stop",),
+    SessionPhase.STOPPING: (),
+    SessionPhase.FINISHED: ("reset",),
+    SessionPhase.ABORTING: (),
+    SessionPhase.ABORTED: ("all_clear",),
+}
+
+
+def number(value: float, digits: int = 3) -> float | None:
+    """Rounded for JSON, which has neither NaN nor infinity: None."""
+    return round(value, digits) if math.isfinite(value) else None
+
+
+class Snapshots:
+    """Makes snapshots of a board.
+
+    Args:
+        board: what was heard.
+    """
+
+    def __init__(self, board: Board) -> None:
+        self._board = board
+        run = board.run
+        self._path = Polyline(run.vut.approach.path) if run and run.vut.approach else None
+        self._limits: Limits | None = run.limits if run else None
+
+    def snapshot(self, now_ns: int) -> dict[str, Any]:
+        """Everything but events, site and picture.
+
+        Args:
+            now_ns: steady clock.
+        """
+        board = self._board
+        return {
+            "session": self._session(),
+            "ages": self._ages(now_ns),
+            "stale": self.stale(now_ns),
+            "blind": self._is_blind(now_ns),
+            "standing": standing_in_the_way(board, now_ns),
+            "objects": self._objects(now_ns),
+            "recorder": _recorder(board.recorder),
+            "events_seen": board.events_seen,
+        }
+
+    def stale(self, now_ns: int) -> list[str]:
+        """Sources that are silent, as sentences; what they last said must not pass for now."""
+        board = self._board
+        silent = []
+        if board.manager_at_ns is None:
+            silent.append("the scenario manager was never heard")
+        elif (age := age_s(now_ns, board.manager_at_ns)) > STALE_S:
+            silent.append(f"the scenario manager is silent for {age:.1f} s")
+        for object_id in self._expected():
+            heard = board.objects.get(object_id)
+            if heard is None:
+                silent.append(f"{object_id} was never heard")
+            elif (age := age_s(now_ns, heard.at_ns)) > STALE_S:
+                silent.append(f"{object_id} is silent for {age:.1f} s")
+        return silent
+
+    def _is_blind(self, now_ns: int) -> bool:
+        """Nothing that moves is known: nobody leads, or every object is silent."""
+        board = self._board
+        if age_s(now_ns, board.manager_at_ns) > STALE_S:
+            return True
+        return all(age_s(now_ns, heard.at_ns) > STALE_S for heard in board.objects.values())
+
+    def events(self) -> dict[str, Any]:
+        """All remembered events, newest first."""
+        zero_ns = self._board.started_ns
+        return {
+            "events_seen": self._board.events_seen,
+            "events": [_event(n, event, zero_ns) for n, event in reversed(self._board.events)],
+        }
+
+    def _expected(self) -> list[str]:
+        run = self._board.run
+        if run is not None:
+            return [run.vut.id, *(target.id for target in run.targets)]
+        return sorted(self._board.objects)
+
+    def _session(self) -> dict[str, Any]:
+        board = self._board
+        fact = board.session
+        state = fact.state if fact is not None else SessionPhase.UNKNOWN
+        run = board.run
+        elapsed_s = board.elapsed_s
+        return {
+            "state": state.name,
+            "event": fact.event if fact else "",
+            "reason": fact.reason if fact else "",
+            "run_id": (fact.run_id if fact else "") or (run.run_id if run else ""),
+            "scenario": (fact.scenario if fact else "") or (run.scenario if run else ""),
+            "site": run.site if run else "",
+            "stand_in": bool(run and run.stand_in),
+            "mode": run.mode if run else "",
+            "verdict": fact.verdict.name if fact else "NONE",
+            "reasons": list(fact.reasons) if fact else [],
+            "phase": board.phase.name if board.phase is not Phase.UNKNOWN else "",
+            "elapsed_s": None if elapsed_s is None else number(elapsed_s, 2),
+            "commands": list(COMMANDS[state]),
+        }
+
+    def _ages(self, now_ns: int) -> dict[str, float | None]:
+        board = self._board
+        sources = {
+            "session": board.session_at_ns,
+            "manager": board.manager_at_ns,
+            "links": board.links_at_ns,
+            "recorder": board.recorder_at_ns,
+            "camera": board.camera_at_ns,
+        }
+        return {name: number(age_s(now_ns, at_ns), 2) for name, at_ns in sources.items()}
+
+    def _objects(self, now_ns: int) -> list[dict[str, Any]]:
+        board = self._board
+        everyone = sorted(
+            board.objects.values(), key=lambda h: (h.state.role != Role.VUT, h.state.object_id)
+        )
+        vut = next((h for h in everyone if h.state.role is Role.VUT), None)
+        fresh_vut = vut.state if vut and age_s(now_ns, vut.at_ns) <= STALE_S else None
+        return [self._object(heard, fresh_vut, now_ns) for heard in everyone]
+
+    def _object(self, heard: Heard, vut: ObjectState | None, now_ns: int) -> dict[str, Any]:
+        state = heard.state
+        silent_s = age_s(now_ns, heard.at_ns)
+        limit_s = self._limits.state_age_s if self._limits else DEFAULT_STATE_AGE_S
+        found: dict[str, Any] = {
+            "id": state.object_id,
+            "class": state.object_class.word,
+            "role": state.role.name,
+            "control": "" if state.role is Role.TRAFFIC else state.control_state.name,
+            "x": number(state.x_m),
+            "y": number(state.y_m),
+            "yaw": number(state.yaw_rad, 4),
+            "front": number(state.size.front_m, 2),
+            "rear": number(state.size.rear_m, 2),
+            "width": number(state.size.width_m, 2),
+            "speed": number(state.speed_mps, 2),
+            "age": number(silent_s, 2),
+            "late": silent_s > limit_s,
+            "stale": silent_s > STALE_S,
+            "finite": state.is_finite,
+        }
+        if state.reference_id:
+            found["error"] = [
+                number(state.error_longitudinal_m, 2),
+                number(state.error_lateral_m, 2),
+            ]
+            found["error_over"] = self._is_off(state)
+        link = self._board.links.get(state.object_id)
+        if link is not None:
+            found["link"] = _link(link, self._limits)
+        if vut is None or state.object_id == vut.object_id:
+            return found
+        if not (state.is_finite and vut.is_finite):
+            return found
+        found["distance"] = number(box_distance(vut.box, state.box), 2)
+        if self._path is not None and state.role is Role.OT:
+            found["meeting"] = _meeting(
+                encounter(vut, state.extrapolated(vut.stamp_ns), self._path)
+            )
+        return found
+
+    def _is_off(self, state: ObjectState) -> bool:
+        limits = self._limits
+        return limits is not None and (
+            abs(state.error_longitudinal_m) > limits.error_longitudinal_m
+            or abs(state.error_lateral_m) > limits.error_lateral_m
+        )
+
+
+def _meeting(met: Encounter) -> dict[str, float | None]:
+    return {
+        "ttc": number(met.ttc_s, 1),
+        "vut": number(met.vut_arrival_s, 1),
+        "object": number(met.object_arrival_s, 1),
+    }
+
+
+def _link(link: LinkFact, limits: Limits | None) -> dict[str, Any]:
+    return {
+        "delay": number(link.delay_s, 4),
+        "offset": number(link.offset_s, 4),
+        "age": number(link.state_age_s, 3),
+        "lost": link.lost,
+        "over": limits is not None and link.delay_s > limits.link_delay_s,
+    }
+
+
+def _event(count: int, event: Event, zero_ns: int | None) -> dict[str, Any]:
+    return {
+        "n": count,
+        "kind": event.kind,
+        "t": None if zero_ns is None else number((event.stamp_ns - zero_ns) / 1e9, 2),
+        "title": event.title,
+        "text": event.text,
+        "object": event.object_id,
+        "measured": number(event.measured),
+        "limit": number(event.limit),
+        "unit": event.unit,
+    }
+
+
+def _recorder(fact: RecorderFact | None) -> dict[str, Any] | None:
+    if fact is None:
+        return None
+    return {
+        "ready": fact.ready,
+        "bag": fact.bag,
+        "failure": fact.failure,
+        "messages": fact.messages,
+        "bytes": fact.bytes,
+        "lost": fact.lost,
+        "dropped": fact.dropped,
+        "missing": list(fact.missing),
+        "files": fact.files,
+        "queue": number(fact.queue_bytes / fact.queue_limit_bytes)
+        if fact.queue_limit_bytes
+        else None,
+        "queue_bytes": fact.queue_bytes,
+        "free_bytes": fact.free_bytes or None,
+        "rate": number(fact.write_bytes_per_s, 0),
+        "disk_left_s": number(fact.disk_left_s, 0),
+        "flush_age_s": number(fact.flush_age_s, 2),
+        "warnings": list(fact.warnings),
+        "topics": [
+            {"name": t.name, "lost": t.lost, "dropped": t.dropped, "rate": number(t.rate_hz, 1)}
+            for t in fact.topics
+            if t.lost or t.dropped
+        ][:20],
+    }

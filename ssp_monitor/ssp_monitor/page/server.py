@@ -1,0 +1,221 @@
+"""The web server: a thread of its own with its own event loop."""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import json
+import socket as sockets
+import threading
+import time
+from collections.abc import Awaitable, Callable
+from concurrent.futures import Future
+from dataclasses import asdict
+from typing import Protocol
+
+from aiohttp import web
+
+from ssp_core import names
+from ssp_core.errors import HostError
+from ssp_monitor.page.assets import Asset, load_assets
+from ssp_monitor.page.facts import Answer
+from ssp_monitor.page.guard import Bucket, Door, bearer, same_token
+from ssp_monitor.page.hub import Hub
+from ssp_monitor.page.mailbox import Payload
+
+ANSWER_S = 3.0
+MOST_BODY_BYTES = 1024
+START_S = 10.0
+_Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+
+
+class Commands(Protocol):
+    """Who passes commands on to the manager."""
+
+    def ask(self, command: str, who: str) -> Future[Answer]:
+        """Sends one of names.SESSION_COMMANDS; may be called in any thread.
+
+        Args:
+            command: which.
+            who: for the record.
+        """
+
+
+class PageServer:
+    """Serves the page, its data and its commands.
+
+    Args:
+        host: to bind to.
+        port: to listen on; 0: any.
+        token: that commands need.
+        commands: takes them.
+
+    Raises:
+        HostError: the port is taken, or the address isn't this machine's.
+    """
+
+    def __init__(self, host: str, port: int, token: str, commands: Commands) -> None:
+        self._commands = commands
+        self._assets = load_assets()
+        self._listener = _listen_on(host, port)
+        own_names = (sockets.gethostname().lower(), sockets.getfqdn().lower())
+        self.door = Door(host, self._listener.getsockname()[1], token, own_names)
+        self._hub = Hub(self.door)
+        # Whoever has the token may abort whatever others do; both are bounded all the same.
+        self._buckets = {"abort": Bucket(40, 20), "": Bucket(20, 5)}
+        self._guesses = Bucket(10, 1)
+        self._loop = asyncio.new_event_loop()
+        self._ready = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="page_server", daemon=True)
+        self._thread.start()
+        if not self._ready.wait(START_S) or not self._thread.is_alive():
+            raise HostError("the page's server did not start")
+
+    @property
+    def url(self) -> str:
+        """Where it is, without the token."""
+        host = f"[{self.door.bound}]" if ":" in self.door.bound else self.door.bound
+        return f"http://{host}:{self.door.port}/"
+
+    @property
+    def viewers(self) -> int:
+        return self._hub.viewers
+
+    @property
+    def is_alive(self) -> bool:
+        return self._thread.is_alive()
+
+    def push(self, payloads: dict[str, Payload]) -> None:
+        """Sends new things to all viewers; may be called in any thread."""
+        self._loop.call_soon_threadsafe(self._hub.push, payloads)
+
+    def close(self) -> None:
+        """Ends connections and thread."""
+        if self._thread.is_alive():
+            self._loop.call_soon_threadsafe(self._stop.set)
+            self._thread.join(5.0)
+
+    # -- in the server's thread ------------------------------------------------------------------
+
+    def _run(self) -> None:
+        asyncio.set_event_loop(self._loop)
+        try:
+            self._loop.run_until_complete(self._serve())
+        finally:
+            self._ready.set()
+
+    async def _serve(self) -> None:
+        self._stop = asyncio.Event()
+        app = web.Application(middlewares=[self._guard], client_max_size=MOST_BODY_BYTES)
+        app.router.add_get("/api/live", self._hub.serve)
+        app.router.add_post("/api/command/{name}", self._command)
+        app.router.add_get("/{name:.*}", self._asset)
+        runner = web.AppRunner(app, access_log=None, shutdown_timeout=1.0)
+        await runner.setup()
+        await web.SockSite(runner, self._listener).start()
+        self._ready.set()
+        await self._stop.wait()
+        await self._hub.close()
+        await runner.cleanup()
+
+    @web.middleware
+    async def _guard(self, request: web.Request, handler: _Handler) -> web.StreamResponse:
+        host = request.headers.get("Host", "")
+        headers = request.headers
+        if not self.door.knows_host(host):
+            raise _refusal(403, "this Host is not the page's")
+        asks = request.method != "GET" or request.path.startswith("/api/")
+        if asks and not self.door.knows_origin(
+            headers.get("Origin"), host, headers.get("Sec-Fetch-Site")
+        ):
+            raise _refusal(403, "this Origin is not the page's")
+        try:
+            response = await handler(request)
+        except web.HTTPException as error:
+            error.headers.update(_headers(host))
+            raise
+        if not response.prepared:
+            response.headers.update(_headers(host))
+        return response
+
+    async def _asset(self, request: web.Request) -> web.StreamResponse:
+        if request.path == "/favicon.ico":  # browsers ask, and would call the page's lack an error
+            return web.Response(status=204)
+        asset: Asset | None = self._assets.get(request.path)
+        if asset is None:
+            raise web.HTTPNotFound(text="there is no such page")
+        return web.Response(body=asset.body, content_type=asset.content_type, charset="utf-8")
+
+    async def _command(self, request: web.Request) -> web.StreamResponse:
+        name = request.match_info["name"]
+        now_ns = time.monotonic_ns()
+        given = bearer(request.headers.get("Authorization"))
+        if not given:
+            return _answer(401, Answer(False, "no token: open the page by the URL it was given"))
+        if not same_token(given, self.door.token):
+            if not self._guesses.take(now_ns):
+                return _answer(429, Answer(False, "too many wrong tokens; wait a second"))
+            return _answer(403, Answer(False, "wrong token: open the page by its present URL"))
+        if name not in names.SESSION_COMMANDS:
+            return _answer(404, Answer(False, f"there is no command {name[:20]}"))
+        if not self._buckets.get(name, self._buckets[""]).take(now_ns):
+            return _answer(429, Answer(False, "too many commands at once; wait a second"))
+        await request.read()  # bounded by client_max_size; what it says doesn't matter
+        asked = self._commands.ask(name, f"operator page at {request.remote}")
+        try:
+            answer = await asyncio.wait_for(asyncio.wrap_future(asked), ANSWER_S)
+        except TimeoutError:
+            text = f"the scenario manager gave no answer within {ANSWER_S:g} s"
+            return _answer(504, Answer(False, text, answered=False))
+        return _answer(200 if answer.answered else 504, answer)
+
+
+def _answer(status: int, answer: Answer) -> web.Response:
+    return web.json_response(asdict(answer), status=status)
+
+
+def _refusal(status: int, text: str) -> web.HTTPException:
+    error = web.HTTPForbidden(text=json.dumps({"accepted": False, "text": text}))
+    error.content_type = "application/json"
+    error.set_status(status)
+    return error
+
+
+def _headers(host: str) -> dict[str, str]:
+    """Nothing from elsewhere, nothing inline, in nobody's frame, in no cache."""
+    return {
+        "Content-Security-Policy": (
+            "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; "
+            f"connect-src 'self' ws://{host}; base-uri 'none'; form-action 'none'; "
+            "frame-ancestors 'none'"
+        ),
+        "X-Content-Type-Options": "nosniff",
+        "X-Frame-Options": "DENY",
+        "Referrer-Policy": "no-referrer",
+        "Cross-Origin-Opener-Policy": "same-origin",
+        "Cross-Origin-Resource-Policy": "same-origin",
+        "Cache-Control": "no-store",
+    }
+
+
+def _listen_on(host: str, port: int) -> sockets.socket:
+    """A listening socket, so that a taken port is known at once."""
+    remedy = "choose another with port, or 0 for any"
+    try:
+        family, _, _, _, address = sockets.getaddrinfo(
+            host, port, type=sockets.SOCK_STREAM, flags=sockets.AI_PASSIVE
+        )[0]
+    except (sockets.gaierror, OverflowError) as error:
+        raise HostError(f"{host}:{port} is no address to listen on: {error}") from error
+    listener = sockets.socket(family, sockets.SOCK_STREAM)
+    try:
+        listener.setsockopt(sockets.SOL_SOCKET, sockets.SO_REUSEADDR, 1)
+        listener.bind(address)
+        listener.listen(64)
+    except OSError as error:
+        listener.close()
+        if error.errno == errno.EADDRINUSE:
+            raise HostError(f"port {port} of {host} is taken; {remedy}") from error
+        raise HostError(f"the page can't listen on {host}:{port}: {error.strerror}") from error
+    listener.setblocking(False)
+    return listener

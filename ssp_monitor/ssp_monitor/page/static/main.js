@@ -1,0 +1,137 @@
+// Puts the parts together: what the server says goes to the panels, what people press goes back.
+
+import { Answers } from "./answers.js";
+import { Camera } from "./camera.js";
+import { abort, command } from "./commands.js";
+import { EventList } from "./events.js";
+import { byId, setClass, setText } from "./format.js";
+import { Link } from "./link.js";
+import { SiteMap } from "./map.js";
+import { ObjectTable } from "./objects.js";
+import { Recorder } from "./recorder.js";
+import { SessionPanel } from "./session.js";
+import { staleness } from "./stale.js";
+import { readToken } from "./token.js";
+
+const token = readToken();
+const answers = new Answers(byId("answers"));
+const session = new SessionPanel(run);
+const objects = new ObjectTable(byId("objects"), byId("objects-count"));
+const events = new EventList(byId("events"));
+const recorder = new Recorder();
+const camera = new Camera();
+const map = new SiteMap(byId("map"), byId("map-note"));
+
+let snapshot = null;
+let allowed = false;
+let refusal = "";
+let drawn = "";
+
+const link = new Link(token, {
+  message(message) {
+    if (message.type === "snapshot") {
+      snapshot = message;
+      show();
+    } else if (message.type === "site") {
+      map.setSite(message);
+      camera.expect(message.camera);
+    } else if (message.type === "events") {
+      events.show(message.events);
+    } else if (message.type === "welcome") {
+      welcome(message);
+    }
+  },
+  picture: (blob) => camera.take(blob),
+  up() {
+    refusal = "";
+  },
+  down(reason) {
+    refusal = reason;
+    show();
+  },
+});
+
+function welcome(message) {
+  allowed = message.may_command;
+  const note = byId("no-token");
+  note.hidden = allowed;
+  setText(note, `Watching only: ${message.why}. ABORT and all other commands are refused here. ` +
+    "Open the page by the address that it printed, with #token= in it.");
+}
+
+// -- showing -----------------------------------------------------------------------------------
+
+function show() {
+  const state = staleness(snapshot, link.silentMs, refusal);
+  banner(state);
+  setClass(document.body, "stale", state.head !== "");
+  setClass(document.body, "blind", state.blind);
+  session.show(snapshot, state, allowed);
+  recorder.show(snapshot, state);
+  camera.show(snapshot, state);
+  objects.show(snapshot ? snapshot.objects : [], state);
+  map.show(snapshot ? snapshot.objects : [], state);
+  title(state);
+}
+
+function banner(state) {
+  const element = byId("banner");
+  element.hidden = state.head === "";
+  setText(byId("banner-head"), state.head);
+  setText(byId("banner-text"), state.text);
+}
+
+function title(state) {
+  const name = snapshot ? snapshot.session.state : "no data";
+  const text = state.head ? `${state.head} – SSP` : `${name} – SSP`;
+  if (text !== drawn) {
+    drawn = text;
+    document.title = text;
+  }
+}
+
+// Silence must be seen too, and it brings no message.
+setInterval(show, 200);
+
+// -- commands ----------------------------------------------------------------------------------
+
+async function run(name, button) {
+  const line = answers.begin(name);
+  button.classList.add("waiting");
+  line.end(await command(name, token));
+  button.classList.remove("waiting");
+}
+
+function pressAbort() {
+  const button = byId("abort");
+  const line = answers.begin("abort");
+  button.classList.add("pressed");
+  setTimeout(() => button.classList.remove("pressed"), 200);
+  abort(token, (answer, tries, why) => {
+    if (answer === null) line.again(tries, why);
+    else line.end(answer);
+  });
+}
+
+const button = byId("abort");
+// The press counts, not the release: a finger that slips off has pressed all the same.
+button.addEventListener("pointerdown", (event) => {
+  event.preventDefault();
+  pressAbort();
+});
+button.addEventListener("click", (event) => {
+  // Of the pointer's click nothing is left to do; the keyboard's, and assistive technology's, has
+  // no press before it.
+  if (event.detail === 0) pressAbort();
+});
+
+addEventListener("keydown", (event) => {
+  if (event.code !== "Space") return;
+  event.preventDefault();
+  event.stopPropagation();
+  if (!event.repeat) pressAbort();
+}, { capture: true });
+// Without this a focused button would be pressed as well, when the bar is let go.
+addEventListener("keyup", (event) => {
+  if (event.code === "Space") event.preventDefault();
+}, { capture: true });

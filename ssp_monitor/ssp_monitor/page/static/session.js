@@ -1,0 +1,78 @@
+// State of the session, large; what stands in its way; and the buttons that it takes.
+
+import { DASH, byId, clock, make, setClass, setText, words } from "./format.js";
+
+const BUTTONS = ["connect", "arm", "start", "stop", "disarm", "all_clear", "reset"];
+const MOST_REASONS = 7;
+
+export class SessionPanel {
+  // press(name, button) runs a command.
+  constructor(press) {
+    this.buttons = new Map();
+    for (const name of BUTTONS) {
+      const button = make("button", words(name), name);
+      button.type = "button";
+      button.id = `command-${name}`;
+      button.disabled = true;
+      button.addEventListener("click", () => press(name, button));
+      byId("commands").append(button);
+      this.buttons.set(name, button);
+    }
+    this.state = byId("state");
+    this.told = "";
+  }
+
+  show(snapshot, stale, allowed) {
+    if (snapshot === null) return;
+    const session = snapshot.session;
+    const known = !stale.blind;
+    setText(this.state, session.state);
+    const className = `state ${session.state.toLowerCase()}${known ? "" : " old"}`;
+    if (this.state.className !== className) this.state.className = className;
+    setText(byId("state-why"), known ? this.why(session) : `last known: ${session.state}`);
+    setText(byId("scenario"), session.scenario || DASH);
+    const stand = session.stand_in ? " · stand-in site" : "";
+    const run = [session.run_id, session.site && `on ${session.site}`, session.mode]
+      .filter(Boolean).join(" · ");
+    setText(byId("run"), run ? run + stand : DASH);
+    setText(byId("phase"), known && session.phase ? session.phase.toLowerCase() : DASH);
+    setText(byId("elapsed"), known ? clock(session.elapsed_s) : DASH);
+    for (const [name, button] of this.buttons) {
+      const disabled = !(allowed && known && session.commands.includes(name));
+      if (button.disabled !== disabled) button.disabled = disabled;
+    }
+    this.standing(snapshot, stale);
+  }
+
+  why(session) {
+    if (session.verdict !== "NONE") {
+      const verdict = words(session.verdict).toLowerCase();
+      return session.reasons.length ? `${verdict}: ${session.reasons.join("; ")}` : verdict;
+    }
+    return session.reason || session.event;
+  }
+
+  standing(snapshot, stale) {
+    const state = snapshot.session.state;
+    const waiting = ["UNKNOWN", "IDLE", "LOADED", "CONNECTED", "ARMED"].includes(state);
+    const key = JSON.stringify([waiting, stale.blind, state === "ARMED", snapshot.standing]);
+    if (key === this.told) return;
+    this.told = key;
+    const place = byId("standing");
+    if (!waiting) {
+      place.replaceChildren();
+      return;
+    }
+    const what = state === "ARMED" ? "start" : "arming";
+    if (snapshot.standing.length === 0) {
+      place.replaceChildren(make("h3", `Nothing seen that keeps it from ${what}`, "good"));
+      return;
+    }
+    const list = make("ul");
+    for (const reason of snapshot.standing.slice(0, MOST_REASONS)) list.append(make("li", reason));
+    const more = snapshot.standing.length - MOST_REASONS;
+    if (more > 0) list.append(make("li", `and ${more} more`));
+    place.replaceChildren(make("h3", `Keeps it from ${what}`, "bad"), list);
+    setClass(place, "none", false);
+  }
+}

@@ -1,0 +1,27 @@
+// How old what is shown is: the one place that decides what may pass for now.
+
+// Snapshots come ten times a second.
+const SILENCE_MS = 1500;
+
+// Returns {head, text, blind}: what the banner says, empty when all is fresh; blind when nothing
+// that moves is known.
+export function staleness(snapshot, silentMs, refusal) {
+  if (silentMs > SILENCE_MS) {
+    const since = Number.isFinite(silentMs) ? ` for ${(silentMs / 1000).toFixed(0)} s` : "";
+    const why = refusal ? ` (${refusal})` : "";
+    return {
+      head: "NOT CONNECTED",
+      text: `no word from the page's server${since}${why}; trying again. Objects may be moving.`,
+      blind: true,
+    };
+  }
+  if (snapshot === null) return { head: "NO DATA", text: "connecting", blind: true };
+  if (snapshot.stale.length === 0) return { head: "", text: "", blind: false };
+  const [first, second, ...more] = snapshot.stale;
+  const text = [first, second].filter(Boolean).join("; ");
+  return {
+    head: snapshot.blind ? "NO DATA" : "STALE DATA",
+    text: more.length ? `${text}; and ${more.length} more` : text,
+    blind: snapshot.blind,
+  };
+}
