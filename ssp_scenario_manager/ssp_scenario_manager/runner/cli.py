@@ -28,6 +28,7 @@ from ssp_scenario_manager.runner import inject
 from ssp_scenario_manager.runner.junit import Case, write_junit
 from ssp_scenario_manager.runner.live import LiveSetup, live_options
 from ssp_scenario_manager.runner.outcome import Outcome
+from ssp_scenario_manager.runner.page import DEFAULT_PORT
 
 DEFAULT_SITE = "boulevard"
 
@@ -93,6 +94,16 @@ DEFAULT_SITE = "boulevard"
     type=click.Path(path_type=Path, dir_okay=False),
     help="Write the verdict as JUnit XML too: failed or aborted is a failure, a harness an error.",
 )
+@click.option(
+    "--page",
+    "page_port",
+    type=click.IntRange(0, 65535),
+    is_flag=False,
+    flag_value=DEFAULT_PORT,
+    metavar="[PORT]",
+    help="Serve the operators' page beside the session, on loopback; 0: any free port. "
+    f"[default port: {DEFAULT_PORT}]",
+)
 @live_options
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def run(
@@ -109,6 +120,7 @@ def run(
     vary: tuple[str, ...],
     jobs: int | None,
     junit: Path | None,
+    page_port: int | None,
     as_json: bool,
     **live_given: Any,
 ) -> int:
@@ -136,6 +148,8 @@ def run(
         raise click.UsageError("--jobs needs --runs or --vary")
     if in_process and mode != "lockstep":
         raise click.UsageError("--in-process has no clock to follow: it is always lockstep")
+    if in_process and page_port is not None:
+        raise click.UsageError("--in-process has no ROS for a page to listen to; leave out --page")
     if in_process and renderer is not None:
         raise click.UsageError("--in-process has no camera; leave out --renderer")
     if live is not None and renderer is not None:
@@ -188,7 +202,7 @@ def run(
         return status
     from ssp_scenario_manager.runner.session import run_session
 
-    result = run_session(spec, folder.resolve(), console.note, live)
+    result = run_session(spec, folder.resolve(), console.note, live, page_port)
     if junit is not None:
         write_junit(junit, "ssp run", [_case(spec, folder)])
     if as_json:

@@ -24,6 +24,7 @@ from ssp_scenario_manager.runner.follow import Interrupt, follow, obituary
 from ssp_scenario_manager.runner.happened import happened_by, result_keys
 from ssp_scenario_manager.runner.live import Go, LiveSetup, describe
 from ssp_scenario_manager.runner.outcome import Outcome
+from ssp_scenario_manager.runner.page import page_beside
 from ssp_scenario_manager.runner.report import measured
 
 FAULTS_FILE = "faults.json"
@@ -57,6 +58,7 @@ def run_session(
     folder: Path,
     say: Callable[[str], None],
     live: LiveSetup | None = None,
+    page_port: int | None = None,
 ) -> RunResult:
     """Runs one session in processes of its own and leaves run.yaml, bag, logs and result.json.
 
@@ -68,6 +70,7 @@ def run_session(
         folder: new or empty; receives everything.
         say: takes one line for people per thing that happens.
         live: what runs on this host of a live session; None for a simulated one.
+        page_port: of the operators' page beside it, 0: any; None: no page.
 
     Whatever happens, the folder then says how the run ended: result.json, and verdict.json in the
     bag, which an evaluation reads beside what the bag itself says. A run with injected faults also
@@ -104,8 +107,9 @@ def run_session(
         for name, parameters in nodes.items():
             group.start_node(name, _NODES[name], parameters, remappings)
         go = Go() if live is not None and live.wait else None
-        followed = follow(spec, group, run_file, bag, say, interrupt, go)
-        outcome = _shut_down(group, followed.outcome)
+        with page_beside(group, run_file, page_port, say):
+            followed = follow(spec, group, run_file, bag, say, interrupt, go)
+            outcome = _shut_down(group, followed.outcome)
     if spec.faults:
         write_json(folder / FAULTS_FILE, followed.faults)
         write_json(folder / WITNESS_FILE, followed.witness)

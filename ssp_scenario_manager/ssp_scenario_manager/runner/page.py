@@ -1,0 +1,69 @@
+"""The operators' page beside a session: started with it, and never a reason for it to fail."""
+
+from __future__ import annotations
+
+import re
+import secrets
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from ssp_core import names
+from ssp_core.processes import NodeProcess, ProcessGroup
+
+MODULE = "ssp_monitor.page.node"
+# In the environment, not on a command line that every user of the machine can read.
+TOKEN_VARIABLE = "SSP_PAGE_TOKEN"
+DEFAULT_PORT = 8080
+START_S = 15.0
+_URL = re.compile(r"^page: (http://\S+/)$", re.MULTILINE)
+
+
+@contextmanager
+def page_beside(
+    session: ProcessGroup, run_file: Path, port: int | None, say: Callable[[str], None]
+) -> Iterator[None]:
+    """Has the page run as long as the block does; its process is none of the session's own.
+
+    Args:
+        session: whose domain and log folder the page shares.
+        run_file: of the session.
+        port: to listen on; 0: any; None: there is to be no page.
+        say: takes one line for people per thing that happens.
+    """
+    if port is None:
+        yield
+        return
+    token = secrets.token_urlsafe(24)
+    env = {**session.env, TOKEN_VARIABLE: token}
+    # The session's group alone may remove what is left of the domain.
+    with ProcessGroup(env, session.log_dir, owns_domain=False) as group:
+        parameters: dict[str, object] = {"run_file": run_file, "port": port}
+        node = group.start_node(names.MONITOR_PAGE, MODULE, parameters)
+        watch = threading.Thread(target=_watch, args=(node, token, say), daemon=True)
+        watch.start()
+        try:
+            yield
+        finally:
+            group.stop()
+            watch.join()
+
+
+def _watch(node: NodeProcess, token: str, say: Callable[[str], None]) -> None:
+    """Says where the page is, once it is, and that it has ended, should it."""
+    deadline = time.monotonic() + START_S
+    while node.returncode is None and time.monotonic() < deadline:
+        found = _URL.search(node.log.read_text(errors="replace"))
+        if found is not None:
+            say(f"operator page: {found[1]}#token={token}")
+            break
+        time.sleep(0.05)
+    node.process.wait()
+    if not node.expected_to_stop:
+        tail = node.log_tail(3)
+        say(
+            f"the operator page {node.describe_exit()}; the session goes on without it"
+            + (f": {tail}" if tail else "")
+        )
