@@ -4,25 +4,21 @@ from __future__ import annotations
 
 import io
 import struct
-import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 import zstandard
+from isal.isal_zlib import crc32
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
-from mcap.reader import NonSeekingReader, SeekingReader
 from mcap.records import (
     Attachment,
     AttachmentIndex,
     Channel,
     ChunkIndex,
     McapRecord,
-    Message,
     MetadataIndex,
     Schema,
     Statistics,
@@ -31,6 +27,7 @@ from mcap.stream_reader import StreamReader
 from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
 
+from ssp_core.bag.bounds import MAX_SUMMARY_BYTES, check_summary
 from ssp_core.errors import InputError
 
 FOOTER_BYTES = 1 + 8 + 8 + 8 + 4
@@ -72,10 +69,15 @@ def damage_of(path: Path) -> Iterator[None]:
     try:
         yield
     except DAMAGE as error:
-        text = str(error) or type(error).__name__
-        raise InputError(f"is damaged: {text}", file=path, remedy=REPAIR) from error
+        raise damaged(path, error) from error
     except OSError as error:
         raise InputError(f"can't be read: {error.strerror or error}", file=path) from error
+
+
+def damaged(path: Path, error: Exception) -> InputError:
+    """What to raise for a file whose bytes raised one of DAMAGE."""
+    text = str(error) or type(error).__name__
+    return InputError(f"is damaged: {text}", file=path, remedy=REPAIR)
 
 
 def open_bounded(path: Path) -> BoundedFile:
@@ -107,16 +109,21 @@ def read_summary(stream: BoundedFile, path: Path) -> Summary:
     summary_start, _, crc = struct.unpack_from("<QQI", tail, RECORD_HEAD_BYTES)
     if not len(MCAP0_MAGIC) <= summary_start <= stream.size - tail_bytes:
         raise InputError("has no summary section", file=path, remedy=REPAIR)
+    if stream.size - summary_start > MAX_SUMMARY_BYTES:
+        raise InputError(
+            f"has a summary of more than {MAX_SUMMARY_BYTES} bytes", file=path, remedy=REPAIR
+        )
     stream.seek(summary_start)
     block = stream.read(stream.size - summary_start)
     # The CRC stands last in the footer and covers everything before it.
-    if crc and zlib.crc32(block[: -len(MCAP0_MAGIC) - 4]) != crc:
+    if crc and crc32(block[: -len(MCAP0_MAGIC) - 4]) != crc:
         raise InputError("is damaged: the summary's CRC is wrong", file=path, remedy=REPAIR)
     summary = Summary()
     with damage_of(path):
         records = StreamReader(io.BytesIO(block), skip_magic=True, record_size_limit=len(block))
         for record in records.records:
             _collect(summary, record)
+        check_summary(summary, summary_start)
     return summary
 
 
@@ -136,7 +143,7 @@ def _collect(summary: Summary, record: McapRecord) -> None:
 
 
 class McapFile:
-    """A closed MCAP file; a context manager.
+    """A closed MCAP file. It is opened for each read, so that a bag of many files holds none open.
 
     Args:
         path: the file.
@@ -147,35 +154,21 @@ class McapFile:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._stream = open_bounded(path)
-        try:
-            self.summary = read_summary(self._stream, path)
-            self._stream.seek(0)
-            with damage_of(path):
-                self._reader = SeekingReader(
-                    self._stream, validate_crcs=True, record_size_limit=self._stream.size
-                )
-        except BaseException:
-            self._stream.close()
-            raise
+        with open_bounded(path) as stream:
+            self.summary = read_summary(stream, path)
 
-    def records(
-        self, topics: frozenset[str] | None, start_ns: int | None, stop_ns: int | None
-    ) -> Iterator[tuple[Schema | None, Channel, Message]]:
-        """Messages in order of log time, chunks found by index and checked by their CRC.
+    def read_at(self, offset: int, length: int) -> bytes:
+        """Bytes from the middle of the file.
 
         Raises:
-            InputError: a chunk is damaged.
+            InputError: the file can't be read.
+            ValueError: it ends before.
         """
-        with damage_of(self.path):
-            if self.summary.chunk_indexes:
-                reader: SeekingReader | NonSeekingReader = self._reader
-            else:  # written without chunks: the only way is through the whole file
-                self._stream.seek(0)
-                reader = NonSeekingReader(
-                    self._stream, validate_crcs=True, record_size_limit=self._stream.size
-                )
-            yield from reader.iter_messages(topics, starting_at=start_ns, ending_before=stop_ns)
+        with open_bounded(self.path) as stream:
+            if offset + length > stream.size:
+                raise ValueError(f"an index points beyond the end, to {length} bytes at {offset}")
+            stream.seek(offset)
+            return stream.read(length)
 
     def attachment(self, name: str) -> bytes | None:
         """The data of the first attachment of that name, with its CRC checked.
@@ -185,27 +178,9 @@ class McapFile:
         """
         for index in self.summary.attachment_indexes:
             if index.name == name:
-                return self._read_attachment(index.offset, index.length)
+                with damage_of(self.path):
+                    return parse_attachment(self.read_at(index.offset, index.length)).data
         return None
-
-    def _read_attachment(self, offset: int, length: int) -> bytes:
-        with damage_of(self.path):
-            self._stream.seek(offset)
-            return parse_attachment(self._stream.read(length)).data
-
-    def close(self) -> None:
-        self._stream.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
 
 def framed_records(stream: BoundedFile) -> Iterator[tuple[int, bytes]]:
@@ -255,7 +230,7 @@ def parse_attachment(raw: bytes) -> Attachment:
         raise ValueError("no attachment where one should be")
     body = raw[RECORD_HEAD_BYTES:]
     crc = struct.unpack("<I", body[-4:])[0]
-    if crc and zlib.crc32(body[:-4]) != crc:
+    if crc and crc32(body[:-4]) != crc:
         raise ValueError("an attachment's CRC is wrong")
     attachment: Attachment = Attachment.read(ReadDataStream(io.BytesIO(body)))
     return attachment

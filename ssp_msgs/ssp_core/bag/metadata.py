@@ -30,28 +30,45 @@ class TopicFacts:
 
 
 @dataclass(frozen=True, slots=True)
-class BagFacts:
-    """What metadata.yaml says of a bag with one file; times are log times in ns."""
+class FileFacts:
+    """One file of a bag: its name, earliest and latest log time in ns, messages in it."""
 
-    file_name: str
+    name: str
     start_ns: int
     end_ns: int
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
+class BagFacts:
+    """What metadata.yaml says of a bag: its files in order, and its topics over all files.
+
+    Counts are of messages in files: a latched message that a later file repeats counts again, as
+    rosbag2 counts it.
+    """
+
+    files: tuple[FileFacts, ...]
     topics: tuple[TopicFacts, ...]
 
     @property
     def count(self) -> int:
-        return sum(topic.count for topic in self.topics)
+        return sum(file.count for file in self.files)
+
+    @property
+    def start_ns(self) -> int:
+        return min((file.start_ns for file in self.files if file.count), default=0)
+
+    @property
+    def end_ns(self) -> int:
+        return max((file.end_ns for file in self.files if file.count), default=0)
 
 
 def bag_information(facts: BagFacts) -> dict[str, Any]:
     """The mapping under ``rosbag2_bagfile_information``, with every key of version 9."""
-    start = {"nanoseconds_since_epoch": facts.start_ns}
-    duration = {"nanoseconds": facts.end_ns - facts.start_ns}
     return {
         "version": VERSION,
         "storage_identifier": "mcap",
-        "duration": dict(duration),
-        "starting_time": dict(start),
+        **_span(facts.start_ns, facts.end_ns),
         "message_count": facts.count,
         "topics_with_message_count": [
             {
@@ -68,22 +85,36 @@ def bag_information(facts: BagFacts) -> dict[str, Any]:
         ],
         "compression_format": "",
         "compression_mode": "",
-        "relative_file_paths": [facts.file_name],
+        "relative_file_paths": [file.name for file in facts.files],
         "files": [
             {
-                "path": facts.file_name,
-                "starting_time": dict(start),
-                "duration": dict(duration),
-                "message_count": facts.count,
+                "path": file.name,
+                **_span(file.start_ns, file.end_ns),
+                "message_count": file.count,
             }
+            for file in facts.files
         ],
         "custom_data": None,
         "ros_distro": ROS_DISTRO,
     }
 
 
+def _span(start_ns: int, end_ns: int) -> dict[str, dict[str, int]]:
+    return {
+        "duration": {"nanoseconds": end_ns - start_ns},
+        "starting_time": {"nanoseconds_since_epoch": start_ns},
+    }
+
+
+class _Dumper(yaml.CSafeDumper):
+    """Writes a value that stands in several places out each time, as rosbag2 does."""
+
+    def ignore_aliases(self, data: object) -> bool:
+        return True
+
+
 def to_yaml(value: dict[str, Any]) -> str:
-    return yaml.safe_dump(value, sort_keys=False, allow_unicode=True)
+    return str(yaml.dump(value, Dumper=_Dumper, sort_keys=False, allow_unicode=True))
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import yaml
@@ -31,8 +32,12 @@ def offered_qos(depth: int, *, transient_local: bool = False) -> str:
     return yaml.safe_dump([profile], sort_keys=False)
 
 
+@lru_cache(maxsize=1024)
 def parse_offered_qos(text: str) -> list[dict[str, Any]]:
     """The profiles in the YAML of a channel; an empty text has none.
+
+    The result is shared by all callers with the same text, since thousands of topics have the
+    same few profiles: it must not be changed.
 
     Raises:
         ValueError: the text is no YAML list of mappings.

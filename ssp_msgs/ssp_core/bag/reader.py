@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-import heapq
 from collections.abc import Collection, Iterator
-from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 from mcap.records import Channel, Schema
 from rosbags.serde import SerdeError
 from rosbags.typesys.store import Typestore
 
-from ssp_core.bag.mcap_file import DAMAGE, McapFile
+from ssp_core.bag.mcap_file import DAMAGE
+from ssp_core.bag.message import BagMessage
 from ssp_core.bag.metadata import read_metadata
+from ssp_core.bag.part import Part
+from ssp_core.bag.runs import merged
 from ssp_core.bag.types import TypeDefinition, store_from
 from ssp_core.errors import InputError
 
@@ -28,16 +29,6 @@ class TopicInfo:
     count: int
     offered_qos: str = ""
     type_hash: str = ""
-
-
-class BagMessage(NamedTuple):
-    """One serialised message; log time is when it was received, publish time when it was sent."""
-
-    topic: str
-    log_time_ns: int
-    publish_time_ns: int
-    data: bytes
-    sequence: int = 0
 
 
 def type_definition(schema: Schema, channel: Channel) -> TypeDefinition:
@@ -82,21 +73,14 @@ class BagReader:
         self.topics: dict[str, TopicInfo] = {}
         self._definitions: dict[str, TypeDefinition] = {}
         self._stores: dict[str, Typestore] = {}
-        self._stack = ExitStack()
-        try:
-            self.files = bag_files(self.path)
-            self._parts = [self._stack.enter_context(McapFile(file)) for file in self.files]
-            for part in self._parts:
-                self._add_topics(part)
-        except BaseException:
-            self._stack.close()
-            raise
+        self.files = bag_files(self.path)
+        self._parts = [Part(file, later=k > 0) for k, file in enumerate(self.files)]
+        for part in self._parts:
+            self._add_topics(part)
 
-    def _add_topics(self, part: McapFile) -> None:
-        summary = part.summary
-        counts = summary.statistics.channel_message_counts if summary.statistics else {}
-        for channel in summary.channels.values():
-            schema = summary.schemas.get(channel.schema_id)
+    def _add_topics(self, part: Part) -> None:
+        for channel in part.channels.values():
+            schema = part.summary.schemas.get(channel.schema_id)
             if schema is None:
                 raise InputError(
                     "has a channel without a type", file=part.path, field=channel.topic
@@ -117,7 +101,7 @@ class BagReader:
             self._definitions.setdefault(channel.topic, written)
             self.topics[channel.topic] = TopicInfo(
                 msgtype=written.msgtype,
-                count=(before.count if before else 0) + counts.get(channel.id, 0),
+                count=(before.count if before else 0) + part.counts[channel.id],
                 offered_qos=channel.metadata.get("offered_qos_profiles", ""),
                 type_hash=written.type_hash,
             )
@@ -130,17 +114,15 @@ class BagReader:
     @property
     def start_ns(self) -> int | None:
         """Earliest log time, None for an empty bag."""
-        times = [s.message_start_time for s in self._statistics() if s.message_count]
-        return min(times, default=None)
+        return min((first for first, _ in self._times()), default=None)
 
     @property
     def end_ns(self) -> int | None:
         """Latest log time, None for an empty bag."""
-        times = [s.message_end_time for s in self._statistics() if s.message_count]
-        return max(times, default=None)
+        return max((last for _, last in self._times()), default=None)
 
-    def _statistics(self) -> list[Any]:
-        return [p.summary.statistics for p in self._parts if p.summary.statistics is not None]
+    def _times(self) -> list[tuple[int, int]]:
+        return [times for part in self._parts if (times := part.times()) is not None]
 
     @property
     def attachments(self) -> tuple[str, ...]:
@@ -167,15 +149,7 @@ class BagReader:
         if start_ns is not None and stop_ns is not None and stop_ns < start_ns:
             raise ValueError(f"stop_ns {stop_ns} lies before start_ns {start_ns}")
         wanted = None if topics is None else frozenset(topics)
-        parts = [self._part_messages(part, wanted, start_ns, stop_ns) for part in self._parts]
-        return parts[0] if len(parts) == 1 else heapq.merge(*parts, key=lambda m: m.log_time_ns)
-
-    @staticmethod
-    def _part_messages(
-        part: McapFile, topics: frozenset[str] | None, start_ns: int | None, stop_ns: int | None
-    ) -> Iterator[BagMessage]:
-        for _, channel, m in part.records(topics, start_ns, stop_ns):
-            yield BagMessage(channel.topic, m.log_time, m.publish_time, m.data, m.sequence)
+        return merged(run for part in self._parts for run in part.runs(wanted, start_ns, stop_ns))
 
     def decode(self, message: BagMessage) -> Any:
         """The message as an object with the type's fields, numeric arrays as numpy arrays.
@@ -222,7 +196,7 @@ class BagReader:
         return None
 
     def close(self) -> None:
-        self._stack.close()
+        """Ends the reading; no file stays open between two reads, so there is nothing to free."""
 
     def __enter__(self) -> Self:
         return self

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from ssp_core.bag.reader import BagMessage, BagReader
+from ssp_core.bag.message import BagMessage
+from ssp_core.bag.reader import BagReader
 from ssp_core.errors import InputError
 from ssp_core.messages import object_state
 from ssp_core.names import OBJECT_STATES, absolute, state_topic

@@ -1,58 +1,71 @@
-"""Writes a bag directory that rosbag2, Foxglove and rosbags read: one MCAP and metadata.yaml."""
+"""Writes a bag directory that rosbag2, Foxglove and rosbags read: MCAP files and metadata.yaml."""
 
 from __future__ import annotations
 
 import os
+import struct
+from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from mcap.writer import CompressionType, Writer
+from mcap.records import Channel, Schema
 
 from ssp_core import __version__
+from ssp_core.bag.disk_sync import DiskSync
+from ssp_core.bag.mcap_output import CHUNK_BYTES, McapOutput
+from ssp_core.bag.message import BagMessage
 from ssp_core.bag.metadata import (
     FILE_NAME,
     ROOT_KEY,
     BagFacts,
+    FileFacts,
     TopicFacts,
     bag_information,
     to_yaml,
 )
 from ssp_core.bag.qos import parse_offered_qos
+from ssp_core.bag.split import REPEATED, Kept, LatchedTopic, Split
 from ssp_core.bag.types import TypeDefinition, definition
 from ssp_core.errors import HostError, InputError
 from ssp_core.files import write_text
 
-CHUNK_BYTES = 1 << 20
 LIBRARY = f"ssp {__version__}"
+_MAX_IDS = (1 << 16) - 1
+_MAX_TIME = (1 << 64) - 1
 
 
 @dataclass(slots=True)
 class _Topic:
-    channel_id: int
-    msgtype: str
-    offered_qos: str
-    type_hash: str
-    count: int = 0
+    channel: Channel
+    schema: Schema
+    latched: LatchedTopic | None
+    repeats: Channel | None = None
+    """Where later files put the repeated messages; made with the first of them."""
 
 
 class BagWriter:
     """A bag being written; a context manager that closes it, also after an exception.
 
     Messages are taken serialised and never looked into. What was written before the last
-    ``flush`` survives a SIGKILL (``recover`` makes a closed bag of it).
+    ``flush`` survives a SIGKILL at once and a power failure within a second (``recover`` makes a
+    closed bag of it).
 
     Args:
         path: the bag directory; it is made, and must not exist.
-        name: stem of the MCAP file inside, ``<directory>_0`` by default as in rosbag2.
+        name: stem of the first MCAP file inside, ``<directory>_0`` by default as in rosbag2.
+        split: when to go on in a new file, None for never.
 
     Raises:
         InputError: the directory exists or can't be made.
+        HostError: the file can't be made.
     """
 
-    def __init__(self, path: str | Path, *, name: str | None = None) -> None:
+    def __init__(
+        self, path: str | Path, *, name: str | None = None, split: Split | None = None
+    ) -> None:
         self.path = Path(path)
         try:
             self.path.mkdir(parents=True)
@@ -62,33 +75,34 @@ class BagWriter:
             ) from error
         except OSError as error:
             raise InputError(f"can't be made: {error.strerror}", file=self.path) from error
-        self.file = self.path / f"{name or self.path.name + '_0'}.mcap"
+        first = name or self.path.name + "_0"
+        self.files: tuple[Path, ...] = (self.path / f"{first}.mcap",)
+        self._stem = first.removesuffix("_0")
+        self._split = split
+        self._begun_ns: int | None = None
         self._topics: dict[str, _Topic] = {}
-        self._schemas: dict[TypeDefinition, int] = {}
-        self._start_ns: int | None = None
-        self._end_ns = 0
+        self._schemas: dict[TypeDefinition, Schema] = {}
+        self._channels = 0
+        self._whole: list[FileFacts] = []
+        self._counts: dict[str, int] = {}
+        self.messages = 0
         self.bytes = 0
         self.closed = False
+        self._sync = DiskSync()
         try:
-            self._stream = open(self.file, "wb")  # noqa: SIM115 - closed by close() or _broken()
+            self._output = McapOutput(self.file, LIBRARY)
         except OSError as error:
             raise HostError(f"{self.file}: can't be opened: {error.strerror}") from error
-        self._mcap = Writer(
-            self._stream,
-            chunk_size=CHUNK_BYTES,
-            compression=CompressionType.NONE,
-            enable_crcs=True,
-            enable_data_crcs=True,
-        )
+        self._chunk = self._output.chunk
         try:
-            self._mcap.start(profile="ros2", library=LIBRARY)
+            self._output.flush()
         except OSError as error:
             raise self._broken(error) from error
 
     @property
-    def messages(self) -> int:
-        """Messages written so far."""
-        return sum(topic.count for topic in self._topics.values())
+    def file(self) -> Path:
+        """The file that is being written, or was the last."""
+        return self.files[-1]
 
     def add_topic(
         self,
@@ -97,6 +111,7 @@ class BagWriter:
         offered_qos: str = "",
         *,
         written: TypeDefinition | None = None,
+        latched: bool = False,
     ) -> None:
         """Announces a topic; needed before its first message.
 
@@ -106,29 +121,42 @@ class BagWriter:
             offered_qos: YAML from ``qos.offered_qos``, or empty.
             written: the definition to put into the file; by default the one that this project
                 knows for the type.
+            latched: its newest messages stay valid, so each new file begins with them.
 
         Raises:
-            InputError: the type is not known and no definition was given.
+            InputError: the type is not known and no definition was given, or there are more
+                topics or types than a file has numbers for.
             ValueError: the topic was added before, or the QoS is no complete YAML list.
         """
         if topic in self._topics:
             raise ValueError(f"topic {topic} was added before")
         parse_offered_qos(offered_qos)
         written = written or definition(msgtype)
-        try:
-            if written not in self._schemas:
-                self._schemas[written] = self._mcap.register_schema(
-                    msgtype, written.encoding, written.text.encode()
-                )
-            channel_id = self._mcap.register_channel(
-                topic,
-                "cdr",
-                self._schemas[written],
-                {"offered_qos_profiles": offered_qos, "topic_type_hash": written.type_hash},
+        schema = self._schemas.get(written)
+        known = schema is not None
+        if schema is None:
+            if len(self._schemas) == _MAX_IDS:
+                raise InputError("is one type too many", file=self.file, field=topic)
+            schema = Schema(
+                len(self._schemas) + 1, written.text.encode(), written.encoding, msgtype
             )
-        except OSError as error:
-            raise self._broken(error) from error
-        self._topics[topic] = _Topic(channel_id, msgtype, offered_qos, written.type_hash)
+        channel = self._channel(
+            topic,
+            {"offered_qos_profiles": offered_qos, "topic_type_hash": written.type_hash},
+            schema,
+        )
+        if not known:
+            self._schemas[written] = schema
+            self._output.add_schema(schema)
+        self._output.add_channel(channel)
+        keep = latched and self._split is not None
+        self._topics[topic] = _Topic(channel, schema, LatchedTopic(offered_qos) if keep else None)
+
+    def _channel(self, topic: str, metadata: dict[str, str], schema: Schema) -> Channel:
+        if self._channels == _MAX_IDS:
+            raise InputError("is one topic too many", file=self.file, field=topic)
+        self._channels += 1
+        return Channel(self._channels, topic, "cdr", metadata, schema.id)
 
     def write(
         self, topic: str, cdr: bytes, log_time_ns: int, publish_time_ns: int, sequence: int = 0
@@ -137,7 +165,7 @@ class BagWriter:
 
         Args:
             topic: as in add_topic.
-            cdr: the message with its encapsulation.
+            cdr: the message with its encapsulation; it must not change afterwards.
             log_time_ns: when it was received; readers order by it.
             publish_time_ns: when it was sent.
             sequence: the publisher's number for it, 0 when there is none.
@@ -145,42 +173,101 @@ class BagWriter:
         Raises:
             HostError: the disk didn't take it; the writer is closed then.
             KeyError: the topic was not added.
-            ValueError: a time is negative.
+            ValueError: a time is negative or has more than 64 bits, or the writer is closed.
         """
-        if log_time_ns < 0 or publish_time_ns < 0:
-            raise ValueError(f"times must not be negative, got {log_time_ns}, {publish_time_ns}")
         entry = self._topics[topic]
+        if self.closed:
+            raise ValueError(f"{self.path} is closed")
+        if self._split is not None:
+            self._before_message(entry, cdr, log_time_ns, publish_time_ns, sequence)
+        chunk = self._chunk
         try:
-            self._mcap.add_message(
-                entry.channel_id, log_time_ns, cdr, publish_time_ns, sequence & 0xFFFFFFFF
-            )
-        except OSError as error:
-            raise self._broken(error) from error
-        entry.count += 1
+            chunk.add(entry.channel.id, sequence & 0xFFFFFFFF, log_time_ns, publish_time_ns, cdr)
+        except struct.error as error:
+            raise ValueError(
+                "times must not be negative nor exceed 64 bits, "
+                f"got {log_time_ns}, {publish_time_ns}"
+            ) from error
+        if chunk.size >= CHUNK_BYTES:
+            try:
+                self._output.flush()
+            except OSError as error:
+                raise self._broken(error) from error
+        self.messages += 1
         self.bytes += len(cdr)
-        if self._start_ns is None:
-            self._start_ns = self._end_ns = log_time_ns
-        elif log_time_ns < self._start_ns:
-            self._start_ns = log_time_ns
-        elif log_time_ns > self._end_ns:
-            self._end_ns = log_time_ns
+
+    def write_all(self, messages: Iterable[BagMessage]) -> None:
+        """Appends messages in order; as write, of which the first that fails ends the call."""
+        for topic, log_time_ns, publish_time_ns, data, sequence in messages:
+            self.write(topic, data, log_time_ns, publish_time_ns, sequence)
+
+    def _before_message(
+        self, entry: _Topic, cdr: bytes, log_time_ns: int, publish_time_ns: int, sequence: int
+    ) -> None:
+        """Begins a new file when it is time for one, and keeps what later files repeat."""
+        if min(log_time_ns, publish_time_ns) < 0 or max(log_time_ns, publish_time_ns) > _MAX_TIME:
+            return  # write refuses it; nothing may have happened before
+        if self._begun_ns is None:
+            self._begun_ns = log_time_ns
+        elif self._split is not None and self._split.due(
+            self._output.size, len(cdr), log_time_ns - self._begun_ns
+        ):
+            try:
+                self._next_file(log_time_ns)
+            except OSError as error:
+                raise self._broken(error) from error
+        if entry.latched is not None:
+            entry.latched.kept.append(Kept(cdr, publish_time_ns, sequence & 0xFFFFFFFF))
+
+    def _next_file(self, begin_ns: int) -> None:
+        self._finish_file()
+        self._sync.request(self.file.name, self._output.descriptor)
+        self._output.close()
+        self.files += (self.path / f"{self._stem}_{len(self.files)}.mcap",)
+        self._output = output = McapOutput(self.file, LIBRARY)
+        self._chunk = output.chunk
+        self._begun_ns = begin_ns
+        for schema in self._schemas.values():
+            output.add_schema(schema)
+        for name, topic in self._topics.items():
+            output.add_channel(topic.channel)
+            if topic.latched is not None and topic.latched.kept:
+                if topic.repeats is None:
+                    metadata = topic.channel.metadata | REPEATED
+                    topic.repeats = self._channel(name, metadata, topic.schema)
+                output.add_channel(topic.repeats)
+                for cdr, publish_time_ns, sequence in topic.latched.kept:
+                    output.chunk.add(topic.repeats.id, sequence, begin_ns, publish_time_ns, cdr)
+                    if output.chunk.size >= CHUNK_BYTES:
+                        output.flush()
 
     def attach(self, name: str, data: bytes, media_type: str) -> None:
         """Puts a file into the bag, whole, at once."""
+        _, end_ns = self._output.times() or (0, 0)
         try:
-            self._mcap.add_attachment(0, self._end_ns, name, media_type, data)
+            self._output.attach(name, media_type, data, end_ns)
         except OSError as error:
             raise self._broken(error) from error
 
     def flush(self) -> None:
         """Finishes the chunk and hands it to the system: a SIGKILL takes nothing before this.
 
+        The disk is asked to take it too, without waiting for that: an error of the disk comes
+        with the next flush.
+
         Raises:
             HostError: the disk didn't take it, or the bag was removed meanwhile.
         """
+        self._hand_over()
         try:
-            self._mcap.flush()  # type: ignore[no-untyped-call]  # mcap leaves it bare
-            on_disk, ours = os.stat(self.file), os.fstat(self._stream.fileno())
+            self._sync.request(self.file.name, self._output.descriptor)
+        except OSError as error:
+            raise self._broken(error) from error
+
+    def _hand_over(self) -> None:
+        try:
+            self._output.flush()
+            on_disk, ours = os.stat(self.file), os.fstat(self._output.descriptor)
         except OSError as error:
             raise self._broken(error) from error
         if (on_disk.st_dev, on_disk.st_ino) != (ours.st_dev, ours.st_ino):
@@ -188,15 +275,48 @@ class BagWriter:
 
     def facts(self) -> BagFacts:
         """What was written so far."""
-        return BagFacts(
-            file_name=self.file.name,
-            start_ns=self._start_ns or 0,
-            end_ns=self._end_ns,
-            topics=tuple(
-                TopicFacts(name, t.msgtype, t.offered_qos, t.type_hash, t.count)
-                for name, t in self._topics.items()
-            ),
+        if len(self._whole) == len(self.files):
+            return BagFacts(tuple(self._whole), self._topic_facts(self._counts))
+        counts = self._output_counts()
+        total = {name: counts[name] + self._counts.get(name, 0) for name in counts}
+        return BagFacts((*self._whole, self._file_facts()), self._topic_facts(total))
+
+    def _file_facts(self) -> FileFacts:
+        start_ns, end_ns = self._output.times() or (0, 0)
+        return FileFacts(self.file.name, start_ns, end_ns, self._output.counts().total())
+
+    def _output_counts(self) -> dict[str, int]:
+        """Messages in the present file by topic."""
+        by_channel = self._output.counts()
+        return {
+            name: by_channel[topic.channel.id]
+            + (by_channel[topic.repeats.id] if topic.repeats is not None else 0)
+            for name, topic in self._topics.items()
+        }
+
+    def _topic_facts(self, counts: dict[str, int]) -> tuple[TopicFacts, ...]:
+        return tuple(
+            TopicFacts(
+                name,
+                topic.schema.name,
+                topic.channel.metadata["offered_qos_profiles"],
+                topic.channel.metadata["topic_type_hash"],
+                counts.get(name, 0),
+            )
+            for name, topic in self._topics.items()
         )
+
+    def _finish_file(self) -> None:
+        """Writes metadata record and summary of the present file, and remembers what it holds."""
+        counts = self._output_counts()
+        facts = BagFacts((self._file_facts(),), self._topic_facts(counts))
+        self._output.add_metadata(
+            "rosbag2", {"serialized_metadata": to_yaml(bag_information(facts))}
+        )
+        self._output.finish()
+        self._whole += facts.files
+        for name, count in counts.items():
+            self._counts[name] = self._counts.get(name, 0) + count
 
     def close(self) -> None:
         """Writes indexes, the metadata record and metadata.yaml. A second call does nothing.
@@ -206,24 +326,23 @@ class BagWriter:
         """
         if self.closed:
             return
-        self.flush()
-        information = bag_information(self.facts())
+        self._hand_over()
         try:
-            self._mcap.add_metadata("rosbag2", {"serialized_metadata": to_yaml(information)})
-            self._mcap.finish()  # type: ignore[no-untyped-call]  # mcap leaves it bare
-            self._stream.flush()
-            os.fsync(self._stream.fileno())
-            self._stream.close()
-            write_text(self.path / FILE_NAME, to_yaml({ROOT_KEY: information}))
+            self._finish_file()
+            os.fsync(self._output.descriptor)
+            self._sync.finish()
+            self._output.close()
+            self.closed = True
+            write_text(self.path / FILE_NAME, to_yaml({ROOT_KEY: bag_information(self.facts())}))
         except OSError as error:
             raise self._broken(error) from error
-        self.closed = True
 
     def _broken(self, error: OSError) -> HostError:
         """Closes the file as it is and makes the error that says so."""
         self.closed = True
-        with suppress(OSError):  # closing tries to write once more what just failed
-            self._stream.close()
+        self._sync.abandon()
+        with suppress(OSError):  # closed before, or the disk's error comes once more
+            self._output.close()
         return HostError(f"{self.file}: writing failed: {error.strerror or error}")
 
     def __enter__(self) -> Self:

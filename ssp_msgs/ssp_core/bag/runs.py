@@ -1,0 +1,255 @@
+"""Messages of a bag in order of log time, from runs of its files that overlap little."""
+
+from __future__ import annotations
+
+import heapq
+from collections import OrderedDict
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from mcap.opcode import Opcode
+from mcap.records import ChunkIndex
+
+from ssp_core.bag.bounds import MAX_RECORD_BYTES
+from ssp_core.bag.chunk import MESSAGE_BODY_BYTES, MESSAGE_HEAD
+from ssp_core.bag.chunk_reading import Entry, chunk_content, indexed_entries, scanned_entries
+from ssp_core.bag.mcap_file import DAMAGE, BoundedFile, McapFile, damaged, open_bounded
+from ssp_core.bag.message import BagMessage
+from ssp_core.bag.records import HEAD
+from ssp_core.bag.scan import Scan
+
+# Content of chunks that is kept while their times overlap; the rest is read again.
+KEPT_BYTES = 256 << 20
+_MESSAGE = int(Opcode.MESSAGE)
+
+
+@dataclass(frozen=True, slots=True)
+class Selection:
+    """What is wanted of one file: topics by channel, log times from start to before stop in ns."""
+
+    topics: Mapping[int, str]
+    start_ns: int | None
+    stop_ns: int | None
+
+    def times(self, entries: list[Entry]) -> list[Entry]:
+        """The entries within the times, in order of log time and then of the file."""
+        start, stop = self.start_ns, self.stop_ns
+        if start is not None:
+            entries = [entry for entry in entries if entry[0] >= start]
+        if stop is not None:
+            entries = [entry for entry in entries if entry[0] < stop]
+        entries.sort()
+        return entries
+
+    def overlaps(self, first_ns: int, last_ns: int) -> bool:
+        return (self.start_ns is None or last_ns >= self.start_ns) and (
+            self.stop_ns is None or first_ns < self.stop_ns
+        )
+
+    def message(self, record: memoryview, at: int, log_time_ns: int) -> BagMessage:
+        """The message whose record begins at an offset.
+
+        Raises:
+            ValueError: there is none of the wanted topics with that log time.
+            struct.error: it is cut off.
+        """
+        opcode, length, channel, sequence, logged, published = MESSAGE_HEAD.unpack_from(record, at)
+        topic = self.topics.get(channel)
+        end = at + HEAD.size + length
+        if (
+            opcode != _MESSAGE
+            or topic is None
+            or logged != log_time_ns
+            or length < MESSAGE_BODY_BYTES
+            or end > len(record)
+        ):
+            raise ValueError(f"no message of {log_time_ns} ns where the index has one")
+        data = bytes(record[at + MESSAGE_HEAD.size : end])
+        return BagMessage(topic, logged, published, data, sequence)
+
+
+class Run(Protocol):
+    """Messages that lie together in a file."""
+
+    path: Path
+    start_ns: int
+    """No message is earlier."""
+
+    def entries(self) -> Iterator[Entry]:
+        """The wanted messages by log time, then by their order in the file."""
+        ...
+
+    def message(self, entry: Entry) -> BagMessage: ...
+
+    def close(self) -> None: ...
+
+
+class ContentCache:
+    """Content of the chunks that are being read, the longest unused dropped when it is too much."""
+
+    def __init__(self, limit_bytes: int = KEPT_BYTES) -> None:
+        self._limit = limit_bytes
+        self._bytes = 0
+        self._kept: OrderedDict[ChunkRun, memoryview] = OrderedDict()
+
+    def content(self, run: ChunkRun) -> memoryview:
+        content = self._kept.get(run)
+        if content is None:
+            content = self._kept[run] = run.load()
+            self._bytes += len(content)
+            while self._bytes > self._limit and len(self._kept) > 1:
+                self._bytes -= len(self._kept.popitem(last=False)[1])
+        elif len(self._kept) > 1:
+            self._kept.move_to_end(run)
+        return content
+
+    def drop(self, run: ChunkRun) -> None:
+        content = self._kept.pop(run, None)
+        if content is not None:
+            self._bytes -= len(content)
+
+
+class ChunkRun:
+    """One chunk; it is read when its first wanted message is, and not when it has none."""
+
+    def __init__(
+        self, file: McapFile, index: ChunkIndex, wanted: Selection, cache: ContentCache
+    ) -> None:
+        self.path = file.path
+        self.start_ns = index.message_start_time
+        self._file = file
+        self._index = index
+        self._wanted = wanted
+        self._cache = cache
+
+    def entries(self) -> Iterator[Entry]:
+        index = self._index
+        if index.message_index_offsets:
+            region = self._file.read_at(
+                index.chunk_start_offset + index.chunk_length,
+                bounded(index.message_index_length),
+            )
+            entries = indexed_entries(region, index, self._wanted.topics)
+        else:
+            entries = scanned_entries(self._cache.content(self), self._wanted.topics)
+        if entries:
+            first, last = min(entries)[0], max(entries)[0]
+            if first < index.message_start_time or last > index.message_end_time:
+                raise ValueError("a chunk holds messages outside the times of its index")
+            if len({at for _, at in entries}) != len(entries):
+                raise ValueError("a message index names a message twice")
+        return iter(self._wanted.times(entries))
+
+    def message(self, entry: Entry) -> BagMessage:
+        return self._wanted.message(self._cache.content(self), entry[1], entry[0])
+
+    def load(self) -> memoryview:
+        index = self._index
+        record = self._file.read_at(index.chunk_start_offset, bounded(index.chunk_length))
+        return chunk_content(memoryview(record))
+
+    def close(self) -> None:
+        self._cache.drop(self)
+
+
+class LooseRun:
+    """The messages of a file that stand outside chunks."""
+
+    def __init__(self, path: Path, scan: Scan, wanted: Selection) -> None:
+        self.path = path
+        self.start_ns = min(scan.times_ns, default=0)
+        self._scan = scan
+        self._wanted = wanted
+        self._stream: BoundedFile | None = None
+
+    def entries(self) -> Iterator[Entry]:
+        self._stream = open_bounded(self.path)
+        return self._scan.entries(
+            self._wanted.topics.keys(), self._wanted.start_ns, self._wanted.stop_ns
+        )
+
+    def message(self, entry: Entry) -> BagMessage:
+        if self._stream is None:
+            raise ValueError("the run was closed")
+        self._stream.seek(entry[1])
+        head = self._stream.read(HEAD.size)
+        _, length = HEAD.unpack(head)
+        record = memoryview(head + self._stream.read(bounded(length)))
+        return self._wanted.message(record, 0, entry[0])
+
+    def close(self) -> None:
+        if self._stream is not None:
+            self._stream.close()
+
+
+def bounded(length: int) -> int:
+    """A length from a file, when it is one that a record may have.
+
+    Raises:
+        ValueError: it is larger.
+    """
+    if length > MAX_RECORD_BYTES:
+        raise ValueError(f"a record of {length} bytes, more than {MAX_RECORD_BYTES} are not read")
+    return length
+
+
+def merged(runs: Iterable[Run]) -> Iterator[BagMessage]:
+    """Messages of all runs by log time; of equal times, in the order of the runs and of the file.
+
+    A run is read when its time comes, so only those that overlap are held.
+
+    Args:
+        runs: in the order of the file.
+
+    Raises:
+        InputError: a run is damaged.
+    """
+    ordered = sorted(enumerate(runs), key=lambda item: (item[1].start_ns, item[0]))
+    active: list[_Cursor] = []
+    try:
+        for number, run in ordered:
+            yield from _until(active, (run.start_ns, number))
+            _push(active, number, run, _entries(run))
+        yield from _until(active, None)
+    finally:
+        for _, run in ordered:
+            run.close()
+
+
+# Log time of the next message, number of the run, the next message, those behind it, the run.
+_Cursor = tuple[int, int, Entry, Iterator[Entry], Run]
+
+
+def _entries(run: Run) -> Iterator[Entry]:
+    try:
+        return run.entries()
+    except DAMAGE as error:
+        raise damaged(run.path, error) from error
+
+
+def _push(active: list[_Cursor], number: int, run: Run, entries: Iterator[Entry]) -> None:
+    entry = next(entries, None)
+    if entry is None:
+        run.close()
+    else:
+        heapq.heappush(active, (entry[0], number, entry, entries, run))
+
+
+def _until(active: list[_Cursor], limit: tuple[int, int] | None) -> Iterator[BagMessage]:
+    """Gives the messages of the active runs that come before a time and a run's number."""
+    while active and (limit is None or active[0][:2] < limit):
+        _, number, entry, entries, run = heapq.heappop(active)
+        bound = min((b for b in (limit, active[0][:2] if active else None) if b), default=None)
+        try:
+            following: Entry | None = entry
+            while following and (bound is None or (following[0], number) < bound):
+                yield run.message(following)
+                following = next(entries, None)
+        except DAMAGE as error:
+            raise damaged(run.path, error) from error
+        if following is None:
+            run.close()
+        else:
+            heapq.heappush(active, (following[0], number, following, entries, run))

@@ -1,0 +1,82 @@
+"""When a bag goes on in a new file, and which messages that file begins with."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from ssp_core.bag.qos import parse_offered_qos
+from ssp_core.errors import InputError
+
+MIN_BYTES = 1024  # as rosbag2
+# Metadata of the channels of repeated messages, see LatchedTopic.
+REPEATED_KEY = "ssp_repeated"
+REPEATED = {REPEATED_KEY: "true"}
+
+
+@dataclass(frozen=True, slots=True)
+class Split:
+    """When to begin a new file; None is never.
+
+    Args:
+        max_bytes: before a message that would make the file larger, indexes not counted.
+        max_s: before a message whose log time is that far from the file's first one.
+
+    Raises:
+        InputError: a limit is too small to hold a message.
+    """
+
+    max_bytes: int | None = None
+    max_s: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.max_bytes is not None and self.max_bytes < MIN_BYTES:
+            raise InputError(
+                "is too small a file",
+                field="max_bytes",
+                value=self.max_bytes,
+                remedy=f"at least {MIN_BYTES} bytes",
+            )
+        if self.max_s is not None and not self.max_s > 0:
+            raise InputError("must be positive", field="max_s", value=self.max_s)
+
+    def due(self, file_bytes: int, message_bytes: int, span_ns: int) -> bool:
+        """Whether a message belongs into a new file.
+
+        Args:
+            file_bytes: size of the file so far.
+            message_bytes: size of the message.
+            span_ns: from the file's first log time to the message's; a clock that was set back
+                makes it negative, and is as good a reason as one that runs on.
+        """
+        if self.max_bytes is not None and file_bytes + message_bytes > self.max_bytes:
+            return True
+        return self.max_s is not None and abs(span_ns) >= self.max_s * 1e9
+
+
+class Kept(NamedTuple):
+    """A latched message that later files repeat."""
+
+    cdr: bytes
+    publish_time_ns: int
+    sequence: int
+
+
+class LatchedTopic:
+    """The newest messages of a latched topic, as many as its publishers offer to late joiners.
+
+    A later file begins with them: with the publish time that they had and the log time at which
+    that file begins, so that the order by log time holds. They stand in a channel of their own,
+    of the same topic, which carries ``ssp_repeated: "true"`` in its metadata: a reader of the
+    whole bag skips these channels in all files but the first, a reader of one file takes them.
+
+    Args:
+        offered_qos: the topic's publishers, as YAML.
+    """
+
+    def __init__(self, offered_qos: str) -> None:
+        profiles = parse_offered_qos(offered_qos)
+        # Each publisher offers its own, so with several of them the depths add up.
+        depth = sum(max(1, int(profile.get("depth", 1))) for profile in profiles)
+        self.kept: deque[Kept] = deque(maxlen=max(1, depth))
