@@ -103,7 +103,7 @@ def test_a_damaged_chunk_is_left_out_and_the_rest_kept(bag: Path, tmp_path: Path
         read_everything(damaged)
     report = recover(damaged, tmp_path / "repaired")
     assert len(report.damage) == 1
-    assert "crc validation failed in Chunk" in report.damage[0]
+    assert "crc validation failed in a chunk" in report.damage[0]
     expected = [k for k in range(20) if not PER_CHUNK <= k < 2 * PER_CHUNK]
     assert read_everything(tmp_path / "repaired") == expected
 

@@ -8,12 +8,12 @@ claims, which is bounded here.
 from __future__ import annotations
 
 import struct
-import zlib
 from collections.abc import Iterable
 from typing import NamedTuple
 
 import lz4.frame  # type: ignore[import-untyped]
 import zstandard
+from isal.isal_zlib import crc32
 from mcap.summary import Summary
 
 # A chunk holds a message at the least, and ROS carries no message beyond 4 GiB; images and point
@@ -23,6 +23,8 @@ MAX_CHUNK_BYTES = 1 << 30
 # What unpacks to less than this may have any ratio, beyond it a ratio that real data reach.
 ANY_RATIO_BYTES = 256 << 20
 MAX_RATIO = 1000
+# All chunks of a file together: what its size allows at that ratio, and a few of any ratio.
+ANY_TOTAL_BYTES = 4 << 30
 # Read as a whole: indexes of 500,000 chunks with ten channels each, which are a day at 6 MB/s.
 MAX_SUMMARY_BYTES = 128 << 20
 # Read as a whole.
@@ -35,6 +37,24 @@ MAX_SCHEMAS_BYTES = 16 << 20
 _CHUNK_HEAD = struct.Struct("<QQQII")
 _U64 = struct.Struct("<Q")
 _PIECE = 1 << 20
+
+
+class UnpackBudget:
+    """How much the chunks of one file may unpack to, all together.
+
+    Args:
+        file_bytes: size of the file.
+        passes: how often each chunk may be unpacked.
+    """
+
+    def __init__(self, file_bytes: int, *, passes: int = 1) -> None:
+        self._most = self._left = (ANY_TOTAL_BYTES + MAX_RATIO * file_bytes) * passes
+
+    def take(self, unpacked_bytes: int) -> None:
+        """Raises ValueError when the file's chunks unpack to more than is believed."""
+        self._left -= unpacked_bytes
+        if self._left < 0:
+            raise ValueError(f"its chunks unpack to more than {self._most} bytes")
 
 
 class ChunkParts(NamedTuple):
@@ -70,6 +90,17 @@ def chunk_parts(body: bytes | memoryview) -> ChunkParts:
     return ChunkParts(start_ns, end_ns, unpacked, crc, compression, view[data_at:])
 
 
+def head_fits(head: bytes, length: int) -> bool:
+    """Whether the first bytes of a record's body could be those of a chunk of that length."""
+    if len(head) < _CHUNK_HEAD.size:
+        return False
+    *_, name_bytes = _CHUNK_HEAD.unpack_from(head)
+    data_at = _CHUNK_HEAD.size + name_bytes + _U64.size
+    if data_at > len(head):
+        return False
+    return bool(_U64.unpack_from(head, data_at - _U64.size)[0] == length - data_at)
+
+
 def check_claim(compression: str, unpacked_bytes: int, packed_bytes: int) -> None:
     """Refuses a chunk by what it claims, before anything of it is unpacked.
 
@@ -98,8 +129,8 @@ def unpack_chunk(parts: ChunkParts) -> memoryview:
         ValueError: it doesn't unpack to what it claims, or its CRC is wrong.
     """
     data = unpack(parts.compression, parts.data, parts.unpacked_bytes)
-    if parts.crc and zlib.crc32(data) != parts.crc:
-        raise ValueError("a chunk's CRC is wrong")
+    if parts.crc and crc32(data) != parts.crc:
+        raise ValueError("crc validation failed in a chunk")
     return data
 
 
@@ -153,19 +184,22 @@ def _unlz4(data: memoryview, most: int) -> bytearray:
     return unpacked
 
 
-def check_summary(summary: Summary, data_end: int) -> None:
+def check_summary(summary: Summary, data_end: int, file_bytes: int) -> None:
     """Refuses indexes that would make a reader read a place twice, or beyond the data.
 
     Args:
         summary: as parsed.
         data_end: where the data section ends and the summary begins.
+        file_bytes: size of the file.
 
     Raises:
         ValueError: which index, and what is wrong with it.
     """
     chunks = summary.chunk_indexes
     _check_places("chunk", ((c.chunk_start_offset, c.chunk_length) for c in chunks), data_end)
+    budget = UnpackBudget(file_bytes)
     for chunk in chunks:
+        budget.take(chunk.uncompressed_size)
         check_claim(chunk.compression, chunk.uncompressed_size, chunk.compressed_size)
         if chunk.compressed_size > chunk.chunk_length:
             raise ValueError(f"the chunk at byte {chunk.chunk_start_offset} has no such length")

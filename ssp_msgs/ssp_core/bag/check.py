@@ -3,16 +3,26 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
-from mcap.records import Channel, Message
-from mcap.stream_reader import StreamReader
+from mcap.opcode import Opcode
+from mcap.records import Channel
+from mcap.writer import MCAP0_MAGIC
 
-from ssp_core.bag.mcap_file import damage_of, open_bounded
+from ssp_core.bag.bounds import UnpackBudget, chunk_parts, unpack_chunk
+from ssp_core.bag.mcap_file import BoundedFile, damage_of, open_bounded
 from ssp_core.bag.metadata import read_metadata
 from ssp_core.bag.reader import BagReader
+from ssp_core.bag.records import (
+    inner_records,
+    parse_attachment_body,
+    parse_channel,
+    parse_message,
+)
+from ssp_core.bag.split import REPEATED_KEY
+from ssp_core.bag.walk import Frame, data_crc, read_body, read_frame
 from ssp_core.errors import InputError
 
 
@@ -37,6 +47,21 @@ class CheckReport:
         return sum(self.messages.values())
 
 
+@dataclass(slots=True)
+class _Stored:
+    """What one pass through the files found, by topic.
+
+    Args:
+        messages: all of them.
+        repeated: those of them with which a later file repeats what an earlier one holds.
+        attachments: names.
+    """
+
+    messages: Counter[str] = field(default_factory=Counter)
+    repeated: Counter[str] = field(default_factory=Counter)
+    attachments: list[str] = field(default_factory=list)
+
+
 def check_bag(path: Path, advance: Callable[[int], None] = lambda _: None) -> CheckReport:
     """Checks CRCs, indexes, counts and types of a bag directory or one .mcap file.
 
@@ -45,51 +70,101 @@ def check_bag(path: Path, advance: Callable[[int], None] = lambda _: None) -> Ch
         advance: called with the number of messages decoded since the last call.
 
     Raises:
-        InputError: there is no bag at that path.
+        InputError: there is nothing at the path.
     """
     if not path.exists():
         raise InputError("is not there", file=path, remedy="name a bag directory or a .mcap file")
     problems: list[str] = []
-    stored: Counter[str] = Counter()
+    stored = _Stored()
     messages: Counter[str] = Counter()
     try:
         with BagReader(path) as reader:
-            for file in reader.files:
-                stored += _linear_counts(file)
+            for number, file in enumerate(reader.files):
+                _Pass(stored, later=number > 0).file(file)
             messages = _decode_all(reader, problems, advance)
-            for name in reader.attachments:
-                reader.attachment(name)
             index_counts = {name: info.count for name, info in reader.topics.items()}
-        problems += _differences(stored, messages, "stored", "reached by index")
-        problems += _differences(stored, index_counts, "stored", "in the summary")
+            attachments = list(reader.attachments)
+        reached = stored.messages - stored.repeated
+        problems += _differences(reached, messages, "stored", "reached by index")
+        problems += _differences(reached, index_counts, "stored", "in the summary")
+        if Counter(attachments) != Counter(stored.attachments):
+            problems.append(
+                f"{len(stored.attachments)} attachments stored, {len(attachments)} in the summary,"
+                " or under other names"
+            )
         if path.is_dir():
             claimed = read_metadata(path)
-            problems += _differences(stored, claimed.topic_counts, "stored", "in metadata.yaml")
-            if claimed.message_count != stored.total():
+            problems += _differences(
+                stored.messages, claimed.topic_counts, "stored", "in metadata.yaml"
+            )
+            if claimed.message_count != stored.messages.total():
                 problems.append(
-                    f"{stored.total()} messages stored, {claimed.message_count} in metadata.yaml"
+                    f"{stored.messages.total()} messages stored, "
+                    f"{claimed.message_count} in metadata.yaml"
                 )
     except InputError as error:
         problems.append(str(error))
     return CheckReport(dict(messages), tuple(problems))
 
 
-def _linear_counts(file: Path) -> Counter[str]:
-    """Messages by topic, from one pass through the file with every CRC checked.
+class _Pass:
+    """One pass through a file from its first byte, with every CRC checked.
 
-    Raises:
-        InputError: the file is damaged or not closed.
+    Args:
+        stored: where to count.
+        later: the file is not the bag's first one.
     """
-    counts: Counter[str] = Counter()
-    topics: dict[int, str] = {}
-    with open_bounded(file) as stream, damage_of(file):
-        reader = StreamReader(stream, validate_crcs=True, record_size_limit=stream.size)
-        for record in reader.records:
-            if isinstance(record, Channel):
-                topics[record.id] = record.topic
-            elif isinstance(record, Message):
-                counts[topics[record.channel_id]] += 1
-    return counts
+
+    def __init__(self, stored: _Stored, *, later: bool) -> None:
+        self._stored = stored
+        self._later = later
+        self._channels: dict[int, Channel] = {}
+
+    def file(self, path: Path) -> None:
+        """Counts what a file holds.
+
+        Raises:
+            InputError: the file is damaged or not closed; the message names the record.
+        """
+        with open_bounded(path) as stream, damage_of(path):
+            budget = UnpackBudget(stream.size)
+            if data_crc(stream) is False:
+                raise ValueError("the CRC over all its data is wrong")
+            offset = len(MCAP0_MAGIC)
+            while True:
+                try:
+                    frame = read_frame(stream, offset)
+                    if frame.opcode == Opcode.DATA_END:
+                        return
+                    self._frame(stream, frame, budget)
+                except ValueError as error:
+                    raise ValueError(f"record at byte {offset}: {error}") from error
+                offset = frame.end
+
+    def _frame(self, stream: BoundedFile, frame: Frame, budget: UnpackBudget) -> None:
+        if frame.opcode == Opcode.CHUNK:
+            parts = chunk_parts(read_body(stream, frame))
+            budget.take(parts.unpacked_bytes)
+            for record in inner_records(unpack_chunk(parts)):
+                self._record(record.opcode, record.body)
+        elif frame.opcode == Opcode.ATTACHMENT:
+            self._stored.attachments.append(parse_attachment_body(read_body(stream, frame)).name)
+        elif frame.opcode in (Opcode.CHANNEL, Opcode.MESSAGE):
+            self._record(frame.opcode, read_body(stream, frame))
+
+    def _record(self, opcode: int, body: memoryview) -> None:
+        if opcode == Opcode.CHANNEL:
+            channel = parse_channel(body)
+            if self._channels.setdefault(channel.id, channel) != channel:
+                raise ValueError(f"two topics have number {channel.id}")
+        elif opcode == Opcode.MESSAGE:
+            number = parse_message(body).channel_id
+            known = self._channels.get(number)
+            if known is None:
+                raise ValueError(f"a message of topic number {number}, which is not known")
+            self._stored.messages[known.topic] += 1
+            if self._later and REPEATED_KEY in known.metadata:
+                self._stored.repeated[known.topic] += 1
 
 
 def _decode_all(
@@ -113,7 +188,9 @@ def _decode_all(
     return messages
 
 
-def _differences(one: Counter[str], other: dict[str, int], name: str, other_name: str) -> list[str]:
+def _differences(
+    one: Mapping[str, int], other: Mapping[str, int], name: str, other_name: str
+) -> list[str]:
     return [
         f"{topic}: {one.get(topic, 0)} messages {name}, {other.get(topic, 0)} {other_name}"
         for topic in sorted({*one, *other})

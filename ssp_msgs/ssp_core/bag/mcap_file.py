@@ -123,7 +123,7 @@ def read_summary(stream: BoundedFile, path: Path) -> Summary:
         records = StreamReader(io.BytesIO(block), skip_magic=True, record_size_limit=len(block))
         for record in records.records:
             _collect(summary, record)
-        check_summary(summary, summary_start)
+        check_summary(summary, summary_start, stream.size)
     return summary
 
 

@@ -10,14 +10,14 @@ from typing import Any, Self
 
 from mcap.records import Channel, Schema
 from rosbags.serde import SerdeError
-from rosbags.typesys.store import Typestore
 
 from ssp_core.bag.mcap_file import DAMAGE
 from ssp_core.bag.message import BagMessage
 from ssp_core.bag.metadata import read_metadata
 from ssp_core.bag.part import Part
 from ssp_core.bag.runs import merged
-from ssp_core.bag.types import TypeDefinition, store_from
+from ssp_core.bag.stores import Stores
+from ssp_core.bag.types import TypeDefinition
 from ssp_core.errors import InputError
 
 
@@ -72,7 +72,7 @@ class BagReader:
         self.path = Path(path)
         self.topics: dict[str, TopicInfo] = {}
         self._definitions: dict[str, TypeDefinition] = {}
-        self._stores: dict[str, Typestore] = {}
+        self._stores = Stores(self.path)
         self.files = bag_files(self.path)
         self._parts = [Part(file, later=k > 0) for k, file in enumerate(self.files)]
         for part in self._parts:
@@ -98,7 +98,13 @@ class BagReader:
                     file=part.path,
                     field=channel.topic,
                 )
-            self._definitions.setdefault(channel.topic, written)
+            known = self._definitions.setdefault(channel.topic, written)
+            if (known.encoding, known.text) != (written.encoding, written.text):
+                raise InputError(
+                    f"has messages of two definitions of {written.msgtype}",
+                    file=part.path,
+                    field=channel.topic,
+                )
             self.topics[channel.topic] = TopicInfo(
                 msgtype=written.msgtype,
                 count=(before.count if before else 0) + part.counts[channel.id],
@@ -161,18 +167,7 @@ class BagReader:
             KeyError: the topic is not in this bag.
         """
         written = self._definitions[message.topic]
-        store = self._stores.get(message.topic)
-        if store is None:
-            try:
-                store = self._stores[message.topic] = store_from(written)
-            except InputError as error:
-                raise InputError(
-                    error.problem,
-                    file=self.path,
-                    field=error.field,
-                    value=error.value,
-                    remedy=error.remedy,
-                ) from error
+        store = self._stores.of(message.topic, written)
         try:
             return store.deserialize_cdr(message.data, written.msgtype)
         except (SerdeError, *DAMAGE) as error:

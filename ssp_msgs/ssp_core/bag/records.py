@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import struct
-import zlib
 from collections.abc import Iterator
 from typing import NamedTuple
 
+from isal.isal_zlib import crc32
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Message, Schema
 
@@ -112,7 +112,7 @@ def parse_attachment_body(body: memoryview) -> Attachment:
     name, media_type = fields.text(), fields.text()
     data = fields.blob(fields.number(_U64))
     crc = fields.number(_U32)
-    if crc and zlib.crc32(body[: len(body) - _U32.size]) != crc:
+    if crc and crc32(body[: len(body) - _U32.size]) != crc:
         raise ValueError("an attachment's CRC is wrong")
     return Attachment(create_time, log_time, name, media_type, bytes(data))
 

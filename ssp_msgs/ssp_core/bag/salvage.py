@@ -1,0 +1,268 @@
+"""Copies what can be read out of damaged MCAP files into a new bag."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from isal.isal_zlib import crc32
+from mcap.opcode import Opcode
+from mcap.records import Channel, Message, Schema
+from mcap.writer import MCAP0_MAGIC
+
+from ssp_core.bag.bounds import UnpackBudget, chunk_parts, unpack_chunk
+from ssp_core.bag.mcap_file import BoundedFile, open_bounded, read_summary
+from ssp_core.bag.qos import parse_offered_qos
+from ssp_core.bag.records import (
+    inner_records,
+    parse_attachment_body,
+    parse_channel,
+    parse_message,
+    parse_schema,
+)
+from ssp_core.bag.split import REPEATED_KEY
+from ssp_core.bag.types import TypeDefinition
+from ssp_core.bag.walk import Frame, Gap, Walk, data_crc, read_body, read_frame
+from ssp_core.bag.writer import BagWriter
+from ssp_core.errors import InputError
+
+# rosbag2 keeps times as int64.
+_MAX_TIME_NS = (1 << 63) - 1
+# A file may be damaged in a million places; a person reads the first ones.
+MAX_DAMAGE = 1000
+# Latched messages compared with those that a later file repeats; a session has a few a topic.
+_REMEMBERED = 256
+
+
+@dataclass(slots=True)
+class Names:
+    """Schemas and channels of one file, by number.
+
+    Args:
+        schemas, channels: from the file's summary, whose CRC was right; else empty.
+    """
+
+    schemas: dict[int, Schema | None] = field(default_factory=dict)
+    channels: dict[int, Channel | None] = field(default_factory=dict)
+
+    def schema(self, new: Schema) -> None:
+        """Raises ValueError for another one of the same number; none of both is used then."""
+        if self.schemas.setdefault(new.id, new) != new:
+            self.schemas[new.id] = None
+            raise ValueError(f"two types have number {new.id}")
+
+    def channel(self, new: Channel) -> None:
+        """Raises ValueError for another one of the same number; none of both is used then."""
+        if self.channels.setdefault(new.id, new) != new:
+            self.channels[new.id] = None
+            raise ValueError(f"two topics have number {new.id}")
+
+
+@dataclass(slots=True)
+class Salvage:
+    """Copies the records of one file after the other into a new bag.
+
+    Args:
+        writer: of the new bag.
+    """
+
+    writer: BagWriter
+    messages: Counter[str] = field(default_factory=Counter)
+    attachments: list[str] = field(default_factory=list)
+    damage: list[str] = field(default_factory=list)
+    places: int = 0
+    bytes_read: int = 0
+    bytes_total: int = 0
+    _types: dict[str, TypeDefinition] = field(default_factory=dict)
+    _latched: dict[str, deque[tuple[int, int, int, int]]] = field(default_factory=dict)
+
+    def file(self, path: Path) -> None:
+        """Copies one file.
+
+        Raises:
+            InputError: the file is no MCAP at all.
+        """
+        with open_bounded(path) as stream:
+            if stream.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
+                raise InputError("is no MCAP file", file=path)
+            self.bytes_total += stream.size
+            self.bytes_read += _FileSalvage(self, stream, path).run()
+
+    def note(self, text: str) -> None:
+        """Remembers a damaged place."""
+        self.places += 1
+        if self.places <= MAX_DAMAGE:
+            self.damage.append(text)
+
+    def message(self, message: Message, names: Names) -> None:
+        """Writes one message.
+
+        Raises:
+            ValueError: its topic or type is not known or differs from what came before.
+        """
+        channel = names.channels.get(message.channel_id)
+        schema = names.schemas.get(channel.schema_id) if channel is not None else None
+        if channel is None or schema is None:
+            raise ValueError(f"topic or type of channel {message.channel_id} is not known")
+        if channel.message_encoding != "cdr":
+            raise ValueError(f"{channel.topic} is encoded as {channel.message_encoding!r}, not cdr")
+        if max(message.log_time, message.publish_time) > _MAX_TIME_NS:
+            raise ValueError(f"{channel.topic} has a message later than the year 2262")
+        self._announce(channel, schema)
+        if (kept := self._latched.get(channel.topic)) is not None:
+            data = message.data
+            key = (message.publish_time, message.sequence, len(data), crc32(data))
+            if REPEATED_KEY in channel.metadata and key in kept:
+                return
+            kept.append(key)
+        self.writer.write(
+            channel.topic, message.data, message.log_time, message.publish_time, message.sequence
+        )
+        self.messages[channel.topic] += 1
+
+    def _announce(self, channel: Channel, schema: Schema) -> None:
+        known = self._types.get(channel.topic)
+        if known is not None and (known.msgtype, known.encoding) == (schema.name, schema.encoding):
+            if known.text.encode() == schema.data:
+                return
+            raise ValueError(f"{channel.topic} has messages of two definitions of {schema.name}")
+        if known is not None:
+            raise ValueError(f"{channel.topic} has messages of two types")
+        offered = _usable_qos(channel.metadata.get("offered_qos_profiles", ""))
+        written = TypeDefinition(
+            schema.name,
+            schema.encoding,
+            schema.data.decode("utf-8"),
+            channel.metadata.get("topic_type_hash", ""),
+        )
+        self.writer.add_topic(channel.topic, schema.name, offered, written=written)
+        self._types[channel.topic] = written
+        if "transient_local" in offered or REPEATED_KEY in channel.metadata:
+            self._latched[channel.topic] = deque(maxlen=_REMEMBERED)
+
+
+def _usable_qos(text: str) -> str:
+    try:
+        parse_offered_qos(text)
+    except ValueError:
+        return ""  # the messages matter more than what their publisher once offered
+    return text
+
+
+class _FileSalvage:
+    """One file on its way into the new bag."""
+
+    def __init__(self, salvage: Salvage, stream: BoundedFile, path: Path) -> None:
+        self._into = salvage
+        self._stream = stream
+        self._name = path.name
+        # With the CRC over all data right, nothing needs to be doubted.
+        self._whole = data_crc(stream) is True
+        self._names = Names()
+        self._known: list[int] = []
+        self._end = len(MCAP0_MAGIC)
+        self._budget = UnpackBudget(stream.size)
+        self._copies: set[tuple[int, ...]] = set()
+        self._kinds: set[int] = set()
+        try:
+            stream.seek(0)
+            summary = read_summary(stream, path)
+        except InputError:
+            return
+        self._names = Names(dict(summary.schemas), dict(summary.channels))
+        self._known = [index.chunk_start_offset for index in summary.chunk_indexes]
+        self._known += [index.offset for index in summary.attachment_indexes]
+
+    def run(self) -> int:
+        """Copies the file; gives the offset behind the last record that could be used."""
+        before = self._into.places
+        walk = Walk(self._stream, self._known)
+        for found in walk:
+            if isinstance(found, Gap):
+                self._gap(found)
+            elif found.opcode == Opcode.DATA_END and self._is_end(found):
+                if not self._whole and self._into.places == before:
+                    self._into.note(f"{self._name}: the CRC over all data is missing or wrong")
+                return self._stream.size
+            else:
+                try:
+                    self._frame(found)
+                    self._end = found.end
+                except ValueError as error:
+                    place = f"{self._name}: record at byte {found.offset}"
+                    self._into.note(f"{place} left out: {error}")
+                    walk.doubt(found)
+        self._into.note(f"{self._name}: stopped at byte {self._end}: the file was not closed")
+        return self._end
+
+    def _gap(self, gap: Gap) -> None:
+        if gap.next_offset is not None:
+            then = f"went on at byte {gap.next_offset}"
+        else:
+            then = "found no record behind it"
+        self._into.note(f"{self._name}: damaged at byte {gap.offset}: {gap.why}; {then}")
+
+    def _is_end(self, frame: Frame) -> bool:
+        """Whether a summary or the footer follows, as it must."""
+        try:
+            return frame.length == 4 and read_frame(self._stream, frame.end).opcode != 0
+        except ValueError:
+            return False
+
+    def _frame(self, frame: Frame) -> None:
+        """Raises ValueError when the record is damaged; what stands before that is copied."""
+        if frame.opcode == Opcode.CHUNK:
+            self._chunk(frame)
+        elif frame.opcode == Opcode.ATTACHMENT:
+            attachment = parse_attachment_body(read_body(self._stream, frame))
+            self._once(crc32(attachment.name.encode()), crc32(attachment.data))
+            self._into.writer.attach(attachment.name, attachment.data, attachment.media_type)
+            self._into.attachments.append(attachment.name)
+        elif frame.opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+            self._named(frame.opcode, read_body(self._stream, frame))
+        elif frame.opcode == Opcode.MESSAGE:
+            # No CRC says that it is one. In a damaged file with chunks it is a damaged record.
+            if not self._whole and (Opcode.CHUNK in self._kinds or self._known):
+                raise ValueError("a message outside the chunks, which nothing vouches for")
+            self._into.message(parse_message(read_body(self._stream, frame)), self._names)
+        elif frame.opcode == Opcode.DATA_END:
+            raise ValueError("the end of the data in the midst of it")
+        self._kinds.add(frame.opcode)
+
+    def _chunk(self, frame: Frame) -> None:
+        parts = chunk_parts(read_body(self._stream, frame))
+        self._budget.take(parts.unpacked_bytes)
+        data = unpack_chunk(parts)
+        self._kinds.add(frame.opcode)
+        self._once(parts.start_ns, parts.end_ns, parts.unpacked_bytes, crc32(data))
+        left_out: Counter[str] = Counter()
+        for record in inner_records(data):
+            try:
+                if record.opcode == Opcode.MESSAGE:
+                    self._into.message(parse_message(record.body), self._names)
+                elif record.opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                    self._named(record.opcode, record.body)
+            except ValueError as error:
+                left_out[str(error)] += 1
+        if left_out:
+            raise ValueError(_reasons(left_out.most_common(3)))
+
+    def _named(self, opcode: int, body: memoryview) -> None:
+        if opcode == Opcode.SCHEMA:
+            self._names.schema(parse_schema(body))
+        else:
+            self._names.channel(parse_channel(body))
+
+    def _once(self, *key: int) -> None:
+        """Raises ValueError for what a damaged file holds a second time."""
+        if self._whole:
+            return
+        if key in self._copies:
+            raise ValueError("a copy of an earlier record")
+        self._copies.add(key)
+
+
+def _reasons(reasons: Iterable[tuple[str, int]]) -> str:
+    return ", ".join(f"{count} records: {why}" for why, count in reasons)
