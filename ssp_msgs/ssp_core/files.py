@@ -170,6 +170,22 @@ def parse_mapping(data: bytes, file: str | Path) -> dict[str, Any]:
 
 
 def _mapping(text: str, file: str | Path) -> dict[str, Any]:
+    value = parse_value(text, file)
+    if not isinstance(value, dict):
+        raise InputError("must hold a mapping at its top", file=file, value=value)
+    return value
+
+
+def parse_value(text: str, file: str | Path) -> Any:
+    """What stands in a YAML or JSON text: no aliases, no tags, no key twice.
+
+    Args:
+        text: at most 8 MiB, which the caller sees to.
+        file: name for messages.
+
+    Raises:
+        InputError: it can't be parsed.
+    """
     try:
         value = _parse(text)
         check_characters(value, text)
@@ -181,8 +197,6 @@ def _mapping(text: str, file: str | Path) -> dict[str, Any]:
             file=file,
             line=mark.line + 1 if mark is not None else None,
         ) from error
-    if not isinstance(value, dict):
-        raise InputError("must hold a mapping at its top", file=file, value=value)
     return value
 
 

@@ -7,6 +7,11 @@ from typing import Any
 
 import yaml
 
+from ssp_core.errors import InputError
+from ssp_core.files import parse_value
+
+# A topic of a hundred publishers has 50,000.
+MAX_TEXT = 64 << 10
 # rmw's infinite duration, as rosbag2 writes it.
 _INFINITE = {"sec": 9223372036, "nsec": 854775807}
 
@@ -44,10 +49,12 @@ def parse_offered_qos(text: str) -> list[dict[str, Any]]:
     """
     if not text:
         return []
+    if len(text) > MAX_TEXT:
+        raise ValueError(f"offered_qos_profiles has {len(text)} characters, at most {MAX_TEXT}")
     try:
-        profiles = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise ValueError(f"offered_qos_profiles is no YAML: {error}") from error
+        profiles = parse_value(text, "offered_qos_profiles")
+    except InputError as error:
+        raise ValueError(str(error)) from error
     if not isinstance(profiles, list) or not all(isinstance(item, dict) for item in profiles):
         raise ValueError("offered_qos_profiles is no list of mappings")
     return profiles
