@@ -1,0 +1,1 @@
+"""Publishes a recorded bag again, each message as it was recorded and when it was recorded."""

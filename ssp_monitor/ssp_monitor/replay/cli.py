@@ -1,0 +1,134 @@
+"""``ssp replay``: publishes a bag."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import click
+
+import ssp_core
+from ssp_core.bag import BagReader
+from ssp_core.errors import InputError
+from ssp_core.processes import live_environment, session_environment
+from ssp_monitor.replay.plan import DEFAULT_CLOCK_HZ, Wishes
+from ssp_monitor.replay.player import Settings
+from ssp_monitor.replay.timeline import FASTEST, SLOWEST
+
+_PROFILES = Path(ssp_core.__file__).parent / "config"
+
+
+def _environment(network: bool) -> dict[str, str]:
+    if network:
+        return live_environment(_PROFILES / "fastdds_hosts.xml")
+    domain = os.environ.get("ROS_DOMAIN_ID") or "0"
+    if not domain.isdecimal() or int(domain) > 232:
+        raise InputError("must be a whole number up to 232", field="ROS_DOMAIN_ID", value=domain)
+    return session_environment(int(domain), _PROFILES / "fastdds_one_host.xml")
+
+
+def _remap(rules: tuple[str, ...]) -> dict[str, str]:
+    found = {}
+    for rule in rules:
+        recorded, mark, topic = rule.partition(":=")
+        if not (recorded and mark and topic):
+            raise InputError("must be FROM:=TO", field="--remap", value=rule)
+        found[recorded] = topic
+    return found
+
+
+@click.command("replay")
+@click.argument("bag", type=click.Path(path_type=Path))
+@click.option("--rate", type=click.FloatRange(SLOWEST, FASTEST), default=1.0, show_default=True)
+@click.option(
+    "--start", "start_s", type=click.FloatRange(0), default=0.0, help="Seconds from the beginning."
+)
+@click.option(
+    "--end", "end_s", type=click.FloatRange(0), help="Seconds from the beginning, where to end."
+)
+@click.option("--loop", is_flag=True, help="Begin again at the end.")
+@click.option("--paused", is_flag=True, help="Begin with a pause.")
+@click.option(
+    "--delay", "delay_s", type=click.FloatRange(0), default=0.0, help="Seconds before it begins."
+)
+@click.option(
+    "--clock",
+    "clock_hz",
+    type=click.FloatRange(0, 1000),
+    help="Publish /clock at this rate, from the bag's times; 0: none. "
+    f"[default: the recorded one, else {DEFAULT_CLOCK_HZ:g}]",
+)
+@click.option(
+    "--topics", multiple=True, help="Only these: names, or expressions found in names. Repeatable."
+)
+@click.option("--exclude", multiple=True, help="Not these. Repeatable.")
+@click.option("--remap", multiple=True, metavar="FROM:=TO", help="Another name. Repeatable.")
+@click.option("--commands", is_flag=True, help="Also topics that real objects may act on.")
+@click.option(
+    "--beside-session", is_flag=True, help="Even where a session is under way in this ROS domain."
+)
+@click.option(
+    "--network", is_flag=True, help="Let other hosts hear it; otherwise this one alone does."
+)
+@click.option("--strict", is_flag=True, help="Refuse a bag with a type that isn't installed.")
+@click.option(
+    "--wait-for",
+    type=click.IntRange(0),
+    default=0,
+    help="Begin when each topic has so many subscribers.",
+)
+@click.option(
+    "--wait-limit",
+    "wait_limit_s",
+    type=click.FloatRange(min=0, min_open=True),
+    default=30.0,
+    show_default=True,
+    help="Seconds to wait for them.",
+)
+@click.option("--json", "json_", is_flag=True, help="Print JSON for programs.")
+def replay(
+    bag: Path,
+    rate: float,
+    start_s: float,
+    end_s: float | None,
+    loop: bool,
+    paused: bool,
+    delay_s: float,
+    clock_hz: float | None,
+    topics: tuple[str, ...],
+    exclude: tuple[str, ...],
+    remap: tuple[str, ...],
+    commands: bool,
+    beside_session: bool,
+    network: bool,
+    strict: bool,
+    wait_for: int,
+    wait_limit_s: float,
+    json_: bool,
+) -> int:
+    """Publish a bag as it was recorded: a bag directory or an .mcap file.
+
+    Topics that may move real objects are left out, and a ROS domain with a session in it is
+    refused. Keys: space pauses, right arrow sends one message, s goes on to the next camera frame,
+    + and - change the rate, q ends. The node /ssp/replay offers pause, resume, toggle_paused, step
+    and step_frame as std_srvs/Trigger, and the parameter rate.
+    """
+    if not rate >= SLOWEST:
+        raise InputError("must be a number", field="--rate", value=rate)
+    wishes = Wishes(topics, exclude, _remap(remap), commands, clock_hz, strict)
+    environment = _environment(network)
+    reader = BagReader(bag)
+    from ssp_monitor.replay.node import Options
+    from ssp_monitor.replay.node import replay as replay_bag
+
+    options = Options(
+        wishes,
+        Settings(rate, paused, loop, delay_s),
+        start_s,
+        end_s,
+        beside_session,
+        wait_for,
+        wait_limit_s,
+        json_,
+    )
+    return replay_bag(reader, options, environment)
