@@ -23,6 +23,11 @@ MAX_CHUNK_BYTES = 1 << 30
 # What unpacks to less than this may have any ratio, beyond it a ratio that real data reach.
 ANY_RATIO_BYTES = 256 << 20
 MAX_RATIO = 1000
+# How often chunks that overlap in time are unpacked again where they don't fit into memory.
+MAX_REREADS = 16
+# Messages in a chunk are held as objects while they are put in order; writers end a chunk at some
+# MB, which are 100,000 messages of the smallest kind.
+MAX_CHUNK_RECORDS = 4_000_000
 # All chunks of a file together: what its size allows at that ratio, and a few of any ratio.
 ANY_TOTAL_BYTES = 4 << 30
 # Read as a whole: indexes of 500,000 chunks with ten channels each, which are a day at 6 MB/s.
@@ -35,6 +40,7 @@ MAX_RECORD_BYTES = MAX_CHUNK_BYTES + (64 << 10)
 MAX_SCHEMAS_BYTES = 16 << 20
 
 _CHUNK_HEAD = struct.Struct("<QQQII")
+_INDEX_ENTRY_BYTES = 16
 _U64 = struct.Struct("<Q")
 _PIECE = 1 << 20
 
@@ -44,11 +50,11 @@ class UnpackBudget:
 
     Args:
         file_bytes: size of the file.
-        passes: how often each chunk may be unpacked.
+        ratio: how many times as much they may unpack to.
     """
 
-    def __init__(self, file_bytes: int, *, passes: int = 1) -> None:
-        self._most = self._left = (ANY_TOTAL_BYTES + MAX_RATIO * file_bytes) * passes
+    def __init__(self, file_bytes: int, *, ratio: int = MAX_RATIO) -> None:
+        self._most = self._left = ANY_TOTAL_BYTES + ratio * file_bytes
 
     def take(self, unpacked_bytes: int) -> None:
         """Raises ValueError when the file's chunks unpack to more than is believed."""
@@ -196,13 +202,22 @@ def check_summary(summary: Summary, data_end: int, file_bytes: int) -> None:
         ValueError: which index, and what is wrong with it.
     """
     chunks = summary.chunk_indexes
-    _check_places("chunk", ((c.chunk_start_offset, c.chunk_length) for c in chunks), data_end)
+    _check_places(
+        "chunk",
+        ((c.chunk_start_offset, c.chunk_length + c.message_index_length) for c in chunks),
+        data_end,
+    )
     budget = UnpackBudget(file_bytes)
     for chunk in chunks:
         budget.take(chunk.uncompressed_size)
         check_claim(chunk.compression, chunk.uncompressed_size, chunk.compressed_size)
         if chunk.compressed_size > chunk.chunk_length:
             raise ValueError(f"the chunk at byte {chunk.chunk_start_offset} has no such length")
+        if chunk.message_index_length > _INDEX_ENTRY_BYTES * MAX_CHUNK_RECORDS:
+            raise ValueError(
+                f"the chunk at byte {chunk.chunk_start_offset} has more than {MAX_CHUNK_RECORDS} "
+                "messages"
+            )
     _check_places(
         "attachment", ((a.offset, a.length) for a in summary.attachment_indexes), data_end
     )

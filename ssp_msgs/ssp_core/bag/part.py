@@ -9,6 +9,7 @@ from pathlib import Path
 
 from mcap.records import Channel, ChunkIndex
 
+from ssp_core.bag.bounds import MAX_REREADS, UnpackBudget
 from ssp_core.bag.mcap_file import McapFile, damage_of, open_bounded
 from ssp_core.bag.runs import ChunkRun, ContentCache, LooseRun, Run, Selection
 from ssp_core.bag.scan import Scan, scan
@@ -61,11 +62,10 @@ class Part(McapFile):
         if statistics and (statistics.channel_message_counts or not statistics.message_count):
             return Counter(statistics.channel_message_counts)
         counts = self._scan.counts()
-        for number in self.summary.channels:
-            for run in self._chunk_runs(Selection({number: ""}, None, None)):
-                with damage_of(self.path):
-                    counts[number] += sum(1 for _ in run.entries())
-                run.close()
+        for run in self._chunk_runs(Selection(dict.fromkeys(self.channels, ""), None, None)):
+            with damage_of(self.path):
+                counts += run.counts()
+            run.close()
         return counts
 
     def times(self) -> tuple[int, int] | None:
@@ -101,7 +101,8 @@ class Part(McapFile):
         return runs
 
     def _chunk_runs(self, wanted: Selection) -> list[ChunkRun]:
-        cache = ContentCache()
+        unpacked = sum(index.uncompressed_size for index in self.chunks)
+        cache = ContentCache(UnpackBudget(unpacked, ratio=MAX_REREADS))
         return [
             ChunkRun(self, index, wanted, cache)
             for index in self.chunks

@@ -10,6 +10,8 @@ from isal.isal_zlib import crc32
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Message, Schema
 
+from ssp_core.bag.bounds import MAX_CHUNK_RECORDS
+
 HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
 _U16 = struct.Struct("<H")
@@ -31,8 +33,11 @@ def inner_records(data: memoryview) -> Iterator[RawRecord]:
     Raises:
         ValueError: a record runs out of the chunk, after the whole ones were given.
     """
-    offset, size = 0, len(data)
+    offset, count, size = 0, 0, len(data)
     while offset < size:
+        count += 1
+        if count > MAX_CHUNK_RECORDS:
+            raise ValueError(f"a chunk of more than {MAX_CHUNK_RECORDS} records")
         if offset + HEAD.size > size:
             raise ValueError("a chunk ends within a record")
         opcode, length = HEAD.unpack_from(data, offset)

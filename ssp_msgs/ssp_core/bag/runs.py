@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import heapq
-from collections import OrderedDict
+from collections import Counter, OrderedDict
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,12 +12,12 @@ from typing import Protocol
 from mcap.opcode import Opcode
 from mcap.records import ChunkIndex
 
-from ssp_core.bag.bounds import MAX_RECORD_BYTES
+from ssp_core.bag.bounds import MAX_RECORD_BYTES, UnpackBudget
 from ssp_core.bag.chunk import MESSAGE_BODY_BYTES, MESSAGE_HEAD
 from ssp_core.bag.chunk_reading import Entry, chunk_content, indexed_entries, scanned_entries
 from ssp_core.bag.mcap_file import DAMAGE, BoundedFile, McapFile, damaged, open_bounded
 from ssp_core.bag.message import BagMessage
-from ssp_core.bag.records import HEAD
+from ssp_core.bag.records import HEAD, inner_records, parse_message
 from ssp_core.bag.scan import Scan
 
 # Content of chunks that is kept while their times overlap; the rest is read again.
@@ -87,9 +87,15 @@ class Run(Protocol):
 
 
 class ContentCache:
-    """Content of the chunks that are being read, the longest unused dropped when it is too much."""
+    """Content of the chunks that are being read, the longest unused dropped when it is too much.
 
-    def __init__(self, limit_bytes: int = KEPT_BYTES) -> None:
+    Args:
+        budget: what may be unpacked; chunks that overlap more than fits are unpacked again.
+        limit_bytes: kept at once.
+    """
+
+    def __init__(self, budget: UnpackBudget, limit_bytes: int = KEPT_BYTES) -> None:
+        self._budget = budget
         self._limit = limit_bytes
         self._bytes = 0
         self._kept: OrderedDict[ChunkRun, memoryview] = OrderedDict()
@@ -98,6 +104,7 @@ class ContentCache:
         content = self._kept.get(run)
         if content is None:
             content = self._kept[run] = run.load()
+            self._budget.take(len(content))
             self._bytes += len(content)
             while self._bytes > self._limit and len(self._kept) > 1:
                 self._bytes -= len(self._kept.popitem(last=False)[1])
@@ -144,6 +151,14 @@ class ChunkRun:
 
     def message(self, entry: Entry) -> BagMessage:
         return self._wanted.message(self._cache.content(self), entry[1], entry[0])
+
+    def counts(self) -> Counter[int]:
+        """Messages by channel, from the chunk itself."""
+        return Counter(
+            parse_message(record.body).channel_id
+            for record in inner_records(self._cache.content(self))
+            if record.opcode == _MESSAGE
+        )
 
     def load(self) -> memoryview:
         index = self._index
