@@ -10,6 +10,7 @@ from ssp_core.bag.qos import parse_offered_qos
 from ssp_core.errors import InputError
 
 MIN_BYTES = 1024  # as rosbag2
+SET_BACK_BYTES = 1 << 20
 # Metadata of the channels of repeated messages, see LatchedTopic.
 REPEATED_KEY = "ssp_repeated"
 REPEATED = {REPEATED_KEY: "true"}
@@ -48,10 +49,13 @@ class Split:
             file_bytes: size of the file so far.
             message_bytes: size of the message.
             span_ns: from the file's first log time to the message's; a clock that was set back
-                makes it negative, and is as good a reason as one that runs on.
+                makes it negative, and is as good a reason as one that runs on, but not in a small
+                file: two clocks taking turns would make one of every message.
         """
         if self.max_bytes is not None and file_bytes + message_bytes > self.max_bytes:
             return True
+        if span_ns < 0 and file_bytes < SET_BACK_BYTES:
+            return False
         return self.max_s is not None and abs(span_ns) >= self.max_s * 1e9
 
 

@@ -1,0 +1,251 @@
+"""The writer's dealings with files and disk: gathering, splitting, synchronising, failing."""
+
+from __future__ import annotations
+
+import errno
+import os
+import threading
+from pathlib import Path
+
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ssp_core.bag import BagMessage, BagReader, BagWriter, Split, mcap_output, recover
+from ssp_core.bag.chunk import COPIED_BYTES, ChunkBuilder
+from ssp_core.bag.disk_sync import DiskSync
+from ssp_core.bag.mcap_output import CHUNK_BYTES, write_buffers
+from ssp_core.bag.metadata import ROOT_KEY
+from ssp_core.bag.qos import offered_qos
+from ssp_core.errors import HostError, InputError
+
+STRING = "std_msgs/msg/String"
+
+
+@given(
+    buffers=st.lists(st.binary(max_size=40), max_size=12),
+    gathered=st.integers(1, 5),
+    most=st.integers(1, 17),
+)
+def test_buffers_arrive_whole_however_little_the_system_takes(
+    buffers: list[bytes], gathered: int, most: int
+) -> None:
+    taken = bytearray()
+
+    def writev(descriptor: int, given: list[bytes]) -> int:
+        assert descriptor == 7
+        assert len(given) <= gathered
+        part = b"".join(given)[:most]
+        taken.extend(part)
+        return len(part)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(mcap_output.os, "writev", writev)
+        write_buffers(7, buffers, gathered)
+    assert taken == b"".join(buffers)
+
+
+def test_a_disk_that_takes_nothing_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mcap_output.os, "writev", lambda *_: 0)
+    with pytest.raises(OSError, match="took no byte"):
+        write_buffers(7, [b"x"])
+
+
+def test_a_large_message_is_not_copied_into_its_chunk() -> None:
+    large, small = bytes(COPIED_BYTES + 1), bytes(COPIED_BYTES)
+    builder = ChunkBuilder()
+    builder.add(1, 0, 5, 5, small)
+    builder.add(2, 0, 4, 4, large)
+    builder.add(1, 0, 6, 6, small)
+    chunk = builder.finish()
+    assert sum(buffer is large for buffer in chunk.buffers) == 1
+    assert len(chunk.buffers) == 5  # head, small with head, large, small, indexes
+    assert chunk.length == sum(map(len, chunk.buffers))
+    assert (chunk.start_ns, chunk.end_ns) == (4, 6)
+    assert chunk.counts == {1: 2, 2: 1}
+    assert builder.size == 0
+    assert builder.times() is None
+
+
+def test_a_chunk_ends_with_the_message_that_fills_it(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.add_topic("/x", STRING)
+        before = writer.file.stat().st_size
+        writer.write("/x", bytes(CHUNK_BYTES // 2), 0, 0)
+        assert writer.file.stat().st_size == before
+        writer.write("/x", bytes(100 * CHUNK_BYTES), 1, 1)
+        assert writer.file.stat().st_size > 100 * CHUNK_BYTES
+    with BagReader(tmp_path / "bag") as reader:
+        assert [len(m.data) for m in reader.messages()] == [CHUNK_BYTES // 2, 100 * CHUNK_BYTES]
+
+
+def test_write_all_writes_in_order_and_stops_at_the_first_error(tmp_path: Path) -> None:
+    messages = [BagMessage("/x", k, k + 1, bytes([k]), k) for k in range(3)]
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.add_topic("/x", STRING)
+        with pytest.raises(KeyError):
+            writer.write_all([*messages, BagMessage("/y", 0, 0, b"")])
+        assert (writer.messages, writer.bytes) == (3, 3)
+    with BagReader(tmp_path / "bag") as reader:
+        assert list(reader.messages()) == messages
+
+
+def test_times_beyond_64_bits_and_a_closed_writer_are_the_callers_fault(tmp_path: Path) -> None:
+    for split in (None, Split(max_bytes=1024)):
+        with BagWriter(tmp_path / f"bag{split is None}", split=split) as writer:
+            writer.add_topic("/x", STRING, latched=True)
+            for times in ((1 << 64, 0), (0, 1 << 64), (-1, 0)):
+                with pytest.raises(ValueError, match="64 bits"):
+                    writer.write("/x", b"", *times)
+            writer.write("/x", b"", (1 << 64) - 1, 0)
+        assert writer.messages == writer.facts().count == 1
+        with pytest.raises(ValueError, match="is closed"):
+            writer.write("/x", b"", 0, 0)
+
+
+def test_a_split_by_size_keeps_every_file_below_it(tmp_path: Path) -> None:
+    limit = 100_000
+    with BagWriter(tmp_path / "bag", split=Split(max_bytes=limit)) as writer:
+        writer.add_topic("/x", STRING)
+        for k in range(100):
+            writer.write("/x", bytes(9_000), k, k)
+        assert len(writer.files) > 5
+    information = yaml.safe_load((tmp_path / "bag" / "metadata.yaml").read_text())[ROOT_KEY]
+    assert information["relative_file_paths"] == [file.name for file in writer.files]
+    assert [entry["path"] for entry in information["files"]] == [f.name for f in writer.files]
+    assert sum(entry["message_count"] for entry in information["files"]) == 100
+    at = 0
+    for entry, file in zip(information["files"], writer.files, strict=True):
+        assert entry["starting_time"]["nanoseconds_since_epoch"] == at
+        assert entry["duration"]["nanoseconds"] == entry["message_count"] - 1
+        at += entry["message_count"]
+        # Less the indexes, which only a closed file has.
+        assert file.stat().st_size < limit + 5_000
+
+
+def test_a_clock_that_jumps_begins_one_file_and_not_many(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag", split=Split(max_s=10.0)) as writer:
+        writer.add_topic("/x", STRING)
+        for second in (1000, 1001, 1002, 500, 501, 502, 7000, 7001):
+            writer.write("/x", bytes(400_000), second * 10**9, 0)
+    assert [file.count for file in writer.facts().files] == [3, 3, 2]
+    with BagReader(tmp_path / "bag") as reader:
+        seconds = [m.log_time_ns // 10**9 for m in reader.messages()]
+    assert seconds == [500, 501, 502, 1000, 1001, 1002, 7000, 7001]
+
+
+def test_the_offered_depths_of_all_publishers_are_repeated(tmp_path: Path) -> None:
+    two = offered_qos(2, transient_local=True) + offered_qos(1, transient_local=True)
+    with BagWriter(tmp_path / "bag", name="first_0", split=Split(max_s=1.0)) as writer:
+        writer.add_topic("/map", STRING, two, latched=True)
+        writer.add_topic("/none", STRING, latched=True)
+        writer.add_topic("/x", STRING, two)
+        for k in range(5):
+            writer.write("/map", bytes([k]), k, k)
+            writer.write("/x", bytes([k]), k, k)
+        writer.write("/x", b"end", 2 * 10**9, 0)
+    assert [file.name for file in writer.files] == ["first_0.mcap", "first_1.mcap"]
+    assert {t.name: t.count for t in writer.facts().topics} == {"/map": 8, "/none": 0, "/x": 6}
+    with BagReader(writer.files[1]) as reader:
+        assert [(m.topic, m.data, m.log_time_ns) for m in reader.messages()] == [
+            ("/map", b"\x02", 2 * 10**9),
+            ("/map", b"\x03", 2 * 10**9),
+            ("/map", b"\x04", 2 * 10**9),
+            ("/x", b"end", 2 * 10**9),
+        ]
+        assert reader.topics["/map"].count == 3
+
+
+def test_a_split_bag_that_was_cut_off_recovers_as_the_unsplit_one(tmp_path: Path) -> None:
+    writer = BagWriter(tmp_path / "bag", split=Split(max_s=1.0))
+    writer.add_topic("/map", STRING, latched=True)
+    writer.write("/map", b"map", 0, 0)
+    for k in range(1, 30):
+        if k % 5 == 1:
+            writer.add_topic(f"/late{k}", STRING)
+        writer.write(f"/late{k - (k - 1) % 5}", bytes([k]), k * 200_000_000, 0)
+    writer.flush()
+    assert len(writer.files) == 6
+    recover(tmp_path / "bag", tmp_path / "whole")
+    with BagReader(tmp_path / "whole") as reader:
+        messages = list(reader.messages())
+    assert [m.data for m in messages] == [b"map", *(bytes([k]) for k in range(1, 30))]
+    writer.close()
+
+
+@pytest.mark.parametrize("wrong", [{"max_bytes": 1023}, {"max_s": 0.0}, {"max_s": float("nan")}])
+def test_a_split_that_holds_nothing_is_refused(wrong: dict[str, float]) -> None:
+    with pytest.raises(InputError, match=next(iter(wrong))):
+        Split(**wrong)  # type: ignore[arg-type]  # the field is chosen by name
+
+
+def test_a_slow_disk_holds_up_nobody_and_waits_once_per_file(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    release, began, synced = threading.Event(), threading.Event(), []
+
+    def fdatasync(descriptor: int) -> None:
+        began.set()
+        assert release.wait(30)
+        synced.append(os.fstat(descriptor).st_ino)
+
+    monkeypatch.setattr("ssp_core.bag.disk_sync.os.fdatasync", fdatasync)
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.add_topic("/x", STRING)
+        writer.flush()
+        assert began.wait(30)
+        for k in range(10):
+            writer.write("/x", b"x", k, k)
+            writer.flush()
+        assert synced == []
+        release.set()
+    # The one that was running, and one for all that came meanwhile.
+    assert synced == [writer.file.stat().st_ino] * 2
+
+
+def test_an_error_of_the_disk_comes_with_the_next_flush(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    failed = threading.Event()
+
+    def fdatasync(descriptor: int) -> None:
+        failed.set()
+        raise OSError(errno.EIO, "Input/output error")
+
+    monkeypatch.setattr("ssp_core.bag.disk_sync.os.fdatasync", fdatasync)
+    writer = BagWriter(tmp_path / "bag")
+    writer.add_topic("/x", STRING)
+    writer.flush()
+    assert failed.wait(30)
+    writer._sync._thread.join(0.2)  # type: ignore[union-attr]  # the error is noted right after
+    with pytest.raises(HostError, match=r"bag_0\.mcap: writing failed: Input/output error"):
+        while True:
+            writer.flush()
+    assert writer.closed
+    writer.close()
+    assert not (tmp_path / "bag" / "metadata.yaml").exists()
+
+
+def test_a_finished_sync_has_done_all_and_left_no_descriptor(tmp_path: Path) -> None:
+    before = len(os.listdir("/proc/self/fd"))
+    sync = DiskSync()
+    for k in range(5):
+        with (tmp_path / str(k)).open("wb") as stream:
+            stream.write(b"x")
+            sync.request(str(k), stream.fileno())
+    sync.finish()
+    assert len(os.listdir("/proc/self/fd")) == before
+
+
+def test_no_file_can_be_made_for_the_next_part(tmp_path: Path) -> None:
+    writer = BagWriter(tmp_path / "bag", split=Split(max_bytes=1024))
+    writer.add_topic("/x", STRING)
+    writer.write("/x", bytes(600), 0, 0)
+    (tmp_path / "bag" / "bag_1.mcap").write_bytes(b"another's")
+    with pytest.raises(HostError, match=r"bag_1\.mcap: writing failed: File exists"):
+        writer.write("/x", bytes(600), 1, 1)
+    assert (tmp_path / "bag" / "bag_1.mcap").read_bytes() == b"another's"
+    assert writer.messages == 1
+    with BagReader(tmp_path / "bag" / "bag_0.mcap") as reader:
+        assert reader.count == 1
