@@ -3,12 +3,30 @@
 from __future__ import annotations
 
 import importlib
+from collections.abc import Sequence
+from typing import Any
 
-from rclpy.qos import HistoryPolicy, QoSProfile
+import yaml
+from rclpy.duration import Duration
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    QoSCompatibility,
+    QoSProfile,
+    ReliabilityPolicy,
+    qos_check_compatible,
+)
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from ssp_core import ros
-from ssp_core.errors import HostError
-from ssp_monitor.core.topics import Profile
+from ssp_core.bag.installed_types import installed_file
+from ssp_core.bag.types import definition
+from ssp_core.clock import NS_PER_S
+from ssp_core.errors import HostError, SspError
+from ssp_monitor.core.importance import Importance, importance
+from ssp_monitor.core.records import TopicRecord
+from ssp_monitor.core.topics import Profile, TopicSpec
+from ssp_msgs.msg import TopicStatus
 
 PUBLISHED: dict[Profile, QoSProfile] = {
     Profile.STATE: ros.STATE,
@@ -25,6 +43,9 @@ RECORDER_DEPTH = {
     Profile.SENSOR: 600,
     Profile.LATCHED: 1000,
 }
+# Of topics that are not the run's own: pictures are large, the rest is many.
+PICTURE_DEPTH = 100
+OTHER_DEPTH = 1000
 
 
 def recording_profile(profile: Profile) -> QoSProfile:
@@ -35,6 +56,104 @@ def recording_profile(profile: Profile) -> QoSProfile:
         depth=RECORDER_DEPTH[profile],
         reliability=published.reliability,
         durability=published.durability,
+    )
+
+
+def adapted_profile(topic: TopicSpec, publishers: Sequence[TopicEndpointInfo]) -> QoSProfile:
+    """A profile that hears all publishers and asks for as much as all of them offer.
+
+    The rule is rosbag2's: reliable when all are, transient local when all are.
+    """
+    offered = [publisher.qos_profile for publisher in publishers]
+    reliable = all(qos.reliability == ReliabilityPolicy.RELIABLE for qos in offered)
+    latched = is_latched(publishers)
+    pictures = importance(topic) <= Importance.COMPRESSED_IMAGE
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=PICTURE_DEPTH if pictures else OTHER_DEPTH,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
+
+
+def is_latched(publishers: Sequence[TopicEndpointInfo]) -> bool:
+    """Whether all publishers keep their last messages for those that join later."""
+    return bool(publishers) and all(
+        publisher.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+        for publisher in publishers
+    )
+
+
+def is_heard(publisher: TopicEndpointInfo, msgtype: str, wanted: QoSProfile) -> bool:
+    """Whether a reader of this type and profile hears a publisher."""
+    compatible = qos_check_compatible(publisher.qos_profile, wanted)[0]
+    return bool(publisher.topic_type == msgtype and compatible != QoSCompatibility.ERROR)
+
+
+def offered_profiles(publishers: Sequence[TopicEndpointInfo]) -> str:
+    """YAML of what each publisher offers, complete, for the bag.
+
+    Publishers don't tell others their history and depth: these are as rosbag2 writes them.
+    """
+    return (
+        yaml.safe_dump([_entry(publisher.qos_profile) for publisher in publishers], sort_keys=False)
+        if publishers
+        else ""
+    )
+
+
+def _entry(qos: QoSProfile) -> dict[str, Any]:
+    return {
+        "history": _policy(qos.history),
+        "depth": qos.depth,
+        "reliability": _policy(qos.reliability),
+        "durability": _policy(qos.durability),
+        "deadline": _seconds(qos.deadline),
+        "lifespan": _seconds(qos.lifespan),
+        "liveliness": _policy(qos.liveliness),
+        "liveliness_lease_duration": _seconds(qos.liveliness_lease_duration),
+        "avoid_ros_namespace_conventions": qos.avoid_ros_namespace_conventions,
+    }
+
+
+def _policy(policy: Any) -> str:
+    return str(policy.name).lower()
+
+
+def _seconds(duration: Duration) -> dict[str, int]:
+    sec, nsec = divmod(duration.nanoseconds, NS_PER_S)
+    return {"sec": sec, "nsec": nsec}
+
+
+def why_not_recordable(msgtype: str) -> str | None:
+    """Why messages of a type can't be recorded here, None when they can.
+
+    Args:
+        msgtype: as the graph names it: anybody may have sent it.
+    """
+    if installed_file(msgtype) is None:
+        return f"message type {msgtype} is not installed"
+    try:
+        message_class(msgtype)
+        definition(msgtype)
+    except SspError as error:
+        return str(error)
+    return None
+
+
+def topic_status(
+    record: TopicRecord, publishers: int, lost: int, dropped: int, rate_hz: float
+) -> TopicStatus:
+    """One topic as the recorder's status shows it."""
+    return TopicStatus(
+        name=record.name,
+        type=record.msgtype,
+        publishers=publishers,
+        messages=record.messages,
+        bytes=record.bytes,
+        lost=lost,
+        dropped=dropped,
+        rate_hz=rate_hz,
     )
 
 

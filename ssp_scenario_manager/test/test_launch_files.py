@@ -147,7 +147,10 @@ def test_the_launch_files_are_found() -> None:
 def test_declared_parameters_are_seen() -> None:
     target = executables("ssp_ot_controller")["object_target"]
     assert declared_parameters(target) == {"run_file", "object_ids", "autostart", "bodies"}
-    assert declared_parameters(executables("ssp_monitor")["monitor"]) == {"run_file", "bag_dir"}
+    assert declared_parameters(executables("ssp_monitor")["monitor"]) == {
+        "run_file", "bag_dir", "all", "include", "exclude", "most_topics", "lost_limit", "split_mb",
+        "split_s", "queue_mb", "reserve_mb", "video", "video_topics",
+    }  # fmt: skip
     assert declared_parameters(executables("ssp_scenario_manager")["scenario_manager"]) == set()
 
 

@@ -50,11 +50,15 @@ class LastWord:
         if state in _SPOKEN and verdict is not Verdict.NONE:
             self._end = (verdict, reasons)
 
-    def verdict(self, lost: int) -> tuple[Verdict, tuple[str, ...]]:
+    def verdict(
+        self, lost: int, lost_limit: int = 0, problems: tuple[str, ...] = ()
+    ) -> tuple[Verdict, tuple[str, ...]]:
         """The verdict of the recording, with its reasons, the session's own first.
 
         Args:
             lost: messages that the recorder knows to be missing.
+            lost_limit: as many may be.
+            problems: what is wrong with the bag that was written.
         """
         ours: list[str] = []
         if self._state is SessionPhase.UNKNOWN:
@@ -64,8 +68,10 @@ class LastWord:
         if self._runs > 1:
             ours.append(f"{self._runs} runs are in one recording")
         ours += [f"the session ran {i}, the recording is of {self._run_id}" for i in self._others]
-        if lost:
-            ours.append(f"the recorder lost {lost} messages")
+        if lost > lost_limit:
+            limit = f", limit {lost_limit}" if lost_limit else ""
+            ours.append(f"the recorder lost {lost} messages{limit}")
+        ours += problems
         verdict, reasons = self._end or (Verdict.INVALID_HARNESS, ())
         if ours and verdict is Verdict.VALID:
             verdict = Verdict.INVALID_HARNESS

@@ -5,18 +5,28 @@ from __future__ import annotations
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from ssp_core.bag import BagMessage, BagWriter
 from ssp_core.bag.qos import offered_qos
+from ssp_core.bag.split import Split
+from ssp_core.bag.types import definition
 from ssp_core.errors import SspError
+from ssp_monitor.core.attachments import Attachment
+from ssp_monitor.core.encoding import ORIGINAL, Encoder, Encoding
+from ssp_monitor.core.importance import importance
+from ssp_monitor.core.queue import DropQueue
+from ssp_monitor.core.records import RecorderState, TopicRecord
 from ssp_monitor.core.topics import Profile, TopicSpec
 
 FLUSH_S = 0.5
 POLL_S = 0.02
 QUEUE_BYTES = 256 << 20
+# Taken out of the queue at once; what is still in it can be dropped for something important.
+BATCH_BYTES = 8 << 20
 
 # Depth and durability that publishers offer, as in ssp_core.ros; that module needs rclpy, and a
 # test compares the two.
@@ -29,36 +39,29 @@ OFFERED = {
 
 
 @dataclass(frozen=True, slots=True)
-class RecorderState:
-    """What is on disk, and what is not.
-
-    Args:
-        messages: written.
-        bytes: written, message data only.
-        dropped: taken but not written, since the queue was full or the disk failed.
-        failure: why nothing is written any more, None while all is well.
-    """
-
-    messages: int
-    bytes: int
-    dropped: int
-    failure: str | None
+class _Added:
+    topic: TopicSpec
+    offered: str
+    latched: bool
+    encoder: Encoder | None
 
 
 class Recorder:
     """A bag with a writer thread of its own, so that a slow disk doesn't stop the reception.
 
-    ``put`` may be called from one thread. The bag is flushed every FLUSH_S seconds: that is the
-    most that a SIGKILL can take.
+    ``put`` and ``put_all`` may be called from one thread, and ``add`` from another. The bag is
+    flushed every FLUSH_S seconds: that is the most that a SIGKILL can take.
 
     Args:
         path: bag directory to make.
-        topics: what it will hold.
+        topics: what it will hold from its beginning.
         attachments: (name, media type, data) put in at once.
-        queue_bytes: message data that may wait for the disk.
+        queue_bytes: what may wait for the disk.
+        split: when to go on in a new file.
+        encoder: gives a topic's encoder by name and type, or None.
 
     Raises:
-        InputError: the directory exists or can't be made.
+        InputError: the directory exists or can't be made, or a type is not known.
         HostError: the file can't be written.
     """
 
@@ -66,62 +69,105 @@ class Recorder:
         self,
         path: Path,
         topics: Iterable[TopicSpec],
-        attachments: Iterable[tuple[str, str, bytes]] = (),
+        attachments: Iterable[Attachment] = (),
         queue_bytes: int = QUEUE_BYTES,
+        split: Split | None = None,
+        encoder: Callable[[str, str], Encoder | None] = lambda _topic, _msgtype: None,
     ) -> None:
         self.path = path
-        self._writer = BagWriter(path)
+        self._encoder = encoder
+        self._queue = DropQueue(queue_bytes)
+        self._records: dict[str, TopicRecord] = {}
+        self._encodings: dict[str, Encoding] = {}
+        self._to_add: deque[_Added] = deque()
+        self._failure: str | None = None
+        self._flushed_at = time.monotonic()
+        self._writer = BagWriter(path, split=split)
         for name, media_type, data in attachments:
             self._writer.attach(name, data, media_type)
         for topic in topics:
-            self._writer.add_topic(topic.name, topic.msgtype, OFFERED[topic.profile])
+            self.add(topic, OFFERED[topic.profile], topic.profile is Profile.LATCHED)
+        self._add_waiting()
         self._writer.flush()
-        self._queue: deque[BagMessage] = deque()
-        self._queue_limit = queue_bytes
-        self._bytes_in = 0
-        self._bytes_out = 0
-        self._dropped_full = 0
-        self._dropped_failed = 0
-        self.dropped_by_topic: Counter[str] = Counter()
-        self._failure: str | None = None
+        self._seal: Callable[[], Attachment] | None = None
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="bag-writer", daemon=True)
         self._thread.start()
 
+    def add(self, topic: TopicSpec, offered: str, latched: bool) -> None:
+        """Announces a topic; needed before its first message.
+
+        Args:
+            topic: not announced before.
+            offered: YAML of the profiles of its publishers.
+            latched: its newest messages stay valid.
+
+        Raises:
+            InputError: its type is not known.
+        """
+        definition(topic.msgtype)
+        self._queue.announce({topic.name: importance(topic)})
+        encoder = self._encoder(topic.name, topic.msgtype)
+        self._to_add.append(_Added(topic, offered, latched, encoder))
+
     def put(self, message: BagMessage) -> None:
-        """Hands one message over; it is dropped, and counted, when too much is waiting."""
-        size = len(message.data)
-        if self._bytes_in - self._bytes_out + size > self._queue_limit:
-            self._dropped_full += 1
-            self.dropped_by_topic[message.topic] += 1
-            return
-        self._bytes_in += size
-        self._queue.append(message)
+        """Hands one message over; when too much is waiting, the least important is dropped."""
+        self._queue.put(message)
+
+    def put_all(self, messages: Iterable[BagMessage]) -> None:
+        """Hands several over, as ``put`` does with each."""
+        self._queue.put_all(messages)
+
+    @property
+    def dropped_by_topic(self) -> Counter[str]:
+        return self._queue.dropped()
+
+    def records(self) -> list[TopicRecord]:
+        """What is written of each topic, in the order of the bag."""
+        return list(self._records.values())
 
     def state(self) -> RecorderState:
+        queued = self._queue.bytes
         return RecorderState(
             messages=self._writer.messages,
             bytes=self._writer.bytes,
-            dropped=self._dropped_full + self._dropped_failed,
+            dropped=self.dropped_by_topic.total(),
             failure=self._failure,
+            files=len(self._writer.files),
+            queue_bytes=queued,
+            queue_limit_bytes=self._queue.limit_bytes,
+            flush_age_s=time.monotonic() - self._flushed_at,
+            warnings=tuple(
+                f"{topic}: {encoding.failed} pictures could not be encoded and are recorded as "
+                f"they came on {topic}{ORIGINAL}: {encoding.problem}"
+                for topic, encoding in list(self._encodings.items())
+                if encoding.failed
+            ),
         )
 
-    def stop(self) -> RecorderState:
+    def stop(self, seal: Callable[[], Attachment] | None = None) -> RecorderState:
         """Writes what waits, closes the bag and returns the final state. Never raises for the
-        disk's sake: the state says what failed."""
+        disk's sake: the state says what failed.
+
+        Args:
+            seal: gives a last attachment, once all messages are written.
+        """
+        self._seal = seal
         self._stop.set()
         self._thread.join()
         return self.state()
 
     def _run(self) -> None:
         try:
-            flush_at = time.monotonic() + FLUSH_S
             while not self._stop.wait(POLL_S):
                 self._write_waiting()
-                if time.monotonic() >= flush_at:
-                    self._writer.flush()
-                    flush_at = time.monotonic() + FLUSH_S
+                self._flush_when_due()
             self._write_waiting()
+            for encoding in list(self._encodings.values()):
+                self._write(encoding.finish())
+            if self._seal is not None:
+                name, media_type, data = self._seal()
+                self._writer.attach(name, data, media_type)
             self._writer.close()
         except SspError as error:
             self._failure = str(error)
@@ -131,32 +177,55 @@ class Recorder:
             self._failure = f"{type(error).__name__}: {error}"
             raise
 
+    def _flush_when_due(self) -> None:
+        if time.monotonic() - self._flushed_at >= FLUSH_S:
+            self._writer.flush()
+            self._flushed_at = time.monotonic()
+
     def _write_waiting(self) -> None:
-        while self._queue:
-            message = self._queue.popleft()
-            self._bytes_out += len(message.data)
+        while True:
+            batch = self._queue.take(BATCH_BYTES)
+            # After the messages were taken: each was announced before it was put.
+            self._add_waiting()
+            if not batch:
+                return
+            done = 0
             try:
-                self._writer.write(
-                    message.topic,
-                    message.data,
-                    message.log_time_ns,
-                    message.publish_time_ns,
-                    message.sequence,
-                )
+                for message in batch:
+                    encoding = self._encodings.get(message.topic)
+                    self._write([message] if encoding is None else encoding.encode(message))
+                    done += 1
             except SspError:
-                self._count_dropped(message)
+                self._queue.give_up(batch[done:])
                 raise
+            self._flush_when_due()
+
+    def _write(self, messages: Iterable[BagMessage]) -> None:
+        for topic, log_time_ns, publish_time_ns, data, sequence in messages:
+            self._writer.write(topic, data, log_time_ns, publish_time_ns, sequence)
+            self._records[topic].note(log_time_ns, len(data))
+
+    def _add_waiting(self) -> None:
+        while self._to_add:
+            added = self._to_add.popleft()
+            name, msgtype = added.topic.name, added.topic.msgtype
+            if added.encoder is not None:
+                add_original = partial(self._announce, name + ORIGINAL, msgtype, added)
+                self._encodings[name] = Encoding(added.encoder, add_original)
+                msgtype = added.encoder.msgtype
+            self._announce(name, msgtype, added)
+
+    def _announce(self, name: str, msgtype: str, added: _Added) -> None:
+        if name in self._records:  # a topic that really has the name of another's originals
+            return
+        self._writer.add_topic(name, msgtype, added.offered, latched=added.latched)
+        # A new dictionary: other threads go through the old one.
+        self._records = {**self._records, name: TopicRecord(name, msgtype)}
 
     def _discard_until_stopped(self) -> None:
         while True:
             stopping = self._stop.wait(POLL_S)
-            while self._queue:
-                message = self._queue.popleft()
-                self._bytes_out += len(message.data)
-                self._count_dropped(message)
+            while batch := self._queue.take(BATCH_BYTES):
+                self._queue.give_up(batch)
             if stopping:
                 return
-
-    def _count_dropped(self, message: BagMessage) -> None:
-        self._dropped_failed += 1
-        self.dropped_by_topic[message.topic] += 1

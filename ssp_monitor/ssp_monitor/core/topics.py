@@ -18,6 +18,7 @@ class Profile(Enum):
     COMMAND = "command"
     SENSOR = "sensor"
     LATCHED = "latched"
+    ADAPTED = "adapted"  # not the run's own: heard as its publishers offer it
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo
 
 from ssp_core import names, ros
-from ssp_core.safety_codes import SafetyCode
+from ssp_core.safety_codes import MEANINGS, SafetyCode
 from ssp_core.state import ObjectState as State
 from ssp_core.wire import steps
 from ssp_core.wire.states import decode_state
@@ -96,9 +96,10 @@ class Reception:
         self._vigil.hear(names.FRONT_CAMERA, time.monotonic_ns())
 
     def _on_recorder(self, message: RecorderStatus) -> None:
-        self._vigil.hear_recorder(
-            message.ready, tuple(message.missing_topics), message.lost, time.monotonic_ns()
-        )
+        # Without a missing topic it is the file or the disk: the first warning says so.
+        why = (message.failure,) if message.failure else tuple(message.warnings[:1])
+        missing = tuple(message.missing_topics) or why
+        self._vigil.hear_recorder(message.ready, missing, message.lost, time.monotonic_ns())
         self._listener.on_recorder()
 
     def _on_safety_event(self, message: SafetyEvent) -> None:
@@ -111,12 +112,13 @@ class Reception:
                 f"unknown safety code {message.code} from {message.source}"
             )
             return
+        named = MEANINGS[code].limit_name == message.limit_name
         violation = Violation(
             code,
             message.object_id,
             message.measured,
             message.limit,
             ros.ns_from_stamp(message.header.stamp),
-            f"seen by {message.source}",
+            f"seen by {message.source}" if named else f"{message.limit_name} of {message.source}",
         )
         self._listener.on_event(violation, message.source)

@@ -1,0 +1,126 @@
+"""How long the disk lasts, and what follows from it. Pure: figures come in, sentences go out."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections import deque
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from ssp_core.run_spec import RunSpec
+
+# A run is ended while there is room for so long: to brake, to say so, and to close the bag.
+LEAST_S = 20.0
+# People are told when it is less than this.
+WARN_S = 600.0
+RATE_WINDOW_S = 5.0
+# JPEG pictures of streets and a margin; a raw picture would be 3.
+_BYTES_PER_PIXEL = 0.3
+# One object's state or reference with its share of ticks, heartbeats and acknowledgements.
+_BYTES_PER_OBJECT_STEP = 1500
+
+
+def free_bytes(folder: Path) -> int | None:
+    """What this process may still write on the folder's file system; None if it can't be told."""
+    try:
+        figures = os.statvfs(folder)
+    except OSError:
+        return None
+    return figures.f_bavail * figures.f_frsize
+
+
+@dataclass(slots=True)
+class WriteRate:
+    """Bytes a second over the last RATE_WINDOW_S."""
+
+    _seen: deque[tuple[float, int]] = field(default_factory=deque)
+
+    def note(self, now_s: float, total_bytes: int) -> float:
+        """Notes what was written until now and returns the rate."""
+        self._seen.append((now_s, total_bytes))
+        while len(self._seen) > 2 and now_s - self._seen[1][0] >= RATE_WINDOW_S:
+            self._seen.popleft()
+        then_s, then_bytes = self._seen[0]
+        return (total_bytes - then_bytes) / (now_s - then_s) if now_s > then_s else 0.0
+
+
+def expected_rate(run: RunSpec) -> float:
+    """What a run writes, bytes per second, by its camera, its objects and its step: an estimate to
+    the safe side for a run that hasn't begun."""
+    rate = (1 + len(run.targets)) * _BYTES_PER_OBJECT_STEP / run.step_s
+    if run.camera is not None:
+        pixels = run.camera.width_px * run.camera.height_px
+        rate += pixels * _BYTES_PER_PIXEL * run.camera.rate_hz
+    return rate
+
+
+@dataclass(frozen=True, slots=True)
+class DiskNeeds:
+    """What a recording asks of its disk.
+
+    Args:
+        reserve_bytes: that must stay free.
+        run_s: how long it may take at most; 0: nobody knows.
+        rate_bps: what it is expected to write, bytes per second.
+    """
+
+    reserve_bytes: int
+    run_s: float = 0.0
+    rate_bps: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class DiskOutlook:
+    """What follows from the figures.
+
+    Args:
+        left_s: until the reserve is reached, at the present rate; inf: never, or not known.
+        ends: why the recording must end now, None while it need not.
+        unready: why a run must not begin, None when it may.
+        warning: what a person should look at, None when there is nothing.
+    """
+
+    left_s: float
+    ends: str | None
+    unready: str | None
+    warning: str | None
+
+
+def outlook(free: int | None, rate_bps: float, needs: DiskNeeds) -> DiskOutlook:
+    """Judges the disk.
+
+    Args:
+        free: bytes; None when it can't be told (the recorder's own writing fails then).
+        rate_bps: written lately, bytes per second.
+        needs: of the recording.
+    """
+    if free is None:
+        return DiskOutlook(math.inf, None, None, "free space of the disk can't be told")
+    usable = free - needs.reserve_bytes
+    left_s = max(usable, 0) / rate_bps if rate_bps > 0 else (math.inf if usable > 0 else 0.0)
+    ends = _ends(free, usable, left_s, needs)
+    unready = ends
+    rate = max(rate_bps, needs.rate_bps)
+    needed = needs.run_s * rate
+    if unready is None and usable < needed:
+        unready = (
+            f"the disk has {_mb(free)} MB, the run may need {_mb(needed)} MB "
+            f"({needs.run_s:g} s at {_mb(rate)} MB/s) over {_mb(needs.reserve_bytes)} MB in reserve"
+        )
+    warning = unready
+    if warning is None and left_s < WARN_S:
+        warning = f"the disk is full in {left_s:.0f} s: {_mb(free)} MB left at {_mb(rate_bps)} MB/s"
+    return DiskOutlook(left_s, ends, unready, warning)
+
+
+def _ends(free: int, usable: int, left_s: float, needs: DiskNeeds) -> str | None:
+    if usable <= 0:
+        return f"the disk has {_mb(free)} MB, the reserve is {_mb(needs.reserve_bytes)} MB"
+    if left_s < LEAST_S:
+        return f"the disk is full in {left_s:.0f} s, limit {LEAST_S:g} s: {_mb(free)} MB left"
+    return None
+
+
+def _mb(size: float) -> str:
+    return f"{size / 1e6:.1f}"

@@ -1,0 +1,1 @@
+"""What every recording is made of, with a session or without."""

@@ -1,0 +1,257 @@
+"""Brings graph, reception, bag and disk together; its owner is a node and calls ``poll``."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from rclpy.node import Node
+
+from ssp_core.errors import SspError
+from ssp_monitor.conversions import (
+    adapted_profile,
+    is_heard,
+    is_latched,
+    offered_profiles,
+    recording_profile,
+    topic_status,
+    why_not_recordable,
+)
+from ssp_monitor.core.attachments import Attachment
+from ssp_monitor.core.closing import ClosingCheck, check_closed
+from ssp_monitor.core.disk import DiskOutlook, WriteRate, free_bytes, outlook
+from ssp_monitor.core.plan import RecordingPlan
+from ssp_monitor.core.recorder import Recorder
+from ssp_monitor.core.records import RecorderState
+from ssp_monitor.core.report import report_attachment, seals, topic_reports
+from ssp_monitor.core.selection import Survey
+from ssp_monitor.core.topics import TopicSpec
+from ssp_monitor.intake.node import Intake
+from ssp_msgs.msg import RecorderStatus
+
+# Looking at a graph of thousands of nodes takes a while; no more of the time than one in this.
+GRAPH_SHARE = 20
+MOST_WARNINGS = 50
+# Of so many topics each status says how they are; the bag's own report names all.
+MOST_LISTED = 500
+
+
+@dataclass(frozen=True, slots=True)
+class Closed:
+    """A recording that has ended.
+
+    Args:
+        state: of the recorder.
+        lost: never received, or not written.
+        check: of the bag; None when it could not be closed.
+    """
+
+    state: RecorderState
+    lost: int
+    check: ClosingCheck | None
+
+
+class _Known(dict[str, str | None]):
+    """Why a type can't be recorded, asked for once."""
+
+    def __missing__(self, msgtype: str) -> str | None:
+        found = self[msgtype] = why_not_recordable(msgtype)
+        return found
+
+
+class Recording:
+    """A bag, the reception for it, and what is known about both.
+
+    Args:
+        node: whose view of the graph is used.
+        plan: what is asked for.
+        listen: takes the bytes of messages of some topics as they are recorded.
+
+    Raises:
+        InputError: the bag directory exists, or a type is not known.
+        HostError: the bag can't be written, or a type is not installed.
+    """
+
+    def __init__(
+        self, node: Node, plan: RecordingPlan, listen: Mapping[str, Callable[[bytes], None]]
+    ) -> None:
+        self._node = node
+        self._plan = plan
+        self._survey = Survey(plan.selection)
+        self._types = _Known()
+        self._missing: list[str] = []
+        self._publishers: dict[str, int] = {}
+        self._warnings: dict[str, None] = {}
+        self._rate = WriteRate()
+        self._graph_due_s = 0.0
+        self._before: tuple[float, dict[str, int]] = (time.monotonic(), {})
+        video = plan.video
+        self.recorder = Recorder(
+            plan.bag_dir,
+            plan.topics,
+            plan.attachments,
+            plan.queue_bytes,
+            plan.split,
+            (lambda _topic, _msgtype: None) if video is None else video.encoder,
+        )
+        try:
+            self.intake = Intake(plan.topics, self.recorder, plan.simulated_time, listen)
+            self.poll()
+        except BaseException:
+            self.recorder.stop()
+            raise
+
+    def lost_by_topic(self) -> dict[str, int]:
+        """Published and never received, as far as known. Of a topic that changed its type nobody
+        knows how much is lost: it counts as one message."""
+        lost = dict(self.intake.lost_by_topic())
+        for name in self._survey.changed:
+            lost[name] = lost.get(name, 0) + 1
+        return lost
+
+    @property
+    def lost(self) -> int:
+        """Messages known to be missing: never arrived, or not written."""
+        return sum(self.lost_by_topic().values()) + self.recorder.state().dropped
+
+    def poll(self) -> DiskOutlook:
+        """Looks at graph and disk, and records what has appeared. Twice a second is often enough.
+
+        Returns:
+            How long the disk lasts, and whether the recording must end.
+        """
+        now_s = time.monotonic()
+        self._missing = [t.name for t in self._plan.topics if self._is_missing(t)]
+        if self._plan.selection.looks and now_s >= self._graph_due_s:
+            self._look_at_graph()
+            self._graph_due_s = now_s + GRAPH_SHARE * (time.monotonic() - now_s)
+        self._rate_bps = self._rate.note(now_s, self.recorder.state().bytes)
+        self._free = free_bytes(self.recorder.path)
+        self._outlook = outlook(self._free, self._rate_bps, self._plan.needs)
+        return self._outlook
+
+    def status(self) -> RecorderStatus:
+        """Everything but the stamp, as it was at the last poll."""
+        state = self.recorder.state()
+        lost, dropped = self.lost_by_topic(), self.recorder.dropped_by_topic
+        status = RecorderStatus()
+        status.ready = not (self._missing or state.failure or self._outlook.unready)
+        status.bag = self.recorder.path.name
+        status.failure = state.failure or ""
+        status.messages, status.bytes, status.files = state.messages, state.bytes, state.files
+        status.lost, status.dropped = sum(lost.values()) + state.dropped, state.dropped
+        status.missing_topics = self._missing
+        status.queue_bytes, status.queue_limit_bytes = state.queue_bytes, state.queue_limit_bytes
+        status.free_bytes = self._free or 0
+        status.write_bytes_per_s = float(self._rate_bps)
+        status.disk_left_s = float(self._outlook.left_s)
+        status.flush_age_s = float(state.flush_age_s)
+        rates = self._rates()
+        records = self.recorder.records()
+        status.topics = [
+            topic_status(
+                record,
+                self._publishers.get(record.name, 0),
+                lost.get(record.name, 0),
+                dropped.get(record.name, 0),
+                rates.get(record.name, 0.0),
+            )
+            for record in records[:MOST_LISTED]
+        ]
+        status.warnings = self._current_warnings(state, len(records))
+        return status
+
+    def close(self) -> Closed:
+        """Ends reception, closes the bag with a report in it, and opens it again to check it."""
+        self.intake.stop()
+        received = self.intake.received_by_topic()
+        state = self.recorder.stop(lambda: self._report(received))
+        check = None
+        if state.failure is None:
+            dropped = self.recorder.dropped_by_topic
+            expected = {name: count - dropped[name] for name, count in received.items()}
+            check = check_closed(self.recorder.path, expected)
+        return Closed(state, self.lost, check)
+
+    def _report(self, received: Mapping[str, int]) -> Attachment:
+        self._current_warnings(self.recorder.state(), 0)
+        topics = topic_reports(
+            self.recorder.records(),
+            received,
+            self.lost_by_topic(),
+            self.recorder.dropped_by_topic,
+        )
+        return report_attachment(
+            topics,
+            run_id=self._plan.run_id,
+            lost_limit=self._plan.lost_limit,
+            warnings=list(self._warnings),
+            sealed=seals(self._plan.attachments),
+        )
+
+    def _is_missing(self, topic: TopicSpec) -> bool:
+        """No publisher where one must be, or one that the recorder can't hear, anywhere."""
+        wanted = recording_profile(topic.profile)
+        publishers = self._node.get_publishers_info_by_topic(topic.name)
+        self._publishers[topic.name] = len(publishers)
+        heard = [is_heard(publisher, topic.msgtype, wanted) for publisher in publishers]
+        return not all(heard) or (topic.required and not heard)
+
+    def _look_at_graph(self) -> None:
+        graph = []
+        for name, types in self._node.get_topic_names_and_types():
+            recorded = self._survey.recorded.get(name)
+            if recorded is not None:
+                self._publishers[name] = self._node.count_publishers(name)
+            elif not self._survey.wants(name):
+                continue
+            # A reader's type counts for nothing; most often all have the same.
+            if recorded is None or types != [recorded]:
+                publishers = self._node.get_publishers_info_by_topic(name)
+                types = sorted({publisher.topic_type for publisher in publishers})
+            graph.append((name, types))
+        for topic in self._survey.look(graph, self._types):
+            self._add(topic)
+
+    def _add(self, topic: TopicSpec) -> None:
+        publishers = self._node.get_publishers_info_by_topic(topic.name)
+        profile = adapted_profile(topic, publishers)
+        try:
+            self.recorder.add(topic, offered_profiles(publishers), is_latched(publishers))
+            self.intake.add(topic, profile)
+        except (SspError, RuntimeError) as error:
+            self._warn(f"{topic.name} is not recorded: {error}")
+            return
+        self._publishers[topic.name] = len(publishers)
+        deaf = [p.node_name for p in publishers if not is_heard(p, topic.msgtype, profile)]
+        if deaf:
+            self._warn(f"{topic.name} is not heard from {', '.join(deaf)}")
+
+    def _rates(self) -> dict[str, float]:
+        """Messages a second of each topic since the call before."""
+        now_s, received = time.monotonic(), dict(self.intake.received_by_topic())
+        then_s, before = self._before
+        self._before = now_s, received
+        span_s = max(now_s - then_s, 1e-3)
+        return {name: (count - before.get(name, 0)) / span_s for name, count in received.items()}
+
+    def _current_warnings(self, state: RecorderState, topics: int) -> list[str]:
+        """What a person should look at now; all of it is remembered for the bag's report."""
+        found = [*self._survey.all_warnings(), *state.warnings]
+        if self._outlook.warning is not None:
+            found.insert(0, self._outlook.warning)
+            # Its figures change with every look: the report has the last ones.
+            self._warnings = {k: v for k, v in self._warnings.items() if "the disk " not in k}
+        if 2 * state.queue_bytes > state.queue_limit_bytes:
+            found.append("the disk does not keep up: more than half of the queue is in use")
+        if topics > MOST_LISTED:
+            found.append(f"only {MOST_LISTED} of {topics} topics are listed")
+        for text in found:
+            self._warn(text)
+        shown = [*found, *(text for text in self._warnings if text not in found)]
+        return shown[:MOST_WARNINGS]
+
+    def _warn(self, text: str) -> None:
+        if len(self._warnings) < 1000:
+            self._warnings.setdefault(text)

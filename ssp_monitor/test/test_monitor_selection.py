@@ -1,0 +1,99 @@
+"""Which topics of a graph are recorded."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+
+import pytest
+
+from ssp_monitor.core.pattern import Pattern
+from ssp_monitor.core.selection import Selection, Survey
+from ssp_monitor.core.topics import Profile
+
+INSTALLED: defaultdict[str, str | None] = defaultdict(lambda: None)
+STRING = "std_msgs/msg/String"
+
+
+def patterns(*texts: str) -> tuple[Pattern, ...]:
+    return tuple(Pattern(text, "--include") for text in texts)
+
+
+@pytest.mark.parametrize(
+    ("selection", "wanted"),
+    [
+        (Selection(), ""),
+        (Selection(everything=True), "/a /b/image /b/image/compressed"),
+        (Selection(include=patterns("image$")), "/b/image"),
+        (Selection(include=patterns("^/a$", "compressed")), "/a /b/image/compressed"),
+        (Selection(everything=True, exclude=patterns("image")), "/a"),
+        (Selection(include=patterns("/b"), exclude=patterns("/image$")), "/b/image/compressed"),
+        (Selection(include=patterns("."), own=frozenset(["/a"])), "/b/image /b/image/compressed"),
+        # A name is a name, whatever else is said.
+        (Selection(named=frozenset(["/rosout"])), "/rosout"),
+        (Selection(named=frozenset(["/x/_hidden"]), exclude=patterns("x")), "/x/_hidden"),
+    ],
+)
+def test_what_is_asked_for_is_recorded(selection: Selection, wanted: str) -> None:
+    graph = ["/a", "/b/image", "/b/image/compressed", "/rosout", "/parameter_events",
+             "/x/_hidden", "/_all/hidden"]  # fmt: skip
+    assert [name for name in graph if selection.wants(name)] == wanted.split()
+    assert selection.looks == (selection != Selection())
+    found = Survey(selection).look([(name, [STRING]) for name in graph], INSTALLED)
+    assert sorted(topic.name for topic in found) == sorted(wanted.split())
+    for topic in found:
+        assert topic.profile is Profile.ADAPTED
+        assert not any((topic.session_time, topic.required, topic.single_publisher))
+
+
+def test_late_topics_are_found_once() -> None:
+    survey = Survey(Selection(everything=True))
+    assert [t.name for t in survey.look([("/a", [STRING])], INSTALLED)] == ["/a"]
+    # No publisher yet.
+    assert survey.look([("/a", [STRING]), ("/b", [])], INSTALLED) == []
+    found = survey.look([("/a", [STRING]), ("/b", [STRING])], INSTALLED)
+    assert [t.name for t in found] == ["/b"]
+    # A topic that goes away and comes back is the same.
+    assert survey.look([], INSTALLED) == survey.look([("/a", [STRING])], INSTALLED) == []
+    assert survey.all_warnings() == []
+
+
+def test_two_types_at_once_are_refused_with_a_word() -> None:
+    survey = Survey(Selection(everything=True))
+    for _ in range(3):
+        assert survey.look([("/a", ["x/msg/X", STRING])], INSTALLED) == []
+    warning = f"/a has several types and is not recorded: x/msg/X, {STRING}"
+    assert survey.all_warnings() == [warning]
+    # Once one of them is gone, the other is recorded.
+    assert [t.msgtype for t in survey.look([("/a", [STRING])], INSTALLED)] == [STRING]
+
+
+def test_a_type_that_is_not_installed_is_refused_with_a_word() -> None:
+    survey = Survey(Selection(everything=True))
+    installed = {"x/msg/X": "message type x/msg/X is not installed", STRING: None}
+    for _ in range(2):
+        found = survey.look([("/a", ["x/msg/X"]), ("/b", [STRING])], installed)
+    assert found == []
+    assert set(survey.recorded) == {"/b"}
+    assert survey.all_warnings() == ["/a is not recorded: message type x/msg/X is not installed"]
+
+
+def test_a_topic_that_changes_its_type_is_said_once_and_remembered() -> None:
+    survey = Survey(Selection(everything=True))
+    survey.look([("/a", [STRING])], INSTALLED)
+    for _ in range(2):
+        assert survey.look([("/a", [STRING, "x/msg/X"])], INSTALLED) == []
+    assert survey.changed == {"/a"}
+    assert survey.all_warnings() == [
+        f"/a is also of type x/msg/X now: only {STRING} is recorded, the rest is lost"
+    ]
+
+
+def test_beyond_the_limit_named_topics_come_first_and_the_rest_is_said() -> None:
+    survey = Survey(Selection(everything=True, named=frozenset(["/z"]), most=3))
+    graph = [(f"/t{k}", [STRING]) for k in range(9)] + [("/z", [STRING])]
+    assert [t.name for t in survey.look(graph, INSTALLED)] == ["/z", "/t0", "/t1"]
+    assert survey.look(graph, INSTALLED) == []
+    assert survey.refused() == tuple(f"/t{k}" for k in range(2, 9))
+    assert survey.all_warnings() == [
+        "7 topics are not recorded, the limit is 3: /t2, /t3, /t4, /t5, /t6, ..."
+    ]
