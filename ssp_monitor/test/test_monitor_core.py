@@ -1,4 +1,4 @@
-"""What the recorder decides: which topics, which times, what counts as lost."""
+"""What the recorder decides: which topics and which times."""
 
 from __future__ import annotations
 
@@ -18,7 +18,6 @@ from ssp_core.clock import NS_PER_S
 from ssp_core.errors import InputError
 from ssp_core.messages import leading_stamp_ns
 from ssp_core.run_spec import RunSpec
-from ssp_monitor.core.losses import SequenceGaps
 from ssp_monitor.core.recorder import FLUSH_S, Recorder
 from ssp_monitor.core.stamps import SimulatedTime, begins_with_stamp
 from ssp_monitor.core.topics import CLOCK_TYPE, Profile, TopicSpec, bag_topics, uses_simulated_time
@@ -128,23 +127,6 @@ def test_a_message_without_a_stamp_takes_the_newest_one(
     assert simulated.of(clock_cdr(50), stamped=True) == 50
     assert simulated.of(clock_cdr(30), stamped=True) == 30
     assert simulated.of(clock_cdr(99), stamped=False) == 50
-
-
-def test_gaps_are_losses_and_a_new_publisher_is_none() -> None:
-    gaps = SequenceGaps()
-    assert [gaps.seen("/a", n) for n in (7, 8, 12, 13)] == [0, 0, 3, 0]
-    assert gaps.seen("/b", 1) == 0
-    assert [gaps.seen("/a", n) for n in (1, 2, 4)] == [0, 0, 1]
-    assert gaps.lost == {"/a": 4}
-    assert gaps.total == 4
-
-
-@given(st.lists(st.integers(1, 50), unique=True, min_size=1).map(sorted))
-def test_lost_and_seen_make_up_the_whole(sequences: list[int]) -> None:
-    gaps = SequenceGaps()
-    for sequence in sequences:
-        gaps.seen("/a", sequence)
-    assert gaps.total + len(sequences) == sequences[-1] - sequences[0] + 1
 
 
 def test_the_recorder_writes_what_it_was_given(

@@ -1,4 +1,16 @@
-"""Counts messages that were published and never arrived, from gaps in sequence numbers."""
+"""Counts messages that were published and never arrived: what is known for certain, and no more.
+
+Three things tell of losses on a topic, and none of them tells of all:
+
+- Publishers number their messages, and a gap between two that arrived is what is missing there. It
+  is silent about what is missing behind the last one.
+- The middleware counts what it knows that it could not deliver, at the end too. It is silent about
+  what it delivered into a history that nobody emptied in time.
+- Some publishers say in their other messages how many they have sent (``core.claims``).
+
+The first two overlap, so that the greater of them counts. All of them are lower bounds: what is
+reported as lost was lost.
+"""
 
 from __future__ import annotations
 
@@ -6,28 +18,59 @@ from dataclasses import dataclass, field
 
 
 @dataclass(slots=True)
-class SequenceGaps:
-    """Losses per topic. What was published before the first message that arrived is no loss."""
+class Arrivals:
+    """What arrived of one topic, by publisher, and what is missing.
 
-    lost: dict[str, int] = field(default_factory=dict)
-    _last: dict[str, int] = field(default_factory=dict)
+    What a publisher sent before its first message that arrived is no loss: it may have been sent
+    before anybody listened.
 
-    def seen(self, topic: str, sequence: int) -> int:
+    Args:
+        received: messages that arrived.
+        gaps: messages missing between two that arrived.
+        told: messages that the middleware says it could not deliver.
+        behind: messages missing behind the last one that arrived.
+    """
+
+    received: int = 0
+    gaps: int = 0
+    told: int = 0
+    behind: int = 0
+    _last: dict[bytes, int] = field(default_factory=dict)
+
+    @property
+    def lost(self) -> int:
+        return max(self.gaps, self.told) + self.behind
+
+    @property
+    def publishers(self) -> int:
+        """How many different ones were heard."""
+        return len(self._last)
+
+    def seen(self, publisher: bytes, sequence: int) -> int:
         """Notes a message that arrived and returns how many are missing right before it.
 
         Args:
-            topic: name of the topic, which has one publisher.
-            sequence: the publisher's number; one that is not above the last one comes from a
-                new publisher, whose count starts over.
+            publisher: what tells its publisher from others; a restarted one is another.
+            sequence: the publisher's number for it, 0 where there is none; one that is not above
+                the last one comes from a count that started over.
         """
-        last = self._last.get(topic)
-        self._last[topic] = sequence
+        self.received += 1
+        if not sequence:
+            return 0
+        last = self._last.get(publisher)
+        self._last[publisher] = sequence
         if last is None or sequence <= last + 1:
             return 0
         missing = sequence - last - 1
-        self.lost[topic] = self.lost.get(topic, 0) + missing
+        self.gaps += missing
         return missing
 
-    @property
-    def total(self) -> int:
-        return sum(self.lost.values())
+    def claimed(self, sent: int) -> None:
+        """Notes at the end that the topic's publisher says to have sent at least so many.
+
+        With several publishers it proves nothing, since the claim is one publisher's; with none
+        heard, since it may have been sent before anybody listened.
+        """
+        if len(self._last) == 1:
+            (last,) = self._last.values()
+            self.behind = max(0, sent - last)

@@ -1,38 +1,73 @@
 """Takes every message of the recorded topics as it came, serialised, outside any executor.
 
-One thread waits for the subscriptions on a wait set and takes each message with the middleware's
-times and sequence number. An EventsExecutor gives its callbacks no such information, and losses
-are found by it.
+One thread looks every few milliseconds at all subscriptions and takes what has arrived, with the
+middleware's times, the sequence number and the publisher's id. An EventsExecutor gives its
+callbacks no such information, and losses are found by it. To be woken for each message would cost
+more than to look: a message that waits some milliseconds in the middleware keeps its time of
+arrival.
 """
 
 from __future__ import annotations
 
 import sys
 import threading
+import time
+from collections import deque
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
+from dataclasses import dataclass, field
 
 import rclpy
+from rclpy.event_handler import QoSSubscriptionEventType, UnsupportedEventTypeError
 from rclpy.impl.implementation_singleton import rclpy_implementation as rcl
+from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
 from ssp_core import names
 from ssp_core.bag import BagMessage
 from ssp_monitor.conversions import message_class, recording_profile
-from ssp_monitor.core.losses import SequenceGaps
+from ssp_monitor.core.claims import SOURCES, claims
+from ssp_monitor.core.losses import Arrivals
 from ssp_monitor.core.recorder import Recorder
 from ssp_monitor.core.stamps import SimulatedTime, begins_with_stamp
 from ssp_monitor.core.topics import TopicSpec
+from ssp_monitor.intake.rcl import SerializedTaker, Taken
 from ssp_monitor.params import topic_rules
 
-WAIT_NS = 50_000_000
+# Between two looks. In lockstep the world waits for the recorder when it is 20 steps behind.
+PAUSE_S = 0.010
+LOCKSTEP_PAUSE_S = 0.004
+# A topic that was silent for so many looks is looked at in turn with others, so that ten thousand
+# silent topics cost little: each look takes one of so many parts of them.
+QUIET_LOOKS = 50
+QUIET_PARTS = 10
+# How often the middleware is asked what it could not deliver.
+LOSSES_S = 1.0
+# At the end, what is under way is waited for: until nothing came for so long, and no longer than.
+CALM_S = 0.03
+LINGER_S = 0.3
+
+
+@dataclass(slots=True)
+class _Source:
+    """One subscription and what came through it."""
+
+    topic: TopicSpec
+    subscription: Subscription
+    address: int
+    stamped: bool
+    listen: Callable[[bytes], None] | None
+    lost_event: rcl.EventHandle | None
+    arrivals: Arrivals = field(default_factory=Arrivals)
+    quiet: int = 0
+    last: bytes = b""
 
 
 class Intake:
     """Takes every message of the topics, in a thread, and hands it to the recorder.
 
     Args:
-        topics: what to subscribe to.
+        topics: what to subscribe to, with the project's own profiles.
         recorder: where the messages go.
         simulated_time: messages are dated by their own stamps; otherwise by the middleware's
             times of reception and publication.
@@ -46,16 +81,13 @@ class Intake:
         simulated_time: bool,
         listen: Mapping[str, Callable[[bytes], None]],
     ) -> None:
-        self._listen = listen
-        self.gaps = SequenceGaps()
         self.time = SimulatedTime()
         self.error: BaseException | None = None
-        self._topics = topics
+        self._listen = listen
         self._recorder = recorder
         self._simulated_time = simulated_time
-        self._stamped = {
-            topic.name: topic.session_time and begins_with_stamp(topic.msgtype) for topic in topics
-        }
+        self._pause_s = LOCKSTEP_PAUSE_S if simulated_time else PAUSE_S
+        self._taker = SerializedTaker()
         # A node of its own, since an executor takes the messages of all subscriptions of a node
         # that it spins; of the process's arguments, which rename every node, it takes those that
         # say where a topic is to be heard. It is recorded under its own name all the same.
@@ -67,62 +99,158 @@ class Intake:
             enable_rosout=False,
             start_parameter_services=False,
         )
-        self._subscriptions: list[tuple[TopicSpec, Subscription]] = [
-            (
-                topic,
-                self._node.create_subscription(
-                    message_class(topic.msgtype),
-                    topic.name,
-                    lambda _: None,
-                    recording_profile(topic.profile),
-                    raw=True,
-                ),
-            )
-            for topic in topics
-        ]
+        # Whoever adds a topic makes its subscription, and is told when that fails; the thread
+        # fetches it from here.
+        self._added: deque[_Source] = deque()
+        self._arrivals: dict[str, Arrivals] = {}
+        self._sources: list[_Source] = []
+        for topic in topics:
+            self.add(topic, recording_profile(topic.profile))
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="intake", daemon=True)
         self._thread.start()
 
+    def add(self, topic: TopicSpec, profile: QoSProfile) -> None:
+        """Takes a topic too, from now on; from one thread at a time.
+
+        Args:
+            topic: not taken yet; the recorder knows it.
+            profile: one that its publishers' profiles are compatible with.
+
+        Raises:
+            HostError: this ROS installation lacks its type.
+            ValueError: it is taken already.
+        """
+        if topic.name in self._arrivals:
+            raise ValueError(f"topic {topic.name} is taken already")
+        subscription = self._node.create_subscription(
+            message_class(topic.msgtype), topic.name, lambda _: None, profile, raw=True
+        )
+        stamped = topic.session_time and begins_with_stamp(topic.msgtype)
+        source = _Source(
+            topic,
+            subscription,
+            subscription.handle.pointer,
+            stamped,
+            self._listen.get(topic.name),
+            _lost_event(subscription),
+        )
+        # New dictionaries, since other threads go through the old ones.
+        self._arrivals = {**self._arrivals, topic.name: source.arrivals}
+        self._added.append(source)
+
+    def lost_by_topic(self) -> dict[str, int]:
+        """Messages of each topic that were published and never arrived, as far as is known."""
+        return {name: arrivals.lost for name, arrivals in self._arrivals.items()}
+
+    def received_by_topic(self) -> dict[str, int]:
+        """Messages of each topic that arrived."""
+        return {name: arrivals.received for name, arrivals in self._arrivals.items()}
+
     def stop(self) -> None:
-        """Takes what has arrived and ends."""
+        """Takes what has arrived and what is under way, and ends."""
         self._stop.set()
         self._thread.join()
+        self._taker.close()
         self._node.destroy_node()
+
+    # -- the thread ----------------------------------------------------------------------------
 
     def _run(self) -> None:
         try:
             with ExitStack() as handles:
-                for _, subscription in self._subscriptions:
-                    handles.enter_context(subscription.handle)
-                wait_set = rcl.WaitSet(
-                    len(self._subscriptions), 0, 0, 0, 0, 0, self._node.context.handle
-                )
-                handles.enter_context(wait_set)
+                sources = self._sources
+                ask_at = time.monotonic() + LOSSES_S
+                part = 0
                 while not self._stop.is_set():
-                    wait_set.clear_entities()
-                    for _, subscription in self._subscriptions:
-                        wait_set.add_subscription(subscription.handle)
-                    wait_set.wait(WAIT_NS)
-                    for index, (topic, subscription) in enumerate(self._subscriptions):
-                        if wait_set.is_ready("subscription", index):
-                            self._take_all(topic, subscription)
-                for topic, subscription in self._subscriptions:
-                    self._take_all(topic, subscription)
+                    self._fetch_added(handles)
+                    part = (part + 1) % QUIET_PARTS
+                    for index, source in enumerate(sources):
+                        if source.quiet < QUIET_LOOKS or index % QUIET_PARTS == part:
+                            self._take_all(source)
+                    if time.monotonic() >= ask_at:
+                        _ask_losses(sources)
+                        ask_at = time.monotonic() + LOSSES_S
+                    time.sleep(self._pause_s)
+                self._fetch_added(handles)
+                self._take_the_rest()
         except BaseException as error:
             self.error = error
             raise
 
-    def _take_all(self, topic: TopicSpec, subscription: Subscription) -> None:
-        while (taken := subscription.handle.take_message(subscription.msg_type, True)) is not None:
-            data, info = taken
-            sequence = info["publication_sequence_number"] or 0
-            if topic.single_publisher and sequence:
-                self.gaps.seen(topic.name, sequence)
-            if self._simulated_time:
-                log_ns = publish_ns = self.time.of(data, self._stamped[topic.name])
-            else:
-                log_ns, publish_ns = info["received_timestamp"], info["source_timestamp"]
-            self._recorder.put(BagMessage(topic.name, log_ns, publish_ns, data, sequence))
-            if topic.name in self._listen:
-                self._listen[topic.name](data)
+    def _fetch_added(self, handles: ExitStack) -> None:
+        while self._added:
+            source = self._added.popleft()
+            handles.enter_context(source.subscription.handle)
+            if source.lost_event is not None:
+                handles.enter_context(source.lost_event)
+            self._sources.append(source)
+
+    def _take_all(self, source: _Source) -> bool:
+        """Whether there was anything."""
+        source.quiet += 1
+        more = True
+        while more:
+            taken, more = self._taker.take(source.address)
+            if not taken:
+                break
+            source.quiet = 0
+            self._hand_over(source, taken)
+        return source.quiet == 0
+
+    def _hand_over(self, source: _Source, taken: list[Taken]) -> None:
+        topic, seen = source.topic.name, source.arrivals.seen
+        for one in taken:
+            seen(one.publisher, one.sequence)
+        if self._simulated_time:
+            date, stamped = self.time.of, source.stamped
+            messages = []
+            for data, _, _, sequence, _ in taken:
+                now_ns = date(data, stamped)
+                messages.append(BagMessage(topic, now_ns, now_ns, data, sequence))
+        else:
+            messages = [
+                BagMessage(topic, received_ns, published_ns, data, sequence)
+                for data, published_ns, received_ns, sequence, _ in taken
+            ]
+        self._recorder.put_all(messages)
+        if source.listen is not None:
+            for one in taken:
+                source.listen(one.data)
+        if topic in SOURCES:
+            source.last = taken[-1].data
+
+    def _take_the_rest(self) -> None:
+        sources = self._sources
+        now_s = time.monotonic()
+        calm_s, end_s = now_s + CALM_S, now_s + LINGER_S
+        while now_s < min(calm_s, end_s):
+            for source in sources:
+                if self._take_all(source):
+                    calm_s = time.monotonic() + CALM_S
+            time.sleep(LOCKSTEP_PAUSE_S)
+            now_s = time.monotonic()
+        _ask_losses(sources)
+        last = {source.topic.name: source.last for source in sources if source.last}
+        for topic, sent in claims(last).items():
+            if topic in self._arrivals:
+                self._arrivals[topic].claimed(sent)
+
+
+def _lost_event(subscription: Subscription) -> rcl.EventHandle | None:
+    """The middleware's count of what it could not deliver; None where it has none."""
+    try:
+        with subscription.handle:
+            return rcl.EventHandle(
+                subscription.handle, QoSSubscriptionEventType.RCL_SUBSCRIPTION_MESSAGE_LOST
+            )
+    except UnsupportedEventTypeError:
+        return None
+
+
+def _ask_losses(sources: list[_Source]) -> None:
+    for source in sources:
+        if source.lost_event is not None:
+            status = source.lost_event.take_event()
+            if status is not None:
+                source.arrivals.told = status.total_count

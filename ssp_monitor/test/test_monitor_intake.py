@@ -1,0 +1,357 @@
+"""Reception against the real middleware: late topics, many publishers, losses that happen."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from std_msgs.msg import String
+
+from ssp_core import names, ros
+from ssp_core.bag import BagReader
+from ssp_core.bag.qos import offered_qos
+from ssp_core.domains import free_domain
+from ssp_core.errors import HostError
+from ssp_core.vocab import SessionPhase
+from ssp_core.wire.cdr import ENCAPSULATION, text_bytes
+from ssp_core.wire.steps import Heartbeat, encode_heartbeat
+from ssp_monitor.conversions import recording_profile
+from ssp_monitor.core.recorder import Recorder
+from ssp_monitor.core.topics import Profile, TopicSpec
+from ssp_monitor.intake.node import QUIET_LOOKS, QUIET_PARTS, Intake
+from ssp_monitor.intake.rcl import BATCH_MESSAGES, SerializedTaker
+from ssp_msgs import msg
+
+pytestmark = pytest.mark.ros
+DEADLINE_S = 20.0
+STRING = "std_msgs/msg/String"
+BEST_EFFORT = ReliabilityPolicy.BEST_EFFORT
+
+# Publishes messages of two megabytes, best effort, over UDP, until its input ends: more than the
+# socket's buffer holds, so that some are lost on the way.
+FLOOD = """
+import sys, threading, rclpy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from std_msgs.msg import String
+rclpy.init()
+qos = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
+publisher = rclpy.create_node("flood").create_publisher(String, "/flood", qos)
+over = threading.Event()
+threading.Thread(target=lambda: (sys.stdin.read(), over.set()), daemon=True).start()
+data, sent = bytes([0, 1, 0, 0]) + (1 << 21).to_bytes(4, "little") + bytes(1 << 21), 0
+while not over.is_set():
+    if publisher.get_subscription_count():
+        publisher.publish(data)
+        sent += 1
+    over.wait(0.002)
+print(sent)
+"""
+
+
+def text(words: str) -> bytes:
+    """A serialised std_msgs/String."""
+    return ENCAPSULATION + text_bytes(words)
+
+
+def until(condition: Callable[[], bool], what: str) -> None:
+    deadline = time.monotonic() + DEADLINE_S
+    while not condition():
+        assert time.monotonic() < deadline, f"no {what} in time"
+        time.sleep(0.005)
+
+
+def topic(name: str, profile: Profile = Profile.STATE, msgtype: str = STRING) -> TopicSpec:
+    return TopicSpec(name, msgtype, profile)
+
+
+@pytest.fixture
+def node(monkeypatch: pytest.MonkeyPatch) -> Iterator[Node]:
+    """A node that publishes, in a domain of its own."""
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    # So that a test can lose messages: through shared memory none are lost.
+    monkeypatch.setenv("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
+    with free_domain() as domain_id:
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain_id))
+        rclpy.init(domain_id=domain_id)
+        node = rclpy.create_node("publishes")
+        yield node
+        node.destroy_node()
+        rclpy.shutdown()
+
+
+class Reception:
+    """A recorder and what feeds it."""
+
+    def __init__(
+        self,
+        bag: Path,
+        *topics: TopicSpec,
+        listen: Mapping[str, Callable[[bytes], None]] | None = None,
+    ) -> None:
+        self.bag = bag
+        self.recorder = Recorder(bag, topics)
+        self.intake = Intake(topics, self.recorder, False, listen or {})
+
+    def add(self, one: TopicSpec, profile: QoSProfile) -> None:
+        self.recorder.add(one, offered_qos(50), False)
+        self.intake.add(one, profile)
+
+    def wait_for(self, name: str, count: int) -> None:
+        until(lambda: self.intake.received_by_topic()[name] >= count, f"{count} of {name}")
+
+    def stop(self) -> None:
+        self.intake.stop()
+        self.recorder.stop()
+
+    def recorded(self, name: str) -> list[str]:
+        with BagReader(self.bag) as bag:
+            return [bag.decode(message).data for message in bag.messages([name])]
+
+
+@pytest.fixture
+def receive(tmp_path: Path, node: Node) -> Iterator[Callable[..., Reception]]:
+    made: list[Reception] = []
+
+    def make(*topics: TopicSpec, **options: Any) -> Reception:
+        made.append(Reception(tmp_path / "bag", *topics, **options))
+        return made[-1]
+
+    yield make
+    for one in made:
+        if one.intake._thread.is_alive():
+            one.stop()
+
+
+def publisher(node: Node, name: str, qos: QoSProfile, kind: type = String) -> Publisher:
+    """A publisher that somebody hears."""
+    made = node.create_publisher(kind, name, qos)
+    until(lambda: made.get_subscription_count() > 0, f"subscription of {name}")
+    return made
+
+
+def acked(*publishers: Publisher) -> None:
+    for one in publishers:
+        assert one.wait_for_all_acked(Duration(seconds=DEADLINE_S))
+
+
+def test_what_is_taken_is_what_rclpy_takes(node: Node) -> None:
+    sizes = (0, 1, 100, 70_000, 5, 300_000, 2)
+    ours, theirs = (
+        node.create_subscription(String, "/a", lambda _: None, ros.STATE, raw=True)
+        for _ in range(2)
+    )
+    pubs = [node.create_publisher(String, "/a", ros.STATE) for _ in range(2)]
+    for one in pubs:
+        until(lambda one=one: one.get_subscription_count() == 2, "subscriptions")  # type: ignore[misc]
+    for size in sizes:
+        for one in pubs:
+            one.publish(text("x" * size))
+    acked(*pubs)
+    taker = SerializedTaker()
+    mine, expected = [], []
+
+    def take_both() -> bool:
+        with ours.handle, theirs.handle:
+            mine.extend(taker.take(ours.handle.pointer)[0])
+            while (one := theirs.handle.take_message(String, True)) is not None:
+                expected.append(one)
+        return len(mine) == len(expected) == 2 * len(sizes)
+
+    until(take_both, "messages")
+    taker.close()
+
+    def order(one: tuple[bytes, int, int]) -> tuple[int, int]:
+        return one[2], one[1]
+
+    assert sorted([(m.data, m.published_ns, m.sequence) for m in mine], key=order) == sorted(
+        [(d, i["source_timestamp"], i["publication_sequence_number"]) for d, i in expected],
+        key=order,
+    )
+    arrived = {m.received_ns for m in mine}
+    assert all(abs(at - time.time_ns()) < DEADLINE_S * 1e9 for at in arrived)
+    numbers = {who: [m.sequence for m in mine if m.publisher == who] for who in
+               {m.publisher for m in mine}}  # fmt: skip
+    assert list(numbers.values()) == [list(range(1, len(sizes) + 1))] * 2
+
+
+def test_a_take_is_bounded_and_says_that_there_is_more(node: Node) -> None:
+    subscription = node.create_subscription(
+        String, "/a", lambda _: None, recording_profile(Profile.STATE), raw=True
+    )
+    pub = publisher(node, "/a", ros.STATE)
+    count = BATCH_MESSAGES + 20
+    for k in range(count):
+        pub.publish(text(str(k)))
+        if k % 20 == 0:
+            acked(pub)
+    acked(pub)
+    taker = SerializedTaker()
+    with subscription.handle:
+        first, more = taker.take(subscription.handle.pointer)
+        rest, still_more = taker.take(subscription.handle.pointer)
+        assert taker.take(subscription.handle.pointer) == ([], False)
+    taker.close()
+    assert (len(first), more, len(rest), still_more) == (BATCH_MESSAGES, True, 20, False)
+    assert [m.data for m in first + rest] == [text(str(k)) for k in range(count)]
+
+
+def test_stop_takes_all_that_has_arrived(node: Node, receive: Callable[..., Reception]) -> None:
+    reception = receive(topic("/a"), topic("/b"))
+    pubs = [publisher(node, name, ros.STATE) for name in ("/a", "/b")]
+    for k in range(40):
+        for one in pubs:
+            one.publish(text(str(k)))
+    acked(*pubs)
+    reception.stop()
+    assert reception.intake.received_by_topic() == {"/a": 40, "/b": 40}
+    assert reception.intake.lost_by_topic() == {"/a": 0, "/b": 0}
+    assert reception.recorded("/a") == reception.recorded("/b") == [str(k) for k in range(40)]
+
+
+def test_publishers_that_come_and_go_are_no_loss(
+    node: Node, receive: Callable[..., Reception]
+) -> None:
+    reception = receive(topic("/a"))
+    lasting = publisher(node, "/a", ros.STATE)
+    for _ in range(3):
+        passing = publisher(node, "/a", ros.STATE)
+        for k in range(10):
+            passing.publish(text(str(k)))
+            lasting.publish(text("again"))
+        acked(passing, lasting)
+        node.destroy_publisher(passing)
+    reception.wait_for("/a", 60)
+    assert reception.intake.lost_by_topic() == {"/a": 0}
+
+
+def test_a_history_that_overflows_is_counted_of_each_publisher(
+    node: Node, receive: Callable[..., Reception]
+) -> None:
+    """Two publishers send while the reception is held up, more than the history keeps."""
+    held, go_on = threading.Event(), threading.Event()
+
+    def hold(_: bytes) -> None:
+        held.set()
+        go_on.wait(DEADLINE_S)
+
+    reception = receive(topic("/gate"), listen={"/gate": hold})
+    reception.add(topic("/a"), QoSProfile(depth=10))
+    gate = publisher(node, "/gate", ros.STATE)
+    pubs = [publisher(node, "/a", ros.STATE) for _ in range(2)]
+    for one in pubs:
+        one.publish(text("first"))
+    reception.wait_for("/a", 2)
+    gate.publish(text("wait"))
+    assert held.wait(DEADLINE_S)
+    for _ in range(30):
+        for one in pubs:
+            one.publish(text("many"))
+    acked(*pubs)
+    go_on.set()
+    reception.wait_for("/a", 12)
+    for one in pubs:
+        one.publish(text("last"))
+    reception.wait_for("/a", 14)
+    assert reception.intake.received_by_topic()["/a"] == 14
+    assert reception.intake.lost_by_topic() == {"/gate": 0, "/a": 50}
+
+
+def test_what_the_middleware_loses_is_counted(
+    node: Node, receive: Callable[..., Reception]
+) -> None:
+    reception = receive()
+    reception.add(topic("/flood"), QoSProfile(depth=50, reliability=BEST_EFFORT))
+    with subprocess.Popen(
+        [sys.executable, "-c", FLOOD],
+        env=dict(os.environ),
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as process:
+        try:
+            until(lambda: reception.intake._arrivals["/flood"].told > 0, "loss")
+            sent = int(process.communicate("", DEADLINE_S)[0])
+        finally:
+            process.kill()
+    reception.stop()
+    received = reception.intake.received_by_topic()["/flood"]
+    assert 0 < reception.intake.lost_by_topic()["/flood"] <= sent - received
+
+
+def test_a_late_topic_is_taken_and_one_that_cannot_be_does_no_harm(
+    node: Node, receive: Callable[..., Reception]
+) -> None:
+    reception = receive(topic("/a"))
+    early = publisher(node, "/a", ros.STATE)
+    latched = QoSProfile(depth=3, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    before = node.create_publisher(String, "/late", latched)
+    for k in range(5):
+        before.publish(text(str(k)))
+    with pytest.raises(HostError, match="nothing/msg/Such is not installed"):
+        reception.intake.add(topic("/none", msgtype="nothing/msg/Such"), ros.STATE)
+    with pytest.raises(ValueError, match="/a is taken already"):
+        reception.intake.add(topic("/a"), ros.STATE)
+    reception.add(topic("/late"), recording_profile(Profile.LATCHED))
+    reception.wait_for("/late", 3)
+    early.publish(text("on"))
+    reception.wait_for("/a", 1)
+    reception.stop()
+    assert reception.recorded("/late") == ["2", "3", "4"]
+    assert reception.intake.lost_by_topic() == {"/a": 0, "/late": 0}
+
+
+def test_best_effort_publishers_are_heard(node: Node, receive: Callable[..., Reception]) -> None:
+    reception = receive()
+    offered = QoSProfile(depth=50, reliability=BEST_EFFORT)
+    reception.add(topic("/a"), QoSProfile(depth=100, reliability=BEST_EFFORT))
+    pub = publisher(node, "/a", offered)
+    pub.publish(text("hello"))
+    reception.wait_for("/a", 1)
+    reception.stop()
+    assert reception.recorded("/a") == ["hello"]
+
+
+def test_a_topic_that_was_silent_is_taken_again(
+    node: Node, receive: Callable[..., Reception]
+) -> None:
+    spoken = [f"/a{k}" for k in range(QUIET_PARTS + 1)]
+    reception = receive(*(topic(name) for name in spoken))
+    pubs = [publisher(node, name, ros.STATE) for name in spoken]
+    sources = reception.intake._sources
+    until(lambda: all(source.quiet > QUIET_LOOKS for source in sources), "silence")
+    for one in pubs:
+        one.publish(text("again"))
+    for name in spoken:
+        reception.wait_for(name, 1)
+
+
+def test_a_publishers_own_count_shows_a_missing_end(
+    node: Node, receive: Callable[..., Reception]
+) -> None:
+    heartbeat = names.absolute(names.HEARTBEAT)
+    reference = names.absolute(names.reference_topic("ot1"))
+    reception = receive(
+        topic(heartbeat, msgtype="ssp_msgs/msg/Heartbeat"),
+        topic(reference, Profile.COMMAND, "ssp_msgs/msg/Reference"),
+    )
+    references = publisher(node, reference, ros.COMMAND, msg.Reference)
+    beats = publisher(node, heartbeat, ros.STATE, msg.Heartbeat)
+    for _ in range(5):
+        references.publish(msg.Reference())
+    sent = {"ot1": 7, "never_heard": 3}
+    beats.publish(encode_heartbeat(Heartbeat(0, "m", 1, 0, SessionPhase.RUNNING, sent)))
+    acked(references, beats)
+    reception.stop()
+    assert reception.intake.lost_by_topic() == {heartbeat: 0, reference: 2}
