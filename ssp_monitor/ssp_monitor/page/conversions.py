@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 from ssp_core.messages import stamp_ns
+from ssp_core.safety_codes import SafetyCode
 from ssp_core.vocab import Phase, SessionPhase, Verdict
 from ssp_core.wire.cdr import check_start, read_count, read_header, read_text
 from ssp_core.wire.references import Acknowledgement
@@ -44,15 +45,16 @@ def phase_of(message: Any) -> tuple[Phase, Event]:
 
 
 def safety_event(message: Any) -> Event:
-    """A SafetyEvent."""
+    """A SafetyEvent; what an operator does has no measure."""
+    by_hand = message.code == SafetyCode.OPERATOR
     return Event(
         "safety",
         stamp_ns(message.header.stamp),
         message.limit_name.replace("_", " "),
         f"seen by {message.source}, {message.reaction.replace('_', ' ')}",
         message.object_id,
-        message.measured,
-        message.limit,
+        math.nan if by_hand else message.measured,
+        math.nan if by_hand else message.limit,
         message.unit,
     )
 

@@ -9,7 +9,7 @@ from ssp_core.geometry import Polyline, box_distance
 from ssp_core.interaction import Encounter, encounter
 from ssp_core.run_spec import Limits
 from ssp_core.state import ObjectState
-from ssp_core.vocab import Phase, Role, SessionPhase
+from ssp_core.vocab import ControlState, Phase, Role, SessionPhase
 from ssp_monitor.page.board import Board
 from ssp_monitor.page.facts import Event, Heard, LinkFact, RecorderFact
 from ssp_monitor.page.readiness import age_s, standing_in_the_way
@@ -64,6 +64,7 @@ class Snapshots:
             "session": self._session(),
             "ages": self._ages(now_ns),
             "stale": self.stale(now_ns),
+            "leaderless": age_s(now_ns, board.manager_at_ns) > STALE_S,
             "blind": self._is_blind(now_ns),
             "standing": standing_in_the_way(board, now_ns),
             "objects": self._objects(now_ns),
@@ -88,11 +89,9 @@ class Snapshots:
         return silent
 
     def _is_blind(self, now_ns: int) -> bool:
-        """Nothing that moves is known: nobody leads, or every object is silent."""
-        board = self._board
-        if age_s(now_ns, board.manager_at_ns) > STALE_S:
-            return True
-        return all(age_s(now_ns, heard.at_ns) > STALE_S for heard in board.objects.values())
+        """Of nothing that moves is anything known."""
+        heard = self._board.objects.values()
+        return all(age_s(now_ns, one.at_ns) > STALE_S for one in heard)
 
     def events(self) -> dict[str, Any]:
         """All remembered events, newest first."""
@@ -158,7 +157,7 @@ class Snapshots:
             "id": state.object_id,
             "class": state.object_class.word,
             "role": state.role.name,
-            "control": "" if state.role is Role.TRAFFIC else state.control_state.name,
+            "control": _control(state),
             "x": number(state.x_m),
             "y": number(state.y_m),
             "yaw": number(state.yaw_rad, 4),
@@ -197,6 +196,12 @@ class Snapshots:
             abs(state.error_longitudinal_m) > limits.error_longitudinal_m
             or abs(state.error_lateral_m) > limits.error_lateral_m
         )
+
+
+def _control(state: ObjectState) -> str:
+    """Traffic has no control state, and a VUT that isn't controlled says OFF while it drives."""
+    driven = state.role is Role.VUT and state.control_state is ControlState.OFF
+    return "" if driven or state.role is Role.TRAFFIC else state.control_state.name
 
 
 def _meeting(met: Encounter) -> dict[str, float | None]:
@@ -250,7 +255,8 @@ def _recorder(fact: RecorderFact | None) -> dict[str, Any] | None:
         "queue_bytes": fact.queue_bytes,
         "free_bytes": fact.free_bytes or None,
         "rate": number(fact.write_bytes_per_s, 0),
-        "disk_left_s": number(fact.disk_left_s, 0),
+        # A recorder that doesn't know its disk says 0 free.
+        "disk_left_s": number(fact.disk_left_s, 0) if fact.free_bytes else None,
         "flush_age_s": number(fact.flush_age_s, 2),
         "warnings": list(fact.warnings),
         "topics": [

@@ -6,7 +6,7 @@ import os
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from rcl_interfaces.msg import ParameterDescriptor  # type: ignore[import-untyped]  # generated
+from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 
 from ssp_core.errors import InputError

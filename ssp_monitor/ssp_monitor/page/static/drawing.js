@@ -50,8 +50,8 @@ export function drawSite(context, view, site, paint) {
   }
   for (const route of site.routes) {
     trace(context, view, route.points, false);
-    context.globalAlpha = 0.75;
-    stroke(context, roleColour(route.role, paint), 1.8, route.purpose === "approach" ? [] : [9, 6]);
+    context.globalAlpha = 0.6;
+    stroke(context, roleColour(route.role, paint), 1.5, route.purpose === "approach" ? [] : [9, 6]);
     context.globalAlpha = 1;
   }
   for (const start of site.starts) {
@@ -173,7 +173,8 @@ function drawName(context, view, one, silent, taken, paint) {
   context.font = `${one.role === "VUT" ? 700 : 600} 15px system-ui, sans-serif`;
   const width = context.measureText(text).width;
   // Names that would lie on each other are put lower.
-  const box = { x: px + 10, y: py - 20, w: width + 6, h: 18 };
+  const above = (one.width * view.scale) / 2 + Math.abs(Math.sin(one.yaw)) * one.front * view.scale;
+  const box = { x: px - 4, y: py - 24 - Math.min(above, 60), w: width + 6, h: 18 };
   const hits = (a) => a.x < box.x + box.w && box.x < a.x + a.w && a.y < box.y + box.h &&
     box.y < a.y + a.h;
   for (let tries = 0; tries < 24 && taken.some(hits); tries += 1) box.y += 9;
@@ -194,7 +195,45 @@ function label(context, view, at, text, colour) {
   context.fillText(text, px + 4, py - 4);
 }
 
-// -- scale -----------------------------------------------------------------------------------------
+// -- where one is ----------------------------------------------------------------------------------
+
+// The whole site, small, with what is seen of it: only where more than that is to be seen.
+export function drawOverview(context, view, site, objects, paint) {
+  const [left, bottom, right, top] = site.bounds;
+  const [seenLeft, seenBottom] = view.toMap(0, view.height);
+  const [seenRight, seenTop] = view.toMap(view.width, 0);
+  if (seenLeft <= left && seenRight >= right && seenBottom <= bottom && seenTop >= top) return;
+  const scale = Math.min((view.width * 0.34) / (right - left), (view.height * 0.3) / (top - bottom));
+  const [wide, high] = [(right - left) * scale, (top - bottom) * scale];
+  const [x0, y0] = [view.width - wide - 14, view.height - high - 14];
+  const place = (x, y) => [x0 + (x - left) * scale, y0 + high - (y - bottom) * scale];
+  context.globalAlpha = 0.88;
+  context.fillStyle = paint.panel;
+  context.fillRect(x0 - 6, y0 - 6, wide + 12, high + 12);
+  context.globalAlpha = 1;
+  const small = { toScreen: place };
+  trace(context, small, site.fence, true);
+  stroke(context, paint.fence, 1.5);
+  for (const line of site.lines) {
+    if (line.kind !== "edge") continue;
+    trace(context, small, line.points, false);
+    stroke(context, paint.edge, 1);
+  }
+  for (const one of [...objects].reverse()) {
+    if (one.x === null || one.y === null) continue;
+    const [px, py] = place(one.x, one.y);
+    context.beginPath();
+    context.arc(px, py, 3.5, 0, 2 * Math.PI);
+    context.fillStyle = roleColour(one.role, paint);
+    context.fill();
+  }
+  const [fromX, fromY] = place(Math.max(seenLeft, left), Math.min(seenTop, top));
+  const [toX, toY] = place(Math.min(seenRight, right), Math.max(seenBottom, bottom));
+  context.beginPath();
+  context.rect(fromX - 2, fromY - 2, toX - fromX + 4, toY - fromY + 4);
+  stroke(context, paint.text, 1.5);
+}
+
 
 export function drawScale(context, view, paint) {
   const wanted = 110 / view.scale;

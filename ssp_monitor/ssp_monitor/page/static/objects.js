@@ -2,7 +2,7 @@
 
 import { DASH, fixed, make, milliseconds, setClass, setText, signed } from "./format.js";
 
-const COLUMNS = ["id", "State", "Speed m/s", "To VUT m", "Conflict in s", "Off reference m",
+const COLUMNS = ["id", "State", "Speed m/s", "To VUT m", "At conflict s", "TTC s", "Off ref. m",
   "Link ms", "Age ms"];
 
 export class ObjectTable {
@@ -55,30 +55,28 @@ export class ObjectTable {
     setClass(line, "ot", one.role === "OT");
     setClass(line, "silent", silent);
     const link = one.link ?? {};
-    const texts = silent ? Array(6).fill(DASH) : [
+    const texts = silent ? Array(7).fill(DASH) : [
       one.control || DASH,
       fixed(one.speed, 2),
       fixed(one.distance, 1),
-      meeting(one.meeting),
+      arrivals(one.meeting),
+      fixed(one.meeting?.ttc, 1),
       one.error ? `${signed(one.error[0], 2)} / ${signed(one.error[1], 2)}` : DASH,
       milliseconds(link.delay),
     ];
     // The age is the one number that is true of a silent object too, while the server is heard.
     texts.push(stale.head === "NOT CONNECTED" ? DASH : milliseconds(one.age));
     texts.forEach((text, index) => setText(cells[index + 1], text));
-    setClass(cells[5], "over", !silent && one.error_over);
-    setClass(cells[6], "over", !silent && link.over);
-    setClass(cells[7], "late", one.late || one.stale);
+    setClass(cells[6], "over", !silent && one.error_over);
+    setClass(cells[7], "over", !silent && link.over);
+    setClass(cells[8], "late", one.late || one.stale);
     const title = link.lost ? `${link.lost} states lost` : "";
-    if (cells[6].title !== title) cells[6].title = title;
+    if (cells[7].title !== title) cells[7].title = title;
   }
 }
 
-// Until the VUT and the object reach the place where their ways meet, and until they would touch.
-function meeting(found) {
-  if (!found) return DASH;
-  const { ttc, vut, object } = found;
-  if (ttc === null && (vut === null || object === null)) return DASH;
-  const arrivals = `${fixed(vut, 1)} / ${fixed(object, 1)}`;
-  return ttc === null ? arrivals : `${arrivals} · TTC ${fixed(ttc, 1)}`;
+// Until the VUT, and until the object, is where their ways meet; a dash while they don't.
+function arrivals(found) {
+  if (!found || found.vut === null || found.object === null) return DASH;
+  return `${fixed(found.vut, 1)} / ${fixed(found.object, 1)}`;
 }

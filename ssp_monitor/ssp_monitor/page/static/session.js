@@ -1,6 +1,6 @@
 // State of the session, large; what stands in its way; and the buttons that it takes.
 
-import { DASH, byId, clock, make, setClass, setText, words } from "./format.js";
+import { DASH, byId, clock, make, setText, words } from "./format.js";
 
 const BUTTONS = ["connect", "arm", "start", "stop", "disarm", "all_clear", "reset"];
 const MOST_REASONS = 7;
@@ -25,7 +25,7 @@ export class SessionPanel {
   show(snapshot, stale, allowed) {
     if (snapshot === null) return;
     const session = snapshot.session;
-    const known = !stale.blind;
+    const known = !stale.leaderless;
     setText(this.state, session.state);
     const className = `state ${session.state.toLowerCase()}${known ? "" : " old"}`;
     if (this.state.className !== className) this.state.className = className;
@@ -41,7 +41,7 @@ export class SessionPanel {
       const disabled = !(allowed && known && session.commands.includes(name));
       if (button.disabled !== disabled) button.disabled = disabled;
     }
-    this.standing(snapshot, stale);
+    this.standing(snapshot);
   }
 
   why(session) {
@@ -52,10 +52,10 @@ export class SessionPanel {
     return session.reason || session.event;
   }
 
-  standing(snapshot, stale) {
+  standing(snapshot) {
     const state = snapshot.session.state;
     const waiting = ["UNKNOWN", "IDLE", "LOADED", "CONNECTED", "ARMED"].includes(state);
-    const key = JSON.stringify([waiting, stale.blind, state === "ARMED", snapshot.standing]);
+    const key = JSON.stringify([waiting, state === "ARMED", snapshot.standing]);
     if (key === this.told) return;
     this.told = key;
     const place = byId("standing");
@@ -73,6 +73,5 @@ export class SessionPanel {
     const more = snapshot.standing.length - MOST_REASONS;
     if (more > 0) list.append(make("li", `and ${more} more`));
     place.replaceChildren(make("h3", `Keeps it from ${what}`, "bad"), list);
-    setClass(place, "none", false);
   }
 }

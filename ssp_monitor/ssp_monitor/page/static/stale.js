@@ -3,8 +3,8 @@
 // Snapshots come ten times a second.
 const SILENCE_MS = 1500;
 
-// Returns {head, text, blind}: what the banner says, empty when all is fresh; blind when nothing
-// that moves is known.
+// Returns {head, text, blind, leaderless}: what the banner says, empty when all is fresh; blind when
+// of nothing that moves is anything known; leaderless when the session's state isn't known either.
 export function staleness(snapshot, silentMs, refusal) {
   if (silentMs > SILENCE_MS) {
     const since = Number.isFinite(silentMs) ? ` for ${(silentMs / 1000).toFixed(0)} s` : "";
@@ -13,15 +13,17 @@ export function staleness(snapshot, silentMs, refusal) {
       head: "NOT CONNECTED",
       text: `no word from the page's server${since}${why}; trying again. Objects may be moving.`,
       blind: true,
+      leaderless: true,
     };
   }
-  if (snapshot === null) return { head: "NO DATA", text: "connecting", blind: true };
-  if (snapshot.stale.length === 0) return { head: "", text: "", blind: false };
+  if (snapshot === null) return { head: "NO DATA", text: "connecting", blind: true, leaderless: true };
+  if (snapshot.stale.length === 0) return { head: "", text: "", blind: false, leaderless: false };
   const [first, second, ...more] = snapshot.stale;
   const text = [first, second].filter(Boolean).join("; ");
   return {
     head: snapshot.blind ? "NO DATA" : "STALE DATA",
     text: more.length ? `${text}; and ${more.length} more` : text,
     blind: snapshot.blind,
+    leaderless: snapshot.leaderless,
   };
 }

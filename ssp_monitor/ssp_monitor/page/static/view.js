@@ -33,13 +33,12 @@ export class View {
     return [this.x + (px - this.width / 2) / this.scale, this.y - (py - this.height / 2) / this.scale];
   }
 
-  fit([left, bottom, right, top], margin = 26) {
-    this.x = (left + right) / 2;
-    this.y = (bottom + top) / 2;
-    const wide = (this.width - 2 * margin) / Math.max(right - left, 1);
-    const high = (this.height - 2 * margin) / Math.max(top - bottom, 1);
-    this.scale = Math.min(Math.max(Math.min(wide, high), LEAST_SCALE), MOST_SCALE);
-    this.changed();
+  // The view in which this much is seen, and at least so many metres of it.
+  fitting([left, bottom, right, top], least, margin = 24) {
+    const wide = (this.width - 2 * margin) / Math.max(right - left, least);
+    const high = (this.height - 2 * margin) / Math.max(top - bottom, least * 0.3);
+    const scale = Math.min(Math.max(Math.min(wide, high), LEAST_SCALE), MOST_SCALE);
+    return { x: (left + right) / 2, y: (bottom + top) / 2, scale };
   }
 
   zoom(factor, px = this.width / 2, py = this.height / 2) {

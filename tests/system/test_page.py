@@ -1,0 +1,329 @@
+"""The operators' page in a real browser, beside a real manager and real sessions."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ssp_core.domains import free_domain
+from ssp_core.processes import session_environment
+from ssp_core.run_spec import RunSpec
+from tests.system.browser import Browser
+
+pytestmark = [pytest.mark.ros, pytest.mark.system]
+
+TOKEN = "a-token-for-tests-of-the-page"
+OBJECTS = 20
+DEADLINE_S = 40.0
+STATE = "document.getElementById('state').innerText"
+ANSWERS = "document.getElementById('answers').innerText"
+BANNER = "document.getElementById('banner')"
+
+
+def run_of_many() -> RunSpec:
+    """Twenty objects beside a straight road, and a VUT on it."""
+    start = {"x_m": 10.0, "y_m": 0.0, "yaw_rad": 0.0}
+    classes = ("car", "truck", "cyclist", "pedestrian")
+    targets = [
+        {
+            "id": f"ot{k + 1}",
+            "object_class": classes[k % len(classes)],
+            "start": {"x_m": 30.0 + 15.0 * (k % 10), "y_m": 12.0 + 14.0 * (k // 10), "yaw_rad": 0},
+        }
+        for k in range(OBJECTS)
+    ]
+    trigger = {
+        "id": "gap",
+        "condition": {"type": "time_to_arrival", "anchor": (100.0, 0.0), "below_s": 2.0},
+        "object_id": "ot1",
+        "manoeuvre": {
+            "kind": "follow_path",
+            "motion": {"path": [(30.0, 12.0), (100.0, 2.0), (101.0, -5.0)], "cruise_mps": 3.0},
+        },
+    }
+    return RunSpec.model_validate(
+        {
+            "schema": "ssp.run/1",
+            "run_id": "many",
+            "scenario": "many",
+            "interaction": "many",
+            "domain": "simulation",
+            "stand_in": False,
+            "event_version": "sha256:many",
+            "site": "straight",
+            "site_version": "sha256:site",
+            "seed": 1,
+            "mode": "realtime",
+            "road": {
+                "origin": {"x_m": 0.0, "y_m": 0.0, "yaw_rad": 0.0},
+                "length_m": 240.0,
+                "lanes": [{"y_m": 0.0, "width_m": 3.5, "direction": "forward"}],
+            },
+            "geofence": [(-10.0, -30.0), (240.0, -30.0), (240.0, 50.0), (-10.0, 50.0)],
+            "vut": {
+                "id": "vut",
+                "object_class": "car",
+                "start": start,
+                "approach": {"path": [(10.0, 0.0), (220.0, 0.0)], "cruise_mps": 11.0},
+            },
+            "driver": {"cruise_mps": 11.0},
+            "targets": targets,
+            "triggers": [trigger],
+            "limits": {"speed_mps": 15.0, "acceleration_mps2": 5.0},
+            "camera": None,
+        }
+    )
+
+
+class Stage:
+    """The processes of a test: manager, played objects, page."""
+
+    def __init__(self, folder: Path, domain_id: int) -> None:
+        self.folder = folder
+        self.env = {**session_environment(domain_id), "SSP_PAGE_TOKEN": TOKEN}
+        self.run_file = folder / "run.yaml"
+        self.run_file.write_text(run_of_many().model_dump_json(by_alias=True))
+        self.started: list[subprocess.Popen[bytes]] = []
+
+    def start(self, name: str, *command: str) -> subprocess.Popen[bytes]:
+        with (self.folder / f"{name}.log").open("ab") as out:
+            process = subprocess.Popen(
+                [sys.executable, *command], env=self.env, stdout=out, stderr=subprocess.STDOUT
+            )
+        self.started.append(process)
+        return process
+
+    def said(self, name: str) -> str:
+        return (self.folder / f"{name}.log").read_text()
+
+    def wait_for_line(self, name: str, pattern: str) -> re.Match[str]:
+        deadline = time.monotonic() + DEADLINE_S
+        while (found := re.search(pattern, self.said(name), re.MULTILINE)) is None:
+            if time.monotonic() > deadline:
+                pytest.fail(f"{name} never said {pattern}:\n{self.said(name)}")
+            time.sleep(0.05)
+        return found
+
+    def manager(self) -> None:
+        self.start("manager", "-m", "ssp_scenario_manager.node")
+
+    def objects(self, *, moving: bool = False) -> subprocess.Popen[bytes]:
+        script = Path(__file__).with_name("played_objects.py")
+        process = self.start(
+            "objects", str(script), str(self.run_file), "100", "1" if moving else "0"
+        )
+        self.wait_for_line("objects", r"^loaded: True")
+        return process
+
+    def page(self, port: int = 0) -> tuple[subprocess.Popen[bytes], int]:
+        """The page's process, and its port."""
+        name = f"page{len(self.started)}"
+        given = ["-p", f"run_file:={self.run_file}", "-p", f"port:={port}"]
+        process = self.start(name, "-m", "ssp_monitor.page.node", "--ros-args", *given)
+        found = self.wait_for_line(name, r"^page: http://127\.0\.0\.1:(\d+)/$")
+        assert TOKEN not in self.said(name)
+        return process, int(found[1])
+
+    def close(self) -> None:
+        for process in self.started:
+            if process.poll() is None:
+                process.send_signal(signal.SIGCONT)
+                process.kill()
+            process.wait()
+
+
+@pytest.fixture
+def stage(tmp_path: Path) -> Iterator[Stage]:
+    with free_domain() as domain_id:
+        made = Stage(tmp_path, domain_id)
+        yield made
+        made.close()
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with Browser() as one:
+        yield one
+
+
+@pytest.fixture
+def tab(browser: Browser) -> Iterator[Browser]:
+    """The browser, with nothing of another test in it."""
+    browser.resize(1400, 900)
+    browser.console.clear()
+    browser.requests.clear()
+    yield browser
+    browser.go("data:text/html,nothing")
+
+
+def keep(tab: Browser, name: str) -> None:
+    """Leaves a picture for people where SSP_SCREENSHOTS names a folder."""
+    if folder := os.environ.get("SSP_SCREENSHOTS"):
+        tab.screenshot(Path(folder) / f"{name}.png")
+
+
+def values_of(tab: Browser, object_id: str) -> list[str]:
+    """The cells of an object's row after its name."""
+    cells = f"[...document.querySelectorAll('#object-{object_id} td')].slice(1)"
+    return list(tab.evaluate(f"{cells}.map((cell) => cell.innerText)"))
+
+
+def test_twenty_objects_commands_and_silence(stage: Stage, tab: Browser) -> None:
+    stage.manager()
+    objects = stage.objects()
+    _, port = stage.page()
+    tab.go(f"http://127.0.0.1:{port}/#token={TOKEN}")
+
+    tab.wait(f"document.querySelectorAll('#objects tr').length === {OBJECTS + 1}")
+    tab.wait(f"{BANNER}.hidden && {STATE} === 'LOADED'")
+    assert tab.evaluate("location.href") == f"http://127.0.0.1:{port}/"  # no token left in it
+    assert tab.evaluate("document.getElementById('map').dataset.objects") == str(OBJECTS + 1)
+    assert "the recorder is silent" in tab.text("#standing")
+    state, speed, distance, *_ = values_of(tab, "ot1")
+    assert (state, speed) == ("DISARMED", "0.00")
+    assert float(distance) > 5.0
+    keep(tab, "not-armed")
+
+    # The manager's own answer, word for word.
+    assert tab.evaluate("document.getElementById('command-arm').disabled")
+    tab.click("#command-connect")
+    tab.wait(f"{STATE} === 'CONNECTED' && {ANSWERS}.includes('accepted, session CONNECTED')")
+    tab.click("#command-arm")
+    tab.wait(f"{ANSWERS}.includes('REFUSED')")
+    answers = tab.text("#answers")
+    assert "the recorder is silent" in answers
+    assert "clock offset and link delay of ot1 are not measured" in answers
+    keep(tab, "refused")
+
+    # A source that is cut off is told of loudly, within two seconds, and its numbers go.
+    cut = time.monotonic()
+    objects.send_signal(signal.SIGSTOP)
+    tab.wait(f"!{BANNER}.hidden", 2.0)
+    assert time.monotonic() - cut < 2.5
+    tab.wait("document.body.classList.contains('blind')", 2.0)
+    assert "is silent for" in tab.text("#banner")
+    assert tab.evaluate("document.title").startswith("NO DATA")
+    assert values_of(tab, "ot1")[:7] == ["—"] * 7
+    assert tab.evaluate("getComputedStyle(document.getElementById('map')).filter") != "none"
+    keep(tab, "stale")
+    objects.send_signal(signal.SIGCONT)
+    tab.wait(f"{BANNER}.hidden")
+    assert values_of(tab, "ot1")[1] == "0.00"
+
+    # The space bar, wherever the focus is; the button under it isn't pressed.
+    tab.evaluate("document.getElementById('command-reset').focus()")
+    tab.space()
+    tab.wait(f"{ANSWERS}.includes('accepted, session ABORT') && {STATE}.startsWith('ABORT')")
+    assert "reset" not in tab.text("#answers").lower()
+    keep(tab, "aborted")
+
+    assert tab.console == []
+    assert {url.split("/")[2] for url in tab.requests} == {f"127.0.0.1:{port}"}
+    assert all(TOKEN not in url for url in tab.requests)
+
+
+def test_server_comes_back_and_abort_is_tried_until_it_is_heard(stage: Stage, tab: Browser) -> None:
+    stage.manager()
+    stage.objects(moving=True)
+    page, port = stage.page()
+    tab.go(f"http://127.0.0.1:{port}/#token={TOKEN}")
+    tab.wait(f"{BANNER}.hidden && {STATE} === 'LOADED'")
+    page.kill()
+    page.wait()
+    tab.wait(f"!{BANNER}.hidden && {BANNER}.innerText.includes('NOT CONNECTED')", 4.0)
+    assert values_of(tab, "ot3") == ["—"] * 8
+    assert tab.evaluate("document.title").startswith("NOT CONNECTED")
+    # Nobody is there to hear it, and a second press waits for no first one.
+    tab.space()
+    tab.space()
+    tab.wait(f"({ANSWERS}.match(/trying on/g) ?? []).length === 2")
+    keep(tab, "not-connected")
+    stage.page(port)
+    tab.wait(f"{BANNER}.hidden && {STATE}.startsWith('ABORT')")
+    tab.wait(f"({ANSWERS}.match(/accepted, session ABORT/g) ?? []).length === 2")
+
+
+@pytest.mark.parametrize(
+    ("fragment", "why"), [("", "no token"), ("#token=not-the-right-token", "wrong token")]
+)
+def test_without_the_token_people_only_watch(
+    stage: Stage, tab: Browser, fragment: str, why: str
+) -> None:
+    stage.manager()
+    stage.objects()
+    _, port = stage.page()
+    tab.go(f"http://127.0.0.1:{port}/{fragment}")
+    tab.wait(f"{BANNER}.hidden && {STATE} === 'LOADED'")
+    assert f"Watching only: {why}" in tab.text("#no-token")
+    assert tab.evaluate("[...document.querySelectorAll('#commands button')].every(b => b.disabled)")
+    # On a phone, with a finger.
+    tab.resize(400, 800, touch=True)
+    box = tab.evaluate("JSON.stringify(document.getElementById('abort').getBoundingClientRect())")
+    assert '"width":38' in box
+    tab.tap("#abort")
+    tab.wait(f"{ANSWERS}.includes('REFUSED: {why}')")
+    keep(tab, f"phone-{why.replace(' ', '-')}")
+    assert tab.evaluate(STATE) == "LOADED"
+
+
+@pytest.mark.parametrize("size", [(1400, 900), (1000, 700), (700, 400), (400, 800), (320, 480)])
+def test_abort_is_in_sight_on_every_window(
+    stage: Stage, tab: Browser, size: tuple[int, int]
+) -> None:
+    """Also before anything was heard, and wherever the page was scrolled to."""
+    _, port = stage.page()
+    tab.resize(*size)
+    tab.go(f"http://127.0.0.1:{port}/#token={TOKEN}")
+    tab.wait("document.getElementById('banner-text').innerText.includes('never heard')")
+    for scrolled in ("0", "document.body.scrollHeight"):
+        tab.evaluate(f"scrollTo(0, {scrolled})")
+        seen = tab.evaluate(
+            "(() => { const b = document.getElementById('abort').getBoundingClientRect();"
+            " const at = document.elementFromPoint(b.x + b.width / 2, b.y + b.height / 2);"
+            " return b.top >= 0 && b.left >= 0 && b.bottom <= innerHeight && b.right <= innerWidth"
+            " && b.height >= 60 && document.getElementById('abort').contains(at); })()"
+        )
+        assert seen, f"at {size}, scrolled to {scrolled}"
+    assert tab.evaluate("document.documentElement.scrollWidth <= innerWidth")
+
+
+def page_url(session: Any) -> str:
+    session.wait_for("operator page: ")
+    found = re.search(r"operator page: (\S+)", "".join(session.lines))
+    assert found is not None
+    return found[1]
+
+
+def test_operator_aborts_a_run(start_session: Callable[..., Any], tab: Browser) -> None:
+    session = start_session("cut_in", "--mode", "realtime", "--page", "0")
+    tab.go(page_url(session))
+    tab.wait(f"{STATE} === 'RUNNING'", 60.0)
+    tab.wait("Number(document.querySelector('#object-ot1 td:nth-child(3)').innerText) > 1")
+    tab.wait("document.getElementById('camera-age').innerText.endsWith('ms old')")
+    keep(tab, "running")
+    tab.space()
+    tab.wait(f"{STATE}.startsWith('ABORT') && {ANSWERS}.includes('accepted')")
+    tab.wait("document.getElementById('events').innerText.includes('abort by operator page')")
+    keep(tab, "aborting")
+    result = session.finish()
+    assert result["verdict"] == "aborted"
+    assert "operator page" in result["reasons"][0]
+    log = (session.folder / "logs" / "monitor_page.log").read_text()
+    assert "Traceback" not in log
+
+
+def test_run_goes_on_without_its_page(start_session: Callable[..., Any]) -> None:
+    session = start_session("cut_in", "--no-camera", "--page", "0")
+    page_url(session)
+    session.kill("monitor_page")
+    assert session.finish()["verdict"] == "valid"
+    assert "the operator page killed by SIGKILL; the session goes on" in "".join(session.lines)
