@@ -100,6 +100,9 @@ class ContentCache:
         self._bytes = 0
         self._kept: OrderedDict[ChunkRun, memoryview] = OrderedDict()
 
+    def __len__(self) -> int:
+        return len(self._kept)
+
     def content(self, run: ChunkRun) -> memoryview:
         content = self._kept.get(run)
         if content is None:
