@@ -9,10 +9,9 @@ from __future__ import annotations
 
 from enum import Enum
 from fractions import Fraction
-from typing import Protocol, cast
+from typing import cast
 
 import av
-import numpy as np
 from av.video.frame import PictureType
 from av.video.reformatter import ColorRange, Colorspace
 
@@ -24,7 +23,7 @@ from ssp_core.bag.image_messages import (
     encode_video_message,
     read_image,
 )
-from ssp_core.bag.still_images import Bgr, decode_still
+from ssp_core.bag.still_images import Bgr, decode_still, even_sized
 from ssp_core.bag.video_type import VIDEO_TYPE
 from ssp_core.clock import NS_PER_S
 
@@ -43,20 +42,6 @@ class Codec(Enum):
 
     H264 = "h264"
     H265 = "h265"
-
-
-class Encoder(Protocol):
-    """Replaces the messages of one topic before they are written; used by one thread."""
-
-    @property
-    def msgtype(self) -> str:
-        """Full name of the type that comes out."""
-
-    def encode(self, message: BagMessage) -> list[BagMessage]:
-        """What is to be written in place of a message: nothing, it, or several held back."""
-
-    def finish(self) -> list[BagMessage]:
-        """What was still held back."""
 
 
 class VideoEncoder:
@@ -105,7 +90,7 @@ class VideoEncoder:
         """The frame as a CompressedVideo message; nothing for a damaged one."""
         try:
             image = read_image(self._source_type, message.data)
-            picture = _even(decode_still(image))
+            picture = even_sized(decode_still(image))
         except ValueError as error:
             self._left_out(str(error))
             return []
@@ -185,10 +170,3 @@ class VideoEncoder:
     def _left_out(self, problem: str) -> None:
         self.damaged += 1
         self.last_problem = problem
-
-
-def _even(picture: Bgr) -> Bgr:
-    height, width = picture.shape[0] & ~1, picture.shape[1] & ~1
-    if not height or not width:
-        raise ValueError(f"a picture of {picture.shape[1]} x {picture.shape[0]} px")
-    return np.ascontiguousarray(picture[:height, :width])

@@ -6,7 +6,8 @@ from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass
 
 from ssp_core.bag.image_messages import IMAGE_TYPES, ImageMessage, read_image
-from ssp_core.bag.reader import BagMessage, BagReader
+from ssp_core.bag.message import BagMessage
+from ssp_core.bag.reader import BagReader
 from ssp_core.bag.still_images import JPEG_START, Bgr, decode_still, encode_jpeg
 from ssp_core.bag.video_stream import Decoded, VideoDecoder, is_keyframe, to_bgr
 from ssp_core.bag.video_type import VIDEO_TYPE

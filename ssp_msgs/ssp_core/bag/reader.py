@@ -10,6 +10,7 @@ from typing import Any, Self
 
 from mcap.records import Channel, Schema
 from rosbags.serde import SerdeError
+from rosbags.typesys.store import Typestore
 
 from ssp_core.bag.mcap_file import DAMAGE
 from ssp_core.bag.message import BagMessage
@@ -157,6 +158,18 @@ class BagReader:
         wanted = None if topics is None else frozenset(topics)
         return merged(run for part in self._parts for run in part.runs(wanted, start_ns, stop_ns))
 
+    def definition(self, topic: str) -> TypeDefinition:
+        """What the bag says about the type of one of its topics; KeyError for another topic."""
+        return self._definitions[topic]
+
+    def store(self, topic: str) -> Typestore:
+        """The types of one topic as the bag defines them; KeyError for another topic.
+
+        Raises:
+            InputError: the definition can't be used.
+        """
+        return self._stores.of(topic, self._definitions[topic])
+
     def decode(self, message: BagMessage) -> Any:
         """The message as an object with the type's fields, numeric arrays as numpy arrays.
 
@@ -167,7 +180,7 @@ class BagReader:
             KeyError: the topic is not in this bag.
         """
         written = self._definitions[message.topic]
-        store = self._stores.of(message.topic, written)
+        store = self.store(message.topic)
         try:
             return store.deserialize_cdr(message.data, written.msgtype)
         except (SerdeError, *DAMAGE) as error:

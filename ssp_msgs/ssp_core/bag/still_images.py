@@ -115,6 +115,19 @@ def _raw(encoding: str, layout: RawLayout, data: memoryview) -> Bgr:
     return np.asarray(picture if code is None else cv2.cvtColor(picture, code), np.uint8)
 
 
+def even_sized(picture: Bgr) -> Bgr:
+    """The picture without the last column or row where it has an odd number of them: 4:2:0, in
+    which video is played everywhere, can't hold them.
+
+    Raises:
+        ValueError: nothing is left.
+    """
+    height, width = picture.shape[0] & ~1, picture.shape[1] & ~1
+    if not height or not width:
+        raise ValueError(f"a picture of {picture.shape[1]} x {picture.shape[0]} px")
+    return np.ascontiguousarray(picture[:height, :width])
+
+
 def encode_jpeg(picture: Bgr, quality: int = JPEG_QUALITY) -> bytes:
     """A picture as JPEG."""
     return bytes(cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])[1].tobytes())

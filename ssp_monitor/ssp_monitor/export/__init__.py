@@ -1,0 +1,1 @@
+"""Exports a bag as pictures, videos and tables."""

@@ -1,0 +1,212 @@
+"""Cuts a span of time and some topics out of a bag, so that what is left can be understood."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from ssp_core.bag.frames import keyframe_before
+from ssp_core.bag.mcap_file import McapFile
+from ssp_core.bag.message import BagMessage
+from ssp_core.bag.qos import parse_offered_qos
+from ssp_core.bag.reader import BagReader
+from ssp_core.bag.split import LatchedTopic
+from ssp_core.bag.video_type import VIDEO_TYPE
+from ssp_core.bag.writer import BagWriter
+from ssp_core.errors import InputError
+
+# As rosbag2 writes it: by name, or before Jazzy by rmw's number.
+_LATCHED = ("transient_local", 1)
+# What a claimed depth may make us remember of one topic.
+_MOST_KEPT = 1000
+
+
+@dataclass(frozen=True, slots=True)
+class CutReport:
+    """What a cut took.
+
+    Args:
+        messages: written, by topic.
+        repeated: of these, latched ones from before the span, by topic.
+        led_in: of these, frames of video from the keyframe before the span on, by topic.
+        attachments: names.
+        start_ns: first log time in the new bag, None when it is empty.
+        end_ns: last log time.
+    """
+
+    messages: dict[str, int]
+    repeated: dict[str, int]
+    led_in: dict[str, int]
+    attachments: tuple[str, ...]
+    start_ns: int | None
+    end_ns: int | None
+
+    @property
+    def count(self) -> int:
+        return sum(self.messages.values())
+
+
+def is_latched(offered_qos: str) -> bool:
+    """Whether a publisher keeps its messages for those that join later.
+
+    Args:
+        offered_qos: YAML of a topic's publishers; what is no such YAML says nothing.
+    """
+    try:
+        profiles = parse_offered_qos(offered_qos)
+    except ValueError:
+        return False
+    return any(profile.get("durability") in _LATCHED for profile in profiles)
+
+
+def cut_bag(
+    source: Path,
+    target: Path,
+    topics: Iterable[str],
+    start_ns: int | None = None,
+    stop_ns: int | None = None,
+    advance: Callable[[int], None] = lambda _: None,
+) -> CutReport:
+    """Writes a new bag with the messages of a span; the source stays as it is.
+
+    Types, quality of service, times, sequence numbers and attachments are kept. Of latched topics
+    the messages that were valid when the span begins are written too, at its beginning and with
+    the publish time they had. Of video the frames from the keyframe before the span on are kept,
+    at their own times, so that its first picture can be decoded. The target is whole or not
+    there.
+
+    Args:
+        source: bag directory or .mcap file.
+        target: directory of the new bag; must not exist.
+        topics: to keep; names that the bag doesn't have give nothing.
+        start_ns: first log time, None: of the bag.
+        stop_ns: the first log time that is left out, None: there is none.
+        advance: called with the number of messages written since the last call.
+
+    Raises:
+        InputError: the source is no closed bag or damaged, or the target exists.
+        HostError: the disk doesn't take it.
+    """
+    if target.exists() or target.is_symlink():
+        raise InputError("exists already", file=target, remedy="name a new directory")
+    with BagReader(source) as bag:
+        wanted = [name for name in bag.topics if name in frozenset(topics)]
+        target.parent.mkdir(parents=True, exist_ok=True)
+        scratch = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}."))
+        try:
+            with BagWriter(scratch / "bag", name=f"{target.name}_0") as writer:
+                cut = _Cut(bag, writer, wanted, advance)
+                cut.copy(start_ns, stop_ns)
+            (scratch / "bag").rename(target)
+        finally:
+            shutil.rmtree(scratch, ignore_errors=True)
+    return cut.report()
+
+
+class _Cut:
+    def __init__(
+        self, bag: BagReader, writer: BagWriter, topics: list[str], advance: Callable[[int], None]
+    ) -> None:
+        self._bag, self._writer, self._topics = bag, writer, topics
+        self._advance = advance
+        self._messages: Counter[str] = Counter()
+        self._repeated: Counter[str] = Counter()
+        self._led_in: Counter[str] = Counter()
+        self._attachments: list[str] = []
+        self._first_ns: int | None = None
+        self._last_ns: int | None = None
+
+    def copy(self, start_ns: int | None, stop_ns: int | None) -> None:
+        """Attachments, topics, what leads in, then the span itself."""
+        self._attach()
+        for name in self._topics:
+            info = self._bag.topics[name]
+            self._writer.add_topic(
+                name,
+                info.msgtype,
+                _usable(info.offered_qos),
+                written=self._bag.definition(name),
+            )
+        if start_ns is not None:
+            self._before(start_ns)
+        for message in self._bag.messages(self._topics, start_ns, stop_ns):
+            self._write(message)
+
+    def _attach(self) -> None:
+        for path in self._bag.files:
+            file = McapFile(path)
+            for index in file.summary.attachment_indexes:
+                if index.name not in self._attachments:
+                    data = file.attachment(index.name) or b""
+                    self._writer.attach(index.name, data, index.media_type)
+                    self._attachments.append(index.name)
+
+    def _before(self, start_ns: int) -> None:
+        """What a reader must know from before the span, at times that rise."""
+        videos = [t for t in self._topics if self._bag.topics[t].msgtype == VIDEO_TYPE]
+        keys = {topic: keyframe_before(self._bag, topic, start_ns) for topic in videos}
+        since = {topic: key_ns for topic, key_ns in keys.items() if key_ns is not None}
+        begin_ns = min([start_ns, *since.values()])
+        for message in self._latched(start_ns):
+            self._repeated[message.topic] += 1
+            self._write(message._replace(log_time_ns=begin_ns))
+        if begin_ns < start_ns:
+            for message in self._bag.messages(list(since), begin_ns, start_ns):
+                if message.log_time_ns >= since[message.topic]:
+                    self._led_in[message.topic] += 1
+                    self._write(message)
+
+    def _latched(self, start_ns: int) -> Iterator[BagMessage]:
+        """The messages that a late joiner would get at that time, topic by topic."""
+        kept: dict[str, list[BagMessage]] = {}
+        depths: dict[str, int] = {}
+        for topic in self._topics:
+            offered = self._bag.topics[topic].offered_qos
+            if is_latched(offered):
+                depths[topic] = min(LatchedTopic(offered).kept.maxlen or 1, _MOST_KEPT)
+                kept[topic] = []
+        begin_ns = self._bag.start_ns
+        if not kept or begin_ns is None or begin_ns >= start_ns:
+            return
+        for message in self._bag.messages(list(kept), None, start_ns):
+            newest = kept[message.topic]
+            newest.append(message)
+            del newest[: -depths[message.topic]]
+        for messages in kept.values():
+            yield from messages
+
+    def _write(self, message: BagMessage) -> None:
+        self._writer.write(
+            message.topic,
+            message.data,
+            message.log_time_ns,
+            message.publish_time_ns,
+            message.sequence,
+        )
+        self._messages[message.topic] += 1
+        if self._first_ns is None:
+            self._first_ns = message.log_time_ns
+        self._last_ns = message.log_time_ns
+        self._advance(1)
+
+    def report(self) -> CutReport:
+        return CutReport(
+            messages={topic: self._messages[topic] for topic in self._topics},
+            repeated=dict(self._repeated),
+            led_in=dict(self._led_in),
+            attachments=tuple(self._attachments),
+            start_ns=self._first_ns,
+            end_ns=self._last_ns,
+        )
+
+
+def _usable(offered_qos: str) -> str:
+    try:
+        parse_offered_qos(offered_qos)
+    except ValueError:
+        return ""  # the messages matter more than what their publisher once offered
+    return offered_qos
