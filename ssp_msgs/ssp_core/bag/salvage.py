@@ -158,8 +158,10 @@ class _FileSalvage:
         self._into = salvage
         self._stream = stream
         self._name = path.name
-        # With the CRC over all data right, nothing needs to be doubted.
-        self._whole = data_crc(stream) is True
+        # With the CRC over all data right, nothing needs to be doubted. Some writers give none.
+        crc_right = data_crc(stream)
+        self._whole = crc_right is True
+        self._wrong = crc_right is False
         self._names = Names()
         self._known: list[int] = []
         self._end = len(MCAP0_MAGIC)
@@ -183,8 +185,8 @@ class _FileSalvage:
             if isinstance(found, Gap):
                 self._gap(found)
             elif found.opcode == Opcode.DATA_END and self._is_end(found):
-                if not self._whole and self._into.places == before:
-                    self._into.note(f"{self._name}: the CRC over all data is missing or wrong")
+                if self._wrong and self._into.places == before:
+                    self._into.note(f"{self._name}: the CRC over all data is wrong")
                 return self._stream.size
             else:
                 try:
