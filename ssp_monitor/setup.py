@@ -12,7 +12,7 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{package_name}"]),
         (f"share/{package_name}", ["package.xml"]),
-        (f"share/{package_name}/config", glob("config/*.yaml")),
+        (f"share/{package_name}/config", glob("config/*")),
         (f"share/{package_name}/launch", glob("launch/*.launch.py")),
     ],
     zip_safe=True,
@@ -21,6 +21,8 @@ setup(
         "console_scripts": [
             "monitor = ssp_monitor.node:main",
             "page = ssp_monitor.page.node:main",
+            "replay = ssp_monitor.replay.cli:main",
+            "view = ssp_monitor.view.node:main",
         ]
     },
 )

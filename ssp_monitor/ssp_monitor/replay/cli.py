@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 
 import click
@@ -132,3 +133,10 @@ def replay(
         json_,
     )
     return replay_bag(reader, options, environment)
+
+
+def main() -> int:
+    """Entry point for ``ros2 run``: the verb, with errors told as the command line tells them."""
+    from ssp_core.cli import main as ssp
+
+    return ssp(["replay", *sys.argv[1:]])

@@ -1,0 +1,1 @@
+"""The session for other tools: markers for RViz and Foxglove, and /diagnostics."""

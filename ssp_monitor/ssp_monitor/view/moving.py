@@ -1,0 +1,161 @@
+"""Marks of what moves: a box, a name and a trail for each object, and the gap at the conflict."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+from ssp_core.geometry import Polyline, Pose2
+from ssp_core.interaction import encounter
+from ssp_core.run_spec import Point
+from ssp_core.state import ObjectState
+from ssp_core.vocab import ObjectClass, Role
+from ssp_monitor.page.facts import Heard
+from ssp_monitor.view.marks import Colour, Gone, Mark, Shape, line, text
+
+STALE_S = 1.0
+FORGOTTEN_S = 30.0
+STALE = Colour(0.5, 0.5, 0.5, 0.6)
+NAME = Colour(1.0, 1.0, 1.0)
+GAP = Colour(0.9, 0.1, 0.5)
+COLOURS: dict[ObjectClass, Colour] = {
+    ObjectClass.UNKNOWN: Colour(0.6, 0.6, 0.6),
+    ObjectClass.CAR: Colour(0.9, 0.5, 0.1),
+    ObjectClass.TRUCK: Colour(0.7, 0.35, 0.1),
+    ObjectClass.BUS: Colour(0.8, 0.7, 0.1),
+    ObjectClass.MOTORCYCLE: Colour(0.6, 0.2, 0.7),
+    ObjectClass.CYCLIST: Colour(0.1, 0.65, 0.6),
+    ObjectClass.PEDESTRIAN: Colour(0.85, 0.2, 0.2),
+}
+VUT = Colour(0.15, 0.45, 0.85)
+TRAIL_POINTS = 200
+TRAIL_STEP_M = 0.25
+TRAIL_JUMP_M = 10.0
+
+
+@dataclass(slots=True)
+class Trails:
+    """Where objects have been, at steps of TRAIL_STEP_M; the oldest points are forgotten."""
+
+    _points: dict[str, deque[Point]] = field(default_factory=dict)
+    _stamps: dict[str, int] = field(default_factory=dict)
+
+    def add(self, state: ObjectState) -> None:
+        """One more state. A time that goes back, or a jump, begins a new trail."""
+        if not state.is_finite:
+            return
+        at = (state.x_m, state.y_m)
+        trail = self._points.setdefault(state.object_id, deque(maxlen=TRAIL_POINTS))
+        if state.stamp_ns < self._stamps.get(state.object_id, 0):
+            trail.clear()
+        self._stamps[state.object_id] = state.stamp_ns
+        if trail:
+            moved_m = math.dist(trail[-1], at)
+            if moved_m < TRAIL_STEP_M:
+                return
+            if moved_m > TRAIL_JUMP_M:
+                trail.clear()
+        trail.append(at)
+
+    def of(self, object_id: str) -> tuple[Point, ...]:
+        return tuple(self._points.get(object_id, ()))
+
+    def forget(self, object_id: str) -> None:
+        self._points.pop(object_id, None)
+        self._stamps.pop(object_id, None)
+
+
+@dataclass(slots=True)
+class Moving:
+    """Makes the marks of the objects, and makes those of an object that is gone disappear.
+
+    Args:
+        vut_path: of the run; None: no gap is drawn.
+    """
+
+    vut_path: Polyline | None = None
+    trails: Trails = field(default_factory=Trails)
+    _numbers: dict[str, int] = field(default_factory=dict)
+    _shown: set[tuple[str, int]] = field(default_factory=set)
+
+    def marks(self, objects: Iterable[Heard], now_ns: int) -> list[Mark | Gone]:
+        """The marks of all objects as they were last heard.
+
+        Args:
+            objects: newest states.
+            now_ns: steady clock, as in their times of arrival.
+        """
+        fresh: list[ObjectState] = []
+        marks: list[Mark] = []
+        for heard in objects:
+            silent_s = (now_ns - heard.at_ns) / 1e9
+            state = heard.state
+            if silent_s > FORGOTTEN_S:
+                self.trails.forget(state.object_id)
+            elif state.is_finite:
+                self.trails.add(state)
+                marks += self._object(state, silent_s)
+                if silent_s <= STALE_S:
+                    fresh.append(state)
+        marks += self._gaps(fresh)
+        names = {(mark.space, mark.number) for mark in marks}
+        gone = [Gone(*name) for name in sorted(self._shown - names)]
+        self._shown = names
+        return [*marks, *gone]
+
+    def _number(self, object_id: str) -> int:
+        return self._numbers.setdefault(object_id, len(self._numbers))
+
+    def _object(self, state: ObjectState, silent_s: float) -> list[Mark]:
+        number, size = self._number(state.object_id), state.size
+        stale = silent_s > STALE_S
+        colour = STALE if stale else colour_of(state)
+        middle = state.pose.to_parent((size.front_m - size.rear_m) / 2.0, 0.0)
+        box = Mark(
+            "object",
+            number,
+            Shape.CUBE,
+            colour,
+            Pose2(*middle, state.yaw_rad),
+            size.height_m / 2.0,
+            (size.length_m, size.width_m, size.height_m),
+        )
+        words = f"{state.object_id}  {state.speed_mps:.1f} m/s"
+        if stale:
+            words = f"{state.object_id}  silent for {silent_s:.1f} s"
+        marks = [box, text("name", number, words, middle, size.height_m + 0.9, NAME)]
+        trail = self.trails.of(state.object_id)
+        if len(trail) > 1:
+            marks.append(line("trail", number, trail, colour, 0.12, 0.05))
+        return marks
+
+    def _gaps(self, states: list[ObjectState]) -> list[Mark]:
+        """A line from the VUT to each object that it is predicted to meet, with the times."""
+        vut = next((state for state in states if state.role is Role.VUT), None)
+        if vut is None or self.vut_path is None:
+            return []
+        marks = []
+        for state in states:
+            if state.role is not Role.OT:
+                continue
+            met = encounter(vut, state.extrapolated(vut.stamp_ns), self.vut_path)
+            words = []
+            if math.isfinite(met.arrival_gap_s):
+                words.append(f"gap {met.arrival_gap_s:.1f} s")
+            if math.isfinite(met.ttc_s):
+                words.append(f"TTC {met.ttc_s:.1f} s")
+            if not words:
+                continue
+            number = self._number(state.object_id)
+            ends = ((vut.x_m, vut.y_m), (state.x_m, state.y_m))
+            middle = ((vut.x_m + state.x_m) / 2.0, (vut.y_m + state.y_m) / 2.0)
+            marks.append(line("gap", number, ends, GAP, 0.1, 0.5))
+            marks.append(text("gap time", number, ", ".join(words), middle, 1.2, GAP))
+        return marks
+
+
+def colour_of(state: ObjectState) -> Colour:
+    """The VUT's own colour, or that of the object's class."""
+    return VUT if state.role is Role.VUT else COLOURS[state.object_class]
