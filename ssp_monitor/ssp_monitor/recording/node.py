@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -32,6 +33,9 @@ from ssp_msgs.msg import RecorderStatus
 
 # Looking at a graph of thousands of nodes takes a while; no more of the time than one in this.
 GRAPH_SHARE = 20
+GRAPH_MOST_S = 5.0
+# A thousand new topics take seconds to subscribe to; status must go out meanwhile.
+ADDING_S = 0.2
 MOST_WARNINGS = 50
 # Of so many topics each status says how they are; the bag's own report names all.
 MOST_LISTED = 500
@@ -85,6 +89,7 @@ class Recording:
         self._warnings: dict[str, None] = {}
         self._rate = WriteRate()
         self._graph_due_s = 0.0
+        self._found: deque[TopicSpec] = deque()
         self._before: tuple[float, dict[str, int]] = (time.monotonic(), {})
         video = plan.video
         self.recorder = Recorder(
@@ -121,11 +126,16 @@ class Recording:
         Returns:
             How long the disk lasts, and whether the recording must end.
         """
-        now_s = time.monotonic()
         self._missing = [t.name for t in self._plan.topics if self._is_missing(t)]
+        now_s = time.monotonic()
         if self._plan.selection.looks and now_s >= self._graph_due_s:
-            self._look_at_graph()
-            self._graph_due_s = now_s + GRAPH_SHARE * (time.monotonic() - now_s)
+            graph = self._graph()
+            look_s = time.monotonic() - now_s
+            self._graph_due_s = now_s + min(GRAPH_SHARE * look_s, GRAPH_MOST_S)
+            self._found.extend(self._survey.look(graph, self._types))
+        until_s = time.monotonic() + ADDING_S
+        while self._found and time.monotonic() < until_s:
+            self._add(self._found.popleft())
         self._rate_bps = self._rate.note(now_s, self.recorder.state().bytes)
         self._free = free_bytes(self.recorder.path)
         self._outlook = outlook(self._free, self._rate_bps, self._plan.needs)
@@ -198,7 +208,8 @@ class Recording:
         heard = [is_heard(publisher, topic.msgtype, wanted) for publisher in publishers]
         return not all(heard) or (topic.required and not heard)
 
-    def _look_at_graph(self) -> None:
+    def _graph(self) -> list[tuple[str, list[str]]]:
+        """Topics that are recorded or asked for, each with the types of its publishers."""
         graph = []
         for name, types in self._node.get_topic_names_and_types():
             recorded = self._survey.recorded.get(name)
@@ -211,8 +222,7 @@ class Recording:
                 publishers = self._node.get_publishers_info_by_topic(name)
                 types = sorted({publisher.topic_type for publisher in publishers})
             graph.append((name, types))
-        for topic in self._survey.look(graph, self._types):
-            self._add(topic)
+        return graph
 
     def _add(self, topic: TopicSpec) -> None:
         publishers = self._node.get_publishers_info_by_topic(topic.name)

@@ -1,0 +1,257 @@
+"""``ssp bag record``: any topics, without a session."""
+
+from __future__ import annotations
+
+import array
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    QoSProfile,
+    ReliabilityPolicy,
+)
+from sensor_msgs.msg import CompressedImage
+from std_msgs.msg import String
+
+from ssp_core.bag import BagReader
+from ssp_core.bag.check import check_bag
+from ssp_core.bag.qos import parse_offered_qos
+from ssp_core.cli import main
+from ssp_core.domains import free_domain
+from ssp_core.processes import remove_stale_shared_memory
+from ssp_monitor.core.report import REPORT_NAME
+
+pytestmark = pytest.mark.ros
+DEADLINE_S = 20.0
+
+
+@pytest.fixture(scope="module")
+def domain() -> Iterator[int]:
+    with free_domain() as domain_id:
+        yield domain_id
+    remove_stale_shared_memory()
+
+
+@pytest.fixture
+def talker(domain: int, monkeypatch: pytest.MonkeyPatch) -> Iterator[Node]:
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+    context = Context()
+    rclpy.init(context=context, domain_id=domain)
+    node = rclpy.create_node("talker", context=context)
+    yield node
+    node.destroy_node()
+    rclpy.shutdown(context=context)
+
+
+def start(*arguments: object) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-m", "ssp_core.cli", "bag", "record", *map(str, arguments)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=dict(os.environ),
+    )
+
+
+@pytest.fixture
+def recorder(talker: Node) -> Iterator[Callable[..., subprocess.Popen[str]]]:
+    started: list[subprocess.Popen[str]] = []
+
+    def run(*arguments: object) -> subprocess.Popen[str]:
+        started.append(start(*arguments))
+        return started[-1]
+
+    yield run
+    for process in started:
+        if process.poll() is None:
+            process.kill()
+        process.communicate(timeout=DEADLINE_S)
+
+
+def wait_heard(node: Node, publisher: Any, readers: int = 1) -> None:
+    deadline = time.monotonic() + DEADLINE_S
+    while publisher.get_subscription_count() < readers:
+        assert time.monotonic() < deadline, f"nobody listens to {publisher.topic_name}"
+        time.sleep(0.02)
+
+
+def qos(reliability: ReliabilityPolicy, durability: DurabilityPolicy) -> QoSProfile:
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST, depth=50, reliability=reliability, durability=durability
+    )
+
+
+RELIABLE, BEST = ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT
+VOLATILE, LATCHED = DurabilityPolicy.VOLATILE, DurabilityPolicy.TRANSIENT_LOCAL
+
+
+def ended(process: subprocess.Popen[str]) -> tuple[dict[str, Any], str]:
+    process.send_signal(signal.SIGINT)
+    shown, told = process.communicate(timeout=DEADLINE_S)
+    assert "Traceback" not in told
+    return json.loads(shown), told
+
+
+def test_topics_are_found_late_and_heard_as_their_publishers_offer_them(
+    talker: Node, recorder: Callable[..., subprocess.Popen[str]], tmp_path: Path
+) -> None:
+    early = talker.create_publisher(String, "/lab/early", qos(RELIABLE, LATCHED))
+    early.publish(String(data="before anybody listened"))
+    # One of the two is best effort: only a best-effort reader hears both.
+    mixed = [
+        talker.create_publisher(String, "/lab/mixed", qos(reliability, VOLATILE))
+        for reliability in (RELIABLE, BEST)
+    ]
+    talker.create_publisher(String, "/lab/excluded", 10)
+    talker.create_publisher(String, "/lab/_hidden", 10)
+    process = recorder("--all", "--exclude", "excluded$", "-o", tmp_path / "bag", "--json",
+                       "--reserve-mb", 0)  # fmt: skip
+    for publisher in (early, *mixed):
+        wait_heard(talker, publisher)
+    late = talker.create_publisher(String, "/lab/late", qos(BEST, VOLATILE))
+    wait_heard(talker, late)
+    for k in range(20):
+        for publisher in (early, *mixed, late):
+            publisher.publish(String(data=f"{k}"))
+            time.sleep(0.001)
+    time.sleep(0.3)  # best effort: nothing says when it has arrived
+    result, _ = ended(process)
+    assert (process.returncode, result["ok"], result["lost"]) == (0, True, 0)
+    assert check_bag(tmp_path / "bag").problems == ()
+    with BagReader(tmp_path / "bag") as bag:
+        counts = {name: info.count for name, info in bag.topics.items()}
+        assert counts == {"/lab/early": 21, "/lab/mixed": 40, "/lab/late": 20}
+        first = next(iter(bag.messages(["/lab/early"])))
+        assert bag.decode(first).data == "before anybody listened"
+        offered = {
+            name: [(p["reliability"], p["durability"]) for p in parse_offered_qos(info.offered_qos)]
+            for name, info in bag.topics.items()
+        }
+        report = json.loads(bag.attachment(REPORT_NAME) or b"")
+    assert offered == {
+        "/lab/early": [("reliable", "transient_local")],
+        "/lab/mixed": [("reliable", "volatile"), ("best_effort", "volatile")],
+        "/lab/late": [("best_effort", "volatile")],
+    }
+    assert (report["received"], report["written"], report["dropped"]) == (81, 81, 0)
+    assert {t["name"]: t["received"] for t in report["topics"]} == counts
+
+
+def test_named_topics_are_recorded_for_a_time(
+    talker: Node, recorder: Callable[..., subprocess.Popen[str]], tmp_path: Path
+) -> None:
+    hidden = talker.create_publisher(String, "/lab/_hidden", 10)
+    talker.create_publisher(String, "/lab/other", 10)
+    process = recorder("/lab/_hidden", "lab/absent", "-o", tmp_path / "bag", "--duration", 3,
+                       "--reserve-mb", 0)  # fmt: skip
+    wait_heard(talker, hidden)
+    hidden.publish(String(data="x"))
+    shown, told = process.communicate(timeout=DEADLINE_S)
+    assert process.returncode == 0
+    assert "1 messages of 1 topics, 0.0 MB, 0 lost, counts and checksums checked" in shown
+    assert "warning: /lab/absent had no publisher" in told
+    with BagReader(tmp_path / "bag") as bag:
+        assert {name: info.count for name, info in bag.topics.items()} == {"/lab/_hidden": 1}
+
+
+def test_a_second_type_on_a_topic_is_lost_and_said(
+    talker: Node, recorder: Callable[..., subprocess.Popen[str]], tmp_path: Path
+) -> None:
+    first = talker.create_publisher(String, "/lab/thing", 10)
+    process = recorder("--include", "^/lab", "-o", tmp_path / "bag", "--json", "--reserve-mb", 0)
+    wait_heard(talker, first)
+    first.publish(String(data="x"))
+    context = Context()
+    rclpy.init(context=context, domain_id=int(os.environ["ROS_DOMAIN_ID"]))
+    node = rclpy.create_node("other", context=context)
+    node.create_publisher(CompressedImage, "/lab/thing", 10)
+    assert process.stderr is not None
+    told = process.stderr.readline()
+    result, _ = ended(process)
+    node.destroy_node()
+    rclpy.shutdown(context=context)
+    assert process.returncode == 1
+    assert (result["messages"], result["lost"]) == (1, 1)
+    warning = (
+        "/lab/thing is also of type sensor_msgs/msg/CompressedImage now: only std_msgs/msg/String "
+        "is recorded, the rest is lost"
+    )
+    assert result["warnings"] == [warning]
+    assert warning in told
+
+
+def test_images_become_video_and_what_is_no_image_stays(
+    talker: Node, recorder: Callable[..., subprocess.Popen[str]], tmp_path: Path
+) -> None:
+    import cv2
+    import numpy as np
+
+    camera = talker.create_publisher(CompressedImage, "/lab/camera", qos(RELIABLE, VOLATILE))
+    process = recorder("--all", "--video", "h264", "-o", tmp_path / "bag", "--json",
+                       "--split-mb", 0.1, "--reserve-mb", 0)  # fmt: skip
+    wait_heard(talker, camera)
+    noise = np.random.default_rng(1)
+    for _ in range(10):
+        picture = noise.integers(0, 255, (240, 320, 3), dtype=np.uint8)
+        jpeg = cv2.imencode(".jpg", picture)[1].tobytes()
+        camera.publish(CompressedImage(format="jpeg", data=array.array("B", jpeg)))
+    camera.publish(CompressedImage(format="jpeg", data=array.array("B", b"no picture")))
+    assert camera.wait_for_all_acked(Duration(seconds=DEADLINE_S))
+    result, _ = ended(process)
+    assert (process.returncode, result["messages"]) == (0, 11)
+    assert result["files"] > 1
+    assert len(result["warnings"]) == 1
+    assert "1 pictures could not be encoded" in result["warnings"][0]
+    with BagReader(tmp_path / "bag") as bag:
+        assert {name: (info.msgtype, info.count) for name, info in bag.topics.items()} == {
+            "/lab/camera": ("foxglove_msgs/msg/CompressedVideo", 10),
+            "/lab/camera/original": ("sensor_msgs/msg/CompressedImage", 1),
+        }
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "message"),
+    [
+        (["-o", "x"], 2, "name topics, or give --all or --include"),
+        (["--include", "(", "-o", "x"], 1, "--include: ends too early"),
+        (["--all", "--exclude", "a{2}", "-o", "x"], 1, "--exclude: has a { "),
+        (["--all", "-o", "x", "--split-mb", "0.0001"], 1, "is too small a file"),
+    ],
+)
+def test_wrong_arguments_are_one_message(
+    arguments: list[str],
+    status: int,
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["bag", "record", *arguments]) == status
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "x").exists()
+
+
+def test_a_directory_that_exists_is_refused(
+    talker: Node, recorder: Callable[..., subprocess.Popen[str]], tmp_path: Path
+) -> None:
+    process = recorder("--all", "-o", tmp_path)
+    _, told = process.communicate(timeout=DEADLINE_S)
+    assert process.returncode == 1
+    assert "exists already" in told
+    assert "Traceback" not in told

@@ -1,0 +1,187 @@
+"""The recorder's thread: topics that come later, pictures that can't be encoded, report, check."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import struct
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from ssp_core.bag import BagMessage, BagReader, BagWriter
+from ssp_core.bag.split import Split
+from ssp_core.errors import InputError
+from ssp_monitor.core.closing import check_closed
+from ssp_monitor.core.encoding import video_choice
+from ssp_monitor.core.recorder import Recorder
+from ssp_monitor.core.report import REPORT_NAME, report_attachment, seals, topic_reports
+from ssp_monitor.core.topics import CLOCK_TYPE, Profile, TopicSpec
+
+CLOCK = TopicSpec("/clock", CLOCK_TYPE, Profile.STATE)
+IMAGE = TopicSpec("/camera", "sensor_msgs/msg/CompressedImage", Profile.ADAPTED)
+VIDEO = "foxglove_msgs/msg/CompressedVideo"
+
+
+class FakeEncoder:
+    """Stands for a codec: refuses what begins with ``x``, breaks at ``!``, holds one back."""
+
+    msgtype = VIDEO
+
+    def __init__(self) -> None:
+        self.damaged = 0
+        self.last_problem = ""
+        self.threads: set[str] = set()
+        self._held: list[BagMessage] = []
+
+    def encode(self, message: BagMessage) -> list[BagMessage]:
+        self.threads.add(threading.current_thread().name)
+        if message.data.startswith(b"!"):
+            raise RuntimeError("codec broke")
+        if message.data.startswith(b"x"):
+            self.damaged += 1
+            self.last_problem = "no picture"
+            return []
+        done, self._held = self._held, [message._replace(data=b"v" + message.data)]
+        return done
+
+    def finish(self) -> list[BagMessage]:
+        done, self._held = self._held, []
+        return done
+
+
+def test_topics_may_come_while_it_writes(tmp_path: Path, clock_cdr: Callable[[int], bytes]) -> None:
+    recorder = Recorder(tmp_path / "bag", [CLOCK], split=Split(max_bytes=20_000))
+    for k in range(200):
+        recorder.put(BagMessage("/clock", k, k, clock_cdr(k), k))
+        recorder.add(TopicSpec(f"/late{k}", CLOCK_TYPE, Profile.ADAPTED), "", latched=False)
+        recorder.put_all([BagMessage(f"/late{k}", k, k, clock_cdr(k), 1)] * 3)
+    state = recorder.stop()
+    assert (state.messages, state.dropped, state.failure) == (800, 0, None)
+    assert state.files > 1
+    with BagReader(tmp_path / "bag") as bag:
+        assert {name: info.count for name, info in bag.topics.items()} == {
+            "/clock": 200, **{f"/late{k}": 3 for k in range(200)},
+        }  # fmt: skip
+
+
+def test_an_unknown_type_is_refused_at_once(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "bag", [CLOCK])
+    with pytest.raises(InputError, match="is no known message type"):
+        recorder.add(TopicSpec("/x", "nowhere_msgs/msg/X", Profile.ADAPTED), "", latched=False)
+    assert recorder.stop().failure is None
+
+
+def test_what_the_codec_refuses_is_recorded_as_it_came(tmp_path: Path) -> None:
+    encoder = FakeEncoder()
+    recorder = Recorder(tmp_path / "bag", [], encoder=lambda topic, msgtype: encoder)
+    recorder.add(IMAGE, "", latched=False)
+    pictures = [b"a", b"x1", b"b", b"!2", b"c"]
+    for k, data in enumerate(pictures):
+        recorder.put(BagMessage("/camera", k, k, data, k))
+    state = recorder.stop()
+    assert (state.messages, state.dropped, state.failure) == (5, 0, None)
+    assert encoder.threads == {"bag-writer"}
+    assert state.warnings == (
+        "/camera: 2 pictures could not be encoded and are recorded as they came on "
+        "/camera/original: RuntimeError: codec broke",
+    )
+    with BagReader(tmp_path / "bag") as bag:
+        assert [(m.topic, m.data) for m in bag.messages()] == [
+            ("/camera", b"va"), ("/camera/original", b"x1"), ("/camera", b"vb"),
+            ("/camera/original", b"!2"), ("/camera", b"vc"),
+        ]  # fmt: skip
+        assert bag.topics["/camera"].msgtype == VIDEO
+        assert bag.topics["/camera/original"].msgtype == IMAGE.msgtype
+    assert check_closed(tmp_path / "bag", {"/camera": 5}).problems == ()
+
+
+def test_video_is_chosen_by_type_and_name() -> None:
+    assert video_choice("", "x") is None
+    choice = video_choice("h264", "front")
+    assert choice is not None
+    encoder = choice.encoder("/front/image", "sensor_msgs/msg/CompressedImage")
+    assert encoder is not None
+    assert encoder.msgtype == VIDEO
+    assert choice.encoder("/rear/image", "sensor_msgs/msg/CompressedImage") is None
+    assert choice.encoder("/front/points", "sensor_msgs/msg/PointCloud2") is None
+    with pytest.raises(InputError, match="is no codec"):
+        video_choice("mpeg2", "")
+    with pytest.raises(InputError, match="video_topics"):
+        video_choice("h265", "(")
+
+
+def test_the_bag_says_what_is_in_it_and_what_is_missing(
+    tmp_path: Path, clock_cdr: Callable[[int], bytes]
+) -> None:
+    attachments = [("run.yaml", "application/yaml", b"x")]
+    size = 256 + len(clock_cdr(0))
+    recorder = Recorder(tmp_path / "bag", [CLOCK], attachments, queue_bytes=3 * size)
+    recorder.put_all([BagMessage("/clock", k, k, clock_cdr(k), k) for k in range(100)])
+
+    def seal() -> tuple[str, str, bytes]:
+        topics = topic_reports(
+            recorder.records(), {"/clock": 100}, {"/clock": 7}, recorder.dropped_by_topic
+        )
+        return report_attachment(
+            topics, run_id="r", lost_limit=5, warnings=["w"], sealed=seals(attachments)
+        )
+
+    state = recorder.stop(seal)
+    assert state.messages + state.dropped == 100
+    assert state.dropped > 0
+    with BagReader(tmp_path / "bag") as bag:
+        report = json.loads(bag.attachment(REPORT_NAME) or b"")
+        written = list(bag.messages())
+    assert report["schema"] == "ssp.recording/1"
+    assert report["seals"] == {"run.yaml": f"sha256:{hashlib.sha256(b'x').hexdigest()}"}
+    assert (report["received"], report["lost"], report["dropped"]) == (100, 7, state.dropped)
+    assert (report["run_id"], report["lost_limit"], report["warnings"]) == ("r", 5, ["w"])
+    assert report["topics"] == [
+        {
+            "name": "/clock", "type": CLOCK_TYPE, "received": 100, "written": len(written),
+            "bytes": sum(len(m.data) for m in written), "lost": 7, "dropped": state.dropped,
+            "first_ns": written[0].log_time_ns, "last_ns": written[-1].log_time_ns,
+        }
+    ]  # fmt: skip
+
+
+def test_a_bag_that_lacks_something_is_found_out(small_bag: Path) -> None:
+    found = check_closed(small_bag, {"/clock": 10})
+    assert (found.problems, found.read, found.messages) == ((), 10, 10)
+    assert found.text == "counts and checksums checked"
+    assert check_closed(small_bag, {"/clock": 11, "/x": 1}).problems == (
+        "/clock: 10 messages in the bag, 11 were received",
+        "/x: 0 messages in the bag, 1 were received",
+    )
+    # A quiet topic is no problem.
+    assert check_closed(small_bag, {"/clock": 10, "/y": 0}).problems == ()
+
+
+def test_a_flipped_byte_is_found_out(small_bag: Path, clock_cdr: Callable[[int], bytes]) -> None:
+    file = small_bag / "small_0.mcap"
+    data = bytearray(file.read_bytes())
+    data[data.index(clock_cdr(5_000_000_000)) + 6] ^= 1
+    file.write_bytes(data)
+    found = check_closed(small_bag, {"/clock": 10})
+    assert len(found.problems) == 1
+    assert "the bag can't be read" in found.problems[0]
+    assert found.text.startswith("problems: ")
+
+
+def test_a_missing_file_is_found_out(small_bag: Path) -> None:
+    (small_bag / "small_0.mcap").unlink()
+    assert "the bag can't be read" in check_closed(small_bag, {"/clock": 10}).problems[0]
+
+
+def test_a_large_bag_is_read_for_a_while_and_says_so(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.add_topic("/clock", CLOCK_TYPE)
+        for k in range(1000):
+            writer.write("/clock", b"\x00\x01\x00\x00" + struct.pack("<II", k, 0), k, k)
+    found = check_closed(tmp_path / "bag", {"/clock": 1000}, most_s=0.0)
+    assert found.problems == ()
+    assert found.read < found.messages == 1000
+    assert found.text == f"counts checked, checksums of the first {found.read} messages"
