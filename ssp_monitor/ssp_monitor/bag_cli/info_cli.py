@@ -187,10 +187,7 @@ def span_text(start_ns: int | None, end_ns: int | None) -> str:
     length = f"{ns_to_seconds(end_ns - start_ns):.3f} s"
     if start_ns < _CALENDAR_NS:
         return f"{length} from {ns_to_seconds(start_ns):.3f} s"
-    try:
-        begin = datetime.fromtimestamp(start_ns // NS_PER_S, UTC)
-    except (ValueError, OverflowError, OSError):
-        return f"{length} from {start_ns} ns"
+    begin = datetime.fromtimestamp(start_ns // NS_PER_S, UTC)
     return f"{length} from {begin:%Y-%m-%d %H:%M:%S}.{start_ns % NS_PER_S // 10**6:03d} UTC"
 
 
