@@ -16,7 +16,16 @@ from ssp_core import console
 from ssp_core.errors import HostError, PeerError
 
 # In the order in which the data flow.
-BENCHMARKS = ("topology", "wire", "dispatch", "sil", "adaptation", "recorder", "replay")
+BENCHMARKS = (
+    "topology",
+    "wire",
+    "dispatch",
+    "sil",
+    "adaptation",
+    "recorder",
+    "recording",
+    "replay",
+)
 
 
 def run_benchmark(folder: Path, name: str) -> list[dict[str, Any]]:

@@ -33,6 +33,8 @@ JPEG_BYTES = 100_000
 OBJECT_HZ = 100.0
 CAMERA_HZ = 30.0
 MATCH_TIMEOUT_S = 30.0
+# A publisher knows of a subscription before that knows of the publisher.
+BOTH_MATCHED_S = 1.0
 ACK_TIMEOUT_S = 10.0
 
 STATE_TYPE = "ssp_msgs/msg/ObjectState"
@@ -71,6 +73,10 @@ class Load:
         )
 
     @property
+    def messages_per_s(self) -> float:
+        return sum(self.rate_hz(topic) for topic in self.topics)
+
+    @property
     def bytes_per_s(self) -> float:
         """Message data, without what the middleware adds."""
         return sum(len(template(topic.msgtype)) * self.rate_hz(topic) for topic in self.topics)
@@ -81,8 +87,8 @@ class Load:
 
     def __str__(self) -> str:
         parts = [
-            f"{self.jpegs} JPEG cameras" if self.jpegs else "",
-            f"{self.raws} raw cameras" if self.raws else "",
+            f"{self.jpegs} JPEG cameras at {CAMERA_HZ:g} Hz" if self.jpegs else "",
+            f"{self.raws} raw cameras at {CAMERA_HZ:g} Hz" if self.raws else "",
             f"{self.objects} objects at {self.object_hz:g} Hz" if self.objects else "",
         ]
         return " + ".join(part for part in parts if part)
@@ -185,6 +191,7 @@ def main(load: Load, seconds: float) -> None:
     rclpy.init()
     sender = _Sender(ros.make_node("bench_traffic"), load)
     sender.wait_for_subscribers()
+    time.sleep(BOTH_MATCHED_S)
     gc.collect()
     gc.freeze()
     print(json.dumps({"begins": True}), flush=True)
