@@ -71,3 +71,16 @@ def test_the_run_of_another_file() -> None:
     verdict, reasons = heard(*WAY, (P.FINISHED, V.VALID, ()), run_id="run-2").verdict(0)
     assert verdict is V.INVALID_HARNESS
     assert reasons == ("the session ran run-2, the recording is of run-1",)
+
+
+def test_losses_within_the_limit_are_no_reason() -> None:
+    last = heard(*WAY, P.STOPPING, (P.FINISHED, V.VALID, ()))
+    assert last.verdict(5, lost_limit=5) == (V.VALID, ())
+    reason = "the recorder lost 6 messages, limit 5"
+    assert last.verdict(6, lost_limit=5) == (V.INVALID_HARNESS, (reason,))
+
+
+def test_a_bag_that_is_not_as_it_must_be_makes_a_run_invalid() -> None:
+    last = heard(*WAY, P.STOPPING, (P.FINISHED, V.VALID, ()))
+    problems = ("/clock: 9 messages in the bag, 10 were received",)
+    assert last.verdict(0, problems=problems) == (V.INVALID_HARNESS, problems)

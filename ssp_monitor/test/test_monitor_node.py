@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import array
+import json
 import os
 import signal
 import subprocess
@@ -31,6 +32,7 @@ from ssp_core.verdict import Told, read_verdict
 from ssp_core.vocab import Verdict
 from ssp_monitor.conversions import PUBLISHED, message_class, recording_profile
 from ssp_monitor.core.recorder import OFFERED
+from ssp_monitor.core.report import REPORT_NAME
 from ssp_msgs.msg import (
     ObjectState,
     RecorderStatus,
@@ -134,7 +136,7 @@ def monitor(domain: int, run_file: Path, tmp_path: Path) -> Iterator[subprocess.
     process.communicate(timeout=DEADLINE_S)
 
 
-def start(run_file: Path, bag_dir: Path) -> subprocess.Popen[str]:
+def start(run_file: Path, bag_dir: Path, *parameters: str) -> subprocess.Popen[str]:
     arguments = [sys.executable, "-m", "ssp_monitor.node", "--ros-args"]
     arguments += [
         "-r",
@@ -143,6 +145,7 @@ def start(run_file: Path, bag_dir: Path) -> subprocess.Popen[str]:
         f"run_file:={run_file}",
         "-p",
         f"bag_dir:={bag_dir}",
+        *(word for parameter in parameters for word in ("-p", parameter)),
     ]
     return subprocess.Popen(
         arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=dict(os.environ)
@@ -167,7 +170,7 @@ def test_an_ordinary_stop_leaves_a_complete_bag(
     monitor.send_signal(signal.SIGTERM)
     out, err = monitor.communicate(timeout=DEADLINE_S)
     assert (monitor.returncode, err) == (0, "")
-    assert f"{tmp_path / 'bag'}, 0 lost" in out
+    assert f"{tmp_path / 'bag'}, 0 lost, counts and checksums checked" in out
     assert read_verdict(tmp_path / "bag") == Told(Verdict.VALID, ())
 
     assert check_bag(tmp_path / "bag").problems == ()
@@ -183,6 +186,11 @@ def test_an_ordinary_stop_leaves_a_complete_bag(
         assert [m.log_time_ns for m in states] == [k * STEP_NS for k in range(steps)]
         assert [m.publish_time_ns for m in states] == [k * STEP_NS for k in range(steps)]
         assert [bag.decode(m).x for m in states] == [k / 8 for k in range(steps)]
+        report = json.loads(bag.attachment(REPORT_NAME) or b"")
+    assert (report["run_id"], report["lost"], report["dropped"]) == ("run_1", 0, 0)
+    assert {t["name"]: t["written"] for t in report["topics"]} == counts
+    assert {t["name"]: t["received"] for t in report["topics"]} == counts
+    assert report["seals"].keys() == {"run.yaml"}
 
 
 def test_a_kill_leaves_everything_up_to_the_last_flush(
@@ -260,6 +268,141 @@ def test_it_is_ready_only_when_every_required_topic_has_a_publisher(
     session.wait_ready()
     assert list(session.status[-1].missing_topics) == []
     assert session.status[-1].bag == "bag"
+
+
+def test_the_status_says_how_each_topic_is(
+    session: Session, monitor: subprocess.Popen[str]
+) -> None:
+    session.offer_all()
+    session.wait_ready()
+    for k in range(20):
+        session.step(k)
+
+    def world() -> Any:
+        return next(t for t in session.status[-1].topics if t.name == "/ssp/world/tick")
+
+    session.spin_until(lambda: world().messages == 20, "ticks")
+    assert any(s.topics[1].rate_hz > 0 for s in session.status if s.topics)
+    status = session.status[-1]
+    assert (world().publishers, world().type) == (1, "ssp_msgs/msg/WorldTick")
+    assert (world().lost, world().dropped) == (0, 0)
+    assert world().bytes > 0
+    assert [t.name for t in status.topics].index("/clock") == 0
+    assert status.messages >= sum(t.messages for t in status.topics) > 0
+    assert (status.files, status.dropped, status.failure) == (1, 0, "")
+    assert status.queue_limit_bytes > 0
+    assert status.free_bytes > 0
+    assert status.flush_age_s < 5.0
+
+
+def test_what_strangers_say_is_recorded_beside_the_run(
+    session: Session, run_file: Path, tmp_path: Path
+) -> None:
+    process = start(run_file, tmp_path / "bag", "all:=true", "exclude:=secret")
+    try:
+        session.offer_all()
+        session.offer((ObjectState, "/lab/truth", ros.STATE), (ObjectState, "/lab/secret", 10))
+        session.wait_ready()
+        truth = session.publishers["/lab/truth"]
+        session.spin_until(lambda: truth.get_subscription_count() > 0, "reader of /lab/truth")
+        session.step(7)
+        # What several publishers say at once arrives in any order.
+        session.spin_until(
+            lambda: all(t.messages for t in session.status[-1].topics[:3]), "first step"
+        )
+        # Stamped by another clock: it must not turn the session's time.
+        session._send("/lab/truth", ObjectState(), ros.stamp_from_ns(10**18))
+        session.spin_until(
+            lambda: any(t.name == "/lab/truth" and t.messages for t in session.status[-1].topics),
+            "stranger in the bag",
+        )
+        session.step(8)
+        session.spin_until(lambda: session.status[-1].topics[0].messages == 2, "second step")
+        process.send_signal(signal.SIGTERM)
+        process.communicate(timeout=DEADLINE_S)
+    finally:
+        process.kill()
+    with BagReader(tmp_path / "bag") as bag:
+        assert "/lab/secret" not in bag.topics
+        assert "/parameter_events" not in bag.topics
+        assert [m.log_time_ns for m in bag.messages(["/lab/truth"])] == [7 * STEP_NS]
+        assert bag.end_ns == 8 * STEP_NS
+
+
+def test_a_disk_with_too_little_room_keeps_a_run_from_beginning_and_ends_one(
+    session: Session, run_file: Path, tmp_path: Path
+) -> None:
+    """The reserve is larger than any disk, so that every disk is too small."""
+    process = start(run_file, tmp_path / "bag", "reserve_mb:=10000000")
+    try:
+        session.offer_all()
+        session.spin_until(
+            lambda: bool(session.status) and not session.status[-1].missing_topics, "topics"
+        )
+        status = session.status[-1]
+        assert not status.ready
+        assert "the reserve is 10000000.0 MB" in status.warnings[0]
+        assert status.disk_left_s == 0.0
+        assert session.safety == []
+        pub = session.publishers[names.SESSION_STATE]
+        pub.publish(SessionState(state=SessionState.STATE_RUNNING, run_id="run_1"))
+        session.spin_until(lambda: bool(session.safety), "safety event")
+        event = session.safety[0]
+        assert (event.code, event.limit_name) == (SafetyCode.RECORDER, "disk_left")
+        assert (event.measured, event.unit, event.reaction) == (0.0, "s", "abort")
+        # Nothing is lost yet: the end of the run is still recorded.
+        pub.publish(
+            SessionState(
+                state=SessionState.STATE_ABORTED,
+                verdict=SessionState.VERDICT_INVALID_HARNESS,
+                reasons=["disk"],
+                run_id="run_1",
+            )
+        )
+        process.send_signal(signal.SIGTERM)
+        _, err = process.communicate(timeout=DEADLINE_S)
+    finally:
+        process.kill()
+    assert process.returncode == 0
+    assert "the run is ended while there is room to record its end" in err
+    assert read_verdict(tmp_path / "bag") == Told(Verdict.INVALID_HARNESS, ("disk",))
+    assert check_bag(tmp_path / "bag").problems == ()
+
+
+def test_a_publisher_of_another_type_keeps_the_recorder_from_being_ready(
+    session: Session, monitor: subprocess.Popen[str]
+) -> None:
+    session.offer_all()
+    session.wait_ready()
+    other = Context()
+    rclpy.init(context=other, domain_id=int(os.environ["ROS_DOMAIN_ID"]))
+    node = rclpy.create_node("other", namespace=names.NAMESPACE, context=other)
+    node.create_publisher(Clock, "ot1/state", ros.STATE)
+    session.spin_until(lambda: not session.status[-1].ready, "status that is not ready")
+    assert list(session.status[-1].missing_topics) == ["/ssp/ot1/state"]
+    node.destroy_node()
+    rclpy.shutdown(context=other)
+    session.wait_ready()
+
+
+@pytest.mark.parametrize(
+    ("parameter", "match"),
+    [
+        ("include:=(", "parameter include: ends too early"),
+        ("queue_mb:=0", "parameter queue_mb: is out of range"),
+        ("split_mb:=-1.0", "parameter split_mb: is out of range"),
+        ("video:=mpeg", "video: is no codec"),
+    ],
+)
+def test_wrong_parameters_are_one_message(
+    domain: int, run_file: Path, tmp_path: Path, parameter: str, match: str
+) -> None:
+    process = start(run_file, tmp_path / "bag", parameter)
+    _, err = process.communicate(timeout=DEADLINE_S)
+    assert process.returncode == 1
+    assert match in err
+    assert "Traceback" not in err
+    assert not (tmp_path / "bag").exists()
 
 
 def test_a_bag_that_vanishes_is_said_aloud(

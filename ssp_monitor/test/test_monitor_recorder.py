@@ -53,17 +53,17 @@ class FakeEncoder:
 
 
 def test_topics_may_come_while_it_writes(tmp_path: Path, clock_cdr: Callable[[int], bytes]) -> None:
-    recorder = Recorder(tmp_path / "bag", [CLOCK], split=Split(max_bytes=20_000))
-    for k in range(200):
+    recorder = Recorder(tmp_path / "bag", [CLOCK], split=Split(max_bytes=40_000))
+    for k in range(50):
         recorder.put(BagMessage("/clock", k, k, clock_cdr(k), k))
         recorder.add(TopicSpec(f"/late{k}", CLOCK_TYPE, Profile.ADAPTED), "", latched=False)
-        recorder.put_all([BagMessage(f"/late{k}", k, k, clock_cdr(k), 1)] * 3)
+        recorder.put_all([BagMessage(f"/late{k}", k, k, clock_cdr(k), 1)] * 30)
     state = recorder.stop()
-    assert (state.messages, state.dropped, state.failure) == (800, 0, None)
+    assert (state.messages, state.dropped, state.failure) == (1550, 0, None)
     assert state.files > 1
     with BagReader(tmp_path / "bag") as bag:
         assert {name: info.count for name, info in bag.topics.items()} == {
-            "/clock": 200, **{f"/late{k}": 3 for k in range(200)},
+            "/clock": 50, **{f"/late{k}": 30 for k in range(50)},
         }  # fmt: skip
 
 
