@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import tempfile
 from dataclasses import dataclass
@@ -11,6 +12,8 @@ from ssp_core.bag.salvage import MAX_DAMAGE, Salvage
 from ssp_core.bag.writer import BagWriter
 from ssp_core.errors import HostError, InputError
 from ssp_core.files import make_folder
+
+_MAX_NAME_BYTES = 240  # a file system takes 255, and the file inside is named <target>_0.mcap
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,19 +43,28 @@ class RecoverReport:
 
 
 def source_files(source: Path) -> tuple[Path, ...]:
-    """The MCAP files below a directory by name, or the file itself.
+    """The MCAP files below a directory by name and number, or the file itself.
 
     Raises:
         InputError: there are none.
     """
     if source.is_dir():
-        files = tuple(sorted(source.glob("*.mcap")))
+        files = tuple(sorted(source.glob("*.mcap"), key=_place))
         if not files:
             raise InputError("has no .mcap file", file=source)
         return files
     if not source.exists():
         raise InputError("is not there", file=source)
+    if not source.is_file():  # opening a pipe would wait for somebody to write into it
+        raise InputError("is no file", file=source)
     return (source,)
+
+
+def _place(file: Path) -> tuple[str, int, str]:
+    """Where a file of a split bag stands: ``bag_10`` comes behind ``bag_9``."""
+    stem, _, number = file.stem.rpartition("_")
+    whole = number.isascii() and number.isdigit() and len(number) < 10
+    return (stem, int(number), file.name) if whole else (file.stem, -1, file.name)
 
 
 def recover(source: str | Path, target: str | Path) -> RecoverReport:
@@ -72,7 +84,11 @@ def recover(source: str | Path, target: str | Path) -> RecoverReport:
     """
     source, target = Path(source), Path(target)
     files = source_files(source)
-    if target.exists() or target.is_symlink():
+    if len(os.fsencode(target.name)) > _MAX_NAME_BYTES:
+        raise InputError(
+            f"has a name of more than {_MAX_NAME_BYTES} bytes", file=target, remedy="shorten it"
+        )
+    if os.path.lexists(target):
         raise InputError("exists already", file=target, remedy="name a new directory")
     make_folder(target.parent)
     try:

@@ -85,7 +85,12 @@ class Salvage:
             InputError: the file is no MCAP at all.
         """
         with open_bounded(path) as stream:
-            if stream.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
+            head = stream.read(len(MCAP0_MAGIC))
+            if self.bytes_total and len(head) < len(MCAP0_MAGIC) and MCAP0_MAGIC.startswith(head):
+                # A recorder that was killed when it went on in a new file.
+                self.note(f"{path.name}: has no content")
+                return
+            if head != MCAP0_MAGIC:
                 raise InputError("is no MCAP file", file=path)
             self.bytes_total += stream.size
             self.bytes_read += _FileSalvage(self, stream, path).run()
