@@ -14,13 +14,13 @@ from ssp_core.bag.mcap_file import McapFile
 from ssp_core.bag.message import BagMessage
 from ssp_core.bag.qos import parse_offered_qos
 from ssp_core.bag.reader import BagReader
-from ssp_core.bag.split import LatchedTopic
 from ssp_core.bag.video_type import VIDEO_TYPE
 from ssp_core.bag.writer import BagWriter
 from ssp_core.errors import InputError
 
 # As rosbag2 writes it: by name, or before Jazzy by rmw's number.
 _LATCHED = ("transient_local", 1)
+_KEEP_ALL = ("keep_all", 2)
 # What a claimed depth may make us remember of one topic.
 _MOST_KEPT = 1000
 
@@ -167,7 +167,7 @@ class _Cut:
         for topic in self._topics:
             offered = self._bag.topics[topic].offered_qos
             if is_latched(offered):
-                depths[topic] = min(LatchedTopic(offered).kept.maxlen or 1, _MOST_KEPT)
+                depths[topic] = _depth(offered)
                 kept[topic] = []
         begin_ns = self._bag.start_ns
         if not kept or begin_ns is None or begin_ns >= start_ns:
@@ -202,6 +202,18 @@ class _Cut:
             start_ns=self._first_ns,
             end_ns=self._last_ns,
         )
+
+
+def _depth(offered_qos: str) -> int:
+    """How many messages a late joiner gets; each publisher offers its own."""
+    depth = 0
+    for profile in parse_offered_qos(offered_qos):
+        claimed = profile.get("depth")
+        if profile.get("history") in _KEEP_ALL:
+            depth += _MOST_KEPT
+        else:
+            depth += claimed if isinstance(claimed, int) and claimed > 0 else 1
+    return min(depth, _MOST_KEPT)
 
 
 def _usable(offered_qos: str) -> str:
