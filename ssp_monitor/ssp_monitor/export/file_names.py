@@ -21,8 +21,9 @@ class FileNames:
         What can't be told from the name any more gets a part of the topic's hash.
         """
         parts = topic.strip("/").split("/")
-        name = ".".join(_UNUSUAL.sub("_", part) for part in parts).strip(".")
-        plain = all(part and not _UNUSUAL.search(part) for part in parts)
+        joined = ".".join(_UNUSUAL.sub("_", part) for part in parts)
+        name = joined.strip(".-")  # no hidden file, and none that a program takes for an option
+        plain = name == joined and all(part and not _UNUSUAL.search(part) for part in parts)
         if not plain or len(name) > _MOST_CHARACTERS or name.lower() in self._taken:
             digest = hashlib.sha256(topic.encode("utf-8", "surrogatepass")).hexdigest()[:12]
             name = f"{name[:_MOST_CHARACTERS] or 'topic'}-{digest}"
