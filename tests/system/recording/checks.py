@@ -1,0 +1,81 @@
+"""What a bag holds against what was sent."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ssp_core.bag import BagReader
+
+from .load import IMAGE, LoadTopic, Sent, encode
+
+_NUMBER_AT = {IMAGE: 32}
+_STAMP = struct.Struct("<iI")
+
+
+@dataclass(frozen=True)
+class Held:
+    """One message of a bag: its number in the load, and its times."""
+
+    number: int
+    log_ns: int
+    publish_ns: int
+
+
+def held(bag: Path, topics: Iterable[LoadTopic]) -> dict[str, list[Held]]:
+    """The load's messages in a bag by topic, in the order in which a reader gives them.
+
+    Raises:
+        AssertionError: the bytes of one are not those that were sent.
+    """
+    found: dict[str, list[Held]] = {topic.name: [] for topic in topics}
+    by_name = {topic.name: topic for topic in topics}
+    with BagReader(bag) as reader:
+        names = [name for name in found if name in reader.topics]
+        for message in reader.messages(names) if names else ():
+            topic = by_name[message.topic]
+            at = _NUMBER_AT.get(topic.msgtype, 8)
+            number = int(message.data[at : at + 10])
+            second, nanosecond = _STAMP.unpack_from(message.data, 4)
+            stamp_ns = second * 1_000_000_000 + nanosecond if topic.msgtype == IMAGE else 0
+            assert message.data == encode(topic, number, stamp_ns), f"{topic.name} {number}"
+            found[topic.name].append(Held(number, message.log_time_ns, message.publish_time_ns))
+    return found
+
+
+def missing(
+    bag: Path, topics: Sequence[LoadTopic], sent: Sequence[Sent], until_ns: int | None = None
+) -> list[str]:
+    """What a bag lacks, or has too much, of what was sent since its first message of each topic.
+
+    Args:
+        bag: closed.
+        topics: of the load.
+        sent: by the load.
+        until_ns: steady time; what was sent later may be missing, but nothing before something
+            that is there.
+
+    Returns:
+        Sentences; none when all is there, in the order in which it was sent.
+    """
+    problems = []
+    for name, messages in held(bag, topics).items():
+        numbers = [message.number for message in messages]
+        due = [
+            s.number
+            for s in sent
+            if s.topic == name and (until_ns is None or s.steady_ns <= until_ns)
+        ]
+        if not numbers:
+            if due:
+                problems.append(f"{name}: nothing of {due[0]} to {due[-1]}")
+            continue
+        expected = list(range(numbers[0], max([numbers[-1], *due]) + 1))
+        lost = sorted(set(expected) - set(numbers))
+        if lost:
+            problems.append(f"{name}: {len(lost)} missing, the first is {lost[0]} of {expected[-1]}")
+        elif numbers != expected:
+            problems.append(f"{name}: out of order or twice: {numbers[:3]} to {numbers[-3:]}")
+    return problems

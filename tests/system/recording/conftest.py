@@ -1,0 +1,228 @@
+"""A load and recorders in processes of their own, a small disk, and what the recorder says."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+
+import ssp_core
+from ssp_core import names, ros
+from ssp_core.domains import free_domain
+from ssp_core.processes import (
+    die_with_parent,
+    remove_shared_ports,
+    remove_stale_shared_memory,
+    session_environment,
+)
+from ssp_msgs.msg import RecorderStatus
+
+from .disks import Disk
+from .load import LoadTopic, Sent, read_log, write_spec
+
+DEADLINE_S = 30.0
+PROFILE = Path(ssp_core.__file__).parent / "config" / "fastdds_one_host.xml"
+LOAD = Path(__file__).with_name("load.py")
+
+
+def wait_for(condition: Callable[[], bool], what: str, deadline_s: float = DEADLINE_S) -> None:
+    """Waits until a condition holds; waiting in vain fails the test."""
+    end = time.monotonic() + deadline_s
+    while not condition():
+        if time.monotonic() > end:
+            pytest.fail(f"waited {deadline_s:g} s in vain for {what}")
+        time.sleep(0.01)
+
+
+@dataclass
+class Load:
+    """Publishers in a process of their own."""
+
+    topics: tuple[LoadTopic, ...]
+    process: subprocess.Popen[str]
+    log: Path
+
+    def sent(self) -> list[Sent]:
+        return read_log(self.log, self.topics)
+
+    def count(self) -> int:
+        return len(self.sent())
+
+    def stop(self) -> list[Sent]:
+        """Ends it and returns all that it sent."""
+        if self.process.stdin is not None and not self.process.stdin.closed:
+            self.process.stdin.close()
+        self.process.wait(DEADLINE_S)
+        assert self.process.returncode == 0
+        return self.sent()
+
+
+@dataclass
+class Recording:
+    """One recorder process."""
+
+    process: subprocess.Popen[str]
+    bag: Path
+    said: str = ""
+
+    def stop(self, number: signal.Signals = signal.SIGINT) -> int:
+        """Asks it to end; returns its exit status. What it said is in ``said`` then."""
+        self.process.send_signal(number)
+        return self.wait()
+
+    def wait(self) -> int:
+        out, err = self.process.communicate(timeout=DEADLINE_S)
+        self.said += out + err
+        assert "Traceback" not in self.said, self.said
+        return self.process.returncode
+
+    def kill(self) -> int:
+        """SIGKILL; returns the steady time just before it."""
+        before_ns = time.monotonic_ns()
+        self.process.kill()
+        self.process.communicate(timeout=DEADLINE_S)
+        return before_ns
+
+    def size(self) -> int:
+        """Of its files so far, bytes."""
+        return sum(file.stat().st_size for file in self.bag.glob("*.mcap"))
+
+    def wait_for_end_of_data(self) -> None:
+        """Waits until nothing more is written, for longer than two flushes are apart."""
+        seen = [self.size()]
+        since = [time.monotonic()]
+
+        def is_over() -> bool:
+            if self.size() != seen[0]:
+                seen[0], since[0] = self.size(), time.monotonic()
+            return time.monotonic() > since[0] + 1.5
+
+        wait_for(is_over, "the end of the data")
+
+
+@dataclass
+class Statuses:
+    """What the recorders of a domain say of themselves."""
+
+    context: Context
+    node: Any = None
+    executor: Any = None
+    by_bag: dict[str, list[Any]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.node = rclpy.create_node(
+            "witness", context=self.context, start_parameter_services=False, enable_rosout=False
+        )
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.node.create_subscription(
+            RecorderStatus, names.absolute(names.RECORDER_STATUS), self._hear, ros.STATE
+        )
+
+    def _hear(self, status: Any) -> None:
+        self.by_bag.setdefault(status.bag, []).append(status)
+
+    def until(self, condition: Callable[[Any], bool], what: str, bag: str = "bag") -> Any:
+        """Waits for a status, from now on, of which a condition holds, and returns it."""
+        end = time.monotonic() + DEADLINE_S
+        seen = len(self.by_bag.get(bag, ()))
+        while True:
+            for status in self.by_bag.get(bag, ())[seen:]:
+                if condition(status):
+                    return status
+                seen += 1
+            if time.monotonic() > end:
+                last = self.by_bag.get(bag, [None])[-1]
+                pytest.fail(f"no status in time with {what}; the last one: {last}")
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def close(self) -> None:
+        self.executor.shutdown()
+        self.node.destroy_node()
+
+
+class Field:
+    """Where a test starts its processes: one ROS domain, one folder. Nothing outlives the test."""
+
+    def __init__(self, folder: Path, domain_id: int) -> None:
+        self.folder = folder
+        self.domain_id = domain_id
+        self.env = session_environment(domain_id, PROFILE)
+        self._started: list[subprocess.Popen[str]] = []
+        self._loads = 0
+
+    def start(self, command: Sequence[str], **kwargs: Any) -> subprocess.Popen[str]:
+        process = subprocess.Popen(
+            list(command),
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=self.env,
+            **{"preexec_fn": die_with_parent, **kwargs},
+        )
+        self._started.append(process)
+        return process
+
+    def load(self, *topics: LoadTopic) -> Load:
+        """Starts a load; returns when it sends."""
+        self._loads += 1
+        spec = self.folder / f"load_{self._loads}.json"
+        log = spec.with_suffix(".log")
+        write_spec(spec, topics, log)
+        process = self.start([sys.executable, str(LOAD), str(spec)])
+        load = Load(topics, process, log)
+        wait_for(lambda: load.count() > 0 or process.poll() is not None, "the load")
+        assert process.poll() is None, process.communicate()
+        return load
+
+    def record(
+        self, *arguments: str, name: str = "bag", disk: Disk | None = None, **kwargs: Any
+    ) -> Recording:
+        """Starts ``ssp bag record``; returns at once."""
+        folder = self.folder if disk is None else disk.point
+        command = [sys.executable, "-m", "ssp_core.cli", "bag", "record", *arguments]
+        command += ["--out", str(folder / name)]
+        process = self.start([*(disk.enter if disk else ()), *command], **kwargs)
+        return Recording(process, (self.folder if disk is None else disk.seen) / name)
+
+    def close(self) -> None:
+        for process in self._started:
+            if process.poll() is None:
+                process.kill()
+            process.wait(DEADLINE_S)
+            for pipe in (process.stdin, process.stdout, process.stderr):
+                if pipe is not None:
+                    pipe.close()
+        remove_stale_shared_memory()
+        remove_shared_ports(self.domain_id)
+
+
+@pytest.fixture
+def field_(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Field]:
+    with free_domain() as domain_id:
+        made = Field(tmp_path, domain_id)
+        for key in ("ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE", "RMW_IMPLEMENTATION"):
+            monkeypatch.setenv(key, made.env[key])
+        yield made
+        made.close()
+
+
+@pytest.fixture
+def statuses(field_: Field) -> Iterator[Statuses]:
+    context = Context()
+    rclpy.init(context=context, domain_id=field_.domain_id)
+    made = Statuses(context)
+    yield made
+    made.close()
+    rclpy.shutdown(context=context)

@@ -1,0 +1,81 @@
+"""A disk that is nearly full ends a recording in good order; one that is full ends it at once."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from ssp_core.bag import BagReader, recover
+from ssp_core.bag.check import check_bag
+
+from .checks import missing
+from .conftest import Field, wait_for
+from .disks import Disk, may_mount, small_disk
+from .load import LoadTopic
+
+pytestmark = [pytest.mark.ros, pytest.mark.system]
+TOPICS = (
+    LoadTopic("/load/state", rate_hz=100),
+    LoadTopic("/load/frame", rate_hz=20, size_bytes=50_000),
+)
+NAMES = [topic.name for topic in TOPICS]
+DISK_BYTES = 60 << 20
+
+
+def test_a_disk_that_is_nearly_full_ends_it_before_anything_is_lost(
+    field_: Field, tmp_path: Path
+) -> None:
+    """Here by the time that is left at 1 MB/s; a limit on files can't be seen coming."""
+    load = field_.load(*TOPICS)
+    with small_disk(tmp_path, 15 << 20) as disk:
+        reserve = "0" if disk.is_mounted else "100000000"  # no machine has 100 TB to spare
+        recording = field_.record(*NAMES, "--reserve-mb", reserve, "--json", disk=disk)
+        assert recording.wait() == 1
+        sent = load.stop()
+        result = json.loads(recording.said.splitlines()[0])
+        assert result["ended"].startswith("the disk ")
+        assert (result["lost"], result["problems"]) == (0, [])
+        assert check_bag(recording.bag).problems == ()
+        assert missing(recording.bag, TOPICS, sent, until_ns=0) == []
+        with BagReader(recording.bag) as reader:
+            assert reader.count == result["messages"] > 0
+            report = json.loads(reader.attachment("recording.json") or b"")
+        assert report["written"] == report["received"] == result["messages"]
+
+
+def test_a_full_disk_is_said_at_once_and_every_message_is_counted(
+    field_: Field, tmp_path: Path
+) -> None:
+    """Somebody else fills the disk between two looks of the recorder, who had 30 s left."""
+    load = field_.load(*TOPICS)
+    with small_disk(tmp_path, DISK_BYTES if may_mount() else 3_000_000) as disk:
+        recording = field_.record(*NAMES, "--reserve-mb", "0", "--json", disk=disk)
+        wait_for(lambda: recording.size() > 1_500_000, "data")
+        if disk.is_mounted:
+            fill(disk)
+        assert recording.wait() == 1
+        sent = load.stop()
+        result = json.loads(recording.said.splitlines()[0])
+        assert "writing failed" in result["ended"] or "the disk has" in result["ended"]
+        assert not (recording.bag / "metadata.yaml").exists()
+        recover(recording.bag, tmp_path / "recovered")
+    assert check_bag(tmp_path / "recovered").problems == ()
+    assert missing(tmp_path / "recovered", TOPICS, sent, until_ns=0) == []
+    with BagReader(tmp_path / "recovered") as reader:
+        kept = reader.count
+    assert kept > 0
+    # What was written by its own account and isn't on the disk is at most one chunk.
+    assert result["lost"] > 0
+    assert kept <= result["messages"]
+
+
+def fill(disk: Disk) -> None:
+    block = bytes(1 << 16)
+    with (disk.seen / "somebody_elses").open("wb", buffering=0) as stream:
+        try:
+            while True:
+                stream.write(block)
+        except OSError:
+            return

@@ -1,0 +1,99 @@
+"""Publishers that come, go, return and change while they are recorded."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from ssp_core.bag import BagReader
+from ssp_core.bag.check import check_bag
+
+from .checks import held, missing
+from .conftest import Field, Recording, wait_for
+from .load import IMAGE, TEXT, LoadTopic
+
+pytestmark = [pytest.mark.ros, pytest.mark.system]
+FIRST = LoadTopic("/load/first", rate_hz=100)
+
+
+def finish(recording: Recording) -> tuple[int, dict[str, object]]:
+    """Ends a recording; its exit status and what it says about itself."""
+    status = recording.stop()
+    result: dict[str, object] = json.loads(recording.said.splitlines()[0])
+    return status, result
+
+
+def recorded(recording: Recording, size_bytes: int = 100_000) -> None:
+    before = recording.size()
+    wait_for(lambda: recording.size() > before + size_bytes, f"{size_bytes} bytes more")
+
+
+def test_late_topics_and_best_effort_ones_are_recorded(field_: Field) -> None:
+    early = field_.load(FIRST)
+    recording = field_.record("--all", "--json")
+    recorded(recording)
+    late_topics = (
+        LoadTopic("/late/state", rate_hz=100),
+        LoadTopic("/late/map", rate_hz=0, size_bytes=20_000, latched=True),
+        LoadTopic("/late/lidar", rate_hz=20, size_bytes=20_000, reliable=False),
+    )
+    late = field_.load(*late_topics)
+    wait_for(lambda: late.count() > 300, "late messages")
+    recorded(recording)
+    sent = [*early.stop(), *late.stop()]
+    recorded_all = (FIRST, *late_topics)
+    recording.wait_for_end_of_data()
+    status, result = finish(recording)
+    assert (status, result["lost"], result["problems"]) == (0, 0, []), recording.said
+    assert check_bag(recording.bag).problems == ()
+    assert missing(recording.bag, recorded_all, sent) == []
+    with BagReader(recording.bag) as reader:
+        assert set(reader.topics) == {topic.name for topic in recorded_all}
+        assert "best_effort" in reader.topics["/late/lidar"].offered_qos
+        assert "transient_local" in reader.topics["/late/map"].offered_qos
+
+
+def test_a_publisher_that_starts_again_loses_nothing(field_: Field) -> None:
+    """Its process ends and another one goes on; numbers of the middleware begin anew."""
+    before = field_.load(FIRST)
+    recording = field_.record(FIRST.name, "--json")
+    recorded(recording)
+    sent = before.stop()
+    after = field_.load(LoadTopic(FIRST.name, rate_hz=100, first=1_000_001))
+    wait_for(lambda: after.count() > 200, "messages of the second")
+    recorded(recording)
+    sent += after.stop()
+    recording.wait_for_end_of_data()
+    status, result = finish(recording)
+    assert (status, result["lost"]) == (0, 0), recording.said
+    numbers = [m.number for m in held(recording.bag, [FIRST])[FIRST.name]]
+    for begin in (0, 1_000_000):
+        part = [n for n in numbers if begin < n < begin + 1_000_000]
+        last = max(s.number for s in sent if begin < s.number < begin + 1_000_000)
+        assert part == list(range(part[0], last + 1))
+
+
+def test_a_topic_that_changes_its_type_keeps_its_first_one(field_: Field) -> None:
+    """What comes with the other type is not recorded, and the recording is not called whole."""
+    before = field_.load(FIRST)
+    recording = field_.record("--all", "--json")
+    recorded(recording)
+    sent = before.stop()
+    other = LoadTopic(FIRST.name, rate_hz=100, msgtype=TEXT, first=5_000)
+    beside = LoadTopic("/load/beside", rate_hz=100)
+    after = field_.load(other, beside)
+    wait_for(lambda: after.count() > 300, "messages of the other type")
+    recorded(recording)
+    sent += after.stop()
+    recording.wait_for_end_of_data()
+    status, result = finish(recording)
+    assert status == 1
+    said = f"{FIRST.name} is also of type {TEXT} now: only {IMAGE} is recorded"
+    assert any(said in warning for warning in result["warnings"]), result  # type: ignore[union-attr]
+    assert result["problems"] == []
+    assert check_bag(recording.bag).problems == ()
+    of_first = [s for s in sent if s.number < 5_000 or s.topic == beside.name]
+    assert missing(recording.bag, (FIRST, beside), of_first) == []
+    with BagReader(recording.bag) as reader:
+        assert reader.topics[FIRST.name].msgtype == IMAGE

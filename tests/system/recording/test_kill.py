@@ -1,0 +1,96 @@
+"""SIGKILL at any moment costs at most one second, and leaves no gap before it."""
+
+from __future__ import annotations
+
+import random
+import time
+from pathlib import Path
+
+import pytest
+
+from ssp_core.bag import recover
+from ssp_core.bag.check import check_bag
+from ssp_core.errors import InputError
+
+from .checks import held, missing
+from .conftest import DEADLINE_S, Field, Recording, wait_for
+from .load import LoadTopic
+
+pytestmark = [pytest.mark.ros, pytest.mark.system]
+
+TOPICS = (
+    LoadTopic("/load/state", rate_hz=200, size_bytes=200),
+    LoadTopic("/load/frame", rate_hz=30, size_bytes=60_000),
+    LoadTopic("/load/rare", rate_hz=3, size_bytes=100),
+    LoadTopic("/load/map", rate_hz=0, size_bytes=5_000, latched=True),
+)
+NAMES = [topic.name for topic in TOPICS]
+LOSS_NS = 1_000_000_000
+AT_ONCE = 4
+# Of each four: without splitting, by size, by time, and in the first moments of a recording.
+SPLITS = (("--split-mb", "0"), ("--split-mb", "1"), ("--split-s", "0.5"), ("--split-mb", "0"))
+
+
+def _after_s(seed: int, place: int) -> float:
+    """How long after the first data, or in the last place after its bag appeared, one is killed."""
+    chance = random.Random(f"{seed} {place}")
+    return chance.uniform(0.0, 0.6) if place == AT_ONCE - 1 else chance.uniform(0.3, 2.5)
+
+
+def _kill_all(recordings: list[Recording], seed: int) -> list[int]:
+    """Kills each at its moment; returns the steady times just before."""
+    kill_at: dict[int, float] = {}
+    killed: dict[int, int] = {}
+    deadline = time.monotonic() + DEADLINE_S
+    while len(killed) < len(recordings):
+        now = time.monotonic()
+        assert now < deadline, "a recorder did not begin to write"
+        for place, recording in enumerate(recordings):
+            if place in killed:
+                continue
+            early = place == AT_ONCE - 1
+            if place not in kill_at and recording.bag.is_dir() and (early or recording.size() > 2e5):
+                kill_at[place] = now + _after_s(seed, place)
+            elif now >= kill_at.get(place, now + 1):
+                killed[place] = recording.kill()
+        time.sleep(0.002)
+    return [killed[place] for place in range(len(recordings))]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_kill_at_a_random_moment_costs_at_most_a_second(field_: Field, seed: int) -> None:
+    load = field_.load(*TOPICS)
+    recordings = [
+        field_.record(*NAMES, *split, name=f"bag_{place}") for place, split in enumerate(SPLITS)
+    ]
+    killed_ns = _kill_all(recordings, seed)
+    sent = load.stop()
+    for place, (recording, kill_ns) in enumerate(zip(recordings, killed_ns, strict=True)):
+        target = field_.folder / f"recovered_{place}"
+        if place == AT_ONCE - 1 and not _has_data(recording.bag):
+            with pytest.raises(InputError):
+                recover(recording.bag, target)
+            continue
+        recover(recording.bag, target)
+        assert check_bag(target).problems == ()
+        early = place == AT_ONCE - 1 and not any(held(target, TOPICS).values())
+        until_ns = 0 if early else kill_ns - LOSS_NS
+        assert missing(target, TOPICS, sent, until_ns) == [], f"recorder {place}, seed {seed}"
+        if place in (1, 2):
+            assert len(list(recording.bag.glob("*.mcap"))) > 1
+
+
+def _has_data(bag: Path) -> bool:
+    return any(file.stat().st_size > 8 for file in bag.glob("*.mcap"))
+
+
+def test_what_was_killed_is_said_to_be_unfinished(field_: Field) -> None:
+    load = field_.load(*TOPICS)
+    recording = field_.record(*NAMES)
+    wait_for(lambda: recording.size() > 200_000, "data")
+    recording.kill()
+    load.stop()
+    assert not (recording.bag / "metadata.yaml").exists()
+    report = check_bag(recording.bag)
+    assert not report.ok
+    assert "ssp bag recover" in " ".join(report.problems)

@@ -1,0 +1,100 @@
+"""Power loss costs at most one second of a recording.
+
+Where file systems may be mounted, the recorder writes onto one in a file, and the power is cut by
+copying that file: the copy has what reached the disk until then, and nothing of what the system
+only holds in memory. Elsewhere the requests to the disk are counted. Neither covers a disk that
+says that it has what is still in its own memory.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+
+from ssp_core.bag import BagMessage, disk_sync, recover
+from ssp_core.bag.check import check_bag
+from ssp_monitor.core.recorder import Recorder
+from ssp_monitor.core.topics import Profile, TopicSpec
+
+from .checks import missing
+from .conftest import Field, wait_for
+from .disks import may_mount, mounted
+from .load import IMAGE, LoadTopic, encode
+
+pytestmark = [pytest.mark.ros, pytest.mark.system]
+TOPICS = (
+    LoadTopic("/load/state", rate_hz=200),
+    LoadTopic("/load/frame", rate_hz=20, size_bytes=60_000),
+)
+LOSS_NS = 1_000_000_000
+
+
+def test_power_loss_costs_at_most_a_second(
+    field_: Field, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if may_mount() and Path("/dev/loop-control").exists() and shutil.which("mkfs.ext4"):
+        _cut_the_power(field_, tmp_path)
+    else:
+        _count_requests(tmp_path, monkeypatch)
+
+
+def _cut_the_power(field_: Field, folder: Path) -> None:
+    image, later = folder / "disk.img", folder / "later.img"
+    for name in ("disk", "later"):
+        (folder / name).mkdir()
+    with image.open("wb") as stream:
+        stream.truncate(128 << 20)
+    subprocess.run(["mkfs.ext4", "-q", "-F", str(image)], check=True)
+    load = field_.load(*TOPICS)
+    with mounted(folder / "disk", "-o", "loop", str(image)) as disk:
+        recording = field_.record(*(t.name for t in TOPICS), "--split-mb", "2", "--reserve-mb", "0", disk=disk)
+        wait_for(lambda: recording.size() > 3_000_000, "data in two files")
+        recording.process.send_signal(signal.SIGSTOP)
+        cut_ns = time.monotonic_ns()
+        shutil.copyfile(image, later)
+        recording.kill()
+    sent = load.stop()
+    with mounted(folder / "later", "-o", "loop", str(later)) as disk:
+        recover(disk.seen / "bag", folder / "recovered")
+    assert check_bag(folder / "recovered").problems == ()
+    assert missing(folder / "recovered", TOPICS, sent, cut_ns - LOSS_NS) == []
+
+
+def _count_requests(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    requests: list[tuple[float, int]] = []
+    real = os.fdatasync
+
+    def noted(descriptor: int) -> None:
+        requests.append((time.monotonic(), os.fstat(descriptor).st_size))
+        real(descriptor)
+
+    monkeypatch.setattr(disk_sync.os, "fdatasync", noted)
+    topic = LoadTopic("/load/state", size_bytes=2_000)
+    recorder = Recorder(folder / "bag", [TopicSpec(topic.name, IMAGE, Profile.STATE)])
+    put: list[tuple[float, int]] = []
+    total = 0
+    until = time.monotonic() + 3.0
+    while time.monotonic() < until:
+        data = encode(topic, len(put), 0)
+        total += len(data)
+        put.append((time.monotonic(), total))
+        recorder.put(BagMessage(topic.name, len(put), len(put), data))
+        time.sleep(0.005)
+    recorder.stop()
+    # What came last is written by closing, which waits for the disk.
+    for at, size in (entry for entry in put if entry[0] < until - 1.0):
+        asked = [when for when, held in requests if held >= size]
+        assert asked
+        assert asked[0] < at + 1.0
+
+
+def test_requests_to_the_disk_come_in_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _count_requests(tmp_path, monkeypatch)

@@ -1,0 +1,107 @@
+"""A disk that doesn't keep up: memory is bounded, and what is dropped is what was stated."""
+
+from __future__ import annotations
+
+
+import time
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+
+from ssp_core.bag import BagMessage, mcap_output
+from ssp_core.bag.check import check_bag
+from ssp_monitor.core.importance import Importance, importance
+from ssp_monitor.core.recorder import Recorder
+from ssp_monitor.core.topics import Profile, TopicSpec
+
+from .checks import held
+from .load import IMAGE, TEXT, LoadTopic, encode
+
+pytestmark = pytest.mark.system
+
+FRAMES = LoadTopic("/ssp/camera", size_bytes=500_000)
+OTHERS = LoadTopic("/other/camera", size_bytes=500_000)
+EVENTS = LoadTopic("/ssp/notes", size_bytes=300, msgtype=TEXT)
+SPECS = (
+    TopicSpec(FRAMES.name, IMAGE, Profile.SENSOR),
+    TopicSpec(OTHERS.name, IMAGE, Profile.ADAPTED),
+    TopicSpec(EVENTS.name, TEXT, Profile.STATE),
+)
+QUEUE_BYTES = 40 << 20
+DISK_BPS = 20e6
+
+
+def test_the_least_important_is_dropped_and_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """More than the disk takes, and one of the two cameras is the run's own."""
+    real = mcap_output.write_buffers
+
+    def slow(descriptor: int, buffers: Sequence[bytes], *rest: int) -> None:
+        real(descriptor, buffers, *rest)
+        time.sleep(sum(map(len, buffers)) / DISK_BPS)
+
+    monkeypatch.setattr(mcap_output, "write_buffers", slow)
+    assert importance(SPECS[1]) < importance(SPECS[0]) < importance(SPECS[2]) <= Importance.EVENT
+    recorder = Recorder(tmp_path / "bag", (SPECS[0], SPECS[2]), queue_bytes=QUEUE_BYTES)
+    recorder.add(SPECS[1], offered="", latched=False)
+    put: Counter[str] = Counter()
+    most_waiting = 0
+    begin = time.monotonic()
+    # 34 frames a second of each camera are 34 MB/s: the run's own alone would fit.
+    for k in range(150):
+        for topic in (FRAMES, OTHERS, EVENTS):
+            put[topic.name] += 1
+            recorder.put(BagMessage(topic.name, k, k, encode(topic, k, 0), k))
+        most_waiting = max(most_waiting, recorder.state().queue_bytes)
+        time.sleep(max(0.0, begin + k / 34 - time.monotonic()))
+    state = recorder.stop()
+
+    assert state.failure is None
+    assert 0.5 * QUEUE_BYTES < most_waiting <= QUEUE_BYTES
+    dropped = recorder.dropped_by_topic
+    assert set(dropped) == {OTHERS.name}
+    assert state.dropped == dropped.total()
+    assert state.messages == put.total() - state.dropped
+    assert check_bag(tmp_path / "bag").problems == ()
+    found = held(tmp_path / "bag", (FRAMES, OTHERS, EVENTS))
+    assert [m.number for m in found[FRAMES.name]] == list(range(150))
+    assert [m.number for m in found[EVENTS.name]] == list(range(150))
+    numbers = [m.number for m in found[OTHERS.name]]
+    assert len(numbers) == put[OTHERS.name] - dropped[OTHERS.name]
+    assert numbers == sorted(set(numbers))
+
+
+def test_a_disk_that_stands_still_costs_no_memory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nothing is written for a while: the queue stays within its limit, and every message is
+    either in the bag or counted."""
+    real = mcap_output.write_buffers
+    stands, goes_on = tmp_path / "stands", tmp_path / "goes_on"
+
+    def stuck(descriptor: int, buffers: Sequence[bytes], *rest: int) -> None:
+        if len(buffers) and sum(map(len, buffers)) > 1 << 20:
+            stands.touch()
+            while not goes_on.exists():
+                time.sleep(0.005)
+        real(descriptor, buffers, *rest)
+
+    monkeypatch.setattr(mcap_output, "write_buffers", stuck)
+    recorder = Recorder(tmp_path / "bag", SPECS[:1], queue_bytes=QUEUE_BYTES)
+    put = 0
+    deadline = time.monotonic() + 20.0
+    while not stands.exists() or put < 400:
+        assert time.monotonic() < deadline
+        recorder.put(BagMessage(FRAMES.name, put, put, encode(FRAMES, put, 0), put))
+        put += 1
+        assert recorder.state().queue_bytes <= QUEUE_BYTES
+        if not stands.exists():
+            time.sleep(0.005)
+    goes_on.touch()
+    state = recorder.stop()
+    assert state.dropped > 0
+    assert state.messages + state.dropped == put
+    assert len(held(tmp_path / "bag", (FRAMES,))[FRAMES.name]) == state.messages

@@ -1,0 +1,48 @@
+"""The bag's directory is removed, or replaced, while it is being recorded."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import time
+from pathlib import Path
+
+import pytest
+
+from .conftest import Field, wait_for
+from .load import LoadTopic
+
+pytestmark = [pytest.mark.ros, pytest.mark.system]
+TOPIC = LoadTopic("/load/frame", rate_hz=50, size_bytes=10_000)
+NOTICE_S = 5.0
+
+
+def remove(bag: Path) -> None:
+    shutil.rmtree(bag)
+
+
+def replace(bag: Path) -> None:
+    bag.rename(bag.with_name("elsewhere"))
+    shutil.copytree(bag.with_name("elsewhere"), bag)
+
+
+@pytest.mark.parametrize("strike", [remove, replace])
+@pytest.mark.parametrize("split", ["0", "0.2"])
+def test_a_recording_whose_bag_is_gone_ends_and_says_so(
+    field_: Field, strike: object, split: str
+) -> None:
+    assert callable(strike)
+    load = field_.load(TOPIC)
+    recording = field_.record(TOPIC.name, "--split-mb", split, "--json")
+    wait_for(lambda: recording.size() > 300_000, "data")
+    strike(recording.bag)
+    struck = time.monotonic()
+    assert recording.wait() == 1
+    assert time.monotonic() < struck + NOTICE_S
+    load.stop()
+    result = json.loads(recording.said.splitlines()[0])
+    assert "writing failed" in result["ended"] or "can't be opened" in result["ended"]
+    assert recording.bag.name in result["ended"]
+    assert not result["ok"]
+    if strike is remove:
+        assert not recording.bag.exists()
