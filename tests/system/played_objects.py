@@ -1,7 +1,7 @@
 """Plays the objects of a run for tests of the page: loads the run, and sends states of everybody.
 
-python played_objects.py RUN_FILE RATE_HZ MOVING: all of them in one array, at their starts, with
-MOVING 1 in slow circles; the VUT on a topic of its own.
+python played_objects.py RUN_FILE RATE_HZ MOVING [single]: all of them in one array, or each on a
+topic of its own; at their starts, or with MOVING 1 in slow circles. The VUT has its own topic.
 """
 
 from __future__ import annotations
@@ -47,6 +47,14 @@ class Played(Node):
         self._vut_states = self.create_publisher(
             ObjectState, names.state_topic(run.vut.id), ros.STATE
         )
+        self._single = (
+            [
+                self.create_publisher(ObjectState, names.state_topic(t.id), ros.STATE)
+                for t in run.targets
+            ]
+            if "single" in sys.argv
+            else []
+        )
         self._states = self.create_publisher(ObjectStates, names.OBJECT_STATES, ros.STATE)
         self._client = self.create_client(LoadScenario, names.LOAD_SCENARIO)
         self._loaded = False
@@ -69,6 +77,10 @@ class Played(Node):
         now_ns = self.get_clock().now().nanoseconds
         moved = [self._at(state, now_ns) for state in (self._vut, *self._targets)]
         self._vut_states.publish(encode_state(moved[0]))
+        for publisher, state in zip(self._single, moved[1:], strict=False):
+            publisher.publish(encode_state(state))
+        if self._single:
+            return
         array = StateArray(now_ns, self.get_name(), tuple(moved[1:]))
         self._states.publish(encode_states(array))
 

@@ -116,10 +116,15 @@ class Stage:
     def manager(self) -> None:
         self.start("manager", "-m", "ssp_scenario_manager.node")
 
-    def objects(self, *, moving: bool = False) -> subprocess.Popen[bytes]:
+    def objects(self, *, moving: bool = False, single: bool = False) -> subprocess.Popen[bytes]:
         script = Path(__file__).with_name("played_objects.py")
         process = self.start(
-            "objects", str(script), str(self.run_file), "100", "1" if moving else "0"
+            "objects",
+            str(script),
+            str(self.run_file),
+            "100",
+            "1" if moving else "0",
+            "single" if single else "array",
         )
         self.wait_for_line("objects", r"^loaded: True")
         return process

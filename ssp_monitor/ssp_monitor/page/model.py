@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from typing import Any
 
 from ssp_core.geometry import Polyline, box_distance
@@ -33,6 +34,8 @@ COMMANDS: dict[SessionPhase, tuple[str, ...]] = {
     SessionPhase.ABORTING: (),
     SessionPhase.ABORTED: ("all_clear",),
 }
+
+_DIGITS = re.compile(r"(\d+)")
 
 
 def number(value: float, digits: int = 3) -> float | None:
@@ -142,9 +145,7 @@ class Snapshots:
 
     def _objects(self, now_ns: int) -> list[dict[str, Any]]:
         board = self._board
-        everyone = sorted(
-            board.objects.values(), key=lambda h: (h.state.role != Role.VUT, h.state.object_id)
-        )
+        everyone = sorted(board.objects.values(), key=lambda heard: _order(heard.state))
         vut = next((h for h in everyone if h.state.role is Role.VUT), None)
         fresh_vut = vut.state if vut and age_s(now_ns, vut.at_ns) <= STALE_S else None
         return [self._object(heard, fresh_vut, now_ns) for heard in everyone]
@@ -196,6 +197,12 @@ class Snapshots:
             abs(state.error_longitudinal_m) > limits.error_longitudinal_m
             or abs(state.error_lateral_m) > limits.error_lateral_m
         )
+
+
+def _order(state: ObjectState) -> tuple[bool, bool, list[tuple[int, str]]]:
+    """The VUT first, traffic last, and ot2 before ot10."""
+    parts = [(int(p), "") if p.isdecimal() else (-1, p) for p in _DIGITS.split(state.object_id)]
+    return state.role is not Role.VUT, state.role is Role.TRAFFIC, parts
 
 
 def _control(state: ObjectState) -> str:

@@ -10,6 +10,7 @@ from concurrent.futures import Future
 from functools import partial
 from typing import Any
 
+from rclpy.client import Client
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
@@ -73,12 +74,19 @@ class ManagerCommands:
             return answer
         asked = client.call_async(SessionCommand.Request(requested_by=who))
         asked.add_done_callback(partial(_pass_on, answer))
+        answer.add_done_callback(lambda done: _forget(client, asked, done))
         return answer
 
 
 def _pass_on(answer: Future[Answer], asked: Any) -> None:
     if answer.set_running_or_notify_cancel():
         answer.set_result(conversions.command_answer(asked.result()))
+
+
+def _forget(client: Client, asked: Any, answer: Future[Answer]) -> None:
+    """Nobody waits any more for an answer that never came."""
+    if answer.cancelled():
+        client.remove_pending_request(asked)
 
 
 class MonitorPage(Node):

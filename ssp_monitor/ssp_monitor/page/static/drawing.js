@@ -113,7 +113,7 @@ export function drawObjects(context, view, objects, trails, stale, paint) {
   }
   for (const one of objects) {
     if (one.x === null || one.y === null) continue;
-    drawName(context, view, one, stale.blind || one.stale, taken, paint);
+    drawName(context, view, one, stale.blind || one.stale, taken, objects.length > 12, paint);
   }
 }
 
@@ -164,13 +164,13 @@ function drawBox(context, view, one, silent, paint) {
   context.restore();
 }
 
-function drawName(context, view, one, silent, taken, paint) {
+function drawName(context, view, one, silent, taken, many, paint) {
   const [px, py] = view.toScreen(one.x, one.y);
   if (px < -50 || py < -50 || px > view.width + 50 || py > view.height + 50) return;
   const more = silent ? "?" : one.control === "ABORTING" ? "ABORTING"
-    : one.speed === null ? "" : one.speed.toFixed(1);
+    : Math.abs(one.speed ?? 0) < 0.05 ? "" : one.speed.toFixed(1);
   const text = `${one.id} ${more}`.trim();
-  context.font = `${one.role === "VUT" ? 700 : 600} 15px system-ui, sans-serif`;
+  context.font = `${one.role === "VUT" ? 700 : 600} ${many ? 13 : 15}px system-ui, sans-serif`;
   const width = context.measureText(text).width;
   // Names that would lie on each other are put lower.
   const above = (one.width * view.scale) / 2 + Math.abs(Math.sin(one.yaw)) * one.front * view.scale;
@@ -202,8 +202,9 @@ export function drawOverview(context, view, site, objects, paint) {
   const [left, bottom, right, top] = site.bounds;
   const [seenLeft, seenBottom] = view.toMap(0, view.height);
   const [seenRight, seenTop] = view.toMap(view.width, 0);
-  if (seenLeft <= left && seenRight >= right && seenBottom <= bottom && seenTop >= top) return;
-  const scale = Math.min((view.width * 0.34) / (right - left), (view.height * 0.3) / (top - bottom));
+  const share = (from, to, low, high) => (Math.min(to, high) - Math.max(from, low)) / (high - low);
+  if (share(seenLeft, seenRight, left, right) * share(seenBottom, seenTop, bottom, top) > 0.6) return;
+  const scale = Math.min((view.width * 0.34) / (right - left), (view.height * 0.25) / (top - bottom));
   const [wide, high] = [(right - left) * scale, (top - bottom) * scale];
   const [x0, y0] = [view.width - wide - 14, view.height - high - 14];
   const place = (x, y) => [x0 + (x - left) * scale, y0 + high - (y - bottom) * scale];

@@ -41,7 +41,7 @@ export class SessionPanel {
       const disabled = !(allowed && known && session.commands.includes(name));
       if (button.disabled !== disabled) button.disabled = disabled;
     }
-    this.standing(snapshot);
+    this.standing(snapshot, known);
   }
 
   why(session) {
@@ -52,15 +52,19 @@ export class SessionPanel {
     return session.reason || session.event;
   }
 
-  standing(snapshot) {
+  standing(snapshot, known) {
     const state = snapshot.session.state;
     const waiting = ["UNKNOWN", "IDLE", "LOADED", "CONNECTED", "ARMED"].includes(state);
-    const key = JSON.stringify([waiting, state === "ARMED", snapshot.standing]);
+    const key = JSON.stringify([waiting, known, state === "ARMED", snapshot.standing]);
     if (key === this.told) return;
     this.told = key;
     const place = byId("standing");
     if (!waiting) {
       place.replaceChildren();
+      return;
+    }
+    if (!known) {
+      place.replaceChildren(make("h3", "What keeps it from arming isn't known now", "bad"));
       return;
     }
     const what = state === "ARMED" ? "start" : "arming";

@@ -3,6 +3,7 @@
 const LEAST_SCALE = 0.05; // px per m
 const MOST_SCALE = 120;
 const STEP = 1.35;
+const TOOLS_PX = 36; // at the top, where buttons lie over the map
 
 export class View {
   // changed() is called when something else is to be seen; moved() when a person did it.
@@ -36,9 +37,9 @@ export class View {
   // The view in which this much is seen, and at least so many metres of it.
   fitting([left, bottom, right, top], least, margin = 24) {
     const wide = (this.width - 2 * margin) / Math.max(right - left, least);
-    const high = (this.height - 2 * margin) / Math.max(top - bottom, least * 0.3);
+    const high = (this.height - 2 * margin - TOOLS_PX) / Math.max(top - bottom, least * 0.3);
     const scale = Math.min(Math.max(Math.min(wide, high), LEAST_SCALE), MOST_SCALE);
-    return { x: (left + right) / 2, y: (bottom + top) / 2, scale };
+    return { x: (left + right) / 2, y: (bottom + top) / 2 + TOOLS_PX / 2 / scale, scale };
   }
 
   zoom(factor, px = this.width / 2, py = this.height / 2) {

@@ -1,0 +1,266 @@
+"""What the page shows, made of what was heard."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ssp_core.run_spec import RunSpec
+from ssp_core.state import DEFAULT_SIZES, ObjectState
+from ssp_core.vocab import ControlState, ObjectClass, Phase, Role, SessionPhase, Verdict
+from ssp_monitor.page.board import MOST_EVENTS, MOST_OBJECTS, Board
+from ssp_monitor.page.facts import Event, LinkFact, RecorderFact, SessionFact
+from ssp_monitor.page.model import COMMANDS, Snapshots, number
+from ssp_monitor.page.readiness import standing_in_the_way
+from ssp_monitor.page.site import MOST_POINTS, site_message
+
+S = 1_000_000_000
+
+
+def state(name: str, role: Role = Role.OT, **changes: Any) -> ObjectState:
+    car = DEFAULT_SIZES[ObjectClass.CAR]
+    made = ObjectState(name, ObjectClass.CAR, role, 5 * S, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, car)
+    return replace(made, control_state=ControlState.DISARMED, **changes)
+
+
+@pytest.fixture
+def run(run_mapping: dict[str, Any]) -> RunSpec:
+    run_mapping["vut"]["approach"] = {"path": [[0.0, 0.0], [290.0, 0.0]], "cruise_mps": 10.0}
+    run_mapping["geofence"] = [[-20.0, -20.0], [300.0, -20.0], [300.0, 20.0], [-20.0, 20.0]]
+    for target, x_m in zip(run_mapping["targets"], (30.0, 60.0), strict=True):
+        target["start"] = {"x_m": x_m, "y_m": 6.0, "yaw_rad": 0.0}
+    return RunSpec.model_validate(run_mapping)
+
+
+def ready_board(run: RunSpec) -> Board:
+    """Everything as it must be to arm, heard at 10 s."""
+    board = Board(run)
+    at_ns = 10 * S
+    board.manager_at_ns = board.camera_at_ns = at_ns
+    board.hear_session(SessionFact(5 * S, SessionPhase.CONNECTED), at_ns)
+    board.hear_states([state("vut", Role.VUT)], at_ns)
+    board.hear_states([state("ot1", x_m=30.0, y_m=6.0), state("walker", x_m=60.0, y_m=6.0)], at_ns)
+    board.hear_links({i: LinkFact(0.0, 0.001, 0.01, 10, 0) for i in ("ot1", "walker")}, at_ns)
+    board.hear_recorder(RecorderFact(ready=True), at_ns)
+    return board
+
+
+def test_nothing_stands_in_the_way_of_what_is_ready(run: RunSpec) -> None:
+    board = ready_board(run)
+    assert standing_in_the_way(board, 10 * S) == []
+    assert Snapshots(board).stale(10 * S) == []
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda b: setattr(b, "manager_at_ns", None), "the scenario manager is silent"),
+        (lambda b: setattr(b, "camera_at_ns", None), "no camera picture arrives"),
+        (lambda b: setattr(b, "recorder", None), "the recorder is silent"),
+        (
+            lambda b: b.hear_recorder(RecorderFact(False, missing=("/ssp/x",)), 10 * S),
+            "the recorder is not ready: /ssp/x",
+        ),
+        (
+            lambda b: b.hear_recorder(RecorderFact(True, lost=3), 10 * S),
+            "the recorder has lost 3 messages, limit 0",
+        ),
+        (
+            lambda b: b.hear_recorder(RecorderFact(True, failure="disk full"), 10 * S),
+            "the recorder has failed: disk full",
+        ),
+        (lambda b: b.objects.pop("ot1"), "no state of ot1 arrives"),
+        (lambda b: b.links.clear(), "the link to ot1 is not measured yet"),
+        (
+            lambda b: b.hear_links({"ot1": LinkFact(0.2, 0.9)}, 10 * S),
+            "the link to ot1 takes 0.900 s, limit 0.5 s",
+        ),
+        (
+            lambda b: b.hear_links({"ot1": LinkFact(0.2, 0.9)}, 10 * S),
+            "the clock of ot1 is off by 0.200 s, limit 0.05 s",
+        ),
+        (
+            lambda b: b.hear_states([state("ot1", x_m=33.0, y_m=6.0)], 10 * S),
+            "ot1 is 3.00 m from its start, limit 1.5 m",
+        ),
+        (
+            lambda b: b.hear_states([state("vut", Role.VUT, speed_mps=0.2)], 10 * S),
+            "vut moves at 0.20 m/s, limit 0.05 m/s",
+        ),
+        (
+            lambda b: b.hear_states([state("vut", Role.VUT, x_m=math.nan)], 10 * S),
+            "vut has a state with a value that is no number",
+        ),
+        (
+            lambda b: b.hear_states([state("vut", Role.VUT, position_std_m=0.7)], 10 * S),
+            "the position of vut is uncertain by 0.70 m, limit 0.5 m",
+        ),
+        (
+            lambda b: b.hear_session(SessionFact(0, SessionPhase.ARMED), 10 * S),
+            "ot1 is DISARMED, not ARMED",
+        ),
+        (lambda b: b.hear_session(SessionFact(0, SessionPhase.IDLE), 10 * S), "no run is loaded"),
+    ],
+)
+def test_what_stands_in_the_way_is_said(run: RunSpec, change: Any, said: str) -> None:
+    board = ready_board(run)
+    change(board)
+    assert said in standing_in_the_way(board, 10 * S)
+
+
+def test_a_session_that_has_started_waits_for_nothing(run: RunSpec) -> None:
+    board = Board(run)
+    board.hear_session(SessionFact(0, SessionPhase.RUNNING), 0)
+    assert standing_in_the_way(board, 60 * S) == []
+
+
+@pytest.mark.parametrize(
+    ("later_s", "late", "stale"),
+    [(0.3, False, False), (0.31, True, False), (1.0, True, False), (1.01, True, True)],
+)
+def test_age_makes_an_object_late_and_then_stale(
+    run: RunSpec, later_s: float, late: bool, stale: bool
+) -> None:
+    board = ready_board(run)
+    now_ns = 10 * S + round(later_s * S)
+    board.manager_at_ns = now_ns
+    snapshot = Snapshots(board).snapshot(now_ns)
+    found = {one["id"]: one for one in snapshot["objects"]}["ot1"]
+    assert (found["late"], found["stale"]) == (late, stale)
+    assert snapshot["blind"] is stale
+    assert snapshot["leaderless"] is False
+    assert len(snapshot["stale"]) == (3 if stale else 0)
+
+
+def test_one_silent_object_is_no_blindness(run: RunSpec) -> None:
+    board = ready_board(run)
+    board.manager_at_ns = 13 * S
+    board.hear_states([state("vut", Role.VUT), state("walker")], 13 * S)
+    snapshot = Snapshots(board).snapshot(13 * S)
+    assert snapshot["stale"] == ["ot1 is silent for 3.0 s"]
+    assert snapshot["blind"] is False
+
+
+def test_before_anything_was_heard(run: RunSpec) -> None:
+    snapshot = Snapshots(Board(run)).snapshot(S)
+    assert snapshot["blind"]
+    assert snapshot["leaderless"]
+    assert snapshot["session"]["state"] == "UNKNOWN"
+    assert "vut was never heard" in snapshot["stale"]
+    assert json.loads(json.dumps(snapshot, allow_nan=False)) == snapshot
+
+
+def test_distances_and_times_to_conflict(run: RunSpec) -> None:
+    board = ready_board(run)
+    vut = state("vut", Role.VUT, speed_mps=10.0)
+    # Crosses from the left at 2 m/s, 40 m ahead.
+    walker = state("walker", x_m=43.6, y_m=6.0, yaw_rad=-math.pi / 2, speed_mps=2.0)
+    board.hear_states([vut, walker], 10 * S)
+    found = {one["id"]: one for one in Snapshots(board).snapshot(10 * S)["objects"]}
+    assert found["vut"].get("distance") is None
+    assert found["walker"]["distance"] == pytest.approx(39.1, abs=0.3)
+    assert found["walker"]["meeting"]["vut"] == pytest.approx(3.9, abs=0.2)
+    assert found["walker"]["meeting"]["object"] == pytest.approx(0.6, abs=0.2)
+
+
+def test_a_stale_vut_gives_no_distances(run: RunSpec) -> None:
+    board = ready_board(run)
+    board.hear_states([state("walker")], 12 * S)
+    found = {one["id"]: one for one in Snapshots(board).snapshot(12 * S)["objects"]}
+    assert "distance" not in found["walker"]
+
+
+def test_error_is_shown_while_a_reference_is_tracked(run: RunSpec) -> None:
+    board = ready_board(run)
+    lost = state("ot1", reference_id="r1", error_longitudinal_m=0.5, error_lateral_m=-0.9)
+    board.hear_states([lost, state("walker")], 10 * S)
+    found = {one["id"]: one for one in Snapshots(board).snapshot(10 * S)["objects"]}
+    assert found["ot1"]["error"] == [0.5, -0.9]
+    assert found["ot1"]["error_over"]
+    assert "error" not in found["walker"]
+
+
+def test_objects_come_in_the_order_that_people_count_in() -> None:
+    board = Board()
+    names = ["ot10", "ot2", "ot1"]
+    traffic, vut = state("a", Role.TRAFFIC), state("z", Role.VUT)
+    board.hear_states([traffic, vut, *map(state, names)], 0)
+    shown = [one["id"] for one in Snapshots(board).snapshot(0)["objects"]]
+    assert shown == ["z", "ot1", "ot2", "ot10", "a"]
+
+
+def test_elapsed_counts_from_the_start_to_the_end() -> None:
+    board = Board()
+    assert board.elapsed_s is None
+    board.hear_session(SessionFact(20 * S, SessionPhase.RUNNING), 0)
+    assert board.elapsed_s == 0.0
+    board.manager_stamp_ns = 23 * S
+    assert board.elapsed_s == 3.0
+    board.hear_session(SessionFact(25 * S, SessionPhase.FINISHED, verdict=Verdict.VALID), 0)
+    board.manager_stamp_ns = 60 * S
+    assert board.elapsed_s == 5.0
+    board.hear_phase(Phase.CONFLICT, Event("phase", 22 * S, "phase conflict"))
+    board.hear_session(SessionFact(61 * S, SessionPhase.LOADED), 0)
+    assert board.elapsed_s is None
+    assert board.phase is Phase.UNKNOWN
+
+
+def test_events_are_newest_first_dated_from_the_start_and_bounded() -> None:
+    board = Board()
+    board.hear_session(SessionFact(20 * S, SessionPhase.RUNNING), 0)
+    for k in range(MOST_EVENTS + 10):
+        board.tell(Event("safety", (21 + k) * S, f"event {k}", measured=1.0, limit=math.inf))
+    events = Snapshots(board).events()["events"]
+    assert len(events) == MOST_EVENTS
+    assert events[0]["title"] == f"event {MOST_EVENTS + 9}"
+    assert events[0]["t"] == MOST_EVENTS + 10.0
+    assert events[0]["limit"] is None
+
+
+def test_a_stray_publisher_fills_no_memory() -> None:
+    board = Board()
+    board.hear_states([state(f"o{k}") for k in range(2 * MOST_OBJECTS)], 0)
+    assert len(board.objects) == MOST_OBJECTS
+
+
+def test_every_state_has_its_commands_and_none_has_abort() -> None:
+    assert set(COMMANDS) == set(SessionPhase)
+    # Abort is no matter of state: its button never asks.
+    assert all("abort" not in words for words in COMMANDS.values())
+
+
+values = st.floats(allow_nan=True, allow_infinity=True)
+
+
+@settings(max_examples=60, deadline=None)
+@given(values, values, values, values, values)
+def test_no_number_breaks_a_snapshot(
+    x_m: float, y_m: float, yaw_rad: float, speed_mps: float, error_m: float
+) -> None:
+    board = Board()
+    wild = state("ot1", x_m=x_m, y_m=y_m, yaw_rad=yaw_rad, speed_mps=speed_mps)
+    wild = replace(wild, reference_id="r", error_lateral_m=error_m)
+    board.hear_states([state("vut", Role.VUT), wild], 0)
+    json.dumps(Snapshots(board).snapshot(0), allow_nan=False)
+
+
+def test_numbers() -> None:
+    assert number(1.23456) == 1.235
+    assert number(math.nan) is None
+    assert number(-math.inf) is None
+
+
+def test_the_site_is_drawn_from_the_run(run: RunSpec) -> None:
+    site = site_message(run)
+    assert site["known"]
+    assert site["bounds"] == [-20.0, -20.0, 300.0, 20.0]
+    assert {one["id"] for one in site["starts"]} == {"vut", "ot1", "walker"}
+    assert all(len(line["points"]) <= MOST_POINTS + 1 for line in site["lines"])
+    json.dumps(site, allow_nan=False)
+    assert site_message(None) == {"known": False}

@@ -1,0 +1,396 @@
+"""The page's web server as strangers meet it: what it serves, whom it refuses, what it endures."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import socket
+from collections.abc import Awaitable, Callable, Iterator
+from concurrent.futures import Future
+from typing import Any
+
+import aiohttp
+import pytest
+
+from ssp_core.errors import HostError
+from ssp_monitor.page import hub, server
+from ssp_monitor.page.assets import FOLDER, load_assets
+from ssp_monitor.page.facts import Answer
+from ssp_monitor.page.mailbox import Mailbox
+from ssp_monitor.page.server import PageServer
+
+TOKEN = "the-right-token-of-this-test"
+DEADLINE_S = 20.0
+Work = Callable[[aiohttp.ClientSession], Awaitable[Any]]
+
+
+class Manager:
+    """Accepts everything at once but what it is told to leave unanswered."""
+
+    def __init__(self) -> None:
+        self.asked: list[tuple[str, str]] = []
+        self.silent: set[str] = set()
+
+    def ask(self, command: str, who: str) -> Future[Answer]:
+        self.asked.append((command, who))
+        answer: Future[Answer] = Future()
+        if command not in self.silent:
+            answer.set_result(Answer(True, state="ABORTING"))
+        return answer
+
+
+@pytest.fixture
+def manager() -> Manager:
+    return Manager()
+
+
+@pytest.fixture
+def page(manager: Manager) -> Iterator[PageServer]:
+    made = PageServer("127.0.0.1", 0, TOKEN, manager)
+    yield made
+    made.close()
+
+
+def do(work: Work) -> Any:
+    """Runs a client to its end."""
+
+    async def run() -> Any:
+        async with aiohttp.ClientSession() as client:
+            return await asyncio.wait_for(work(client), DEADLINE_S)
+
+    return asyncio.run(run())
+
+
+def post(
+    page: PageServer, name: str = "abort", token: str | None = TOKEN, **more: Any
+) -> tuple[int, Any]:
+    async def work(client: aiohttp.ClientSession) -> tuple[int, Any]:
+        headers = {**({"Authorization": f"Bearer {token}"} if token is not None else {}),
+                   **more.pop("headers", {})}  # fmt: skip
+        url = f"{page.url}api/command/{name}"
+        async with client.post(url, headers=headers, **more) as response:
+            text = await response.text()
+            return response.status, json.loads(text) if text.startswith("{") else text
+
+    return do(work)  # type: ignore[no-any-return]
+
+
+def get(page: PageServer, path: str = "/", **headers: str) -> tuple[int, Any]:
+    """Over a bare socket, so that nobody tidies the path up."""
+    lines = {"Host": f"127.0.0.1:{page.door.port}", "Connection": "close", **headers}
+    text = "".join(f"{name}: {value}\r\n" for name, value in lines.items())
+    with socket.create_connection(("127.0.0.1", page.door.port), DEADLINE_S) as stream:
+        stream.sendall(f"GET {path} HTTP/1.1\r\n{text}\r\n".encode())
+        said = b""
+        while data := stream.recv(65536):
+            said += data
+    head, _, body = said.partition(b"\r\n\r\n")
+    return int(head.split()[1]), (head.decode(), body)
+
+
+def test_every_file_of_the_page_is_served_with_its_policy(page: PageServer) -> None:
+    for path, asset in load_assets().items():
+        status, (head, body) = get(page, path)
+        assert (status, body) == (200, asset.body)
+        assert "default-src 'none'; script-src 'self'; style-src 'self'" in head
+        assert "unsafe" not in head
+        assert "X-Content-Type-Options: nosniff" in head
+        assert "Cache-Control: no-store" in head
+
+
+def test_the_page_names_nothing_from_elsewhere() -> None:
+    for path in FOLDER.iterdir():
+        text = path.read_text()
+        for word in ("http:", "https:", "<script>", "style=", "onclick=", "innerHTML", "eval("):
+            assert word not in text, path
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/../server.py",
+        "/%2e%2e/server.py",
+        "/static/main.js",
+        "//etc/passwd",
+        "/node.py",
+        "/x" * 900,
+    ],
+)
+def test_nothing_else_is_served(page: PageServer, path: str) -> None:
+    status, (_, body) = get(page, path)
+    assert status == 404
+    assert b"import" not in body
+
+
+@pytest.mark.parametrize("host", ["evil.example", "evil.example:8080", "", "127.0.0.1:1"])
+def test_a_foreign_host_gets_nothing(page: PageServer, host: str) -> None:
+    assert get(page, "/", Host=host)[0] in (400, 403)
+
+
+def test_commands_reach_the_manager_with_the_token(page: PageServer, manager: Manager) -> None:
+    status, answer = post(page, "arm")
+    assert (status, answer["accepted"], answer["state"]) == (200, True, "ABORTING")
+    assert manager.asked == [("arm", "operator page at 127.0.0.1")]
+
+
+@pytest.mark.parametrize(("token", "status"), [(None, 401), ("", 401), ("wrong", 403), ("é", 403)])
+def test_commands_without_the_token_are_refused(
+    page: PageServer, manager: Manager, token: str | None, status: int
+) -> None:
+    found, answer = post(page, token=token)
+    assert found == status
+    assert "token" in answer["text"]
+    assert not manager.asked
+
+
+def test_the_token_is_not_taken_from_the_address(page: PageServer, manager: Manager) -> None:
+    assert post(page, f"abort?token={TOKEN}", token=None)[0] == 401
+    assert not manager.asked
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"Origin": "http://evil.example"},
+        {"Origin": "null"},
+        {"Origin": "http://127.0.0.1"},
+        {"Sec-Fetch-Site": "cross-site"},
+        {"Host": "evil.example"},
+    ],
+)
+def test_other_pages_command_nothing(
+    page: PageServer, manager: Manager, headers: dict[str, str]
+) -> None:
+    assert post(page, headers=headers)[0] == 403
+    assert not manager.asked
+
+
+@pytest.mark.parametrize("name", ["load_scenario", "explode", "abort%2f..%2fstart", "ABORT"])
+def test_there_are_no_other_commands(page: PageServer, manager: Manager, name: str) -> None:
+    assert post(page, name)[0] == 404
+    assert not manager.asked
+
+
+def test_a_large_body_is_not_taken(page: PageServer, manager: Manager) -> None:
+    assert post(page, data=b"x" * 100_000)[0] == 413
+    assert not manager.asked
+
+
+def test_no_answer_is_told_as_none(
+    page: PageServer, manager: Manager, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(server, "ANSWER_S", 0.2)
+    manager.silent.add("abort")
+    status, answer = post(page)
+    assert (status, answer["accepted"], answer["answered"]) == (504, False, False)
+
+
+def test_a_flood_of_commands_is_bounded_and_leaves_abort_free(
+    page: PageServer, manager: Manager
+) -> None:
+    async def flood(client: aiohttp.ClientSession) -> list[int]:
+        async def one(name: str, token: str) -> int:
+            headers = {"Authorization": f"Bearer {token}"}
+            url = f"{page.url}api/command/{name}"
+            async with client.post(url, headers=headers) as response:
+                return response.status
+
+        guesses = await asyncio.gather(*(one("abort", f"guess{k}") for k in range(60)))
+        starts = await asyncio.gather(*(one("start", TOKEN) for _ in range(60)))
+        return [*guesses, *starts, await one("abort", TOKEN)]
+
+    found = do(flood)
+    assert set(found[:60]) == {403, 429}
+    assert found[60:120].count(429) >= 20
+    assert found[-1] == 200
+    assert ("abort", "operator page at 127.0.0.1") in manager.asked
+
+
+# -- the socket ------------------------------------------------------------------------------
+
+
+def live(page: PageServer, work: Callable[[Any], Awaitable[Any]], **headers: str) -> Any:
+    async def run(client: aiohttp.ClientSession) -> Any:
+        async with client.ws_connect(f"{page.url}api/live", headers=headers) as stream:
+            return await work(stream)
+
+    return do(run)
+
+
+def hello(token: str = "") -> dict[str, str]:
+    return {"type": "hello", "token": token}
+
+
+@pytest.mark.parametrize(
+    ("token", "may", "why"),
+    [(TOKEN, True, ""), ("", False, "no token"), ("x", False, "wrong token")],
+)
+def test_anybody_here_may_read(page: PageServer, token: str, may: bool, why: str) -> None:
+    async def work(stream: Any) -> list[Any]:
+        await stream.send_json(hello(token))
+        welcome = await stream.receive_json()
+        page.push({"snapshot": '{"type": "snapshot"}'})
+        return [welcome, await stream.receive_json()]
+
+    page.push({"events": '{"type": "events"}'})
+    welcome, first = live(page, work)
+    assert welcome == {"type": "welcome", "may_command": may, "why": why}
+    assert first == {"type": "events"}  # what is kept; an old snapshot isn't
+
+
+def test_elsewhere_reading_needs_the_token(manager: Manager) -> None:
+    page = PageServer("0.0.0.0", 0, TOKEN, manager)
+    try:
+        url = f"http://127.0.0.1:{page.door.port}/api/live"
+
+        async def read(client: aiohttp.ClientSession, token: str) -> Any:
+            async with client.ws_connect(url) as stream:
+                await stream.send_json(hello(token))
+                await stream.receive_json()
+                page.push({"site": '{"type": "site"}'})
+                said = await stream.receive()
+                return said.type, said.data
+
+        kind, code = do(lambda client: read(client, ""))
+        assert (kind, code) == (aiohttp.WSMsgType.CLOSE, 4001)
+        kind, data = do(lambda client: read(client, TOKEN))
+        assert (kind, data) == (aiohttp.WSMsgType.TEXT, '{"type": "site"}')
+    finally:
+        page.close()
+
+
+def test_a_socket_from_another_page_is_refused(page: PageServer) -> None:
+    with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
+        live(page, lambda stream: stream.receive(), Origin="http://evil.example")
+    assert refused.value.status == 403
+
+
+@pytest.mark.parametrize(
+    "text", ["", "{", "[]", '{"type": "command"}', '{"type":"hello","token":1}']
+)
+def test_who_says_no_hello_is_sent_away(page: PageServer, text: str) -> None:
+    async def work(stream: Any) -> Any:
+        await stream.send_str(text)
+        await stream.receive()
+        return stream.close_code
+
+    assert live(page, work) == 4002
+
+
+def test_who_says_nothing_is_sent_away(page: PageServer, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(hub, "HELLO_S", 0.2)
+
+    async def work(stream: Any) -> Any:
+        await stream.receive()
+        return stream.close_code
+
+    assert live(page, work) == 4002
+
+
+def test_who_talks_too_much_or_at_length_is_sent_away(page: PageServer) -> None:
+    async def flood(stream: Any) -> Any:
+        await stream.send_json(hello())
+        for _ in range(200):
+            await stream.send_str("x")
+        while (await stream.receive()).type is aiohttp.WSMsgType.TEXT:
+            pass
+        return stream.close_code
+
+    async def long(stream: Any) -> Any:
+        await stream.send_str("x" * 100_000)
+        await stream.receive()
+        return stream.close_code
+
+    assert live(page, flood) == 4008
+    assert live(page, long) == 1009
+
+
+def test_viewers_are_counted(page: PageServer) -> None:
+    async def work(client: aiohttp.ClientSession) -> int:
+        streams = [await client.ws_connect(f"{page.url}api/live") for _ in range(hub.MOST_VIEWERS)]
+        try:
+            await client.ws_connect(f"{page.url}api/live")
+        except aiohttp.WSServerHandshakeError as error:
+            return error.status
+        finally:
+            for stream in streams:
+                await stream.close()
+        return 0
+
+    assert do(work) == 503
+
+
+def test_a_viewer_that_takes_nothing_holds_up_nobody(
+    page: PageServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One never reads; the other gets the newest while much is pushed, and the first is let go."""
+    monkeypatch.setattr(hub, "SEND_S", 0.3)
+    large = json.dumps({"type": "snapshot", "x": "y" * 500_000})
+    stuck = socket.create_connection(("127.0.0.1", page.door.port), DEADLINE_S)
+    stuck.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    stuck.sendall(
+        f"GET /api/live HTTP/1.1\r\nHost: 127.0.0.1:{page.door.port}\r\nUpgrade: websocket\r\n"
+        "Connection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
+        "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n".encode()
+    )
+    said = json.dumps(hello()).encode()
+    stuck.sendall(bytes([0x81, 0x80 | len(said), 0, 0, 0, 0]) + said)  # masked with zeros
+
+    async def work(stream: Any) -> str:
+        await stream.send_json(hello())
+        await stream.receive()
+        for _ in range(3):  # fills what the kernel and the server hold for the stuck one
+            page.push({"site": large})
+            await stream.receive()
+        while page.viewers > 1:
+            page.push({"site": large})
+            await stream.receive()
+        page.push({"site": '"last"'})
+        while (newest := await stream.receive()).data == large:
+            pass
+        return str(newest.data)
+
+    try:
+        assert live(page, work) == '"last"'
+    finally:
+        stuck.close()
+
+
+def test_mailbox_keeps_the_newest_of_each_kind() -> None:
+    async def run() -> dict[str, Any]:
+        box = Mailbox()
+        for k in range(1000):
+            box.put("snapshot", str(k))
+        box.put("events", "e")
+        assert box.dropped == 999
+        return dict(await box.take())
+
+    assert asyncio.run(run()) == {"snapshot": "999", "events": "e"}
+
+
+# -- beginning and end ------------------------------------------------------------------------
+
+
+def test_a_taken_port_is_said(page: PageServer, manager: Manager) -> None:
+    with pytest.raises(HostError, match=f"port {page.door.port} of 127.0.0.1 is taken; choose"):
+        PageServer("127.0.0.1", page.door.port, TOKEN, manager)
+
+
+@pytest.mark.parametrize("host", ["no.such.host.invalid", "203.0.113.7"])
+def test_a_foreign_address_is_said(host: str, manager: Manager) -> None:
+    with pytest.raises(HostError, match="listen on"):
+        PageServer(host, 0, TOKEN, manager)
+
+
+def test_a_page_that_ends_says_goodbye(manager: Manager) -> None:
+    page = PageServer("127.0.0.1", 0, TOKEN, manager)
+
+    async def work(stream: Any) -> Any:
+        await stream.send_json(hello())
+        await stream.receive()
+        asyncio.get_running_loop().run_in_executor(None, page.close)
+        await stream.receive()
+        return stream.close_code
+
+    assert live(page, work) == 1001
+    assert not page.is_alive
