@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import NonSeekingReader, make_reader
@@ -14,6 +15,7 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
 from ssp_core.bag import BagMessage, BagReader, BagWriter, Split
+from ssp_core.bag.metadata import MANY_TOPICS, ROOT_KEY, bag_information
 from ssp_core.bag.qos import offered_qos
 from ssp_core.bag.types import serialize, typestore
 
@@ -163,3 +165,18 @@ def test_any_messages_read_back_the_same_by_every_reader(
             assert by_file == list(map(tuple, expected))
         plain = sorted((m.topic, m.log_time_ns, m.data) for m in expected)
         assert sorted(by_rosbags(path)) == plain
+
+
+def test_a_bag_of_very_many_topics_is_closed_and_opened_by_every_reader(tmp_path: Path) -> None:
+    names = [f"/t{k}" for k in range(MANY_TOPICS)] + ["/über"]
+    qos = offered_qos(5)
+    with BagWriter(tmp_path / "bag") as writer:
+        for name in names:
+            writer.add_topic(name, STRING, qos)
+            writer.write(name, text(name), 1, 1)
+    with BagReader(tmp_path / "bag") as reader:
+        assert [m.topic for m in reader.messages()] == names
+        assert {info.offered_qos for info in reader.topics.values()} == {qos}
+    assert sorted(topic for topic, _, _ in by_rosbags(tmp_path / "bag")) == sorted(names)
+    information = yaml.safe_load((tmp_path / "bag" / "metadata.yaml").read_text())[ROOT_KEY]
+    assert information == bag_information(writer.facts())

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -16,6 +18,9 @@ VERSION = 9
 FILE_NAME = "metadata.yaml"
 ROOT_KEY = "rosbag2_bagfile_information"
 ROS_DISTRO = "jazzy"
+# Ten thousand topics take ten seconds to write as YAML and fifty to read; as JSON, which is YAML
+# too, less than one. People read that of an ordinary bag.
+MANY_TOPICS = 500
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +118,19 @@ class _Dumper(yaml.CSafeDumper):
         return True
 
 
-def to_yaml(value: dict[str, Any]) -> str:
+def serialized_metadata(facts: BagFacts) -> str:
+    """The text of the metadata record ``rosbag2`` in an MCAP file."""
+    return _text(bag_information(facts), facts)
+
+
+def metadata_yaml(facts: BagFacts) -> str:
+    """The text of metadata.yaml."""
+    return _text({ROOT_KEY: bag_information(facts)}, facts)
+
+
+def _text(value: dict[str, Any], facts: BagFacts) -> str:
+    if len(facts.topics) > MANY_TOPICS:
+        return json.dumps(value, ensure_ascii=False) + "\n"
     return str(yaml.dump(value, Dumper=_Dumper, sort_keys=False, allow_unicode=True))
 
 
@@ -166,10 +183,28 @@ def read_metadata(folder: Path) -> BagDirectory:
         )
     # Only the name counts: old bags wrote paths, and a bag reads no file outside its directory.
     files = tuple(folder / PurePosixPath(name).name for name in names)
-    for file in files:
-        if not file.is_file():
-            raise InputError(f"names {file.name}, which is not there", file=path)
+    for file, count in Counter(files).items():
+        _check_file(file, path)
+        if count > 1:
+            raise InputError(f"names {file.name} twice", file=path)
     return BagDirectory(files, *_counts(information, path))
+
+
+def _check_file(file: Path, path: Path) -> None:
+    """Raises InputError unless a file that metadata.yaml names is one of the bag."""
+    try:
+        there = file.is_file() and file.name not in ("", "..") and file.parent == path.parent
+        inside = there and file.resolve().is_relative_to(path.parent.resolve())
+    except (OSError, ValueError) as error:  # too long a name, one with a NUL, a ring of links
+        raise InputError(f"names {file.name!r}, which is no file: {error}", file=path) from error
+    if not there:
+        raise InputError(f"names {file.name}, which is not there", file=path)
+    if not inside:
+        raise InputError(
+            f"names {file.name}, which is a link out of the bag",
+            file=path,
+            remedy="copy the file into the bag, or name the file itself",
+        )
 
 
 def _counts(information: dict[str, Any], path: Path) -> tuple[int, dict[str, int]]:

@@ -19,12 +19,11 @@ from ssp_core.bag.mcap_output import CHUNK_BYTES, McapOutput
 from ssp_core.bag.message import BagMessage
 from ssp_core.bag.metadata import (
     FILE_NAME,
-    ROOT_KEY,
     BagFacts,
     FileFacts,
     TopicFacts,
-    bag_information,
-    to_yaml,
+    metadata_yaml,
+    serialized_metadata,
 )
 from ssp_core.bag.qos import parse_offered_qos
 from ssp_core.bag.split import REPEATED, Kept, LatchedTopic, Split
@@ -310,9 +309,7 @@ class BagWriter:
         """Writes metadata record and summary of the present file, and remembers what it holds."""
         counts = self._output_counts()
         facts = BagFacts((self._file_facts(),), self._topic_facts(counts))
-        self._output.add_metadata(
-            "rosbag2", {"serialized_metadata": to_yaml(bag_information(facts))}
-        )
+        self._output.add_metadata("rosbag2", {"serialized_metadata": serialized_metadata(facts)})
         self._output.finish()
         self._whole += facts.files
         for name, count in counts.items():
@@ -333,7 +330,7 @@ class BagWriter:
             self._sync.finish()
             self._output.close()
             self.closed = True
-            write_text(self.path / FILE_NAME, to_yaml({ROOT_KEY: bag_information(self.facts())}))
+            write_text(self.path / FILE_NAME, metadata_yaml(self.facts()))
         except OSError as error:
             raise self._broken(error) from error
 
