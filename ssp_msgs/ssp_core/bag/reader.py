@@ -56,6 +56,8 @@ def bag_files(path: Path) -> tuple[Path, ...]:
         return read_metadata(path).files
     if not path.exists():
         raise InputError("is not there", file=path, remedy="name a bag directory or a .mcap file")
+    if not path.is_file():  # opening a pipe would wait for somebody to write into it
+        raise InputError("is no file", file=path, remedy="name a bag directory or a .mcap file")
     return (path,)
 
 
