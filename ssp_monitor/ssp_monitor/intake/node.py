@@ -35,7 +35,7 @@ from ssp_monitor.intake.rcl import SerializedTaker, Taken
 from ssp_monitor.params import topic_rules
 
 # Between two looks. In lockstep the world waits for the recorder when it is 20 steps behind.
-PAUSE_S = 0.010
+PAUSE_S = 0.020
 LOCKSTEP_PAUSE_S = 0.004
 # A topic that was silent for so many looks is looked at in turn with others, so that ten thousand
 # silent topics cost little: each look takes one of so many parts of them.
@@ -200,8 +200,8 @@ class Intake:
 
     def _hand_over(self, source: _Source, taken: list[Taken]) -> None:
         topic, seen = source.topic.name, source.arrivals.seen
-        for one in taken:
-            seen(one.publisher, one.sequence)
+        for _, _, _, sequence, publisher in taken:
+            seen(publisher, sequence)
         if self._simulated_time:
             date, stamped = self.time.of, source.stamped
             messages = []
@@ -216,9 +216,9 @@ class Intake:
         self._recorder.put_all(messages)
         if source.listen is not None:
             for one in taken:
-                source.listen(one.data)
+                source.listen(one[0])
         if topic in SOURCES:
-            source.last = taken[-1].data
+            source.last = taken[-1][0]
 
     def _take_the_rest(self) -> None:
         sources = self._sources
