@@ -195,6 +195,19 @@ def test_a_second_type_on_a_topic_is_lost_and_said(
     assert warning in told
 
 
+def test_a_late_publisher_that_offers_less_is_said(
+    talker: Node, recorder: Callable[..., subprocess.Popen[str]], tmp_path: Path
+) -> None:
+    first = talker.create_publisher(String, "/lab/thing", qos(RELIABLE, VOLATILE))
+    process = recorder("--include", "^/lab", "-o", tmp_path / "bag", "--json", "--reserve-mb", 0)
+    wait_heard(talker, first)
+    talker.create_publisher(String, "/lab/thing", qos(BEST, VOLATILE))
+    assert process.stderr is not None
+    assert "/lab/thing is not heard from talker: it came later" in process.stderr.readline()
+    result, _ = ended(process)
+    assert (process.returncode, result["lost"]) == (1, 1)
+
+
 def test_images_become_video_and_what_is_no_image_stays(
     talker: Node, recorder: Callable[..., subprocess.Popen[str]], tmp_path: Path
 ) -> None:

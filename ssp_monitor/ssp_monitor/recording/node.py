@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 
 from ssp_core.errors import SspError
 from ssp_monitor.conversions import (
@@ -86,6 +87,8 @@ class Recording:
         self._types = _Known()
         self._missing: list[str] = []
         self._publishers: dict[str, int] = {}
+        self._profiles: dict[str, QoSProfile] = {}
+        self._unheard: set[str] = set()
         self._warnings: dict[str, None] = {}
         self._rate = WriteRate()
         self._graph_due_s = 0.0
@@ -108,10 +111,10 @@ class Recording:
             raise
 
     def lost_by_topic(self) -> dict[str, int]:
-        """Published and never received, as far as known. Of a topic that changed its type nobody
-        knows how much is lost: it counts as one message."""
+        """Published and never received, as far as known. Of a publisher that is not heard, for its
+        type or its profile, nobody knows how much is lost: it counts as one message."""
         lost = dict(self.intake.lost_by_topic())
-        for name in self._survey.changed:
+        for name in (*self._survey.changed, *self._unheard):
             lost[name] = lost.get(name, 0) + 1
         return lost
 
@@ -214,7 +217,7 @@ class Recording:
         for name, types in self._node.get_topic_names_and_types():
             recorded = self._survey.recorded.get(name)
             if recorded is not None:
-                self._publishers[name] = self._node.count_publishers(name)
+                self._count_publishers(name, recorded)
             elif not self._survey.wants(name):
                 continue
             # A reader's type counts for nothing; most often all have the same.
@@ -233,10 +236,23 @@ class Recording:
         except (SspError, RuntimeError) as error:
             self._warn(f"{topic.name} is not recorded: {error}")
             return
-        self._publishers[topic.name] = len(publishers)
-        deaf = [p.node_name for p in publishers if not is_heard(p, topic.msgtype, profile)]
-        if deaf:
-            self._warn(f"{topic.name} is not heard from {', '.join(deaf)}")
+        self._profiles[topic.name] = profile
+
+    def _count_publishers(self, name: str, msgtype: str) -> None:
+        """A reader keeps the profile that suited its first publishers; later ones may not."""
+        count = self._node.count_publishers(name)
+        if count == self._publishers.get(name) or name not in self._profiles:
+            return
+        self._publishers[name] = count
+        wanted = self._profiles[name]
+        for publisher in self._node.get_publishers_info_by_topic(name):
+            # Of another type the survey tells.
+            if publisher.topic_type == msgtype and not is_heard(publisher, msgtype, wanted):
+                self._unheard.add(name)
+                self._warn(
+                    f"{name} is not heard from {publisher.node_name}: it came later and offers "
+                    "less than those before; what it says is lost"
+                )
 
     def _rates(self) -> dict[str, float]:
         """Messages a second of each topic since the call before."""
