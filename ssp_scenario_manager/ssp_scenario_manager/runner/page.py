@@ -6,7 +6,7 @@ import re
 import secrets
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -23,7 +23,11 @@ _URL = re.compile(r"^page: (http://\S+/)$", re.MULTILINE)
 
 @contextmanager
 def page_beside(
-    session: ProcessGroup, run_file: Path, port: int | None, say: Callable[[str], None]
+    session: ProcessGroup,
+    run_file: Path,
+    port: int | None,
+    say: Callable[[str], None],
+    remappings: Sequence[str] = (),
 ) -> Iterator[None]:
     """Has the page run as long as the block does; its process is none of the session's own.
 
@@ -32,6 +36,7 @@ def page_beside(
         run_file: of the session.
         port: to listen on; 0: any; None: there is to be no page.
         say: takes one line for people per thing that happens.
+        remappings: ``from:=to``, as the session's own nodes have them.
     """
     if port is None:
         yield
@@ -41,7 +46,7 @@ def page_beside(
     # The session's group alone may remove what is left of the domain.
     with ProcessGroup(env, session.log_dir, owns_domain=False) as group:
         parameters: dict[str, object] = {"run_file": run_file, "port": port}
-        node = group.start_node(names.MONITOR_PAGE, MODULE, parameters)
+        node = group.start_node(names.MONITOR_PAGE, MODULE, parameters, remappings)
         watch = threading.Thread(target=_watch, args=(node, token, say), daemon=True)
         watch.start()
         try:

@@ -107,7 +107,7 @@ def run_session(
         for name, parameters in nodes.items():
             group.start_node(name, _NODES[name], parameters, remappings)
         go = Go() if live is not None and live.wait else None
-        with page_beside(group, run_file, page_port, say):
+        with page_beside(group, run_file, page_port, say, remappings):
             followed = follow(spec, group, run_file, bag, say, interrupt, go)
             outcome = _shut_down(group, followed.outcome)
     if spec.faults:
