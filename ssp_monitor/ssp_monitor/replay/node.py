@@ -39,7 +39,7 @@ NODE = "replay"
 # How long it is listened for a session before anything is published. Discovery takes 0.3 s as a
 # rule and a few seconds now and then, so that the watch goes on afterwards.
 LOOK_S = 1.5
-COMMANDS_LOOK_S = 4.0
+COMMANDS_LOOK_S = 3.0
 WATCH_S = 1.0
 KEYS_S = 0.1
 MATCH_S = 5.0

@@ -1,0 +1,282 @@
+"""Which topics are published, as what, and what is left out."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ssp_core.bag import BagMessage, BagReader, BagWriter, TopicInfo
+from ssp_core.bag.qos import offered_qos
+from ssp_core.clock import NS_PER_S
+from ssp_core.errors import InputError
+from ssp_monitor.core.recorder import OFFERED
+from ssp_monitor.core.topics import Profile
+from ssp_monitor.replay.commands import is_command, session_signs
+from ssp_monitor.replay.keys import KEYS, Key, parse_keys
+from ssp_monitor.replay.lateness import Lateness
+from ssp_monitor.replay.offer import MOST_LATCHED, Offer, offer_of
+from ssp_monitor.replay.plan import Plan, Wishes, make_plan
+from ssp_monitor.replay.player import Progress
+from ssp_monitor.replay.report import Outcome, plan_lines, progress_line
+from ssp_monitor.replay.tape import ReadAhead, Tape
+
+RECORDED = {
+    "/clock": TopicInfo("rosgraph_msgs/msg/Clock", 10),
+    "/ssp/manager/heartbeat": TopicInfo("ssp_msgs/msg/Heartbeat", 5),
+    "/ssp/ot1/reference": TopicInfo("ssp_msgs/msg/Reference", 2),
+    "/ssp/ot1/reference_ack": TopicInfo("ssp_msgs/msg/ReferenceAck", 2),
+    "/ssp/vut/state": TopicInfo("ssp_msgs/msg/ObjectState", 100),
+    "/ssp/world/tick": TopicInfo("ssp_msgs/msg/WorldTick", 100),
+}
+
+
+def _plan(**wishes: object) -> Plan:
+    return make_plan(RECORDED, dataclasses.replace(Wishes(), **wishes), lambda _t, _h: None)
+
+
+def _names(plan: Plan) -> list[str]:
+    return [line.topic for line in plan.lines]
+
+
+def test_by_default_everything_but_commands_is_published_and_the_recorded_clock() -> None:
+    plan = _plan()
+    assert _names(plan) == ["/clock", "/ssp/ot1/reference_ack", "/ssp/vut/state"]
+    assert plan.clock_recorded
+    assert plan.clock_hz == 0.0
+    assert [(one.topic, one.is_command) for one in plan.left_out] == [
+        ("/ssp/manager/heartbeat", True),
+        ("/ssp/ot1/reference", True),
+        ("/ssp/world/tick", True),
+    ]
+    said = "\n".join(plan_lines(plan))
+    assert "/ssp/ot1/reference (2)" in said
+    assert "--commands" in said
+    assert "/clock as recorded" in said
+
+
+def test_commands_are_published_when_they_are_asked_for() -> None:
+    assert _names(_plan(commands=True)) == sorted(RECORDED)
+
+
+@pytest.mark.parametrize(
+    ("clock_hz", "excluded", "expected"),
+    [
+        (None, (), (True, 0.0)),
+        (50.0, (), (False, 50.0)),
+        (0.0, (), (False, 0.0)),
+        (None, ("/clock",), (False, 100.0)),
+    ],
+)
+def test_the_clock_is_the_recorded_one_or_made(
+    clock_hz: float | None, excluded: tuple[str, ...], expected: tuple[bool, float]
+) -> None:
+    plan = _plan(clock_hz=clock_hz, exclude=excluded)
+    assert (plan.clock_recorded, plan.clock_hz) == expected
+    assert ("/clock" in _names(plan)) is expected[0]
+
+
+def test_topics_are_named_or_found_by_an_expression() -> None:
+    assert _names(_plan(topics=("vut/state",))) == ["/ssp/vut/state"]
+    assert _names(_plan(topics=("ot1",))) == ["/ssp/ot1/reference_ack"]
+    assert _names(_plan(exclude=("/ssp",))) == ["/clock"]
+    with pytest.raises(InputError, match="found in no topic"):
+        _plan(topics=("nobody",))
+    with pytest.raises(InputError, match="no topic that is left"):
+        _plan(topics=("clock",), exclude=("clock",))
+
+
+def test_a_command_stays_one_under_another_name_and_a_name_can_make_one() -> None:
+    plan = _plan(remap={"/ssp/ot1/reference": "/harmless"})
+    assert "/harmless" not in _names(plan)
+    recorded = {"/speed": TopicInfo("geometry_msgs/msg/Twist", 1), "/x": RECORDED["/clock"]}
+    plan = make_plan(recorded, Wishes(remap={"/speed": "/cmd_vel"}), lambda _t, _h: None)
+    assert [one.topic for one in plan.left_out] == ["/speed"]
+
+
+def test_remaps_are_checked() -> None:
+    assert "/ssp/v/state" in _names(_plan(remap={"vut/state": "v/state"}))
+    with pytest.raises(InputError, match="is no topic of the bag"):
+        _plan(remap={"/nobody": "/x"})
+    with pytest.raises(InputError, match="is no topic name"):
+        _plan(remap={"/clock": "/../x"})
+    with pytest.raises(InputError, match="two types"):
+        _plan(remap={"/ssp/vut/state": "/ssp/ot1/reference_ack"})
+
+
+def test_what_cannot_be_published_is_left_out_with_the_reason_or_refused() -> None:
+    recorded = RECORDED | {"/bad name": TopicInfo("std_msgs/msg/String", 1)}
+
+    def missing(msgtype: str, _: str) -> str | None:
+        return "its type is not installed" if msgtype.endswith("ObjectState") else None
+
+    plan = make_plan(recorded, Wishes(), missing)
+    why = {one.topic: one.why for one in plan.left_out if not one.is_command}
+    assert why["/ssp/vut/state"] == "its type is not installed"
+    assert "no name of a ROS topic" in why["/bad name"]
+    with pytest.raises(InputError, match="/bad name"):
+        make_plan(recorded, Wishes(strict=True), missing)
+    with pytest.raises(InputError, match="--commands publishes") as caught:
+        _plan(topics=("reference$",))
+    assert "may move objects" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("topic", "msgtype", "expected"),
+    [
+        ("/ssp/ot1/reference", "ssp_msgs/msg/Reference", True),
+        ("/ssp/ot1/reference_ack", "ssp_msgs/msg/ReferenceAck", False),
+        ("/ssp/world/actuator_commands", "ssp_msgs/msg/ActuatorCommands", True),
+        ("/ssp/vut/command", "ssp_msgs/msg/ActuatorCommand", True),
+        ("/ssp/world/step_done", "ssp_msgs/msg/StepDone", True),
+        ("/ssp/vut/state", "ssp_msgs/msg/ObjectState", False),
+        ("/cmd_vel", "geometry_msgs/msg/Twist", True),
+        ("/car/steering_cmd", "std_msgs/msg/Float64", True),
+        ("/goal_pose", "geometry_msgs/msg/PoseStamped", True),
+        ("/control/trajectory", "autoware_control_msgs/msg/Control", True),
+        ("/drive", "ackermann_msgs/msg/AckermannDriveStamped", True),
+        ("/camera/image", "sensor_msgs/msg/Image", False),
+        ("/commander/status", "std_msgs/msg/String", False),
+    ],
+)
+def test_commands_are_known_by_type_and_by_name(topic: str, msgtype: str, expected: bool) -> None:
+    assert is_command(topic, msgtype) is expected
+
+
+def test_a_session_shows_by_its_nodes_and_by_its_services() -> None:
+    nodes = [("listener", "/"), ("object_target", "/ssp"), ("monitor", "/ssp")]
+    assert session_signs(nodes, []) == ["node /ssp/object_target"]
+    services = [("/a/b", ["std_srvs/srv/Trigger"]), ("/x/command", ["ssp_msgs/srv/ObjectCommand"])]
+    assert session_signs([("renamed", "/")], services) == ["service /x/command"]
+    assert session_signs([("replay", "/ssp")], [("/a", ["std_srvs/srv/Trigger"])]) == []
+
+
+def test_offers_are_those_of_the_bag() -> None:
+    assert offer_of("/x", OFFERED[Profile.LATCHED]) == Offer(True, True, 20)
+    assert offer_of("/x", OFFERED[Profile.STATE]) == Offer(True, False)
+    numbers = "[{history: 1, depth: 7, reliability: 2, durability: 1}]"  # as rosbag2 once wrote
+    assert offer_of("/x", numbers) == Offer(False, True, 7)
+
+
+def test_of_several_publishers_the_strongest_offer_is_taken() -> None:
+    weak = "- {reliability: best_effort, durability: volatile, depth: 5}\n"
+    strong = "- {reliability: reliable, durability: transient_local, depth: 3}\n"
+    assert offer_of("/x", weak + strong) == Offer(True, True, 5)
+    assert offer_of("/x", weak) == Offer(reliable=False)
+
+
+@pytest.mark.parametrize("depth", ["many", "-1", "true", "1e9", "100000000"])
+def test_a_depth_out_of_a_bag_never_takes_all_memory(depth: str) -> None:
+    offer = offer_of("/x", f"[{{durability: transient_local, depth: {depth}}}]")
+    assert 1 <= offer.depth <= MOST_LATCHED
+
+
+def test_without_a_word_in_the_bag_the_name_decides() -> None:
+    assert offer_of("/ssp/session_state", "") == Offer(True, True, 20)
+    assert offer_of("/ssp/vut/state", "") == Offer()
+    assert offer_of("/ssp/vut/state", "{no list}") == Offer()
+
+
+@given(st.text(st.sampled_from(["\x1b", "[", "C", "O", "s", "q", "+", "-", " ", "x", "A"])))
+def test_keys_are_found_among_anything(typed: str) -> None:
+    found = list(parse_keys(typed))
+    assert len(found) <= len(typed)
+    assert list(parse_keys(typed.replace("\x1b", ""))).count(Key.QUIT) == typed.count("q")
+
+
+def test_every_key_is_understood_on_its_own_and_in_a_row() -> None:
+    assert list(parse_keys("".join(KEYS))) == list(KEYS.values())
+    assert list(parse_keys("\x1b[A\x1b")) == []
+
+
+@pytest.fixture
+def bag(tmp_path: Path) -> Path:
+    """Five latched and fifty other messages in five seconds."""
+    path = tmp_path / "bag"
+    with BagWriter(path) as writer:
+        writer.add_topic("/kept", "std_msgs/msg/Int32", offered_qos(2, transient_local=True))
+        writer.add_topic("/others", "std_msgs/msg/Int32", offered_qos(50))
+        for k in range(50):
+            ns = 7 * NS_PER_S + k * NS_PER_S // 10
+            if k % 10 == 0:
+                writer.write("/kept", b"kept%02d" % k, ns, ns)
+            writer.write("/others", b"other%02d" % k, ns, ns)
+    return path
+
+
+def test_a_tape_has_the_stretch_and_what_was_kept_before_it(bag: Path) -> None:
+    with BagReader(bag) as reader:
+        plan = make_plan(reader.topics, Wishes(), lambda _t, _h: None)
+        tape = Tape(reader, plan.lines, 2.5, 4.0)
+        assert [m.data for m in tape.kept()] == [b"kept10", b"kept20"]
+        messages = tape.messages()
+        stretch = list(messages)
+        messages.close()
+        assert stretch[0].data == b"other25"
+        assert [m.data for m in stretch[-2:]] == [b"kept40", b"other40"]
+        assert tape.length_ns == 1_500_000_000
+        assert Tape(reader, plan.lines).kept() == []
+        with pytest.raises(InputError, match=r"bag is 4\.900 s long"):
+            Tape(reader, plan.lines, 5.0)
+        with pytest.raises(InputError, match="--end is 1"):
+            Tape(reader, plan.lines, 2.0, 1.0)
+
+
+def test_reading_ahead_keeps_order_and_a_bounded_heap() -> None:
+    taken = 0
+
+    def source() -> Iterator[BagMessage]:
+        nonlocal taken
+        for k in range(1000):
+            taken += 1
+            yield BagMessage("/a", k, k, bytes(100))
+
+    ahead = ReadAhead(source(), limit_bytes=1000)
+    for k in range(1000):
+        assert next(ahead).log_time_ns == k
+        # Ten fit, and the reader holds one more in its hand.
+        assert taken <= k + 12
+    with pytest.raises(StopIteration):
+        next(ahead)
+    ahead.close()
+
+
+def test_damage_is_raised_where_it_stands_and_closing_early_ends_the_reader() -> None:
+    def source() -> Iterator[BagMessage]:
+        yield BagMessage("/a", 0, 0, b"")
+        raise InputError("is damaged", file="x.mcap")
+
+    ahead = ReadAhead(source())
+    assert next(ahead).log_time_ns == 0
+    with pytest.raises(InputError, match="is damaged"):
+        next(ahead)
+    ahead.close()
+    endless = ReadAhead((BagMessage("/a", k, k, bytes(9)) for k in range(10**9)), limit_bytes=90)
+    next(endless)
+    endless.close()
+
+
+def test_the_line_and_the_outcome_say_where_it_is_and_how_late() -> None:
+    progress = Progress(int(12.5e9), 2.0, False, 300_000_000, 42, 3)
+    line = progress_line(progress, 10 * NS_PER_S, 20 * NS_PER_S, 5)
+    assert line.split(" · ") == [
+        "    2.500 of 10.000 s",
+        "x2",
+        "5 topics",
+        "42 messages",
+        "lap 3",
+        "0.3 s behind schedule",
+    ]
+    paused = dataclasses.replace(progress, paused=True, behind_ns=0)
+    assert "paused" in progress_line(paused, 0, 1, 1)
+    late = Lateness()
+    for _ in range(10):
+        late.add(200_000_000)
+    outcome = Outcome("end", progress, late, _plan())
+    assert math.isclose(outcome.as_json()["late_s"]["max"], 0.2)
+    assert "did not keep up" in "\n".join(outcome.lines())

@@ -1,0 +1,290 @@
+"""Markers and /diagnostics: what is said of a session to other tools."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from itertools import pairwise
+from typing import Any
+
+import pytest
+
+from ssp_core.clock import NS_PER_S
+from ssp_core.geometry import Polyline, Pose2
+from ssp_core.run_spec import RunSpec
+from ssp_core.state import DEFAULT_SIZES, ObjectState
+from ssp_core.vocab import ControlState, ObjectClass, Role, SessionPhase, Verdict
+from ssp_monitor.core.drawing import drawing_of
+from ssp_monitor.page.board import Board
+from ssp_monitor.page.facts import Heard, LinkFact, RecorderFact, SessionFact
+from ssp_monitor.view.health import ClockWatch, Level, Status, health
+from ssp_monitor.view.marks import Gone, Mark, Shape
+from ssp_monitor.view.moving import (
+    COLOURS,
+    FORGOTTEN_S,
+    STALE,
+    TRAIL_POINTS,
+    VUT,
+    Moving,
+    Trails,
+    colour_of,
+)
+from ssp_monitor.view.standing import standing_marks
+
+NOW_NS = 100 * NS_PER_S
+
+
+def _state(object_id: str = "vut", x_m: float = 0.0, **changes: Any) -> ObjectState:
+    role = Role.VUT if object_id == "vut" else Role.OT
+    state = ObjectState(
+        object_id,
+        ObjectClass.CAR,
+        role,
+        NS_PER_S,
+        x_m,
+        0.0,
+        0.0,
+        10.0,
+        0.0,
+        0.0,
+        DEFAULT_SIZES[ObjectClass.CAR],
+        control_state=ControlState.RUNNING,
+    )
+    return dataclasses.replace(state, **changes)
+
+
+def _moving(*states: ObjectState, age_s: float = 0.0, over: Moving | None = None) -> Any:
+    at_ns = NOW_NS - round(age_s * NS_PER_S)
+    marks = (over or Moving()).marks([Heard(state, at_ns) for state in states], NOW_NS)
+    return {(mark.space, mark.number): mark for mark in marks}
+
+
+def test_standing_marks_have_names_of_their_own_and_two_points_a_line(
+    run_mapping: dict[str, Any],
+) -> None:
+    marks = standing_marks(drawing_of(RunSpec.model_validate(run_mapping)))
+    assert len({(mark.space, mark.number) for mark in marks}) == len(marks)
+    assert {mark.space for mark in marks} == {"fence", "road", "start", "start heading"}
+    fence = next(mark for mark in marks if mark.space == "fence")
+    assert fence.points == ((0.0, 0.0), (300.0, -9.0), (300.0, 9.0), (0.0, 0.0))
+    for mark in marks:
+        if mark.shape is Shape.LINE_STRIP:
+            assert len(mark.points) >= 2
+            assert mark.size_m[0] > 0.0
+
+
+def test_a_box_stands_about_the_middle_of_its_object() -> None:
+    quarter = math.pi / 2
+    marks = _moving(_state(x_m=5.0, y_m=1.0, yaw_rad=quarter))
+    box = marks["object", 0]
+    # A car's reference point is its rear axle: 3.6 m to the front, 0.9 m to the rear.
+    assert box.shape is Shape.CUBE
+    assert (box.at.x_m, box.at.y_m, box.at.yaw_rad) == pytest.approx((5.0, 1.0 + 1.35, quarter))
+    assert box.size_m == (4.5, 1.8, 1.5)
+    assert box.z_m == 0.75
+    assert marks["name", 0].text == "vut  10.0 m/s"
+
+
+def test_every_class_has_a_colour_and_the_vut_its_own() -> None:
+    assert set(COLOURS) == set(ObjectClass)
+    assert colour_of(_state()) == VUT
+    walker = _state("walker", object_class=ObjectClass.PEDESTRIAN)
+    assert colour_of(walker) == COLOURS[ObjectClass.PEDESTRIAN]
+
+
+def test_a_silent_object_turns_grey_says_so_and_disappears_at_last() -> None:
+    moving = Moving()
+    assert _moving(_state(), over=moving)["object", 0].colour == VUT
+    stale = _moving(_state(), age_s=2.0, over=moving)
+    assert stale["object", 0].colour == STALE
+    assert stale["name", 0].text == "vut  silent for 2.0 s"
+    gone = _moving(_state(), age_s=FORGOTTEN_S + 1, over=moving)
+    assert set(gone.values()) == {Gone("name", 0), Gone("object", 0)}
+    assert _moving(_state(), age_s=FORGOTTEN_S + 2, over=moving) == {}
+
+
+def test_an_object_whose_state_is_no_number_is_not_drawn_somewhere() -> None:
+    assert _moving(_state(x_m=math.nan)) == {}
+
+
+def test_numbers_of_marks_stay_with_their_objects() -> None:
+    moving = Moving()
+    _moving(_state("b"), _state("a"), over=moving)
+    again = _moving(_state("a"), _state("b"), over=moving)
+    assert again["name", 0].text.startswith("b")
+    assert again["name", 1].text.startswith("a")
+
+
+def test_trails_have_steps_an_end_and_no_jumps() -> None:
+    trails = Trails()
+    for k in range(10 * TRAIL_POINTS):
+        trails.add(_state(x_m=0.1 * k, stamp_ns=k))
+    trail = trails.of("vut")
+    assert len(trail) == TRAIL_POINTS
+    steps = [b[0] - a[0] for a, b in pairwise(trail)]
+    assert steps == pytest.approx([0.3] * len(steps))
+    trails.add(_state(x_m=5000.0, stamp_ns=10**6))
+    assert trails.of("vut") == ((5000.0, 0.0),)
+    trails.add(_state(x_m=5001.0, stamp_ns=10**6 + 1))
+    trails.add(_state(x_m=5002.0, stamp_ns=7))  # a replay that begins again
+    assert trails.of("vut") == ((5002.0, 0.0),)
+
+
+def test_the_gap_is_drawn_to_whom_the_vut_is_about_to_meet() -> None:
+    moving = Moving(Polyline([(0.0, 0.0), (200.0, 0.0)]))
+    crossing = _state(
+        "walker",
+        30.0,
+        y_m=5.0,
+        yaw_rad=-math.pi / 2,
+        speed_mps=2.0,
+        object_class=ObjectClass.PEDESTRIAN,
+        size=DEFAULT_SIZES[ObjectClass.PEDESTRIAN],
+    )
+    marks = _moving(_state(), crossing, over=moving)
+    assert marks["gap", 1].points == ((0.0, 0.0), (30.0, 5.0))
+    # The VUT's front reaches the walker's corridor after 30 - 0.55 - 3.6 m at 10 m/s, the walker
+    # the VUT's after 5 - 0.25 - 1.2 m at 2 m/s: 2.585 s and 1.775 s.
+    assert marks["gap time", 1].text.startswith("gap 0.8 s")
+    away = dataclasses.replace(crossing, yaw_rad=math.pi / 2, y_m=20.0)
+    later = _moving(_state(), away, over=moving)
+    assert later["gap", 1] == Gone("gap", 1)
+    silent = _moving(_state(), crossing, age_s=2.0, over=moving)
+    assert ("gap", 1) not in silent
+
+
+def _board(run_mapping: dict[str, Any], **changes: Any) -> Board:
+    board = Board(RunSpec.model_validate(run_mapping))
+    for name in ("vut", "ot1", "walker"):
+        board.objects[name] = Heard(_state(name), NOW_NS)
+    board.session = SessionFact(NS_PER_S, SessionPhase.RUNNING)
+    board.session_at_ns = board.manager_at_ns = board.recorder_at_ns = NOW_NS
+    board.recorder = RecorderFact(True, "bag")
+    for name, value in changes.items():
+        setattr(board, name, value)
+    return board
+
+
+def _health(board: Board, clock: ClockWatch | None = None) -> dict[str, Status]:
+    clock = clock or ClockWatch(NS_PER_S, NOW_NS)
+    return {status.name.removeprefix("ssp: "): status for status in health(board, clock, NOW_NS)}
+
+
+def test_a_session_in_which_all_is_well(run_mapping: dict[str, Any]) -> None:
+    found = _health(_board(run_mapping))
+    assert list(found) == [
+        "recorder",
+        "session",
+        "clock",
+        "object vut",
+        "object ot1",
+        "object walker",
+    ]
+    assert {status.level for status in found.values()} == {Level.OK}
+    for status in found.values():
+        assert all(isinstance(word, str) for pair in status.values for word in pair)
+
+
+def test_nothing_heard_is_stale_not_well(run_mapping: dict[str, Any]) -> None:
+    found = _health(Board(RunSpec.model_validate(run_mapping)), ClockWatch())
+    assert {status.level for status in found.values()} == {Level.STALE}
+    assert len(found) == 6
+
+
+@pytest.mark.parametrize(
+    ("fact", "level", "text"),
+    [
+        (RecorderFact(False, missing=("/ssp/vut/state",)), Level.WARN, "missing: /ssp/vut/state"),
+        (RecorderFact(True, failure="disk full"), Level.ERROR, "disk full"),
+        (RecorderFact(True, lost=3), Level.ERROR, "3 messages lost"),
+        (RecorderFact(True, lost=3, dropped=2), Level.ERROR, "2 of them dropped"),
+        (RecorderFact(True, warnings=("disk slow",)), Level.WARN, "disk slow"),
+    ],
+)
+def test_the_recorders_health(
+    fact: RecorderFact, level: Level, text: str, run_mapping: dict[str, Any]
+) -> None:
+    status = _health(_board(run_mapping, recorder=fact))["recorder"]
+    assert status.level is level
+    assert text in status.message
+
+
+@pytest.mark.parametrize(
+    ("fact", "level"),
+    [
+        (SessionFact(0, SessionPhase.ABORTED, reason="operator"), Level.ERROR),
+        (SessionFact(0, SessionPhase.ABORTING), Level.ERROR),
+        (SessionFact(0, SessionPhase.FINISHED, verdict=Verdict.FAILED_SAFETY), Level.ERROR),
+        (SessionFact(0, SessionPhase.FINISHED, verdict=Verdict.VALID), Level.OK),
+        (SessionFact(0, SessionPhase.CONNECTED), Level.WARN),
+    ],
+)
+def test_the_sessions_health(fact: SessionFact, level: Level, run_mapping: dict[str, Any]) -> None:
+    assert _health(_board(run_mapping, session=fact))["session"].level is level
+
+
+def test_a_silent_manager_and_a_clock_that_stands(run_mapping: dict[str, Any]) -> None:
+    board = _board(run_mapping, manager_at_ns=NOW_NS - 2 * NS_PER_S)
+    clock = ClockWatch()
+    clock.see(5, NOW_NS - 3 * NS_PER_S)
+    clock.see(5, NOW_NS)
+    found = _health(board, clock)
+    assert found["session"].level is Level.STALE
+    assert found["clock"].level is Level.ERROR
+    assert "has stood for 3.0 s" in found["clock"].message
+    clock.see(4, NOW_NS)
+    assert _health(board, clock)["clock"].level is Level.OK
+
+
+@pytest.mark.parametrize(
+    ("changes", "age_s", "level", "text"),
+    [
+        ({}, 0.31, Level.ERROR, "0.31 s old"),
+        ({}, 1.5, Level.STALE, "silent for 1.5 s"),
+        ({"x_m": math.inf}, 0.0, Level.ERROR, "no number"),
+        ({"control_state": ControlState.ABORTING}, 0.0, Level.ERROR, "aborting"),
+        ({"reference_id": "r", "error_lateral_m": -0.81}, 0.0, Level.ERROR, "to the left is -0.81"),
+        ({"reference_id": "r", "error_lateral_m": 0.8}, 0.0, Level.OK, "RUNNING"),
+        ({"reference_id": "r", "error_longitudinal_m": 2.1}, 0.0, Level.ERROR, "ahead"),
+        ({"reference_id": "r", "error_yaw_rad": 0.36}, 0.0, Level.ERROR, "heading"),
+        ({"error_yaw_rad": 0.36}, 0.0, Level.OK, "RUNNING"),
+    ],
+)
+def test_an_objects_health(
+    changes: dict[str, Any], age_s: float, level: Level, text: str, run_mapping: dict[str, Any]
+) -> None:
+    board = _board(run_mapping)
+    board.objects["ot1"] = Heard(_state("ot1", **changes), NOW_NS - round(age_s * NS_PER_S))
+    status = _health(board)["object ot1"]
+    assert status.level is level
+    assert text in status.message
+
+
+def test_slow_links_and_wrong_clocks_are_warned_of(run_mapping: dict[str, Any]) -> None:
+    links = {"vut": LinkFact(0.06, 0.1), "ot1": LinkFact(0.0, 0.6), "walker": LinkFact()}
+    found = _health(_board(run_mapping, links=links))
+    assert "0.060 s off" in found["object vut"].message
+    assert "takes 0.600 s" in found["object ot1"].message
+    assert found["object walker"].level is Level.OK
+    assert dict(found["object walker"].values)["link there and back, s"] == "unknown"
+
+
+@pytest.mark.ros
+def test_marks_and_statuses_become_messages() -> None:
+    from rclpy.serialization import deserialize_message, serialize_message
+    from visualization_msgs.msg import MarkerArray
+
+    from ssp_monitor.view.conversions import diagnostic_array, marker_array
+
+    box = Mark("object", 3, Shape.CUBE, VUT, Pose2(1.0, 2.0, math.pi), 0.5, (4.0, 2.0, 1.0))
+    path = Mark("trail", 3, Shape.LINE_STRIP, VUT, z_m=0.1, points=((0.0, 0.0), (1.0, 2.0)))
+    sent = serialize_message(marker_array([box, path, Gone("gap", 1)], 1_500_000_000))
+    first, second, third = deserialize_message(sent, MarkerArray).markers
+    assert (first.header.frame_id, first.header.stamp.nanosec) == ("map", 500_000_000)
+    assert (first.ns, first.id, first.type, first.action) == ("object", 3, 1, 0)
+    assert (first.pose.orientation.z, first.scale.x) == (1.0, 4.0)
+    assert first.color.a == 1.0
+    assert [(p.x, p.y, p.z) for p in second.points] == [(0.0, 0.0, 0.1), (1.0, 2.0, 0.1)]
+    assert (third.ns, third.id, third.action) == ("gap", 1, 2)
+    (status,) = diagnostic_array([Status("n", "p", Level.ERROR, "m", (("k", "v"),))], 0).status
+    assert (status.level, status.hardware_id, status.values[0].key) == (b"\x02", "p", "k")
