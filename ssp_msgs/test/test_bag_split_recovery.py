@@ -1,4 +1,4 @@
-"""Recovery of bags that go on over several files."""
+"""Bags that go on over several files: what repeats cost, and recovery."""
 
 from __future__ import annotations
 
@@ -51,3 +51,18 @@ def test_a_file_that_is_something_else_is_refused(tmp_path: Path) -> None:
     files[-1].write_bytes(b"PK\x03\x04 and more than eight bytes")
     with pytest.raises(InputError, match=r"bag_11\.mcap: is no MCAP file"):
         recover(tmp_path / "bag", tmp_path / "whole")
+
+
+def test_a_latched_message_beyond_the_limit_doesnt_fill_the_disk(tmp_path: Path) -> None:
+    large = bytes(100_000)
+    with BagWriter(tmp_path / "bag", split=Split(max_bytes=10_000)) as writer:
+        writer.add_topic("/map", STRING, offered_qos(1, transient_local=True), latched=True)
+        writer.add_topic("/x", STRING)
+        writer.write("/map", large, 0, 0)
+        for k in range(500):
+            writer.write("/x", bytes(1_000), k, k)
+    total = sum(file.stat().st_size for file in writer.files)
+    assert len(writer.files) > 2
+    assert total < 2.2 * (len(large) + 500 * 1_000) + len(large)
+    with BagReader(writer.files[-1]) as reader:
+        assert reader.topics["/map"].count == 1

@@ -42,7 +42,7 @@ class Split:
         if self.max_s is not None and not self.max_s > 0:
             raise InputError("must be positive", field="max_s", value=self.max_s)
 
-    def due(self, file_bytes: int, message_bytes: int, span_ns: int) -> bool:
+    def due(self, file_bytes: int, message_bytes: int, span_ns: int, repeated_bytes: int) -> bool:
         """Whether a message belongs into a new file.
 
         Args:
@@ -51,9 +51,13 @@ class Split:
             span_ns: from the file's first log time to the message's; a clock that was set back
                 makes it negative, and is as good a reason as one that runs on, but not in a small
                 file: two clocks taking turns would make one of every message.
+            repeated_bytes: of the file, what it began with. It takes as much that is new, however
+                small the limit: a large latched message would else fill the disk.
         """
-        if self.max_bytes is not None and file_bytes + message_bytes > self.max_bytes:
-            return True
+        if self.max_bytes is not None:
+            limit = max(self.max_bytes, 2 * repeated_bytes)
+            if file_bytes + message_bytes > limit:
+                return True
         if span_ns < 0 and file_bytes < SET_BACK_BYTES:
             return False
         return self.max_s is not None and abs(span_ns) >= self.max_s * 1e9

@@ -79,6 +79,7 @@ class BagWriter:
         self._stem = first.removesuffix("_0")
         self._split = split
         self._begun_ns: int | None = None
+        self._repeated_bytes = 0
         self._topics: dict[str, _Topic] = {}
         self._schemas: dict[TypeDefinition, Schema] = {}
         self._channels = 0
@@ -209,7 +210,7 @@ class BagWriter:
         if self._begun_ns is None:
             self._begun_ns = log_time_ns
         elif self._split is not None and self._split.due(
-            self._output.size, len(cdr), log_time_ns - self._begun_ns
+            self._output.size, len(cdr), log_time_ns - self._begun_ns, self._repeated_bytes
         ):
             try:
                 self._next_file(log_time_ns)
@@ -239,6 +240,7 @@ class BagWriter:
                     output.chunk.add(topic.repeats.id, sequence, begin_ns, publish_time_ns, cdr)
                     if output.chunk.size >= CHUNK_BYTES:
                         output.flush()
+        self._repeated_bytes = output.size
 
     def attach(self, name: str, data: bytes, media_type: str) -> None:
         """Puts a file into the bag, whole, at once."""
