@@ -69,14 +69,18 @@ def test_scene_objects_and_health_are_published(
     sessions.publish(SessionState(state=5))
     sent = 0
 
-    def until(condition: Callable[[], bool], what: str) -> None:
+    def send() -> None:
         nonlocal sent
+        states.publish(_state(sent * 0.2))
+        recorders.publish(RecorderStatus(ready=True, bag="bag"))
+        sent += 1
+
+    other.create_timer(0.05, send)
+
+    def until(condition: Callable[[], bool], what: str) -> None:
         deadline = time.monotonic() + DEADLINE_S
         while not condition():
             assert time.monotonic() < deadline, f"no {what} in time"
-            states.publish(_state(sent * 0.1))
-            recorders.publish(RecorderStatus(ready=True, bag="bag"))
-            sent += 1
             executor.spin_once(timeout_sec=0.05)
 
     def newest(which: str) -> Any:
