@@ -116,7 +116,8 @@ class Contents:
                     os.symlink(self.object(entry).resolve(), place / PurePosixPath(entry.path).name)
             name = PurePosixPath(recording.path).name
             try:
-                with BagReader(place if metadata is not None else place / name) as bag:
+                whole = place if metadata is not None else place / name
+                with BagReader(whole, links=True) as bag:
                     yield bag
             except InputError as error:
                 told = (error.file or "").replace(str(place), str(parent))
