@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import sys
 import threading
 import time
@@ -22,6 +21,7 @@ from ssp_core.wire import steps
 from ssp_core.wire.steps import decode_tick_head, encode_done
 from ssp_monitor.core.disk import LEAST_S
 from ssp_monitor.core.last_word import LastWord
+from ssp_monitor.core.sayings import Sayings
 from ssp_monitor.params import read_params, session_plan
 from ssp_monitor.recording.node import Recording
 from ssp_msgs.msg import RecorderStatus, SafetyEvent, SessionState, StepDone
@@ -32,7 +32,6 @@ TICK_TOPIC = names.absolute(names.WORLD_TICK)
 # Of a hundred warnings the first ones say what is wrong; the status and the bag have the rest.
 MOST_SAID = 20
 RUN_ENDED = "the run is ended while there is room to record its end"
-_FIGURES = re.compile(r"\d+(\.\d+)?")
 # A session that is under way when the recorder is told to stop has so long for its last word.
 LAST_WORD_S = 3.0
 
@@ -53,7 +52,7 @@ class MonitorNode(Node):
         self._done = self.create_publisher(StepDone, names.STEP_DONE, ros.STATE)
         listen = {SESSION_TOPIC: self._hear, TICK_TOPIC: self._keep_pace}
         self.recording = Recording(self, self._plan, listen)
-        self._said: set[str] = set()
+        self._sayings = Sayings()
         self._status = self.create_publisher(RecorderStatus, names.RECORDER_STATUS, ros.STATE)
         self._safety = self.create_publisher(SafetyEvent, names.SAFETY_EVENT, ros.LATCHED)
         # Steady: a frozen /clock must not silence the recorder.
@@ -79,12 +78,10 @@ class MonitorNode(Node):
 
     def _say_once(self, text: str) -> bool:
         """Logs a sentence if it is new; figures in it don't make it new."""
-        key = _FIGURES.sub("", text)
-        if key in self._said:
-            return False
-        self._said.add(key)
-        self.get_logger().error(text)
-        return True
+        fresh = self._sayings.say(text)
+        if fresh:
+            self.get_logger().error(text)
+        return fresh
 
     def _publish_safety(self, limit_name: str, unit: str, measured: float, limit: float) -> None:
         event = SafetyEvent()

@@ -16,6 +16,7 @@ from ssp_core.console import err, note, out
 from ssp_monitor.core.disk import DiskNeeds
 from ssp_monitor.core.encoding import CODECS, video_choice
 from ssp_monitor.core.plan import MB, QUEUE_MB, RESERVE_MB, RecordingPlan, patterns, split_by
+from ssp_monitor.core.sayings import Sayings
 from ssp_monitor.core.selection import MOST_TOPICS, Selection
 
 
@@ -89,20 +90,17 @@ def record_command(
     )
     from ssp_monitor.record.node import record
 
-    warnings: dict[str, None] = {}
-    present: set[str] = set()
+    sayings = Sayings()
     with _stopped_by_signals() as stop, err.status("") as live:
 
         def tell(status: Any) -> None:
             live.update(_line(status))
-            present.update(topic.name for topic in status.topics)
             for warning in status.warnings:
-                if warning not in warnings:
-                    warnings[warning] = None
+                if sayings.say(warning):
                     note(f"warning: {warning}")
 
         closed, why = record(plan, stop, duration, tell)
-    for name in sorted(named - present):
+    for name in sorted(named.difference(closed.topics)):
         note(f"warning: {name} had no publisher")
     if why:
         note(f"ended by itself: {why}")
@@ -115,17 +113,17 @@ def record_command(
             "messages": closed.state.messages,
             "bytes": closed.state.bytes,
             "files": closed.state.files,
-            "topics": len(present),
+            "topics": len(closed.topics),
             "lost": closed.lost,
             "ended": why,
             "problems": problems,
-            "warnings": list(warnings),
+            "warnings": sayings.texts(),
         }
         click.echo(json.dumps(result))
     else:
         checked = closed.check.text if closed.check else f"not closed: {closed.state.failure}"
         out.print(
-            f"{bag}: {closed.state.messages} messages of {len(present)} topics, "
+            f"{bag}: {closed.state.messages} messages of {len(closed.topics)} topics, "
             f"{closed.state.bytes / MB:.1f} MB, {closed.lost} lost, {checked}",
             markup=False,
         )

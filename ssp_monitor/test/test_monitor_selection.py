@@ -7,6 +7,7 @@ from collections import defaultdict
 import pytest
 
 from ssp_monitor.core.pattern import Pattern
+from ssp_monitor.core.sayings import MOST, Sayings
 from ssp_monitor.core.selection import Selection, Survey
 from ssp_monitor.core.topics import Profile
 
@@ -97,3 +98,21 @@ def test_beyond_the_limit_named_topics_come_first_and_the_rest_is_said() -> None
     assert survey.all_warnings() == [
         "7 topics are not recorded, the limit is 3: /t2, /t3, /t4, /t5, /t6, ..."
     ]
+
+
+def test_a_warning_whose_figures_move_is_one_warning() -> None:
+    sayings = Sayings()
+    assert sayings.say("the disk is full in 599 s: 12.5 MB left")
+    assert not sayings.say("the disk is full in 20 s: 0.1 MB left")
+    # A number in a name is no figure.
+    assert sayings.say("/cam1/image has several types")
+    assert sayings.say("/cam2/image has several types")
+    assert sayings.say("/t/3 has several types")
+    assert sayings.say("/t/4 has several types")
+    assert sayings.texts()[:2] == [
+        "the disk is full in 20 s: 0.1 MB left",
+        "/cam1/image has several types",
+    ]
+    for number in range(MOST):
+        sayings.say(f"/x{number} is odd")
+    assert len(sayings.texts()) == MOST

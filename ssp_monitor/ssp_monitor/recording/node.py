@@ -27,6 +27,7 @@ from ssp_monitor.core.plan import RecordingPlan
 from ssp_monitor.core.recorder import Recorder
 from ssp_monitor.core.records import RecorderState
 from ssp_monitor.core.report import report_attachment, seals, topic_reports
+from ssp_monitor.core.sayings import Sayings
 from ssp_monitor.core.selection import Survey
 from ssp_monitor.core.topics import TopicSpec
 from ssp_monitor.intake.node import Intake
@@ -49,11 +50,13 @@ class Closed:
     Args:
         state: of the recorder.
         lost: never received, or not written.
+        topics: in the bag.
         check: of the bag; None when it could not be closed.
     """
 
     state: RecorderState
     lost: int
+    topics: tuple[str, ...]
     check: ClosingCheck | None
 
 
@@ -89,7 +92,7 @@ class Recording:
         self._publishers: dict[str, int] = {}
         self._profiles: dict[str, QoSProfile] = {}
         self._unheard: set[str] = set()
-        self._warnings: dict[str, None] = {}
+        self._sayings = Sayings()
         self._rate = WriteRate()
         self._graph_due_s = 0.0
         self._found: deque[TopicSpec] = deque()
@@ -185,7 +188,8 @@ class Recording:
             dropped = self.recorder.dropped_by_topic
             expected = {name: count - dropped[name] for name, count in received.items()}
             check = check_closed(self.recorder.path, expected)
-        return Closed(state, self.lost, check)
+        names = tuple(record.name for record in self.recorder.records())
+        return Closed(state, self.lost, names, check)
 
     def _report(self, received: Mapping[str, int]) -> Attachment:
         self._current_warnings(self.recorder.state(), 0)
@@ -199,7 +203,7 @@ class Recording:
             topics,
             run_id=self._plan.run_id,
             lost_limit=self._plan.lost_limit,
-            warnings=list(self._warnings),
+            warnings=self._sayings.texts(),
             sealed=seals(self._plan.attachments),
         )
 
@@ -234,7 +238,7 @@ class Recording:
             self.recorder.add(topic, offered_profiles(publishers), is_latched(publishers))
             self.intake.add(topic, profile)
         except (SspError, RuntimeError) as error:
-            self._warn(f"{topic.name} is not recorded: {error}")
+            self._sayings.say(f"{topic.name} is not recorded: {error}")
             return
         self._profiles[topic.name] = profile
 
@@ -249,7 +253,7 @@ class Recording:
             # Of another type the survey tells.
             if publisher.topic_type == msgtype and not is_heard(publisher, msgtype, wanted):
                 self._unheard.add(name)
-                self._warn(
+                self._sayings.say(
                     f"{name} is not heard from {publisher.node_name}: it came later and offers "
                     "less than those before; what it says is lost"
                 )
@@ -267,17 +271,11 @@ class Recording:
         found = [*self._survey.all_warnings(), *state.warnings]
         if self._outlook.warning is not None:
             found.insert(0, self._outlook.warning)
-            # Its figures change with every look: the report has the last ones.
-            self._warnings = {k: v for k, v in self._warnings.items() if "the disk " not in k}
         if 2 * state.queue_bytes > state.queue_limit_bytes:
             found.append("the disk does not keep up: more than half of the queue is in use")
         if topics > MOST_LISTED:
-            found.append(f"only {MOST_LISTED} of {topics} topics are listed")
+            found.append(f"only the first {MOST_LISTED} topics are listed")
         for text in found:
-            self._warn(text)
-        shown = [*found, *(text for text in self._warnings if text not in found)]
+            self._sayings.say(text)
+        shown = [*found, *(text for text in self._sayings.texts() if text not in found)]
         return shown[:MOST_WARNINGS]
-
-    def _warn(self, text: str) -> None:
-        if len(self._warnings) < 1000:
-            self._warnings.setdefault(text)
