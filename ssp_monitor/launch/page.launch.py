@@ -8,7 +8,7 @@ from launch_ros.parameter_descriptions import ParameterValue
 
 
 def generate_launch_description() -> LaunchDescription:
-    """One node, with the parameters that belong to the session; docs/operator-page.md has the others."""
+    """One node, with the parameters that belong to the session."""
     return LaunchDescription(
         [
             DeclareLaunchArgument(

@@ -129,10 +129,11 @@ class Stage:
         self.wait_for_line("objects", r"^loaded: True")
         return process
 
-    def page(self, port: int = 0) -> tuple[subprocess.Popen[bytes], int]:
+    def page(self, port: int = 0, *, run: bool = True) -> tuple[subprocess.Popen[bytes], int]:
         """The page's process, and its port."""
         name = f"page{len(self.started)}"
-        given = ["-p", f"run_file:={self.run_file}", "-p", f"port:={port}"]
+        given = ["-p", f"port:={port}"]
+        given += ["-p", f"run_file:={self.run_file}"] if run else []
         process = self.start(name, "-m", "ssp_monitor.page.node", "--ros-args", *given)
         found = self.wait_for_line(name, r"^page: http://127\.0\.0\.1:(\d+)/$")
         assert TOKEN not in self.said(name)
@@ -278,6 +279,18 @@ def test_without_the_token_people_only_watch(
     tab.wait(f"{ANSWERS}.includes('REFUSED: {why}')")
     keep(tab, f"phone-{why.replace(' ', '-')}")
     assert tab.evaluate(STATE) == "LOADED"
+
+
+def test_without_a_run_file_it_shows_what_it_hears(stage: Stage, tab: Browser) -> None:
+    stage.manager()
+    stage.objects(single=True)
+    _, port = stage.page(run=False)
+    tab.go(f"http://127.0.0.1:{port}/#token={TOKEN}")
+    tab.wait(f"document.querySelectorAll('#objects tr').length === {OBJECTS + 1}")
+    tab.wait(f"{BANNER}.hidden && {STATE} === 'LOADED'")
+    assert "No run file" in tab.text("#map-note")
+    assert tab.text("#scenario") == "many"  # the session says it
+    assert float(values_of(tab, "ot20")[2]) > 5.0
 
 
 @pytest.mark.parametrize("size", [(1400, 900), (1000, 700), (700, 400), (400, 800), (320, 480)])

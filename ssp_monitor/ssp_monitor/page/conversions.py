@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+import struct
 from typing import Any
 
 from ssp_core.messages import stamp_ns
 from ssp_core.safety_codes import SafetyCode
 from ssp_core.vocab import Phase, SessionPhase, Verdict
-from ssp_core.wire.cdr import check_start, read_count, read_header, read_text
+from ssp_core.wire.cdr import START, check_start, decoder, read_count, read_header, read_text
 from ssp_core.wire.references import Acknowledgement
 from ssp_monitor.page.facts import (
     Answer,
@@ -19,7 +20,6 @@ from ssp_monitor.page.facts import (
     TopicFact,
 )
 
-_START = 4
 _JPEG = b"\xff\xd8"
 
 
@@ -149,27 +149,27 @@ def command_answer(response: Any) -> Answer:
     return Answer(bool(response.accepted), response.error_msg, tuple(response.missing), True, state)
 
 
-def jpeg_of(data: bytes) -> bytes:
-    """The picture in a serialised CompressedImage, as it stands there.
-
-    Raises:
-        ValueError: it isn't JPEG, or no such message.
-    """
-    check_start(data)
-    try:
-        _, at = read_header(data, _START)
-        form, at = read_text(data, at)
-        size, at = read_count(data, at, 1)
-    except (IndexError, ArithmeticError) as error:
-        raise ValueError(str(error)) from error
+@decoder
+def jpeg_of(data: bytes, at: int) -> tuple[bytes, int]:
+    """The picture in a serialised CompressedImage, as it stands there; ValueError if not JPEG."""
+    _, at = read_header(data, at)
+    form, at = read_text(data, at)
+    size, at = read_count(data, at, 1)
     picture = data[at : at + size]
     if not picture.startswith(_JPEG):
         raise ValueError(f"a picture of format {form[:20]!r} is no JPEG")
-    return picture
+    return picture, at + size
 
 
 def source_of(data: bytes) -> str:
-    """Who sent a serialised ObjectStates. Raises ValueError for what is none."""
+    """Who sent a serialised ObjectStates; the states are passed over.
+
+    Raises:
+        ValueError: the bytes are no such message.
+    """
     check_start(data)
-    _, at = read_header(data, _START)
-    return read_text(data, at)[0]
+    try:
+        _, at = read_header(data, START)
+        return read_text(data, at)[0]
+    except (struct.error, IndexError) as error:
+        raise ValueError(f"{len(data)} bytes are too few: {error}") from None

@@ -190,7 +190,7 @@ class MonitorPage(Node):
     def _on_array(self, data: bytes) -> None:
         try:
             self._arrays.put(conversions.source_of(data), data, time.monotonic_ns())
-        except (ValueError, ArithmeticError, LookupError) as error:
+        except ValueError as error:
             self._tell_once(f"{names.OBJECT_STATES}: {error}")
 
     def _on_picture(self, data: bytes) -> None:
