@@ -1,0 +1,63 @@
+"""A few runs of each fuzzing target, and the inputs that once failed; see README.md."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+RUN = Path(__file__).with_name("run.py")
+# Few enough for every test run; the same inputs each time, since the seed is the same.
+RUNS = {
+    "read": 500,
+    "check": 500,
+    "recover": 30,
+    "cut": 30,
+    "info": 500,
+    "metadata": 200,
+    "qos": 300,
+    "wire": 3000,
+    "types": 60,
+    "cdr": 3000,
+    "run": 200,
+}
+SEED = 5
+
+
+def run(*arguments: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, str(RUN), *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        errors="replace",
+        timeout=120,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize("target", RUNS)
+def test_no_input_gives_a_traceback(target: str, tmp_path: Path) -> None:
+    done = run(target, "--runs", RUNS[target], "--seed", SEED, "--found", tmp_path)
+    assert done.returncode == 0, done.stderr[-3000:] + done.stdout[-3000:]
+    assert list(tmp_path.iterdir()) == []
+    assert f"Done {RUNS[target]} runs" in done.stderr
+
+
+def test_a_failing_input_is_noticed(tmp_path: Path) -> None:
+    """The runner reports what a target raises: here one that is made to fail."""
+    broken = tmp_path / "broken.py"
+    broken.write_text(
+        f"import sys\nsys.path.insert(0, {str(RUN.parent)!r})\n"
+        "import run, targets\nfrom dataclasses import replace\n"
+        "def fail(data):\n    raise KeyError('found')\n"
+        "targets.TARGETS['wire'] = replace(targets.TARGETS['wire'], run=fail)\n"
+        f"sys.argv = ['run.py', 'wire', '--found', {str(tmp_path / 'found')!r}]\nrun.main()\n"
+    )
+    done = subprocess.run(
+        [sys.executable, str(broken)], capture_output=True, timeout=60, check=False
+    )
+    assert done.returncode != 0
+    assert b"KeyError" in done.stdout + done.stderr
+    assert [p.name[:11] for p in (tmp_path / "found").iterdir()] == ["wire-crash-"]
