@@ -135,7 +135,7 @@ def metadata_of(folder: Path, *names: str) -> None:
     )
 
 
-def test_a_bag_reads_no_file_outside_its_folder(tmp_path: Path) -> None:
+def test_the_metadata_of_a_bag_names_no_file_outside_its_folder(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "outside") as writer:
         writer.add_topic("/secret", STRING)
     secret = tmp_path / "outside" / "outside_0.mcap"
@@ -145,10 +145,11 @@ def test_a_bag_reads_no_file_outside_its_folder(tmp_path: Path) -> None:
         metadata_of(folder, name)
         with pytest.raises(InputError, match=r"names outside_0\.mcap, which is not"):
             BagReader(folder)
+    # Who may put a link into the folder may put the file there too: links are followed.
     os.symlink(secret, folder / "a.mcap")
     metadata_of(folder, "a.mcap")
-    with pytest.raises(InputError, match=r"a\.mcap.*link out of the bag"):
-        BagReader(folder)
+    with BagReader(folder) as reader:
+        assert list(reader.topics) == ["/secret"]
     os.mkfifo(folder / "b.mcap")
     metadata_of(folder, "b.mcap")
     with pytest.raises(InputError, match=r"b\.mcap, which is not there"):

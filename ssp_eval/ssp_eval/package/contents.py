@@ -116,8 +116,7 @@ class Contents:
                     os.symlink(self.object(entry).resolve(), place / PurePosixPath(entry.path).name)
             name = PurePosixPath(recording.path).name
             try:
-                whole = place if metadata is not None else place / name
-                with BagReader(whole, links=True) as bag:
+                with BagReader(place if metadata is not None else place / name) as bag:
                     yield bag
             except InputError as error:
                 told = (error.file or "").replace(str(place), str(parent))

@@ -9,6 +9,7 @@ from typing import TypeVar
 
 from ssp_core.bag import BagReader
 from ssp_core.bag.frames import Frames
+from ssp_core.bag.reader import bag_files
 from ssp_core.errors import InputError
 from ssp_core.files import Model, parse_mapping, parse_model
 from ssp_core.hashing import sha256_bytes, sha256_json
@@ -204,7 +205,7 @@ class Index:
         with self.contents.bag(entry) as bag:
             digests = [
                 self.contents.by_path[str(PurePosixPath(entry.path).with_name(file.name))].sha256
-                for file in bag.files
+                for file in bag_files(bag.path)
             ]
             attachments = {
                 name: data

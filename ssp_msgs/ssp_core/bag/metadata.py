@@ -143,12 +143,8 @@ class BagDirectory:
     topic_counts: dict[str, int]
 
 
-def read_metadata(folder: Path, *, links: bool = False) -> BagDirectory:
+def read_metadata(folder: Path) -> BagDirectory:
     """Reads the metadata.yaml of a bag directory of any version that names MCAP files.
-
-    Args:
-        folder: the directory.
-        links: its files may be links to elsewhere; for those that made the links themselves.
 
     Raises:
         InputError: it isn't there, can't be parsed, or is of a bag that is not plain MCAP.
@@ -188,27 +184,24 @@ def read_metadata(folder: Path, *, links: bool = False) -> BagDirectory:
     # Only the name counts: old bags wrote paths, and a bag reads no file outside its directory.
     files = tuple(folder / PurePosixPath(name).name for name in names)
     for file, count in Counter(files).items():
-        _check_file(file, path, links=links)
+        _check_file(file, path)
         if count > 1:
             raise InputError(f"names {file.name} twice", file=path)
     return BagDirectory(files, *_counts(information, path))
 
 
-def _check_file(file: Path, path: Path, *, links: bool) -> None:
-    """Raises InputError unless a file that metadata.yaml names is one of the bag."""
+def _check_file(file: Path, path: Path) -> None:
+    """Raises InputError unless a file that metadata.yaml names is one of the bag.
+
+    It may be a link to elsewhere: large files are kept on other disks, and an evidence package
+    lays its files out by links. What is behind it must be an MCAP file like any other.
+    """
     try:
         there = file.is_file() and file.name not in ("", "..") and file.parent == path.parent
-        inside = links or (there and file.resolve().is_relative_to(path.parent.resolve()))
     except (OSError, ValueError) as error:  # too long a name, one with a NUL, a ring of links
         raise InputError(f"names {file.name!r}, which is no file: {error}", file=path) from error
     if not there:
         raise InputError(f"names {file.name}, which is not there", file=path)
-    if not inside:
-        raise InputError(
-            f"names {file.name}, which is a link out of the bag",
-            file=path,
-            remedy="copy the file into the bag, or name the file itself",
-        )
 
 
 def _counts(information: dict[str, Any], path: Path) -> tuple[int, dict[str, int]]:

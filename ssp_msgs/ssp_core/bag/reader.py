@@ -46,18 +46,14 @@ def type_definition(schema: Schema, channel: Channel) -> TypeDefinition:
     )
 
 
-def bag_files(path: Path, *, links: bool = False) -> tuple[Path, ...]:
+def bag_files(path: Path) -> tuple[Path, ...]:
     """The MCAP files of a bag directory in order, or the one file that was named.
-
-    Args:
-        path: of the directory or file.
-        links: as read_metadata.
 
     Raises:
         InputError: it isn't there or is no bag.
     """
     if path.is_dir():
-        return read_metadata(path, links=links).files
+        return read_metadata(path).files
     if not path.exists():
         raise InputError("is not there", file=path, remedy="name a bag directory or a .mcap file")
     if not path.is_file():  # opening a pipe would wait for somebody to write into it
@@ -70,18 +66,17 @@ class BagReader:
 
     Args:
         path: directory with metadata.yaml, or the file itself.
-        links: files of the directory may be links to elsewhere, as read_metadata.
 
     Raises:
         InputError: not there, no bag, not closed, or damaged; the message names the file.
     """
 
-    def __init__(self, path: str | Path, *, links: bool = False) -> None:
+    def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
         self.topics: dict[str, TopicInfo] = {}
         self._definitions: dict[str, TypeDefinition] = {}
         self._stores = Stores(self.path)
-        self.files = bag_files(self.path, links=links)
+        self.files = bag_files(self.path)
         self._parts = [Part(file, later=k > 0) for k, file in enumerate(self.files)]
         for part in self._parts:
             self._add_topics(part)
