@@ -75,7 +75,9 @@ def missing(
         expected = list(range(numbers[0], max([numbers[-1], *due]) + 1))
         lost = sorted(set(expected) - set(numbers))
         if lost:
-            problems.append(f"{name}: {len(lost)} missing, the first is {lost[0]} of {expected[-1]}")
+            problems.append(
+                f"{name}: {len(lost)} missing, the first is {lost[0]} of {expected[-1]}"
+            )
         elif numbers != expected:
             problems.append(f"{name}: out of order or twice: {numbers[:3]} to {numbers[-3:]}")
     return problems

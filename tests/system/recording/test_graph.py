@@ -97,3 +97,16 @@ def test_a_topic_that_changes_its_type_keeps_its_first_one(field_: Field) -> Non
     assert missing(recording.bag, (FIRST, beside), of_first) == []
     with BagReader(recording.bag) as reader:
         assert reader.topics[FIRST.name].msgtype == IMAGE
+
+
+def test_a_topic_with_two_types_is_not_recorded_and_is_named(field_: Field) -> None:
+    one = field_.load(LoadTopic("/load/both", rate_hz=20), FIRST)
+    other = field_.load(LoadTopic("/load/both", rate_hz=20, msgtype=TEXT))
+    recording = field_.record("--all", "--json", "--duration", "3")
+    assert recording.wait() == 0, recording.said
+    one.stop()
+    other.stop()
+    result = json.loads(recording.said.splitlines()[0])
+    assert any("/load/both has several types" in warning for warning in result["warnings"]), result
+    with BagReader(recording.bag) as reader:
+        assert set(reader.topics) == {FIRST.name}

@@ -49,7 +49,11 @@ def _kill_all(recordings: list[Recording], seed: int) -> list[int]:
             if place in killed:
                 continue
             early = place == AT_ONCE - 1
-            if place not in kill_at and recording.bag.is_dir() and (early or recording.size() > 2e5):
+            if (
+                place not in kill_at
+                and recording.bag.is_dir()
+                and (early or recording.size() > 2e5)
+            ):
                 kill_at[place] = now + _after_s(seed, place)
             elif now >= kill_at.get(place, now + 1):
                 killed[place] = recording.kill()

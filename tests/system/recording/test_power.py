@@ -53,7 +53,9 @@ def _cut_the_power(field_: Field, folder: Path) -> None:
     subprocess.run(["mkfs.ext4", "-q", "-F", str(image)], check=True)
     load = field_.load(*TOPICS)
     with mounted(folder / "disk", "-o", "loop", str(image)) as disk:
-        recording = field_.record(*(t.name for t in TOPICS), "--split-mb", "2", "--reserve-mb", "0", disk=disk)
+        recording = field_.record(
+            *(t.name for t in TOPICS), "--split-mb", "2", "--reserve-mb", "0", disk=disk
+        )
         wait_for(lambda: recording.size() > 3_000_000, "data in two files")
         recording.process.send_signal(signal.SIGSTOP)
         cut_ns = time.monotonic_ns()
@@ -94,7 +96,5 @@ def _count_requests(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         assert asked[0] < at + 1.0
 
 
-def test_requests_to_the_disk_come_in_time(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_requests_to_the_disk_come_in_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     _count_requests(tmp_path, monkeypatch)

@@ -46,3 +46,14 @@ def test_a_recording_whose_bag_is_gone_ends_and_says_so(
     assert not result["ok"]
     if strike is remove:
         assert not recording.bag.exists()
+
+
+def test_a_part_that_is_gone_at_the_end_fails_the_check(field_: Field) -> None:
+    load = field_.load(TOPIC)
+    recording = field_.record(TOPIC.name, "--split-mb", "0.2", "--json")
+    wait_for(lambda: recording.size() > 600_000, "several files")
+    (recording.bag / "bag_0.mcap").unlink()
+    load.stop()
+    assert recording.stop() == 1
+    result = json.loads(recording.said.splitlines()[0])
+    assert any("bag_0.mcap" in problem for problem in result["problems"]), result

@@ -1,0 +1,125 @@
+"""A message of 100 MB, and a graph and a bag with 10,000 topics."""
+
+from __future__ import annotations
+
+import json
+import resource
+from pathlib import Path
+
+import pytest
+import yaml
+
+from ssp_core.bag import BagMessage, BagReader, BagWriter
+from ssp_core.bag.check import check_bag
+from ssp_core.bag.metadata import ROOT_KEY
+from ssp_core.bag.qos import offered_qos
+from ssp_core.bag.reader import bag_files
+from ssp_monitor.core.queue import OVERHEAD_BYTES
+from ssp_monitor.core.recorder import Recorder
+from ssp_monitor.core.selection import MOST_TOPICS
+from ssp_monitor.core.topics import Profile, TopicSpec
+
+from .checks import held, missing
+from .conftest import Field, wait_for
+from .load import IMAGE, TEXT, LoadTopic, encode
+
+pytestmark = [pytest.mark.ros, pytest.mark.system]
+HUGE_BYTES = 100_000_000
+HUGE = LoadTopic("/load/cloud", rate_hz=0, size_bytes=HUGE_BYTES, latched=True, depth=1)
+SMALL = LoadTopic("/load/state", rate_hz=100)
+MANY = 10_000
+
+
+def test_a_message_of_100_mb_through_the_middleware(field_: Field) -> None:
+    """It is larger than the segment of shared memory, and than a file of this split bag."""
+    load = field_.load(SMALL, HUGE)
+    names = (SMALL.name, HUGE.name)
+    recording = field_.record(*names, "--split-mb", "10", "--reserve-mb", "0", "--json")
+    wait_for(lambda: recording.size() > HUGE_BYTES, "the large message")
+    sent_before = load.count()
+    wait_for(lambda: load.count() > sent_before + 100, "messages behind it")
+    sent = load.stop()
+    recording.wait_for_end_of_data()
+    assert recording.stop() == 0, recording.said
+    assert json.loads(recording.said.splitlines()[0])["lost"] == 0
+    assert check_bag(recording.bag).problems == ()
+    assert missing(recording.bag, (SMALL, HUGE), sent) == []
+    assert len(held(recording.bag, [HUGE])[HUGE.name]) == 1
+
+
+def test_a_message_of_100_mb_is_held_once_in_memory(tmp_path: Path) -> None:
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    data = encode(HUGE, 1, 0)
+    limit = 2 * (len(data) + OVERHEAD_BYTES)
+    spec = TopicSpec(HUGE.name, IMAGE, Profile.LATCHED)
+    recorder = Recorder(tmp_path / "bag", [spec], queue_bytes=limit)
+    for k in range(6):
+        recorder.put(BagMessage(HUGE.name, k, k, data, k))
+        assert recorder.state().queue_bytes <= limit
+    state = recorder.stop()
+    after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    assert state.messages + state.dropped == 6
+    assert state.messages >= 2
+    # The message itself, what makes it, and nothing for each time that it is written.
+    assert (after - before) << 10 < 4 * HUGE_BYTES
+    with BagReader(tmp_path / "bag") as reader:
+        assert all(message.data == data for message in reader.messages())
+        assert reader.count == state.messages
+
+
+def test_a_message_that_is_larger_than_the_queue_is_counted(tmp_path: Path) -> None:
+    spec = TopicSpec(HUGE.name, IMAGE, Profile.SENSOR)
+    recorder = Recorder(tmp_path / "bag", [spec], queue_bytes=1_000_000)
+    large, small = bytes(2_000_000), encode(SMALL, 1, 0)
+    for data in (small, large, small):
+        recorder.put(BagMessage(HUGE.name, 0, 0, data))
+    state = recorder.stop()
+    assert (state.messages, state.dropped, state.failure) == (2, 1, None)
+
+
+def test_a_bag_with_10_000_topics(tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    qos = offered_qos(10)
+    names = [f"/many/topic_{k:05d}" for k in range(MANY)]
+    with BagWriter(bag) as writer:
+        for name in names:
+            writer.add_topic(name, TEXT, qos)
+        for k in (1, 2):
+            for name in names:
+                writer.write(name, encode(LoadTopic(name, msgtype=TEXT), k, 0), k, k, k)
+            writer.flush()
+    (file,) = bag_files(bag)
+    assert check_bag(file).problems == ()
+    with BagReader(bag) as reader:
+        assert set(reader.topics) == set(names)
+        one = [message.sequence for message in reader.messages([names[7_777]])]
+    assert one == [1, 2]
+    text = (bag / "metadata.yaml").read_text()
+    facts = yaml.load(text, Loader=yaml.CSafeLoader)[ROOT_KEY]
+    assert len(facts["topics_with_message_count"]) == MANY
+    assert facts["message_count"] == 2 * MANY
+
+
+def test_a_graph_with_more_topics_than_the_limit(field_: Field) -> None:
+    """The first by name are recorded, the rest is named in a warning, and named topics come
+    first."""
+    many = [LoadTopic(f"/many/t{k:05d}", 0, 80, TEXT) for k in range(MOST_TOPICS + 100)]
+    named = LoadTopic("/zz/wanted", rate_hz=100)
+    load = field_.load(named, *many)
+    recording = field_.record(named.name, "--all", "--json")
+    wait_for(lambda: recording.size() > 100_000, "data")
+    sent_before = load.count()
+    wait_for(lambda: load.count() > sent_before + 500, "messages of the named topic")
+    sent = load.stop()
+    recording.wait_for_end_of_data()
+    assert recording.stop() == 0, recording.said
+    result = json.loads(recording.said.splitlines()[0])
+    said = f"101 topics are not recorded, the limit is {MOST_TOPICS}"
+    assert any(said in warning for warning in result["warnings"]), result["warnings"]
+    assert result["lost"] == 0
+    with BagReader(recording.bag) as reader:
+        assert len(reader.topics) == MOST_TOPICS
+        assert named.name in reader.topics
+        assert many[0].name in reader.topics
+        assert many[-1].name not in reader.topics
+    assert missing(recording.bag, [named], sent) == []

@@ -1,0 +1,39 @@
+"""What docs/recording.md promises stands in the code that keeps it."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from ssp_core.bag.split import REPEATED_KEY
+from ssp_core.files import MAX_TEXT_BYTES
+from ssp_monitor.core.closing import MOST_S
+from ssp_monitor.core.disk import LEAST_S
+from ssp_monitor.core.encoding import ORIGINAL
+from ssp_monitor.core.importance import MEANINGS, Importance
+from ssp_monitor.core.recorder import BATCH_BYTES
+from ssp_monitor.core.report import REPORT_NAME, SCHEMA
+from ssp_monitor.core.selection import MOST_TOPICS, NOISE
+
+TEXT = (Path(__file__).resolve().parent.parent / "docs" / "recording.md").read_text()
+FLAT = " ".join(TEXT.split())
+
+
+def test_the_order_of_dropping_is_that_of_the_table() -> None:
+    rows = re.findall(r"^\| (?:first |last |)\| (.+) \|$", TEXT, re.MULTILINE)
+    assert rows == [MEANINGS[rank] for rank in sorted(Importance)]
+
+
+def test_figures_and_names_are_those_of_the_code() -> None:
+    for said in (
+        f"`{REPORT_NAME}` (schema `{SCHEMA}`)",
+        f"({MOST_TOPICS:,} for `ssp bag record`)",
+        f"than {LEAST_S:g} s at the present rate",
+        f"for at most {MOST_S:g} s; its last line",
+        f"up to {BATCH_BYTES / 1e6:.0f} MB, can't be dropped",
+        f"above {MAX_TEXT_BYTES >> 20} MiB",
+        f"`{REPEATED_KEY}`",
+        f"with `{ORIGINAL}` behind its name",
+        *(f"`{name}`" for name in NOISE),
+    ):
+        assert said in FLAT, said
