@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 import pyarrow.parquet as pq  # type: ignore[import-untyped]
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.writer import CompressionType, Writer
 from rosbags.rosbag2 import StoragePlugin
@@ -361,6 +361,7 @@ def test_no_file_is_written_outside(
     assert len(new) == len(HOSTILE)
 
 
+@settings(deadline=None)
 @given(st.lists(st.text(max_size=130) | st.sampled_from(HOSTILE), unique=True, max_size=20))
 def test_names_are_safe_and_differ(topics: list[str]) -> None:
     names = FileNames()

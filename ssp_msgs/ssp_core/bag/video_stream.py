@@ -73,7 +73,8 @@ class VideoDecoder:
         self._codec.thread_count = 1
         # Without it a decoder waits for frames that might come in between.
         self._codec.flags |= av.codec.context.Flags.low_delay
-        self._codec.options = {"max_pixels": str(MAX_PIXELS)}
+        # What a decoder patches up by itself looks like a picture and isn't the camera's.
+        self._codec.options = {"err_detect": "explode", "max_pixels": str(MAX_PIXELS)}
         self._started = False
         self._waiting: set[int] = set()
 
