@@ -37,6 +37,8 @@ BROUGHT_BY = {"markupsafe": "jinja2", "pydantic_core": "pydantic", "zstandard": 
 # Extras of the project, imported only where they are installed.
 EXTRA = {"carla", "moderngl", "osqp", "pyarrow"}
 OURS = {*PACKAGES, "ssp_core"}
+# Of ROS, beside everything that ends in _msgs.
+ROS_PACKAGES = {"builtin_interfaces", "rcl_interfaces", "rclpy", "std_srvs"}
 
 
 def manifest(package: str) -> ElementTree.Element:
@@ -100,7 +102,7 @@ def test_package_xml_names_everything_that_is_imported(package: str) -> None:
         assert "ssp_msgs" in declared
         declared |= {e.text for e in manifest("ssp_msgs") if e.tag.endswith("depend")}
     names = {BROUGHT_BY.get(name, name) for name in imported(sources(package))}
-    ros = {n for n in names if n.endswith("_msgs") or n in ("rclpy", "builtin_interfaces")}
+    ros = {n for n in names if n.endswith("_msgs") or n in ROS_PACKAGES}
     missing = {n for n in ros - OURS if n not in declared}
     missing |= {n for n, key in ROSDEP_NAMES.items() if n in names and key not in declared}
     assert missing == set()
