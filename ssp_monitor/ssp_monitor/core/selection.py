@@ -96,10 +96,6 @@ class Survey:
                 found.append(spec)
         return found
 
-    def refused(self) -> tuple[str, ...]:
-        """Topics beyond the limit."""
-        return tuple(self._refused)
-
     def all_warnings(self) -> list[str]:
         if not self._refused:
             return list(self.warnings)
