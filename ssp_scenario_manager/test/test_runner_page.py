@@ -1,0 +1,81 @@
+"""The operators' page beside a run: where it is said to be, and that it stands in nobody's way."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from ssp_core.processes import ProcessGroup
+from ssp_scenario_manager.runner import page
+from ssp_scenario_manager.runner.cli import run
+
+STAND_IN = """
+import os, sys, time
+print("page: http://127.0.0.1:4711/", flush=True)
+assert len(os.environ["SSP_PAGE_TOKEN"]) > 30 and os.environ["SSP_PAGE_TOKEN"] not in sys.argv
+if "run_file:=die" in sys.argv:
+    raise SystemExit("port 4711 is taken")
+time.sleep(60)
+"""
+
+
+@pytest.fixture
+def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ProcessGroup:
+    """A session without processes; the page is a stand-in that says where it is."""
+    (tmp_path / "stand_in_page.py").write_text(STAND_IN)
+    monkeypatch.setattr(page, "MODULE", "stand_in_page")
+    env = {**os.environ, "ROS_DOMAIN_ID": "0", "PYTHONPATH": str(tmp_path)}
+    (tmp_path / "logs").mkdir()
+    return ProcessGroup(env, tmp_path / "logs", owns_domain=False)
+
+
+def wait_until_said(said: list[str], count: int) -> None:
+    deadline = time.monotonic() + 20.0
+    while len(said) < count:
+        assert time.monotonic() < deadline, said
+        time.sleep(0.01)
+
+
+def test_says_where_it_is_with_the_token_that_no_log_has(session: ProcessGroup) -> None:
+    said: list[str] = []
+    with page.page_beside(session, Path("run.yaml"), 0, said.append):
+        wait_until_said(said, 1)
+        assert not session.processes  # nobody who watches the session's processes sees it
+    (line,) = said
+    address, _, token = line.partition("#token=")
+    assert address == "operator page: http://127.0.0.1:4711/"
+    assert len(token) >= 32
+    assert token not in (session.log_dir / "monitor_page.log").read_text()
+    assert "SSP_PAGE_TOKEN" not in session.env
+
+
+def test_an_end_of_its_own_is_said_and_no_more(session: ProcessGroup) -> None:
+    said: list[str] = []
+    with page.page_beside(session, Path("die"), 0, said.append):
+        wait_until_said(said, 1)
+    assert "the operator page exited with status 1; the session goes on without it" in said[-1]
+    assert "port 4711 is taken" in said[-1]
+
+
+def test_without_a_port_there_is_none(session: ProcessGroup) -> None:
+    said: list[str] = []
+    with page.page_beside(session, Path("run.yaml"), None, said.append):
+        pass
+    assert not said
+    assert not list(session.log_dir.iterdir())
+
+
+def test_one_process_has_no_page() -> None:
+    done = CliRunner().invoke(run, ["cut_in", "--in-process", "--page"])
+    assert done.exit_code == 2
+    assert "leave out --page" in done.output
+
+
+def test_a_port_is_a_port() -> None:
+    done = CliRunner().invoke(run, ["cut_in", "--page", "70000"])
+    assert done.exit_code == 2
+    assert "70000" in done.output
