@@ -128,18 +128,19 @@ class _Pass:
         """
         with open_bounded(path) as stream, damage_of(path):
             budget = UnpackBudget(stream.size)
-            if data_crc(stream) is False:
-                raise ValueError("the CRC over all its data is wrong")
             offset = len(MCAP0_MAGIC)
             while True:
                 try:
                     frame = read_frame(stream, offset)
                     if frame.opcode == Opcode.DATA_END:
-                        return
+                        break
                     self._frame(stream, frame, budget)
                 except ValueError as error:
                     raise ValueError(f"record at byte {offset}: {error}") from error
                 offset = frame.end
+            # Last, since it doesn't say where the damage is.
+            if data_crc(stream) is False:
+                raise ValueError("the CRC over all its data is wrong")
 
     def _frame(self, stream: BoundedFile, frame: Frame, budget: UnpackBudget) -> None:
         if frame.opcode == Opcode.CHUNK:
