@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -22,7 +23,7 @@ from ssp_monitor.replay.keys import KEYS, Key, parse_keys
 from ssp_monitor.replay.lateness import Lateness
 from ssp_monitor.replay.offer import MOST_LATCHED, Offer, offer_of
 from ssp_monitor.replay.plan import Plan, Wishes, make_plan
-from ssp_monitor.replay.player import Progress
+from ssp_monitor.replay.player import Player, Progress, Settings
 from ssp_monitor.replay.report import Outcome, plan_lines, progress_line
 from ssp_monitor.replay.tape import ReadAhead, Tape
 
@@ -259,6 +260,78 @@ def test_damage_is_raised_where_it_stands_and_closing_early_ends_the_reader() ->
     endless = ReadAhead((BagMessage("/a", k, k, bytes(9)) for k in range(10**9)), limit_bytes=90)
     next(endless)
     endless.close()
+
+
+def test_a_player_loops_until_it_is_stopped_and_keeps_the_order(bag: Path) -> None:
+    sent: list[bytes] = []
+    enough, over = threading.Event(), threading.Event()
+
+    def send(message: BagMessage) -> None:
+        sent.append(message.data)
+        if len(sent) >= 125:
+            enough.set()
+
+    with BagReader(bag) as reader:
+        lines = make_plan(reader.topics, Wishes(), lambda _t, _h: None).lines
+        tape = Tape(reader, lines, 1.0)
+        player = Player(tape, Settings(1000.0, loop=True), send, lambda _: None, over.set)
+        player.start()
+        assert enough.wait(20.0)
+        player.stop()
+    assert over.is_set()
+    assert player.error is None
+    # Each lap: what was kept before the start, then the stretch from 1.0 s on.
+    lap = sent[:45]
+    assert lap[:3] == [b"kept00", b"kept10", b"other10"]
+    assert lap[-1] == b"other49"
+    assert sent[45:90] == lap
+    assert player.progress().lap >= 3
+
+
+def test_a_paused_player_takes_steps_and_a_new_rate_and_ends_at_the_end(bag: Path) -> None:
+    sent: list[bytes] = []
+    ticks: list[int] = []
+    over, first = threading.Event(), threading.Event()
+
+    def tick(bag_ns: int) -> None:
+        ticks.append(bag_ns)
+        first.set()
+
+    with BagReader(bag) as reader:
+        lines = make_plan(reader.topics, Wishes(), lambda _t, _h: None).lines
+        settings = Settings(0.01, paused=True, clock_hz=200.0)
+        player = Player(
+            Tape(reader, lines), settings, lambda m: sent.append(m.data), tick, over.set
+        )
+        player.start()
+        assert first.wait(20.0)
+        assert sent == []
+        player.set_rate(1000.0)
+        with pytest.raises(ValueError, match="rate must be from"):
+            player.set_rate(0.0)
+        assert player.progress().rate == 1000.0
+        assert not over.is_set()
+        player.toggle_paused()
+        assert over.wait(20.0)
+        player.stop()
+    assert len(sent) == 55
+    assert ticks == sorted(ticks)
+    assert player.lateness.count == 55
+
+
+def test_what_goes_wrong_in_publishing_ends_the_player_and_is_told(bag: Path) -> None:
+    over = threading.Event()
+
+    def send(_: BagMessage) -> None:
+        raise InputError("can't be sent")
+
+    with BagReader(bag) as reader:
+        lines = make_plan(reader.topics, Wishes(), lambda _t, _h: None).lines
+        player = Player(Tape(reader, lines), Settings(), send, lambda _: None, over.set)
+        player.start()
+        assert over.wait(20.0)
+        player.stop()
+    assert isinstance(player.error, InputError)
 
 
 def test_the_line_and_the_outcome_say_where_it_is_and_how_late() -> None:

@@ -48,6 +48,15 @@ def parse_keys(text: str) -> Iterator[Key]:
         at += len(word)
 
 
+def _is_in_front() -> bool:
+    """Whether this process has a terminal's keys; in the background a change of the terminal's mode
+    would stop it."""
+    try:
+        return sys.stdin.isatty() and os.tcgetpgrp(sys.stdin.fileno()) == os.getpgrp()
+    except (OSError, ValueError):  # another session's terminal, or no standard input at all
+        return False
+
+
 class Keyboard:
     """Standard input without waiting for ends of lines; a context manager that puts it right again.
 
@@ -59,8 +68,7 @@ class Keyboard:
         self._before: Any = None
 
     def __enter__(self) -> Self:
-        # In the background a change of the terminal's mode would stop this process.
-        if sys.stdin.isatty() and os.tcgetpgrp(sys.stdin.fileno()) == os.getpgrp():
+        if _is_in_front():
             self._descriptor = sys.stdin.fileno()
             self._before = termios.tcgetattr(self._descriptor)
             tty.setcbreak(self._descriptor)
