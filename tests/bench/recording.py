@@ -213,13 +213,13 @@ class Break:
     """Where a growing load breaks.
 
     Args:
-        good: the highest that was recorded whole.
-        bad: the lowest that was not, None where none was tried.
+        good: the highest that was recorded whole, None where none was.
+        bad: the lowest that was not.
         why: which of the two processes gave in, and how.
     """
 
     good: Load | None
-    bad: Load | None
+    bad: Load
     why: str
 
 
