@@ -11,7 +11,7 @@ from pathlib import Path
 import zstandard
 from isal.isal_zlib import crc32
 from mcap.data_stream import ReadDataStream
-from mcap.exceptions import EndOfFile, McapError
+from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import (
     Attachment,
@@ -32,7 +32,6 @@ from ssp_core.errors import InputError
 
 FOOTER_BYTES = 1 + 8 + 8 + 8 + 4
 RECORD_HEAD_BYTES = 1 + 8
-KNOWN_OPCODES = frozenset(int(opcode) for opcode in Opcode)
 REPAIR = "`ssp bag recover` keeps what can be read"
 
 # What the mcap package and its decompressors raise on bytes that are no MCAP; lz4 raises a plain
@@ -200,24 +199,6 @@ def framed_records(stream: BoundedFile) -> Iterator[tuple[int, bytes]]:
         yield offset, head + stream.read(length)
         offset += RECORD_HEAD_BYTES + length
         stream.seek(offset)
-
-
-def parse_record(raw: bytes) -> McapRecord | None:
-    """One framed record, chunks as they are and attachments with their CRC checked; None for a
-    record of an unknown kind.
-
-    Raises:
-        one of DAMAGE: the bytes are no record of their kind.
-    """
-    if raw[0] == Opcode.ATTACHMENT:
-        return parse_attachment(raw)
-    reader = StreamReader(io.BytesIO(raw), skip_magic=True, emit_chunks=True)
-    try:
-        return next(reader.records)
-    except EndOfFile:
-        if raw[0] in KNOWN_OPCODES:
-            raise
-        return None
 
 
 def parse_attachment(raw: bytes) -> Attachment:
