@@ -322,7 +322,7 @@ def page_url(session: Any) -> str:
 
 
 def test_operator_aborts_a_run(start_session: Callable[..., Any], tab: Browser) -> None:
-    session = start_session("cut_in", "--mode", "realtime", "--page", "0")
+    session = start_session("cut_in", "--page", "0")  # lockstep: no overrun
     tab.go(page_url(session))
     tab.wait(f"{STATE} === 'RUNNING'", 60.0)
     tab.wait("Number(document.querySelector('#object-ot1 td:nth-child(3)').innerText) > 1")
