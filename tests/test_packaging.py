@@ -33,7 +33,12 @@ ROSDEP_NAMES = {
 # Without a rosdep key; bootstrap/runtime.in installs them.
 NO_KEY = {"av", "isal", "libsumo", "mcap", "openai", "pyclothoids", "scenariogeneration"}
 # What a requirement brings along as a part of its own interface.
-BROUGHT_BY = {"markupsafe": "jinja2", "pydantic_core": "pydantic", "zstandard": "mcap"}
+BROUGHT_BY = {
+    "lz4": "mcap",
+    "markupsafe": "jinja2",
+    "pydantic_core": "pydantic",
+    "zstandard": "mcap",
+}
 # Extras of the project, imported only where they are installed.
 EXTRA = {"carla", "moderngl", "osqp", "pyarrow"}
 OURS = {*PACKAGES, "ssp_core"}

@@ -99,6 +99,14 @@ def rights(run: RunSpec, odometry: str = "odometry") -> dict[str, Rights]:
         f"{names.MONITOR}_intake": Rights(
             CONTROL, hears=(*recorded, *camera, names.CAMERA_MOUNT), own=_PARAMETERS[-1:]
         ),
+        names.MONITOR_PAGE: Rights(
+            CONTROL, hears=(*recorded, *camera), calls=names.SESSION_COMMANDS
+        ),
+        "view": Rights(
+            CONTROL,
+            publishes=("markers/scene", "markers/objects", "/diagnostics"),
+            hears=recorded,
+        ),
         names.VUT_ADAPTER: Rights(CONTROL, publishes=(vut,), hears=(odometry,)),
         "ssp_run": Rights(
             CONTROL,

@@ -35,6 +35,7 @@ def test_names_are_absolute_and_of_this_run(run: RunSpec) -> None:
     }
     assert allowed(spec, "scenario_manager", "actions", "execute") == {"/ssp/run_scenario"}
     assert "/ssp/abort" in allowed(spec, "ssp_run", "services", "request")
+    assert "/ssp/abort" in allowed(spec, "monitor_page", "services", "request")
     assert "/ins" in allowed(spec, "vut_adapter", "topics", "subscribe")
 
 
