@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from ssp_core.bag.types import serialize, typestore
 from ssp_core.safety_codes import SafetyCode
 from ssp_core.wire.states import StateArray, encode_states
-from ssp_monitor.page import conversions
-from ssp_monitor.page.intake import Newest
+from ssp_monitor.watch import conversions
+from ssp_monitor.watch.newest import Newest
 
 JPEG = b"\xff\xd8 and the rest"
 types = typestore().types

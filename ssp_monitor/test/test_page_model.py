@@ -14,11 +14,11 @@ from hypothesis import strategies as st
 from ssp_core.run_spec import RunSpec
 from ssp_core.state import DEFAULT_SIZES, ObjectState
 from ssp_core.vocab import ControlState, ObjectClass, Phase, Role, SessionPhase, Verdict
-from ssp_monitor.page.board import MOST_EVENTS, MOST_OBJECTS, Board
-from ssp_monitor.page.facts import Event, LinkFact, RecorderFact, SessionFact
 from ssp_monitor.page.model import COMMANDS, Snapshots, number
-from ssp_monitor.page.readiness import standing_in_the_way
 from ssp_monitor.page.site import MOST_POINTS, site_message
+from ssp_monitor.watch.board import MOST_EVENTS, MOST_OBJECTS, Board
+from ssp_monitor.watch.facts import Event, LinkFact, RecorderFact, SessionFact
+from ssp_monitor.watch.readiness import standing_in_the_way
 
 S = 1_000_000_000
 

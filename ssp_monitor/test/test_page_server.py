@@ -15,9 +15,9 @@ import pytest
 from ssp_core.errors import HostError
 from ssp_monitor.page import hub, server
 from ssp_monitor.page.assets import FOLDER, load_assets
-from ssp_monitor.page.facts import Answer
 from ssp_monitor.page.mailbox import Mailbox
 from ssp_monitor.page.server import PageServer
+from ssp_monitor.watch.facts import Answer
 
 TOKEN = "the-right-token-of-this-test"
 DEADLINE_S = 20.0

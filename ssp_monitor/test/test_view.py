@@ -15,8 +15,6 @@ from ssp_core.run_spec import RunSpec
 from ssp_core.state import DEFAULT_SIZES, ObjectState
 from ssp_core.vocab import ControlState, ObjectClass, Role, SessionPhase, Verdict
 from ssp_monitor.core.drawing import drawing_of
-from ssp_monitor.page.board import Board
-from ssp_monitor.page.facts import Heard, LinkFact, RecorderFact, SessionFact
 from ssp_monitor.view.health import ClockWatch, Level, Status, health
 from ssp_monitor.view.marks import Gone, Mark, Shape
 from ssp_monitor.view.moving import (
@@ -30,6 +28,8 @@ from ssp_monitor.view.moving import (
     colour_of,
 )
 from ssp_monitor.view.standing import standing_marks
+from ssp_monitor.watch.board import Board
+from ssp_monitor.watch.facts import Heard, LinkFact, RecorderFact, SessionFact
 
 NOW_NS = 100 * NS_PER_S
 

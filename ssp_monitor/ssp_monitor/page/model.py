@@ -11,9 +11,9 @@ from ssp_core.interaction import Encounter, encounter
 from ssp_core.run_spec import Limits
 from ssp_core.state import ObjectState
 from ssp_core.vocab import ControlState, Phase, Role, SessionPhase
-from ssp_monitor.page.board import Board
-from ssp_monitor.page.facts import Event, Heard, LinkFact, RecorderFact
-from ssp_monitor.page.readiness import age_s, standing_in_the_way
+from ssp_monitor.watch.board import Board
+from ssp_monitor.watch.facts import Event, Heard, LinkFact, RecorderFact
+from ssp_monitor.watch.readiness import age_s, standing_in_the_way
 
 # Older than this, nothing of a source is shown as if it were now.
 STALE_S = 1.0

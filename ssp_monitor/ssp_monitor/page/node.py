@@ -21,36 +21,25 @@ from ssp_core.clock import NS_PER_S
 from ssp_core.errors import HostError
 from ssp_core.run_spec import load_run
 from ssp_core.wire.references import decode_ack
-from ssp_core.wire.states import decode_state, decode_states
-from ssp_core.wire.steps import decode_heartbeat
-from ssp_monitor.page import conversions
-from ssp_monitor.page.board import Board
-from ssp_monitor.page.facts import Answer, Event
 from ssp_monitor.page.guard import is_loopback, make_token
-from ssp_monitor.page.intake import Newest
 from ssp_monitor.page.mailbox import Payload
 from ssp_monitor.page.model import Snapshots
 from ssp_monitor.page.params import read_params
 from ssp_monitor.page.server import PageServer
 from ssp_monitor.page.site import site_message
+from ssp_monitor.watch import conversions
+from ssp_monitor.watch.board import Board
+from ssp_monitor.watch.facts import Answer, Event
+from ssp_monitor.watch.node import LOOK_PERIOD_S, SessionWatch
 from ssp_msgs.msg import (
     FaultEvent,
-    Heartbeat,
-    LinkStatus,
-    ObjectState,
-    ObjectStates,
-    PhaseEvent,
-    RecorderStatus,
     ReferenceAck,
     SafetyEvent,
-    SessionState,
     TriggerEvent,
 )
 from ssp_msgs.srv import SessionCommand
 
-# Topics of objects that the run file doesn't name are looked for this often.
-LOOK_PERIOD_S = 1.0
-_STATE_TYPE, _ACK_TYPE = "ssp_msgs/msg/ObjectState", "ssp_msgs/msg/ReferenceAck"
+_ACK_TYPE = "ssp_msgs/msg/ReferenceAck"
 
 
 class ManagerCommands:
@@ -104,13 +93,11 @@ class MonitorPage(Node):
         self._board = Board(run)
         self._snapshots = Snapshots(self._board)
         self._events_pushed = -1
-        self._single = Newest(lambda data: (decode_state(data),))
-        self._arrays = Newest(lambda data: decode_states(data).states)
+        self._watch = SessionWatch(self, self._board)
         self._picture: bytes | None = None
-        self._heartbeat: bytes | None = None
         self._camera_period_ns = int(NS_PER_S / params.camera_rate_hz)
         self._next_picture_ns = 0
-        self._told: set[str] = set()
+        self._acks: set[str] = set()
         self._subscribe()
         token = params.token or make_token()
         self.server = PageServer(params.host, params.port, token, ManagerCommands(self))
@@ -132,16 +119,8 @@ class MonitorPage(Node):
         print(f"page: {self.server.url}{f'#token={token}' if made else ''}", flush=True)
 
     def _subscribe(self) -> None:
-        heard = {names.CAMERA_IMAGE, names.OBJECT_STATES, names.HEARTBEAT}
-        self._followed = {names.absolute(topic) for topic in heard}
         sub = self.create_subscription
-        sub(ObjectStates, names.OBJECT_STATES, self._on_array, ros.STATE, raw=True)
         sub(CompressedImage, names.CAMERA_IMAGE, self._on_picture, ros.SENSOR, raw=True)
-        sub(Heartbeat, names.HEARTBEAT, self._on_heartbeat, ros.STATE, raw=True)
-        sub(SessionState, names.SESSION_STATE, self._on_session, ros.LATCHED)
-        sub(PhaseEvent, names.PHASE_EVENT, self._on_phase, ros.LATCHED)
-        sub(RecorderStatus, names.RECORDER_STATUS, self._on_recorder, ros.STATE)
-        sub(LinkStatus, names.LINK_STATUS, self._on_links, ros.STATE)
         told: list[tuple[type, str, Callable[[Any], Event]]] = [
             (SafetyEvent, names.SAFETY_EVENT, conversions.safety_event),
             (TriggerEvent, names.TRIGGER_EVENT, conversions.trigger_event),
@@ -151,67 +130,31 @@ class MonitorPage(Node):
             sub(kind, topic, partial(self._on_event, convert), ros.LATCHED)
         run = self._board.run
         if run is not None:
-            self._follow_state(names.absolute(names.state_topic(run.vut.id)))
+            self._watch.follow(names.absolute(names.state_topic(run.vut.id)))
             for target in run.targets:
                 self._follow_ack(names.absolute(names.ack_topic(target.id)))
                 if not run.states_in_one:
-                    self._follow_state(names.absolute(names.state_topic(target.id)))
-
-    # -- topics of single objects ----------------------------------------------------------------
+                    self._watch.follow(names.absolute(names.state_topic(target.id)))
 
     def _look_around(self) -> None:
         """Follows objects that the run file, or no run file, names."""
+        self._watch.look_around()
         for topic, kinds in self.get_topic_names_and_types():
-            if not topic.startswith(f"{names.NAMESPACE}/"):
-                continue
-            if _STATE_TYPE in kinds:
-                self._follow_state(topic)
-            elif _ACK_TYPE in kinds:
+            if topic.startswith(f"{names.NAMESPACE}/") and _ACK_TYPE in kinds:
                 self._follow_ack(topic)
         if not self.server.is_alive:
             raise HostError("the page's server has ended")
 
-    def _follow_state(self, topic: str) -> None:
-        if topic not in self._followed:
-            self._followed.add(topic)
-            take = partial(self._on_state, topic)
-            self.create_subscription(ObjectState, topic, take, ros.STATE, raw=True)
-
     def _follow_ack(self, topic: str) -> None:
-        if topic not in self._followed:
-            self._followed.add(topic)
+        if topic not in self._acks:
+            self._acks.add(topic)
             ros.subscribe_raw(self, ReferenceAck, topic, decode_ack, self._on_ack, ros.COMMAND)
 
     # -- what is heard ---------------------------------------------------------------------------
 
-    def _on_state(self, topic: str, data: bytes) -> None:
-        self._single.put(topic, data, time.monotonic_ns())
-
-    def _on_array(self, data: bytes) -> None:
-        try:
-            self._arrays.put(conversions.source_of(data), data, time.monotonic_ns())
-        except ValueError as error:
-            self._tell_once(f"{names.OBJECT_STATES}: {error}")
-
     def _on_picture(self, data: bytes) -> None:
         self._picture = data
         self._board.camera_at_ns = time.monotonic_ns()
-
-    def _on_heartbeat(self, data: bytes) -> None:
-        self._heartbeat = data
-        self._board.manager_at_ns = time.monotonic_ns()
-
-    def _on_session(self, message: SessionState) -> None:
-        try:
-            self._board.hear_session(conversions.session_fact(message), time.monotonic_ns())
-        except ValueError as error:
-            self._tell_once(f"{names.SESSION_STATE}: {error}")
-
-    def _on_phase(self, message: PhaseEvent) -> None:
-        try:
-            self._board.hear_phase(*conversions.phase_of(message))
-        except ValueError as error:
-            self._tell_once(f"{names.PHASE_EVENT}: {error}")
 
     def _on_event(self, convert: Callable[[Any], Event], message: Any) -> None:
         self._board.tell(convert(message))
@@ -220,29 +163,11 @@ class MonitorPage(Node):
         if not ack.accepted:
             self._board.tell(conversions.refused_event(ack))
 
-    def _on_links(self, message: LinkStatus) -> None:
-        self._board.hear_links(conversions.link_facts(message), time.monotonic_ns())
-
-    def _on_recorder(self, message: RecorderStatus) -> None:
-        self._board.hear_recorder(conversions.recorder_fact(message), time.monotonic_ns())
-
-    def _tell_once(self, problem: str) -> None:
-        what = problem.partition(":")[0]
-        if what not in self._told:
-            self._told.add(what)
-            self.get_logger().error(f"message dropped (more will be without a word): {problem}")
-
     # -- what is shown ---------------------------------------------------------------------------
 
     def _push(self) -> None:
         """Decodes what is newest, and sends it to whoever looks."""
-        for newest in (self._single, self._arrays):
-            states, problems = newest.take()
-            for group, at_ns in states:
-                self._board.hear_states(group, at_ns)
-            for problem in problems:
-                self._tell_once(problem)
-        self._decode_heartbeat()
+        self._watch.settle()
         now_ns = time.monotonic_ns()
         if not self.server.viewers:
             return
@@ -259,17 +184,8 @@ class MonitorPage(Node):
             try:
                 payloads["picture"] = bytes(conversions.jpeg_of(data))
             except ValueError as error:
-                self._tell_once(f"{names.CAMERA_IMAGE}: {error}")
+                self._watch.tell_once(f"{names.CAMERA_IMAGE}: {error}")
         self.server.push(payloads)
-
-    def _decode_heartbeat(self) -> None:
-        if self._heartbeat is None:
-            return
-        data, self._heartbeat = self._heartbeat, None
-        try:
-            self._board.manager_stamp_ns = decode_heartbeat(data).stamp_ns
-        except ValueError as error:
-            self._tell_once(f"{names.HEARTBEAT}: {error}")
 
     def close(self) -> None:
         self.server.close()

@@ -18,10 +18,10 @@ from aiohttp import web
 from ssp_core import names
 from ssp_core.errors import HostError
 from ssp_monitor.page.assets import Asset, load_assets
-from ssp_monitor.page.facts import Answer
 from ssp_monitor.page.guard import Bucket, Door, bearer, same_token
 from ssp_monitor.page.hub import Hub
 from ssp_monitor.page.mailbox import Payload
+from ssp_monitor.watch.facts import Answer
 
 ANSWER_S = 3.0
 MOST_BODY_BYTES = 1024

@@ -8,9 +8,9 @@ from enum import IntEnum
 
 from ssp_core.run_spec import Limits, RunSpec
 from ssp_core.vocab import ControlState, Role, SessionPhase, Verdict
-from ssp_monitor.page.board import Board
-from ssp_monitor.page.facts import Heard, LinkFact
-from ssp_monitor.page.readiness import age_s, standing_in_the_way
+from ssp_monitor.watch.board import Board
+from ssp_monitor.watch.facts import Heard, LinkFact
+from ssp_monitor.watch.readiness import age_s, standing_in_the_way
 
 SILENT_S = 1.0
 RECORDER_SILENT_S = 2.5

@@ -12,8 +12,8 @@ from ssp_core.interaction import encounter
 from ssp_core.run_spec import Point
 from ssp_core.state import ObjectState
 from ssp_core.vocab import ObjectClass, Role
-from ssp_monitor.page.facts import Heard
 from ssp_monitor.view.marks import Colour, Gone, Mark, Shape, line, text
+from ssp_monitor.watch.facts import Heard
 
 STALE_S = 1.0
 FORGOTTEN_S = 30.0

@@ -13,8 +13,8 @@ from ssp_core.fence import box_excess_m
 from ssp_core.run_spec import ParticipantSpec, RunSpec
 from ssp_core.state import ObjectState
 from ssp_core.vocab import ControlState, SessionPhase
-from ssp_monitor.page.board import Board
-from ssp_monitor.page.facts import LinkFact
+from ssp_monitor.watch.board import Board
+from ssp_monitor.watch.facts import LinkFact
 
 FRESH_S = 1.0
 RECORDER_FRESH_S = 2.0

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from ssp_core.run_spec import RunSpec
 from ssp_core.state import ObjectState
 from ssp_core.vocab import Phase, SessionPhase
-from ssp_monitor.page.facts import Event, Heard, LinkFact, RecorderFact, SessionFact
+from ssp_monitor.watch.facts import Event, Heard, LinkFact, RecorderFact, SessionFact
 
 MOST_EVENTS = 120
 # More objects than any session has; a stray publisher must not fill the memory.

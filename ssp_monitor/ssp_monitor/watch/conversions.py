@@ -11,7 +11,7 @@ from ssp_core.safety_codes import SafetyCode
 from ssp_core.vocab import Phase, SessionPhase, Verdict
 from ssp_core.wire.cdr import START, check_start, decoder, read_count, read_header, read_text
 from ssp_core.wire.references import Acknowledgement
-from ssp_monitor.page.facts import (
+from ssp_monitor.watch.facts import (
     Answer,
     Event,
     LinkFact,
