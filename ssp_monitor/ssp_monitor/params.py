@@ -18,6 +18,9 @@ from ssp_monitor.core.plan import MB, QUEUE_MB, RESERVE_MB, RecordingPlan, patte
 from ssp_monitor.core.selection import MOST_TOPICS, Selection
 from ssp_monitor.core.topics import bag_topics, uses_simulated_time
 
+# Beside a run's topics, what everybody says of its own health, where somebody does.
+HEALTH = "^/diagnostics$"
+
 
 @dataclass(frozen=True, slots=True)
 class MonitorParams:
@@ -74,7 +77,7 @@ def read_params(node: Node) -> MonitorParams:
         run_file=_path(node, "run_file"),
         bag_dir=_path(node, "bag_dir"),
         all_topics=bool(node.declare_parameter("all", False).value),
-        include=str(node.declare_parameter("include", "").value),
+        include=str(node.declare_parameter("include", HEALTH).value),
         exclude=str(node.declare_parameter("exclude", "").value),
         most_topics=int(_number("most_topics", most, 0, 10_000)),
         lost_limit=int(_number("lost_limit", limit, 0, 1e9)),

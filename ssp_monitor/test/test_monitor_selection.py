@@ -43,7 +43,7 @@ def test_what_is_asked_for_is_recorded(selection: Selection, wanted: str) -> Non
     assert sorted(topic.name for topic in found) == sorted(wanted.split())
     for topic in found:
         assert topic.profile is Profile.ADAPTED
-        assert not any((topic.session_time, topic.required, topic.single_publisher))
+        assert not any((topic.session_time, topic.required))
 
 
 def test_late_topics_are_found_once() -> None:

@@ -131,9 +131,7 @@ class Survey:
                 self._refused.append(name)
             return None
         # Stamps of strangers may be of another clock, and nobody knows how many publish.
-        return TopicSpec(
-            name, types[0], Profile.ADAPTED, single_publisher=False, session_time=False
-        )
+        return TopicSpec(name, types[0], Profile.ADAPTED, session_time=False)
 
     def _look_again(self, name: str, types: Sequence[str]) -> None:
         """A reader of the one type never hears the other; what it says is lost, and nobody can

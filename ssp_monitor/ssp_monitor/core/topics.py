@@ -30,8 +30,6 @@ class TopicSpec:
         msgtype: full type name.
         profile: what its publishers offer.
         required: its publisher exists before a run; the recorder isn't ready without it.
-        single_publisher: gaps in the middleware's sequence numbers are losses. Numbers count per
-            publisher and don't say which, so with several they prove nothing.
         session_time: the stamp that its messages begin with, if any, is on the session's clock.
     """
 
@@ -39,7 +37,6 @@ class TopicSpec:
     msgtype: str
     profile: Profile
     required: bool = False
-    single_publisher: bool = True
     session_time: bool = True
 
 
@@ -63,7 +60,6 @@ def bag_topics(run: RunSpec) -> tuple[TopicSpec, ...]:
                 arrays,
                 Profile.STATE,
                 required=True,
-                single_publisher=not live,
             )
         )
     for target in run.targets:
@@ -83,14 +79,13 @@ def bag_topics(run: RunSpec) -> tuple[TopicSpec, ...]:
             names.HEARTBEAT_REPLY,
             "ssp_msgs/msg/HeartbeatReply",
             Profile.STATE,
-            single_publisher=not live,
             session_time=False,
         ),
         TopicSpec(names.LINK_STATUS, "ssp_msgs/msg/LinkStatus", Profile.STATE, session_time=False),
         TopicSpec(names.TRIGGER_EVENT, "ssp_msgs/msg/TriggerEvent", latched),
         TopicSpec(names.PHASE_EVENT, "ssp_msgs/msg/PhaseEvent", latched),
-        TopicSpec(names.SAFETY_EVENT, "ssp_msgs/msg/SafetyEvent", latched, single_publisher=False),
-        TopicSpec(names.FAULT_EVENT, "ssp_msgs/msg/FaultEvent", latched, single_publisher=False),
+        TopicSpec(names.SAFETY_EVENT, "ssp_msgs/msg/SafetyEvent", latched),
+        TopicSpec(names.FAULT_EVENT, "ssp_msgs/msg/FaultEvent", latched),
         TopicSpec(names.RECORDER_STATUS, "ssp_msgs/msg/RecorderStatus", Profile.STATE),
     ]
     if run.driver.external:

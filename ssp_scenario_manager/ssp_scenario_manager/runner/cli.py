@@ -95,6 +95,11 @@ DEFAULT_SITE = "boulevard"
     help="Write the verdict as JUnit XML too: failed or aborted is a failure, a harness an error.",
 )
 @click.option(
+    "--video",
+    type=click.Choice(["h264", "h265"]),
+    help="Record the camera as video, an eighth of the size. [default: its JPEG frames]",
+)
+@click.option(
     "--page",
     "page_port",
     type=click.IntRange(0, 65535),
@@ -120,6 +125,7 @@ def run(
     vary: tuple[str, ...],
     jobs: int | None,
     junit: Path | None,
+    video: str | None,
     page_port: int | None,
     as_json: bool,
     **live_given: Any,
@@ -150,6 +156,8 @@ def run(
         raise click.UsageError("--in-process has no clock to follow: it is always lockstep")
     if in_process and page_port is not None:
         raise click.UsageError("--in-process has no ROS for a page to listen to; leave out --page")
+    if in_process and video is not None:
+        raise click.UsageError("--in-process has no camera to record; leave out --video")
     if in_process and renderer is not None:
         raise click.UsageError("--in-process has no camera; leave out --renderer")
     if live is not None and renderer is not None:
@@ -202,7 +210,7 @@ def run(
         return status
     from ssp_scenario_manager.runner.session import run_session
 
-    result = run_session(spec, folder.resolve(), console.note, live, page_port)
+    result = run_session(spec, folder.resolve(), console.note, live, page_port, video)
     if junit is not None:
         write_junit(junit, "ssp run", [_case(spec, folder)])
     if as_json:

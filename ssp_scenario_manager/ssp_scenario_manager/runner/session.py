@@ -59,6 +59,7 @@ def run_session(
     say: Callable[[str], None],
     live: LiveSetup | None = None,
     page_port: int | None = None,
+    video: str | None = None,
 ) -> RunResult:
     """Runs one session in processes of its own and leaves run.yaml, bag, logs and result.json.
 
@@ -71,6 +72,7 @@ def run_session(
         say: takes one line for people per thing that happens.
         live: what runs on this host of a live session; None for a simulated one.
         page_port: of the operators' page beside it, 0: any; None: no page.
+        video: codec that the recorder encodes the camera's frames with; None: frames as they come.
 
     Whatever happens, the folder then says how the run ended: result.json, and verdict.json in the
     bag, which an evaluation reads beside what the bag itself says. A run with injected faults also
@@ -86,6 +88,8 @@ def run_session(
     if live is not None:
         live.check(spec)
     nodes = _simulated(spec, run_file, bag) if live is None else live.parameters(run_file, bag)
+    if video is not None:
+        nodes[names.MONITOR]["video"] = video
     inject.check(spec, nodes)
     spec = inject.with_conditions_never_met(spec)
     write_text(run_file, spec.model_dump_json(by_alias=True, indent=1) + "\n")
