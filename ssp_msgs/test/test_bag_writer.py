@@ -205,6 +205,54 @@ def test_a_slow_disk_holds_up_nobody_and_waits_once_per_file(
     assert synced == [writer.file.stat().st_ino] * 2
 
 
+def test_a_sync_that_is_overdue_holds_up_the_next_flush_and_tells_its_age(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    started, release = threading.Event(), threading.Event()
+    real = os.fdatasync
+
+    def fdatasync(descriptor: int) -> None:
+        started.set()
+        assert release.wait(30)
+        real(descriptor)
+
+    monkeypatch.setattr("ssp_core.bag.disk_sync.os.fdatasync", fdatasync)
+    monkeypatch.setattr("ssp_core.bag.disk_sync.LONGEST_WAIT_S", 30.0)
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.add_topic("/x", STRING)
+        assert writer.sync_age_s == 0.0
+        writer.write("/x", b"x", 0, 0)
+        writer.flush()
+        assert started.wait(30)
+        assert writer.sync_age_s > 0.0
+        monkeypatch.setattr("ssp_core.bag.disk_sync.OVERDUE_S", 0.0)
+        second = threading.Thread(target=writer.flush)
+        second.start()
+        second.join(0.2)
+        assert second.is_alive()
+        assert writer.sync_age_s > 0.2
+        release.set()
+        second.join(30)
+        assert not second.is_alive()
+        assert writer.sync_age_s == 0.0
+
+
+def test_a_disk_that_stands_still_holds_up_a_flush_for_a_while_only(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    release = threading.Event()
+    monkeypatch.setattr(
+        "ssp_core.bag.disk_sync.os.fdatasync", lambda _: release.wait(30) or pytest.fail("late")
+    )
+    monkeypatch.setattr("ssp_core.bag.disk_sync.OVERDUE_S", 0.0)
+    monkeypatch.setattr("ssp_core.bag.disk_sync.LONGEST_WAIT_S", 0.05)
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.flush()
+        writer.flush()
+        assert writer.sync_age_s >= 0.1
+        release.set()
+
+
 def flush_on(writer: BagWriter) -> None:
     """Flushes until that fails: the thread notes its error right after it happened."""
     until = time.monotonic() + 30

@@ -253,8 +253,9 @@ class BagWriter:
     def flush(self) -> None:
         """Finishes the chunk and hands it to the system: a SIGKILL takes nothing before this.
 
-        The disk is asked to take it too, without waiting for that: an error of the disk comes
-        with the next flush.
+        The disk is asked to take it too, without waiting for that while it keeps up: an error of
+        the disk comes with the next flush. Of a disk that is more than a second behind this waits
+        for some seconds at most.
 
         Raises:
             HostError: the disk didn't take it, or the bag was removed meanwhile.
@@ -262,8 +263,17 @@ class BagWriter:
         self._hand_over()
         try:
             self._sync.request(self.file.name, self._output.descriptor)
+            self._sync.wait_for_overdue()
         except OSError as error:
             raise self._broken(error) from error
+
+    @property
+    def sync_age_s(self) -> float:
+        """Seconds since all that was flushed is known to be on the disk; 0.0 when nothing waits.
+
+        Any thread may ask.
+        """
+        return self._sync.age_s
 
     def _hand_over(self) -> None:
         try:
