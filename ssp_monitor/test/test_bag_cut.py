@@ -14,10 +14,10 @@ from rosbags.rosbag2 import Reader as RosbagsReader
 
 from ssp_core.bag import BagMessage, BagReader, BagWriter
 from ssp_core.bag.check import check_bag
-from ssp_core.bag.cut import cut_bag, is_latched
+from ssp_core.bag.cut import cut_bag
 from ssp_core.bag.frames import Frames
 from ssp_core.bag.image_messages import COMPRESSED_TYPE
-from ssp_core.bag.qos import offered_qos
+from ssp_core.bag.qos import is_latched, offered_qos
 from ssp_core.bag.types import definition, serialize, typestore
 from ssp_core.bag.video_type import VIDEO_TYPE
 from ssp_core.cli import main
@@ -251,8 +251,12 @@ def test_latched_topics_are_known_by_their_qos(qos: str, latched: bool) -> None:
 @pytest.mark.parametrize(
     ("qos", "kept"),
     [
-        ("- {durability: transient_local, depth: x}", 1),
-        ("- {durability: transient_local, depth: -3}", 1),
+        ("- {durability: transient_local, depth: x}", 6),
+        ("- {durability: transient_local, depth: -3}", 6),
+        # As a graph tells it of other processes' publishers.
+        ("- {durability: transient_local, history: unknown, depth: 0}", 6),
+        ("- {durability: transient_local, history: unknown, depth: 1}", 6),
+        ("- {durability: transient_local, history: keep_last, depth: 1}", 1),
         ("- {durability: transient_local, depth: 99999999999999999999}", 6),
         ("- {durability: transient_local, history: keep_all, depth: 0}", 6),
         ("- {durability: 1, depth: 2}\n- {durability: 1, depth: 3}", 5),

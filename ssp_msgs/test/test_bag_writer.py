@@ -260,20 +260,15 @@ def flush_on(writer: BagWriter) -> None:
         writer.flush()
 
 
-def test_an_error_of_the_disk_comes_with_the_next_flush(
+def test_an_error_of_the_disk_comes_with_one_of_the_next_flushes(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    failed = threading.Event()
-
     def fdatasync(descriptor: int) -> None:
-        failed.set()
         raise OSError(errno.EIO, "Input/output error")
 
     monkeypatch.setattr("ssp_core.bag.disk_sync.os.fdatasync", fdatasync)
     writer = BagWriter(tmp_path / "bag")
     writer.add_topic("/x", STRING)
-    writer.flush()
-    assert failed.wait(30)
     with pytest.raises(HostError, match=r"bag_0\.mcap: writing failed: Input/output error"):
         flush_on(writer)
     assert writer.closed

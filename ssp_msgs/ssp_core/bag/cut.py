@@ -12,17 +12,12 @@ from pathlib import Path
 from ssp_core.bag.frames import keyframe_before
 from ssp_core.bag.mcap_file import McapFile
 from ssp_core.bag.message import BagMessage
-from ssp_core.bag.qos import parse_offered_qos
+from ssp_core.bag.qos import is_latched, parse_offered_qos
 from ssp_core.bag.reader import BagReader
+from ssp_core.bag.split import Kept, LatchedTopic
 from ssp_core.bag.video_type import VIDEO_TYPE
 from ssp_core.bag.writer import BagWriter
 from ssp_core.errors import InputError
-
-# As rosbag2 writes it: by name, or before Jazzy by rmw's number.
-_LATCHED = ("transient_local", 1)
-_KEEP_ALL = ("keep_all", 2)
-# What a claimed depth may make us remember of one topic.
-_MOST_KEPT = 1000
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,19 +43,6 @@ class CutReport:
     @property
     def count(self) -> int:
         return sum(self.messages.values())
-
-
-def is_latched(offered_qos: str) -> bool:
-    """Whether a publisher keeps its messages for those that join later.
-
-    Args:
-        offered_qos: YAML of a topic's publishers; what is no such YAML says nothing.
-    """
-    try:
-        profiles = parse_offered_qos(offered_qos)
-    except ValueError:
-        return False
-    return any(profile.get("durability") in _LATCHED for profile in profiles)
 
 
 def cut_bag(
@@ -130,6 +112,7 @@ class _Cut:
                 info.msgtype,
                 _usable(info.offered_qos),
                 written=self._bag.definition(name),
+                latched=is_latched(info.offered_qos),
             )
         if start_ns is not None:
             self._before(start_ns)
@@ -162,22 +145,21 @@ class _Cut:
 
     def _latched(self, start_ns: int) -> Iterator[BagMessage]:
         """The messages that a late joiner would get at that time, topic by topic."""
-        kept: dict[str, list[BagMessage]] = {}
-        depths: dict[str, int] = {}
-        for topic in self._topics:
-            offered = self._bag.topics[topic].offered_qos
-            if is_latched(offered):
-                depths[topic] = _depth(offered)
-                kept[topic] = []
+        kept = {
+            topic: LatchedTopic(offered)
+            for topic in self._topics
+            if is_latched(offered := self._bag.topics[topic].offered_qos)
+        }
         begin_ns = self._bag.start_ns
         if not kept or begin_ns is None or begin_ns >= start_ns:
             return
-        for message in self._bag.messages(list(kept), None, start_ns):
-            newest = kept[message.topic]
-            newest.append(message)
-            del newest[: -depths[message.topic]]
-        for messages in kept.values():
-            yield from messages
+        for topic, _, publish_time_ns, data, sequence in self._bag.messages(
+            list(kept), None, start_ns
+        ):
+            kept[topic].keep(Kept(data, publish_time_ns, sequence))
+        for topic, latched in kept.items():
+            for data, publish_time_ns, sequence in latched.kept:
+                yield BagMessage(topic, start_ns, publish_time_ns, data, sequence)
 
     def _write(self, message: BagMessage) -> None:
         self._writer.write(
@@ -202,18 +184,6 @@ class _Cut:
             start_ns=self._first_ns,
             end_ns=self._last_ns,
         )
-
-
-def _depth(offered_qos: str) -> int:
-    """How many messages a late joiner gets; each publisher offers its own."""
-    depth = 0
-    for profile in parse_offered_qos(offered_qos):
-        claimed = profile.get("depth")
-        if profile.get("history") in _KEEP_ALL:
-            depth += _MOST_KEPT
-        else:
-            depth += claimed if isinstance(claimed, int) and claimed > 0 else 1
-    return min(depth, _MOST_KEPT)
 
 
 def _usable(offered_qos: str) -> str:

@@ -15,7 +15,6 @@ from mcap.opcode import Opcode
 from mcap.records import (
     AttachmentIndex,
     Channel,
-    ChunkIndex,
     DataEnd,
     Header,
     McapRecord,
@@ -89,7 +88,9 @@ class McapOutput:
         self.chunk = ChunkBuilder()
         self._schemas: list[Schema] = []
         self._channels: list[Channel] = []
-        self._chunks: list[ChunkIndex] = []
+        self._chunks = 0
+        # As it stands in the summary: as objects it would take ten times the memory.
+        self._chunk_index = bytearray()
         self._attachments: list[AttachmentIndex] = []
         self._metadata: list[MetadataIndex] = []
         self._counts: Counter[int] = Counter()
@@ -106,6 +107,11 @@ class McapOutput:
     def size(self) -> int:
         """Bytes that the file has with what waits in memory, without indexes and summary."""
         return self._offset + self._ahead_bytes + self.chunk.size
+
+    @property
+    def index_bytes(self) -> int:
+        """Bytes that the summary takes for the chunks so far."""
+        return len(self._chunk_index)
 
     def counts(self) -> Counter[int]:
         """Messages by channel, those in the open chunk included."""
@@ -136,7 +142,8 @@ class McapOutput:
             self._write([ahead], len(ahead), crc32(ahead))
         if self.chunk.size:
             finished = self.chunk.finish()
-            self._chunks.append(finished.index(self._offset))
+            self._chunks += 1
+            self._chunk_index += record_bytes(finished.index(self._offset))
             self._counts.update(finished.counts)
             self._times = _span(self._times, (finished.start_ns, finished.end_ns))
             self._write(finished.buffers, finished.length, finished.crc)
@@ -186,21 +193,20 @@ class McapOutput:
         """The groups of the summary as they stand from an offset on, and the records that find
         them."""
         summary, offsets = b"", b""
-        for opcode, records in self._groups():
-            if records:
-                group = record_bytes(*records)
+        for opcode, group in self._groups():
+            if group:
                 offsets += record_bytes(SummaryOffset(opcode, start + len(summary), len(group)))
                 summary += group
         return summary, offsets
 
-    def _groups(self) -> list[tuple[Opcode, Sequence[McapRecord]]]:
+    def _groups(self) -> list[tuple[Opcode, bytes | bytearray]]:
         start_ns, end_ns = self._times or (0, 0)
         statistics = Statistics(
             attachment_count=len(self._attachments),
             channel_count=len(self._channels),
             # Channels without messages are named too, as rosbag2 does.
             channel_message_counts={c.id: self._counts[c.id] for c in self._channels},
-            chunk_count=len(self._chunks),
+            chunk_count=self._chunks,
             message_count=self._counts.total(),
             message_end_time=end_ns,
             message_start_time=start_ns,
@@ -208,12 +214,12 @@ class McapOutput:
             schema_count=len(self._schemas),
         )
         return [
-            (Opcode.SCHEMA, self._schemas),
-            (Opcode.CHANNEL, self._channels),
-            (Opcode.STATISTICS, [statistics]),
-            (Opcode.CHUNK_INDEX, self._chunks),
-            (Opcode.ATTACHMENT_INDEX, self._attachments),
-            (Opcode.METADATA_INDEX, self._metadata),
+            (Opcode.SCHEMA, record_bytes(*self._schemas)),
+            (Opcode.CHANNEL, record_bytes(*self._channels)),
+            (Opcode.STATISTICS, record_bytes(statistics)),
+            (Opcode.CHUNK_INDEX, self._chunk_index),
+            (Opcode.ATTACHMENT_INDEX, record_bytes(*self._attachments)),
+            (Opcode.METADATA_INDEX, record_bytes(*self._metadata)),
         ]
 
     def _write(self, buffers: Sequence[Buffer], length: int, crc: int) -> None:

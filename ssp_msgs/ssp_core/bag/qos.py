@@ -12,6 +12,11 @@ from ssp_core.files import parse_value
 
 # A topic of a hundred publishers has 50,000.
 MAX_TEXT = 64 << 10
+# As rosbag2 writes it: by name, or before Jazzy by rmw's number.
+_LATCHED = ("transient_local", 1)
+_KEEP_ALL = ("keep_all", 2)
+# A publisher doesn't tell others its history; what a graph says of it then is no depth.
+_UNTOLD = ("unknown", 3, "system_default", 0)
 # rmw's infinite duration, as rosbag2 writes it.
 _INFINITE = {"sec": 9223372036, "nsec": 854775807}
 
@@ -58,3 +63,41 @@ def parse_offered_qos(text: str) -> list[dict[str, Any]]:
     if not isinstance(profiles, list) or not all(isinstance(item, dict) for item in profiles):
         raise ValueError("offered_qos_profiles is no list of mappings")
     return profiles
+
+
+def is_latched(offered_qos: str) -> bool:
+    """Whether a publisher keeps its messages for those that join later.
+
+    Args:
+        offered_qos: YAML of a topic's publishers; what is no such YAML says nothing.
+    """
+    try:
+        profiles = parse_offered_qos(offered_qos)
+    except ValueError:
+        return False
+    return any(profile.get("durability") in _LATCHED for profile in profiles)
+
+
+def stated_depth(offered_qos: str, most: int) -> int | None:
+    """How many messages a topic's publishers offer together to one who joins late.
+
+    Args:
+        offered_qos: YAML of a topic's publishers.
+        most: no claim beyond this is believed; it is what KEEP_ALL has.
+
+    Returns:
+        None: at least one of them doesn't say how many, or there is none.
+
+    Raises:
+        ValueError: the text is no YAML list of mappings.
+    """
+    depth = 0
+    for profile in parse_offered_qos(offered_qos):
+        claimed, history = profile.get("depth"), profile.get("history")
+        if history in _KEEP_ALL:
+            depth += most
+        elif isinstance(claimed, int) and claimed > 0 and history not in _UNTOLD:
+            depth += claimed
+        else:
+            return None
+    return min(depth, most) or None

@@ -14,7 +14,7 @@ from mcap.writer import MCAP0_MAGIC
 
 from ssp_core.bag.bounds import UnpackBudget, chunk_parts, unpack_chunk
 from ssp_core.bag.mcap_file import BoundedFile, open_bounded, read_summary
-from ssp_core.bag.qos import parse_offered_qos
+from ssp_core.bag.qos import is_latched, parse_offered_qos
 from ssp_core.bag.records import (
     inner_records,
     parse_attachment_body,
@@ -22,7 +22,7 @@ from ssp_core.bag.records import (
     parse_message,
     parse_schema,
 )
-from ssp_core.bag.split import REPEATED_KEY
+from ssp_core.bag.split import MOST_KEPT, REPEATED_KEY
 from ssp_core.bag.types import TypeDefinition
 from ssp_core.bag.walk import Frame, Gap, Walk, data_crc, read_body, read_frame
 from ssp_core.bag.writer import BagWriter
@@ -32,8 +32,6 @@ from ssp_core.errors import InputError
 _MAX_TIME_NS = (1 << 63) - 1
 # A file may be damaged in a million places; a person reads the first ones.
 MAX_DAMAGE = 1000
-# Latched messages compared with those that a later file repeats; a session has a few a topic.
-_REMEMBERED = 256
 
 
 @dataclass(slots=True)
@@ -142,10 +140,11 @@ class Salvage:
             schema.data.decode("utf-8"),
             channel.metadata.get("topic_type_hash", ""),
         )
-        self.writer.add_topic(channel.topic, schema.name, offered, written=written)
+        latched = is_latched(offered) or REPEATED_KEY in channel.metadata
+        self.writer.add_topic(channel.topic, schema.name, offered, written=written, latched=latched)
         self._types[channel.topic] = written
-        if "transient_local" in offered or REPEATED_KEY in channel.metadata:
-            self._latched[channel.topic] = deque(maxlen=_REMEMBERED)
+        if latched:
+            self._latched[channel.topic] = deque(maxlen=MOST_KEPT)
 
 
 def _usable_qos(text: str) -> str:

@@ -32,6 +32,10 @@ from ssp_core.errors import HostError, InputError
 from ssp_core.files import write_text
 
 LIBRARY = f"ssp {__version__}"
+# A file's index is read as a whole, so it must stay far below bounds.MAX_SUMMARY_BYTES: when the
+# chunk indexes reach this, the bag goes on in another file. With ten active topics and two chunks
+# a second that takes a day.
+INDEX_BYTES = 32 << 20
 _MAX_IDS = (1 << 16) - 1
 _MAX_TIME = (1 << 64) - 1
 
@@ -55,7 +59,8 @@ class BagWriter:
     Args:
         path: the bag directory; it is made, and must not exist.
         name: stem of the first MCAP file inside, ``<directory>_0`` by default as in rosbag2.
-        split: when to go on in a new file, None for never.
+        split: when to go on in a new file, None for never: then only when the index of a file
+            has become too large to be read.
 
     Raises:
         InputError: the directory exists or can't be made.
@@ -80,6 +85,7 @@ class BagWriter:
         self._split = split
         self._begun_ns: int | None = None
         self._repeated_bytes = 0
+        self._index_limit = INDEX_BYTES
         self._topics: dict[str, _Topic] = {}
         self._schemas: dict[TypeDefinition, Schema] = {}
         self._channels = 0
@@ -149,8 +155,8 @@ class BagWriter:
             self._schemas[written] = schema
             self._output.add_schema(schema)
         self._output.add_channel(channel)
-        keep = latched and self._split is not None
-        self._topics[topic] = _Topic(channel, schema, LatchedTopic(offered_qos) if keep else None)
+        kept = LatchedTopic(offered_qos) if latched else None
+        self._topics[topic] = _Topic(channel, schema, kept)
 
     def _channel(self, topic: str, metadata: dict[str, str], schema: Schema) -> Channel:
         if self._channels == _MAX_IDS:
@@ -178,7 +184,8 @@ class BagWriter:
         entry = self._topics[topic]
         if self.closed:
             raise ValueError(f"{self.path} is closed")
-        if self._split is not None:
+        full = self._output.index_bytes >= self._index_limit
+        if full or self._split is not None or entry.latched is not None:
             self._before_message(entry, cdr, log_time_ns, publish_time_ns, sequence)
         chunk = self._chunk
         try:
@@ -209,15 +216,18 @@ class BagWriter:
             return  # write refuses it; nothing may have happened before
         if self._begun_ns is None:
             self._begun_ns = log_time_ns
-        elif self._split is not None and self._split.due(
-            self._output.size, len(cdr), log_time_ns - self._begun_ns, self._repeated_bytes
+        elif self._output.index_bytes >= self._index_limit or (
+            self._split is not None
+            and self._split.due(
+                self._output.size, len(cdr), log_time_ns - self._begun_ns, self._repeated_bytes
+            )
         ):
             try:
                 self._next_file(log_time_ns)
             except OSError as error:
                 raise self._broken(error) from error
         if entry.latched is not None:
-            entry.latched.kept.append(Kept(cdr, publish_time_ns, sequence & 0xFFFFFFFF))
+            entry.latched.keep(Kept(cdr, publish_time_ns, sequence & 0xFFFFFFFF))
 
     def _next_file(self, begin_ns: int) -> None:
         self._finish_file()
@@ -241,6 +251,7 @@ class BagWriter:
                     if output.chunk.size >= CHUNK_BYTES:
                         output.flush()
         self._repeated_bytes = output.size
+        self._index_limit = output.index_bytes + INDEX_BYTES
 
     def attach(self, name: str, data: bytes, media_type: str) -> None:
         """Puts a file into the bag, whole, at once."""
@@ -254,8 +265,8 @@ class BagWriter:
         """Finishes the chunk and hands it to the system: a SIGKILL takes nothing before this.
 
         The disk is asked to take it too, without waiting for that while it keeps up: an error of
-        the disk comes with the next flush. Of a disk that is more than a second behind this waits
-        for some seconds at most.
+        the disk comes with this or the next flush. For a disk that is more than a second behind
+        this waits, some seconds at most.
 
         Raises:
             HostError: the disk didn't take it, or the bag was removed meanwhile.
