@@ -20,6 +20,7 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from ssp_core import ros
 from ssp_core.bag.installed_types import installed_file
+from ssp_core.bag.qos import MAX_TEXT
 from ssp_core.bag.types import definition
 from ssp_core.clock import NS_PER_S
 from ssp_core.errors import HostError, SspError
@@ -91,15 +92,23 @@ def is_heard(publisher: TopicEndpointInfo, msgtype: str, wanted: QoSProfile) -> 
 
 
 def offered_profiles(publishers: Sequence[TopicEndpointInfo]) -> str:
-    """YAML of what each publisher offers, complete, for the bag.
+    """YAML of what the publishers offer, complete, for the bag: each profile once, whoever has it,
+    and no more than a bag may hold.
 
     Publishers don't tell others their history and depth: these are as rosbag2 writes them.
     """
-    return (
-        yaml.safe_dump([_entry(publisher.qos_profile) for publisher in publishers], sort_keys=False)
-        if publishers
-        else ""
-    )
+    entries: list[dict[str, Any]] = []
+    for publisher in publishers:
+        entry = _entry(publisher.qos_profile)
+        if entry not in entries:
+            entries.append(entry)
+    text = ""
+    for entry in entries:
+        one = yaml.safe_dump([entry], sort_keys=False)
+        if len(text) + len(one) > MAX_TEXT:
+            break
+        text += one
+    return text
 
 
 def _entry(qos: QoSProfile) -> dict[str, Any]:

@@ -123,7 +123,7 @@ class MonitorNode(Node):
         """Ends reception, closes the bag, leaves the verdict and prints one line about it.
 
         Raises:
-            HostError: not everything that arrived is in the bag.
+            HostError: not everything that arrived is in the bag, or reception ended before.
         """
         self._await_last_word()
         closed = self.recording.close()
@@ -131,13 +131,16 @@ class MonitorNode(Node):
         print(
             f"{names.MONITOR}: {state.messages} messages, {state.bytes / 1e6:.1f} MB in "
             f"{self.recording.recorder.path}, {closed.lost} lost"
-            + (f", {check.text}" if check is not None else ""),
+            + (f", {check.text}" if check is not None else "")
+            + "".join(f", {problem}" for problem in closed.incomplete),
             flush=True,
         )
         if check is None:
             raise HostError(str(state.failure))
-        told = self._last_word.verdict(closed.lost, self._plan.lost_limit, check.problems)
+        told = self._last_word.verdict(closed.lost, self._plan.lost_limit, closed.problems)
         write_verdict(self.recording.recorder.path, *told, "monitor")
+        if closed.incomplete:
+            raise HostError("; ".join(closed.incomplete))
 
 
 def main() -> int:

@@ -89,12 +89,22 @@ def test_more_room_is_never_worse(free: int, more: int, rate: float, reserve: in
 def test_the_rate_is_that_of_the_last_seconds() -> None:
     rate = WriteRate()
     assert rate.note(0.0, 0) == 0.0
-    assert rate.note(1.0, 10) == 10.0
+    assert rate.note(1.0, 10) == 10.0 / RATE_WINDOW_S
     for k in range(2, 40):
         latest = rate.note(float(k), 10 + 100 * (k - 1))
     assert latest == 100.0
     assert rate.note(40.0 + RATE_WINDOW_S, 10 + 100 * 38) < 100.0
     assert rate.note(40.0 + 3 * RATE_WINDOW_S, 10 + 100 * 38) == 0.0
+
+
+def test_one_burst_at_the_beginning_is_no_rate() -> None:
+    rate = WriteRate()
+    rate.note(0.0, 0)
+    burst = rate.note(0.1, 50 * MB)
+    assert burst == 50 * MB / RATE_WINDOW_S
+    free = NEEDS.reserve_bytes + 1000 * MB
+    assert outlook(free, burst, NEEDS).ends is None
+    assert outlook(NEEDS.reserve_bytes, rate.note(0.2, 50 * MB), NEEDS).ends is not None
 
 
 def test_a_camera_and_objects_are_expected(run_mapping: dict[str, Any]) -> None:

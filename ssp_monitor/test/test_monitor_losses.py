@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from ssp_core.vocab import SessionPhase
 from ssp_core.wire.steps import Heartbeat, WorldTick, encode_heartbeat, encode_tick
 from ssp_monitor.core.claims import HEARTBEAT, TICK, claims
-from ssp_monitor.core.losses import Arrivals
+from ssp_monitor.core.losses import Arrivals, losses_beside
 
 A, B = b"a" * 16, b"b" * 16
 
@@ -115,3 +115,17 @@ def test_a_message_that_cannot_be_read_claims_nothing() -> None:
 def test_no_bytes_make_claims_fail(tick: bytes, heartbeat: bytes) -> None:
     head = b"\x00\x01\x00\x00"
     claims({TICK: head + tick, HEARTBEAT: head + heartbeat})
+
+
+def test_losses_beside_the_run_are_one_sentence() -> None:
+    own = frozenset(["/run"])
+    assert losses_beside({"/run": 3, "/x": 0}, own) == []
+    assert losses_beside({"/run": 3, "/b": 2, "/a": 1}, own) == [
+        "3 messages of topics beside the run's are missing: /a, /b"
+    ]
+    many = losses_beside({f"/t{k}": 1 for k in range(9)}, own)
+    assert many == [
+        "9 messages of topics beside the run's are missing: /t0, /t1, /t2, /t3, /t4, ..."
+    ]
+    # Without a run all topics count, and lost messages speak for themselves.
+    assert losses_beside({"/a": 1}, frozenset()) == []

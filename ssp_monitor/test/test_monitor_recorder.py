@@ -6,6 +6,7 @@ import hashlib
 import json
 import struct
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -23,6 +24,16 @@ from ssp_monitor.core.topics import CLOCK_TYPE, Profile, TopicSpec
 CLOCK = TopicSpec("/clock", CLOCK_TYPE, Profile.STATE)
 IMAGE = TopicSpec("/camera", "sensor_msgs/msg/CompressedImage", Profile.ADAPTED)
 VIDEO = "foxglove_msgs/msg/CompressedVideo"
+
+
+DEADLINE_S = 20.0
+
+
+def until(condition: Callable[[], bool], what: str) -> None:
+    deadline = time.monotonic() + DEADLINE_S
+    while not condition():
+        assert time.monotonic() < deadline, f"no {what} in time"
+        time.sleep(0.005)
 
 
 class FakeEncoder:
@@ -95,7 +106,102 @@ def test_what_the_codec_refuses_is_recorded_as_it_came(tmp_path: Path) -> None:
         ]  # fmt: skip
         assert bag.topics["/camera"].msgtype == VIDEO
         assert bag.topics["/camera/original"].msgtype == IMAGE.msgtype
-    assert check_closed(tmp_path / "bag", {"/camera": 5}).problems == ()
+    assert recorder.originals == {"/camera": "/camera/original"}
+    assert check_closed(tmp_path / "bag", {"/camera": 5}, recorder.originals).problems == ()
+
+
+@pytest.mark.parametrize("refused", [True, False])
+def test_a_real_topic_with_the_name_of_originals_stays_what_it_is(
+    refused: bool, tmp_path: Path, clock_cdr: Callable[[int], bytes]
+) -> None:
+    real = TopicSpec("/camera/original", CLOCK_TYPE, Profile.ADAPTED)
+    recorder = Recorder(
+        tmp_path / "bag", [], encoder=lambda topic, _: FakeEncoder() if topic == "/camera" else None
+    )
+    for one in (IMAGE, real):
+        recorder.add(one, "", latched=False)
+    recorder.put(BagMessage("/camera", 1, 1, b"x" if refused else b"a", 1))
+    recorder.put_all([BagMessage(real.name, k, k, clock_cdr(k), k) for k in range(3)])
+    assert recorder.stop().failure is None
+    assert recorder.originals == ({"/camera": "/camera/original_2"} if refused else {})
+    with BagReader(tmp_path / "bag") as bag:
+        assert bag.topics[real.name].msgtype == CLOCK_TYPE
+    expected = {"/camera": 1, real.name: 3}
+    assert check_closed(tmp_path / "bag", expected, recorder.originals).problems == ()
+
+
+def test_the_name_of_originals_is_not_given_away_twice(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "bag", [], encoder=lambda _topic, _msgtype: FakeEncoder())
+    recorder.add(IMAGE, "", latched=False)
+    recorder.put(BagMessage("/camera", 1, 1, b"x", 1))
+    until(lambda: bool(recorder.originals), "refused picture")
+    late = TopicSpec("/camera/original", CLOCK_TYPE, Profile.ADAPTED)
+    with pytest.raises(InputError, match="holds pictures of another topic"):
+        recorder.add(late, "", latched=False)
+    assert recorder.stop().failure is None
+
+
+def test_offers_that_no_bag_can_hold_are_left_out(
+    tmp_path: Path, clock_cdr: Callable[[int], bytes]
+) -> None:
+    recorder = Recorder(tmp_path / "bag", [])
+    recorder.add(CLOCK, "- depth: 1\n" * 10_000, latched=False)
+    recorder.put(BagMessage("/clock", 1, 1, clock_cdr(1), 1))
+    state = recorder.stop()
+    assert (state.messages, state.failure) == (1, None)
+    with BagReader(tmp_path / "bag") as bag:
+        assert bag.topics["/clock"].offered_qos == ""
+
+
+def test_whatever_ends_the_writing_all_that_comes_is_counted(
+    tmp_path: Path, clock_cdr: Callable[[int], bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    raised: list[BaseException | None] = []
+    monkeypatch.setattr(threading, "excepthook", lambda args: raised.append(args.exc_value))
+    recorder = Recorder(tmp_path / "bag", [CLOCK])
+    # The second of a batch has a time that no bag can hold.
+    recorder.put_all([BagMessage("/clock", t, t, clock_cdr(1), 1) for t in (1, -1, 2, 3)])
+    until(lambda: recorder.state().failure is not None, "failure")
+    recorder.put_all([BagMessage("/clock", 5, 5, clock_cdr(5), 5)] * 4)
+    until(lambda: recorder.state().dropped == 7, "count of the rest")
+    state = recorder.stop()
+    assert (state.messages, state.dropped) == (1, 7)
+    assert len(raised) == 1
+    assert state.failure == f"{type(raised[0]).__name__}: {raised[0]}"
+
+
+def test_a_slow_encoder_does_not_hold_up_what_is_encoded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("ssp_monitor.core.recorder.FLUSH_S", 0.0)
+    held, go_on = threading.Event(), threading.Event()
+
+    class Slow(FakeEncoder):
+        def encode(self, message: BagMessage) -> list[BagMessage]:
+            if message.data == b"slow":
+                held.set()
+                assert go_on.wait(DEADLINE_S)
+            return [message]
+
+    recorder = Recorder(tmp_path / "bag", [], encoder=lambda _topic, _msgtype: Slow())
+    recorder.add(IMAGE, "", latched=False)
+    recorder.put_all([BagMessage("/camera", k, k, d, k) for k, d in enumerate((b"quick", b"slow"))])
+    try:
+        assert held.wait(DEADLINE_S)
+        assert b"quick" in (tmp_path / "bag" / "bag_0.mcap").read_bytes()
+    finally:
+        go_on.set()
+        assert recorder.stop().messages == 2
+
+
+def test_a_disk_that_is_behind_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    recorder = Recorder(tmp_path / "bag", [CLOCK])
+    with monkeypatch.context() as patch:
+        patch.setattr(BagWriter, "sync_age_s", property(lambda _: 30.0))
+        state = recorder.state()
+    assert state.flush_age_s == 30.0
+    assert state.warnings == ("the disk is 30.0 s behind: a power cut would cost that",)
+    assert recorder.stop().warnings == ()
 
 
 def test_video_is_chosen_by_type_and_name() -> None:

@@ -64,8 +64,10 @@ def test_two_types_at_once_are_refused_with_a_word() -> None:
         assert survey.look([("/a", ["x/msg/X", STRING])], INSTALLED) == []
     warning = f"/a has several types and is not recorded: x/msg/X, {STRING}"
     assert survey.all_warnings() == [warning]
+    assert survey.ambiguous == {"/a"}
     # Once one of them is gone, the other is recorded.
     assert [t.msgtype for t in survey.look([("/a", [STRING])], INSTALLED)] == [STRING]
+    assert survey.ambiguous == set()
 
 
 def test_a_type_that_is_not_installed_is_refused_with_a_word() -> None:

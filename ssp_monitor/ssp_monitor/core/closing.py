@@ -6,14 +6,16 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 
 from ssp_core.bag import BagReader
 from ssp_core.errors import SspError
-from ssp_monitor.core.encoding import ORIGINAL
+from ssp_monitor.core.records import RecorderState
 
 # A session's end doesn't wait longer for its checksums; `ssp bag check` reads all of any bag.
 MOST_S = 2.0
 _LOOK_EVERY = 256
+_NONE: Mapping[str, str] = MappingProxyType({})
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,13 +42,46 @@ class ClosingCheck:
         return "counts and checksums checked"
 
 
-def check_closed(bag: Path, expected: Mapping[str, int], most_s: float = MOST_S) -> ClosingCheck:
+@dataclass(frozen=True, slots=True)
+class Closed:
+    """A recording that has ended.
+
+    Args:
+        state: of the recorder.
+        lost: never received, or not written, of the topics that must be complete.
+        topics: in the bag.
+        check: of the bag; None when it could not be closed.
+        incomplete: sentences, about what the recording itself could not do.
+        ambiguous: topics that are not recorded since they had several types.
+    """
+
+    state: RecorderState
+    lost: int
+    topics: tuple[str, ...]
+    check: ClosingCheck | None
+    incomplete: tuple[str, ...] = ()
+    ambiguous: frozenset[str] = frozenset()
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """All that is wrong beside the number of lost messages; empty when nothing is."""
+        found = self.check.problems if self.check is not None else (str(self.state.failure),)
+        return (*self.incomplete, *found)
+
+
+def check_closed(
+    bag: Path,
+    expected: Mapping[str, int],
+    originals: Mapping[str, str] = _NONE,
+    most_s: float = MOST_S,
+) -> ClosingCheck:
     """Holds a closed bag against what was received: counts of all topics, checksums for a while.
 
     Args:
         bag: directory.
         expected: messages by topic that were received and not dropped; a picture that could not be
             encoded counts for its topic.
+        originals: by topic, where its pictures are that could not be encoded.
         most_s: no more time than this goes into checksums; the rest of a large bag is left to
             ``ssp bag check``, and the text says so.
     """
@@ -56,7 +91,7 @@ def check_closed(bag: Path, expected: Mapping[str, int], most_s: float = MOST_S)
         with BagReader(bag) as reader:
             messages = reader.count
             counts = {name: info.count for name, info in reader.topics.items()}
-            problems += _wrong_counts(counts, expected)
+            problems += _wrong_counts(counts, expected, originals)
             until_s = time.monotonic() + most_s
             for _ in reader.messages():
                 read += 1
@@ -70,10 +105,14 @@ def check_closed(bag: Path, expected: Mapping[str, int], most_s: float = MOST_S)
     return ClosingCheck(tuple(problems), read, messages)
 
 
-def _wrong_counts(counts: Mapping[str, int], expected: Mapping[str, int]) -> list[str]:
+def _wrong_counts(
+    counts: Mapping[str, int], expected: Mapping[str, int], originals: Mapping[str, str]
+) -> list[str]:
     wrong = []
     for name, count in sorted(expected.items()):
-        found = counts.get(name, 0) + counts.get(name + ORIGINAL, 0)
+        found = counts.get(name, 0)
+        if name in originals:
+            found += counts.get(originals[name], 0)
         if found != count:
             wrong.append(f"{name}: {found} messages in the bag, {count} were received")
     return wrong

@@ -32,7 +32,8 @@ def free_bytes(folder: Path) -> int | None:
 
 @dataclass(slots=True)
 class WriteRate:
-    """Bytes a second over the last RATE_WINDOW_S."""
+    """Bytes a second over the last RATE_WINDOW_S, of which a recording's first seconds are a part:
+    one burst at the beginning is no rate."""
 
     _seen: deque[tuple[float, int]] = field(default_factory=deque)
 
@@ -42,7 +43,7 @@ class WriteRate:
         while len(self._seen) > 2 and now_s - self._seen[1][0] >= RATE_WINDOW_S:
             self._seen.popleft()
         then_s, then_bytes = self._seen[0]
-        return (total_bytes - then_bytes) / (now_s - then_s) if now_s > then_s else 0.0
+        return (total_bytes - then_bytes) / max(now_s - then_s, RATE_WINDOW_S)
 
 
 def expected_rate(run: RunSpec) -> float:

@@ -75,12 +75,14 @@ class Encoding:
 
     Args:
         encoder: of this topic.
-        add_original: announces the topic for what can't be encoded; called at most once.
+        add_original: announces a topic for what can't be encoded and returns its name; called at
+            most once.
     """
 
-    def __init__(self, encoder: Encoder, add_original: Callable[[], object]) -> None:
+    def __init__(self, encoder: Encoder, add_original: Callable[[], str]) -> None:
         self._encoder = encoder
-        self._add_original: Callable[[], object] | None = add_original
+        self._add_original = add_original
+        self.originals: str | None = None
         self.failed = 0
         self.problem = ""
 
@@ -108,7 +110,6 @@ class Encoding:
     def _original(self, message: BagMessage, problem: str) -> BagMessage:
         self.failed += 1
         self.problem = problem
-        if self._add_original is not None:
-            self._add_original()
-            self._add_original = None
-        return message._replace(topic=message.topic + ORIGINAL)
+        if self.originals is None:
+            self.originals = self._add_original()
+        return message._replace(topic=self.originals)

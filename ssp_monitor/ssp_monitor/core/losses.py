@@ -14,7 +14,11 @@ reported as lost was lost.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Set
 from dataclasses import dataclass, field
+
+# A warning names so many topics.
+MOST_NAMED = 5
 
 
 @dataclass(slots=True)
@@ -74,3 +78,17 @@ class Arrivals:
         if len(self._last) == 1:
             (last,) = self._last.values()
             self.behind = max(0, sent - last)
+
+
+def losses_beside(counts: Mapping[str, int], own: Set[str]) -> list[str]:
+    """A sentence about losses that don't make a run invalid, so that nothing else tells of them.
+
+    Args:
+        counts: messages that are missing, by topic.
+        own: the run's topics; without any, all topics must be complete, and there is no sentence.
+    """
+    others = {name: n for name, n in sorted(counts.items()) if n and name not in own}
+    if not own or not others:
+        return []
+    some = ", ".join(list(others)[:MOST_NAMED]) + (", ..." if len(others) > MOST_NAMED else "")
+    return [f"{sum(others.values())} messages of topics beside the run's are missing: {some}"]

@@ -11,10 +11,10 @@ from functools import partial
 from pathlib import Path
 
 from ssp_core.bag import BagMessage, BagWriter
-from ssp_core.bag.qos import offered_qos
+from ssp_core.bag.qos import offered_qos, parse_offered_qos
 from ssp_core.bag.split import Split
 from ssp_core.bag.types import definition
-from ssp_core.errors import SspError
+from ssp_core.errors import InputError, SspError
 from ssp_monitor.core.attachments import Attachment
 from ssp_monitor.core.encoding import ORIGINAL, Encoder, Encoding
 from ssp_monitor.core.importance import importance
@@ -24,6 +24,8 @@ from ssp_monitor.core.topics import Profile, TopicSpec
 
 FLUSH_S = 0.5
 POLL_S = 0.02
+# People are told when this much of what was written is not on the disk yet.
+BEHIND_S = 1.0
 QUEUE_BYTES = 256 << 20
 # Taken out of the queue at once; what is still in it can be dropped for something important.
 BATCH_BYTES = 8 << 20
@@ -50,7 +52,7 @@ class Recorder:
     """A bag with a writer thread of its own, so that a slow disk doesn't stop the reception.
 
     ``put`` and ``put_all`` may be called from one thread, and ``add`` from another. The bag is
-    flushed every FLUSH_S seconds: that is the most that a SIGKILL can take.
+    flushed every FLUSH_S seconds: that, and what waits, is the most that a SIGKILL can take.
 
     Args:
         path: bag directory to make.
@@ -80,6 +82,10 @@ class Recorder:
         self._records: dict[str, TopicRecord] = {}
         self._encodings: dict[str, Encoding] = {}
         self._to_add: deque[_Added] = deque()
+        # Names that are given away: by ``add`` and, for originals, by the writer thread.
+        self._names: set[str] = set()
+        self._originals: dict[str, str] = {}
+        self._naming = threading.Lock()
         self._failure: str | None = None
         self._flushed_at = time.monotonic()
         self._writer = BagWriter(path, split=split)
@@ -90,6 +96,7 @@ class Recorder:
         self._add_waiting()
         self._writer.flush()
         self._seal: Callable[[], Attachment] | None = None
+        self._writing = True
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="bag-writer", daemon=True)
         self._thread.start()
@@ -99,13 +106,21 @@ class Recorder:
 
         Args:
             topic: not announced before.
-            offered: YAML of the profiles of its publishers.
+            offered: YAML of the profiles of its publishers; left out where no bag can hold it.
             latched: its newest messages stay valid.
 
         Raises:
-            InputError: its type is not known.
+            InputError: its type is not known, or pictures of another topic are under its name.
         """
         definition(topic.msgtype)
+        try:
+            parse_offered_qos(offered)
+        except ValueError:
+            offered = ""
+        with self._naming:
+            if topic.name in self._originals.values():
+                raise InputError("holds pictures of another topic that could not be encoded")
+            self._names.add(topic.name)
         self._queue.announce({topic.name: importance(topic)})
         encoder = self._encoder(topic.name, topic.msgtype)
         self._to_add.append(_Added(topic, offered, latched, encoder))
@@ -122,12 +137,31 @@ class Recorder:
     def dropped_by_topic(self) -> Counter[str]:
         return self._queue.dropped()
 
+    @property
+    def originals(self) -> dict[str, str]:
+        """By topic, where its pictures are that could not be encoded."""
+        with self._naming:
+            return dict(self._originals)
+
     def records(self) -> list[TopicRecord]:
         """What is written of each topic, in the order of the bag."""
         return list(self._records.values())
 
     def state(self) -> RecorderState:
         queued = self._queue.bytes
+        flush_age_s = time.monotonic() - self._flushed_at
+        warnings = [
+            f"{topic}: {encoding.failed} pictures could not be encoded and are recorded as "
+            f"they came on {encoding.originals}: {encoding.problem}"
+            for topic, encoding in list(self._encodings.items())
+            if encoding.failed
+        ]
+        if self._writing and self._failure is None:
+            flush_age_s = max(flush_age_s, self._writer.sync_age_s)
+            if flush_age_s > BEHIND_S:
+                warnings.append(
+                    f"the disk is {flush_age_s:.1f} s behind: a power cut would cost that"
+                )
         return RecorderState(
             messages=self._writer.messages,
             bytes=self._writer.bytes,
@@ -136,13 +170,8 @@ class Recorder:
             files=len(self._writer.files),
             queue_bytes=queued,
             queue_limit_bytes=self._queue.limit_bytes,
-            flush_age_s=time.monotonic() - self._flushed_at,
-            warnings=tuple(
-                f"{topic}: {encoding.failed} pictures could not be encoded and are recorded as "
-                f"they came on {topic}{ORIGINAL}: {encoding.problem}"
-                for topic, encoding in list(self._encodings.items())
-                if encoding.failed
-            ),
+            flush_age_s=flush_age_s,
+            warnings=tuple(warnings),
         )
 
     def stop(self, seal: Callable[[], Attachment] | None = None) -> RecorderState:
@@ -168,13 +197,16 @@ class Recorder:
             if self._seal is not None:
                 name, media_type, data = self._seal()
                 self._writer.attach(name, data, media_type)
+            self._writing = False
             self._writer.close()
         except SspError as error:
             self._failure = str(error)
             self._discard_until_stopped()
         except BaseException as error:
-            # A bug here must reach whoever waits for the recorder, not end with its thread.
+            # A bug here must reach whoever waits for the recorder, not end with its thread; and
+            # what comes meanwhile is counted.
             self._failure = f"{type(error).__name__}: {error}"
+            self._discard_until_stopped()
             raise
 
     def _flush_when_due(self) -> None:
@@ -185,17 +217,20 @@ class Recorder:
     def _write_waiting(self) -> None:
         while True:
             batch = self._queue.take(BATCH_BYTES)
-            # After the messages were taken: each was announced before it was put.
-            self._add_waiting()
-            if not batch:
-                return
             done = 0
             try:
+                # After the messages were taken: each was announced before it was put.
+                self._add_waiting()
+                if not batch:
+                    return
                 for message in batch:
                     encoding = self._encodings.get(message.topic)
                     self._write([message] if encoding is None else encoding.encode(message))
                     done += 1
-            except SspError:
+                    # A batch of pictures may take an encoder many seconds.
+                    if encoding is not None:
+                        self._flush_when_due()
+            except BaseException:
                 self._queue.give_up(batch[done:])
                 raise
             self._flush_when_due()
@@ -210,14 +245,24 @@ class Recorder:
             added = self._to_add.popleft()
             name, msgtype = added.topic.name, added.topic.msgtype
             if added.encoder is not None:
-                add_original = partial(self._announce, name + ORIGINAL, msgtype, added)
+                add_original = partial(self._add_originals, name, msgtype, added)
                 self._encodings[name] = Encoding(added.encoder, add_original)
                 msgtype = added.encoder.msgtype
             self._announce(name, msgtype, added)
 
+    def _add_originals(self, topic: str, msgtype: str, added: _Added) -> str:
+        """Announces where a topic's pictures go that can't be encoded; no real topic's name."""
+        with self._naming:
+            name, number = topic + ORIGINAL, 1
+            while name in self._names:
+                number += 1
+                name = f"{topic}{ORIGINAL}_{number}"
+            self._names.add(name)
+            self._originals[topic] = name
+        self._announce(name, msgtype, added)
+        return name
+
     def _announce(self, name: str, msgtype: str, added: _Added) -> None:
-        if name in self._records:  # a topic that really has the name of another's originals
-            return
         self._writer.add_topic(name, msgtype, added.offered, latched=added.latched)
         # A new dictionary: other threads go through the old one.
         self._records = {**self._records, name: TopicRecord(name, msgtype)}

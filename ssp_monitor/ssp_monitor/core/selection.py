@@ -66,9 +66,12 @@ class Survey:
     """
 
     selection: Selection
+    # Topics by name with their types; those that are of another type too by now; and those that
+    # had several types when they were found and are not recorded for that.
     recorded: dict[str, str] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
     changed: set[str] = field(default_factory=set)
+    ambiguous: set[str] = field(default_factory=set)
     _judged: dict[str, bool] = field(default_factory=dict)
     _told: set[str] = field(default_factory=set)
     _refused: list[str] = field(default_factory=list)
@@ -86,7 +89,7 @@ class Survey:
             Those that are new, named ones first, then by name.
         """
         found: list[TopicSpec] = []
-        for name, types in sorted(graph, key=lambda item: (not self._is_named(item[0]), item[0])):
+        for name, types in self.in_order(graph):
             if name in self.recorded:
                 self._look_again(name, types)
             elif not types or not self.wants(name):
@@ -95,6 +98,12 @@ class Survey:
                 self.recorded[name] = spec.msgtype
                 found.append(spec)
         return found
+
+    def in_order(
+        self, graph: Iterable[tuple[str, Sequence[str]]]
+    ) -> list[tuple[str, Sequence[str]]]:
+        """A graph as ``look`` goes through it, for who looks at parts of it."""
+        return sorted(graph, key=lambda item: (item[0] not in self.selection.named, item[0]))
 
     def all_warnings(self) -> list[str]:
         if not self._refused:
@@ -105,9 +114,6 @@ class Survey:
             f"{some}"
         )
         return [*self.warnings, limit]
-
-    def _is_named(self, name: str) -> bool:
-        return name in self.selection.named
 
     def wants(self, name: str) -> bool:
         """As Selection.wants; each name is judged once."""
@@ -120,6 +126,7 @@ class Survey:
         self, name: str, types: Sequence[str], installed: Mapping[str, str | None]
     ) -> TopicSpec | None:
         if len(types) > 1:
+            self.ambiguous.add(name)
             self._warn(name, f"{name} has several types and is not recorded: {', '.join(types)}")
             return None
         if (why := installed[types[0]]) is not None:
@@ -130,6 +137,7 @@ class Survey:
                 self._told.add(name)
                 self._refused.append(name)
             return None
+        self.ambiguous.discard(name)
         # Stamps of strangers may be of another clock, and nobody knows how many publish.
         return TopicSpec(name, types[0], Profile.ADAPTED, session_time=False)
 

@@ -60,6 +60,7 @@ class _Source:
     lost_event: rcl.EventHandle | None
     arrivals: Arrivals = field(default_factory=Arrivals)
     quiet: int = 0
+    complained: bool = False
     last: bytes = b""
 
 
@@ -209,16 +210,29 @@ class Intake:
                 now_ns = date(data, stamped)
                 messages.append(BagMessage(topic, now_ns, now_ns, data, sequence))
         else:
+            # A publisher's clock may stand before 1970; the bag has no such times.
             messages = [
-                BagMessage(topic, received_ns, published_ns, data, sequence)
+                BagMessage(topic, max(received_ns, 0), max(published_ns, 0), data, sequence)
                 for data, published_ns, received_ns, sequence, _ in taken
             ]
         self._recorder.put_all(messages)
         if source.listen is not None:
-            for one in taken:
-                source.listen(one[0])
+            self._tell(source, source.listen, taken)
         if topic in SOURCES:
             source.last = taken[-1][0]
+
+    def _tell(self, source: _Source, listen: Callable[[bytes], None], taken: list[Taken]) -> None:
+        """Anybody may have sent it: whatever a listener makes of it must not end the recording."""
+        for one in taken:
+            try:
+                listen(one[0])
+            except Exception as error:
+                if not source.complained:
+                    source.complained = True
+                    self._node.get_logger().error(
+                        f"{source.topic.name}: message recorded and not understood (more will be "
+                        f"without a word): {type(error).__name__}: {error}"
+                    )
 
     def _take_the_rest(self) -> None:
         sources = self._sources

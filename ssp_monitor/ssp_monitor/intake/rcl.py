@@ -88,6 +88,7 @@ class SerializedTaker:
             raise HostError(f"no memory for a buffer of {_FIRST_BYTES} bytes")
         self._info = ctypes.create_string_buffer(_INFO_ROOM_BYTES)
         self._room, self._room_at = self._look_at_buffer()
+        self._refused: int | None = None
 
     def _look_at_buffer(self) -> tuple[ctypes.Array[ctypes.c_char], int]:
         """The memory of the buffer, which moves when it has to grow, and where it is."""
@@ -107,8 +108,11 @@ class SerializedTaker:
             subscription: address of its rcl_subscription_t, which must stay valid meanwhile.
 
         Raises:
-            HostError: the middleware refuses.
+            HostError: the middleware refuses; what it gave before is returned first, and the next
+                call raises.
         """
+        if self._refused is not None:
+            raise HostError(f"a message can't be taken: rcl answers {self._refused}")
         take, buffer, info = self._take, ctypes.addressof(self._buffer), self._info
         info_at = ctypes.addressof(info)
         unpack_length, unpack_info = _LENGTH.unpack_from, _INFO.unpack_from
@@ -121,6 +125,9 @@ class SerializedTaker:
                 if result == _NOTHING_TAKEN:
                     return taken, False
                 self._reset_error()
+                self._refused = result
+                if taken:
+                    return taken, True
                 raise HostError(f"a message can't be taken: rcl answers {result}")
             address, length = unpack_length(where)
             published_ns, received_ns, sequence, publisher = unpack_info(info)

@@ -12,8 +12,9 @@ from rclpy.signals import SignalHandlerOptions
 
 from ssp_core import names
 from ssp_core.errors import HostError
+from ssp_monitor.core.closing import Closed
 from ssp_monitor.core.plan import RecordingPlan
-from ssp_monitor.recording.node import Closed, Recording
+from ssp_monitor.recording.node import Recording
 from ssp_msgs.msg import RecorderStatus
 
 POLL_S = 0.5

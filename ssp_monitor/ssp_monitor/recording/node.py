@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections import deque
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -21,8 +20,9 @@ from ssp_monitor.conversions import (
     why_not_recordable,
 )
 from ssp_monitor.core.attachments import Attachment
-from ssp_monitor.core.closing import ClosingCheck, check_closed
+from ssp_monitor.core.closing import Closed, check_closed
 from ssp_monitor.core.disk import DiskOutlook, WriteRate, free_bytes, outlook
+from ssp_monitor.core.losses import losses_beside
 from ssp_monitor.core.plan import RecordingPlan
 from ssp_monitor.core.recorder import Recorder
 from ssp_monitor.core.records import RecorderState
@@ -36,28 +36,12 @@ from ssp_msgs.msg import RecorderStatus
 # Looking at a graph of thousands of nodes takes a while; no more of the time than one in this.
 GRAPH_SHARE = 20
 GRAPH_MOST_S = 5.0
-# A thousand new topics take seconds to subscribe to; status must go out meanwhile.
+# To read the types of a thousand new topics and to subscribe to them takes seconds; status must go
+# out meanwhile.
 ADDING_S = 0.2
 MOST_WARNINGS = 50
 # Of so many topics each status says how they are; the bag's own report names all.
 MOST_LISTED = 500
-
-
-@dataclass(frozen=True, slots=True)
-class Closed:
-    """A recording that has ended.
-
-    Args:
-        state: of the recorder.
-        lost: never received, or not written.
-        topics: in the bag.
-        check: of the bag; None when it could not be closed.
-    """
-
-    state: RecorderState
-    lost: int
-    topics: tuple[str, ...]
-    check: ClosingCheck | None
 
 
 class _Known(dict[str, str | None]):
@@ -95,7 +79,8 @@ class Recording:
         self._sayings = Sayings()
         self._rate = WriteRate()
         self._graph_due_s = 0.0
-        self._found: deque[TopicSpec] = deque()
+        self._to_judge: deque[tuple[str, Sequence[str]]] = deque()
+        self._own = frozenset(topic.name for topic in plan.topics)
         self._before: tuple[float, dict[str, int]] = (time.monotonic(), {})
         video = plan.video
         self.recorder = Recorder(
@@ -123,8 +108,13 @@ class Recording:
 
     @property
     def lost(self) -> int:
-        """Messages known to be missing: never arrived, or not written."""
-        return sum(self.lost_by_topic().values()) + self.recorder.state().dropped
+        """Messages known to be missing of the topics that must be complete: never arrived, or not
+        written. Those are the run's own; without a run all."""
+        dropped = self.recorder.dropped_by_topic
+        return self._of_own(self.lost_by_topic()) + self._of_own(dropped)
+
+    def _of_own(self, counts: Mapping[str, int]) -> int:
+        return sum(n for name, n in counts.items() if not self._own or name in self._own)
 
     def poll(self) -> DiskOutlook:
         """Looks at graph and disk, and records what has appeared. Twice a second is often enough.
@@ -134,14 +124,16 @@ class Recording:
         """
         self._missing = [t.name for t in self._plan.topics if self._is_missing(t)]
         now_s = time.monotonic()
-        if self._plan.selection.looks and now_s >= self._graph_due_s:
+        # A graph that isn't gone through yet is finished first.
+        if self._plan.selection.looks and not self._to_judge and now_s >= self._graph_due_s:
             graph = self._graph()
             look_s = time.monotonic() - now_s
             self._graph_due_s = now_s + min(GRAPH_SHARE * look_s, GRAPH_MOST_S)
-            self._found.extend(self._survey.look(graph, self._types))
+            self._to_judge.extend(self._survey.in_order(graph))
         until_s = time.monotonic() + ADDING_S
-        while self._found and time.monotonic() < until_s:
-            self._add(self._found.popleft())
+        while self._to_judge and time.monotonic() < until_s:
+            for topic in self._survey.look([self._to_judge.popleft()], self._types):
+                self._add(topic)
         self._rate_bps = self._rate.note(now_s, self.recorder.state().bytes)
         self._free = free_bytes(self.recorder.path)
         self._outlook = outlook(self._free, self._rate_bps, self._plan.needs)
@@ -156,7 +148,8 @@ class Recording:
         status.bag = self.recorder.path.name
         status.failure = state.failure or ""
         status.messages, status.bytes, status.files = state.messages, state.bytes, state.files
-        status.lost, status.dropped = sum(lost.values()) + state.dropped, state.dropped
+        status.dropped = self._of_own(dropped)
+        status.lost = self._of_own(lost) + status.dropped
         status.missing_topics = self._missing
         status.queue_bytes, status.queue_limit_bytes = state.queue_bytes, state.queue_limit_bytes
         status.free_bytes = self._free or 0
@@ -187,9 +180,16 @@ class Recording:
         if state.failure is None:
             dropped = self.recorder.dropped_by_topic
             expected = {name: count - dropped[name] for name, count in received.items()}
-            check = check_closed(self.recorder.path, expected)
+            check = check_closed(self.recorder.path, expected, self.recorder.originals)
         names = tuple(record.name for record in self.recorder.records())
-        return Closed(state, self.lost, names, check)
+        several = frozenset(self._survey.ambiguous)
+        return Closed(state, self.lost, names, check, tuple(self._incomplete()), several)
+
+    def _incomplete(self) -> Iterable[str]:
+        if self.intake.error is not None:
+            yield f"reception ended: {self.intake.error}"
+        for name in sorted(self._survey.ambiguous & self._plan.selection.named):
+            yield f"{name} has several types and is not recorded"
 
     def _report(self, received: Mapping[str, int]) -> Attachment:
         self._current_warnings(self.recorder.state(), 0)
@@ -213,6 +213,15 @@ class Recording:
         publishers = self._node.get_publishers_info_by_topic(topic.name)
         self._publishers[topic.name] = len(publishers)
         heard = [is_heard(publisher, topic.msgtype, wanted) for publisher in publishers]
+        # Before anything was heard, a publisher that can't be is a mistake that can be mended.
+        known = topic.name in self._unheard or not self.intake.received_by_topic()[topic.name]
+        if not all(heard) and not known:
+            self._unheard.add(topic.name)
+            stranger = publishers[heard.index(False)]
+            self._sayings.say(
+                f"{topic.name} is not heard from {stranger.node_name}: its type or profile is not "
+                "that of the run; what it says is lost"
+            )
         return not all(heard) or (topic.required and not heard)
 
     def _graph(self) -> list[tuple[str, list[str]]]:
@@ -273,6 +282,8 @@ class Recording:
             found.insert(0, self._outlook.warning)
         if 2 * state.queue_bytes > state.queue_limit_bytes:
             found.append("the disk does not keep up: more than half of the queue is in use")
+        counts = Counter(self.lost_by_topic()) + self.recorder.dropped_by_topic
+        found += losses_beside(counts, self._own)
         if topics > MOST_LISTED:
             found.append(f"only the first {MOST_LISTED} topics are listed")
         for text in found:
