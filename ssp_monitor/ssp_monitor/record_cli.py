@@ -13,6 +13,7 @@ from typing import Any
 import click
 
 from ssp_core.console import err, note, out
+from ssp_core.options import Number, usage_errors
 from ssp_monitor.core.disk import DiskNeeds
 from ssp_monitor.core.encoding import CODECS, video_choice
 from ssp_monitor.core.plan import MB, QUEUE_MB, RESERVE_MB, RecordingPlan, patterns, split_by
@@ -20,17 +21,27 @@ from ssp_monitor.core.sayings import Sayings
 from ssp_monitor.core.selection import MOST_TOPICS, Selection
 
 
+def _no_topics(_: click.Context, __: click.Parameter, value: str | None) -> None:
+    if value is not None:
+        raise click.UsageError(
+            "record has no --topics: name topics as arguments, or give --include RE"
+        )
+
+
 @click.command("record")
 @click.argument("topics", nargs=-1, metavar="[TOPIC]...")
+@click.option(
+    "--topics", "_", metavar="TOPIC", hidden=True, expose_value=False, callback=_no_topics
+)
 @click.option("--all", "everything", is_flag=True, help="Every topic, those that come late too.")
 @click.option("--include", multiple=True, metavar="RE", help="Topics with such names; repeatable.")
 @click.option("--exclude", multiple=True, metavar="RE", help="None of these; repeatable.")
 @click.option(
     "-o", "--out", "bag", type=click.Path(path_type=Path), required=True, help="New bag directory."
 )
-@click.option("--duration", type=click.FloatRange(0.1), metavar="S", help="End after S seconds.")
-@click.option("--split-mb", type=click.FloatRange(0), default=0.0, help="New file at this size.")
-@click.option("--split-s", type=click.FloatRange(0), default=0.0, help="New file after this time.")
+@click.option("--duration", type=Number(0.1), metavar="S", help="End after S seconds.")
+@click.option("--split-mb", type=Number(0), default=0.0, help="New file at this size.")
+@click.option("--split-s", type=Number(0), default=0.0, help="New file after this time.")
 @click.option("--video", type=click.Choice(CODECS), help="Record images as video.")
 @click.option("--video-topics", default="", metavar="RE", help="Only the images of these topics.")
 @click.option(
@@ -68,26 +79,27 @@ def record_command(
     """Record topics into a bag until Ctrl-C.
 
     Named topics are recorded whatever they are; --all and --include leave out hidden topics,
-    /rosout and /parameter_events. An expression may match anywhere in a name. Exit status 1 when
-    messages were lost or the bag is not as it must be.
+    /rosout and /parameter_events. An expression may match anywhere in a name. Ctrl-C is the regular
+    end: exit status 0, or 1 when messages were lost or the bag is not as it must be.
     """
     if not (topics or everything or include):
         raise click.UsageError("name topics, or give --all or --include")
     named = frozenset(topic if topic.startswith("/") else f"/{topic}" for topic in topics)
-    plan = RecordingPlan(
-        bag_dir=bag,
-        selection=Selection(
-            everything=everything,
-            include=patterns(include, "--include"),
-            exclude=patterns(exclude, "--exclude"),
-            named=named,
-            most=MOST_TOPICS,
-        ),
-        needs=DiskNeeds(reserve_mb * MB),
-        split=split_by(split_mb, split_s),
-        video=video_choice(video or "", video_topics),
-        queue_bytes=queue_mb * MB,
-    )
+    with usage_errors():
+        plan = RecordingPlan(
+            bag_dir=bag,
+            selection=Selection(
+                everything=everything,
+                include=patterns(include, "--include"),
+                exclude=patterns(exclude, "--exclude"),
+                named=named,
+                most=MOST_TOPICS,
+            ),
+            needs=DiskNeeds(reserve_mb * MB),
+            split=split_by(split_mb, split_s),
+            video=video_choice(video or "", video_topics),
+            queue_bytes=queue_mb * MB,
+        )
     from ssp_monitor.record.node import record
 
     sayings = Sayings()
@@ -100,11 +112,11 @@ def record_command(
                     note(f"warning: {warning}")
 
         closed, why = record(plan, stop, duration, tell)
-    for name in sorted(named.difference(closed.topics)):
+    for name in sorted(named.difference(closed.topics, closed.ambiguous)):
         note(f"warning: {name} had no publisher")
     if why:
         note(f"ended by itself: {why}")
-    problems = list(closed.check.problems) if closed.check else [closed.state.failure]
+    problems = list(closed.problems)
     ok = not (closed.lost or problems or why)
     if as_json:
         result = {
@@ -122,6 +134,7 @@ def record_command(
         click.echo(json.dumps(result))
     else:
         checked = closed.check.text if closed.check else f"not closed: {closed.state.failure}"
+        checked = ", ".join((checked, *closed.incomplete))
         out.print(
             f"{bag}: {closed.state.messages} messages of {len(closed.topics)} topics, "
             f"{closed.state.bytes / MB:.1f} MB, {closed.lost} lost, {checked}",

@@ -21,7 +21,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_typestore
 
-from ssp_core.bag import BagMessage, BagWriter
+from ssp_core.bag import BagMessage, BagReader, BagWriter
 from ssp_core.bag.image_messages import COMPRESSED_TYPE, RAW_TYPE
 from ssp_core.bag.types import TypeDefinition, serialize, store_from, typestore
 from ssp_core.bag.video_type import VIDEO_TYPE
@@ -398,3 +398,28 @@ def test_nothing_asked_for_is_wrong_usage(
     assert "give --frames, --video, --csv or --parquet" in errors
     status, _, errors = export(capsys, camera_bag, tmp_path / "out", "--csv", "--topics", "/x")
     assert (status, "fits no topic" in errors) == (1, True)
+
+
+def test_a_choice_without_anything_to_export_is_one_message_and_no_folder(
+    camera_bag: Path, states_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = sorted(tmp_path.iterdir())
+    status, _, errors = export(capsys, states_bag, tmp_path / "out", "--video")
+    assert status == 1
+    assert "nothing to export: none of the topics holds images" in errors
+    assert "the bag holds no images; --csv and --parquet export tables" in errors
+    assert sorted(tmp_path.iterdir()) == before
+    with BagReader(camera_bag) as bag:
+        topic = next(iter(bag.topics))
+    both = tmp_path / "both"
+    with BagWriter(both) as writer, BagReader(camera_bag) as bag:
+        writer.add_topic("/other", "std_msgs/msg/String")
+        writer.add_topic(topic, bag.topics[topic].msgtype)
+        for found in bag.messages():
+            writer.write(topic, found.data, found.log_time_ns, found.log_time_ns)
+    for asked, can in (("--frames=png", f"images are in {topic};"), ("--csv", topic)):
+        status, _, errors = export(capsys, both, tmp_path / "out", asked, "--topics", "/other")
+        assert status == 1
+        assert "nothing to export" in errors
+        assert can in errors
+        assert not (tmp_path / "out").exists()

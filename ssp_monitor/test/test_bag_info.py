@@ -284,3 +284,19 @@ def test_damaged_indexes_are_one_message(
         path.write_bytes(data)
         status, _, errors = info(capsys, path)
         assert status == 0 or errors.startswith("error: ")
+
+
+def test_topics_without_messages_are_counted_apart(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], clock_cdr: Callable[[int], bytes]
+) -> None:
+    with BagWriter(tmp_path / "bag") as writer:
+        for name in ("/clock", "/silent"):
+            writer.add_topic(name, "rosgraph_msgs/msg/Clock")
+        writer.write("/clock", clock_cdr(0), 0, 0)
+    status, shown, _ = info(capsys, tmp_path / "bag")
+    assert (status, "1 messages of 1 of 2 topics, " in shown) == (0, True)
+    cut = tmp_path / "cut"
+    assert main(["bag", "cut", str(tmp_path / "bag"), "-o", str(cut)]) == 0
+    assert "1 messages of 1 of 2 topics, " in capsys.readouterr().out
+    status, shown, _ = info(capsys, cut)
+    assert (status, "1 messages of 1 of 2 topics, " in shown) == (0, True)

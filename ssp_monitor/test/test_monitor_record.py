@@ -195,6 +195,33 @@ def test_a_second_type_on_a_topic_is_lost_and_said(
     assert warning in told
 
 
+def test_a_named_topic_of_two_types_is_a_problem(
+    talker: Node, recorder: Callable[..., subprocess.Popen[str]], tmp_path: Path
+) -> None:
+    context = Context()
+    rclpy.init(context=context, domain_id=int(os.environ["ROS_DOMAIN_ID"]))
+    node = rclpy.create_node("other", context=context)
+    node.create_publisher(CompressedImage, "/lab/both", 10)
+    # Of one participant's endpoints the second is known last: both types are there once it is.
+    talker.create_publisher(String, "/lab/both", 10)
+    deadline = time.monotonic() + DEADLINE_S
+    while talker.count_publishers("/lab/both") < 2:
+        assert time.monotonic() < deadline, "publishers don't know each other"
+        time.sleep(0.02)
+    process = recorder("/lab/both", "-o", tmp_path / "bag", "--json", "--reserve-mb", 0)
+    assert process.stderr is not None
+    told = process.stderr.readline()
+    result, rest = ended(process)
+    node.destroy_node()
+    rclpy.shutdown(context=context)
+    assert process.returncode == 1
+    if "has several types" in told:  # else one of them was found first
+        assert result["problems"] == ["/lab/both has several types and is not recorded"]
+        assert "had no publisher" not in told + rest
+    else:
+        assert (result["lost"], "is also of type" in told) == (1, True)
+
+
 def test_a_late_publisher_that_offers_less_is_said(
     talker: Node, recorder: Callable[..., subprocess.Popen[str]], tmp_path: Path
 ) -> None:
@@ -241,9 +268,13 @@ def test_images_become_video_and_what_is_no_image_stays(
     ("arguments", "status", "message"),
     [
         (["-o", "x"], 2, "name topics, or give --all or --include"),
-        (["--include", "(", "-o", "x"], 1, "--include: ends too early"),
-        (["--all", "--exclude", "a{2}", "-o", "x"], 1, "--exclude: has a { "),
-        (["--all", "-o", "x", "--split-mb", "0.0001"], 1, "is too small a file"),
+        (["--include", "(", "-o", "x"], 2, "--include: ends too early"),
+        (["--all", "--exclude", "a{2}", "-o", "x"], 2, "--exclude: has a { "),
+        (["--all", "-o", "x", "--split-mb", "0.0001"], 2, "is too small a file"),
+        (["--all", "-o", "x", "--split-s", "nan"], 2, "'nan' is no number from 0"),
+        (["--all", "-o", "x", "--split-mb", "inf"], 2, "'inf' is no number from 0"),
+        (["--all", "-o", "x", "--duration", "inf"], 2, "'inf' is no number from 0.1"),
+        (["--topics", "/a", "-o", "x"], 2, "name topics as arguments"),
     ],
 )
 def test_wrong_arguments_are_one_message(

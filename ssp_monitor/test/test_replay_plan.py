@@ -12,8 +12,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ssp_core import names
 from ssp_core.bag import BagMessage, BagReader, BagWriter, TopicInfo
 from ssp_core.bag.qos import offered_qos
+from ssp_core.cli import main
 from ssp_core.clock import NS_PER_S
 from ssp_core.errors import InputError
 from ssp_monitor.core.recorder import OFFERED
@@ -95,9 +97,12 @@ def test_topics_are_named_or_found_by_an_expression() -> None:
 def test_a_command_stays_one_under_another_name_and_a_name_can_make_one() -> None:
     plan = _plan(remap={"/ssp/ot1/reference": "/harmless"})
     assert "/harmless" not in _names(plan)
-    recorded = {"/speed": TopicInfo("geometry_msgs/msg/Twist", 1), "/x": RECORDED["/clock"]}
+    recorded = {"/speed": TopicInfo("std_msgs/msg/Float64", 1), "/x": RECORDED["/clock"]}
     plan = make_plan(recorded, Wishes(remap={"/speed": "/cmd_vel"}), lambda _t, _h: None)
     assert [one.topic for one in plan.left_out] == ["/speed"]
+    # The project's own types are no excuse for a new name.
+    plan = _plan(remap={"/ssp/vut/state": "/ssp/ot1/reference"})
+    assert "/ssp/vut/state" in [one.topic for one in plan.left_out if one.is_command]
 
 
 def test_remaps_are_checked() -> None:
@@ -107,7 +112,7 @@ def test_remaps_are_checked() -> None:
     with pytest.raises(InputError, match="is no topic name"):
         _plan(remap={"/clock": "/../x"})
     with pytest.raises(InputError, match="two types"):
-        _plan(remap={"/ssp/vut/state": "/ssp/ot1/reference_ack"})
+        _plan(remap={"/ssp/vut/state": "/x", "/ssp/ot1/reference_ack": "/x"})
 
 
 def test_what_cannot_be_published_is_left_out_with_the_reason_or_refused() -> None:
@@ -143,6 +148,35 @@ def test_what_cannot_be_published_is_left_out_with_the_reason_or_refused() -> No
         ("/drive", "ackermann_msgs/msg/AckermannDriveStamped", True),
         ("/camera/image", "sensor_msgs/msg/Image", False),
         ("/commander/status", "std_msgs/msg/String", False),
+        ("/best_open/latest_opinion", "std_msgs/msg/String", False),
+        ("/vehicle/velocity_status", "autoware_vehicle_msgs/msg/VelocityReport", True),
+        ("/planning/lane", "autoware_planning_msgs/msg/LaneletRoute", True),
+        ("/car/throttle/value", "std_msgs/msg/Float64", True),
+        ("/car/brakeLevel", "std_msgs/msg/Float64", True),
+        ("/car/frontSteering", "std_msgs/msg/Float64", True),
+        ("/cmd/linear", "std_msgs/msg/Float64", True),
+        ("/cmdVel", "std_msgs/msg/Float64", True),
+        ("/cmdvel", "std_msgs/msg/Float64", True),
+        ("/target2/speed", "std_msgs/msg/Float64", True),
+        ("/e_stop", "std_msgs/msg/Bool", True),
+        ("/emergency/state", "std_msgs/msg/Bool", True),
+        ("/gear", "std_msgs/msg/Int8", True),
+        ("/engage", "std_msgs/msg/Bool", True),
+        ("/arm", "trajectory_msgs/msg/JointTrajectory", True),
+        ("/a", "geometry_msgs/msg/Twist", True),
+        ("/a", "geometry_msgs/msg/TwistStamped", True),
+        ("/a", "ackermann_msgs/msg/AckermannDrive", True),
+        ("/a", "some_maker_msgs/msg/SteeringReport", True),
+        ("/a", "raptor_dbw_msgs/msg/Report", True),
+        ("/a", "dbw_mkz_msgs/msg/Report", True),
+        ("/a", "can_msgs/msg/Frame", True),
+        ("/odometry/twist", "std_msgs/msg/Float64", True),  # rather too much than too little
+        ("/odometry", "nav_msgs/msg/Odometry", False),
+        ("/tf", "tf2_msgs/msg/TFMessage", False),
+        ("/imu", "sensor_msgs/msg/Imu", False),
+        ("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", False),
+        ("/ssp/markers/objects", "visualization_msgs/msg/MarkerArray", False),
+        ("/rosout", "rcl_interfaces/msg/Log", False),
     ],
 )
 def test_commands_are_known_by_type_and_by_name(topic: str, msgtype: str, expected: bool) -> None:
@@ -353,3 +387,44 @@ def test_the_line_and_the_outcome_say_where_it_is_and_how_late() -> None:
     outcome = Outcome("end", progress, late, _plan())
     assert math.isclose(outcome.as_json()["late_s"]["max"], 0.2)
     assert "did not keep up" in "\n".join(outcome.lines())
+
+
+def test_of_a_sessions_own_topics_only_commands_are_left_out() -> None:
+    reports = (
+        *(names.SESSION_STATE, names.TRIGGER_EVENT, names.PHASE_EVENT, names.SAFETY_EVENT),
+        *(names.FAULT_EVENT, names.RECORDER_STATUS, names.LINK_STATUS, names.HEARTBEAT_REPLY),
+        *(names.OBJECT_STATES, names.state_topic("vut"), names.ack_topic("target1")),
+    )
+    for topic in reports:
+        kind = topic.rsplit("/", 1)[-1].title().replace("_", "")
+        assert not is_command(names.absolute(topic), f"ssp_msgs/msg/{kind}"), topic
+    for topic, msgtype in (
+        (names.CAMERA_IMAGE, "sensor_msgs/msg/CompressedImage"),
+        (names.CAMERA_INFO, "sensor_msgs/msg/CameraInfo"),
+        (names.CAMERA_MOUNT, "geometry_msgs/msg/TransformStamped"),
+        (names.CLOCK, "rosgraph_msgs/msg/Clock"),
+    ):
+        assert not is_command(names.absolute(topic), msgtype), topic
+
+
+@pytest.mark.parametrize(
+    ("options", "problem"),
+    [
+        *(
+            ([option, value], f"'{value}' is no number")
+            for option in ("--rate", "--start", "--end", "--delay", "--clock", "--wait-limit")
+            for value in ("nan", "inf", "-inf")
+        ),
+        (["--delay", "1e300"], "is no number from 0 up to"),
+        (["--start", "abc"], "'abc' is no number from 0"),
+        (["--remap", "x"], "'x' is not FROM:=TO"),
+        (["--remap", "/a:=/../b"], "'/../b' is no topic name"),
+        (["--topics", "("], "--topics: ends too early"),
+        (["--exclude", "("], "--exclude: ends too early"),
+    ],
+)
+def test_values_without_sense_are_wrong_usage(
+    options: list[str], problem: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["replay", str(tmp_path / "none"), *options]) == 2
+    assert problem in capsys.readouterr().err

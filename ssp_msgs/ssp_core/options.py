@@ -1,10 +1,23 @@
-"""Types of command-line options that click lacks."""
+"""What click lacks for command-line options."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import click
+
+from ssp_core.errors import InputError
+
+
+@contextmanager
+def usage_errors() -> Iterator[None]:
+    """Makes wrong usage, exit status 2, of values that have no sense whatever they are for."""
+    try:
+        yield
+    except InputError as error:
+        raise click.UsageError(str(error)) from error
 
 
 class Number(click.ParamType[float]):

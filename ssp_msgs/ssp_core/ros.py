@@ -137,11 +137,21 @@ class StopRequest:
             self.reason = reason
 
 
-def run_node(make: Callable[[StopRequest], Node], shutdown: Callable[[Any], None]) -> int:
+def run_node(
+    make: Callable[[StopRequest], Node],
+    shutdown: Callable[[Any], None],
+    args: list[str] | None = None,
+) -> int:
     """Runs one node in this process until a signal, or until the node asks to stop; then exits.
 
     rclpy's own signal handler would invalidate the context before the node could say that it
     stops, so signals only set a flag; ``shutdown(node)`` then runs with the context still valid.
+
+    Args:
+        make: the node.
+        shutdown: closes it.
+        args: for ROS to read; None: those of this process, in which it finds remap rules also
+            before ``--ros-args``. A command that reads its own gives an empty list.
 
     Returns:
         Never: the process ends with status 0 after an orderly stop, 1 when the node raised: an
@@ -150,7 +160,7 @@ def run_node(make: Callable[[StopRequest], Node], shutdown: Callable[[Any], None
     # A process that has to be killed says first where it hung (ProcessGroup.stop sends SIGABRT).
     faulthandler.enable()
     stop = StopRequest()
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda received, _: stop.set(signal.Signals(received).name))
     status = 0

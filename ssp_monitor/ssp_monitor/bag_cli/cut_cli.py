@@ -12,6 +12,7 @@ from ssp_core.bag import BagReader
 from ssp_core.bag.cut import CutReport, cut_bag
 from ssp_core.clock import ns_to_seconds
 from ssp_core.console import note, out, progress
+from ssp_monitor.bag_cli.info_cli import topics_text
 from ssp_monitor.bag_cli.selection import chosen_span, chosen_topics, span_options
 
 BAG = click.Path(path_type=Path)
@@ -54,9 +55,8 @@ def _tell(target: Path, report: CutReport) -> None:
     length = "empty"
     if report.start_ns is not None and report.end_ns is not None:
         length = f"{ns_to_seconds(report.end_ns - report.start_ns):.3f} s"
-    filled = sum(1 for count in report.messages.values() if count)
     out.print(
-        f"{target}: {report.count} messages of {filled} topics, {length}, "
+        f"{target}: {report.count} messages of {topics_text(report.messages.values())}, {length}, "
         f"{len(report.attachments)} attachments",
         markup=False,
     )

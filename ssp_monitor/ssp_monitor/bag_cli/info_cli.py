@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -106,7 +106,8 @@ def survey_lines(found: Survey) -> list[str]:
     """What stands in a bag, for people."""
     files = f"{len(found.files)} files" if len(found.files) != 1 else "1 file"
     lines = [
-        f"{found.path}: {found.count} messages of {len(found.topics)} topics, {files}, "
+        f"{found.path}: {found.count} messages of "
+        f"{topics_text([t.count for t in found.topics.values()])}, {files}, "
         f"{size_text(found.bytes)}, {span_text(found.start_ns, found.end_ns)}"
     ]
     lines += [f"note: {note}" for note in found.notes]
@@ -168,6 +169,13 @@ def _profile_text(profile: dict[str, Any]) -> str:
         parts.append("latched")
     depth = "all" if profile.get("history") in _KEEP_ALL else profile.get("depth", "?")
     return ", ".join([*parts, f"depth {depth}"])
+
+
+def topics_text(counts: Collection[int]) -> str:
+    """How many topics there are, and how many of them hold messages."""
+    filled = sum(1 for count in counts if count)
+    of = f" of {len(counts)}" if filled < len(counts) else ""
+    return f"{filled}{of} topics"
 
 
 def size_text(size: int) -> str:

@@ -12,11 +12,20 @@ import click
 from ssp_core.bag import BagReader
 from ssp_core.clock import NS_PER_S
 from ssp_core.errors import InputError
+from ssp_core.options import usage_errors
 
 _SECONDS = re.compile(r"([+-]?)(\d{1,11})(?:\.(\d{1,9})\d*)?\s*s?")
 _NANOSECONDS = re.compile(r"(\d{1,19})\s*ns")
 
 Command = TypeVar("Command", bound=Callable[..., Any])
+
+
+def _a_time(_: click.Context, param: click.Parameter, text: str | None) -> str | None:
+    """Refuses what is no time whatever bag it is for, before the bag is opened."""
+    if text is not None:
+        with usage_errors():
+            parse_time(text, param.opts[0], 0, 0)
+    return text
 
 
 def span_options(command: Command) -> Command:
@@ -27,12 +36,14 @@ def span_options(command: Command) -> Command:
             "--topics",
             multiple=True,
             metavar="TOPIC",
-            help="Only these; * stands for any text. May be given several times.",
+            help="Only these: names, or patterns in which * stands for any text (`ssp replay` "
+            "takes regular expressions instead). May be given several times.",
         ),
-        click.option("--end", metavar="TIME", help="Last time; as --start."),
+        click.option("--end", metavar="TIME", callback=_a_time, help="Last time; as --start."),
         click.option(
             "--start",
             metavar="TIME",
+            callback=_a_time,
             help="First time: seconds from the beginning of the bag (12.5, or -3 from its end), "
             "or nanoseconds as in the bag (1700000000000000000ns).",
         ),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -81,7 +81,8 @@ def export_bag(
         advance: called with the number of messages and frames done since the last call.
 
     Raises:
-        InputError: the target exists, or the bag is damaged where it is read.
+        InputError: the target exists, the bag is damaged where it is read, or nothing in it can be
+            exported as it was asked for.
         HostError: the disk doesn't take it, or pyarrow is missing for Parquet.
     """
     if target.exists() or target.is_symlink():
@@ -94,12 +95,19 @@ def export_bag(
         export = _Export(bag, wanted, folder, advance)
         export.pictures()
         export.tables()
+        if not any(folder.iterdir()):
+            raise export.nothing()
         folder.rename(target)
     except (OSError, av.error.FFmpegError) as error:
         raise HostError(f"{target}: can't be written: {error.strerror or error}") from error
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
     return export.report
+
+
+def _some(topics: Iterable[str], most: int = 8) -> str:
+    named = sorted(topics)
+    return ", ".join(named[:most]) + (f" and {len(named) - most} more" * (len(named) > most))
 
 
 class _Export:
@@ -149,6 +157,18 @@ class _Export:
             self.report.notes.append(
                 f"{topic}: {losses.count} frames left out that are no pictures; {losses.first}"
             )
+
+    def nothing(self) -> InputError:
+        """What to say when no file was made."""
+        if self._wanted.csv or self._wanted.parquet:
+            filled = [name for name, info in self._bag.topics.items() if info.count]
+            can = f"messages are in {_some(filled)}" if filled else "the bag holds no messages"
+        else:
+            images = image_topics(self._bag)
+            can = f"images are in {_some(images)}" if images else "the bag holds no images"
+            can += "; --csv and --parquet export tables of any topic"
+        why = f": {'; '.join(self.report.notes[:3])}" if self.report.notes else ""
+        return InputError(f"nothing to export{why}", file=self._bag.path, remedy=can)
 
     def tables(self) -> None:
         """All topics, a few dozen at a time."""

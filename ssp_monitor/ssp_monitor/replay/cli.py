@@ -9,14 +9,18 @@ from pathlib import Path
 import click
 
 import ssp_core
+from ssp_core import names
 from ssp_core.bag import BagReader
 from ssp_core.errors import InputError
+from ssp_core.options import Number, usage_errors
 from ssp_core.processes import live_environment, session_environment
-from ssp_monitor.replay.plan import DEFAULT_CLOCK_HZ, Wishes
+from ssp_monitor.core.pattern import Pattern
+from ssp_monitor.replay.plan import DEFAULT_CLOCK_HZ, Wishes, is_name
 from ssp_monitor.replay.player import Settings
 from ssp_monitor.replay.timeline import FASTEST, SLOWEST
 
 _PROFILES = Path(ssp_core.__file__).parent / "config"
+_MOST_S = 1e6  # what a wait of the operating system takes
 
 
 def _environment(network: bool) -> dict[str, str]:
@@ -28,42 +32,62 @@ def _environment(network: bool) -> dict[str, str]:
     return session_environment(int(domain), _PROFILES / "fastdds_one_host.xml")
 
 
-def _remap(rules: tuple[str, ...]) -> dict[str, str]:
+def _remap(ctx: click.Context, param: click.Parameter, rules: tuple[str, ...]) -> dict[str, str]:
     found = {}
     for rule in rules:
         recorded, mark, topic = rule.partition(":=")
         if not (recorded and mark and topic):
-            raise InputError("must be FROM:=TO", field="--remap", value=rule)
+            raise click.BadParameter(f"{rule!r} is not FROM:=TO", ctx, param)
+        if not is_name(names.absolute(topic)):
+            raise click.BadParameter(f"{topic!r} is no topic name", ctx, param)
         found[recorded] = topic
     return found
 
 
+def _expressions(
+    _: click.Context, param: click.Parameter, texts: tuple[str, ...]
+) -> tuple[str, ...]:
+    with usage_errors():
+        for text in texts:
+            Pattern(text, param.opts[0])
+    return texts
+
+
 @click.command("replay")
 @click.argument("bag", type=click.Path(path_type=Path))
-@click.option("--rate", type=click.FloatRange(SLOWEST, FASTEST), default=1.0, show_default=True)
-@click.option(
-    "--start", "start_s", type=click.FloatRange(0), default=0.0, help="Seconds from the beginning."
-)
-@click.option(
-    "--end", "end_s", type=click.FloatRange(0), help="Seconds from the beginning, where to end."
-)
+@click.option("--rate", type=Number(SLOWEST, FASTEST), default=1.0, show_default=True)
+@click.option("--start", "start_s", type=Number(0), default=0.0, help="Seconds from the beginning.")
+@click.option("--end", "end_s", type=Number(0), help="Seconds from the beginning, where to end.")
 @click.option("--loop", is_flag=True, help="Begin again at the end.")
 @click.option("--paused", is_flag=True, help="Begin with a pause.")
 @click.option(
-    "--delay", "delay_s", type=click.FloatRange(0), default=0.0, help="Seconds before it begins."
+    "--delay", "delay_s", type=Number(0, _MOST_S), default=0.0, help="Seconds before it begins."
 )
 @click.option(
     "--clock",
     "clock_hz",
-    type=click.FloatRange(0, 1000),
+    type=Number(0, 1000),
     help="Publish /clock at this rate, from the bag's times; 0: none. "
     f"[default: the recorded one, else {DEFAULT_CLOCK_HZ:g}]",
 )
 @click.option(
-    "--topics", multiple=True, help="Only these: names, or expressions found in names. Repeatable."
+    "--topics",
+    multiple=True,
+    metavar="RE",
+    callback=_expressions,
+    help="Only these: names, or regular expressions found in names (`ssp bag cut` takes patterns "
+    "with * instead). Repeatable.",
 )
-@click.option("--exclude", multiple=True, help="Not these. Repeatable.")
-@click.option("--remap", multiple=True, metavar="FROM:=TO", help="Another name. Repeatable.")
+@click.option(
+    "--exclude",
+    multiple=True,
+    metavar="RE",
+    callback=_expressions,
+    help="Not these; as --topics. Repeatable.",
+)
+@click.option(
+    "--remap", multiple=True, metavar="FROM:=TO", callback=_remap, help="Another name. Repeatable."
+)
 @click.option("--commands", is_flag=True, help="Also topics that real objects may act on.")
 @click.option(
     "--beside-session", is_flag=True, help="Even where a session is under way in this ROS domain."
@@ -81,7 +105,7 @@ def _remap(rules: tuple[str, ...]) -> dict[str, str]:
 @click.option(
     "--wait-limit",
     "wait_limit_s",
-    type=click.FloatRange(min=0, min_open=True),
+    type=Number(0, _MOST_S, low_open=True),
     default=30.0,
     show_default=True,
     help="Seconds to wait for them.",
@@ -98,7 +122,7 @@ def replay(
     clock_hz: float | None,
     topics: tuple[str, ...],
     exclude: tuple[str, ...],
-    remap: tuple[str, ...],
+    remap: dict[str, str],
     commands: bool,
     beside_session: bool,
     network: bool,
@@ -112,11 +136,10 @@ def replay(
     Topics that may move real objects are left out, and a ROS domain with a session in it is
     refused. Keys: space pauses, right arrow sends one message, s goes on to the next camera frame,
     + and - change the rate, q ends. The node /ssp/replay offers pause, resume, toggle_paused, step
-    and step_frame as std_srvs/Trigger, and the parameter rate.
+    and step_frame as std_srvs/Trigger, and the parameter rate. Ctrl-C ends it as q does: exit
+    status 0.
     """
-    if not rate >= SLOWEST:
-        raise InputError("must be a number", field="--rate", value=rate)
-    wishes = Wishes(topics, exclude, _remap(remap), commands, clock_hz, strict)
+    wishes = Wishes(topics, exclude, remap, commands, clock_hz, strict)
     environment = _environment(network)
     reader = BagReader(bag)
     from ssp_monitor.replay.node import Options

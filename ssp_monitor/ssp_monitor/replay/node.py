@@ -290,4 +290,9 @@ def replay(reader: BagReader, options: Options, environment: dict[str, str]) -> 
         environment: of the middleware.
     """
     os.environ.update(environment)
-    return ros.run_node(lambda stop: ReplayNode(reader, options, stop), ReplayNode.close)
+    return ros.run_node(
+        lambda stop: ReplayNode(reader, options, stop),
+        ReplayNode.close,
+        # ROS would apply --remap once more, after it was checked where a topic goes.
+        args=[],
+    )

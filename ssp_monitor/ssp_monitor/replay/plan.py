@@ -11,7 +11,7 @@ from ssp_core.bag import TopicInfo
 from ssp_core.errors import InputError
 from ssp_monitor.core.pattern import Pattern
 from ssp_monitor.core.topics import CLOCK_TYPE
-from ssp_monitor.replay.commands import is_command
+from ssp_monitor.replay.commands import is_command, is_command_name
 from ssp_monitor.replay.offer import Offer, offer_of
 
 DEFAULT_CLOCK_HZ = 100.0
@@ -112,8 +112,9 @@ def make_plan(recorded: Mapping[str, TopicInfo], wishes: Wishes, missing: Missin
         info, topic = recorded[name], remap.get(name, name)
         if topic == names.CLOCK and wishes.clock_hz is not None:
             continue
-        # A new name could make a command of what was none.
-        command = is_command(name, info.msgtype) or is_command(topic, info.msgtype)
+        # A new name could make a command of what was none, whatever its type.
+        renamed = topic != name and is_command_name(topic)
+        command = is_command(name, info.msgtype) or renamed
         if command and not wishes.commands:
             left_out.append(LeftOut(name, info.count, "may move objects", is_command=True))
         elif (why := _obstacle(topic, info, missing)) is not None:
@@ -153,18 +154,19 @@ def _remapped(recorded: Mapping[str, TopicInfo], remap: Mapping[str, str]) -> di
         name = wish if wish in recorded else names.absolute(wish)
         if name not in recorded:
             raise InputError("is no topic of the bag", field="--remap", value=wish)
-        if not _is_name(names.absolute(topic)):
+        if not is_name(names.absolute(topic)):
             raise InputError("is no topic name", field="--remap", value=topic)
         found[name] = names.absolute(topic)
     return found
 
 
-def _is_name(topic: str) -> bool:
+def is_name(topic: str) -> bool:
+    """Whether the middleware takes it as the absolute name of a topic."""
     return len(topic) <= _MOST_NAME and _NAME.match(topic) is not None
 
 
 def _obstacle(topic: str, info: TopicInfo, missing: Missing) -> str | None:
-    if not _is_name(topic):
+    if not is_name(topic):
         return "is no name of a ROS topic; --remap gives it another"
     if topic == names.CLOCK and info.msgtype != CLOCK_TYPE:
         return f"has the type {info.msgtype}, which is none for /clock"
