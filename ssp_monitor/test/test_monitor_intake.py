@@ -8,6 +8,8 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -17,22 +19,27 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 from std_msgs.msg import String
 
 from ssp_core import names, ros
 from ssp_core.bag import BagReader
-from ssp_core.bag.qos import offered_qos
+from ssp_core.bag.qos import offered_qos, parse_offered_qos
 from ssp_core.clock import NS_PER_S
 from ssp_core.domains import free_domain
 from ssp_core.errors import HostError
 from ssp_core.vocab import SessionPhase
 from ssp_core.wire.cdr import ENCAPSULATION, text_bytes
 from ssp_core.wire.steps import Heartbeat, encode_heartbeat
-from ssp_monitor.conversions import recording_profile
+from ssp_monitor.conversions import offered_profiles, recording_profile, why_not_recordable
+from ssp_monitor.core.disk import DiskNeeds
+from ssp_monitor.core.plan import RecordingPlan
 from ssp_monitor.core.recorder import Recorder
+from ssp_monitor.core.selection import Selection
 from ssp_monitor.core.topics import Profile, TopicSpec
 from ssp_monitor.intake.node import QUIET_LOOKS, QUIET_PARTS, Intake
 from ssp_monitor.intake.rcl import BATCH_MESSAGES, SerializedTaker
+from ssp_monitor.recording.node import ADDING_S, Recording
 from ssp_msgs import msg
 
 pytestmark = pytest.mark.ros
@@ -356,3 +363,170 @@ def test_a_publishers_own_count_shows_a_missing_end(
     acked(references, beats)
     reception.stop()
     assert reception.intake.lost_by_topic() == {heartbeat: 0, reference: 2}
+
+
+def test_a_listener_that_fails_costs_no_message(
+    node: Node, receive: Callable[..., Reception], capfd: pytest.CaptureFixture[str]
+) -> None:
+    heard: list[bytes] = []
+
+    def listen(data: bytes) -> None:
+        heard.append(data)
+        raise RuntimeError("no such message")
+
+    reception = receive(topic("/a"), topic("/b"), listen={"/a": listen})
+    one, other = publisher(node, "/a", ros.STATE), publisher(node, "/b", ros.STATE)
+    for k in range(3):
+        one.publish(text(str(k)))
+        reception.wait_for("/a", k + 1)
+    other.publish(text("on"))
+    reception.wait_for("/b", 1)
+    reception.stop()
+    assert reception.intake.error is None
+    assert (reception.recorded("/a"), reception.recorded("/b")) == (["0", "1", "2"], ["on"])
+    assert heard == [text(str(k)) for k in range(3)]
+    said = "/a: message recorded and not understood (more will be without a word): RuntimeError"
+    assert capfd.readouterr().err.count(said) == 1
+
+
+def test_what_was_taken_before_an_error_is_not_lost(
+    node: Node, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    subscription = node.create_subscription(String, "/a", lambda _: None, ros.STATE, raw=True)
+    pub = publisher(node, "/a", ros.STATE)
+    for k in range(5):
+        pub.publish(text(str(k)))
+    acked(pub)
+    taker = SerializedTaker()
+    real, calls = taker._take, iter(range(100))
+    monkeypatch.setattr(taker, "_take", lambda *args: 1 if next(calls) == 3 else real(*args))
+    with subscription.handle:
+        taken, more = taker.take(subscription.handle.pointer)
+        assert [one[0] for one in taken] == [text(str(k)) for k in range(3)]
+        assert more
+        for _ in range(2):
+            with pytest.raises(HostError, match="rcl answers 1"):
+                taker.take(subscription.handle.pointer)
+    taker.close()
+
+
+def test_times_before_1970_are_no_times_of_a_bag(
+    node: Node, receive: Callable[..., Reception], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reception = receive(topic("/a"))
+    real = reception.intake._taker.take
+
+    def early(address: int) -> tuple[list[tuple[bytes, int, int, int, bytes]], bool]:
+        taken, more = real(address)
+        return [(data, -5, at, number, who) for data, _, at, number, who in taken], more
+
+    monkeypatch.setattr(reception.intake._taker, "take", early)
+    publisher(node, "/a", ros.STATE).publish(text("x"))
+    reception.wait_for("/a", 1)
+    reception.stop()
+    with BagReader(reception.bag) as bag:
+        assert [message.publish_time_ns for message in bag.messages()] == [0]
+
+
+def offered(qos: QoSProfile) -> TopicEndpointInfo:
+    return TopicEndpointInfo(node_name="n", node_namespace="/", topic_type=STRING, qos_profile=qos)
+
+
+def test_offers_of_many_publishers_fit_into_a_bag() -> None:
+    same = [offered(QoSProfile(depth=10))] * 1000
+    assert len(parse_offered_qos(offered_profiles([*same, offered(QoSProfile(depth=20))]))) == 2
+    different = [offered(QoSProfile(depth=k)) for k in range(1, 400)]
+    profiles = parse_offered_qos(offered_profiles(different))
+    assert [one["depth"] for one in profiles] == list(range(1, len(profiles) + 1))
+    assert len(profiles) > 100
+    assert offered_profiles([]) == ""
+
+
+def test_a_reception_that_ends_is_a_problem_of_the_recording(
+    node: Node, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    raised: list[BaseException | None] = []
+    monkeypatch.setattr(threading, "excepthook", lambda args: raised.append(args.exc_value))
+    plan = RecordingPlan(tmp_path / "bag", Selection(), DiskNeeds(0), (topic("/a"),))
+    recording = Recording(node, plan, {})
+    recording.poll()
+
+    def refuse(_: int) -> tuple[list[Any], bool]:
+        raise HostError("rcl answers 1")
+
+    monkeypatch.setattr(recording.intake._taker, "take", refuse)
+    until(lambda: recording.intake.error is not None, "end of the reception")
+    closed = recording.close()
+    assert len(raised) == 1
+    assert closed.check is not None
+    assert closed.check.problems == ()
+    assert closed.problems == ("reception ended: rcl answers 1",)
+
+
+def test_losses_beside_the_run_do_not_count_and_a_stranger_on_its_topics_does(
+    node: Node, tmp_path: Path
+) -> None:
+    plan = RecordingPlan(
+        tmp_path / "bag", Selection(everything=True), DiskNeeds(0), (topic("/own"),)
+    )
+    plan = replace(plan, selection=replace(plan.selection, own=frozenset(["/own"])))
+    own = node.create_publisher(String, "/own", ros.STATE)
+    other = node.create_publisher(String, "/other", ros.STATE)
+    recording = Recording(node, plan, {})
+
+    def heard(one: Publisher) -> bool:
+        recording.poll()
+        return one.get_subscription_count() > 0
+
+    until(lambda: heard(own) and heard(other), "readers")
+    # Nothing was heard yet: what can't be heard keeps it from being ready, and is lost by nobody.
+    early = node.create_publisher(String, "/own", QoSProfile(depth=1, reliability=BEST_EFFORT))
+    until(lambda: heard(own) and not recording.status().ready, "stranger")
+    assert recording.lost == 0
+    node.destroy_publisher(early)
+    until(lambda: heard(own) and recording.status().ready, "readiness")
+    recording.intake._arrivals["/other"].told = 3
+    until(lambda: len(recording.recorder.records()) == 2, "announcement")
+    status = recording.status()
+    assert (status.lost, recording.lost) == (0, 0)
+    assert {one.name: one.lost for one in status.topics} == {"/own": 0, "/other": 3}
+    assert "3 messages of topics beside the run's are missing: /other" in status.warnings
+    own.publish(text("x"))
+    until(lambda: recording.intake.received_by_topic()["/own"] == 1, "message")
+    node.create_publisher(String, "/own", QoSProfile(depth=1, reliability=BEST_EFFORT))
+    until(lambda: heard(own) and recording.lost == 1, "count of the stranger")
+    status = recording.status()
+    assert (status.lost, status.ready) == (1, False)
+    assert any(said.startswith("/own is not heard from publishes") for said in status.warnings)
+    assert recording.close().lost == 1
+
+
+def test_types_are_judged_within_the_time_that_a_poll_has(
+    node: Node, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    judged: list[str] = []
+
+    def slow(msgtype: str) -> str | None:
+        judged.append(msgtype)
+        time.sleep(ADDING_S)
+        return why_not_recordable(msgtype)
+
+    monkeypatch.setattr("ssp_monitor.recording.node.why_not_recordable", slow)
+    kinds = (String, msg.Heartbeat, msg.Reference)
+    for number, kind in enumerate(kinds):
+        node.create_publisher(kind, f"/t{number}", ros.STATE)
+    plan = RecordingPlan(
+        tmp_path / "bag", Selection(named=frozenset(["/t0", "/t1", "/t2"])), DiskNeeds(0)
+    )
+    recording = Recording(node, plan, {})
+    polls = [len(judged)]
+
+    def complete() -> bool:
+        recording.poll()
+        polls.append(len(judged))
+        return len(recording.recorder.records()) == len(kinds)
+
+    until(complete, "topics")
+    assert polls[0] <= 1
+    assert all(now - before <= 1 for before, now in pairwise(polls))
+    assert recording.close().topics == ("/t0", "/t1", "/t2")
