@@ -96,15 +96,20 @@ def chunk_parts(body: bytes | memoryview) -> ChunkParts:
     return ChunkParts(start_ns, end_ns, unpacked, crc, compression, view[data_at:])
 
 
-def head_fits(head: bytes, length: int) -> bool:
-    """Whether the first bytes of a record's body could be those of a chunk of that length."""
+def chunk_length(head: bytes) -> int | None:
+    """How long a chunk's body is by the first bytes of it, None when they are too few."""
     if len(head) < _CHUNK_HEAD.size:
-        return False
+        return None
     *_, name_bytes = _CHUNK_HEAD.unpack_from(head)
     data_at = _CHUNK_HEAD.size + name_bytes + _U64.size
     if data_at > len(head):
-        return False
-    return bool(_U64.unpack_from(head, data_at - _U64.size)[0] == length - data_at)
+        return None
+    return int(data_at + _U64.unpack_from(head, data_at - _U64.size)[0])
+
+
+def head_fits(head: bytes, length: int) -> bool:
+    """Whether the first bytes of a record's body could be those of a chunk of that length."""
+    return chunk_length(head) == length
 
 
 def check_claim(compression: str, unpacked_bytes: int, packed_bytes: int) -> None:

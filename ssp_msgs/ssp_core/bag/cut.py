@@ -18,6 +18,7 @@ from ssp_core.bag.split import Kept, LatchedTopic
 from ssp_core.bag.video_type import VIDEO_TYPE
 from ssp_core.bag.writer import BagWriter
 from ssp_core.errors import InputError
+from ssp_core.files import make_folder
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +78,7 @@ def cut_bag(
         raise InputError("exists already", file=target, remedy="name a new directory")
     with BagReader(source) as bag:
         wanted = [name for name in bag.topics if name in frozenset(topics)]
-        target.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(target.absolute().parent)
         scratch = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}."))
         try:
             with BagWriter(scratch / "bag", name=f"{target.name}_0") as writer:

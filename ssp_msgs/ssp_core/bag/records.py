@@ -51,24 +51,24 @@ def inner_records(data: memoryview) -> Iterator[RawRecord]:
 class _Fields:
     """The fields of one record, one after the other."""
 
-    __slots__ = ("_at", "_body")
+    __slots__ = ("_body", "at")
 
     def __init__(self, body: memoryview) -> None:
         self._body = body
-        self._at = 0
+        self.at = 0
 
     def number(self, layout: struct.Struct) -> int:
         data = self.blob(layout.size)
         return int(layout.unpack(data)[0])
 
     def blob(self, size: int) -> memoryview:
-        end = self._at + size
+        end = self.at + size
         if end > len(self._body):
             raise ValueError(
-                f"a field of {size} bytes in a record that has {len(self._body) - self._at} left"
+                f"a field of {size} bytes in a record that has {len(self._body) - self.at} left"
             )
-        data = self._body[self._at : end]
-        self._at = end
+        data = self._body[self.at : end]
+        self.at = end
         return data
 
     def text(self) -> str:
@@ -77,7 +77,7 @@ class _Fields:
     def texts(self) -> dict[str, str]:
         inner = _Fields(self.blob(self.number(_U32)))
         found: dict[str, str] = {}
-        while inner._at < len(inner._body):
+        while inner.at < len(inner._body):
             key = inner.text()
             if key in found:
                 raise ValueError(f"key {key[:40]!r} stands twice")
@@ -120,6 +120,18 @@ def parse_attachment_body(body: memoryview) -> Attachment:
     if crc and crc32(body[: len(body) - _U32.size]) != crc:
         raise ValueError("an attachment's CRC is wrong")
     return Attachment(create_time, log_time, name, media_type, bytes(data))
+
+
+def attachment_fits(head: bytes, length: int) -> bool:
+    """Whether the first bytes of a record's body could be those of an attachment that long."""
+    fields = _Fields(memoryview(head))
+    try:
+        fields.blob(2 * _U64.size)
+        for _ in range(2):
+            fields.text()
+        return fields.number(_U64) + _U32.size == length - fields.at
+    except ValueError:
+        return False
 
 
 KNOWN = frozenset(int(opcode) for opcode in Opcode)

@@ -184,7 +184,7 @@ class _FileSalvage:
     def run(self) -> int:
         """Copies the file; gives the offset behind the last record that could be used."""
         before = self._into.places
-        walk = Walk(self._stream, self._known)
+        walk = Walk(self._stream, self._known, lambda number: number in self._names.channels)
         for found in walk:
             if isinstance(found, Gap):
                 self._gap(found)
