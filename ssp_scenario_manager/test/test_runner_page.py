@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
+from ssp_core.errors import InputError
 from ssp_core.processes import ProcessGroup
 from ssp_scenario_manager.runner import page
 from ssp_scenario_manager.runner.cli import run
@@ -28,6 +29,7 @@ def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ProcessGroup:
     """A session without processes; the page is a stand-in that says where it is."""
     (tmp_path / "stand_in_page.py").write_text(STAND_IN)
     monkeypatch.setattr(page, "MODULE", "stand_in_page")
+    monkeypatch.delenv("SSP_PAGE_TOKEN", raising=False)
     env = {**os.environ, "ROS_DOMAIN_ID": "0", "PYTHONPATH": str(tmp_path)}
     (tmp_path / "logs").mkdir()
     return ProcessGroup(env, tmp_path / "logs", owns_domain=False)
@@ -51,6 +53,31 @@ def test_says_where_it_is_with_the_token_that_no_log_has(session: ProcessGroup) 
     assert len(token) >= 32
     assert token not in (session.log_dir / "monitor_page.log").read_text()
     assert "SSP_PAGE_TOKEN" not in session.env
+
+
+def test_a_token_that_was_given_is_kept_and_not_shown(session: ProcessGroup) -> None:
+    token = "chosen-by-the-operator-and-kept-in-all-tabs"
+    session.env["SSP_PAGE_TOKEN"] = token
+    (session.log_dir.parent / "stand_in_page.py").write_text(
+        f"import os, time\nassert os.environ['SSP_PAGE_TOKEN'] == {token!r}\n"
+        "print('page: http://127.0.0.1:4711/', flush=True)\ntime.sleep(60)\n"
+    )
+    said: list[str] = []
+    with page.page_beside(session, Path("run.yaml"), 0, said.append):
+        wait_until_said(said, 1)
+    assert said == ["operator page: http://127.0.0.1:4711/"]
+
+
+@pytest.mark.parametrize("token", ["short", "ä" * 20, "with spaces in between it"])
+def test_a_token_that_can_be_none_is_refused(session: ProcessGroup, token: str) -> None:
+    session.env["SSP_PAGE_TOKEN"] = token
+    with (
+        pytest.raises(InputError, match="SSP_PAGE_TOKEN") as refused,
+        page.page_beside(session, Path("run.yaml"), 0, print),
+    ):
+        pytest.fail("it began")
+    assert token not in str(refused.value)
+    assert not list(session.log_dir.iterdir())
 
 
 def test_an_end_of_its_own_is_said_and_no_more(session: ProcessGroup) -> None:

@@ -10,11 +10,9 @@ from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 
 from ssp_core.errors import InputError
-from ssp_monitor.page.guard import LEAST_TOKEN
+from ssp_core.page_token import TOKEN_VARIABLE, check_token
 
 DEFAULT_PORT = 8080
-# A token on a command line could be read by every user of the machine.
-TOKEN_VARIABLE = "SSP_PAGE_TOKEN"
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,12 +52,8 @@ def read_params(node: Node) -> PageParams:
     if not isinstance(port, int) or isinstance(port, bool) or not 0 <= port <= 65535:
         raise InputError("must be a port, 0 to 65535", field="parameter port", value=port)
     token = str(value("token", "")) or os.environ.get(TOKEN_VARIABLE, "")
-    if token and (len(token) < LEAST_TOKEN or not token.isascii() or not token.isprintable()):
-        raise InputError(
-            f"must have {LEAST_TOKEN} printable ASCII characters at least",
-            field="parameter token",
-            remedy="leave it out, and one is made",
-        )
+    if token:
+        check_token(token, "parameter token")
     run_file = str(value("run_file", ""))
     return PageParams(
         run_file=Path(run_file) if run_file else None,

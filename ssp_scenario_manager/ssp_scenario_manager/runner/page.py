@@ -11,11 +11,10 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from ssp_core import names
+from ssp_core.page_token import TOKEN_VARIABLE, check_token
 from ssp_core.processes import NodeProcess, ProcessGroup
 
 MODULE = "ssp_monitor.page.node"
-# In the environment, not on a command line that every user of the machine can read.
-TOKEN_VARIABLE = "SSP_PAGE_TOKEN"
 DEFAULT_PORT = 8080
 START_S = 15.0
 _URL = re.compile(r"^page: (http://\S+/)$", re.MULTILINE)
@@ -37,17 +36,25 @@ def page_beside(
         port: to listen on; 0: any; None: there is to be no page.
         say: takes one line for people per thing that happens.
         remappings: ``from:=to``, as the session's own nodes have them.
+
+    Raises:
+        InputError: the token in SSP_PAGE_TOKEN can't be one.
     """
     if port is None:
         yield
         return
-    token = secrets.token_urlsafe(24)
+    given = session.env.get(TOKEN_VARIABLE, "")
+    if given:
+        check_token(given, f"environment variable {TOKEN_VARIABLE}")
+    token = given or secrets.token_urlsafe(24)
     env = {**session.env, TOKEN_VARIABLE: token}
+    # Whoever chose the token knows it; it needs to stand in no log of a terminal.
+    shown = "" if given else f"#token={token}"
     # The session's group alone may remove what is left of the domain.
     with ProcessGroup(env, session.log_dir, owns_domain=False) as group:
         parameters: dict[str, object] = {"run_file": run_file, "port": port}
         node = group.start_node(names.MONITOR_PAGE, MODULE, parameters, remappings)
-        watch = threading.Thread(target=_watch, args=(node, token, say), daemon=True)
+        watch = threading.Thread(target=_watch, args=(node, shown, say), daemon=True)
         watch.start()
         try:
             yield
@@ -56,13 +63,13 @@ def page_beside(
             watch.join()
 
 
-def _watch(node: NodeProcess, token: str, say: Callable[[str], None]) -> None:
+def _watch(node: NodeProcess, shown: str, say: Callable[[str], None]) -> None:
     """Says where the page is, once it is, and that it has ended, should it."""
     deadline = time.monotonic() + START_S
     while node.returncode is None and time.monotonic() < deadline:
         found = _URL.search(node.log.read_text(errors="replace"))
         if found is not None:
-            say(f"operator page: {found[1]}#token={token}")
+            say(f"operator page: {found[1]}{shown}")
             break
         time.sleep(0.05)
     node.process.wait()
