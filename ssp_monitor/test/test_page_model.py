@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import struct
 from dataclasses import replace
 from typing import Any
 
@@ -15,6 +16,7 @@ from ssp_core.run_spec import RunSpec
 from ssp_core.state import DEFAULT_SIZES, ObjectState
 from ssp_core.vocab import ControlState, ObjectClass, Phase, Role, SessionPhase, Verdict
 from ssp_monitor.page.model import COMMANDS, Snapshots, number
+from ssp_monitor.page.picture import Pictures
 from ssp_monitor.page.site import MOST_POINTS, site_message
 from ssp_monitor.watch.board import MOST_EVENTS, MOST_OBJECTS, Board
 from ssp_monitor.watch.facts import Event, LinkFact, RecorderFact, SessionFact
@@ -264,3 +266,89 @@ def test_the_site_is_drawn_from_the_run(run: RunSpec) -> None:
     assert all(len(line["points"]) <= MOST_POINTS + 1 for line in site["lines"])
     json.dumps(site, allow_nan=False)
     assert site_message(None) == {"known": False}
+
+
+# -- how old things are ----------------------------------------------------------------------------
+
+
+def ages_of(board: Board, now_ns: int = 10 * S) -> dict[str, Any]:
+    return {one["id"]: one for one in Snapshots(board).snapshot(now_ns)["objects"]}
+
+
+def test_a_state_that_arrives_late_is_old(run: RunSpec) -> None:
+    board = ready_board(run)
+    board.manager_stamp_ns = round(7.5 * S)  # states are of 5 s
+    found = ages_of(board)["ot1"]
+    assert (found["age"], found["late"], found["stale"]) == (2.5, True, True)
+    snapshot = Snapshots(board).snapshot(10 * S)
+    assert snapshot["blind"]
+    assert "what ot1 says is 2.5 s old" in snapshot["stale"]
+    assert "no state of ot1 for 2.5 s, limit 1 s" in snapshot["standing"]
+    # A manager that isn't heard any more tells nothing of the time; nor does one that is behind.
+    board.manager_at_ns = 8 * S
+    assert ages_of(board)["ot1"]["age"] == 0.01
+    board.manager_at_ns, board.manager_stamp_ns = 10 * S, 2 * S
+    assert ages_of(board)["ot1"]["age"] == 0.01
+
+
+def test_the_managers_word_on_a_states_age_counts_while_it_is_new(run: RunSpec) -> None:
+    board = ready_board(run)
+    board.hear_links({"ot1": LinkFact(0.0, 0.001, 0.7)}, 10 * S)
+    found = ages_of(board)["ot1"]
+    assert (found["age"], found["late"], found["stale"]) == (0.7, True, False)
+    board.hear_links({"ot1": LinkFact(0.0, 0.001, math.nan)}, 10 * S)
+    assert ages_of(board)["ot1"]["age"] == 0.0
+
+
+def test_links_are_forgotten_when_the_manager_tells_of_them_no_more(run: RunSpec) -> None:
+    board = ready_board(run)
+    board.hear_states([state("ot1", x_m=30.0, y_m=6.0)], 13 * S)
+    assert "link" in ages_of(board, 13 * S)["ot1"]
+    assert "link" not in ages_of(board, 13 * S + 1)["ot1"]
+    assert "the link to ot1 is not measured yet" in standing_in_the_way(board, 13 * S + 1)
+
+
+def test_an_overtaken_state_is_dropped_and_a_new_beginning_is_not() -> None:
+    board = Board()
+    board.hear_states([state("a", x_m=1.0)], 1)
+    board.hear_states([replace(state("a", x_m=2.0), stamp_ns=5 * S - 1)], 2)
+    board.hear_states([replace(state("a", x_m=3.0), stamp_ns=4 * S)], 3)
+    assert (board.objects["a"].state.x_m, board.objects["a"].at_ns) == (1.0, 1)
+    board.hear_states([replace(state("a", x_m=4.0), stamp_ns=4 * S - 1)], 4)
+    assert (board.objects["a"].state.x_m, board.objects["a"].at_ns) == (4.0, 4)
+
+
+def test_a_replay_takes_no_commands(run: RunSpec) -> None:
+    board = ready_board(run)
+    assert Snapshots(board).snapshot(10 * S)["session"]["commands"]
+    board.replay = True
+    snapshot = Snapshots(board).snapshot(10 * S)
+    assert snapshot["replay"]
+    assert snapshot["session"]["commands"] == []
+
+
+def picture_message(picture: bytes) -> bytes:
+    """A serialised CompressedImage with an empty frame and format."""
+    head = b"\x00\x01\x00\x00" + struct.pack("<iI", 1, 0)
+    text = struct.pack("<I", 1) + b"\0" + b"\0\0\0"
+    return head + text + text + struct.pack("<I", len(picture)) + picture
+
+
+def test_only_a_picture_that_can_be_shown_makes_the_camera_young() -> None:
+    board = Board()
+    pictures = Pictures(board, S)
+    assert pictures.settle() == ""
+    pictures.put(picture_message(b"\xff\xd8first"), 3)
+    assert pictures.settle() == ""
+    assert (board.camera_at_ns, board.camera_fault) == (3, "")
+    assert pictures.take(S) == b"\xff\xd8first"
+    pictures.put(picture_message(b"\x89PNG"), 4)
+    assert "is no JPEG" in pictures.settle()
+    snapshot = Snapshots(board).snapshot(5)
+    assert (board.camera_at_ns, snapshot["camera_fault"]) == (3, "not JPEG")
+    assert pictures.take(9 * S) is None
+    pictures.put(picture_message(b"\xff\xd8second"), 6)
+    pictures.settle()
+    assert (board.camera_at_ns, board.camera_fault) == (6, "")
+    assert pictures.take(2 * S - 1) is None  # not yet due
+    assert pictures.take(2 * S) == b"\xff\xd8second"

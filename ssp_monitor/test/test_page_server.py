@@ -179,10 +179,11 @@ def test_a_large_body_is_not_taken(page: PageServer, manager: Manager) -> None:
 def test_no_answer_is_told_as_none(
     page: PageServer, manager: Manager, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(server, "ANSWER_S", 0.2)
+    monkeypatch.setattr(server, "ABORT_ANSWER_S", 0.2)
     manager.silent.add("abort")
     status, answer = post(page)
     assert (status, answer["accepted"], answer["answered"]) == (504, False, False)
+    assert answer["text"] == "the scenario manager gave no answer within 0.2 s"
 
 
 def test_a_flood_of_commands_is_bounded_and_leaves_abort_free(
@@ -221,6 +222,19 @@ def hello(token: str = "") -> dict[str, str]:
     return {"type": "hello", "token": token}
 
 
+async def take(stream: Any) -> Any:
+    """The next message that is no mark; marks are confirmed."""
+    while True:
+        message = await stream.receive()
+        if message.type is not aiohttp.WSMsgType.TEXT or '"mark"' not in message.data:
+            return message
+        await echo(stream, message)
+
+
+async def echo(stream: Any, mark: Any) -> None:
+    await stream.send_str(f'{{"echo":{json.loads(mark.data)["n"]}}}')
+
+
 @pytest.mark.parametrize(
     ("token", "may", "why"),
     [(TOKEN, True, ""), ("", False, "no token"), ("x", False, "wrong token")],
@@ -230,7 +244,7 @@ def test_anybody_here_may_read(page: PageServer, token: str, may: bool, why: str
         await stream.send_json(hello(token))
         welcome = await stream.receive_json()
         page.push({"snapshot": '{"type": "snapshot"}'})
-        return [welcome, await stream.receive_json()]
+        return [welcome, json.loads((await take(stream)).data)]
 
     page.push({"events": '{"type": "events"}'})
     welcome, first = live(page, work)
@@ -248,7 +262,7 @@ def test_elsewhere_reading_needs_the_token(manager: Manager) -> None:
                 await stream.send_json(hello(token))
                 await stream.receive_json()
                 page.push({"site": '{"type": "site"}'})
-                said = await stream.receive()
+                said = await take(stream)
                 return said.type, said.data
 
         kind, code = do(lambda client: read(client, ""))
@@ -307,7 +321,12 @@ def test_who_talks_too_much_or_at_length_is_sent_away(page: PageServer) -> None:
 
 def test_viewers_are_counted(page: PageServer) -> None:
     async def work(client: aiohttp.ClientSession) -> int:
-        streams = [await client.ws_connect(f"{page.url}api/live") for _ in range(hub.MOST_VIEWERS)]
+        streams = []
+        for _ in range(hub.MOST_VIEWERS):
+            streams.append(await client.ws_connect(f"{page.url}api/live"))
+            await streams[-1].send_json(hello())
+            await streams[-1].receive()  # the welcome
+            await streams[-1].receive()
         try:
             await client.ws_connect(f"{page.url}api/live")
         except aiohttp.WSServerHandshakeError as error:
@@ -320,11 +339,112 @@ def test_viewers_are_counted(page: PageServer) -> None:
     assert do(work) == 503
 
 
+def test_who_has_said_nothing_yet_takes_no_viewers_place(page: PageServer) -> None:
+    async def work(client: aiohttp.ClientSession) -> int:
+        silent = [await client.ws_connect(f"{page.url}api/live") for _ in range(hub.MOST_STRANGERS)]
+        assert page.viewers == 0
+        with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
+            await client.ws_connect(f"{page.url}api/live")
+        await silent[0].send_json(hello())
+        await silent[0].receive()
+        await silent[0].receive()
+        async with client.ws_connect(f"{page.url}api/live"):  # a place is free again
+            assert page.viewers == 1
+        for stream in silent:
+            await stream.close()
+        return refused.value.status
+
+    assert do(work) == 503
+
+
+def test_the_next_bundle_waits_for_the_echo_of_the_last(page: PageServer) -> None:
+    """However much is buffered on the way, one bundle is under way, and its delay is known."""
+
+    async def work(stream: Any) -> tuple[list[str], dict[str, Any]]:
+        await stream.send_json(hello())
+        await stream.receive()
+        first = await stream.receive()  # an empty bundle: nothing is shown before its echo
+        page.push({"snapshot": '"old"'})
+        with pytest.raises(asyncio.TimeoutError):
+            await asyncio.wait_for(stream.receive(), 0.3)
+        page.push({"snapshot": '"new"'})
+        page.push({"snapshot": '"newest"'})
+        await asyncio.sleep(0.1)  # in the box for so long at least
+        await echo(stream, first)
+        said = [(await stream.receive()).data]
+        mark = await stream.receive()
+        return said, json.loads(mark.data)
+
+    said, mark = live(page, work)
+    assert said == ['"newest"']
+    assert (mark["type"], mark["n"]) == ("mark", 2)
+    assert mark["held_s"] < -0.05  # what waited is counted as older, not as held
+
+
+def test_an_echo_that_never_comes_ends_the_connection(
+    page: PageServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(hub, "ECHO_S", 0.2)
+
+    async def work(stream: Any) -> Any:
+        await stream.send_json(hello())
+        while not stream.closed:
+            await stream.receive()
+        return stream.close_code
+
+    assert live(page, work) == 4009
+
+
+def test_echoes_are_no_chatter(page: PageServer) -> None:
+    async def work(stream: Any) -> list[str]:
+        await stream.send_json(hello())
+        await stream.receive()
+        await echo(stream, await stream.receive())  # from now on it is a viewer
+        said = []
+        for k in range(60):
+            page.push({"snapshot": str(k)})
+            said.append((await take(stream)).data)
+        return said
+
+    assert live(page, work) == [str(k) for k in range(60)]
+
+
+def test_what_is_no_text_is_refused_without_a_traceback(
+    page: PageServer, manager: Manager, caplog: pytest.LogCaptureFixture
+) -> None:
+    request = (
+        f"POST /api/command/abort HTTP/1.1\r\nHost: 127.0.0.1:{page.door.port}\r\n"
+        "Connection: close\r\nContent-Length: 0\r\n"
+    ).encode()
+    for _ in range(30):
+        with socket.create_connection(("127.0.0.1", page.door.port), DEADLINE_S) as stream:
+            stream.sendall(request + b"Authorization: Bearer \xff\r\n\r\n")
+            said = b""
+            while data := stream.recv(65536):
+                said += data
+    assert said.startswith(b"HTTP/1.1 429")  # counted as guesses
+
+    async def deep(stream: Any) -> Any:
+        await stream.send_str("[" * 2000)
+        await stream.receive()
+        return stream.close_code
+
+    async def surrogate(stream: Any) -> Any:
+        await stream.send_str('{"type":"hello","token":"\\ud800"}')
+        return await stream.receive_json()
+
+    assert live(page, deep) == 4002
+    assert live(page, surrogate)["why"] == "wrong token"
+    assert not manager.asked
+    assert not [record for record in caplog.records if record.exc_info]
+
+
 def test_a_viewer_that_takes_nothing_holds_up_nobody(
     page: PageServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """One never reads; the other gets the newest while much is pushed, and the first is let go."""
     monkeypatch.setattr(hub, "SEND_S", 0.3)
+    monkeypatch.setattr(hub, "ECHO_S", 0.5)
     large = json.dumps({"type": "snapshot", "x": "y" * 500_000})
     stuck = socket.create_connection(("127.0.0.1", page.door.port), DEADLINE_S)
     stuck.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
@@ -339,14 +459,13 @@ def test_a_viewer_that_takes_nothing_holds_up_nobody(
     async def work(stream: Any) -> str:
         await stream.send_json(hello())
         await stream.receive()
-        for _ in range(3):  # fills what the kernel and the server hold for the stuck one
-            page.push({"site": large})
-            await stream.receive()
+        while page.viewers < 2:
+            await asyncio.sleep(0.01)
         while page.viewers > 1:
             page.push({"site": large})
-            await stream.receive()
+            await take(stream)
         page.push({"site": '"last"'})
-        while (newest := await stream.receive()).data == large:
+        while (newest := await take(stream)).data == large:
             pass
         return str(newest.data)
 
@@ -389,7 +508,8 @@ def test_a_page_that_ends_says_goodbye(manager: Manager) -> None:
         await stream.send_json(hello())
         await stream.receive()
         asyncio.get_running_loop().run_in_executor(None, page.close)
-        await stream.receive()
+        while not stream.closed:
+            await stream.receive()
         return stream.close_code
 
     assert live(page, work) == 1001

@@ -262,7 +262,7 @@ def test_an_objects_health(
 
 def test_slow_links_and_wrong_clocks_are_warned_of(run_mapping: dict[str, Any]) -> None:
     links = {"vut": LinkFact(0.06, 0.1), "ot1": LinkFact(0.0, 0.6), "walker": LinkFact()}
-    found = _health(_board(run_mapping, links=links))
+    found = _health(_board(run_mapping, links=links, links_at_ns=NOW_NS))
     assert "0.060 s off" in found["object vut"].message
     assert "takes 0.600 s" in found["object ot1"].message
     assert found["object walker"].level is Level.OK
@@ -270,6 +270,28 @@ def test_slow_links_and_wrong_clocks_are_warned_of(run_mapping: dict[str, Any]) 
 
 
 @pytest.mark.ros
+def test_links_of_a_manager_that_tells_nothing_any_more_are_not_known(
+    run_mapping: dict[str, Any],
+) -> None:
+    links = {"ot1": LinkFact(0.0, 0.6)}
+    old = NOW_NS - round(3.1 * NS_PER_S)
+    found = _health(_board(run_mapping, links=links, links_at_ns=old))["object ot1"]
+    assert found.level is Level.OK
+    assert ("link there and back, s", "unknown") in found.values
+
+
+def test_a_state_that_was_held_up_on_its_way_is_old(run_mapping: dict[str, Any]) -> None:
+    found = _health(_board(run_mapping, manager_stamp_ns=3 * NS_PER_S))
+    assert found["object ot1"].level is Level.STALE
+    assert ("state age, s", "2.000") in found["object ot1"].values
+
+
+def test_a_replay_is_said_to_be_one(run_mapping: dict[str, Any]) -> None:
+    found = _health(_board(run_mapping, replay=True))["replay"]
+    assert found.level is Level.WARN
+    assert "nothing of this is live" in found.message
+
+
 def test_marks_and_statuses_become_messages() -> None:
     from rclpy.serialization import deserialize_message, serialize_message
     from visualization_msgs.msg import MarkerArray

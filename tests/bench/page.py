@@ -54,6 +54,8 @@ async def watch(pid: int, port: int) -> tuple[float, int]:
         while not measuring.done():
             message = await stream.receive_json(timeout=10.0)
             count += message["type"] == "snapshot"
+            if message["type"] == "mark":
+                await stream.send_str(f'{{"echo":{message["n"]}}}')
         return await measuring, count
 
 

@@ -14,9 +14,14 @@ from ssp_monitor.page.guard import Bucket, Door, same_token
 from ssp_monitor.page.mailbox import Mailbox, Payload
 
 MOST_VIEWERS = 12
+# Sockets that haven't said who they are yet.
+MOST_STRANGERS = 8
 # A viewer says who it is within this time, and takes what it is sent within that one.
 HELLO_S = 5.0
 SEND_S = 5.0
+# What was sent must be confirmed within this time. Kernels and tunnels buffer far more than one
+# bundle: only a viewer's own word tells that what it sees is new.
+ECHO_S = 5.0
 MOST_BYTES = 2048
 # A viewer that is gone without a word is noticed after one and a half of this.
 PING_S = 5.0
@@ -25,6 +30,7 @@ _KEPT = ("site", "events")
 _TOO_MANY = 4008
 _REFUSED = 4001
 _MALFORMED = 4002
+_NO_ECHO = 4009
 
 
 class Hub:
@@ -38,12 +44,13 @@ class Hub:
         self._door = door
         self._newest: dict[str, Payload] = {}
         self._boxes: set[Mailbox] = set()
-        self._sockets: set[web.WebSocketResponse] = set()
+        self._viewers: set[web.WebSocketResponse] = set()
+        self._strangers: set[web.WebSocketResponse] = set()
         self._guesses = Bucket(10, 1)
 
     @property
     def viewers(self) -> int:
-        return len(self._sockets)
+        return len(self._viewers)
 
     def push(self, payloads: dict[str, Payload]) -> None:
         """New things, by kind."""
@@ -54,24 +61,27 @@ class Hub:
 
     async def close(self) -> None:
         """Says goodbye to everybody."""
-        for socket in list(self._sockets):
+        for socket in [*self._viewers, *self._strangers]:
             with suppress(Exception):
                 await asyncio.wait_for(socket.close(code=1001, message=b"the page ends"), 1.0)
 
     async def serve(self, request: web.Request) -> web.StreamResponse:
         """One viewer, from its hello to its end."""
-        if len(self._sockets) >= MOST_VIEWERS:
+        if len(self._strangers) >= MOST_STRANGERS:
+            return web.Response(status=503, text="too many say nothing; try again in a moment")
+        if len(self._viewers) >= MOST_VIEWERS:
             return web.Response(status=503, text=f"{MOST_VIEWERS} viewers are connected, no more")
         socket = web.WebSocketResponse(
             max_msg_size=MOST_BYTES, compress=False, heartbeat=PING_S, timeout=2.0
         )
-        self._sockets.add(socket)
+        self._strangers.add(socket)
         try:
             await socket.prepare(request)
             if await self._welcome(socket):
                 await self._feed(socket)
         finally:
-            self._sockets.discard(socket)
+            self._strangers.discard(socket)
+            self._viewers.discard(socket)
         return socket
 
     async def _welcome(self, socket: web.WebSocketResponse) -> bool:
@@ -82,6 +92,7 @@ class Hub:
         except TimeoutError:
             token = None
         if token is None:
+            self._guesses.take(time.monotonic_ns())
             await socket.close(code=_MALFORMED, message=b"the first message must be a hello")
             return False
         right = bool(token) and same_token(token, self._door.token)
@@ -94,6 +105,11 @@ class Hub:
             json.dumps({"type": "welcome", "may_command": right, "why": why}),
         )
         if right or self._door.open_to_read:
+            if len(self._viewers) >= MOST_VIEWERS:
+                await socket.close(code=_TOO_MANY, message=b"too many viewers are connected")
+                return False
+            self._strangers.discard(socket)
+            self._viewers.add(socket)
             return True
         await socket.close(code=_REFUSED, message=f"{why}: reading needs it here".encode())
         return False
@@ -103,8 +119,9 @@ class Hub:
         for kind, payload in self._newest.items():
             box.put(kind, payload)
         self._boxes.add(box)
-        feeding = asyncio.ensure_future(_feed_from(box, socket))
-        listening = asyncio.ensure_future(_listen(socket))
+        echoes = Echoes()
+        feeding = asyncio.ensure_future(_feed_from(box, socket, echoes))
+        listening = asyncio.ensure_future(_listen(socket, echoes))
         try:
             await asyncio.wait({feeding, listening}, return_when=asyncio.FIRST_COMPLETED)
         finally:
@@ -113,15 +130,69 @@ class Hub:
                 task.cancel()
             await asyncio.gather(feeding, listening, return_exceptions=True)
         if not socket.closed:
+            code, why = (_NO_ECHO, b"not confirmed in time") if echoes.late else (1000, b"")
             with suppress(Exception):
-                await asyncio.wait_for(socket.close(), 1.0)
+                await asyncio.wait_for(socket.close(code=code, message=why), 1.0)
 
 
-async def _feed_from(box: Mailbox, socket: web.WebSocketResponse) -> None:
+class Echoes:
+    """What a viewer has confirmed: never more than one bundle is on its way to it."""
+
+    def __init__(self) -> None:
+        self._sent = 0
+        self._heard = asyncio.Event()
+        self._heard_ns = 0
+        self.late = False
+
+    def mark(self, filled_ns: int) -> str:
+        """Ends a bundle: its number, and how long it was not on its way.
+
+        The viewer knows when it confirmed the one before. From then until this one has come, all
+        time was spent on the way but what it waited here; what it shows can't be older than that
+        and what its own content had waited before it was sent.
+
+        Args:
+            filled_ns: when the newest of the bundle was made, steady clock.
+        """
+        now_ns = time.monotonic_ns()
+        self._sent += 1
+        self._heard.clear()
+        held_s = (now_ns - self._heard_ns) / 1e9 if self._heard_ns else 0.0
+        waited_s = (now_ns - filled_ns) / 1e9 if filled_ns else 0.0
+        return json.dumps(
+            {"type": "mark", "n": self._sent, "held_s": round(held_s - waited_s, 3)},
+            separators=(",", ":"),
+        )
+
+    def hear(self, text: object) -> bool:
+        """Whether this is the echo that is waited for; each counts once."""
+        if text != f'{{"echo":{self._sent}}}' or self._heard.is_set():
+            return False
+        self._heard_ns = time.monotonic_ns()
+        self._heard.set()
+        return True
+
+    async def wait(self) -> None:
+        """Until the last bundle is confirmed. Raises TimeoutError when it takes too long."""
+        try:
+            await asyncio.wait_for(self._heard.wait(), ECHO_S)
+        except TimeoutError:
+            self.late = True
+            raise
+
+
+async def _feed_from(box: Mailbox, socket: web.WebSocketResponse, echoes: Echoes) -> None:
     with suppress(ConnectionError, asyncio.TimeoutError):
+        # An empty bundle first: how long the way is must be known before anything is shown.
+        await _send(socket, echoes.mark(0))
+        await echoes.wait()
         while not socket.closed:
-            for payload in (await box.take()).values():
+            bundle = (await box.take()).values()
+            # Marked before it is sent: the time that sending takes is time on the way.
+            mark = echoes.mark(box.filled_ns)
+            for payload in (*bundle, mark):
                 await _send(socket, payload)
+            await echoes.wait()
 
 
 async def _send(socket: web.WebSocketResponse, payload: Payload) -> None:
@@ -129,10 +200,12 @@ async def _send(socket: web.WebSocketResponse, payload: Payload) -> None:
     await asyncio.wait_for(sending, SEND_S)
 
 
-async def _listen(socket: web.WebSocketResponse) -> None:
-    """A viewer has nothing more to say; one that talks all the same is sent away."""
+async def _listen(socket: web.WebSocketResponse, echoes: Echoes) -> None:
+    """A viewer has nothing to say but echoes; one that talks all the same is sent away."""
     chatter = Bucket(20, 2)
-    async for _ in socket:
+    async for message in socket:
+        if echoes.hear(message.data):
+            continue
         if not chatter.take(time.monotonic_ns()):
             await socket.close(code=_TOO_MANY, message=b"too many messages")
             return
@@ -142,7 +215,7 @@ def _token_of(text: str) -> str | None:
     """The token of a hello, empty without one; None for what is no hello."""
     try:
         said: Any = json.loads(text)
-    except ValueError:
+    except (ValueError, RecursionError):
         return None
     if not isinstance(said, dict) or said.get("type") != "hello":
         return None

@@ -4,6 +4,7 @@ queues."""
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Mapping
 
 Payload = str | bytes
@@ -16,12 +17,14 @@ class Mailbox:
         self._slots: dict[str, Payload] = {}
         self._filled = asyncio.Event()
         self.dropped = 0
+        self.filled_ns = 0
 
     def put(self, kind: str, payload: Payload) -> None:
         """The newest of its kind; an older one that wasn't fetched is dropped."""
         if kind in self._slots:
             self.dropped += 1
         self._slots[kind] = payload
+        self.filled_ns = time.monotonic_ns()
         self._filled.set()
 
     async def take(self) -> Mapping[str, Payload]:

@@ -11,14 +11,14 @@ from ssp_core.interaction import Encounter, encounter
 from ssp_core.run_spec import Limits
 from ssp_core.state import ObjectState
 from ssp_core.vocab import ControlState, Phase, Role, SessionPhase
+from ssp_monitor.watch.ages import age_s, links_of, object_age_s
 from ssp_monitor.watch.board import Board
 from ssp_monitor.watch.facts import Event, Heard, LinkFact, RecorderFact
-from ssp_monitor.watch.readiness import age_s, standing_in_the_way
+from ssp_monitor.watch.readiness import standing_in_the_way
 
 # Older than this, nothing of a source is shown as if it were now.
 STALE_S = 1.0
 RECORDER_STALE_S = 2.5
-CAMERA_STALE_S = 1.5
 # Without a run file: limits as a site without its own has them.
 DEFAULT_STATE_AGE_S = 0.3
 # Which commands a session takes in which state; the manager has the last word.
@@ -72,6 +72,8 @@ class Snapshots:
             "standing": standing_in_the_way(board, now_ns),
             "objects": self._objects(now_ns),
             "recorder": _recorder(board.recorder),
+            "replay": board.replay,
+            "camera_fault": board.camera_fault,
             "events_seen": board.events_seen,
         }
 
@@ -89,12 +91,14 @@ class Snapshots:
                 silent.append(f"{object_id} was never heard")
             elif (age := age_s(now_ns, heard.at_ns)) > STALE_S:
                 silent.append(f"{object_id} is silent for {age:.1f} s")
+            elif (age := object_age_s(board, heard, now_ns)) > STALE_S:
+                silent.append(f"what {object_id} says is {age:.1f} s old")
         return silent
 
     def _is_blind(self, now_ns: int) -> bool:
         """Of nothing that moves is anything known."""
-        heard = self._board.objects.values()
-        return all(age_s(now_ns, one.at_ns) > STALE_S for one in heard)
+        board = self._board
+        return all(object_age_s(board, one, now_ns) > STALE_S for one in board.objects.values())
 
     def events(self) -> dict[str, Any]:
         """All remembered events, newest first."""
@@ -129,7 +133,7 @@ class Snapshots:
             "reasons": list(fact.reasons) if fact else [],
             "phase": board.phase.name if board.phase is not Phase.UNKNOWN else "",
             "elapsed_s": None if elapsed_s is None else number(elapsed_s, 2),
-            "commands": list(COMMANDS[state]),
+            "commands": [] if board.replay else list(COMMANDS[state]),
         }
 
     def _ages(self, now_ns: int) -> dict[str, float | None]:
@@ -147,12 +151,12 @@ class Snapshots:
         board = self._board
         everyone = sorted(board.objects.values(), key=lambda heard: _order(heard.state))
         vut = next((h for h in everyone if h.state.role is Role.VUT), None)
-        fresh_vut = vut.state if vut and age_s(now_ns, vut.at_ns) <= STALE_S else None
+        fresh_vut = vut.state if vut and object_age_s(board, vut, now_ns) <= STALE_S else None
         return [self._object(heard, fresh_vut, now_ns) for heard in everyone]
 
     def _object(self, heard: Heard, vut: ObjectState | None, now_ns: int) -> dict[str, Any]:
         state = heard.state
-        silent_s = age_s(now_ns, heard.at_ns)
+        old_s = object_age_s(self._board, heard, now_ns)
         limit_s = self._limits.state_age_s if self._limits else DEFAULT_STATE_AGE_S
         found: dict[str, Any] = {
             "id": state.object_id,
@@ -166,9 +170,9 @@ class Snapshots:
             "rear": number(state.size.rear_m, 2),
             "width": number(state.size.width_m, 2),
             "speed": number(state.speed_mps, 2),
-            "age": number(silent_s, 2),
-            "late": silent_s > limit_s,
-            "stale": silent_s > STALE_S,
+            "age": number(old_s, 2),
+            "late": old_s > limit_s,
+            "stale": old_s > STALE_S,
             "finite": state.is_finite,
         }
         if state.reference_id:
@@ -177,7 +181,7 @@ class Snapshots:
                 number(state.error_lateral_m, 2),
             ]
             found["error_over"] = self._is_off(state)
-        link = self._board.links.get(state.object_id)
+        link = links_of(self._board, now_ns).get(state.object_id)
         if link is not None:
             found["link"] = _link(link, self._limits)
         if vut is None or state.object_id == vut.object_id:

@@ -25,6 +25,7 @@ from ssp_monitor.page.guard import is_loopback, make_token
 from ssp_monitor.page.mailbox import Payload
 from ssp_monitor.page.model import Snapshots
 from ssp_monitor.page.params import read_params
+from ssp_monitor.page.picture import Pictures
 from ssp_monitor.page.server import PageServer
 from ssp_monitor.page.site import site_message
 from ssp_monitor.watch import conversions
@@ -94,9 +95,7 @@ class MonitorPage(Node):
         self._snapshots = Snapshots(self._board)
         self._events_pushed = -1
         self._watch = SessionWatch(self, self._board)
-        self._picture: bytes | None = None
-        self._camera_period_ns = int(NS_PER_S / params.camera_rate_hz)
-        self._next_picture_ns = 0
+        self._pictures = Pictures(self._board, int(NS_PER_S / params.camera_rate_hz))
         self._acks: set[str] = set()
         self._subscribe()
         token = params.token or make_token()
@@ -153,8 +152,7 @@ class MonitorPage(Node):
     # -- what is heard ---------------------------------------------------------------------------
 
     def _on_picture(self, data: bytes) -> None:
-        self._picture = data
-        self._board.camera_at_ns = time.monotonic_ns()
+        self._pictures.put(data, time.monotonic_ns())
 
     def _on_event(self, convert: Callable[[Any], Event], message: Any) -> None:
         self._board.tell(convert(message))
@@ -171,6 +169,8 @@ class MonitorPage(Node):
         now_ns = time.monotonic_ns()
         if not self.server.viewers:
             return
+        if fault := self._pictures.settle():
+            self._watch.tell_once(f"{names.CAMERA_IMAGE}: {fault}")
         payloads: dict[str, Payload] = {}
         snapshot = {"type": "snapshot", **self._snapshots.snapshot(now_ns)}
         payloads["snapshot"] = json.dumps(snapshot, separators=(",", ":"), allow_nan=False)
@@ -178,13 +178,8 @@ class MonitorPage(Node):
             self._events_pushed = self._board.events_seen
             events = {"type": "events", **self._snapshots.events()}
             payloads["events"] = json.dumps(events, separators=(",", ":"), allow_nan=False)
-        if self._picture is not None and now_ns >= self._next_picture_ns:
-            self._next_picture_ns = now_ns + self._camera_period_ns
-            data, self._picture = self._picture, None
-            try:
-                payloads["picture"] = bytes(conversions.jpeg_of(data))
-            except ValueError as error:
-                self._watch.tell_once(f"{names.CAMERA_IMAGE}: {error}")
+        if (picture := self._pictures.take(now_ns)) is not None:
+            payloads["picture"] = picture
         self.server.push(payloads)
 
     def close(self) -> None:

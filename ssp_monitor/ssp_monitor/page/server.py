@@ -24,6 +24,10 @@ from ssp_monitor.page.mailbox import Payload
 from ssp_monitor.watch.facts import Answer
 
 ANSWER_S = 3.0
+# Shorter than the page's own patience, so that it learns who it was that said nothing.
+ABORT_ANSWER_S = 1.0
+# Room for a picture: what the kernel holds is old when it comes.
+SEND_BUFFER_BYTES = 65536
 MOST_BODY_BYTES = 1024
 START_S = 10.0
 _Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
@@ -161,11 +165,12 @@ class PageServer:
         if not self._buckets.get(name, self._buckets[""]).take(now_ns):
             return _answer(429, Answer(False, "too many commands at once; wait a second"))
         await request.read()  # bounded by client_max_size; what it says doesn't matter
+        limit_s = ABORT_ANSWER_S if name == "abort" else ANSWER_S
         asked = self._commands.ask(name, f"operator page at {request.remote}")
         try:
-            answer = await asyncio.wait_for(asyncio.wrap_future(asked), ANSWER_S)
+            answer = await asyncio.wait_for(asyncio.wrap_future(asked), limit_s)
         except TimeoutError:
-            text = f"the scenario manager gave no answer within {ANSWER_S:g} s"
+            text = f"the scenario manager gave no answer within {limit_s:g} s"
             return _answer(504, Answer(False, text, answered=False))
         return _answer(200 if answer.answered else 504, answer)
 
@@ -210,6 +215,7 @@ def _listen_on(host: str, port: int) -> sockets.socket:
     listener = sockets.socket(family, sockets.SOCK_STREAM)
     try:
         listener.setsockopt(sockets.SOL_SOCKET, sockets.SO_REUSEADDR, 1)
+        listener.setsockopt(sockets.SOL_SOCKET, sockets.SO_SNDBUF, SEND_BUFFER_BYTES)
         listener.bind(address)
         listener.listen(64)
     except OSError as error:

@@ -8,9 +8,10 @@ from enum import IntEnum
 
 from ssp_core.run_spec import Limits, RunSpec
 from ssp_core.vocab import ControlState, Role, SessionPhase, Verdict
+from ssp_monitor.watch.ages import age_s, links_of, object_age_s
 from ssp_monitor.watch.board import Board
 from ssp_monitor.watch.facts import Heard, LinkFact
-from ssp_monitor.watch.readiness import age_s, standing_in_the_way
+from ssp_monitor.watch.readiness import standing_in_the_way
 
 SILENT_S = 1.0
 RECORDER_SILENT_S = 2.5
@@ -46,6 +47,9 @@ class Status:
     values: tuple[tuple[str, str], ...] = ()
 
 
+_REPLAY = Status("ssp: replay", "replay", Level.WARN, "a bag is replayed: nothing of this is live")
+
+
 @dataclass(slots=True)
 class ClockWatch:
     """Whether session time goes on: the newest stamp, and when it last changed."""
@@ -73,6 +77,7 @@ def health(board: Board, clock: ClockWatch, now_ns: int) -> tuple[Status, ...]:
         _session(board, now_ns),
         _clock(board, clock, now_ns),
         *(_object(board, object_id, now_ns) for object_id in objects),
+        *([_REPLAY] if board.replay else []),
     )
 
 
@@ -169,12 +174,13 @@ def _object(board: Board, object_id: str, now_ns: int) -> Status:
     if heard is None:
         return Status(name, object_id, Level.STALE, "was never heard")
     limits = board.run.limits if board.run is not None else None
-    link = board.links.get(object_id, LinkFact())
-    level, message = _judged(heard, link, limits, age_s(now_ns, heard.at_ns))
+    link = links_of(board, now_ns).get(object_id, LinkFact())
+    old_s = object_age_s(board, heard, now_ns)
+    level, message = _judged(heard, link, limits, old_s)
     state = heard.state
     values = (
         ("control state", "" if state.role is Role.TRAFFIC else state.control_state.name),
-        ("state age, s", _number(age_s(now_ns, heard.at_ns))),
+        ("state age, s", _number(old_s)),
         ("speed, m/s", _number(state.speed_mps, 2)),
         ("tracking error ahead, m", _number(state.error_longitudinal_m)),
         ("tracking error left, m", _number(state.error_lateral_m)),
@@ -187,18 +193,16 @@ def _object(board: Board, object_id: str, now_ns: int) -> Status:
     return Status(name, object_id, level, message, values)
 
 
-def _judged(
-    heard: Heard, link: LinkFact, limits: Limits | None, silent_s: float
-) -> tuple[Level, str]:
+def _judged(heard: Heard, link: LinkFact, limits: Limits | None, old_s: float) -> tuple[Level, str]:
     """The worst that is known of an object, first what makes everything else meaningless."""
     state = heard.state
-    if silent_s > SILENT_S:
-        return Level.STALE, f"silent for {silent_s:.1f} s"
+    if old_s > SILENT_S:
+        return Level.STALE, f"silent for {old_s:.1f} s"
     if not state.is_finite:
         return Level.ERROR, "its state is no number"
     age_limit_s = limits.state_age_s if limits is not None else DEFAULT_STATE_AGE_S
-    if silent_s > age_limit_s:
-        return Level.ERROR, f"its state is {silent_s:.2f} s old, over {age_limit_s:g} s"
+    if old_s > age_limit_s:
+        return Level.ERROR, f"its state is {old_s:.2f} s old, over {age_limit_s:g} s"
     if state.control_state is ControlState.ABORTING:
         return Level.ERROR, "is aborting"
     well = state.control_state.name if state.role is Role.OT else "heard"

@@ -14,6 +14,8 @@ from ssp_monitor.watch.facts import Event, Heard, LinkFact, RecorderFact, Sessio
 MOST_EVENTS = 120
 # More objects than any session has; a stray publisher must not fill the memory.
 MOST_OBJECTS = 500
+# A stamp that is this much older is no straggler: the session, or a replay, has begun again.
+_BEGUN_AGAIN_NS = 1_000_000_000
 _OVER = (SessionPhase.FINISHED, SessionPhase.ABORTED)
 
 
@@ -39,17 +41,27 @@ class Board:
     recorder: RecorderFact | None = None
     recorder_at_ns: int | None = None
     camera_at_ns: int | None = None
+    camera_fault: str = ""
+    replay: bool = False
     events: deque[tuple[int, Event]] = field(default_factory=lambda: deque(maxlen=MOST_EVENTS))
     events_seen: int = 0
 
     def hear_states(self, states: Iterable[ObjectState], at_ns: int) -> None:
-        """Newest states; an object's older one stays when it is the newer by its stamp."""
+        """Newest states; one that was overtaken on its way is dropped.
+
+        Args:
+            states: as they came.
+            at_ns: when, steady clock.
+        """
         for state in states:
             known = self.objects.get(state.object_id)
             if known is None and len(self.objects) >= MOST_OBJECTS:
                 continue
-            if known is None or at_ns >= known.at_ns:
-                self.objects[state.object_id] = Heard(state, at_ns)
+            if known is not None:
+                back_ns = known.state.stamp_ns - state.stamp_ns
+                if at_ns < known.at_ns or 0 < back_ns <= _BEGUN_AGAIN_NS:
+                    continue
+            self.objects[state.object_id] = Heard(state, at_ns)
 
     def hear_session(self, fact: SessionFact, at_ns: int) -> None:
         """A transition; it also becomes an event, and begins or ends the run's own time."""

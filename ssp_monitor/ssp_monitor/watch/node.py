@@ -25,6 +25,8 @@ from ssp_msgs.msg import (
 
 # Objects that no run file names are looked for this often, s.
 LOOK_PERIOD_S = 1.0
+# ``ssp replay`` is this node.
+_REPLAY_NODE = ("replay", names.NAMESPACE)
 _STATE_TYPE = "ssp_msgs/msg/ObjectState"
 
 
@@ -53,7 +55,8 @@ class SessionWatch:
         sub(LinkStatus, names.LINK_STATUS, self._on_links, ros.STATE)
 
     def look_around(self) -> None:
-        """Follows every object on the graph that has a topic of its own."""
+        """Follows objects that have topics of their own, and sees whether a bag is replayed."""
+        self._board.replay = _REPLAY_NODE in self._node.get_node_names_and_namespaces()
         for topic, kinds in self._node.get_topic_names_and_types():
             if topic.startswith(f"{names.NAMESPACE}/") and _STATE_TYPE in kinds:
                 self.follow(topic)

@@ -13,6 +13,7 @@ from ssp_core.fence import box_excess_m
 from ssp_core.run_spec import ParticipantSpec, RunSpec
 from ssp_core.state import ObjectState
 from ssp_core.vocab import ControlState, SessionPhase
+from ssp_monitor.watch.ages import age_s, links_of, object_age_s
 from ssp_monitor.watch.board import Board
 from ssp_monitor.watch.facts import LinkFact
 
@@ -27,11 +28,6 @@ _BEFORE_START = (
     SessionPhase.CONNECTED,
     SessionPhase.ARMED,
 )
-
-
-def age_s(now_ns: int, at_ns: int | None) -> float:
-    """How long ago something was heard; inf: never."""
-    return math.inf if at_ns is None else max(0, now_ns - at_ns) / 1e9
 
 
 def standing_in_the_way(board: Board, now_ns: int) -> list[str]:
@@ -79,12 +75,12 @@ def _participant(
     heard = board.objects.get(who.id)
     if heard is None:
         return [f"no state of {who.id} arrives"]
-    silent_s = age_s(now_ns, heard.at_ns)
+    silent_s = object_age_s(board, heard, now_ns)
     if silent_s > FRESH_S:
         return [f"no state of {who.id} for {silent_s:.1f} s, limit {FRESH_S:g} s"]
     problems = []
     if who is not run.vut:
-        problems += _link(who.id, board.links.get(who.id, LinkFact()), run)
+        problems += _link(who.id, links_of(board, now_ns).get(who.id, LinkFact()), run)
         wanted = (
             (ControlState.ARMED,)
             if session is SessionPhase.ARMED

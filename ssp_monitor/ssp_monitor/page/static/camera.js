@@ -10,6 +10,7 @@ export class Camera {
     this.context = this.canvas.getContext("2d");
     this.busy = false;
     this.expected = true;
+    this.drawn = null;
   }
 
   // A run without a camera needs no place for one.
@@ -31,6 +32,7 @@ export class Camera {
       this.context.drawImage(picture, 0, 0);
       picture.close();
       this.broken = false;
+      this.drawn = performance.now();
     } catch {
       this.broken = true;
     } finally {
@@ -38,16 +40,24 @@ export class Camera {
     }
   }
 
+  // How old the picture on the screen is, in s: as the server heard it, or as it was drawn here.
+  age(snapshot) {
+    if (snapshot === null || this.drawn === null || snapshot.ages.camera === null) return null;
+    return Math.max(snapshot.ages.camera, (performance.now() - this.drawn) / 1000);
+  }
+
   show(snapshot, stale) {
-    const age = snapshot === null ? null : snapshot.ages.camera;
+    const age = this.age(snapshot);
+    const fault = snapshot?.camera_fault ?? "";
     const old = stale.blind || age === null || age > OLD_S;
-    if (age !== null && !this.expected) this.expect(true);
+    if ((age !== null || fault) && !this.expected) this.expect(true);
     const known = age !== null && !stale.blind;
     setText(byId("camera-age"), known ? `${(age * 1000).toFixed(0)} ms old` : "");
     const note = byId("camera-note");
-    note.hidden = !(old || this.broken);
+    note.hidden = !(old || this.broken || fault);
     let text = "the picture can't be decoded";
-    if (age === null) text = "no picture has come";
+    if (fault) text = `camera: ${fault}`;
+    else if (age === null) text = "no picture has come";
     else if (stale.blind) text = "picture of before";
     else if (old) text = `no picture for ${age.toFixed(1)} s`;
     setText(note, text);

@@ -4,6 +4,9 @@ const LIMIT_MS = 3500;
 const ABORT_LIMIT_MS = 1500;
 const ABORT_AGAIN_MS = 300;
 const ABORT_GIVE_UP_MS = 60000;
+// A browser has few connections to one server; none is taken from the presses to come.
+const MOST_OPEN = 4;
+let open = 0;
 
 async function ask(name, token, limitMs) {
   const response = await fetch(`/api/command/${name}`, {
@@ -14,7 +17,9 @@ async function ask(name, token, limitMs) {
   });
   const answer = await response.json();
   // Only what may pass by itself is worth another try: a wrong token stays wrong.
-  return { ...answer, again: response.status === 429 || response.status >= 500 };
+  const again = response.status === 429 || response.status >= 500;
+  const refused = ["no token", "wrong token"].find((why) => answer.text.startsWith(why)) ?? "";
+  return { ...answer, again, refused };
 }
 
 export async function command(name, token) {
@@ -23,9 +28,25 @@ export async function command(name, token) {
     const answer = await ask(name, token, LIMIT_MS);
     return { ...answer, tookMs: performance.now() - began };
   } catch (error) {
-    const text = error.name === "TimeoutError" ? "the page's server gave no answer"
-      : "the page's server can't be reached";
-    return { accepted: false, answered: false, text, missing: [] };
+    return { accepted: false, answered: false, text: cause(error), missing: [] };
+  }
+}
+
+function cause(error) {
+  return error.name === "TimeoutError" ? "the page's server gave no answer"
+    : "the page's server can't be reached";
+}
+
+// One try for an abort; text alone when nobody could be asked.
+async function tryAbort(token) {
+  if (open >= MOST_OPEN) return { again: true, text: `${open} requests are still on their way` };
+  open += 1;
+  try {
+    return await ask("abort", token, ABORT_LIMIT_MS);
+  } catch (error) {
+    return { again: true, text: cause(error) };
+  } finally {
+    open -= 1;
   }
 }
 
@@ -35,16 +56,12 @@ export async function abort(token, tell) {
   const began = performance.now();
   for (let tries = 1; ; tries += 1) {
     const once = performance.now();
-    try {
-      const answer = await ask("abort", token, ABORT_LIMIT_MS);
-      if (!answer.again) {
-        tell({ ...answer, tookMs: performance.now() - began }, tries);
-        return;
-      }
-      tell(null, tries, answer.text);
-    } catch {
-      tell(null, tries, "the page's server can't be reached");
+    const answer = await tryAbort(token);
+    if (!answer.again) {
+      tell({ ...answer, tookMs: performance.now() - began }, tries);
+      return;
     }
+    tell(null, tries, answer.text);
     if (performance.now() - began > ABORT_GIVE_UP_MS) {
       const text = "nobody answered for a minute: use the emergency stop";
       tell({ accepted: false, answered: false, text, missing: [] }, tries);

@@ -14,6 +14,7 @@ export class Link {
     this.wait = FIRST_WAIT_MS;
     this.lastWord = -Infinity;
     this.socket = null;
+    this.lag = Infinity;
     this.connect();
     setInterval(() => this.watch(), 500);
     // A tablet that comes out of its pocket, or back into range, doesn't wait for the backoff.
@@ -30,6 +31,8 @@ export class Link {
     clearTimeout(this.timer);
     const socket = new WebSocket(`ws://${location.host}/api/live`);
     this.socket = socket;
+    this.echoed = null;
+    this.waiting = null;
     this.began = performance.now();
     socket.binaryType = "blob";
     socket.onopen = () => socket.send(JSON.stringify({ type: "hello", token: this.token }));
@@ -44,13 +47,34 @@ export class Link {
       return;
     }
     const message = JSON.parse(data);
+    // A snapshot is shown once its bundle's mark tells how long it was on its way.
     if (message.type === "snapshot") {
-      this.lastWord = performance.now();
-      this.wait = FIRST_WAIT_MS;
-    } else if (message.type === "welcome") {
-      this.handlers.up();
+      this.waiting = message;
+      return;
     }
+    if (message.type === "mark") {
+      this.mark(message, socket);
+      return;
+    }
+    if (message.type === "welcome") this.handlers.up();
     this.handlers.message(message);
+  }
+
+  // The end of a bundle. The next one is sent only when this one is confirmed, so that the time since
+  // the last confirmation, less what the server held it, bounds the age of what has come.
+  mark(message, socket) {
+    const now = performance.now();
+    if (this.echoed !== null) {
+      this.lag = Math.max((now - this.echoed) / 1000 - message.held_s, 0);
+    }
+    this.echoed = now;
+    socket.send(JSON.stringify({ echo: message.n }));
+    const snapshot = this.waiting;
+    if (snapshot === null) return;
+    this.waiting = null;
+    this.lastWord = now;
+    this.wait = FIRST_WAIT_MS;
+    this.handlers.message({ ...snapshot, lag: this.lag });
   }
 
   lost(socket, reason) {

@@ -4,7 +4,7 @@ import { Answers } from "./answers.js";
 import { Camera } from "./camera.js";
 import { abort, command } from "./commands.js";
 import { EventList } from "./events.js";
-import { byId, setClass, setText } from "./format.js";
+import { byId, make, setClass, setText } from "./format.js";
 import { Link } from "./link.js";
 import { SiteMap } from "./map.js";
 import { ObjectTable } from "./objects.js";
@@ -15,6 +15,69 @@ import { readToken } from "./token.js";
 
 const token = readToken();
 const answers = new Answers(byId("answers"));
+
+// -- abort: before everything else, so that it works whatever else doesn't ------------------------
+
+function pressAbort() {
+  const button = byId("abort");
+  const line = answers.begin("abort");
+  button.classList.add("pressed");
+  setTimeout(() => button.classList.remove("pressed"), 200);
+  abort(token, (answer, tries, why) => {
+    if (answer === null) line.again(tries, why);
+    else finish(line, answer);
+  });
+}
+
+const button = byId("abort");
+// The press counts, not the release: a finger that slips off has pressed all the same.
+button.addEventListener("pointerdown", (event) => {
+  event.preventDefault();
+  pressAbort();
+});
+button.addEventListener("click", (event) => {
+  // Of the pointer's click nothing is left to do; the keyboard's, and assistive technology's, has
+  // no press before it.
+  if (event.detail === 0) pressAbort();
+});
+
+// Keyboards on a screen, and some layouts, give no code.
+function isSpace(event) {
+  return event.code === "Space" || event.key === " ";
+}
+
+addEventListener("keydown", (event) => {
+  if (!isSpace(event)) return;
+  event.preventDefault();
+  event.stopPropagation();
+  if (!event.repeat) pressAbort();
+}, { capture: true });
+// Without this a focused button would be pressed as well, when the bar is let go.
+addEventListener("keyup", (event) => {
+  if (isSpace(event)) event.preventDefault();
+}, { capture: true });
+
+function finish(line, answer) {
+  line.end(answer);
+  if (answer.refused) deny(answer.refused);
+}
+
+// This tab's token isn't the page's: of another start of it, most likely.
+function deny(why) {
+  const note = byId("no-token");
+  const wrong = why === "wrong token";
+  note.hidden = false;
+  note.className = wrong ? "banner dead" : "banner warn";
+  const text = `Watching only: ${why}. ABORT and all other commands are refused here. ` +
+    "Open the page by the address that it printed, with #token= in it.";
+  if (note.dataset.why === why) return;
+  note.dataset.why = why;
+  note.replaceChildren(...(wrong ? [make("strong", "COMMANDS DON'T WORK IN THIS TAB")] : []),
+    make("span", text));
+}
+
+// -- the panels ------------------------------------------------------------------------------------
+
 const session = new SessionPanel(run);
 const objects = new ObjectTable(byId("objects"), byId("objects-count"));
 const events = new EventList(byId("events"));
@@ -53,10 +116,11 @@ const link = new Link(token, {
 
 function welcome(message) {
   allowed = message.may_command;
-  const note = byId("no-token");
-  note.hidden = allowed;
-  setText(note, `Watching only: ${message.why}. ABORT and all other commands are refused here. ` +
-    "Open the page by the address that it printed, with #token= in it.");
+  if (allowed) {
+    byId("no-token").hidden = true;
+  } else {
+    deny(message.why);
+  }
 }
 
 // -- showing -----------------------------------------------------------------------------------
@@ -64,6 +128,7 @@ function welcome(message) {
 function show() {
   const state = staleness(snapshot, link.silentMs, refusal);
   banner(state);
+  byId("replay").hidden = !snapshot?.replay;
   setClass(document.body, "stale", state.head !== "");
   setClass(document.body, "blind", state.blind);
   session.show(snapshot, state, allowed);
@@ -83,7 +148,8 @@ function banner(state) {
 
 function title(state) {
   const name = snapshot ? snapshot.session.state : "no data";
-  const text = state.head ? `${state.head} – SSP` : `${name} – SSP`;
+  const what = state.head || name;
+  const text = snapshot?.replay ? `REPLAY ${what} – SSP` : `${what} – SSP`;
   if (text !== drawn) {
     drawn = text;
     document.title = text;
@@ -98,40 +164,8 @@ setInterval(show, 200);
 async function run(name, button) {
   const line = answers.begin(name);
   button.classList.add("waiting");
-  line.end(await command(name, token));
+  finish(line, await command(name, token));
   button.classList.remove("waiting");
 }
 
-function pressAbort() {
-  const button = byId("abort");
-  const line = answers.begin("abort");
-  button.classList.add("pressed");
-  setTimeout(() => button.classList.remove("pressed"), 200);
-  abort(token, (answer, tries, why) => {
-    if (answer === null) line.again(tries, why);
-    else line.end(answer);
-  });
-}
-
-const button = byId("abort");
-// The press counts, not the release: a finger that slips off has pressed all the same.
-button.addEventListener("pointerdown", (event) => {
-  event.preventDefault();
-  pressAbort();
-});
-button.addEventListener("click", (event) => {
-  // Of the pointer's click nothing is left to do; the keyboard's, and assistive technology's, has
-  // no press before it.
-  if (event.detail === 0) pressAbort();
-});
-
-addEventListener("keydown", (event) => {
-  if (event.code !== "Space") return;
-  event.preventDefault();
-  event.stopPropagation();
-  if (!event.repeat) pressAbort();
-}, { capture: true });
-// Without this a focused button would be pressed as well, when the bar is let go.
-addEventListener("keyup", (event) => {
-  if (event.code === "Space") event.preventDefault();
-}, { capture: true });
+byId("not-started").remove();

@@ -2,6 +2,8 @@
 
 // Snapshots come ten times a second.
 const SILENCE_MS = 1500;
+// What was on its way for longer is no news.
+const LAG_S = 1;
 
 // Returns {head, text, blind, leaderless}: what the banner says, empty when all is fresh; blind when
 // of nothing that moves is anything known; leaderless when the session's state isn't known either.
@@ -17,6 +19,15 @@ export function staleness(snapshot, silentMs, refusal) {
     };
   }
   if (snapshot === null) return { head: "NO DATA", text: "connecting", blind: true, leaderless: true };
+  if (snapshot.lag > LAG_S) {
+    return {
+      head: "SLOW CONNECTION",
+      text: `what comes from the page's server is up to ${snapshot.lag.toFixed(1)} s old. ` +
+        "Objects are elsewhere by now.",
+      blind: true,
+      leaderless: true,
+    };
+  }
   if (snapshot.stale.length === 0) return { head: "", text: "", blind: false, leaderless: false };
   const [first, second, ...more] = snapshot.stale;
   const text = [first, second].filter(Boolean).join("; ");

@@ -6,8 +6,17 @@ export function readToken() {
   const found = new URLSearchParams(location.hash.slice(1)).get("token");
   if (found) {
     // Kept for reloads of this tab alone, and taken out of the address, where others may read it.
-    sessionStorage.setItem(KEY, found);
+    try {
+      sessionStorage.setItem(KEY, found);
+    } catch {
+      // Where storage is blocked the token lives as long as the page does, in its caller's hands.
+    }
     history.replaceState(null, "", location.pathname);
+    return found;
   }
-  return sessionStorage.getItem(KEY) ?? "";
+  try {
+    return sessionStorage.getItem(KEY) ?? "";
+  } catch {
+    return "";
+  }
 }
