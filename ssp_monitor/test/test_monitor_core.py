@@ -127,9 +127,9 @@ def test_a_message_without_a_stamp_takes_the_newest_one(
     assert simulated.of(clock_cdr(50), stamped=True) == 50
     assert simulated.of(clock_cdr(30), stamped=True) == 30
     assert simulated.of(clock_cdr(99), stamped=False) == 50
-    # A stamp before 0, seconds -1: a bag has no such time.
+    # A stamp before 0 is none: a bag has no such time.
     before = b"\x00\x01\x00\x00" + struct.pack("<iI", -1, 0)
-    assert simulated.of(before, stamped=True) == 0
+    assert simulated.of(before, stamped=True) == 50
 
 
 def test_the_recorder_writes_what_it_was_given(

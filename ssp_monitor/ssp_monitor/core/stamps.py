@@ -46,4 +46,4 @@ class SimulatedTime:
         if stamp_ns is None:
             return self.newest_ns
         self.newest_ns = max(self.newest_ns, stamp_ns)
-        return max(stamp_ns, 0)  # a bag has no times before 0
+        return stamp_ns
