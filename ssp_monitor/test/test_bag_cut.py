@@ -278,3 +278,14 @@ def test_the_type_of_video_is_kept(session: Path, tmp_path: Path) -> None:
     with BagReader(tmp_path / "cut") as bag:
         assert bag.topics[IMAGE].type_hash == definition(VIDEO_TYPE).type_hash
         assert bag.count == 1
+
+
+def test_folders_above_are_made_unless_a_file_is_in_the_way(
+    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    status, _, errors = run(capsys, session, "-o", tmp_path / "new" / "deep" / "cut")
+    assert status == 0, errors
+    (tmp_path / "file").write_text("mine")
+    status, _, errors = run(capsys, session, "-o", tmp_path / "file" / "cut")
+    assert status == 1
+    assert f"{tmp_path / 'file'} is no folder" in errors
