@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import pty
+import signal
 import subprocess
 import sys
 import time
@@ -428,6 +429,40 @@ def test_keys_on_a_terminal_pause_and_end_it(bag: Path, stage: Stage) -> None:
     wait_for(b"messages of")
     assert process.wait(timeout=DEADLINE_S) == 0
     os.close(mine)
+
+
+def test_topics_that_swap_names_are_renamed_once(tmp_path: Path, stage: Stage) -> None:
+    bag = tmp_path / "two"
+    with BagWriter(bag) as writer:
+        for name in ("/left", "/right"):
+            writer.add_topic(name, "std_msgs/msg/String", offered_qos(10, transient_local=True))
+            writer.write(name, _text(f"was {name}"), 0, 0)
+    heard: dict[str, set[str]] = {"/left": set(), "/right": set()}
+    # One parameter each: to a callback with two, rclpy gives facts about the message as well.
+    stage.node.create_subscription(
+        String, "/left", lambda m: heard["/left"].add(m.data), ros.LATCHED
+    )
+    stage.node.create_subscription(
+        String, "/right", lambda m: heard["/right"].add(m.data), ros.LATCHED
+    )
+    swap = ("--remap", "/left:=/right", "--remap", "/right:=/left")
+    process = stage.replay(str(bag), *swap, "--clock", "0", "--json")
+    out, err = process.communicate(timeout=DEADLINE_S)
+    assert process.returncode == 0, err
+    assert json.loads(out)["topics"] == {"/left": 1, "/right": 1}
+    stage.spin_until(lambda: bool(heard["/left"] and heard["/right"]), "both topics")
+    assert heard == {"/left": {"was /right"}, "/right": {"was /left"}}
+
+
+def test_ctrl_c_is_a_regular_end(bag: Path, stage: Stage) -> None:
+    heard: list[Any] = []
+    stage.node.create_subscription(SessionState, SESSION, heard.append, ros.LATCHED)
+    process = stage.replay(str(bag), "--loop", "--json")
+    stage.spin_until(lambda: bool(heard), "session state")
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=DEADLINE_S)
+    assert process.returncode == 0, err
+    assert json.loads(out)["ended"] == "SIGINT"
 
 
 def _take_terminal(descriptor: int) -> None:
