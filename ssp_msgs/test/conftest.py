@@ -15,7 +15,8 @@ from mcap.writer import MCAP0_MAGIC
 
 from ssp_core.bag.mcap_output import record_bytes
 
-_PEAK = "\nimport resource, sys\nprint('PEAK', resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
+# Of this process alone: what getrusage says begins with the peak of the process that started it.
+_PEAK = "\nprint('PEAK', open('/proc/self/status').read().split('VmHWM:')[1].split()[0])"
 
 
 @dataclass(frozen=True)
