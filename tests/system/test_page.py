@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import os
+import queue
 import re
 import signal
+import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -270,6 +274,8 @@ def test_without_the_token_people_only_watch(
     tab.go(f"http://127.0.0.1:{port}/{fragment}")
     tab.wait(f"{BANNER}.hidden && {STATE} === 'LOADED'")
     assert f"Watching only: {why}" in tab.text("#no-token")
+    dead = "COMMANDS DON'T WORK IN THIS TAB" in tab.text("#no-token")
+    assert dead == (why == "wrong token")
     assert tab.evaluate("[...document.querySelectorAll('#commands button')].every(b => b.disabled)")
     # On a phone, with a finger.
     tab.resize(400, 800, touch=True)
@@ -312,6 +318,114 @@ def test_abort_is_in_sight_on_every_window(
         )
         assert seen, f"at {size}, scrolled to {scrolled}"
     assert tab.evaluate("document.documentElement.scrollWidth <= innerWidth")
+
+
+class SlowWay:
+    """Passes everything on to a port, what comes back only later, as a long buffer would.
+
+    Args:
+        port: of the page.
+    """
+
+    def __init__(self, port: int) -> None:
+        self._port = port
+        self.delay_s = 0.0
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self.port = self._listener.getsockname()[1]
+        threading.Thread(target=self._accept, daemon=True).start()
+
+    def close(self) -> None:
+        self._listener.close()
+
+    def _accept(self) -> None:
+        with suppress(OSError):
+            while True:
+                viewer, _ = self._listener.accept()
+                page = socket.create_connection(("127.0.0.1", self._port))
+                for work, *ends in ((self._there, viewer, page), (self._back, page, viewer)):
+                    threading.Thread(target=work, args=ends, daemon=True).start()
+
+    def _there(self, viewer: socket.socket, page: socket.socket) -> None:
+        # The page knows its own port alone; as many digits, so that no length changes.
+        own, known = f"127.0.0.1:{self.port}".encode(), f"127.0.0.1:{self._port}".encode()
+        with suppress(OSError):
+            while data := viewer.recv(65536):
+                page.sendall(data.replace(own, known))
+            page.shutdown(socket.SHUT_RDWR)
+
+    def _back(self, page: socket.socket, viewer: socket.socket) -> None:
+        kept: queue.Queue[tuple[float, bytes]] = queue.Queue()
+
+        def deliver() -> None:
+            with suppress(OSError):
+                while (item := kept.get())[1]:
+                    time.sleep(max(0.0, item[0] - time.monotonic()))
+                    viewer.sendall(item[1])
+                viewer.shutdown(socket.SHUT_RDWR)
+
+        threading.Thread(target=deliver, daemon=True).start()
+        with suppress(OSError):
+            while data := page.recv(65536):
+                kept.put((time.monotonic() + self.delay_s, data))
+        kept.put((0.0, b""))
+
+
+def test_on_a_slow_way_nothing_passes_for_now(stage: Stage, tab: Browser) -> None:
+    stage.manager()
+    stage.objects(moving=True)
+    _, port = stage.page()
+    way = SlowWay(port)
+    try:
+        tab.go(f"http://127.0.0.1:{way.port}/#token={TOKEN}")
+        tab.wait(f"{BANNER}.hidden && {STATE} === 'LOADED'")
+        way.delay_s = 1.3
+        tab.wait(f"{BANNER}.innerText.includes('SLOW CONNECTION')")
+        assert values_of(tab, "ot3")[:7] == ["—"] * 7
+        assert tab.evaluate("document.getElementById('command-connect').disabled")
+        keep(tab, "slow")
+        way.delay_s = 0.0
+        tab.wait(f"{BANNER}.hidden && {STATE} === 'LOADED'")
+    finally:
+        way.close()
+
+
+REPLAYING = """
+import rclpy
+rclpy.init()
+rclpy.spin(rclpy.create_node("replay", namespace="/ssp"))
+"""
+
+
+def test_a_replay_is_seen_to_be_one(stage: Stage, tab: Browser) -> None:
+    stage.manager()
+    stage.objects()
+    _, port = stage.page()
+    tab.go(f"http://127.0.0.1:{port}/#token={TOKEN}")
+    tab.wait(f"{BANNER}.hidden && {STATE} === 'LOADED'")
+    assert tab.evaluate("document.getElementById('replay').hidden")
+    assert tab.evaluate("document.getElementById('not-started') === null")
+    stage.start("replay", "-c", REPLAYING)
+    tab.wait("!document.getElementById('replay').hidden && document.title.startsWith('REPLAY')")
+    tab.wait("[...document.querySelectorAll('#commands button')].every(b => b.disabled)")
+    assert not tab.evaluate("document.getElementById('abort').disabled")
+    keep(tab, "replay")
+
+
+def test_blocked_storage_leaves_the_page_alive(stage: Stage, tab: Browser) -> None:
+    stage.manager()
+    stage.objects()
+    _, port = stage.page()
+    blocked = (
+        "Object.defineProperty(window, 'sessionStorage', {get() { throw new Error('blocked'); }})"
+    )
+    made = tab.ask("Page.addScriptToEvaluateOnNewDocument", source=blocked)
+    try:
+        tab.go(f"http://127.0.0.1:{port}/#token={TOKEN}")
+        tab.wait(f"{BANNER}.hidden && {STATE} === 'LOADED'")
+        tab.press(" ", "", 32)  # a keyboard that gives no code
+        tab.wait(f"{ANSWERS}.includes('accepted, session ABORT')")
+    finally:
+        tab.ask("Page.removeScriptToEvaluateOnNewDocument", identifier=made["identifier"])
 
 
 def page_url(session: Any) -> str:

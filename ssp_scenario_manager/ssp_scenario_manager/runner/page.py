@@ -6,7 +6,7 @@ import re
 import secrets
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -18,6 +18,19 @@ MODULE = "ssp_monitor.page.node"
 DEFAULT_PORT = 8080
 START_S = 15.0
 _URL = re.compile(r"^page: (http://\S+/)$", re.MULTILINE)
+
+
+def given_token(env: Mapping[str, str]) -> str:
+    """The token that the environment has for the page; empty: one is to be made.
+
+    Args:
+        env: of the session.
+
+    Raises:
+        InputError: it can't be one.
+    """
+    given = env.get(TOKEN_VARIABLE, "")
+    return check_token(given, f"environment variable {TOKEN_VARIABLE}") if given else ""
 
 
 @contextmanager
@@ -43,9 +56,7 @@ def page_beside(
     if port is None:
         yield
         return
-    given = session.env.get(TOKEN_VARIABLE, "")
-    if given:
-        check_token(given, f"environment variable {TOKEN_VARIABLE}")
+    given = given_token(session.env)
     token = given or secrets.token_urlsafe(24)
     env = {**session.env, TOKEN_VARIABLE: token}
     # Whoever chose the token knows it; it needs to stand in no log of a terminal.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -24,7 +25,7 @@ from ssp_scenario_manager.runner.follow import Interrupt, follow, obituary
 from ssp_scenario_manager.runner.happened import happened_by, result_keys
 from ssp_scenario_manager.runner.live import Go, LiveSetup, describe
 from ssp_scenario_manager.runner.outcome import Outcome
-from ssp_scenario_manager.runner.page import page_beside
+from ssp_scenario_manager.runner.page import given_token, page_beside
 from ssp_scenario_manager.runner.report import measured
 
 FAULTS_FILE = "faults.json"
@@ -84,6 +85,8 @@ def run_session(
             object.
     """
     started = time.monotonic()
+    if page_port is not None:
+        given_token(os.environ)  # a wrong one is said before anything is started
     run_file, bag = folder / "run.yaml", folder / "bag"
     if live is not None:
         live.check(spec)
