@@ -446,7 +446,7 @@ def test_topics_that_swap_names_are_renamed_once(tmp_path: Path, stage: Stage) -
         String, "/right", lambda m: heard["/right"].add(m.data), ros.LATCHED
     )
     swap = ("--remap", "/left:=/right", "--remap", "/right:=/left")
-    process = stage.replay(str(bag), *swap, "--clock", "0", "--json")
+    process = stage.replay(str(bag), *swap, "--wait-for", "1", "--clock", "0", "--json")
     out, err = process.communicate(timeout=DEADLINE_S)
     assert process.returncode == 0, err
     assert json.loads(out)["topics"] == {"/left": 1, "/right": 1}
