@@ -80,6 +80,15 @@ def test_a_token_that_can_be_none_is_refused(session: ProcessGroup, token: str) 
     assert not list(session.log_dir.iterdir())
 
 
+def test_a_wrong_token_is_said_before_a_run_starts(tmp_path: Path) -> None:
+    env = {"SSP_PAGE_TOKEN": "short"}
+    where = ["--out", str(tmp_path / "out")]
+    done = CliRunner().invoke(run, ["cut_in", "--page", "0", *where], env=env)
+    assert done.exit_code == 2 or isinstance(done.exception, InputError), done.output
+    assert "SSP_PAGE_TOKEN" in f"{done.output}{done.exception}"
+    assert not list(tmp_path.rglob("logs"))
+
+
 def test_an_end_of_its_own_is_said_and_no_more(session: ProcessGroup) -> None:
     said: list[str] = []
     with page.page_beside(session, Path("die"), 0, said.append):

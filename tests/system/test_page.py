@@ -428,6 +428,25 @@ def test_blocked_storage_leaves_the_page_alive(stage: Stage, tab: Browser) -> No
         tab.ask("Page.removeScriptToEvaluateOnNewDocument", identifier=made["identifier"])
 
 
+def test_a_manager_that_hangs_is_named_and_few_requests_wait_for_it(
+    stage: Stage, tab: Browser
+) -> None:
+    stage.manager()
+    stage.objects()
+    _, port = stage.page()
+    tab.go(f"http://127.0.0.1:{port}/#token={TOKEN}")
+    tab.wait(f"{BANNER}.hidden && {STATE} === 'LOADED'")
+    manager = stage.started[0]
+    manager.send_signal(signal.SIGSTOP)
+    tab.space()
+    tab.wait(f"{ANSWERS}.includes('the scenario manager gave no answer within 1 s')")
+    for _ in range(6):
+        tab.space()
+    tab.wait(f"{ANSWERS}.includes('4 requests are still on their way')")
+    manager.send_signal(signal.SIGCONT)
+    tab.wait(f"(({ANSWERS}).match(/accepted, session ABORT/g) ?? []).length === 3")
+
+
 def page_url(session: Any) -> str:
     session.wait_for("operator page: ")
     found = re.search(r"operator page: (\S+)", "".join(session.lines))
