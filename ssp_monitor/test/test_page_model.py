@@ -318,6 +318,16 @@ def test_an_overtaken_state_is_dropped_and_a_new_beginning_is_not() -> None:
     assert (board.objects["a"].state.x_m, board.objects["a"].at_ns) == (4.0, 4)
 
 
+def test_a_command_that_nobody_offers_is_not_to_be_pressed(run: RunSpec) -> None:
+    board = ready_board(run)
+    full = Snapshots(board).snapshot(10 * S)["session"]["commands"]
+    assert full
+    board.offered = frozenset({full[0], "abort"})
+    assert Snapshots(board).snapshot(10 * S)["session"]["commands"] == [full[0]]
+    board.offered = frozenset()
+    assert Snapshots(board).snapshot(10 * S)["session"]["commands"] == []
+
+
 def test_a_replay_takes_no_commands(run: RunSpec) -> None:
     board = ready_board(run)
     assert Snapshots(board).snapshot(10 * S)["session"]["commands"]

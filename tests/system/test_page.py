@@ -205,6 +205,7 @@ def test_twenty_objects_commands_and_silence(stage: Stage, tab: Browser) -> None
 
     # The manager's own answer, word for word.
     assert tab.evaluate("document.getElementById('command-arm').disabled")
+    tab.wait("!document.getElementById('command-connect').disabled")
     tab.click("#command-connect")
     tab.wait(f"{STATE} === 'CONNECTED' && {ANSWERS}.includes('accepted, session CONNECTED')")
     tab.click("#command-arm")

@@ -100,6 +100,13 @@ class Snapshots:
         board = self._board
         return all(object_age_s(board, one, now_ns) > STALE_S for one in board.objects.values())
 
+    def _commands(self, state: SessionPhase) -> list[str]:
+        """What may be asked for now; a service that isn't found yet would only give an error."""
+        board = self._board
+        if board.replay:
+            return []
+        return [c for c in COMMANDS[state] if board.offered is None or c in board.offered]
+
     def events(self) -> dict[str, Any]:
         """All remembered events, newest first."""
         zero_ns = self._board.started_ns
@@ -133,7 +140,7 @@ class Snapshots:
             "reasons": list(fact.reasons) if fact else [],
             "phase": board.phase.name if board.phase is not Phase.UNKNOWN else "",
             "elapsed_s": None if elapsed_s is None else number(elapsed_s, 2),
-            "commands": [] if board.replay else list(COMMANDS[state]),
+            "commands": self._commands(state),
         }
 
     def _ages(self, now_ns: int) -> dict[str, float | None]:

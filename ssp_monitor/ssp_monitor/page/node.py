@@ -54,6 +54,10 @@ class ManagerCommands:
             word: node.create_client(SessionCommand, word) for word in names.SESSION_COMMANDS
         }
 
+    def offered(self) -> frozenset[str]:
+        """Commands whose services were found."""
+        return frozenset(word for word, one in self._clients.items() if one.service_is_ready())
+
     def ask(self, command: str, who: str) -> Future[Answer]:
         """As PageServer's Commands; an answer that never comes leaves the future as it is."""
         answer: Future[Answer] = Future()
@@ -99,7 +103,8 @@ class MonitorPage(Node):
         self._acks: set[str] = set()
         self._subscribe()
         token = params.token or make_token()
-        self.server = PageServer(params.host, params.port, token, ManagerCommands(self))
+        self._commands = ManagerCommands(self)
+        self.server = PageServer(params.host, params.port, token, self._commands)
         self.server.push({"site": json.dumps({"type": "site", **site_message(run)})})
         self._announce(params.token == "", token)
         # Steady: a frozen /clock must not freeze the page.
@@ -169,6 +174,7 @@ class MonitorPage(Node):
         now_ns = time.monotonic_ns()
         if not self.server.viewers:
             return
+        self._board.offered = self._commands.offered()
         if fault := self._pictures.settle():
             self._watch.tell_once(f"{names.CAMERA_IMAGE}: {fault}")
         payloads: dict[str, Payload] = {}

@@ -25,6 +25,7 @@ class Board:
 
     Args:
         run: the run file, where the page was given one.
+        offered: commands whose services were found; None: nobody looks for them.
     """
 
     run: RunSpec | None = None
@@ -43,6 +44,7 @@ class Board:
     camera_at_ns: int | None = None
     camera_fault: str = ""
     replay: bool = False
+    offered: frozenset[str] | None = None
     events: deque[tuple[int, Event]] = field(default_factory=lambda: deque(maxlen=MOST_EVENTS))
     events_seen: int = 0
 
