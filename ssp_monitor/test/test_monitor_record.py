@@ -88,6 +88,9 @@ def wait_heard(node: Node, publisher: Any, readers: int = 1) -> None:
     while publisher.get_subscription_count() < readers:
         assert time.monotonic() < deadline, f"nobody listens to {publisher.topic_name}"
         time.sleep(0.02)
+    # This side knows first; nothing tells it when the other one does, and what is sent between is
+    # nobody's loss.
+    time.sleep(0.3)
 
 
 def qos(reliability: ReliabilityPolicy, durability: DurabilityPolicy) -> QoSProfile:
