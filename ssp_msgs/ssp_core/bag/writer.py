@@ -231,6 +231,8 @@ class BagWriter:
 
     def _next_file(self, begin_ns: int) -> None:
         self._finish_file()
+        # A folder that was replaced would take the next file without a word.
+        self._hand_over()
         self._sync.request(self.file.name, self._output.descriptor)
         self._output.close()
         self.files += (self.path / f"{self._stem}_{len(self.files)}.mcap",)

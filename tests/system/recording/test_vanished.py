@@ -18,7 +18,7 @@ NOTICE_S = 5.0
 
 
 def remove(bag: Path) -> None:
-    shutil.rmtree(bag)
+    shutil.rmtree(bag, ignore_errors=True)
 
 
 def replace(bag: Path) -> None:
