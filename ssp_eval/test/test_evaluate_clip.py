@@ -17,9 +17,10 @@ from ssp_core.bag import BagWriter
 from ssp_core.bag.types import serialize, typestore
 from ssp_core.errors import InputError
 from ssp_core.vocab import Verdict
-from ssp_eval.evaluate.clip import Clip, NoQuestion, Preprocessing, Question
+from ssp_eval.evaluate.clip import Clip, NoQuestion, Question
 from ssp_eval.evaluate.truth import truth_from_bag
 from ssp_vla_bridge.core.request import request_problems
+from ssp_vla_bridge.core.window import Preprocessing
 
 BagMaker = Callable[..., Path]
 START_NS = 500_000_000

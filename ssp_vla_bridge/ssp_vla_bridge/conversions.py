@@ -18,7 +18,11 @@ from ssp_vla_bridge.core.task import DrivingTask
 
 
 def request_from_msg(msg: Any) -> Request:
-    """VlaRequest.msg as a Request; a zero matrix K or height is what the message calls unknown."""
+    """VlaRequest.msg as a Request; a zero matrix K or height is what the message calls unknown.
+
+    Raises:
+        ValueError: the previous answer in it can't be read.
+    """
     return Request(
         request_id=msg.request_id,
         stamp_ns=ns_from_stamp(msg.header.stamp),
@@ -39,6 +43,7 @@ def request_from_msg(msg: Any) -> Request:
             trajectory_step_s=msg.task.trajectory_step,
             trajectory_horizon_s=msg.task.trajectory_horizon,
         ),
+        previous=response_from_msg(msg.previous[-1]) if msg.previous else None,
     )
 
 
@@ -83,6 +88,8 @@ def request_to_msg(request: Request) -> Any:
         for s in request.history
     ]  # fmt: skip
     msg.ego_provenance = request.ego_provenance
+    if request.previous is not None:
+        msg.previous = [response_to_msg(request.previous)]
     return msg
 
 

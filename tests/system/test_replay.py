@@ -292,7 +292,7 @@ def test_a_start_in_the_middle_gives_first_what_latched_publishers_kept(
 def test_what_may_move_objects_is_left_out_and_said(bag: Path, stage: Stage) -> None:
     heard: list[Any] = []
     stage.node.create_subscription(SessionState, SESSION, heard.append, ros.LATCHED)
-    process = stage.replay(str(bag), "--end", "1", "--json")
+    process = stage.replay(str(bag), "--rate", "0.5", "--json")
     stage.spin_until(lambda: len(heard) >= 2, "session states")
     topics = dict(stage.node.get_topic_names_and_types())
     assert REFERENCE not in topics

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple, Self
@@ -19,8 +19,6 @@ from ssp_core.bag.image_messages import IMAGE_TYPES
 from ssp_core.camera import Mounting
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.errors import InputError
-from ssp_core.geometry import wrap_angle
-from ssp_core.hashing import sha256_json
 from ssp_core.messages import object_state, peek_stamp_ns
 from ssp_core.names import CAMERA_IMAGE, CAMERA_INFO, CAMERA_MOUNT, VUT_ID, absolute, state_topic
 from ssp_core.state import ObjectState
@@ -28,36 +26,12 @@ from ssp_eval.evaluate.provenance import Provenance, read_provenance
 from ssp_eval.score import DEFAULT
 from ssp_vla_bridge.core.request import CameraGeometry, EgoSample, Frame, Request
 from ssp_vla_bridge.core.task import TASK, DrivingTask
+from ssp_vla_bridge.core.window import Preprocessing, choose, ego_history
 
 _IMAGE = absolute(CAMERA_IMAGE)
 _INFO = absolute(CAMERA_INFO)
 _MOUNT = absolute(CAMERA_MOUNT)
 _VUT_STATE = absolute(state_topic(VUT_ID))
-
-
-@dataclass(frozen=True)
-class Preprocessing:
-    """Which frames and which ego samples a request holds.
-
-    Args:
-        frames: at most this many.
-        frame_spacing_s: at least this far apart (0.1 s is 10 Hz).
-        frame_span_s: no frame is older than the newest by this much.
-        history_s: length of the ego history.
-        history_spacing_s: between ego samples.
-        state_age_s: an older newest state leaves the history empty.
-    """
-
-    frames: int = 10
-    frame_spacing_s: float = 0.1
-    frame_span_s: float = 1.0
-    history_s: float = 2.0
-    history_spacing_s: float = 0.1
-    state_age_s: float = 0.3
-
-    @property
-    def sha256(self) -> str:
-        return sha256_json(asdict(self))
 
 
 @dataclass(frozen=True)
@@ -211,29 +185,15 @@ class Clip:
         request = Request(
             request_id=request_id,
             stamp_ns=stamp,
-            frames=self._fetch(self._choose(newest)),
+            frames=self._fetch(
+                [self._frames[i] for i in choose(self._frame_stamps, newest, self.preprocessing)]
+            ),
             camera=self.camera,
             history=history,
             ego_provenance=self.provenance.ego if history else "unknown",
             task=self.task,
         )
         return Question(label_t_s, ns_to_seconds(stamp - self.start_ns), request)
-
-    def _choose(self, newest: int) -> list[_FrameEntry]:
-        """From the newest frame backwards, at most the given rate, number and span."""
-        rules = self.preprocessing
-        spacing_ns = seconds_to_ns(rules.frame_spacing_s)
-        # Recorders stamp in ns and cameras in their own clock: 1 ms of slack keeps a 10 Hz camera
-        # at 10 Hz.
-        slack_ns = seconds_to_ns(0.001)
-        chosen = [self._frames[newest]]
-        oldest_ns = chosen[0].stamp_ns - seconds_to_ns(rules.frame_span_s) + slack_ns
-        i = newest - 1
-        while i >= 0 and len(chosen) < rules.frames and self._frames[i].stamp_ns >= oldest_ns:
-            if chosen[-1].stamp_ns - self._frames[i].stamp_ns >= spacing_ns - slack_ns:
-                chosen.append(self._frames[i])
-            i -= 1
-        return chosen[::-1]
 
     def _fetch(self, chosen: list[_FrameEntry]) -> tuple[Frame, ...]:
         wanted = {frame.stamp_ns for frame in chosen}
@@ -246,24 +206,9 @@ class Clip:
 
     def _history(self, now_ns: int) -> tuple[EgoSample, ...]:
         """Ego samples up to a time, oldest first; empty when there is no state recent enough."""
-        rules = self.preprocessing
-        newest = bisect_right(self._state_stamps, now_ns) - 1
-        if self.provenance.ego == "unknown" or newest < 0:
+        if self.provenance.ego == "unknown":
             return ()
-        if ns_to_seconds(now_ns - self._state_stamps[newest]) > rules.state_age_s:
-            return ()
-        origin = self._state(newest).extrapolated(now_ns)
-        samples = [_sample(origin, origin)]
-        last_ns = now_ns
-        for k in range(1, round(rules.history_s / rules.history_spacing_s) + 1):
-            wanted_ns = now_ns - seconds_to_ns(k * rules.history_spacing_s)
-            i = bisect_right(self._state_stamps, wanted_ns) - 1
-            if i < 0:
-                break
-            if self._state_stamps[i] < last_ns:
-                samples.append(_sample(self._state(i), origin))
-                last_ns = self._state_stamps[i]
-        return tuple(reversed(samples))
+        return ego_history(self._state_stamps, self._state, now_ns, self.preprocessing)
 
     def _state(self, index: int) -> ObjectState:
         return object_state(self._bag.decode(self._states[index][1]))
@@ -281,18 +226,6 @@ class Clip:
         trace: TracebackType | None,
     ) -> None:
         self.close()
-
-
-def _sample(state: ObjectState, origin: ObjectState) -> EgoSample:
-    x_m, y_m = origin.pose.to_local(state.x_m, state.y_m)
-    return EgoSample(
-        t_s=ns_to_seconds(state.stamp_ns - origin.stamp_ns),
-        x_m=x_m,
-        y_m=y_m,
-        yaw_rad=wrap_angle(state.yaw_rad - origin.yaw_rad),
-        speed_mps=state.speed_mps,
-        yaw_rate_radps=state.yaw_rate_radps,
-    )
 
 
 def _mount(transform: Any) -> Mounting:

@@ -9,6 +9,7 @@ from ssp_eval.evaluate.store import Asked
 from ssp_eval.extract import extract
 from ssp_eval.records import BehaviourRecord
 from ssp_vla_bridge.core.adapters import adapt
+from ssp_vla_bridge.core.request import Request
 from ssp_vla_bridge.core.response import Response
 
 
@@ -25,24 +26,27 @@ def records_of(asked: Sequence[Asked], adapter: str) -> list[BehaviourRecord]:
         InputError: there is no such adapter.
     """
     return [
-        record_of(one.t_s, one.record_from, adapter)
+        record_of(one.t_s, one.record_from, adapter, one.request)
         for one in asked
         if one.record_from is not None and one.t_s is not None
     ]
 
 
-def record_of(t_s: float, response: Response, adapter: str) -> BehaviourRecord:
+def record_of(
+    t_s: float, response: Response, adapter: str, request: Request | None = None
+) -> BehaviourRecord:
     """The record of one raw answer; the same answer always gives the same record.
 
     Args:
         t_s: clip time of the newest frame that was sent.
         response: as it came.
-        adapter: name of the adapter.
+        adapter: name of the adapter, with its mode.
+        request: that it answers; an adapter knows an echo of the prompt by it.
 
     Raises:
         InputError: there is no such adapter.
     """
-    adapted = adapt(adapter, response)
+    adapted = adapt(adapter, response, request)
     return BehaviourRecord(
         t_s=t_s,
         text=adapted.text,

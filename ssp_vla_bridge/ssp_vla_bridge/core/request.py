@@ -9,6 +9,7 @@ from itertools import pairwise
 import cv2
 import numpy as np
 
+from ssp_vla_bridge.core.response import Response
 from ssp_vla_bridge.core.task import TASK, DrivingTask
 
 _JPEG_START = b"\xff\xd8"
@@ -86,6 +87,9 @@ class Request:
         history: oldest first, the last sample at t = 0; empty when it is not known.
         ego_provenance: where the history comes from: ``measured``, ``declared`` or ``unknown``.
         task: what is asked.
+        previous: the model's own last answer about the same clip, for interfaces that carry state
+            from answer to answer (interfaces.py); a bridge keeps none itself, so that an answer
+            depends on its request only.
     """
 
     request_id: str
@@ -95,6 +99,7 @@ class Request:
     history: tuple[EgoSample, ...] = ()
     ego_provenance: str = "unknown"
     task: DrivingTask = field(default=TASK)
+    previous: Response | None = None
 
     @property
     def ego_known(self) -> bool:

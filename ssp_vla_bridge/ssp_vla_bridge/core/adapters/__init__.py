@@ -5,36 +5,77 @@ An adapter parses and converts coordinates; it repairs nothing and never raises 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
 
 from ssp_core.errors import InputError
 from ssp_vla_bridge.core.adapters.types import Adapted, AdapterInfo
 from ssp_vla_bridge.core.adapters.waypoints import adapt_waypoints
+from ssp_vla_bridge.core.request import Request
 from ssp_vla_bridge.core.response import Response
 
 __all__ = ["ADAPTERS", "Adapted", "AdapterInfo", "adapt", "check_adapter"]
 
-ADAPTERS: dict[str, Callable[[Response], Adapted]] = {
-    "waypoints": adapt_waypoints,
+
+class Read(Protocol):
+    """Reads a response as one interface defines it."""
+
+    def __call__(self, response: Response, request: Request | None, mode: str) -> Adapted:
+        """Text and trajectory; raises on nothing.
+
+        Args:
+            response: raw.
+            request: that it answers, by which an echo of the prompt is known; None: not at hand.
+            mode: one of the adapter's.
+        """
+
+
+@dataclass(frozen=True)
+class _Adapter:
+    read: Read
+    modes: tuple[str, ...]  # the first is the default
+
+
+ADAPTERS: dict[str, _Adapter] = {
+    "waypoints": _Adapter(adapt_waypoints, ("ego_xy",)),
 }
 
 
-def adapt(adapter_name: str, response: Response) -> Adapted:
+def adapt(adapter_name: str, response: Response, request: Request | None = None) -> Adapted:
     """Text and trajectory of a response, read as the named interface defines it.
 
+    Args:
+        adapter_name: ``name`` or ``name:mode``.
+        response: raw.
+        request: that it answers, where it is at hand.
+
     Raises:
-        InputError: there is no adapter of that name.
+        InputError: there is no adapter or mode of that name.
     """
-    check_adapter(adapter_name)
-    return ADAPTERS[adapter_name](response)
+    name, mode = check_adapter(adapter_name)
+    return ADAPTERS[name].read(response, request, mode)
 
 
-def check_adapter(adapter_name: str) -> None:
-    """Raises InputError when there is no adapter of that name, naming those that there are."""
-    if adapter_name not in ADAPTERS:
+def check_adapter(adapter_name: str) -> tuple[str, str]:
+    """Name and mode of ``name`` or ``name:mode``.
+
+    Raises:
+        InputError: there is none, naming those that there are.
+    """
+    name, _, mode = adapter_name.partition(":")
+    adapter = ADAPTERS.get(name)
+    if adapter is None:
         raise InputError(
             "unknown adapter",
             field="adapter",
             value=adapter_name,
             remedy=f"known are {', '.join(sorted(ADAPTERS))}",
         )
+    if (mode or adapter.modes[0]) not in adapter.modes:
+        raise InputError(
+            "unknown mode of the adapter",
+            field="adapter",
+            value=adapter_name,
+            remedy=f"known are {', '.join(f'{name}:{one}' for one in adapter.modes)}",
+        )
+    return name, mode or adapter.modes[0]

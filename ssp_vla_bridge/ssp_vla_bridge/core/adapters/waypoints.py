@@ -5,16 +5,18 @@ from __future__ import annotations
 import math
 
 from ssp_vla_bridge.core.adapters.types import Adapted, AdapterInfo
+from ssp_vla_bridge.core.request import Request
 from ssp_vla_bridge.core.response import NativeArray, Response
 from ssp_vla_bridge.core.trajectory import TOLERANCE_S, Trajectory, check_trajectory
 
 ARRAY_NAME = "trajectory"
 FRAME = "ego_xy"
 _NAME = "waypoints"
-_MODE = "ego_xy"
 
 
-def adapt_waypoints(response: Response) -> Adapted:
+def adapt_waypoints(
+    response: Response, request: Request | None = None, mode: str = FRAME
+) -> Adapted:
     """Reads the array ``trajectory``: frame ``ego_xy``, unit m, shape (n, 2), constant step.
 
     A first row one step after t = 0 gets the frame's origin before it, marked (METHOD 5.4). A
@@ -47,10 +49,10 @@ def _read(response: Response, array: NativeArray) -> Adapted:
         times, xs, ys = (0.0, *times), (0.0, *xs), (0.0, *ys)
     trajectory = Trajectory(times, xs, ys)
     invalid = check_trajectory(trajectory)
-    info = AdapterInfo(_NAME, _MODE, origin_added)
+    info = AdapterInfo(_NAME, FRAME, origin_added)
     return Adapted(response.text, None if invalid else trajectory, invalid, info)
 
 
 def _without(response: Response, reason: str, note: str) -> Adapted:
-    info = AdapterInfo(_NAME, _MODE, notes=(note,))
+    info = AdapterInfo(_NAME, FRAME, notes=(note,))
     return Adapted(response.text, None, (reason,), info)

@@ -1,0 +1,106 @@
+"""Which frames and which ego samples a request holds: the one rule for bags and for live topics."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+
+from ssp_core.clock import ns_to_seconds, seconds_to_ns
+from ssp_core.geometry import wrap_angle
+from ssp_core.hashing import sha256_json
+from ssp_core.state import ObjectState
+from ssp_vla_bridge.core.request import EgoSample
+
+# Recorders stamp in ns and cameras in their own clock: this much slack keeps a 10 Hz camera at
+# 10 Hz.
+_SLACK_NS = 1_000_000
+
+
+@dataclass(frozen=True)
+class Preprocessing:
+    """Which frames and which ego samples a request holds.
+
+    Args:
+        frames: at most this many.
+        frame_spacing_s: at least this far apart (0.1 s is 10 Hz).
+        frame_span_s: no frame is older than the newest by this much.
+        history_s: length of the ego history.
+        history_spacing_s: between ego samples.
+        state_age_s: an older newest state leaves the history empty.
+    """
+
+    frames: int = 10
+    frame_spacing_s: float = 0.1
+    frame_span_s: float = 1.0
+    history_s: float = 2.0
+    history_spacing_s: float = 0.1
+    state_age_s: float = 0.3
+
+    @property
+    def sha256(self) -> str:
+        return sha256_json(asdict(self))
+
+
+def choose(stamps_ns: Sequence[int], newest: int, rules: Preprocessing) -> list[int]:
+    """The indices of the frames that go into a request, rising; the last one is ``newest``.
+
+    From the newest frame backwards, at most the given rate, number and span.
+
+    Args:
+        stamps_ns: of the frames there are, rising, ns.
+        newest: index of the request's newest frame.
+        rules: rate, number and span.
+    """
+    spacing_ns = seconds_to_ns(rules.frame_spacing_s) - _SLACK_NS
+    chosen = [newest]
+    oldest_ns = stamps_ns[newest] - seconds_to_ns(rules.frame_span_s) + _SLACK_NS
+    i = newest - 1
+    while i >= 0 and len(chosen) < rules.frames and stamps_ns[i] >= oldest_ns:
+        if stamps_ns[chosen[-1]] - stamps_ns[i] >= spacing_ns:
+            chosen.append(i)
+        i -= 1
+    return chosen[::-1]
+
+
+def ego_history(
+    stamps_ns: Sequence[int],
+    state: Callable[[int], ObjectState],
+    now_ns: int,
+    rules: Preprocessing,
+) -> tuple[EgoSample, ...]:
+    """Ego samples up to a time, oldest first; empty when there is no state recent enough.
+
+    Args:
+        stamps_ns: of the VUT's states, rising, ns.
+        state: the state of an index; asked for no more than is needed.
+        now_ns: the request's time; no later state is looked at.
+        rules: length, spacing and age.
+    """
+    newest = bisect_right(stamps_ns, now_ns) - 1
+    if newest < 0 or ns_to_seconds(now_ns - stamps_ns[newest]) > rules.state_age_s:
+        return ()
+    origin = state(newest).extrapolated(now_ns)
+    samples = [_sample(origin, origin)]
+    last_ns = now_ns
+    for k in range(1, round(rules.history_s / rules.history_spacing_s) + 1):
+        wanted_ns = now_ns - seconds_to_ns(k * rules.history_spacing_s)
+        i = bisect_right(stamps_ns, wanted_ns) - 1
+        if i < 0:
+            break
+        if stamps_ns[i] < last_ns:
+            samples.append(_sample(state(i), origin))
+            last_ns = stamps_ns[i]
+    return tuple(reversed(samples))
+
+
+def _sample(state: ObjectState, origin: ObjectState) -> EgoSample:
+    x_m, y_m = origin.pose.to_local(state.x_m, state.y_m)
+    return EgoSample(
+        t_s=ns_to_seconds(state.stamp_ns - origin.stamp_ns),
+        x_m=x_m,
+        y_m=y_m,
+        yaw_rad=wrap_angle(state.yaw_rad - origin.yaw_rad),
+        speed_mps=state.speed_mps,
+        yaw_rate_radps=state.yaw_rate_radps,
+    )
