@@ -11,11 +11,12 @@ import pytest
 
 from ssp_core.clock import NS_PER_S
 from ssp_core.geometry import Polyline, Pose2
+from ssp_core.health import Level, Status
 from ssp_core.run_spec import RunSpec
 from ssp_core.state import DEFAULT_SIZES, ObjectState
 from ssp_core.vocab import ControlState, ObjectClass, Role, SessionPhase, Verdict
 from ssp_monitor.core.drawing import drawing_of
-from ssp_monitor.view.health import ClockWatch, Level, Status, health
+from ssp_monitor.view.health import ClockWatch, health
 from ssp_monitor.view.marks import Gone, Mark, Shape
 from ssp_monitor.view.moving import (
     COLOURS,
@@ -296,7 +297,8 @@ def test_marks_and_statuses_become_messages() -> None:
     from rclpy.serialization import deserialize_message, serialize_message
     from visualization_msgs.msg import MarkerArray
 
-    from ssp_monitor.view.conversions import diagnostic_array, marker_array
+    from ssp_core.ros import diagnostic_array
+    from ssp_monitor.view.conversions import marker_array
 
     box = Mark("object", 3, Shape.CUBE, VUT, Pose2(1.0, 2.0, math.pi), 0.5, (4.0, 2.0, 1.0))
     path = Mark("trail", 3, Shape.LINE_STRIP, VUT, z_m=0.1, points=((0.0, 0.0), (1.0, 2.0)))

@@ -7,6 +7,7 @@ VUT_ID = "vut"
 MAP_FRAME = "map"
 
 CLOCK = "/clock"
+DIAGNOSTICS = "/diagnostics"  # where every tool looks for it
 WORLD_TICK = "world/tick"
 STEP_DONE = "world/step_done"
 ACTUATOR_COMMANDS = "world/actuator_commands"

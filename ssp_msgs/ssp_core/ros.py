@@ -11,11 +11,12 @@ import os
 import signal
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, TypeVar
 
 import rclpy
 from builtin_interfaces.msg import Time as TimeMsg
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import (
@@ -29,6 +30,7 @@ from rclpy.signals import SignalHandlerOptions
 from ssp_core.clock import NS_PER_S
 from ssp_core.console import report_error
 from ssp_core.errors import SspError
+from ssp_core.health import Status
 from ssp_core.messages import stamp_ns
 from ssp_core.names import NAMESPACE
 
@@ -61,6 +63,23 @@ def stamp_from_ns(ns: int) -> TimeMsg:
 
 
 ns_from_stamp = stamp_ns
+
+
+def diagnostic_array(statuses: Iterable[Status], stamp_ns: int) -> DiagnosticArray:
+    """The statuses, dated by this host's clock as is usual on that topic."""
+    array = DiagnosticArray()
+    array.header.stamp = stamp_from_ns(stamp_ns)
+    array.status = [
+        DiagnosticStatus(
+            level=bytes([status.level]),
+            name=status.name,
+            hardware_id=status.part,
+            message=status.message,
+            values=[KeyValue(key=key, value=value) for key, value in status.values],
+        )
+        for status in statuses
+    ]
+    return array
 
 
 def subscribe_raw(

@@ -5,13 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Point
 from visualization_msgs.msg import Marker, MarkerArray
 
 from ssp_core.names import MAP_FRAME
 from ssp_core.ros import stamp_from_ns
-from ssp_monitor.view.health import Status
 from ssp_monitor.view.marks import Gone, Mark
 
 
@@ -42,20 +40,3 @@ def marker_of(mark: Mark | Gone, stamp_ns: int) -> Marker:
 def marker_array(marks: Iterable[Mark | Gone], stamp_ns: int) -> MarkerArray:
     """All of them in one message."""
     return MarkerArray(markers=[marker_of(mark, stamp_ns) for mark in marks])
-
-
-def diagnostic_array(statuses: Iterable[Status], stamp_ns: int) -> DiagnosticArray:
-    """The statuses, dated by this host's clock as is usual on that topic."""
-    array = DiagnosticArray()
-    array.header.stamp = stamp_from_ns(stamp_ns)
-    array.status = [
-        DiagnosticStatus(
-            level=bytes([status.level]),
-            name=status.name,
-            hardware_id=status.part,
-            message=status.message,
-            values=[KeyValue(key=key, value=value) for key, value in status.values],
-        )
-        for status in statuses
-    ]
-    return array

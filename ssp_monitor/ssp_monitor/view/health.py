@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from enum import IntEnum
 
+from ssp_core.health import Level, Status
 from ssp_core.run_spec import Limits, RunSpec
 from ssp_core.vocab import ControlState, Role, SessionPhase, Verdict
 from ssp_monitor.watch.ages import age_s, links_of, object_age_s
@@ -18,33 +18,6 @@ RECORDER_SILENT_S = 2.5
 CLOCK_STANDS_S = 1.0
 DEFAULT_STATE_AGE_S = 0.3
 _BAD_ENDS = (Verdict.INVALID_HARNESS, Verdict.FAILED_SAFETY, Verdict.ABORTED)
-
-
-class Level(IntEnum):
-    """By the numbers of diagnostic_msgs/DiagnosticStatus."""
-
-    OK = 0
-    WARN = 1
-    ERROR = 2
-    STALE = 3
-
-
-@dataclass(frozen=True, slots=True)
-class Status:
-    """One part's health.
-
-    Args:
-        name: of the part.
-        part: what it belongs to: an object's id, or a node's name.
-        message: the worst of it, in one sentence.
-        values: names with units, and what was measured.
-    """
-
-    name: str
-    part: str
-    level: Level
-    message: str
-    values: tuple[tuple[str, str], ...] = ()
 
 
 _REPLAY = Status("ssp: replay", "replay", Level.WARN, "a bag is replayed: nothing of this is live")

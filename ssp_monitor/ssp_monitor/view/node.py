@@ -15,12 +15,12 @@ from ssp_core import names, ros
 from ssp_core.geometry import Polyline
 from ssp_core.run_spec import load_run
 from ssp_monitor.core.drawing import drawing_of
-from ssp_monitor.view.conversions import diagnostic_array, marker_array
+from ssp_monitor.view.conversions import marker_array
 from ssp_monitor.view.health import ClockWatch, health
 from ssp_monitor.view.moving import Moving
 from ssp_monitor.view.params import read_run_file
 from ssp_monitor.view.standing import standing_marks
-from ssp_monitor.view.topics import DIAGNOSTICS, OBJECT_MARKERS, SCENE_MARKERS
+from ssp_monitor.view.topics import OBJECT_MARKERS, SCENE_MARKERS
 from ssp_monitor.watch.board import Board
 from ssp_monitor.watch.node import LOOK_PERIOD_S, SessionWatch
 
@@ -47,7 +47,7 @@ class ViewNode(Node):
         self._watch = SessionWatch(self, self._board)
         self._scene = self.create_publisher(MarkerArray, SCENE_MARKERS, ros.LATCHED)
         self._objects = self.create_publisher(MarkerArray, OBJECT_MARKERS, ros.STATE)
-        self._diagnostics = self.create_publisher(DiagnosticArray, DIAGNOSTICS, ros.STATE)
+        self._diagnostics = self.create_publisher(DiagnosticArray, names.DIAGNOSTICS, ros.STATE)
         if run is not None:
             self._scene.publish(marker_array(standing_marks(drawing_of(run)), 0))
         # Steady: a frozen /clock must not freeze what is said about it.
@@ -67,7 +67,7 @@ class ViewNode(Node):
 
     def _diagnose(self) -> None:
         statuses = health(self._board, self._session_time, time.monotonic_ns())
-        self._diagnostics.publish(diagnostic_array(statuses, time.time_ns()))
+        self._diagnostics.publish(ros.diagnostic_array(statuses, time.time_ns()))
 
 
 def main() -> None:

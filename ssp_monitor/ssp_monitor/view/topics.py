@@ -7,10 +7,9 @@ from ssp_core import names
 
 SCENE_MARKERS = "markers/scene"
 OBJECT_MARKERS = "markers/objects"
-DIAGNOSTICS = "/diagnostics"  # where every tool looks for it
 
 PUBLISHED: dict[str, str] = {
     names.absolute(SCENE_MARKERS): "visualization_msgs/msg/MarkerArray",
     names.absolute(OBJECT_MARKERS): "visualization_msgs/msg/MarkerArray",
-    DIAGNOSTICS: "diagnostic_msgs/msg/DiagnosticArray",
+    names.DIAGNOSTICS: "diagnostic_msgs/msg/DiagnosticArray",
 }
