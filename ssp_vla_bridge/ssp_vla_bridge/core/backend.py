@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from ssp_core.errors import InputError
+from ssp_vla_bridge.core.interfaces import find_interface
 from ssp_vla_bridge.core.request import Request, request_problems
 from ssp_vla_bridge.core.response import Answer, ErrorCode, Response
 
@@ -21,6 +22,14 @@ BACKENDS: dict[str, str] = {
     "perfect": "ssp_vla_bridge.backends.perfect:make",
     "silent": "ssp_vla_bridge.backends.silent:make",
     "recorded": "ssp_vla_bridge.backends.recorded:make",
+}
+
+# The interface that a backend speaks unless its option ``interface`` says otherwise; where there
+# is no line, ``waypoints``.
+_INTERFACES: dict[str, str] = {
+    "openai": "openemma",
+    "alpamayo": "alpamayo",
+    "llavida": "llavida",
 }
 
 
@@ -94,6 +103,22 @@ def make_backend(name: str, options: Mapping[str, Any]) -> Backend:
             remedy=f"known are {', '.join(sorted(BACKENDS))}; your own is given as module:factory",
         ) from error
     return factory(options)
+
+
+def interface_of(name: str, options: Mapping[str, Any]) -> str:
+    """The interface that a backend speaks, told without making it (interfaces.py has them).
+
+    Args:
+        name: a key of BACKENDS, or ``module:factory`` for a backend of one's own.
+        options: for its factory.
+
+    Raises:
+        InputError: the option ``interface`` names none.
+    """
+    chosen = options.get("interface", _INTERFACES.get(name, "waypoints"))
+    if not isinstance(chosen, str):
+        raise InputError("must be a name", field="backend_options.interface", value=chosen)
+    return find_interface(chosen).name
 
 
 def check_options(backend: str, options: Mapping[str, Any], known: Mapping[str, type]) -> None:
