@@ -20,6 +20,7 @@ BACKENDS: dict[str, str] = {
     "constant_velocity": "ssp_vla_bridge.backends.constant_velocity:make",
     "opencv_baseline": "ssp_vla_bridge.backends.opencv_baseline:make",
     "perfect": "ssp_vla_bridge.backends.perfect:make",
+    "openai": "ssp_vla_bridge.backends.openai_chat:make",
     "silent": "ssp_vla_bridge.backends.silent:make",
     "recorded": "ssp_vla_bridge.backends.recorded:make",
 }
