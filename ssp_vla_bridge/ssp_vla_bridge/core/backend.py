@@ -18,11 +18,16 @@ from ssp_vla_bridge.core.response import Answer, ErrorCode, Response
 # backend's dependencies are not another's.
 BACKENDS: dict[str, str] = {
     "constant_velocity": "ssp_vla_bridge.backends.constant_velocity:make",
+    "copy_history": "ssp_vla_bridge.backends.copy_history:make",
     "opencv_baseline": "ssp_vla_bridge.backends.opencv_baseline:make",
     "perfect": "ssp_vla_bridge.backends.perfect:make",
     "openai": "ssp_vla_bridge.backends.openai_chat:make",
     "silent": "ssp_vla_bridge.backends.silent:make",
     "recorded": "ssp_vla_bridge.backends.recorded:make",
+    "python": "ssp_vla_bridge.backends.python:make",
+    "http": "ssp_vla_bridge.backends.http:make",
+    "alpamayo": "ssp_vla_bridge.backends.alpamayo:make",
+    "llavida": "ssp_vla_bridge.backends.llavida:make",
 }
 
 # The interface that a backend speaks unless its option ``interface`` says otherwise; where there
