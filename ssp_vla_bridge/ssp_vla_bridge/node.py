@@ -8,21 +8,35 @@ import time
 from dataclasses import replace
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from ssp_core.clock import ns_to_seconds, seconds_to_ns
-from ssp_core.names import vla_request_topic, vla_response_topic
-from ssp_core.ros import VLA, StopRequest, make_node, run_node
+from ssp_core.clock import NS_PER_S, ns_to_seconds, seconds_to_ns
+from ssp_core.names import DIAGNOSTICS, vla_request_topic, vla_response_topic
+from ssp_core.ros import (
+    STATE,
+    VLA,
+    StopRequest,
+    diagnostic_array,
+    make_node,
+    ns_from_stamp,
+    run_node,
+)
 from ssp_msgs.msg import VlaRequest, VlaResponse
 from ssp_vla_bridge.conversions import request_from_msg, response_to_msg
 from ssp_vla_bridge.core.backend import Outcome, failure, make_backend, respond
+from ssp_vla_bridge.core.health import BridgeHealth
 from ssp_vla_bridge.core.inbox import Inbox, Ticket
+from ssp_vla_bridge.core.interfaces import find_interface
 from ssp_vla_bridge.core.request import Request
 from ssp_vla_bridge.core.response import ErrorCode, Response
-from ssp_vla_bridge.params import read_params
+from ssp_vla_bridge.params import BridgeParams, read_params
+from ssp_vla_bridge.shadow.follower import Follower
+from ssp_vla_bridge.shadow.node import Shadow
 
 _DEADLINE_CHECK_S = 0.05
+_DIAGNOSTICS_S = 1.0
 # A worker that is inside a model can't be interrupted; it is a daemon and dies with the process.
 _JOIN_S = 0.5
 # Discovery is not symmetric: a client that already reaches this node may not be reached yet.
@@ -40,19 +54,35 @@ class VlaBridge(Node):
         self._timeout_s = params.timeout_s
         self._backend = make_backend(params.backend, params.backend_options)
         self._inbox = Inbox(params.queue_limit, seconds_to_ns(params.timeout_s))
+        self._health = BridgeHealth(params.model, self._backend.model_id, params.timeout_s)
         self._changed = threading.Condition()
         self._stopping = False
         self._publisher = self.create_publisher(VlaResponse, vla_response_topic(params.model), VLA)
         self.create_subscription(VlaRequest, vla_request_topic(params.model), self._on_request, VLA)
+        self._diagnostics = self.create_publisher(DiagnosticArray, DIAGNOSTICS, STATE)
+        self._follower = self._follow(params) if params.shadow_hz else None
         # Steady: under simulated time a paused bag would pause the deadline too.
-        self.create_timer(
-            _DEADLINE_CHECK_S, self._on_deadline, clock=Clock(clock_type=ClockType.STEADY_TIME)
-        )
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(_DEADLINE_CHECK_S, self._on_deadline, clock=steady)
+        self.create_timer(_DIAGNOSTICS_S, self._diagnose, clock=steady)
         self._worker = threading.Thread(target=self._work, name="backend", daemon=True)
         self._worker.start()
         self.get_logger().info(
             f"{params.model}: backend {params.backend} ({self._backend.model_id}) is ready"
         )
+
+    def _follow(self, params: BridgeParams) -> Follower:
+        interface = find_interface(
+            params.interface or getattr(self._backend, "interface", "waypoints")
+        )
+        follower = Follower(
+            params.model,
+            round(NS_PER_S / params.shadow_hz),
+            interface.preprocessing,
+            interface.carries_previous,
+        )
+        self._shadow = Shadow(self, follower, self._on_due)
+        return follower
 
     def shutdown(self) -> None:
         """No answer leaves after this, however long the backend still works."""
@@ -63,12 +93,32 @@ class VlaBridge(Node):
 
     def _on_request(self, msg: Any) -> None:
         now_ns = time.monotonic_ns()
-        request = request_from_msg(msg)
+        try:
+            request = request_from_msg(msg)
+        except ValueError as error:
+            request = Request(msg.request_id, ns_from_stamp(msg.header.stamp), ())
+            with self._changed:
+                self._refuse(request, ErrorCode.BAD_REQUEST, str(error), 0.0)
+            return
         with self._changed:
             ticket = self._inbox.offer(request, now_ns)
             self._changed.notify_all()
             if ticket is None:
                 self._refuse(request, ErrorCode.OVERLOAD, "the queue is full", 0.0)
+
+    def _on_due(self) -> None:
+        """Shadow mode asks about the newest frame or not at all: what waits would grow old."""
+        with self._changed:
+            if self._inbox.busy or self._follower is None:
+                self._health.skipped += 1
+                return
+            self._inbox.offer(self._follower.request(), time.monotonic_ns())
+            self._changed.notify_all()
+
+    def _diagnose(self) -> None:
+        with self._changed:
+            status = self._health.status(self._inbox.waiting, time.monotonic_ns())
+        self._diagnostics.publish(diagnostic_array([status], time.time_ns()))
 
     def _on_deadline(self) -> None:
         now_ns = time.monotonic_ns()
@@ -88,6 +138,7 @@ class VlaBridge(Node):
                     self._changed.wait()
                 if self._stopping:
                     return
+                self._health.busy_since_ns = time.monotonic_ns()
             if ticket is not None:
                 outcome = respond(self._backend, self._model, ticket.request)
                 latency_ns = time.monotonic_ns() - ticket.received_ns
@@ -102,9 +153,11 @@ class VlaBridge(Node):
     def _finish(self, ticket: Ticket, outcome: Outcome, latency_s: float) -> None:
         response = replace(outcome.response, latency_s=latency_s)
         with self._changed:
+            self._health.busy_since_ns = None
             if self._stopping:
                 return
             if not self._inbox.finish(ticket):
+                self._health.late += 1
                 self.get_logger().warning(
                     f"request {response.request_id!r}: answered after {latency_s:.2f} s, too late"
                 )
@@ -129,6 +182,11 @@ class VlaBridge(Node):
         self._publish(failure(blank, code, reason))
 
     def _publish(self, response: Response) -> None:
+        self._health.see(
+            response.error_code, response.error_msg, response.latency_s, time.monotonic_ns()
+        )
+        if self._follower is not None:
+            response = self._follower.answered(response)
         try:
             msg = response_to_msg(response)
         except (ValueError, TypeError, AssertionError, OverflowError) as error:

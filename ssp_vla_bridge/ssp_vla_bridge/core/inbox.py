@@ -49,6 +49,16 @@ class Inbox:
         self._open[ticket.number] = ticket
         return ticket
 
+    @property
+    def waiting(self) -> int:
+        """Requests in the queue."""
+        return len(self._waiting)
+
+    @property
+    def busy(self) -> bool:
+        """True while a request is still to be answered."""
+        return bool(self._open)
+
     def take(self) -> Ticket | None:
         """The oldest waiting request, None when there is none."""
         return self._waiting.popleft() if self._waiting else None
