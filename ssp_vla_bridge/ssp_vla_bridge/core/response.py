@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Any
 
 from ssp_core.errors import InputError
+from ssp_vla_bridge.core.json_fields import (
+    Malformed,
+    exact_object,
+    integer,
+    listed,
+    mapping,
+    number,
+    number_to_json,
+    string,
+)
 
 RESPONSE_SCHEMA = "ssp.response/1"
 _ARRAY_KEYS = {"name", "shape", "data", "frame", "unit", "step_s", "first_time_s"}
@@ -89,6 +98,31 @@ class Response:
     error_msg: str = ""
 
 
+def arrays_to_json(arrays: Sequence[NativeArray]) -> list[dict[str, Any]]:
+    """The one JSON form of native arrays; numbers that aren't finite stand as strings in it."""
+    return [
+        {
+            "name": array.name,
+            "shape": list(array.shape),
+            "data": [number_to_json(value) for value in array.data],
+            "frame": array.frame,
+            "unit": array.unit,
+            "step_s": number_to_json(array.step_s),
+            "first_time_s": number_to_json(array.first_time_s),
+        }
+        for array in arrays
+    ]
+
+
+def arrays_from_json(value: Any) -> tuple[NativeArray, ...]:
+    """The inverse of arrays_to_json.
+
+    Raises:
+        Malformed: it is no such list.
+    """
+    return tuple(_array(one, f"arrays[{i}]") for i, one in enumerate(listed(value, "arrays")))
+
+
 def response_to_json(response: Response) -> dict[str, Any]:
     """The JSON object of a response; numbers that aren't finite stand as strings in it."""
     return {
@@ -98,20 +132,9 @@ def response_to_json(response: Response) -> dict[str, Any]:
         "model": response.model,
         "model_id": response.model_id,
         "text": response.text,
-        "arrays": [
-            {
-                "name": array.name,
-                "shape": list(array.shape),
-                "data": [_number_to_json(value) for value in array.data],
-                "frame": array.frame,
-                "unit": array.unit,
-                "step_s": _number_to_json(array.step_s),
-                "first_time_s": _number_to_json(array.first_time_s),
-            }
-            for array in response.arrays
-        ],
+        "arrays": arrays_to_json(response.arrays),
         "decoding": dict(response.decoding),
-        "latency_s": _number_to_json(response.latency_s),
+        "latency_s": number_to_json(response.latency_s),
         "error_code": int(response.error_code),
         "error_msg": response.error_msg,
     }
@@ -130,88 +153,39 @@ def response_from_json(value: Any, *, file: str | None = None, line: int | None 
     """
     try:
         return _response(value)
-    except _Malformed as error:
+    except Malformed as error:
         raise InputError(
             error.problem, file=file, line=line, field=error.field, value=error.value
         ) from None
 
 
-class _Malformed(ValueError):
-    def __init__(self, field_name: str, problem: str, value: object = None) -> None:
-        super().__init__(problem)
-        self.field, self.problem, self.value = field_name, problem, value
-
-
 def _response(value: Any) -> Response:
-    fields = _object(value, "response", _RESPONSE_KEYS)
+    fields = exact_object(value, "response", _RESPONSE_KEYS)
     if fields["schema"] != RESPONSE_SCHEMA:
-        raise _Malformed("schema", f"must be {RESPONSE_SCHEMA!r}", fields["schema"])
-    arrays = fields["arrays"]
-    if not isinstance(arrays, list):
-        raise _Malformed("arrays", "must be a list", arrays)
-    if not isinstance(fields["decoding"], dict):
-        raise _Malformed("decoding", "must be an object", fields["decoding"])
+        raise Malformed("schema", f"must be {RESPONSE_SCHEMA!r}", fields["schema"])
     return Response(
-        request_id=_string(fields, "request_id"),
-        stamp_ns=_integer(fields["stamp_ns"], "stamp_ns"),
-        model=_string(fields, "model"),
-        model_id=_string(fields, "model_id"),
-        text=_string(fields, "text"),
-        arrays=tuple(_array(array, f"arrays[{i}]") for i, array in enumerate(arrays)),
-        decoding=fields["decoding"],
-        latency_s=_number(fields["latency_s"], "latency_s"),
-        error_code=_integer(fields["error_code"], "error_code"),
-        error_msg=_string(fields, "error_msg"),
+        request_id=string(fields, "request_id"),
+        stamp_ns=integer(fields["stamp_ns"], "stamp_ns"),
+        model=string(fields, "model"),
+        model_id=string(fields, "model_id"),
+        text=string(fields, "text"),
+        arrays=arrays_from_json(fields["arrays"]),
+        decoding=mapping(fields["decoding"], "decoding"),
+        latency_s=number(fields["latency_s"], "latency_s"),
+        error_code=integer(fields["error_code"], "error_code"),
+        error_msg=string(fields, "error_msg"),
     )
 
 
 def _array(value: Any, place: str) -> NativeArray:
-    fields = _object(value, place, _ARRAY_KEYS)
-    for key in ("shape", "data"):
-        if not isinstance(fields[key], list):
-            raise _Malformed(f"{place}.{key}", "must be a list", fields[key])
+    fields = exact_object(value, place, _ARRAY_KEYS)
+    shape, data = (listed(fields[key], f"{place}.{key}") for key in ("shape", "data"))
     return NativeArray(
-        name=_string(fields, "name", place),
-        shape=tuple(_integer(size, f"{place}.shape") for size in fields["shape"]),
-        data=tuple(_number(number, f"{place}.data") for number in fields["data"]),
-        frame=_string(fields, "frame", place),
-        unit=_string(fields, "unit", place),
-        step_s=_number(fields["step_s"], f"{place}.step_s"),
-        first_time_s=_number(fields["first_time_s"], f"{place}.first_time_s"),
+        name=string(fields, "name", place),
+        shape=tuple(integer(size, f"{place}.shape") for size in shape),
+        data=tuple(number(one, f"{place}.data") for one in data),
+        frame=string(fields, "frame", place),
+        unit=string(fields, "unit", place),
+        step_s=number(fields["step_s"], f"{place}.step_s"),
+        first_time_s=number(fields["first_time_s"], f"{place}.first_time_s"),
     )
-
-
-def _object(value: Any, place: str, keys: set[str]) -> dict[str, Any]:
-    if not isinstance(value, dict):
-        raise _Malformed(place, "must be an object", value)
-    for key in sorted(keys ^ set(value)):
-        raise _Malformed(f"{place}.{key}", "is missing" if key in keys else "is no known key")
-    return value
-
-
-def _string(fields: dict[str, Any], key: str, place: str = "response") -> str:
-    value = fields[key]
-    if not isinstance(value, str):
-        raise _Malformed(f"{place}.{key}", "must be a string", value)
-    return value
-
-
-def _integer(value: Any, place: str) -> int:
-    if not isinstance(value, int) or isinstance(value, bool):
-        raise _Malformed(place, "must be an integer", value)
-    return value
-
-
-def _number_to_json(value: float) -> float | str:
-    return float(value) if math.isfinite(value) else str(float(value))
-
-
-def _number(value: Any, place: str) -> float:
-    if isinstance(value, (int, float)) and not isinstance(value, bool):
-        try:
-            return float(value)
-        except OverflowError:
-            raise _Malformed(place, "is too large a number", value) from None
-    if value in ("nan", "inf", "-inf"):
-        return float(value)
-    raise _Malformed(place, "must be a number", value)
