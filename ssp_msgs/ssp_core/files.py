@@ -15,6 +15,7 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from ssp_core.errors import HostError, InputError
+from ssp_core.strict_json import parse_strict
 
 MAX_TEXT_BYTES = 8 << 20
 # Python shows whole numbers of at most 4300 digits.
@@ -105,25 +106,14 @@ _PARSE_ERRORS = (
 )
 
 
-def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    mapping = dict(pairs)
-    if len(mapping) < len(pairs):
-        raise ValueError("a key stands twice")
-    return mapping
-
-
-def _no_number(word: str) -> Any:
-    raise ValueError(f"{word} is no JSON")
-
-
 def _parse(text: str) -> Any:
     """JSON by JSON's rules (YAML 1.1 reads 1e5 and surrogate pairs otherwise), all else as YAML.
 
     What isn't JSON goes to the YAML loader, which also says in which line something is wrong.
     """
     if text.lstrip().startswith("{"):
-        with suppress(ValueError, RecursionError):
-            return json.loads(text, object_pairs_hook=_once, parse_constant=_no_number)
+        with suppress(ValueError):
+            return parse_strict(text)
     return yaml.load(text, Loader=_NoAliasLoader)
 
 

@@ -6,7 +6,6 @@ schema here. What doesn't fit is not repaired: it is named, field by field.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
@@ -15,6 +14,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from ssp_core.files import field_path
 from ssp_core.hashing import canonical_json
+from ssp_core.strict_json import parse_strict
 from ssp_scenario_manager.interactions import KINDS
 from ssp_scenario_manager.spec.extract.questions import (
     CELL_PHASES,
@@ -145,9 +145,7 @@ def read_answer(question: Question, scope: Scope, text: str) -> BaseModel:
         BadAnswer: it is no JSON, or doesn't fit the schema.
     """
     try:
-        value = json.loads(_bare(text), object_pairs_hook=_once, parse_constant=_no_number)
-    except RecursionError:
-        raise BadAnswer(["the answer is nested too deeply"]) from None
+        value = parse_strict(_bare(text))
     except ValueError as error:
         raise BadAnswer([f"the answer is no JSON: {error}"]) from None
     if not isinstance(value, dict):
@@ -234,17 +232,6 @@ def _bare(text: str) -> str:
     if text.startswith("```") and text.endswith("```") and "\n" in text:
         text = text.partition("\n")[2].removesuffix("```").strip()
     return text
-
-
-def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    mapping = dict(pairs)
-    if len(mapping) < len(pairs):
-        raise ValueError("a key stands twice")
-    return mapping
-
-
-def _no_number(word: str) -> Any:
-    raise ValueError(f"{word} is no number")
 
 
 def _got(error: Any) -> str:

@@ -12,11 +12,10 @@ from urllib.parse import urlsplit
 import click
 
 from ssp_core import console
-from ssp_core.errors import InputError
+from ssp_core.chat import OpenAIChat, Policy, check_key, without_userinfo
 from ssp_core.options import Number
 from ssp_scenario_manager.interactions import KINDS
 from ssp_scenario_manager.spec.extract.candidate import Origin
-from ssp_scenario_manager.spec.extract.chat import OpenAIChat, Policy
 from ssp_scenario_manager.spec.extract.extraction import Extracted, Order, extract
 from ssp_scenario_manager.spec.extract.frames import WIDE_SPACING_S, Crop
 from ssp_scenario_manager.spec.log_file import utc_now
@@ -25,6 +24,18 @@ from ssp_scenario_manager.spec.review.values import shown
 
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,31}")
 _PATH = click.Path(path_type=Path)
+_KEY_REMEDY = "name the variable that holds the key with --api-key-env"
+_SIZE_REMEDY = "give fewer --frames or a smaller --width"
+_REMEDIES = {
+    "unreachable": "start it, or give its --base-url",
+    "lost": "is the model still being loaded? give a larger --timeout",
+    "400": "where the server can't hold answers to a schema, give --no-schema; where it finds the "
+    f"request too long, {_SIZE_REMEDY}",
+    "401": _KEY_REMEDY,
+    "403": _KEY_REMEDY,
+    "404": "--model must be a name that the server serves, and --base-url usually ends in /v1",
+    "413": _SIZE_REMEDY,
+}
 
 
 @click.command("extract")
@@ -96,8 +107,10 @@ def extract_command(
         server=_checked_url(base_url),
         force=force,
     )
-    policy = Policy(timeout_s=timeout, tries=tries)
-    chat = OpenAIChat(base_url, model, _key(api_key_env), policy, console.note)
+    # Someone waits for the answers and keeps each, so that a lost one is worth asking for again.
+    policy = Policy(timeout_s=timeout, tries=tries, retry_lost=True)
+    key = _key(api_key_env)
+    chat = OpenAIChat(base_url, model, key, policy, console.note, remedies=_REMEDIES)
     with console.progress(f"asking {model}", None) as bar:
         task = bar.task_ids[0]
         found = extract(
@@ -134,20 +147,14 @@ def _checked_url(url: str) -> str:
         raise click.UsageError(
             f"--base-url {url!r} is no address; give one such as http://localhost:8000/v1"
         )
-    # A password in an address is no business of the log's.
-    return parts._replace(netloc=parts.netloc.rpartition("@")[2]).geturl()
+    return without_userinfo(url)  # a password is no business of the log's
 
 
 def _key(variable: str | None) -> str | None:
     if variable is None:
         return None
-    key = os.environ.get(variable, "")
-    if not key.strip():
-        raise InputError(
-            f"the environment has no {variable}, or it is empty",
-            remedy="export it, or leave --api-key-env out where the server wants no key",
-        )
-    return key
+    remedy = "leave --api-key-env out where the server wants no key"
+    return check_key(variable, os.environ.get(variable), remedy)
 
 
 def _report(order: Order, found: Extracted) -> None:

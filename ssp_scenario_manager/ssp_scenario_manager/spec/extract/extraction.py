@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from ssp_core.chat import Chat
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder, write_json
 from ssp_scenario_manager.spec.extract.annotation import load_annotation
 from ssp_scenario_manager.spec.extract.candidate import Origin, make_candidate
-from ssp_scenario_manager.spec.extract.chat import Chat
 from ssp_scenario_manager.spec.extract.frames import Clip, Crop, sample
 from ssp_scenario_manager.spec.extract.interview import Interview, Interviewer
 from ssp_scenario_manager.spec.extract.questions import DEFINITION_SHA256, GATE_REASONS

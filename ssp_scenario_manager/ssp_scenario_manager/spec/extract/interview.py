@@ -13,6 +13,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from ssp_core.chat import Chat
 from ssp_core.errors import PeerError
 from ssp_scenario_manager.spec.extract.answers import (
     BadAnswer,
@@ -23,7 +24,6 @@ from ssp_scenario_manager.spec.extract.answers import (
     printable,
     read_answer,
 )
-from ssp_scenario_manager.spec.extract.chat import Chat
 from ssp_scenario_manager.spec.extract.frames import Clip
 from ssp_scenario_manager.spec.extract.prompt import Context, build_request, with_pictures
 from ssp_scenario_manager.spec.extract.questions import AGAIN_TEXT, QUESTIONS, Question

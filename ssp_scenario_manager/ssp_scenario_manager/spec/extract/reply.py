@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
-from typing import Any
-
+from ssp_core.chat_reply import NoCompletion, read_completion
 from ssp_core.errors import PeerError
 from ssp_scenario_manager.spec.extract.answers import BadAnswer, printable
 
@@ -21,24 +19,19 @@ def reply_text(body: bytes, where: str) -> str:
         BadAnswer: the answer was cut off, or is empty; another try may help.
     """
     try:
-        value: Any = json.loads(body)
-        choice = value["choices"][0]
-        message = choice["message"]
-        content, refused = message.get("content"), message.get("refusal")
-        finish = choice.get("finish_reason")
-    except (ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
+        said = read_completion(body)
+    except NoCompletion as error:
         raise PeerError(
-            f"the server's reply is no chat completion (kept in {where}); --base-url usually ends "
-            "in /v1"
+            f"the server's reply is no chat completion: {printable(str(error))} (kept in {where}); "
+            "--base-url usually ends in /v1"
         ) from error
-    if refused or finish == "content_filter":
-        said = printable(str(refused or "filtered by the server"))[:200]
+    if said.refusal:
         raise PeerError(
-            f"the model declines to answer: {said} (kept in {where}); another model may answer, "
-            "or write the event by hand"
+            f"the model declines to answer: {printable(said.refusal)[:200]} (kept in {where}); "
+            "another model may answer, or write the event by hand"
         )
-    if finish == "length":
+    if said.cut_off:
         raise BadAnswer(["the answer was cut off at the limit of its length"])
-    if not isinstance(content, str) or not content.strip():
+    if not said.text or not said.text.strip():
         raise BadAnswer(["the answer is empty"])
-    return content
+    return said.text

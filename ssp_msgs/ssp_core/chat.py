@@ -1,0 +1,293 @@
+"""One question to a model over the OpenAI chat interface, and what to do when it doesn't answer.
+
+The policy, which is the only one (the library's own retries are off):
+
+- A try ends after ``timeout_s`` without a whole answer; all tries and the waits between them end
+  after ``deadline_s``, and no wait is begun that would outlast it.
+- Tried again, ``tries`` times in all, is what can't have been answered: a server that can't be
+  reached, and one that says 408, 409, 425, 429 or 5xx. The wait is 1, 2, 4 … seconds, or what
+  ``Retry-After`` says (in seconds) where that is at most ``longest_wait_s``.
+- Silence and a connection that breaks off are final: the answer may have been made, paid for and
+  lost, and a second one may differ. ``retry_lost`` says that this is all right.
+- Everything else is final: another status, an answer that is too large, a redirect.
+
+What comes back is the body as it came; nothing here looks into it but for the key: it stands in no
+message, and an answer that holds it is refused.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+from urllib.parse import urlsplit
+
+from ssp_core.errors import InputError, PeerError
+from ssp_core.secret import gives_away, redact
+from ssp_core.strict_json import parse_strict
+
+if TYPE_CHECKING:  # the library is imported with the first question; it takes its time
+    from ssp_core.chat_exchange import Failed, Received
+
+NO_KEY = "none"  # what servers get that want no key
+_AGAIN = frozenset({408, 409, 425, 429})
+_SHOWN = 300  # characters of what a server says
+_LOOKED_AT = 4096
+
+
+@dataclass(frozen=True)
+class Policy:
+    """Patience with a server.
+
+    Args:
+        timeout_s: for one whole answer.
+        tries: of one request.
+        first_wait_s: before the second try; doubled for each further one.
+        longest_wait_s: a server that wants a longer wait is given up.
+        max_bytes: of one answer.
+        deadline_s: for all tries and the waits between them; None: none.
+        retry_lost: ask again where an answer may have been made and was lost.
+    """
+
+    timeout_s: float = 120.0
+    tries: int = 3
+    first_wait_s: float = 1.0
+    longest_wait_s: float = 60.0
+    max_bytes: int = 1 << 20
+    deadline_s: float | None = None
+    retry_lost: bool = False
+
+
+@dataclass(frozen=True)
+class Trouble:
+    """One try failed.
+
+    Args:
+        kind: by which a remedy is found: ``unreachable``, ``lost``, ``too_large``, ``unsendable``,
+            ``key``, or the status as text.
+        reason: for people.
+        safe: nothing was answered, so that asking again costs nothing.
+        lost: an answer may have been made.
+        wait_s: that the server asks for, None: it doesn't say.
+    """
+
+    kind: str
+    reason: str
+    safe: bool = False
+    lost: bool = False
+    wait_s: float | None = None
+
+
+@dataclass(frozen=True)
+class Reply:
+    """The body of an answer as it came, and how many tries it took."""
+
+    body: bytes
+    tries: int
+
+
+class Chat(Protocol):
+    """A model that answers; tests have their own."""
+
+    @property
+    def model(self) -> str:
+        """Its name, as the server knows it."""
+
+    def ask(self, messages: Sequence[Mapping[str, Any]], answer: Mapping[str, Any]) -> bytes:
+        """The body of the reply to a request; raises PeerError when there is none.
+
+        Args:
+            messages: of the chat.
+            answer: further parameters of the request: response_format, limits, decoding.
+        """
+
+
+def pause_s(policy: Policy, trouble: Trouble, tries: int, left_s: float | None) -> float | None:
+    """How long to wait before the next try; None: there is none.
+
+    Args:
+        policy: patience.
+        trouble: that the last try met.
+        tries: made so far.
+        left_s: until the deadline, None: there is no deadline.
+    """
+    if tries >= policy.tries or not (trouble.safe or (trouble.lost and policy.retry_lost)):
+        return None
+    if trouble.wait_s is not None:
+        wait_s = trouble.wait_s
+        if wait_s > policy.longest_wait_s:
+            return None
+    else:
+        wait_s = min(policy.first_wait_s * 2.0 ** (tries - 1), policy.longest_wait_s)
+    return wait_s if left_s is None or wait_s < left_s else None
+
+
+class OpenAIChat:
+    """A server that speaks the OpenAI chat interface, such as vLLM; asked from one thread.
+
+    Args:
+        base_url: up to and with ``/v1``.
+        model: as the server names it.
+        api_key: None sends a word that says that there is none; no key is taken from the
+            environment, so that none goes to a server that it isn't for.
+        policy: patience.
+        note: told of each try that failed.
+        sleep: waits some seconds.
+        remedies: what a person can do, by kind of trouble (Trouble.kind).
+    """
+
+    def __init__(
+        self,
+        base_url: str,
+        model: str,
+        api_key: str | None = None,
+        policy: Policy | None = None,
+        note: Callable[[str], None] = lambda _: None,
+        sleep: Callable[[float], None] = time.sleep,
+        remedies: Mapping[str, str] | None = None,
+    ) -> None:
+        self._url = base_url
+        self._shown_url = without_userinfo(base_url)
+        self._model = model
+        self._key = api_key
+        self._policy = policy or Policy()
+        self._note = note
+        self._sleep = sleep
+        self._remedies = remedies or {}
+        if self._policy.tries < 1:
+            raise ValueError("a policy needs at least one try")
+
+    @property
+    def model(self) -> str:
+        return self._model
+
+    def ask(self, messages: Sequence[Mapping[str, Any]], answer: Mapping[str, Any]) -> bytes:
+        return self.request(messages, answer).body
+
+    def request(
+        self,
+        messages: Sequence[Mapping[str, Any]],
+        answer: Mapping[str, Any],
+        deadline_s: float | None = None,
+    ) -> Reply:
+        """The reply to a request. It must not be called from within an event loop.
+
+        Args:
+            messages: of the chat.
+            answer: further parameters of the request.
+            deadline_s: for this request, where it is shorter than the policy's.
+
+        Raises:
+            PeerError: there is none; one line with the reason and what can be done.
+        """
+        from ssp_core.chat_exchange import exchange
+
+        policy = self._policy
+        limits_s = [limit for limit in (policy.deadline_s, deadline_s) if limit is not None]
+        end_s = time.monotonic() + min(limits_s) if limits_s else None
+        request = {"model": self._model, "messages": list(messages), **answer}
+        tries = 0
+        while True:
+            left_s = None if end_s is None else end_s - time.monotonic()
+            limit_s = policy.timeout_s if left_s is None else min(policy.timeout_s, left_s)
+            limit_s = max(limit_s, 0.001)
+            came = exchange(self._url, self._key or NO_KEY, request, limit_s, policy.max_bytes)
+            tries += 1
+            trouble = self._trouble(came)
+            if isinstance(trouble, bytes):
+                return Reply(trouble, tries)
+            left_s = None if end_s is None else end_s - time.monotonic()
+            wait_s = pause_s(policy, trouble, tries, left_s)
+            if wait_s is None:
+                raise PeerError(self._message(trouble, tries))
+            self._note(f"{self._shown_url}: {trouble.reason}; trying again in {wait_s:g} s")
+            self._sleep(wait_s)
+
+    def _trouble(self, came: Received | Failed) -> Trouble | bytes:
+        """What came, as trouble without the key in it, or the body of an answer."""
+        from ssp_core.chat_exchange import Failed, Failure, retry_after_s
+
+        if isinstance(came, Failed):
+            return Trouble(
+                came.failure.value,
+                redact(" ".join(came.reason.split()), self._key),
+                safe=came.failure is Failure.UNREACHABLE,
+                lost=came.failure is Failure.LOST,
+            )
+        code = came.status
+        if code != 200:
+            said = redact(_said(came.body), self._key)
+            shown = said if len(said) <= _SHOWN else said[: _SHOWN - 3] + "..."
+            if 300 <= code < 400:
+                shown = "it sends on to another address, which is not followed"
+            return Trouble(
+                str(code),
+                f"the server says {code}" + (f": {shown}" if shown else ""),
+                safe=code in _AGAIN or code >= 500,
+                wait_s=retry_after_s(came.headers),
+            )
+        if gives_away(came.body, self._key):
+            return Trouble("key", "the answer holds the key that was sent and is not kept")
+        return came.body
+
+    def _message(self, trouble: Trouble, tries: int) -> str:
+        remedy = self._remedies.get(trouble.kind, "")
+        made = f" ({tries} tries)" if tries > 1 else ""
+        return f"{self._shown_url}: {trouble.reason}{made}" + (f"; {remedy}" if remedy else "")
+
+
+def without_userinfo(url: str) -> str:
+    """An address without the name and password that may stand in it."""
+    try:
+        parts = urlsplit(url)
+        return parts._replace(netloc=parts.netloc.rpartition("@")[2]).geturl()
+    except ValueError:
+        return "the address"
+
+
+def check_key(variable: str, key: str | None, remedy: str) -> str:
+    """The key that an environment variable holds.
+
+    Args:
+        variable: its name, for the message; the key itself stands in none.
+        key: its value, None: there is no such variable.
+        remedy: where no key is wanted.
+
+    Raises:
+        InputError: there is no key, or one that no header can carry.
+    """
+    if key is None or not key.strip():
+        raise InputError(
+            f"the environment has no {variable}, or it is empty", remedy=f"export it, or {remedy}"
+        )
+    key = key.strip()
+    if not all("!" <= character <= "~" for character in key):
+        raise InputError(
+            f"the key in the environment's {variable} holds a blank, a control character or one "
+            "outside ASCII, which no request can carry",
+            remedy="export the key alone",
+        )
+    return key
+
+
+def _said(body: bytes) -> str:
+    """What an error's body says, on one line: its message, else its text."""
+    text = body[:_LOOKED_AT].decode("utf-8", "replace")
+    if looks_like_html(body):
+        return "(a page of HTML)"
+    try:
+        value = parse_strict(body)
+    except ValueError:
+        value = None
+    if isinstance(value, dict):
+        error = value.get("error", value)
+        message = error.get("message", error.get("detail")) if isinstance(error, dict) else error
+        text = message if isinstance(message, str) else text
+    return " ".join("".join(c if c.isprintable() else " " for c in text[:_LOOKED_AT]).split())
+
+
+def looks_like_html(body: bytes) -> bool:
+    """True for a page where JSON was expected."""
+    start = body[:1024].lstrip(b"\xef\xbb\xbf \t\r\n").lower()
+    return start.startswith((b"<!doctype", b"<html", b"<?xml", b"<head", b"<body", b"<!--"))

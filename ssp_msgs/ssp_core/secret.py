@@ -1,0 +1,52 @@
+"""Keeps a key out of texts that people or files get to see."""
+
+from __future__ import annotations
+
+import html
+import json
+from urllib.parse import quote
+
+_SHOWN = "[key]"
+_PART = 8  # so many characters of a key in a row are taken for a piece of it
+_PLACEHOLDER = 8  # a shorter key is a word such as "none" or "EMPTY" and no secret
+
+
+def redact(text: str, key: str | None) -> str:
+    """The text with every occurrence of the key, and of a longer piece of it, replaced.
+
+    A piece is 8 characters in a row, as a message may have been cut within the key. The key is
+    also found as JSON, HTML and a URL would write it.
+
+    Args:
+        text: that may quote the key, such as a server's error.
+        key: None or empty: there is none.
+    """
+    if not key:
+        return text
+    hidden = bytearray(len(text))
+    for form in _forms(key):
+        size = min(_PART, len(form))
+        for part in {form[i : i + size] for i in range(len(form) - size + 1)}:
+            at = text.find(part)
+            while at >= 0:
+                hidden[at : at + size] = b"\1" * size
+                at = text.find(part, at + 1)
+    pieces = []
+    for i, character in enumerate(text):
+        if not hidden[i]:
+            pieces.append(character)
+        elif not i or not hidden[i - 1]:
+            pieces.append(_SHOWN)
+    return "".join(pieces)
+
+
+def gives_away(body: bytes, key: str | None) -> bool:
+    """True where a reply holds the whole key; a placeholder such as "none" is no secret."""
+    if not key or len(key) < _PLACEHOLDER:
+        return False
+    return any(form.encode() in body for form in _forms(key))
+
+
+def _forms(key: str) -> set[str]:
+    as_json = json.dumps(key)[1:-1]
+    return {key, as_json, as_json.replace("/", "\\/"), html.escape(key), quote(key, safe="")}
