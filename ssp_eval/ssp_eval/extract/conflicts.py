@@ -66,8 +66,9 @@ def read_conflict(talk: Talk, index: int, hit: Hit) -> None:
 
 
 def read_in_lane(talk: Talk, index: int, hit: Hit) -> None:
-    if isinstance(talk.subject, Actor) and not talk.flags[index]:
-        talk.in_path = (talk.subject, index)
+    if isinstance(talk.subject, Actor):
+        if hit.value and not talk.flags[index]:
+            talk.in_path = (talk.subject, index)
     else:
         talk.planner.in_lane(index, hit, talk.subject is EGO or talk.subject is None)
 

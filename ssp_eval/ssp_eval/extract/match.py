@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import product
 from typing import Any
 
-from ssp_eval.extract import grammar, lexicon, verbs
+from ssp_eval.extract import grammar, lanes, lexicon, nouns, paces, verbs
 from ssp_eval.extract.directions import place_stop, side
 from ssp_eval.extract.hits import Hit, Kind
 from ssp_eval.extract.keeping import HEADS, keep
@@ -30,8 +30,8 @@ def _entries() -> dict[str, Entry]:
         add(phrase, Kind.SKIP, "")
     for phrase in lexicon.EGO:
         add(phrase, Kind.EGO, "")
-    for name, nouns in lexicon.OBJECT_NOUNS.items():
-        for noun in nouns:
+    for name, listed in nouns.OBJECT_NOUNS.items():
+        for noun in listed:
             add(noun, Kind.OBJECT, name)
     for value, listed in lexicon.STATES.items():
         for phrase in listed:
@@ -55,17 +55,13 @@ def _entries() -> dict[str, Entry]:
     for lemma, forms in verbs.EXTRA_FORMS.items():
         for words, form in forms:
             add(words, Kind.VERB, lemma, form)
-    owners = ("", "a ", "the ", "our ", "my ", "its ")
-    paces = ("constant", "current", "same", "steady", "present")
-    for prep, owner, pace, noun in product(("at", "with"), owners, paces, ("speed", "velocity")):
-        add(f"{prep} {owner}{pace} {noun}", Kind.VERB, "keep_speed", "noun")
-    for pace, noun in product(("constant", "steady", "same"), ("speed", "velocity")):
-        add(f"{pace} {noun}", Kind.VERB, "keep_speed", "noun")
-    for prep, owner in product(
-        ("in", "within", "inside"), ("our", "my", "its", "the ego", "the current")
-    ):
-        add(f"{prep} {owner} lane", Kind.IN_LANE, "")
+    for prep, owner in product(("in", "within", "inside", "on"), lanes.OWN_LANE):
+        value = "own" if {"our", "my", "ego"} & set(owner.split()) else ""
+        add(f"{prep} {owner} lane".replace("  ", " "), Kind.IN_LANE, value)
+    for prep, owner in product(("in", "within", "inside"), ("our", "my", "its", "the ego")):
         add(f"{prep} {owner} path", Kind.IN_LANE, "path")
+    for phrase in lanes.SAME_LANE:
+        add(phrase, Kind.IN_LANE, "")
     for scene in lexicon.SCENE:
         add(scene, Kind.SCENE, "")
     return table
@@ -170,8 +166,11 @@ _ORDINALS = {
 }
 
 
+_PACES = paces.HEADS | lanes.HEADS
+_RIDERS = frozenset({"pedestrian", "rider"})
+
 # Words with which a rule can begin; the rest is passed over at once.
-_STARTS = frozenset(_ROOT) | _MARKS | HEADS | _FRAMES | frozenset(_BARE_VALUES)
+_STARTS = frozenset(_ROOT) | _MARKS | HEADS | _PACES | _FRAMES | frozenset(_BARE_VALUES)
 
 
 def find(words: list[str]) -> list[Hit]:
@@ -185,10 +184,14 @@ def find(words: list[str]) -> list[Hit]:
             at += 1
             continue
         if word in _MARKS:
-            if word in ":=":
-                _key(words, at, hits)
+            slot = _key(words, at, hits) if word in ":=" else ""
             hits.append(Hit(Kind.MARK, word, "", at, at + 1))
             at += 1
+            if slot:
+                value = lanes.field_value(words, at, slot)
+                if value is not None:
+                    hits.append(Hit(Kind.VERB, *value))
+                    at = value[3]
             continue
         if word in _BARE_VALUES:
             bare = _bare_value(words, at)
@@ -201,6 +204,12 @@ def find(words: list[str]) -> list[Hit]:
             if kept:
                 hits.extend(Hit(Kind.VERB, lemma, form, a, b) for lemma, form, a, b in kept)
                 at = kept[-1][3] if len(kept) > 1 else kept[0][3]
+                continue
+        if word in _PACES:
+            paced = paces.pace(words, at) or lanes.straight(words, at)
+            if paced is not None:
+                hits.append(Hit(Kind.VERB, *paced))
+                at = paced[3]
                 continue
         if word == "left" or word == "right":
             at = _side(words, at, hits)
@@ -230,7 +239,13 @@ def _add(words: list[str], at: int, stop: int, entry: Entry, hits: list[Hit]) ->
             return stop
         hits.append(Hit(kind, value, form, at, end))
         return end
-    if kind is Kind.OBJECT:
+    if kind is Kind.OBJECT or value == "rider":
+        ridden = nouns.together(words, stop, value) if value in _RIDERS else None
+        if ridden is not None:
+            kind = Kind.OBJECT
+            value, stop = ridden
+        if nouns.vague(words, at):
+            return stop
         form = _article(words, at)
     elif kind is Kind.VERB and stop == at + 1 and _is_noun(words, at):
         return stop
@@ -332,18 +347,27 @@ def _frame(words: list[str], at: int, hits: list[Hit]) -> int:
     return stop
 
 
-def _key(words: list[str], colon: int, hits: list[Hit]) -> None:
-    """Turns the words before a colon into a field name, if they are one and stand alone."""
+def _key(words: list[str], colon: int, hits: list[Hit]) -> str:
+    """Turns the words before a colon into a field name, if they are one and stand alone.
+
+    Returns:
+        The field: a slot of KEYS, or one of the looser names of lanes.py; "" if there is none.
+    """
     stop = colon
     while stop and words[stop - 1] in ('"', ")", "|"):
         stop -= 1
     for length in (3, 2, 1):
         first = stop - length
-        if first < 0:
+        if first < 0 or (first and words[first - 1] not in _MARKS):
             continue
-        slot = _KEYS.get(" ".join(words[first:stop]))
-        if slot and (first == 0 or words[first - 1] in _MARKS):
+        name = " ".join(words[first:stop])
+        slot = _KEYS.get(name)
+        if slot:
             while hits and hits[-1].stop > first:
                 hits.pop()
             hits.append(Hit(Kind.KEY, slot, "", first, stop))
-            return
+            return slot
+        loose = lanes.FIELDS.get(name)
+        if loose:
+            return loose
+    return ""

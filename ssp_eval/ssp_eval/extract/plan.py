@@ -151,7 +151,7 @@ class Planner:
         if not own or hit.value == "path" or self.flags[index] or self.last is None:
             return
         last, first, _ = self.last
-        if index - last <= 2 and self.hits[last].value in LON_ACTIONS:
+        if index - last <= 3 and self.hits[last].value in LON_ACTIONS:
             self._commit("lat_action", "straight", first, hit.stop, True)
 
     def _commit(self, slot: str, value: str, first: int, stop: int, linked: bool) -> None:

@@ -1,0 +1,157 @@
+"""Stage 3d: phrases about the ego's lane and wheel, and the short values of action fields."""
+
+from __future__ import annotations
+
+from ssp_eval.extract.lexicon import phrases
+
+Found = tuple[str, str, int, int]
+
+# Whose lane it is that somebody stays or brakes in.
+OWN_LANE = phrases(
+    """
+    our, my, its, the ego, the current, our own, my own, its own, the own, the same, the, own,
+    this, the present, the ego vehicle, our current, its current, your, your own, ego
+    """
+)
+SAME_LANE = phrases("in lane, same lane, without leaving the lane, without leaving our lane")
+
+_WHEELS = frozenset(phrases("wheel, wheels, steering"))
+_HELD = frozenset(
+    phrases(
+        """
+        wheel, held, kept, is, stays, remains, be, should, stay, as, it, the, a, at, dead, all,
+        completely, to, must, input, angle, command, pointed, pointing, neutral, set, of, remain
+        """
+    )
+)
+_NO_STEERING = frozenset(
+    phrases(
+        """
+        evasive, active, further, additional, extra, lateral, steering, any, sudden, more, need,
+        of, for, a, sideways, correction, corrections, sharp
+        """
+    )
+)
+_STEERING = frozenset(phrases("steering"))
+_SIDEWAYS = frozenset(phrases("lateral, sideways"))
+_MOVES = frozenset(
+    phrases(
+        "movement, action, motion, maneuver, manoeuvre, shift, deviation, change, offset, input"
+    )
+)
+_THROUGH = frozenset(phrases("on, through"))
+HEADS = _WHEELS | frozenset(phrases("straight, no"))
+_MARKS = frozenset({".", "?", "\n", ",", ";", ":", '"', "|", "[", "=", "("})
+
+# Names of fields that are a field of the plan only where one of the values below follows.
+FIELDS = {
+    **dict.fromkeys(
+        phrases(
+            """
+            speed, velocity, v, throttle, pace, longitudinal control, speed command, lon,
+            speed action, target speed, ego speed, speed change, acceleration, our speed
+            """
+        ),
+        "speed",
+    ),
+    **dict.fromkeys(
+        phrases(
+            """
+            lane, steering, steer, steering command, path, heading, lane decision, lane action,
+            lane choice, lateral control, lateral motion, our lane, steering wheel, lane keeping,
+            lateral command, lane command, lane change, wheel
+            """
+        ),
+        "lane",
+    ),
+}
+_SPEED_VALUES = frozenset(
+    phrases(
+        """
+        keep, hold, unchanged, maintain, no change, as is, keep it, hold it, kept, maintained, same,
+        same as before, stays the same, stays as it is, leave as is, keep as is, held, unaltered,
+        no change needed, same as now, stays, as it is, remains the same
+        """
+    )
+)
+_LANE_VALUES = frozenset(
+    phrases(
+        """
+        keep, hold, unchanged, stay, no change, none, same, as is, straight, keep it, kept, same as
+        before, stays the same, leave as is, maintain, neutral, zero, no change needed, nil, held,
+        no steering, no input, stays as it is, not needed, none needed, none required, straight on,
+        straight ahead, centered, centred, center, centre, own, current, same lane, own lane,
+        current lane, no, not changed
+        """
+    )
+)
+_LONGEST = 4
+
+
+def field_value(words: list[str], at: int, field: str) -> Found | None:
+    """The value of an action field that says by itself nothing: hold, none, unchanged, keep.
+
+    Args:
+        words: words of the text.
+        at: the word after the colon.
+        field: the field's slot, or ``speed`` or ``lane`` of FIELDS.
+    """
+    while at < len(words) and words[at] in ('"', "[", ",", "|"):
+        at += 1
+    speed = field in ("speed", "lon_action")
+    if not speed and field not in ("lane", "lat_action"):
+        return None
+    values = _SPEED_VALUES if speed else _LANE_VALUES
+    lemma = "keep_speed" if speed else "keep_lane"
+    for stop in range(min(at + _LONGEST, len(words)), at, -1):
+        ends = stop == len(words) or words[stop] in _MARKS
+        if ends and " ".join(words[at:stop]) in values:
+            return lemma, "value", at, stop
+    return None
+
+
+def straight(words: list[str], at: int) -> Found | None:
+    """wheels straight, steering stays straight, straight wheels, straight on, no steering."""
+    word = words[at]
+    count = len(words)
+    after = words[at + 1] if at + 1 < count else "."
+    if word == "straight":
+        if after in _WHEELS:
+            stop = at + 2
+            if words[stop : stop + 1] == ["wheel"]:
+                stop += 1
+            return "keep_lane", "noun", at, stop
+        alone = at == 0 or words[at - 1] in _MARKS or words[at - 1] in ("go", "and")
+        ends = at + 2 >= count or words[at + 2] in _MARKS
+        if after in _THROUGH and alone and ends:
+            return "keep_lane", "value", at, at + 2
+        return None
+    if word == "no":
+        return _no_steering(words, at)
+    here = at + 1
+    while here < min(at + 6, count) and words[here] in _HELD:
+        here += 1
+    if here < count and words[here] == "straight":
+        return "keep_lane", "noun", at, here + 1
+    return None
+
+
+def _no_steering(words: list[str], at: int) -> Found | None:
+    here = at + 1
+    count = len(words)
+    sideways = False
+    while here < min(at + 5, count):
+        word = words[here]
+        if word in _STEERING:
+            stop = here + 1
+            if words[stop : stop + 1] and words[stop] in ("input", "needed", "required", "wheel"):
+                stop += 1
+            after = words[stop] if stop < count else "."
+            return ("keep_lane", "noun", at, stop) if after not in ("to", "towards") else None
+        if sideways and word in _MOVES:
+            return "keep_lane", "noun", at, here + 1
+        if word not in _NO_STEERING:
+            return None
+        sideways = sideways or word in _SIDEWAYS
+        here += 1
+    return None
