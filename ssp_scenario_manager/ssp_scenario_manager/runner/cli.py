@@ -6,6 +6,7 @@ import json
 import shutil
 import tempfile
 import time
+from collections import Counter
 from pathlib import Path
 from typing import Any, Literal, cast
 
@@ -29,6 +30,7 @@ from ssp_scenario_manager.runner.junit import Case, write_junit
 from ssp_scenario_manager.runner.live import LiveSetup, live_options
 from ssp_scenario_manager.runner.outcome import Outcome
 from ssp_scenario_manager.runner.page import DEFAULT_PORT
+from ssp_scenario_manager.runner.shadow import shadow_model
 
 DEFAULT_SITE = "boulevard"
 
@@ -109,6 +111,14 @@ DEFAULT_SITE = "boulevard"
     help="Serve the operators' page beside the session, on loopback; 0: any free port. "
     f"[default port: {DEFAULT_PORT}]",
 )
+@click.option(
+    "--shadow",
+    "shadow_texts",
+    multiple=True,
+    metavar="NAME[=JSON]",
+    help="Have a VLA bridge follow the session and record its answers; NAME or "
+    'NAME={"backend": …, "hz": 2, …options}. It steers nothing; may be repeated.',
+)
 @live_options
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def run(
@@ -127,6 +137,7 @@ def run(
     junit: Path | None,
     video: str | None,
     page_port: int | None,
+    shadow_texts: tuple[str, ...],
     as_json: bool,
     **live_given: Any,
 ) -> int:
@@ -145,6 +156,7 @@ def run(
       ssp run out/task --mode live --body ot1=udp://10.0.0.21:9001 --odometry /ins/odom --wait
     """
     live = LiveSetup.of_options(mode, live_given)
+    shadows = [shadow_model(text) for text in shadow_texts]
     swept = runs is not None or bool(vary)
     if (swept or jobs is not None) and not in_process:
         raise click.UsageError("--runs, --vary and --jobs need --in-process")
@@ -158,6 +170,11 @@ def run(
         raise click.UsageError("--in-process has no ROS for a page to listen to; leave out --page")
     if in_process and video is not None:
         raise click.UsageError("--in-process has no camera to record; leave out --video")
+    if shadows and (in_process or (no_camera and live is None)):
+        raise click.UsageError("--shadow needs a camera and processes to follow")
+    for name, count in Counter(one.name for one in shadows).items():
+        if count > 1:
+            raise click.UsageError(f"--shadow {name} stands {count} times")
     if in_process and renderer is not None:
         raise click.UsageError("--in-process has no camera; leave out --renderer")
     if live is not None and renderer is not None:
@@ -210,7 +227,7 @@ def run(
         return status
     from ssp_scenario_manager.runner.session import run_session
 
-    result = run_session(spec, folder.resolve(), console.note, live, page_port, video)
+    result = run_session(spec, folder.resolve(), console.note, live, page_port, video, shadows)
     if junit is not None:
         write_junit(junit, "ssp run", [_case(spec, folder)])
     if as_json:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,6 +27,7 @@ from ssp_scenario_manager.runner.live import Go, LiveSetup, describe
 from ssp_scenario_manager.runner.outcome import Outcome
 from ssp_scenario_manager.runner.page import given_token, page_beside
 from ssp_scenario_manager.runner.report import measured
+from ssp_scenario_manager.runner.shadow import RECORDED, ShadowModel, shadows_beside
 
 FAULTS_FILE = "faults.json"
 WITNESS_FILE = "witness.json"
@@ -61,6 +62,7 @@ def run_session(
     live: LiveSetup | None = None,
     page_port: int | None = None,
     video: str | None = None,
+    shadows: Sequence[ShadowModel] = (),
 ) -> RunResult:
     """Runs one session in processes of its own and leaves run.yaml, bag, logs and result.json.
 
@@ -74,6 +76,7 @@ def run_session(
         live: what runs on this host of a live session; None for a simulated one.
         page_port: of the operators' page beside it, 0: any; None: no page.
         video: codec that the recorder encodes the camera's frames with; None: frames as they come.
+        shadows: models that follow it in shadow mode; their answers are recorded.
 
     Whatever happens, the folder then says how the run ended: result.json, and verdict.json in the
     bag, which an evaluation reads beside what the bag itself says. A run with injected faults also
@@ -93,6 +96,8 @@ def run_session(
     nodes = _simulated(spec, run_file, bag) if live is None else live.parameters(run_file, bag)
     if video is not None:
         nodes[names.MONITOR]["video"] = video
+    if shadows:
+        nodes[names.MONITOR]["include"] = RECORDED
     inject.check(spec, nodes)
     spec = inject.with_conditions_never_met(spec)
     write_text(run_file, spec.model_dump_json(by_alias=True, indent=1) + "\n")
@@ -114,7 +119,10 @@ def run_session(
         for name, parameters in nodes.items():
             group.start_node(name, _NODES[name], parameters, remappings)
         go = Go() if live is not None and live.wait else None
-        with page_beside(group, run_file, page_port, say, remappings):
+        with (
+            page_beside(group, run_file, page_port, say, remappings),
+            shadows_beside(group, shadows, say, remappings),
+        ):
             followed = follow(spec, group, run_file, bag, say, interrupt, go)
             outcome = _shut_down(group, followed.outcome)
     if spec.faults:
