@@ -10,7 +10,8 @@ _FILLERS = frozenset(
         our, my, the, your, its, their, his, her, adjacent, immediate, far, next, same,
         near, neighbouring, neighboring, other, outer, inner, immediately, directly,
         extreme, opposite, a, slightly, very, host, ego, adjoining, parallel, just,
-        straight, hard, slight, gently
+        straight, hard, slight, gently, far, one, opposing, same, both, second, first, outermost,
+        innermost, more, little, bit, somewhat, roughly, about, well, current
         """
     )
 )
@@ -34,7 +35,9 @@ _HEADS = frozenset(
     phrases(
         """
         lane, lanes, shoulder, side, curb, kerb, sidewalk, pavement, edge, roadside,
-        margin, verge, footpath, border, boundary, adjacent, kerbside, curbside
+        margin, verge, footpath, border, boundary, adjacent, kerbside, curbside, half, track,
+        cycleway, walkway, footway, road, street, corner, bank, sidewalks, carriageway, adjoining,
+        neighbouring, neighboring, parallel, cycle, bike, hand, most, parking, flank
         """
     )
 )
@@ -43,7 +46,9 @@ _FRAME_NOUNS = frozenset(
     phrases(
         """
         road, street, lane, image, frame, picture, view, roadway, intersection, scene,
-        junction, crosswalk, highway, screen, us, me
+        junction, crosswalk, highway, screen, us, me, ours, mine, carriageway, pavement, zebra,
+        crossing, avenue, motorway, freeway, aisle, bridge, windscreen, windshield, camera,
+        travel, lanes, track, boulevard, alley, passage
         """
     )
 )
@@ -66,7 +71,30 @@ _ARTICLES = frozenset(
         """
     )
 )
+_CLOSE = frozenset(phrases("close, closer, near, nearer, next, adjacent"))
+_OTHERS = frozenset(phrases("its, their, his, her"))  # seen from somebody else
+_PARTS = frozenset(
+    phrases(
+        """
+        vehicle, car, agent, lane, path, bumper, bonnet, hood, front, driving, own, current, van,
+        truck, driver, position, line, nose, trajectory
+        """
+    )
+)
+# Adjectives that look like places: the rear wheel, the front door.
+_PLACE_NOUNS = frozenset(phrases("front, rear"))
+_PLACED_PARTS = frozenset(
+    phrases(
+        """
+        wheel, wheels, bumper, door, doors, end, axle, camera, cameras, window, windows, view,
+        lights, light, lamps, half, part, seat, mirror, tyre, tyres, tire, tires, facing, quarter,
+        overhang, corner, images, image, and, windscreen, plate, fender, wing
+        """
+    )
+)
 MAX_BACK = 4
+MAX_HEADS = 4
+MAX_OF = 5
 
 
 def side(words: list[str], at: int) -> tuple[str, str, int, int] | None:
@@ -94,26 +122,49 @@ def side(words: list[str], at: int) -> tuple[str, str, int, int] | None:
             return None
         if stop + 1 < count and words[stop] == "to" and words[stop + 1] == _OPPOSITE[word]:
             return word, "from", first, stop + 2
-    if stop < count and words[stop] in ("most", "hand"):
-        stop += 1
-    if stop < count and words[stop] in _HEADS:
-        stop += 1
-        if form == "bare":
-            form = "lane"
-    if stop + 1 < count and words[stop] == "of":
-        after = words[stop + 1]
-        if after in EGO_WORDS or after in _FRAME_NOUNS:
-            stop += 2
-        elif after in ("the", "my", "our") and stop + 2 < count:
-            noun = words[stop + 2]
-            if noun not in _FRAME_NOUNS and noun not in EGO_WORDS:
-                return None
-            stop += 3
-        else:
+    stop = _heads(words, stop)
+    if stop > at + 1 and form == "bare":
+        form = "lane"
+    if form == "to" and first and words[first - 1] in _CLOSE:
+        form = "at"
+    if form == "at" and _OTHERS & set(words[first:at]):
+        return None
+    if stop < count and words[stop] == "of":
+        end = _of_ours(words, stop + 1)
+        if end is None:
             return None
-        if form == "to":
-            form = "at"
+        stop = end
+        form = "at" if form == "to" else form
     return word, form, first, stop
+
+
+def _heads(words: list[str], stop: int) -> int:
+    """The word after lane, kerb, adjacent lane … that a side stands before."""
+    for _ in range(MAX_HEADS):
+        if stop >= len(words) or words[stop] not in _HEADS:
+            break
+        stop += 1
+    return stop
+
+
+def _of_ours(words: list[str], at: int) -> int | None:
+    """The word after what a side is of, if that is the ego, the road or the picture."""
+    for here in range(at, min(at + MAX_OF, len(words))):
+        word = words[here]
+        if word in EGO_WORDS or word in _FRAME_NOUNS:
+            return _own_part(words, here + 1)
+        if not word.isalpha() or word in _OTHERS:
+            return None
+    return None
+
+
+def _own_part(words: list[str], stop: int) -> int:
+    """The word after vehicle, lane, bumper … behind a word for the ego."""
+    for _ in range(MAX_HEADS):
+        if stop >= len(words) or words[stop] not in _PARTS:
+            break
+        stop += 1
+    return stop
 
 
 def place_stop(words: list[str], stop: int, value: str) -> int | None:
@@ -128,6 +179,8 @@ def place_stop(words: list[str], stop: int, value: str) -> int | None:
     if stop >= count:
         return stop
     after = words[stop]
+    if words[stop - 1] in _PLACE_NOUNS and after in _PLACED_PARTS:
+        return None
     if after == "of":
         stop += 1
         if stop >= count:
@@ -136,9 +189,9 @@ def place_stop(words: list[str], stop: int, value: str) -> int | None:
     elif value != "rear":
         return stop
     if after in EGO_WORDS:
-        return stop + 1
+        return _own_part(words, stop + 1)
     if after == "the" and stop + 1 < count and (words[stop + 1] in EGO_WORDS):
-        return stop + 2
+        return _own_part(words, stop + 2)
     if words[stop - 1] == "of" or after in _ARTICLES or after in ("parked", "stopped"):
         return None
     return stop

@@ -11,7 +11,9 @@ from ssp_eval.extract.lexicon import Table, phrases
 
 KINDS: dict[Kind, Table] = {
     Kind.PRONOUN: {
-        "it": phrases("it, its, he, she, they, them, him, her, their"),
+        "it": phrases("it, its, they, them, their"),
+        "he": phrases("he, she, him, her, his, hers"),
+        "rider": phrases("rider, riders"),
     },
     Kind.RELATIVE: {
         "who": phrases("who, which, that, whose, whom"),

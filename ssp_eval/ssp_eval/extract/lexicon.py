@@ -1,6 +1,6 @@
-"""The words and phrases that the rules know, as data: nouns, places, states, conflicts, fields.
+"""The words and phrases that the rules know, as data: places, states, conflicts, fields.
 
-Grammar stands in grammar.py, verbs stand in verbs.py. Phrases are given in the words of stage 1:
+Road users stand in nouns.py, grammar in grammar.py, verbs in verbs.py. Phrases are given in the words of stage 1:
 lower case, hyphens as spaces, ``not`` for n't. Of phrases that start at the same word the longest
 wins; a phrase that stands twice is what it was named first.
 """
@@ -14,78 +14,6 @@ def phrases(text: str) -> tuple[str, ...]:
     """The phrases of a comma-separated list."""
     return tuple(" ".join(phrase.split()) for phrase in text.split(","))
 
-
-OBJECT_NOUNS: Table = {
-    "car": phrases(
-        """
-        car, vehicle, automobile, sedan, suv, van, minivan, taxi, pickup, pickup truck,
-        hatchback, cab, jeep, convertible, station wagon, coupe, police car, patrol car,
-        delivery van, cargo van, pick up truck, motor vehicle, passenger car, robotaxi,
-        cars, vehicles, automobiles, sedans, suvs, vans, minivans, taxis, pickups, pickup
-        trucks, hatchbacks, cabs, jeeps, convertibles, station wagons, coupes, police
-        cars, patrol cars, delivery vans, cargo vans, pick up trucks, motor vehicles,
-        passenger cars, robotaxis, taxies
-        """
-    ),
-    "truck": phrases(
-        """
-        truck, lorry, semi, semi truck, tractor trailer, tow truck, garbage truck, box
-        truck, dump truck, fire truck, delivery truck, semi trailer, articulated lorry,
-        tanker, tractor trailer truck, cement truck, trash truck, refuse truck, cargo
-        truck, trucks, lorrys, semis, semi trucks, tractor trailers, tow trucks, garbage
-        trucks, box trucks, dump trucks, fire trucks, delivery trucks, semi trailers,
-        articulated lorrys, tankers, tractor trailer trucks, cement trucks, trash trucks,
-        refuse trucks, cargo trucks, lorries, heavy goods vehicle, heavy goods vehicles,
-        hgv
-        """
-    ),
-    "bus": phrases(
-        """
-        bus, buses, coach, coaches, school bus, school buses, minibus, minibuses, shuttle
-        bus, city bus, double decker, transit bus
-        """
-    ),
-    "motorcycle": phrases(
-        """
-        motorcycle, motorbike, scooter, motorcyclist, moped, motor bike, motor scooter,
-        motorcycle rider, motorbike rider, scooter rider, motor cyclist, motorcycles,
-        motorbikes, scooters, motorcyclists, mopeds, motor bikes, motor scooters,
-        motorcycle riders, motorbike riders, scooter riders, motor cyclists
-        """
-    ),
-    "cyclist": phrases(
-        """
-        cyclist, bicycle, bike, bicyclist, bicycle rider, bike rider, cycle rider, person
-        on a bicycle, person on a bike, person riding a bicycle, person riding a bike, man
-        on a bicycle, man on a bike, woman on a bicycle, woman on a bike, e bike, ebike,
-        child on a bicycle, child on a bike, man riding a bike, woman riding a bike, man
-        riding a bicycle, woman riding a bicycle, child riding a bike, child riding a
-        bicycle, someone on a bike, people on bike, people on bicycle, cyclists, bicycles,
-        bikes, bicyclists, bicycle riders, bike riders, cycle riders, person on a
-        bicycles, person on a bikes, person riding a bicycles, person riding a bikes, man
-        on a bicycles, man on a bikes, woman on a bicycles, woman on a bikes, e bikes,
-        ebikes, child on a bicycles, child on a bikes, man riding a bikes, woman riding a
-        bikes, man riding a bicycles, woman riding a bicycles, child riding a bikes, child
-        riding a bicycles, someone on a bikes, people on bikes, people on bicycles
-        """
-    ),
-    "pedestrian": phrases(
-        """
-        pedestrian, person, kid, jogger, worker, road worker, construction worker,
-        wheelchair user, walker, runner, boy, girl, toddler, crossing guard, adult, passer
-        by, schoolchild, person in a wheelchair, person pushing a bicycle, person pushing
-        a bike, person walking a bike, person walking a bicycle, pedestrian pushing a
-        bike, pedestrian pushing a bicycle, policeman, police officer, woman, man,
-        pedestrians, persons, kids, joggers, workers, road workers, construction workers,
-        wheelchair users, walkers, runners, boys, girls, toddlers, crossing guards,
-        adults, passer bys, schoolchilds, person in a wheelchairs, person pushing a
-        bicycles, person pushing a bikes, person walking a bikes, person walking a
-        bicycles, pedestrian pushing a bikes, pedestrian pushing a bicycles, policemans,
-        police officers, womans, mans, people, child, children, men, women,
-        schoolchildren, passers by, pedestrian dummy, someone, somebody
-        """
-    ),
-}
 
 # Look like road users or actions and are none.
 SKIPPED = phrases(
@@ -152,36 +80,46 @@ SCENE = phrases(
     """
 )
 
+_CORNER_PREPS = ("", "in ", "at ", "on ", "to ", "in the ", "at the ", "on the ", "to the ", "our ",
+                 "to our ", "on our ", "at our ")  # fmt: skip
+_CORNERS = {"front": ("front", "ahead", "forward", "upper"), "rear": ("rear", "behind", "back")}
+
+
+def _corner(end: str, side: str) -> tuple[str, ...]:
+    pairs = ((side, one) if swapped else (one, side) for one in _CORNERS[end]
+             for swapped in (False, True))  # fmt: skip
+    return tuple(" ".join(pair) for pair in pairs if pair not in {(side, "behind"), (side, "back")})
+
+
 # Fixed positions; "of X" behind them is looked at by directions.py.
 PLACES: Table = {
     "front": phrases(
         """
         ahead, up ahead, directly ahead, just ahead, in front, directly in front, right in
-        front, right ahead, immediately ahead, immediately in front, straight in front,
+        front, right ahead, immediately ahead, immediately in front, straight in front, up front,
         front, at the front, to the front, further ahead, farther ahead, dead ahead, in
-        the front, straight ahead
+        the front, straight ahead, at front, on front, at the front side, front side, infront,
+        in the front side, before us, down the road, in front side
         """
     ),
     "rear": phrases(
         """
         behind, directly behind, right behind, rear, at the rear, in the rear, to the
-        rear, immediately behind, close behind, just behind
+        rear, immediately behind, close behind, just behind, at the back, at our back, on our tail
         """
     ),
-    "front_left": phrases(
-        """
-        front left, ahead left, left front, forward left, left ahead, ahead and left,
-        front and left, left of center ahead
-        """
-    ),
-    "front_right": phrases(
-        """
-        front right, ahead right, right front, forward right, ahead and right, front and
-        right
-        """
-    ),
-    "rear_left": phrases("rear left, left rear, behind left, back left, behind and left"),
-    "rear_right": phrases("rear right, right rear, behind right, back right, behind and right"),
+    **{
+        f"{end}_{side}": (
+            *(f"{prep}{pair}" for prep in _CORNER_PREPS for pair in _corner(name, side)),
+            *(f"{name} {link} {side}" for name in names for link in ("and", "and to the")),
+            *(f"{name} to the {side}" for name in names),
+        )
+        for end, name, names in (
+            ("front", "front", ("ahead", "front")),
+            ("rear", "rear", ("behind", "rear")),
+        )
+        for side in ("left", "right")
+    },
 }
 
 # Before a noun: "the lead vehicle" is in front.

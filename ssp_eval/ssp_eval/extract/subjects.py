@@ -9,6 +9,12 @@ from ssp_eval.extract.talk import EGO, SCENE, Talk
 from ssp_eval.extract.world import Actor, Statement
 
 MAX_GROUP = 6
+REACH = 12
+_OBLIQUE = frozenset({"its", "their", "them", "him", "her", "his", "hers"})
+_FITTING = {
+    "he": frozenset({"pedestrian", "cyclist", "motorcycle"}),
+    "rider": frozenset({"cyclist", "motorcycle"}),
+}
 _EITHER = frozenset({"turn", "change_left", "change_right", "keep_lane", "keep_speed", "change"})
 
 
@@ -85,16 +91,34 @@ def read_ego(talk: Talk, index: int, hit: Hit) -> None:
 
 
 def read_pronoun(talk: Talk, index: int, hit: Hit) -> None:
-    if talk.words[hit.first] in ("its", "their", "them", "him", "her"):
+    actor = _referent(talk, hit.value)
+    if talk.words[hit.first] in _OBLIQUE:
+        if talk.reacting and actor is not None and not talk.flags[index]:
+            actor.reaction = 2  # go around her, wait for him
         return
-    if talk.last is None and talk.subject is None:
-        talk.subject = EGO if talk.ego_named else SCENE
-    if talk.last is not None and talk.subject is not EGO:
-        talk.subject = talk.last
-        talk.near = talk.last
-        talk.group = [talk.last]
-        talk.named.append((index, talk.last))
-        talk.busy = False
+    if hit.value == "it" and talk.subject is EGO:
+        return
+    if actor is None:
+        if talk.subject is None:
+            talk.subject = EGO if talk.ego_named and hit.value == "it" else SCENE
+        return
+    talk.subject = talk.near = talk.last = actor
+    talk.group = [actor]
+    talk.named.append((index, actor))
+    talk.busy = False
+
+
+def _referent(talk: Talk, pronoun: str) -> Actor | None:
+    """Whom a pronoun means: what was talked about before what was only named, and a fit one."""
+    fits = _FITTING.get(pronoun)
+    for actor in (talk.topic, talk.last):
+        if actor is not None and (fits is None or actor.name in fits):
+            return actor
+    if fits is not None:
+        for actor in reversed(talk.world.actors[-REACH:]):
+            if actor.name in fits:
+                return actor
+    return None if pronoun == "rider" else talk.last
 
 
 def read_relative(talk: Talk, index: int, hit: Hit) -> None:

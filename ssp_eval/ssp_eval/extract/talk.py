@@ -22,24 +22,28 @@ class Talk:
         self.words, self.hits, self.flags = words, hits, flags
         self.world = World()
         self.planner = Planner(words, hits, flags, self.world)
-        self.last: Actor | None = None  # for pronouns
+        self.last: Actor | None = None  # for pronouns: who was named last
+        self.topic: Actor | None = None  # whom the sentence before was about
         self.ego_named = False
         self.ego_is_car = False  # the text may call the VUT "the car"
         self.key = ""  # field of a structured answer
         self.listed = False  # the sentence before stood under such a heading
         self.listing = False  # under a heading such as "Critical objects:"
         self.number = -1  # of the sentence
+        self.named: list[tuple[int, Actor]] = []
         self.begin(0, 0)
 
     def begin(self, start: int, stop: int) -> None:
         """Forgets the last sentence but for what pronouns and headings need."""
+        if stop and self.named:
+            self.topic = self.subject if isinstance(self.subject, Actor) else None
         self.start, self.stop = start, stop
         self.subject: Actor | str | None = None
         self.near: Actor | None = None  # the noun last named in the clause
         self.group: list[Actor] = []  # nouns joined by and
         self.pending: list[int] = []  # places before their noun
         self.adjectives: list[int] = []  # states before their noun
-        self.named: list[tuple[int, Actor]] = []
+        self.named = []
         self.denied: set[str] = set()
         self.busy = False  # the clause has its verb
         self.reacting = False  # what is named next is what the plan is about
