@@ -24,6 +24,7 @@ from ssp_vla_bridge.core.window import Preprocessing
 
 BagMaker = Callable[..., Path]
 START_NS = 500_000_000
+DEFAULT_RULES = Preprocessing()
 
 
 @pytest.fixture
@@ -31,8 +32,8 @@ def clip(make_bag: BagMaker) -> Clip:
     return Clip(make_bag())
 
 
-def asked(clip: Clip, t_s: float) -> Question:
-    question = clip.question(t_s)
+def asked(clip: Clip, t_s: float, rules: Preprocessing = DEFAULT_RULES) -> Question:
+    question = clip.question(t_s, rules)
     assert isinstance(question, Question), question
     return question
 
@@ -102,8 +103,10 @@ def test_the_start_of_a_clip_has_less_to_show(clip: Clip) -> None:
 
 def test_preprocessing_is_a_choice(make_bag: BagMaker) -> None:
     rules = Preprocessing(frames=3, frame_spacing_s=0.2, history_s=0.5)
-    with Clip(make_bag(), rules) as clip:
-        request = asked(clip, 4.0).request
+    with Clip(make_bag()) as clip:
+        request = asked(clip, 4.0, rules).request
+        # The same clip serves models of other interfaces.
+        assert len(asked(clip, 4.0).request.frames) == 10
         stamps = [(frame.stamp_ns - START_NS) / 1e9 for frame in request.frames]
         assert stamps == pytest.approx([3.6, 3.8, 4.0])
         assert len(request.history) == 6

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from ssp_core.errors import InputError
-from ssp_eval.evaluate.asker import bridge_spec
+from ssp_eval.evaluate.asker import Loss
 from ssp_eval.evaluate.controls import LABELS_FILE
-from ssp_eval.evaluate.exchange import Exchange
+from ssp_eval.evaluate.exchange import MOST_CHARACTERS, MOST_NUMBERS, Exchange
+from ssp_eval.evaluate.model_spec import ModelFacts, ModelSpec
+from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.evaluate.store import RawStore, new_request_id, request_key
 from ssp_vla_bridge.core.request import EgoSample, Frame, Request
-from ssp_vla_bridge.core.response import Response
+from ssp_vla_bridge.core.response import NativeArray, Response
 
 REQUEST = Request("r1", 5_000, (Frame(5_000, b"jpeg"),))
 ANSWER = Response("r1", 5_000, "m", "m/1", text="A car is ahead.")
@@ -67,21 +70,63 @@ def test_one_request_at_a_time() -> None:
         exchange.open(REQUEST)
 
 
-def test_the_key_is_what_an_answer_depends_on() -> None:
-    key = request_key(REQUEST, "m", {})
-    assert key == request_key(replace(REQUEST, request_id="r2"), "m", {})
-    others = [
-        request_key(replace(REQUEST, stamp_ns=5_001), "m", {}),
-        request_key(replace(REQUEST, frames=(Frame(5_000, b"other"),)), "m", {}),
-        request_key(replace(REQUEST, history=(EgoSample(0, 0, 0, 0, 1, 0),)), "m", {}),
-        request_key(replace(REQUEST, task=replace(REQUEST.task, instruction="?")), "m", {}),
-        request_key(REQUEST, "n", {}),
-        request_key(REQUEST, "m", {"temperature": 0}),
+def test_the_key_is_all_that_an_answer_depends_on() -> None:
+    spec = ModelSpec("m", {"temperature": 0}, backend="openai", adapter="waypoints")
+
+    def key(request: Request = REQUEST, model: ModelSpec = spec) -> str:
+        return request_key(request, model.key_facts("sha256:labels"))
+
+    same = [
+        key(replace(REQUEST, request_id="r2")),
+        key(model=replace(spec, adapter="waypoints:ego_xy")),
+        key(model=replace(spec, timeout_s=5.0, options={"temperature": 0, "timeout_s": 9})),
+        key(model=replace(spec, facts=ModelFacts(8.0, 8.0, "dense"))),
     ]
-    assert len({key, *others}) == 7
-    first, second = new_request_id(key), new_request_id(key)
+    assert set(same) == {key()}
+    previous = replace(REQUEST, previous=ANSWER)
+    assert key(previous) == key(
+        replace(REQUEST, previous=replace(ANSWER, request_id="r9", latency_s=3.0))
+    )
+    others = [
+        key(replace(REQUEST, stamp_ns=5_001)),
+        key(replace(REQUEST, frames=(Frame(5_000, b"other"),))),
+        key(replace(REQUEST, history=(EgoSample(0, 0, 0, 0, 1, 0),))),
+        key(replace(REQUEST, task=replace(REQUEST.task, instruction="?"))),
+        key(previous),
+        key(replace(REQUEST, previous=replace(ANSWER, text="No car."))),
+        key(model=replace(spec, name="n")),
+        key(model=replace(spec, backend="http")),
+        key(model=replace(spec, options={"temperature": 1})),
+        key(model=replace(spec, interface="lightemma")),
+        key(model=replace(spec, preprocessing={"frames": 2})),
+    ]
+    assert len({key(), *others}) == 12
+    first, second = new_request_id(key()), new_request_id(key())
     assert first != second
-    assert first.split("-")[0] == second.split("-")[0] == key
+    assert first.split("-")[0] == second.split("-")[0] == key()
+
+
+@pytest.mark.parametrize(
+    ("answer", "why"),
+    [
+        (replace(ANSWER, text="x" * (MOST_CHARACTERS + 1)), "has 1048581 characters"),
+        (replace(ANSWER, decoding={"top_p": math.nan}), "decoding is no JSON"),
+        (replace(ANSWER, decoding={"words": "x" * MOST_CHARACTERS}), "decoding has"),
+        (
+            replace(ANSWER, arrays=(NativeArray("t", (1,), (0.0,) * MOST_NUMBERS, "", "", 0, 0),)),
+            "has 262145 numbers",
+        ),
+    ],
+    ids=["text", "nan", "decoding", "numbers"],
+)
+def test_an_answer_that_can_t_be_stored_costs_its_record(answer: Response, why: str) -> None:
+    exchange = Exchange()
+    exchange.open(REQUEST)
+    exchange.offer(answer)
+    reply = exchange.take()
+    assert reply is not None
+    assert (reply.response, reply.loss) == (None, Loss.UNUSABLE)
+    assert why in reply.reason
 
 
 def test_damage_inside_stored_answers_is_named(tmp_path: Path) -> None:
@@ -100,7 +145,7 @@ def test_placeholders_of_a_bridge_s_options() -> None:
         "clip_start_ns": 7,
     }
     # The key follows the labels' content, wherever they lie.
-    assert spec.key_options("sha256:1")["labels_file"] == "sha256:1"
+    assert spec.key_facts("sha256:1")["options"]["labels_file"] == "sha256:1"
     assert bridge_spec(f'm={{"a": 1, "b": "{LABELS_FILE}"}}').options["a"] == 1
     with pytest.raises(InputError, match="not valid JSON"):
         bridge_spec("m={")

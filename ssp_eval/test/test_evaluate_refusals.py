@@ -11,9 +11,9 @@ from ssp_core.bag import BagReader
 from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_core.files import write_json
-from ssp_eval.evaluate.asker import bridge_spec
 from ssp_eval.evaluate.cli import model_specs
 from ssp_eval.evaluate.controls import CONTROLS
+from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.evaluate.provenance import read_provenance
 from ssp_vla_bridge.core.backend import BACKENDS
 
@@ -23,12 +23,12 @@ BagMaker = Callable[..., Path]
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("--bridge", "nonsense"), "known are constant_velocity"),
+        (("--bridge", "nonsense"), "known are alpamayo, constant_velocity"),
         (("--bridge", 'silent={"loud": 1}'), "is no option of silent"),
         (("--bridge", 'perfect={"loud": 1}'), "is no option of perfect"),
         (("--bridge", 'perfect={"clip_start_ns": "now"}'), "must be of type int"),
         (("--bridge", "recorded"), "file"),
-        (("--bridge", "silent", "--adapter", "nonsense"), "known are waypoints"),
+        (("--bridge", "silent", "--adapter", "nonsense"), "unknown adapter"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, tuple) else "",
 )

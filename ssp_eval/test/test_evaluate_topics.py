@@ -17,11 +17,12 @@ import pytest
 from ssp_core.domains import free_domain
 from ssp_core.errors import InputError
 from ssp_core.processes import ProcessGroup, session_environment
-from ssp_eval.evaluate.asker import Asker, Ignored, ModelSpec, Reply, bridge_spec
+from ssp_eval.evaluate.asker import Asker, Ignored, ModelSpec, Reply
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.cli import evaluate as evaluate_command
 from ssp_eval.evaluate.cli import model_specs
+from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.evaluate.topics import BRIDGE_MODULE, PROFILE, TopicAsker, TopicAskers
 from ssp_vla_bridge.core.request import Request
 

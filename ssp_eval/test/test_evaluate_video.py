@@ -19,10 +19,11 @@ from ssp_core.bag.image_messages import COMPRESSED_TYPE, encode_video_message, r
 from ssp_core.bag.still_images import decode_still
 from ssp_core.bag.video_type import VIDEO_TYPE
 from ssp_core.errors import InputError
-from ssp_eval.evaluate.asker import DirectAskers, bridge_spec
+from ssp_eval.evaluate.asker import DirectAskers
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.clip import Clip, Question
+from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.labels.footage import pictures
 
 IMAGE = "/ssp/vut/front_camera/image/compressed"

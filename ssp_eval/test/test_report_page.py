@@ -19,9 +19,10 @@ from ssp_core.errors import InputError
 from ssp_core.files import write_json
 from ssp_core.hashing import sha256_file
 from ssp_core.vocab import Verdict
-from ssp_eval.evaluate.asker import DirectAskers, bridge_spec
+from ssp_eval.evaluate.asker import DirectAskers
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.report.cli import report
 from ssp_eval.report.load import load_cells, load_requests
 from ssp_eval.report.matrix import matrix, shade

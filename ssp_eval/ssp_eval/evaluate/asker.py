@@ -3,86 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, Protocol
 
 from ssp_core.errors import InputError
-from ssp_eval.evaluate.controls import CLIP_START_NS, CONTROLS, LABELS_FILE
-from ssp_vla_bridge.core.backend import (
-    BACKENDS,
-    Backend,
-    check_options,
-    make_backend,
-    parse_options,
-    respond,
-)
+from ssp_eval.evaluate.model_spec import ModelSpec
+from ssp_vla_bridge.core.backend import Backend, make_backend, respond
 from ssp_vla_bridge.core.request import Request
-from ssp_vla_bridge.core.response import Response
+from ssp_vla_bridge.core.response import ErrorCode, Response
 
-
-@dataclass(frozen=True)
-class ModelSpec:
-    """One model of a campaign.
-
-    Args:
-        name: on the topics and in the results.
-        options: of its backend; placeholders stand for what differs from cell to cell.
-        attached: its bridge runs already, and isn't ours to start or stop.
-    """
-
-    name: str
-    options: Mapping[str, Any] = field(default_factory=dict)
-    attached: bool = False
-
-    def options_for(self, labels_file: str, clip_start_ns: int) -> dict[str, Any]:
-        """The backend's options for one cell."""
-        filled = {LABELS_FILE: labels_file, CLIP_START_NS: clip_start_ns}
-        return {
-            key: filled.get(value, value) if isinstance(value, str) else value
-            for key, value in self.options.items()
-        }
-
-    def key_options(self, labels_sha256: str) -> dict[str, Any]:
-        """The options as far as an answer depends on them: content instead of places."""
-        filled = {LABELS_FILE: labels_sha256}
-        return {
-            key: filled.get(value, value) if isinstance(value, str) else value
-            for key, value in self.options.items()
-        }
-
-
-def bridge_spec(text: str) -> ModelSpec:
-    """The model of ``NAME`` or ``NAME={"option": value}``.
-
-    Raises:
-        InputError: the options are no JSON object.
-    """
-    name, _, options = text.partition("=")
-    return ModelSpec(name, {**CONTROLS.get(name, {}), **parse_options(options)})
-
-
-def check_bridge(model: ModelSpec) -> None:
-    """Refuses a bridge that can't be started here, before anything is asked.
-
-    Raises:
-        InputError: no backend has that name, or its options are wrong.
-    """
-    if model.name not in BACKENDS:
-        raise InputError(
-            "no such bridge",
-            field="bridge",
-            value=model.name,
-            remedy=f"known are {', '.join(sorted(BACKENDS))}; one of your own is started by "
-            "itself and named with --attach",
-        )
-    filled = ModelSpec(model.name, CONTROLS.get(model.name, {})).options_for("", 0)
-    if filled:
-        # What only the cell knows isn't there yet; names and types can be checked without it.
-        known = {key: type(value) for key, value in filled.items()}
-        check_options(model.name, model.options_for("", 0), known)
-    else:
-        make_backend(model.name, model.options)
+# A reason for people is a line, whatever a bridge writes into its error message.
+MOST_REASON = 400
 
 
 class Loss(StrEnum):
@@ -91,9 +23,26 @@ class Loss(StrEnum):
     DIED = "bridge died"
     UNREACHABLE = "bridge unreachable"
     SILENT = "no answer in time"
+    OVERLOAD = "bridge overloaded"
     UNUSABLE = "unusable answer"
     ERROR = "bridge answered an error"
     NO_QUESTION = "nothing to ask"
+
+
+# What the same question may get an answer after. A bridge keeps no state between requests, so
+# asking again is safe; where the answer would be the same error again, it is useless.
+PASSING = frozenset({Loss.DIED, Loss.UNREACHABLE, Loss.SILENT, Loss.OVERLOAD})
+_OF_CODE = {ErrorCode.TIMEOUT: Loss.SILENT, ErrorCode.OVERLOAD: Loss.OVERLOAD}
+
+
+def loss_of(response: Response) -> tuple[Loss | None, str]:
+    """Why a response makes no record, and the same for people; (None, "") where it makes one."""
+    code = response.error_code
+    if not code:
+        return None, ""
+    known = code in set(ErrorCode)
+    loss = _OF_CODE.get(ErrorCode(code), Loss.ERROR) if known else Loss.ERROR
+    return loss, f"the bridge answered error {code}: {response.error_msg[:MOST_REASON]}"
 
 
 @dataclass(frozen=True)
@@ -165,4 +114,4 @@ class DirectAskers:
             raise InputError(
                 "an attached bridge is reached over topics only", field="attach", value=model.name
             )
-        return DirectAsker(model.name, make_backend(model.name, options))
+        return DirectAsker(model.name, make_backend(model.backend_name, options))

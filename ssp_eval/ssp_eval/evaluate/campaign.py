@@ -10,16 +10,18 @@ from typing import TypeVar
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder
 from ssp_eval.evaluate.admission import NO_AUDIT, Admission
-from ssp_eval.evaluate.asker import Askers, ModelSpec
-from ssp_eval.evaluate.cell import CellOptions, CellResult, LabelledClip, evaluate_cell
+from ssp_eval.evaluate.asker import Askers
+from ssp_eval.evaluate.cell import CellOptions, evaluate_cell
+from ssp_eval.evaluate.cell_file import CellResult
 from ssp_eval.evaluate.clip import Clip
+from ssp_eval.evaluate.labelled import LabelledClip
+from ssp_eval.evaluate.model_spec import ModelSpec
 from ssp_eval.evaluate.provenance import bag_folder
 from ssp_eval.evaluate.truth import truth_from_bag
 from ssp_eval.labels.model import Labels, labels_version, load_labels
 from ssp_eval.labels.proposal_file import is_unreviewed, write_proposal
 from ssp_eval.labels.propose import propose
 from ssp_eval.score import DEFAULT
-from ssp_vla_bridge.core.adapters import check_adapter
 
 AnyPath = TypeVar("AnyPath", Path, PurePosixPath)
 
@@ -186,7 +188,8 @@ def run_campaign(
     Raises:
         InputError: a bag, its labels or an option is wrong; nothing was asked then.
     """
-    check_adapter(options.adapter)
+    for model in models:
+        model.read_by(options.adapter)
     results = []
     with ExitStack() as stack:
         opened = [stack.enter_context(Clip(bag)) for bag, _ in bags]

@@ -12,7 +12,6 @@ import click
 from rich.table import Table
 
 from ssp_core import console
-from ssp_core.errors import InputError
 from ssp_eval.evaluate.admission import (
     ADMITTED,
     REFUSED,
@@ -20,10 +19,12 @@ from ssp_eval.evaluate.admission import (
     Admission,
     load_admissions,
 )
-from ssp_eval.evaluate.asker import ModelSpec, bridge_spec, check_bridge
 from ssp_eval.evaluate.campaign import run_campaign
-from ssp_eval.evaluate.cell import CellOptions, CellResult, losses_text
-from ssp_eval.evaluate.topics import TopicAskers
+from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.cell_file import CellResult, losses_text
+from ssp_eval.evaluate.model_spec import ModelSpec
+from ssp_eval.evaluate.models import attached_spec, bridge_spec, check_bridge, load_models
+from ssp_eval.evaluate.topics import CONNECT_S, TopicAskers
 
 _PATH = click.Path(path_type=Path)
 _WIDEST = 400
@@ -52,18 +53,47 @@ _COLUMNS = (("JOVR", "jovr"), ("Sem", "sem_acc_eff"), ("CIA", "cia_eff"), ("TQSR
     "--bridge",
     "bridges",
     multiple=True,
-    help='Model whose bridge is started here; NAME or NAME={"option": value}.',
+    help='Model whose bridge is started here: NAME, or NAME={"backend": …, "adapter": …, '
+    '"timeout_s": …} with the backend\'s options beside these. Default backend: NAME.',
 )
-@click.option("--attach", "attached", multiple=True, help="Model whose bridge runs already.")
+@click.option(
+    "--attach",
+    "attached",
+    multiple=True,
+    help='Model whose bridge runs already: NAME, or NAME={"interface": …, "adapter": …}.',
+)
+@click.option(
+    "--models",
+    "models_files",
+    type=_PATH,
+    multiple=True,
+    help="Models file (ssp.models/1), YAML; see docs/bridges.md.",
+)
 @click.option("--out", type=_PATH, required=True, help="Campaign folder; an existing one goes on.")
-@click.option("--adapter", default="waypoints", show_default=True)
+@click.option("--adapter", default="", help="Reads all answers; default: each model's own.")
 @click.option(
     "--timeout",
     "timeout_s",
     type=click.FloatRange(0.1, 86400.0),
     default=60.0,
     show_default=True,
-    help="Seconds that a model has for one answer.",
+    help="Seconds that a model has for one answer, unless it has a time of its own.",
+)
+@click.option(
+    "--start-timeout",
+    "start_timeout_s",
+    type=click.FloatRange(0.1, 86400.0),
+    default=CONNECT_S,
+    show_default=True,
+    help="Seconds until a bridge is on its topics, which is after it has loaded its model.",
+)
+@click.option(
+    "--retry-errors",
+    type=click.IntRange(0, 100),
+    default=0,
+    show_default=True,
+    help="How often a question is repeated after a timeout, an overload or a bridge that died or "
+    "can't be reached; other errors would come again.",
 )
 @click.option("--fresh", is_flag=True, help="Ask again even where an answer is stored.")
 @click.option("--json", "as_json", is_flag=True, help="One line per cell, for programs.")
@@ -74,25 +104,29 @@ def evaluate(
     propose_labels: bool,
     bridges: tuple[str, ...],
     attached: tuple[str, ...],
+    models_files: tuple[Path, ...],
     out: Path,
     adapter: str,
     timeout_s: float,
+    start_timeout_s: float,
+    retry_errors: int,
     fresh: bool,
     as_json: bool,
 ) -> int:
     """Replays BAGS through VLA bridges and scores the answers.
 
     Raw answers are stored in OUT before anything interprets them; asking is not repeated for what
-    is stored. Recordings are looked up in the audits by the hash of their bag: a refused one isn't
-    evaluated, one that is unpaired or in no audit is scored and stays out of domain means. Exit
-    status 1 when some cell has no score, be it for a refusal.
+    is stored. Errors don't count as answers: the same command, given again, asks for them again,
+    and for what an interruption left out. Recordings are looked up in the audits by the hash of
+    their bag: a refused one isn't evaluated, one that is unpaired or in no audit is scored and
+    stays out of domain means. Exit status 1 when some cell has no score, be it for a refusal.
     """
     if labels_files and len(labels_files) != len(bags):
         raise click.UsageError(
             f"--labels is given {len(labels_files)} times for {len(bags)} bags; give it once per "
             "bag or not at all"
         )
-    models = model_specs(bridges, attached)
+    models = model_specs(bridges, attached, models_files)
     paired: list[tuple[Path, Path | None]] = [(bag, None) for bag in bags]
     if labels_files:
         paired = list(zip(bags, labels_files, strict=True))
@@ -100,10 +134,11 @@ def evaluate(
         paired,
         models,
         out,
-        CellOptions(adapter, fresh),
+        CellOptions(adapter, fresh, retry_errors),
         timeout_s,
         propose_labels,
         load_admissions(audits),
+        start_timeout_s,
     )
     if as_json:
         for result in results:
@@ -113,27 +148,28 @@ def evaluate(
     return 0 if all(result.status == "ok" for result in results) else 1
 
 
-def model_specs(bridges: Sequence[str], attached: Sequence[str]) -> list[ModelSpec]:
+def model_specs(
+    bridges: Sequence[str], attached: Sequence[str], files: Sequence[Path] = ()
+) -> list[ModelSpec]:
     """The models of a campaign.
 
     Raises:
         click.UsageError: there are none, one stands twice, or some are attached and others not.
         InputError: there is no such bridge, or its options are wrong.
     """
-    if bridges and attached:
+    models = [model for file in files for model in load_models(file)]
+    models += [bridge_spec(text) for text in bridges]
+    models += [attached_spec(text) for text in attached]
+    if len({model.attached for model in models}) > 1:
         raise click.UsageError(
-            "--bridge starts bridges in a ROS domain of their own, --attach stays in yours; run "
-            "twice into the same --out"
+            "bridges that are started here are in a ROS domain of their own, attached ones in "
+            "yours; run twice into the same --out"
         )
-    models = [bridge_spec(text) for text in bridges]
-    models += [ModelSpec(name, attached=True) for name in attached]
     if not models:
-        raise click.UsageError("name a model: --bridge NAME, or --attach NAME")
+        raise click.UsageError("name a model: --bridge NAME, --attach NAME or --models FILE")
     for name, count in Counter(model.name for model in models).items():
         if count > 1:
             raise click.UsageError(f"model {name} stands {count} times")
-        if not name.isidentifier():
-            raise InputError("is no name for a topic", field="bridge", value=name)
     for model in models:
         if not model.attached:
             check_bridge(model)
@@ -148,6 +184,7 @@ def evaluate_bags(
     timeout_s: float = 60.0,
     propose_labels: bool = False,
     admissions: Mapping[str, Admission] | None = None,
+    start_timeout_s: float = CONNECT_S,
 ) -> list[CellResult]:
     """A campaign over topics with a progress bar; what the command line and the demo run.
 
@@ -155,10 +192,11 @@ def evaluate_bags(
         bags: bag and its labels file (None: look beside it).
         models: who is asked.
         out: campaign folder.
-        options: adapter and reuse.
+        options: adapter, reuse and repetition.
         timeout_s: for one answer.
         propose_labels: where there are no labels, propose them.
         admissions: what audits say, by hash of the bag.
+        start_timeout_s: until a bridge is on its topics.
 
     Raises:
         InputError: a bag, its labels or an option is wrong.
@@ -166,7 +204,7 @@ def evaluate_bags(
     attached = any(model.attached for model in models)
     with (
         console.progress("asking", None) as bar,
-        TopicAskers(out / "logs", timeout_s, attached) as askers,
+        TopicAskers(out / "logs", timeout_s, attached, start_timeout_s) as askers,
     ):
         task = bar.task_ids[0]
         return run_campaign(
@@ -240,6 +278,7 @@ def _to_json(result: CellResult) -> dict[str, Any]:
         "reasons": list(result.reasons),
         "sent": result.asked,
         "reused": result.reused,
+        "asked_again": result.again,
         "missing": result.missing,
         "missing_by_kind": dict(result.losses),
         "score": result.score,

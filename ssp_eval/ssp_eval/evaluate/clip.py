@@ -32,6 +32,7 @@ _IMAGE = absolute(CAMERA_IMAGE)
 _INFO = absolute(CAMERA_INFO)
 _MOUNT = absolute(CAMERA_MOUNT)
 _VUT_STATE = absolute(state_topic(VUT_ID))
+_DEFAULT_RULES = Preprocessing()
 
 
 @dataclass(frozen=True)
@@ -61,21 +62,14 @@ class Clip:
 
     Args:
         path: bag directory or .mcap file.
-        preprocessing: what goes into a request.
         task: what is asked.
 
     Raises:
         InputError: it is no bag, wasn't made by this project, or has no camera frames.
     """
 
-    def __init__(
-        self,
-        path: str | Path,
-        preprocessing: Preprocessing | None = None,
-        task: DrivingTask = TASK,
-    ) -> None:
+    def __init__(self, path: str | Path, task: DrivingTask = TASK) -> None:
         self.path = Path(path)
-        self.preprocessing = preprocessing or Preprocessing()
         self.task = task
         self._stack = ExitStack()
         try:
@@ -163,11 +157,17 @@ class Clip:
         """Clip time of the last frame."""
         return ns_to_seconds(self._frame_stamps[-1] - self.start_ns)
 
-    def question(self, label_t_s: float, request_id: str = "") -> Question | NoQuestion:
+    def question(
+        self, label_t_s: float, rules: Preprocessing = _DEFAULT_RULES
+    ) -> Question | NoQuestion:
         """What may be asked about a label time: nothing in it is later than that time.
 
         The request's own time is the newest frame's, so that frames, history, trajectory and
         record all mean the same instant (METHOD 5.4).
+
+        Args:
+            label_t_s: clip time of the label.
+            rules: which frames and ego samples the model is given.
         """
         label_ns = self.start_ns + seconds_to_ns(label_t_s)
         newest = bisect_right(self._frame_stamps, label_ns) - 1
@@ -181,12 +181,12 @@ class Clip:
             return NoQuestion(
                 label_t_s, f"the newest frame is {age_s:.3f} s old, more than {limit_s} s"
             )
-        history = self._history(stamp)
+        history = self._history(stamp, rules)
         request = Request(
-            request_id=request_id,
+            request_id="",
             stamp_ns=stamp,
             frames=self._fetch(
-                [self._frames[i] for i in choose(self._frame_stamps, newest, self.preprocessing)]
+                [self._frames[i] for i in choose(self._frame_stamps, newest, rules)]
             ),
             camera=self.camera,
             history=history,
@@ -204,11 +204,11 @@ class Clip:
             found.setdefault(frame.stamp_ns, frame.data)
         return tuple(Frame(stamp, found[stamp]) for stamp in sorted(found))
 
-    def _history(self, now_ns: int) -> tuple[EgoSample, ...]:
+    def _history(self, now_ns: int, rules: Preprocessing) -> tuple[EgoSample, ...]:
         """Ego samples up to a time, oldest first; empty when there is no state recent enough."""
         if self.provenance.ego == "unknown":
             return ()
-        return ego_history(self._state_stamps, self._state, now_ns, self.preprocessing)
+        return ego_history(self._state_stamps, self._state, now_ns, rules)
 
     def _state(self, index: int) -> ObjectState:
         return object_state(self._bag.decode(self._states[index][1]))

@@ -2,9 +2,38 @@
 
 from __future__ import annotations
 
+import json
+
 from ssp_eval.evaluate.asker import Ignored, Reply
 from ssp_vla_bridge.core.request import Request
 from ssp_vla_bridge.core.response import Response
+
+# Far more than a model has to say about one picture; without a bound one answer could fill the
+# disk, and every reader of the cell would have to carry it.
+MOST_CHARACTERS = 1 << 20
+MOST_NUMBERS = 1 << 18
+
+
+def unusable(response: Response) -> str:
+    """Why an answer can't be stored, whatever it says; empty where it can.
+
+    Args:
+        response: as it came.
+    """
+    texts = (response.text, response.error_msg, response.model_id, response.model)
+    characters = sum(len(text) for text in texts)
+    if characters > MOST_CHARACTERS:
+        return f"the answer has {characters} characters, more than {MOST_CHARACTERS}"
+    numbers = sum(len(array.data) + len(array.shape) for array in response.arrays)
+    if numbers > MOST_NUMBERS:
+        return f"the answer has {numbers} numbers, more than {MOST_NUMBERS}"
+    try:
+        decoding = len(json.dumps(dict(response.decoding), allow_nan=False))
+    except (ValueError, TypeError, RecursionError) as error:
+        return f"the answer's decoding is no JSON: {error}"
+    if decoding > MOST_CHARACTERS:
+        return f"the answer's decoding has {decoding} characters, more than {MOST_CHARACTERS}"
+    return ""
 
 
 class Exchange:
@@ -34,7 +63,8 @@ class Exchange:
         if asked is not None and response.request_id == asked.request_id:
             self._answered.add(asked.request_id)
             self._open = None
-            self._reply = Reply(response)
+            problem = unusable(response)
+            self._reply = Reply(None, problem) if problem else Reply(response)
             if response.stamp_ns != asked.stamp_ns:
                 reason = f"the answer is stamped {response.stamp_ns} ns, asked was {asked.stamp_ns}"
                 self._reply = Reply(None, reason)

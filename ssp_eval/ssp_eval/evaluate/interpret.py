@@ -26,14 +26,18 @@ def records_of(asked: Sequence[Asked], adapter: str) -> list[BehaviourRecord]:
         InputError: there is no such adapter.
     """
     return [
-        record_of(one.t_s, one.record_from, adapter, one.request)
+        record_of(one.t_s, one.record_from, adapter, one.request, one.no_previous)
         for one in asked
         if one.record_from is not None and one.t_s is not None
     ]
 
 
 def record_of(
-    t_s: float, response: Response, adapter: str, request: Request | None = None
+    t_s: float,
+    response: Response,
+    adapter: str,
+    request: Request | None = None,
+    no_previous: str = "",
 ) -> BehaviourRecord:
     """The record of one raw answer; the same answer always gives the same record.
 
@@ -42,16 +46,20 @@ def record_of(
         response: as it came.
         adapter: name of the adapter, with its mode.
         request: that it answers; an adapter knows an echo of the prompt by it.
+        no_previous: why the request held no previous answer though its interface carries one.
 
     Raises:
         InputError: there is no such adapter.
     """
     adapted = adapt(adapter, response, request)
+    notes = list(adapted.info.notes)
+    if no_previous:
+        notes.append(f"asked without a previous answer: {no_previous}")
     return BehaviourRecord(
         t_s=t_s,
         text=adapted.text,
         slots=extract(adapted.text),
         trajectory=adapted.trajectory,
         invalid=adapted.invalid,
-        adapter={**asdict(adapted.info), "notes": list(adapted.info.notes)},
+        adapter={**asdict(adapted.info), "notes": notes},
     )

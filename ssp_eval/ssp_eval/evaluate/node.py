@@ -18,11 +18,11 @@ from ssp_core.console import report_error
 from ssp_core.errors import SspError
 from ssp_core.names import vla_request_topic, vla_response_topic
 from ssp_core.ros import VLA, make_executor, make_node
-from ssp_eval.evaluate.asker import ModelSpec
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.exchange import Exchange
-from ssp_eval.evaluate.topics import TopicAskers
+from ssp_eval.evaluate.models import as_attached, attached_spec, load_models
+from ssp_eval.evaluate.topics import CONNECT_S, TopicAskers
 from ssp_msgs.msg import VlaRequest, VlaResponse
 from ssp_vla_bridge.conversions import request_to_msg, response_from_msg
 from ssp_vla_bridge.core.request import Request
@@ -73,7 +73,7 @@ class RosLink:
     def _on_response(self, msg: Any) -> None:
         try:
             response = response_from_msg(msg)
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             self._exchange.offer_unreadable(msg.request_id, str(error))
             return
         self._exchange.offer(response)
@@ -116,7 +116,9 @@ def open_transport() -> Iterator[RosTransport]:
 def main() -> int:
     """Evaluates bags with bridges that are on the topics already (``ros2 run ssp_eval evaluator``).
 
-    ROS parameters: ``bags`` and ``models`` (lists), ``out`` (folder), ``adapter``, ``timeout_s``.
+    ROS parameters: ``bags`` and ``models`` (lists), ``models_file`` (``ssp.models/1``, of which
+    every model is taken as running), ``out`` (folder), ``adapter`` (of all models; else each has
+    its own), ``timeout_s``, ``start_timeout_s``, ``retry_errors``.
     """
     rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
     if len(remove_ros_args(sys.argv)) > 1:
@@ -136,17 +138,21 @@ def _evaluate() -> int:
     bags = list(settings.declare_parameter("bags", [""]).value)
     models = list(settings.declare_parameter("models", [""]).value)
     out = Path(str(settings.declare_parameter("out", "out/evaluation").value))
-    adapter = str(settings.declare_parameter("adapter", "waypoints").value)
+    models_file = str(settings.declare_parameter("models_file", "").value)
+    adapter = str(settings.declare_parameter("adapter", "").value)
     timeout_s = float(settings.declare_parameter("timeout_s", 60.0).value)
+    start_timeout_s = float(settings.declare_parameter("start_timeout_s", CONNECT_S).value)
+    retry_errors = int(settings.declare_parameter("retry_errors", 0).value)
     settings.destroy_node()
-    specs = [ModelSpec(name, attached=True) for name in models if name]
-    with TopicAskers(out / "logs", timeout_s, attached=True) as askers:
+    specs = as_attached(load_models(Path(models_file))) if models_file else []
+    specs += [attached_spec(name) for name in models if name]
+    with TopicAskers(out / "logs", timeout_s, True, start_timeout_s) as askers:
         results = run_campaign(
             [(Path(bag), None) for bag in bags if bag],
             specs,
             askers,
             out,
-            CellOptions(adapter=adapter),
+            CellOptions(adapter=adapter, retry_errors=retry_errors),
         )
     for result in results:
         print(f"{result.folder.name}: {result.status} {'; '.join(result.reasons)}".rstrip())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import secrets
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from ssp_core.errors import HostError, InputError
 from ssp_core.files import write_text
 from ssp_core.hashing import sha256_bytes, sha256_json
 from ssp_eval.evaluate.asker import Loss
-from ssp_vla_bridge.core.request import Request
+from ssp_vla_bridge.core.request import CameraGeometry, EgoSample, Frame, Request
 from ssp_vla_bridge.core.response import Response, response_from_json, response_to_json
 
 RAW_FILE = "raw.jsonl"
@@ -23,21 +23,27 @@ REQUEST_SCHEMA = "ssp.request/1"
 _KEY_DIGITS = 32
 
 
-def request_key(request: Request, model: str, options: Any) -> str:
-    """Hash of everything that an answer may depend on; the request's id is not part of it.
+def request_key(request: Request, facts: Mapping[str, Any]) -> str:
+    """Hash of everything that an answer may depend on; ids and latencies are not part of it.
 
     Args:
         request: what is asked.
-        model: name of the model.
-        options: of its backend, JSON values.
+        facts: of the model (ModelSpec.key_facts), JSON values.
     """
+    previous = request.previous
     content = {
-        "request": request_to_json(replace(request, request_id="")),
+        "request": request_to_json(replace(request, request_id="", previous=None)),
+        "previous": None if previous is None else answer_sha256(previous),
         "task": asdict(request.task),
-        "model": model,
-        "options": options,
+        "model": dict(facts),
     }
     return sha256_json(content).removeprefix("sha256:")[:_KEY_DIGITS]
+
+
+def answer_sha256(response: Response) -> str:
+    """Hash of what a model said, whenever and however fast it did."""
+    value = response_to_json(response)
+    return sha256_json({k: v for k, v in value.items() if k not in ("request_id", "latency_s")})
 
 
 def new_request_id(key: str) -> str:
@@ -46,7 +52,8 @@ def new_request_id(key: str) -> str:
 
 
 def request_to_json(request: Request) -> dict[str, Any]:
-    """What was asked, with the frames as hashes."""
+    """What was asked, with the frames as hashes and the previous answer as id and hash."""
+    previous = request.previous
     return {
         "schema": REQUEST_SCHEMA,
         "request_id": request.request_id,
@@ -58,7 +65,35 @@ def request_to_json(request: Request) -> dict[str, Any]:
         "camera": None if request.camera is None else asdict(request.camera),
         "history": [asdict(sample) for sample in request.history],
         "ego_provenance": request.ego_provenance,
+        "previous": None
+        if previous is None
+        else {"request_id": previous.request_id, "sha256": answer_sha256(previous)},
     }
+
+
+def asked_again(value: Mapping[str, Any], previous: Response | None) -> Request:
+    """What a stored question tells an adapter: all but the pictures themselves.
+
+    Args:
+        value: a line of requests.jsonl that was asked.
+        previous: the answer that the line names as the one before.
+
+    Raises:
+        InputError: it is no such line.
+    """
+    try:
+        camera = value["camera"]
+        return Request(
+            request_id=str(value["request_id"]),
+            stamp_ns=int(value["stamp_ns"]),
+            frames=tuple(Frame(int(frame["stamp_ns"]), b"") for frame in value["frames"]),
+            camera=None if camera is None else CameraGeometry(**camera),
+            history=tuple(EgoSample(**sample) for sample in value["history"]),
+            ego_provenance=str(value["ego_provenance"]),
+            previous=previous,
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"is no question that was asked: {error}") from error
 
 
 @dataclass(frozen=True)
@@ -73,6 +108,9 @@ class Asked:
         missing: why there is no record, empty where there is one.
         loss: the kind of that reason, None where there is a record.
         reused: the answer was stored by an earlier run.
+        again: how often the question was repeated after an error.
+        no_previous: why the request holds no previous answer though the interface carries one;
+            empty where it holds one, or where there could be none.
     """
 
     label_t_s: float
@@ -82,6 +120,8 @@ class Asked:
     missing: str = ""
     loss: Loss | None = None
     reused: bool = False
+    again: int = 0
+    no_previous: str = ""
 
     @property
     def record_from(self) -> Response | None:
@@ -155,7 +195,13 @@ class RawStore:
             sent = {} if one.request is None else request_to_json(one.request)
             if one.response is not None:
                 sent["request_id"] = one.response.request_id
-            place = {"label_t_s": one.label_t_s, "t_s": one.t_s, "missing": one.missing}
+            place = {
+                "label_t_s": one.label_t_s,
+                "t_s": one.t_s,
+                "missing": one.missing,
+                "kind": one.loss,
+                "no_previous": one.no_previous,
+            }
             requests.append({**place, **sent})
         _write_lines(self._requests_path, requests)
 

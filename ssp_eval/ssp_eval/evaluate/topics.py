@@ -9,6 +9,7 @@ import subprocess
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Protocol, Self
@@ -17,14 +18,15 @@ import ssp_core
 from ssp_core.domains import free_domain
 from ssp_core.errors import HostError, PeerError
 from ssp_core.processes import NodeProcess, ProcessGroup, session_environment
-from ssp_eval.evaluate.asker import Asker, Ignored, Loss, ModelSpec, Reply
+from ssp_eval.evaluate.asker import Asker, Ignored, Loss, Reply
 from ssp_eval.evaluate.exchange import Exchange
+from ssp_eval.evaluate.model_spec import ModelSpec
 from ssp_vla_bridge.core.request import Request
 
 BRIDGE_MODULE = "ssp_vla_bridge.node"
 PROFILE = Path(ssp_core.__file__).parent / "config" / "fastdds_one_host.xml"
-# A bridge has this long to appear on the topics; loading a large model is its own affair and
-# happens before it subscribes.
+# A bridge has this long to appear on the topics unless the user says otherwise: it loads its
+# model before it subscribes.
 CONNECT_S = 30.0
 _SPIN_S = 0.05
 # The bridge's own timeout comes first, so that its numbered error is what is recorded.
@@ -61,6 +63,19 @@ class Transport(Protocol):
         """Handles what came, for at most this long."""
 
 
+@dataclass(frozen=True)
+class Timeouts:
+    """How long a bridge is waited for.
+
+    Args:
+        answer_s: for one answer.
+        start_s: until it is on the topics.
+    """
+
+    answer_s: float
+    start_s: float = CONNECT_S
+
+
 class TopicAsker:
     """Asks one model over its topics.
 
@@ -69,7 +84,7 @@ class TopicAsker:
         transport: the evaluator's node.
         exchange: the model's conversation.
         link: the model's topics.
-        timeout_s: for one answer.
+        timeouts: for an answer and for a start.
         start: starts the bridge (again); None: it is attached and not ours.
     """
 
@@ -79,14 +94,14 @@ class TopicAsker:
         transport: Transport,
         exchange: Exchange,
         link: Link,
-        timeout_s: float,
+        timeouts: Timeouts,
         start: Callable[[], NodeProcess] | None,
     ) -> None:
         self._model = model
         self._transport = transport
         self._exchange = exchange
         self._link = link
-        self._timeout_s = timeout_s
+        self._timeouts = timeouts
         self._start = start
         self.process: NodeProcess | None = None
         self._deaths = 0
@@ -108,12 +123,18 @@ class TopicAsker:
         ):
             self._link.forget()
             self.process = self._start()
-        deadline = time.monotonic() + CONNECT_S
+        wait_s = self._timeouts.start_s
+        if self._start is None and self._deaths:
+            # It didn't come back within the whole wait; the other records don't wait for it again.
+            wait_s = 0.0
+        deadline = time.monotonic() + wait_s
         while not self._link.matched():
             if self.process is not None and self.process.returncode is not None:
                 raise PeerError(self._died("ended before it was ready"))
             if time.monotonic() > deadline:
-                raise PeerError(f"no bridge for {self._model} on its topics within {CONNECT_S:g} s")
+                raise PeerError(
+                    f"no bridge for {self._model} on its topics within {self._timeouts.start_s:g} s"
+                )
             self._transport.spin(_SPIN_S)
         if not self._connected:
             # We see the bridge; that it sees our subscription too can't be asked, and an answer
@@ -126,7 +147,7 @@ class TopicAsker:
     def ask(self, request: Request) -> Reply:
         """The reply to one request; whatever the bridge does costs this reply only."""
         if not self._alive():
-            if self._deaths > _MAX_RESTARTS:
+            if self._start is not None and self._deaths > _MAX_RESTARTS:
                 gone = f"the bridge died {self._deaths} times and was given up"
                 return Reply(None, gone, Loss.DIED)
             self._connected = False
@@ -137,7 +158,7 @@ class TopicAsker:
                 return Reply(None, str(error), Loss.UNREACHABLE)
         self._exchange.open(request)
         self._link.send(request)
-        deadline = time.monotonic() + self._timeout_s + _GRACE_S
+        deadline = time.monotonic() + self._timeouts.answer_s + _GRACE_S
         while time.monotonic() < deadline:
             self._transport.spin(_SPIN_S)
             reply = self._exchange.take()
@@ -148,7 +169,7 @@ class TopicAsker:
                 self._exchange.give_up()
                 return Reply(None, self._died("died before it answered"), Loss.DIED)
         self._exchange.give_up()
-        return Reply(None, f"no answer within {self._timeout_s:g} s", Loss.SILENT)
+        return Reply(None, f"no answer within {self._timeouts.answer_s:g} s", Loss.SILENT)
 
     def _alive(self) -> bool:
         if self.process is not None:
@@ -171,13 +192,20 @@ class TopicAskers:
 
     Args:
         log_dir: for the bridges' output.
-        timeout_s: for one answer.
+        timeout_s: for one answer, where the model has no time of its own.
+        start_timeout_s: until a bridge is on its topics.
         attached: the bridges run already, in the domain that the environment names.
     """
 
-    def __init__(self, log_dir: Path, timeout_s: float, attached: bool) -> None:
+    def __init__(
+        self,
+        log_dir: Path,
+        timeout_s: float,
+        attached: bool,
+        start_timeout_s: float = CONNECT_S,
+    ) -> None:
         self._log_dir = log_dir
-        self._timeout_s = timeout_s
+        self._timeouts = Timeouts(timeout_s, start_timeout_s)
         self._attached = attached
         self._stack = ExitStack()
         self._transport: Transport | None = None
@@ -207,6 +235,7 @@ class TopicAskers:
         text = json.dumps(dict(options), sort_keys=True)
         known = self._askers.get(model.name)
         if known is not None and known[0] == text:
+            self._exchanges[model.name][0].ignored = Ignored()
             return known[1]
         transport = self._open()
         if model.name not in self._exchanges:
@@ -214,10 +243,13 @@ class TopicAskers:
             self._exchanges[model.name] = exchange, transport.link(model.name, exchange)
         exchange, link = self._exchanges[model.name]
         exchange.ignored = Ignored()
-        start = None if model.attached else lambda: self._start(model.name, text)
+        timeouts = self._timeouts
+        if model.timeout_s is not None:
+            timeouts = replace(timeouts, answer_s=model.timeout_s)
+        start = None if model.attached else lambda: self._start(model, text, timeouts.answer_s)
         if known is not None:
             self._stop(model.name, link)
-        asker = TopicAsker(model.name, transport, exchange, link, self._timeout_s, start)
+        asker = TopicAsker(model.name, transport, exchange, link, timeouts, start)
         asker.connect()
         self._askers[model.name] = text, asker
         return asker
@@ -242,15 +274,19 @@ class TopicAskers:
             self._transport = transport
         return self._transport
 
-    def _start(self, model: str, options: str) -> NodeProcess:
+    def _start(self, model: ModelSpec, options: str, timeout_s: float) -> NodeProcess:
         if self._group is None:
             raise ValueError("bridges are started in a domain of their own, or not at all")
-        parameters: dict[str, object] = {"model": model, "timeout_s": float(self._timeout_s)}
+        parameters: dict[str, object] = {
+            "model": model.name,
+            "backend": model.backend_name,
+            "timeout_s": float(timeout_s),
+        }
         if options != "{}":
             # Parameter values are read as YAML; the quoted text stays one string.
             parameters["backend_options"] = json.dumps(options)
-        process = self._group.start_node(f"bridge_{model}", BRIDGE_MODULE, parameters)
-        self._running[model] = process
+        process = self._group.start_node(f"bridge_{model.name}", BRIDGE_MODULE, parameters)
+        self._running[model.name] = process
         return process
 
     def _stop(self, model: str, link: Link) -> None:

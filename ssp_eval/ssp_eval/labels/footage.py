@@ -113,9 +113,9 @@ def pictures(path: Path, times_s: Sequence[float], start_s: float = 0.0) -> list
 
 def _of_bag(path: Path, times_s: Sequence[float]) -> list[Picture | None]:
     found: list[Picture | None] = []
-    with Clip(path, Preprocessing(frames=1)) as clip:
+    with Clip(path) as clip:
         for t_s in times_s:
-            question = clip.question(t_s)
+            question = clip.question(t_s, Preprocessing(frames=1))
             if isinstance(question, NoQuestion):
                 found.append(None)
                 continue

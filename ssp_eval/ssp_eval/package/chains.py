@@ -9,9 +9,9 @@ from typing import Any
 
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_bytes
-from ssp_eval.evaluate.cell import LABELS_FILE, RECORDS_FILE, SCORE_FILE
+from ssp_eval.evaluate.cell_file import LABELS_FILE, RECORDS_FILE, SCORE_FILE
 from ssp_eval.evaluate.interpret import record_of
-from ssp_eval.evaluate.store import RAW_FILE, REQUESTS_FILE
+from ssp_eval.evaluate.store import RAW_FILE, REQUESTS_FILE, asked_again
 from ssp_eval.extract import extractor_hash
 from ssp_eval.labels.model import Labels, parse_labels
 from ssp_eval.package.index import Index, Problem
@@ -83,7 +83,9 @@ class Chains:
                 ref, request = at_time.get(records[match].t_s, (ref, request))
             answer = raw.get(str(request.get("request_id")))
             if match is not None and record_ref is not None:
-                self._made_from(facts, records_file, record_ref, records[match], answer)
+                self._made_from(
+                    facts, records_file, record_ref, records[match], answer, request, raw
+                )
             missing = str(request.get("missing", ""))
             self.found.append(
                 Chain(
@@ -150,21 +152,29 @@ class Chains:
         place: LineRef,
         record: BehaviourRecord,
         answer: tuple[LineRef, dict[str, Any]] | None,
+        request: Mapping[str, Any],
+        raw: Mapping[str, tuple[LineRef, dict[str, Any]]],
     ) -> None:
         """Compares a record with what its raw answer gives."""
         if answer is None:
             self._problem(records_file, f"{place.line}", "has no raw answer")
             return
-        response: Response = response_from_json(
-            answer[1], file=str(PurePosixPath(records_file.path).with_name(RAW_FILE)),
-            line=answer[0].line,
-        )  # fmt: skip
+        raw_path = str(PurePosixPath(records_file.path).with_name(RAW_FILE))
+        response = _response(answer, raw_path)
         if facts["hashes"].get("extractor") != extractor_hash():
             note = f"{records_file.path}: made by another extractor, not extracted again"
             if note not in self.notes:
                 self.notes.append(note)
             return
-        again = record_of(record.t_s, response, str(facts.get("adapter")))
+        before = raw.get(str((request.get("previous") or {}).get("request_id")))
+        asked = asked_again(request, None if before is None else _response(before, raw_path))
+        again = record_of(
+            record.t_s,
+            response,
+            str(facts.get("adapter")),
+            asked,
+            str(request.get("no_previous", "")),
+        )
         if record_to_json(again) != record_to_json(record):
             self._problem(records_file, f"{place.line}", "is not what its raw answer gives")
 
@@ -194,6 +204,10 @@ class Chains:
                         )
                     )
         return found
+
+
+def _response(answer: tuple[LineRef, dict[str, Any]], path: str) -> Response:
+    return response_from_json(answer[1], file=path, line=answer[0].line)
 
 
 def _numbered(text: str) -> list[tuple[int, str]]:

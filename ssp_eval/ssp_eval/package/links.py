@@ -11,7 +11,7 @@ from ssp_core.files import parse_model
 from ssp_core.hashing import sha256_bytes
 from ssp_eval.audit.model import Audit, RecordingEntry
 from ssp_eval.evaluate.admission import admission_of
-from ssp_eval.evaluate.cell import (
+from ssp_eval.evaluate.cell_file import (
     CELL_SCHEMA,
     LABELS_FILE,
     RECORDS_FILE,

@@ -9,7 +9,7 @@ from typing import Any
 from ssp_core.bag.metadata import ROOT_KEY
 from ssp_core.errors import InputError
 from ssp_core.files import MAX_TEXT_BYTES, parse_mapping
-from ssp_eval.evaluate.cell import CELL_FILE, RECORDS_FILE, SCORE_FILE
+from ssp_eval.evaluate.cell_file import CELL_FILE, RECORDS_FILE, SCORE_FILE
 from ssp_eval.evaluate.store import RAW_FILE, REQUESTS_FILE
 from ssp_eval.package.model import Role
 

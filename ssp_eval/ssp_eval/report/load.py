@@ -9,7 +9,7 @@ from typing import Any
 from ssp_core.errors import InputError
 from ssp_core.files import parse_model, read_text
 from ssp_core.vocab import DOMAINS
-from ssp_eval.evaluate.cell import (
+from ssp_eval.evaluate.cell_file import (
     CELL_FILE,
     CELLS,
     LABELS_FILE,

@@ -17,7 +17,7 @@ from ssp_core.hashing import sha256_file
 from ssp_eval.audit.model import AUDIT_FILE
 from ssp_eval.audit.model import PAGE_FILE as AUDIT_PAGE
 from ssp_eval.evaluate.admission import ADMITTED
-from ssp_eval.evaluate.cell import frame_path
+from ssp_eval.evaluate.cell_file import frame_path
 from ssp_eval.report.load import CellData, load_cells
 from ssp_eval.report.matrix import matrix
 from ssp_eval.report.pictures import data_uri

@@ -17,9 +17,10 @@ from ssp_core.hashing import sha256_file
 from ssp_core.vocab import PHASES
 from ssp_eval.audit.expected import timeline
 from ssp_eval.evaluate.admission import load_admissions
-from ssp_eval.evaluate.asker import DirectAskers, bridge_spec
+from ssp_eval.evaluate.asker import DirectAskers
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.evaluate.truth import truth_from_bag
 from ssp_eval.labels.model import labels_to_json
 from ssp_eval.labels.propose import propose

@@ -14,9 +14,10 @@ import pytest
 from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_file
-from ssp_eval.evaluate.asker import DirectAskers, bridge_spec
+from ssp_eval.evaluate.asker import DirectAskers
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.package.make import make_package
 from ssp_eval.package.model import (
     content_id,

@@ -37,6 +37,8 @@ _INTERFACES: dict[str, str] = {
     "alpamayo": "alpamayo",
     "llavida": "llavida",
 }
+# Backends that speak what their option ``interface`` says.
+OPTION_INTERFACE = frozenset({"openai", "http", "python"})
 
 
 class Backend(Protocol):

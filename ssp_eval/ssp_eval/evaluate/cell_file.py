@@ -1,0 +1,223 @@
+"""A cell's folder: the names of its files, and what cell.json says of it."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from ssp_core import __version__
+from ssp_core.files import write_json
+from ssp_core.hashing import sha256_file, sha256_json
+from ssp_eval.evaluate.asker import Ignored
+from ssp_eval.evaluate.labelled import LabelledClip
+from ssp_eval.evaluate.model_spec import ModelSpec
+from ssp_eval.evaluate.store import RAW_FILE, REQUESTS_FILE, Asked
+from ssp_eval.extract import extractor_hash
+from ssp_eval.score import DEFAULT
+from ssp_vla_bridge.core.response import Response
+
+CELL_SCHEMA = "ssp.cell/1"
+CELLS = "cells"
+FRAMES = "frames"
+LABELS_FILE = "labels.json"
+RECORDS_FILE = "records.jsonl"
+SCORE_FILE = "score.json"
+CELL_FILE = "cell.json"
+# In decoding facts these tell of one answer, not of how a model was set.
+_PER_ANSWER = ("stages", "usage", "latency_s")
+
+
+@dataclass(frozen=True)
+class CellResult:
+    """What became of one cell.
+
+    Args:
+        folder: of the cell.
+        scenario: of the labels.
+        domain: of the labels.
+        model: name.
+        status: ok, refused or failed.
+        reasons: of a refusal or failure, the primary one first.
+        score: METHOD 6.14, None unless ok.
+        asked: requests that were sent.
+        reused: answers that an earlier run had stored.
+        losses: label times without an answer, counted by kind (asker.Loss).
+        again: questions that were repeated after an error.
+        admission: admitted, refused, unpaired or unaudited (admission.py).
+        admission_reasons: of a refusal, or why an audit of the recording doesn't hold any more.
+    """
+
+    folder: Path
+    scenario: str
+    domain: str
+    model: str
+    status: str
+    reasons: tuple[str, ...]
+    score: dict[str, Any] | None
+    asked: int
+    reused: int
+    losses: Mapping[str, int]
+    admission: str
+    admission_reasons: tuple[str, ...] = ()
+    again: int = 0
+
+    @property
+    def missing(self) -> int:
+        """Label times without an answer."""
+        return sum(self.losses.values())
+
+
+def losses_text(losses: Mapping[str, int]) -> str:
+    """``2 answers missing: bridge died``; empty where none is missing."""
+    parts = [
+        f"{count} answer{'s' if count > 1 else ''} missing: {kind}"
+        for kind, count in losses.items()
+    ]
+    return ", ".join(parts)
+
+
+def frame_path(out: Path, sha256: str) -> Path:
+    """Where the campaign keeps a frame."""
+    return out / FRAMES / f"{sha256.removeprefix('sha256:')[:32]}.jpg"
+
+
+def _file_hashes(folder: Path) -> dict[str, str]:
+    """Of the files beside cell.json, so that a score can be walked back to what gave it."""
+    names = (LABELS_FILE, RAW_FILE, REQUESTS_FILE, RECORDS_FILE, SCORE_FILE)
+    there = (folder / name for name in names if (folder / name).is_file())
+    return {path.stem: sha256_file(path) for path in there}
+
+
+@dataclass(frozen=True)
+class CellPlace:
+    """What a cell is of, and where it lies.
+
+    Args:
+        folder: of the cell.
+        labelled: clip and labels.
+        model: who is asked.
+        adapter: that reads the answers, with its mode.
+    """
+
+    folder: Path
+    labelled: LabelledClip
+    model: ModelSpec
+    adapter: str
+
+
+def write_cell(
+    place: CellPlace,
+    status: str,
+    reasons: Sequence[str],
+    asked: Sequence[Asked] = (),
+    ignored: Ignored | None = None,
+    score: dict[str, Any] | None = None,
+) -> CellResult:
+    """Writes cell.json, the last of a cell's files.
+
+    Args:
+        place: what the cell is of.
+        status: ok, refused or failed.
+        reasons: of a refusal or failure, the primary one first.
+        asked: in label order.
+        ignored: answers that came and weren't used.
+        score: METHOD 6.14, None unless ok.
+    """
+    labelled, model = place.labelled, place.model
+    facts = labelled.clip.provenance
+    answers = [one.response for one in asked if one.response is not None]
+    sent = [one for one in asked if one.request is not None and not one.reused]
+    losses = dict(sorted(Counter(str(one.loss) for one in asked if one.missing).items()))
+    reused, again = sum(one.reused for one in asked), sum(one.again for one in asked)
+    decodings = _decodings(answers)
+    value = {
+        "schema": CELL_SCHEMA,
+        "scenario": labelled.labels.scenario,
+        "domain": labelled.labels.domain,
+        "model": model.name,
+        "model_ids": sorted({answer.model_id for answer in answers if answer.model_id}),
+        "model_facts": asdict(model.facts),
+        "status": status,
+        "reasons": list(reasons),
+        "stand_in": facts.stand_in,
+        "admission": labelled.admission.to_json(),
+        "event_version": labelled.labels.event_version,
+        "clip": _clip_facts(labelled),
+        "labels_source": labelled.labels_source,
+        "labels_proposed": labelled.proposed,
+        "answers": {
+            "sent": len(sent),
+            "reused": reused,
+            "asked_again": again,
+            "missing": [
+                {"label_t_s": one.label_t_s, "kind": one.loss, "reason": one.missing}
+                for one in asked
+                if one.missing
+            ],
+            "missing_by_kind": losses,
+            "ignored": (ignored or Ignored()).to_json(),
+        },
+        "backend": "" if model.attached else model.backend_name,
+        "backend_options": dict(model.options),
+        "decoding": decodings,
+        "interface": model.spoken.name,
+        "preprocessing": asdict(model.rules),
+        "adapter": place.adapter,
+        "task_version": None if facts.run is None else facts.run.task_version,
+        "hashes": {
+            **_file_hashes(place.folder),
+            "bag": facts.bag_sha256,
+            "verdict": facts.verdict_sha256,
+            "question": sha256_json(asdict(labelled.clip.task)),
+            "preprocessing": model.rules.sha256,
+            "decoding": sha256_json(decodings),
+            "extractor": extractor_hash(),
+            "thresholds": DEFAULT.sha256,
+        },
+        "software": f"ssp {__version__}",
+    }
+    write_json(place.folder / CELL_FILE, value)
+    return CellResult(
+        folder=place.folder,
+        scenario=labelled.labels.scenario,
+        domain=labelled.labels.domain,
+        model=model.name,
+        status=status,
+        reasons=tuple(reasons),
+        score=score,
+        asked=len(sent),
+        reused=reused,
+        losses=losses,
+        admission=labelled.admission.status,
+        admission_reasons=labelled.admission.reasons,
+        again=again,
+    )
+
+
+def _clip_facts(labelled: LabelledClip) -> dict[str, Any]:
+    facts, camera, mount = labelled.clip.provenance, labelled.clip.camera, labelled.clip.mount
+    return {
+        "origin": facts.origin,
+        "start_ns": labelled.clip.start_ns,
+        "verdict": facts.verdict,
+        "ego": facts.ego,
+        "camera": facts.camera,
+        "geometry": None if camera is None else asdict(camera),
+        "mount_forward_m": None if mount is None else mount.forward_m,
+        "mount_left_m": 0.0 if mount is None else mount.left_m,
+        "mount_yaw_left_rad": 0.0 if mount is None else mount.yaw_left_rad,
+        "mount_roll_right_rad": 0.0 if mount is None else mount.roll_right_rad,
+    }
+
+
+def _decodings(answers: Sequence[Response]) -> list[dict[str, Any]]:
+    """The different settings that answers were decoded with; what differs by answer is raw."""
+    found = {}
+    for answer in answers:
+        settings = {k: v for k, v in answer.decoding.items() if k not in _PER_ANSWER}
+        found[json.dumps(settings, sort_keys=True)] = settings
+    return [found[key] for key in sorted(found)]

@@ -1,0 +1,117 @@
+"""A model of a campaign: who it is, how it is asked, and how its answers are read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+from ssp_core.hashing import sha256_json
+from ssp_eval.evaluate.controls import CLIP_START_NS, LABELS_FILE
+from ssp_vla_bridge.core.adapters import check_adapter
+from ssp_vla_bridge.core.backend import interface_of
+from ssp_vla_bridge.core.interfaces import Interface, find_interface
+from ssp_vla_bridge.core.window import Preprocessing
+
+# A deadline decides whether an answer comes, not what it says.
+_NOT_IN_KEYS = ("timeout_s",)
+
+
+@dataclass(frozen=True)
+class ModelFacts:
+    """What reports say of a model; nothing here changes how it is asked or scored.
+
+    Args:
+        total_b: parameters, billions; None where nobody says.
+        active_b: parameters that one token uses, billions; None where nobody says.
+        architecture: a word such as ``dense`` or ``moe``; empty where nobody says.
+    """
+
+    total_b: float | None = None
+    active_b: float | None = None
+    architecture: str = ""
+
+
+@dataclass(frozen=True)
+class ModelSpec:
+    """One model of a campaign.
+
+    Args:
+        name: on the topics and in the results.
+        options: of its backend; placeholders stand for what differs from cell to cell.
+        attached: its bridge runs already, and isn't ours to start or stop.
+        backend: name of a backend or ``module:factory``; empty: the model's name.
+        interface: that it speaks; empty: the one of its backend and options.
+        adapter: that reads its answers, ``name`` or ``name:mode``; empty: the interface's.
+        timeout_s: for one answer; None: the campaign's.
+        preprocessing: what differs from the interface's, by field of Preprocessing.
+        facts: for reports.
+    """
+
+    name: str
+    options: Mapping[str, Any] = field(default_factory=dict)
+    attached: bool = False
+    backend: str = ""
+    interface: str = ""
+    adapter: str = ""
+    timeout_s: float | None = None
+    preprocessing: Mapping[str, Any] = field(default_factory=dict)
+    facts: ModelFacts = ModelFacts()
+
+    @property
+    def backend_name(self) -> str:
+        """The backend that answers; of an attached bridge it is known only if somebody says."""
+        return self.backend or self.name
+
+    @property
+    def spoken(self) -> Interface:
+        """What the model expects and gives.
+
+        Raises:
+            InputError: there is no such interface.
+        """
+        return find_interface(self.interface or interface_of(self.backend_name, self.options))
+
+    @property
+    def rules(self) -> Preprocessing:
+        """Which frames and ego samples its requests hold."""
+        return replace(self.spoken.preprocessing, **self.preprocessing)
+
+    def read_by(self, override: str = "") -> str:
+        """The adapter with its mode, as it stands in results.
+
+        Args:
+            override: adapter of the whole campaign; empty: the model's own.
+
+        Raises:
+            InputError: there is no such adapter.
+        """
+        return ":".join(check_adapter(override or self.adapter or self.spoken.adapter))
+
+    def options_for(self, labels_file: str, clip_start_ns: int) -> dict[str, Any]:
+        """The backend's options for one cell."""
+        return _filled(self.options, {LABELS_FILE: labels_file, CLIP_START_NS: clip_start_ns})
+
+    def key_facts(self, labels_sha256: str) -> dict[str, Any]:
+        """All that an answer depends on besides its request: content instead of places.
+
+        The adapter is none of it: it reads what is stored.
+
+        Args:
+            labels_sha256: stands for the labels file that a control reads.
+        """
+        options = _filled(self.options, {LABELS_FILE: labels_sha256})
+        return {
+            "model": self.name,
+            "backend": self.backend_name,
+            "interface": self.spoken.name,
+            "preprocessing": sha256_json(asdict(self.rules)),
+            "options": {k: v for k, v in options.items() if k not in _NOT_IN_KEYS},
+        }
+
+
+def _filled(options: Mapping[str, Any], places: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        key: places.get(value, value) if isinstance(value, str) else value
+        for key, value in options.items()
+    }

@@ -1,0 +1,248 @@
+"""The models of a campaign as people write them: ``--bridge``, ``--attach`` and the models file."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import ConfigDict, Field
+
+from ssp_core.errors import InputError
+from ssp_core.files import parse_model, read_mapping
+from ssp_core.run_spec import Strict
+from ssp_eval.evaluate.controls import CONTROLS
+from ssp_eval.evaluate.model_spec import ModelFacts, ModelSpec
+from ssp_eval.evaluate.secret_options import refuse_secrets
+from ssp_vla_bridge.core.backend import (
+    BACKENDS,
+    OPTION_INTERFACE,
+    check_options,
+    make_backend,
+    parse_options,
+)
+from ssp_vla_bridge.core.interfaces import find_interface
+from ssp_vla_bridge.core.window import Preprocessing
+
+SCHEMA = "ssp.models/1"
+# A model's name is a part of topics and of a cell's folder name.
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+
+Seconds = Annotated[float, Field(ge=0.0, le=600.0)]
+
+
+class ModelEntry(Strict):
+    """One model of a models file."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+    backend: str = Field("", description="name of a backend, or module:factory")
+    attached: bool = Field(False, description="true where the bridge runs already")
+    interface: str = Field("", description="name of an interface")
+    adapter: str = Field("", description="an adapter, name or name:mode")
+    timeout_s: float | None = Field(None, ge=0.1, le=86400.0, description="0.1 to 86400 s")
+    options: dict[str, Any] = Field({}, description="a mapping of the backend's options")
+    frames: int | None = Field(None, ge=1, le=100, description="a whole number from 1 to 100")
+    frame_spacing_s: Seconds | None = Field(None, description="0 to 600 s")
+    frame_span_s: Seconds | None = Field(None, description="0 to 600 s")
+    history_s: Seconds | None = Field(None, description="0 to 600 s")
+    history_spacing_s: float | None = Field(None, ge=0.01, le=600.0, description="0.01 to 600 s")
+    total_b: float | None = Field(None, gt=0.0, description="billions of parameters, above 0")
+    active_b: float | None = Field(None, gt=0.0, description="billions of parameters, above 0")
+    architecture: str = Field("", description="a word such as dense or moe")
+
+
+class ModelsFile(Strict):
+    """``ssp.models/1``."""
+
+    schema_: Literal["ssp.models/1"] = Field(alias="schema", description=SCHEMA)
+    models: dict[str, ModelEntry] = Field(min_length=1, description="at least one model by name")
+
+
+# Keys of an entry that may stand beside the backend's options in --bridge NAME={...}.
+_BESIDE = ("backend", "adapter", "timeout_s")
+# Backends that load what the user names.
+_LOADS = ("python",)
+_PREPROCESSING = tuple(set(asdict(Preprocessing())) & set(ModelEntry.model_fields))
+
+
+def load_models(path: Path) -> list[ModelSpec]:
+    """The models of a models file, in its order.
+
+    Raises:
+        InputError: with file, field, value and what would be right.
+    """
+    value = read_mapping(path)
+    refuse_secrets(value, str(path))
+    entries = value.get("models")
+    for name, entry in entries.items() if isinstance(entries, dict) else ():
+        _check_keys(entry, str(path), f"models.{name}")
+    try:
+        file = parse_model(ModelsFile, value, path)
+    except InputError as error:
+        raise _with_remedy(error) from error
+    specs = [_spec(name, entry) for name, entry in file.models.items()]
+    for spec in specs:
+        check_model(spec, str(path), f"models.{spec.name}")
+    return specs
+
+
+def bridge_spec(text: str) -> ModelSpec:
+    """The model of ``NAME`` or ``NAME={"backend": …, "adapter": …, "timeout_s": …, options}``.
+
+    Raises:
+        InputError: what follows the name is no JSON object, or a value in it is wrong.
+    """
+    name, _, given = text.partition("=")
+    value = parse_options(given)
+    options = {key: inner for key, inner in value.items() if key not in _BESIDE}
+    entry = {key: value[key] for key in _BESIDE if key in value}
+    return _from_command(name, {**entry, "options": options})
+
+
+def attached_spec(text: str) -> ModelSpec:
+    """The model of ``NAME`` or ``NAME={"interface": …, "adapter": …, "timeout_s": …}``.
+
+    Raises:
+        InputError: what follows the name is no JSON object of keys of a model.
+    """
+    name, _, given = text.partition("=")
+    return _from_command(name, {**parse_options(given), "attached": True})
+
+
+def _from_command(name: str, value: dict[str, Any]) -> ModelSpec:
+    refuse_secrets(value, field=name)
+    _check_keys(value, None, name)
+    try:
+        file = parse_model(ModelsFile, {"schema": SCHEMA, "models": {name: value}}, "")
+    except InputError as error:
+        raise _with_remedy(error) from error
+    spec = _spec(name, file.models[name])
+    check_model(spec, None, name)
+    return spec
+
+
+def _check_keys(entry: Any, file: str | None, field: str) -> None:
+    """Refuses unknown keys first: an option in the wrong place is the commonest mistake."""
+    for key in entry if isinstance(entry, dict) else ():
+        if key not in ModelEntry.model_fields:
+            raise InputError(
+                "is no key of a model",
+                file=file,
+                field=f"{field}.{key}",
+                remedy=f"known are {', '.join(ModelEntry.model_fields)}; what the backend is to "
+                "know stands under options",
+            )
+
+
+def _with_remedy(error: InputError) -> InputError:
+    """The same refusal with what would be right, as the field's description says it."""
+    field = error.field or ""
+    last = re.split(r"[.\[]", field)[-1]
+    of: type[Strict] = ModelEntry if field.startswith("models.") else ModelsFile
+    known = {info.alias or name: info.description for name, info in of.model_fields.items()}
+    return InputError(
+        error.problem,
+        file=error.file or None,
+        field=field,
+        value=error.value,
+        remedy=f"give {known[last]}" if known.get(last) else f"known are {', '.join(known)}",
+    )
+
+
+def _spec(name: str, entry: ModelEntry) -> ModelSpec:
+    backend = entry.backend or name
+    options = {**({} if entry.attached else CONTROLS.get(backend, {})), **entry.options}
+    if entry.interface and backend in OPTION_INTERFACE and not entry.attached:
+        # Requests and prompts have to be of the same interface.
+        options.setdefault("interface", entry.interface)
+    given = {key: getattr(entry, key) for key in _PREPROCESSING}
+    return ModelSpec(
+        name,
+        options,
+        attached=entry.attached,
+        backend=entry.backend,
+        interface=entry.interface,
+        adapter=entry.adapter,
+        timeout_s=entry.timeout_s,
+        preprocessing={key: value for key, value in given.items() if value is not None},
+        facts=ModelFacts(entry.total_b, entry.active_b, entry.architecture),
+    )
+
+
+def check_model(spec: ModelSpec, file: str | None = None, field: str = "") -> None:
+    """Refuses what can be told without making the backend: names, interface, adapter.
+
+    Raises:
+        InputError: with the field.
+    """
+    if not _NAME.fullmatch(spec.name):
+        raise InputError(
+            "is no name for a topic",
+            file=file,
+            field="models" if file else "bridge",
+            value=spec.name,
+            remedy="use letters, digits and underscores, a letter first",
+        )
+    if spec.attached and (spec.backend or spec.options):
+        raise InputError(
+            "an attached bridge has its backend and options already",
+            file=file,
+            field=f"{field}.{'backend' if spec.backend else 'options'}",
+            remedy="give them to the bridge, or leave out attached",
+        )
+    told = spec.options.get("interface")
+    if spec.interface and told is not None and told != spec.interface:
+        raise InputError(
+            f"is {told!r}, and the model's interface is {spec.interface!r}",
+            file=file,
+            field=f"{field}.options.interface",
+            remedy="give one of them",
+        )
+    try:
+        if spec.interface:
+            find_interface(spec.interface)
+        spec.read_by()
+    except InputError as error:
+        raise InputError(
+            error.problem,
+            file=file,
+            field=f"{field}.{error.field}" if field else error.field,
+            value=error.value,
+            remedy=error.remedy,
+        ) from error
+
+
+def as_attached(specs: list[ModelSpec]) -> list[ModelSpec]:
+    """The same models as bridges that run already: backend and options are theirs."""
+    return [
+        replace(spec, attached=True, interface=spec.spoken.name, backend="", options={})
+        for spec in specs
+    ]
+
+
+def check_bridge(model: ModelSpec) -> None:
+    """Refuses a bridge that can't be started here, before anything is asked.
+
+    A backend of one's own isn't made here: it may load a model that fills a graphics card.
+
+    Raises:
+        InputError: no backend has that name, or its options are wrong.
+    """
+    backend = model.backend_name
+    if backend not in BACKENDS and ":" not in backend:
+        raise InputError(
+            "no such bridge",
+            field="bridge",
+            value=backend,
+            remedy=f"known are {', '.join(sorted(BACKENDS))}, and module:factory; a node of your "
+            "own is started by itself and named with --attach",
+        )
+    filled = ModelSpec(model.name, CONTROLS.get(backend, {})).options_for("", 0)
+    if filled:
+        # What only the cell knows isn't there yet; names and types can be checked without it.
+        known = {key: type(value) for key, value in filled.items()}
+        check_options(backend, model.options_for("", 0), known)
+    elif backend in BACKENDS and backend not in _LOADS:
+        make_backend(backend, model.options)
