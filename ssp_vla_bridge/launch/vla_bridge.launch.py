@@ -18,6 +18,9 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument("model", description="name on the topics"),
             DeclareLaunchArgument("backend", default_value="", description="empty: as model"),
             DeclareLaunchArgument("backend_options", default_value="", description="JSON"),
+            DeclareLaunchArgument(
+                "shadow_hz", default_value="0.0", description="follow a running session, Hz"
+            ),
             Node(
                 package="ssp_vla_bridge",
                 executable="vla_bridge",
@@ -29,6 +32,11 @@ def generate_launch_description() -> LaunchDescription:
                     {
                         name: ParameterValue(LaunchConfiguration(name), value_type=str)
                         for name in ("model", "backend", "backend_options")
+                    },
+                    {
+                        "shadow_hz": ParameterValue(
+                            LaunchConfiguration("shadow_hz"), value_type=float
+                        )
                     },
                 ],
             ),

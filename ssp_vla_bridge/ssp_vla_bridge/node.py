@@ -142,8 +142,13 @@ class VlaBridge(Node):
             if ticket is not None:
                 outcome = respond(self._backend, self._model, ticket.request)
                 latency_ns = time.monotonic_ns() - ticket.received_ns
-                self._await_listener()
+                if not self._is_own(ticket.request):
+                    self._await_listener()
                 self._finish(ticket, outcome, ns_to_seconds(latency_ns))
+
+    def _is_own(self, request: Request) -> bool:
+        """Whether shadow mode asked: nobody need hear that answer."""
+        return self._follower is not None and self._follower.waits_for(request.request_id)
 
     def _await_listener(self) -> None:
         give_up_s = time.monotonic() + _LISTENER_WAIT_S

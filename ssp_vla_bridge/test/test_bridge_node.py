@@ -20,10 +20,11 @@ os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 rclpy = pytest.importorskip("rclpy", reason="needs ROS 2")
 pytestmark = pytest.mark.ros
 
-from sensor_msgs.msg import CompressedImage  # noqa: E402 - the domain must be set before
+from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402 - the domain must be set before
+from sensor_msgs.msg import CompressedImage  # noqa: E402
 
-from ssp_core.names import vla_request_topic, vla_response_topic  # noqa: E402
-from ssp_core.ros import VLA, make_node, stamp_from_ns  # noqa: E402
+from ssp_core.names import DIAGNOSTICS, vla_request_topic, vla_response_topic  # noqa: E402
+from ssp_core.ros import STATE, VLA, make_node, stamp_from_ns  # noqa: E402
 from ssp_msgs.msg import VlaRequest, VlaResponse  # noqa: E402
 from ssp_vla_bridge.conversions import (  # noqa: E402
     request_from_msg,
@@ -250,12 +251,34 @@ def test_sigterm_stops_it_while_the_backend_works(bridge, asker, make_request):
     assert "Traceback" not in output
 
 
+def test_health_is_said_and_names_the_error(bridge, asker, make_request):
+    bridge(model="odd", backend="odd_backend:make")
+    client = asker("odd")
+    heard = []
+    client.node.create_subscription(DiagnosticArray, DIAGNOSTICS, heard.append, STATE)
+    client.connect()
+    client.ask(make_request("fine-1"))
+    client.answered("fine-1")
+    client.until(lambda: heard and heard[-1].status[0].message == "answering")
+    for name in ("raise-1", "raise-2", "raise-3"):
+        client.ask(make_request(name))
+        client.answered(name)
+    client.until(lambda: heard[-1].status[0].level == b"\x02")
+    status = heard[-1].status[0]
+    assert (status.name, status.hardware_id) == ("ssp: vla_bridge odd", "vla_bridge_odd")
+    assert status.message.endswith("RuntimeError: the model fell over")
+    values = {value.key: value.value for value in status.values}
+    assert (values["answered"], values["errors: backend"]) == ("1", "3")
+
+
 def test_wrong_parameters_stop_it_with_the_reason(bridge):
     for parameters, words in (
         ({"model": "no_such_model"}, "known are"),
         ({"model": "a/b"}, "letters, digits and underscores"),
         ({"model": "silent", "queue_limit": 0}, "queue_limit"),
         ({"model": "silent", "timeout_s": 0.0}, "timeout_s"),
+        ({"model": "silent", "shadow_hz": -1.0}, "shadow_hz"),
+        ({"model": "silent", "interface": "telepathy"}, "waypoints"),
         ({"model": "silent", "backend_options": "'[1]'"}, "backend_options"),
     ):
         process = bridge(**parameters)
