@@ -24,7 +24,8 @@ from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.cell_file import CellResult, losses_text
 from ssp_eval.evaluate.model_spec import ModelSpec
 from ssp_eval.evaluate.models import attached_spec, bridge_spec, check_bridge, load_models
-from ssp_eval.evaluate.topics import CONNECT_S, TopicAskers
+from ssp_eval.evaluate.topic_asker import CONNECT_S
+from ssp_eval.evaluate.topics import TopicAskers
 
 _PATH = click.Path(path_type=Path)
 _WIDEST = 400

@@ -22,7 +22,8 @@ from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.exchange import Exchange
 from ssp_eval.evaluate.models import as_attached, attached_spec, load_models
-from ssp_eval.evaluate.topics import CONNECT_S, TopicAskers
+from ssp_eval.evaluate.topic_asker import CONNECT_S
+from ssp_eval.evaluate.topics import TopicAskers
 from ssp_msgs.msg import VlaRequest, VlaResponse
 from ssp_vla_bridge.conversions import request_to_msg, response_from_msg
 from ssp_vla_bridge.core.request import Request

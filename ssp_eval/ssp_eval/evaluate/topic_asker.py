@@ -1,0 +1,166 @@
+"""Asks one model over its topics, whatever its bridge does."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+from ssp_core.errors import PeerError
+from ssp_core.processes import NodeProcess
+from ssp_eval.evaluate.asker import Ignored, Loss, Reply
+from ssp_eval.evaluate.exchange import Exchange
+from ssp_vla_bridge.core.request import Request
+
+# A bridge has this long to appear on the topics unless the user says otherwise: it loads its
+# model before it subscribes.
+CONNECT_S = 30.0
+_SPIN_S = 0.05
+# The bridge's own timeout comes first, so that its numbered error is what is recorded.
+_GRACE_S = 2.0
+_MAX_RESTARTS = 2
+
+
+class Link(Protocol):
+    """The topics of one model, as the evaluator's node has them."""
+
+    def send(self, request: Request) -> None:
+        """Publishes a request."""
+
+    def matched(self) -> bool:
+        """True while a bridge that wasn't forgotten is on both topics."""
+
+    def forget(self) -> None:
+        """The bridge that is on the topics now has ended, whatever discovery still says."""
+
+
+class Transport(Protocol):
+    """A node that talks to bridges; spun only while somebody waits."""
+
+    def link(self, model: str, exchange: Exchange) -> Link:
+        """The topics of a model; its answers go to the exchange."""
+
+    def spin(self, timeout_s: float) -> None:
+        """Handles what came, for at most this long."""
+
+
+@dataclass(frozen=True)
+class Timeouts:
+    """How long a bridge is waited for.
+
+    Args:
+        answer_s: for one answer.
+        start_s: until it is on the topics.
+    """
+
+    answer_s: float
+    start_s: float = CONNECT_S
+
+
+class TopicAsker:
+    """Asks one model over its topics.
+
+    Args:
+        model: name.
+        transport: the evaluator's node.
+        exchange: the model's conversation.
+        link: the model's topics.
+        timeouts: for an answer and for a start.
+        start: starts the bridge (again); None: it is attached and not ours.
+    """
+
+    def __init__(
+        self,
+        model: str,
+        transport: Transport,
+        exchange: Exchange,
+        link: Link,
+        timeouts: Timeouts,
+        start: Callable[[], NodeProcess] | None,
+    ) -> None:
+        self._model = model
+        self._transport = transport
+        self._exchange = exchange
+        self._link = link
+        self._timeouts = timeouts
+        self._start = start
+        self.process: NodeProcess | None = None
+        self._deaths = 0
+        self._connected = False
+
+    @property
+    def ignored(self) -> Ignored:
+        """Answers that came and weren't used."""
+        return self._exchange.ignored
+
+    def connect(self) -> None:
+        """Starts the bridge where it is ours, and waits until it is on the topics.
+
+        Raises:
+            PeerError: it doesn't come, or ends before that.
+        """
+        if self._start is not None and (
+            self.process is None or self.process.returncode is not None
+        ):
+            self._link.forget()
+            self.process = self._start()
+        wait_s = self._timeouts.start_s
+        if self._start is None and self._deaths:
+            # It didn't come back within the whole wait; the other records don't wait for it again.
+            wait_s = 0.0
+        deadline = time.monotonic() + wait_s
+        while not self._link.matched():
+            if self.process is not None and self.process.returncode is not None:
+                raise PeerError(self._died("ended before it was ready"))
+            if time.monotonic() > deadline:
+                raise PeerError(
+                    f"no bridge for {self._model} on its topics within {self._timeouts.start_s:g} s"
+                )
+            self._transport.spin(_SPIN_S)
+        if not self._connected:
+            # We see the bridge; that it sees our subscription too can't be asked, and an answer
+            # that it publishes before it does is lost.
+            settle = time.monotonic() + 0.2
+            while time.monotonic() < settle:
+                self._transport.spin(_SPIN_S)
+        self._connected = True
+
+    def ask(self, request: Request) -> Reply:
+        """The reply to one request; whatever the bridge does costs this reply only."""
+        if not self._alive():
+            if self._start is not None and self._deaths > _MAX_RESTARTS:
+                gone = f"the bridge died {self._deaths} times and was given up"
+                return Reply(None, gone, Loss.DIED)
+            self._connected = False
+            try:
+                self.connect()
+            except PeerError as error:
+                self._deaths += 1
+                return Reply(None, str(error), Loss.UNREACHABLE)
+        self._exchange.open(request)
+        self._link.send(request)
+        deadline = time.monotonic() + self._timeouts.answer_s + _GRACE_S
+        while time.monotonic() < deadline:
+            self._transport.spin(_SPIN_S)
+            reply = self._exchange.take()
+            if reply is not None:
+                return reply
+            if not self._alive():
+                self._deaths += 1
+                self._exchange.give_up()
+                return Reply(None, self._died("died before it answered"), Loss.DIED)
+        self._exchange.give_up()
+        return Reply(None, f"no answer within {self._timeouts.answer_s:g} s", Loss.SILENT)
+
+    def _alive(self) -> bool:
+        if self.process is not None:
+            return self.process.returncode is None
+        return self._link.matched()
+
+    def _died(self, what: str) -> str:
+        if self.process is None:
+            return f"the bridge of {self._model} left its topics"
+        tail = self.process.log_tail(3).strip().replace("\n", " | ")
+        how = f"the bridge {what} ({self.process.describe_exit()})"
+        return f"{how}: {tail}" if tail else how
