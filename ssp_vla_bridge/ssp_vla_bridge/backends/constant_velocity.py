@@ -6,15 +6,19 @@ from collections.abc import Mapping
 from typing import Any
 
 from ssp_vla_bridge.backends.phrases import action_sentence
-from ssp_vla_bridge.backends.plan import circle_point, point_times, waypoints
+from ssp_vla_bridge.backends.plan import (
+    SIDEWAYS_M,
+    STOPPED_MPS,
+    TREND_MPS2,
+    circle_point,
+    point_times,
+    waypoints,
+)
 from ssp_vla_bridge.core.backend import check_options
 from ssp_vla_bridge.core.request import EgoSample, Request
 from ssp_vla_bridge.core.response import Answer
 
 TREND_S = 1.0  # span of history that the trend of the speed is taken from
-STOPPED_MPS = 0.5  # the thresholds of METHOD 6.6
-TREND_MPS2 = 0.5
-SIDEWAYS_M = 0.3
 
 
 class ConstantVelocity:

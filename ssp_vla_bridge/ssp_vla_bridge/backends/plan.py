@@ -8,6 +8,11 @@ from ssp_vla_bridge.core.adapters.waypoints import ARRAY_NAME, FRAME
 from ssp_vla_bridge.core.response import NativeArray
 from ssp_vla_bridge.core.task import DrivingTask
 
+# The thresholds of METHOD 6.6.
+STOPPED_MPS = 0.5
+TREND_MPS2 = 0.5
+SIDEWAYS_M = 0.3
+
 
 def point_times(task: DrivingTask) -> tuple[float, ...]:
     """0, step, 2 step, … up to the task's horizon, s."""

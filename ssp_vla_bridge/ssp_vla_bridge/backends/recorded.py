@@ -2,65 +2,95 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from ssp_core.errors import InputError, PeerError
-from ssp_core.files import read_text
 from ssp_vla_bridge.core.backend import check_options
+from ssp_vla_bridge.core.interfaces import find_interface
 from ssp_vla_bridge.core.request import Request
-from ssp_vla_bridge.core.response import Answer, ErrorCode, Response, response_from_json
+from ssp_vla_bridge.core.response import Answer, ErrorCode, Response
+from ssp_vla_bridge.core.stored_answers import Stored, read_stored
 
 
 class Recorded:
-    """The stored response with the request's id, else the one with its stamp.
+    """The stored answer with the request's id, else the one with its stamp.
 
     Args:
-        responses: in the order of the file; of two that fit, the later one is the answer.
+        stored: in order; of two that fit from one model in one place, the later one counts.
+        interface: in which they were asked.
     """
 
-    def __init__(self, responses: tuple[Response, ...]) -> None:
-        self._by_id = {r.request_id: r for r in responses if r.request_id}
-        self._by_stamp = {r.stamp_ns: r for r in responses}
-        names = sorted({response.model_id for response in responses})
+    def __init__(self, stored: Sequence[Stored], interface: str = "waypoints") -> None:
+        self.interface = interface
+        self._by_id: dict[str, list[Stored]] = {}
+        self._by_stamp: dict[int, list[Stored]] = {}
+        for one in stored:
+            if one.response.request_id:
+                self._by_id.setdefault(one.response.request_id, []).append(one)
+            self._by_stamp.setdefault(one.response.stamp_ns, []).append(one)
+        names = sorted({one.response.model_id for one in stored})
         self.model_id = f"recorded({', '.join(names)})"
 
     def answer(self, request: Request) -> Answer:
-        """Raises PeerError: nothing is stored for this request, or an error is."""
-        stored = self._by_id.get(request.request_id) or self._by_stamp.get(request.stamp_ns)
-        if stored is None:
+        """Raises PeerError: none is stored, several differ, or an error is stored."""
+        fitting = self._by_id.get(request.request_id) or self._by_stamp.get(request.stamp_ns)
+        if not fitting:
             raise PeerError(
                 f"no answer is stored for id {request.request_id!r} or stamp {request.stamp_ns} ns"
             )
+        stored = _the_one(fitting, f"id {request.request_id!r}, stamp {request.stamp_ns} ns")
         if stored.error_code != ErrorCode.NONE:
             raise PeerError(f"stored error {stored.error_code}: {stored.error_msg}")
         return Answer(stored.text, stored.arrays, stored.decoding)
 
 
+def _the_one(fitting: Sequence[Stored], asked: str) -> Response:
+    """The answer that all places agree on; to choose among different ones would be guessing."""
+    last = {(one.place, one.response.model): one for one in fitting}
+    first, *others = last.values()
+    for other in others:
+        if _said(other.response) != _said(first.response):
+            raise PeerError(
+                f"different answers are stored for {asked}: of {first.response.model} in "
+                f"{first.place}, of {other.response.model} in {other.place}; name the model with "
+                "the option model, or one cell with file"
+            )
+    return first.response
+
+
+def _said(response: Response) -> str:
+    # repr: nan is not equal to itself, and its text is.
+    return repr((response.text, response.arrays, response.error_code, dict(response.decoding)))
+
+
 def make(options: Mapping[str, Any]) -> Recorded:
-    """A backend for the option ``file``: JSON Lines of responses (core/response.py).
+    """A backend for the options ``file``, ``model`` and ``interface``.
+
+    ``file`` is JSON Lines of responses (core/response.py), a cell's or a campaign's folder, or a
+    bag with the answers of a shadow run; ``model`` leaves only the answers of that name.
 
     Raises:
         InputError: the options, the file or a line of it are wrong.
     """
-    check_options("recorded", options, {"file": str})
+    check_options("recorded", options, {"file": str, "model": str, "interface": str})
     if "file" not in options:
         raise InputError(
             "is missing",
             field="backend_options.file",
-            remedy="name the raw.jsonl of the answers to repeat",
+            remedy="name the raw.jsonl, the folder or the bag with the answers to repeat",
         )
-    path = str(options["file"])
-    responses = []
-    for number, line in enumerate(read_text(path).split("\n"), start=1):
-        if not line.strip():
-            continue
-        try:
-            value = json.loads(line)
-        except (ValueError, RecursionError) as error:
-            raise InputError(f"is not valid JSON: {error}", file=path, line=number) from error
-        responses.append(response_from_json(value, file=path, line=number))
-    if not responses:
-        raise InputError("holds no responses", file=path)
-    return Recorded(tuple(responses))
+    stored = read_stored(Path(options["file"]))
+    if "model" in options:
+        wanted = options["model"]
+        names = sorted({one.response.model for one in stored})
+        stored = tuple(one for one in stored if one.response.model == wanted)
+        if not stored:
+            raise InputError(
+                f"has no answers in {options['file']}",
+                field="backend_options.model",
+                value=wanted,
+                remedy=f"there are those of {', '.join(names)}",
+            )
+    return Recorded(stored, find_interface(str(options.get("interface", "waypoints"))).name)

@@ -1,0 +1,19 @@
+"""LLaViDA behind its sidecar (sidecars/llavida_sidecar.py), which runs in the model's Python."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from ssp_vla_bridge.backends.http import HttpService, make_service
+
+DEFAULTS = {"url": "http://127.0.0.1:8302", "timeout_s": 120.0}
+
+
+def make(options: Mapping[str, Any]) -> HttpService:
+    """The backend ``http`` with LLaViDA's interface, its sidecar's port and its patience.
+
+    Raises:
+        InputError: the options are wrong.
+    """
+    return make_service("llavida", options, "llavida", DEFAULTS)

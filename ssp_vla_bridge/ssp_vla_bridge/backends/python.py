@@ -1,0 +1,207 @@
+"""A model that is any Python function: ``f(request)`` gives text, or text and points, or an Answer.
+
+def drive(request):
+    return "I keep my speed.", [(0.0, 0.0), (4.0, 0.0), (8.0, 0.0)]
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import inspect
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from ssp_core.errors import InputError, PeerError
+from ssp_vla_bridge.core.adapters.waypoints import ARRAY_NAME, FRAME
+from ssp_vla_bridge.core.backend import check_options
+from ssp_vla_bridge.core.interfaces import find_interface
+from ssp_vla_bridge.core.request import Request
+from ssp_vla_bridge.core.response import Answer, NativeArray
+
+_KNOWN: dict[str, type] = {
+    "function": str,
+    "folder": str,
+    "options": dict,
+    "interface": str,
+    "model_id": str,
+    "step_s": float,
+    "first_time_s": float,
+}
+_FIELD = "backend_options.function"
+_FORMS = "give module:function or package.module.function"
+
+
+class PythonFunction:
+    """A function as a model.
+
+    Args:
+        function: called with the request.
+        model_id: exact model and version.
+        interface: that it speaks.
+        step_s: between the points that it gives, s; None: the task's.
+        first_time_s: of the first point after the request's time, s.
+    """
+
+    def __init__(
+        self,
+        function: Callable[[Request], Any],
+        model_id: str,
+        interface: str = "waypoints",
+        step_s: float | None = None,
+        first_time_s: float = 0.0,
+    ) -> None:
+        self.model_id = model_id
+        self.interface = interface
+        self._function = function
+        self._step_s = step_s
+        self._first_time_s = first_time_s
+
+    def answer(self, request: Request) -> Answer:
+        """What the function gave; raises PeerError where that is nothing that can be sent."""
+        given = self._function(request)
+        if isinstance(given, Answer):
+            return given
+        if isinstance(given, str):
+            return Answer(given)
+        if isinstance(given, tuple) and len(given) == 2 and isinstance(given[0], str):
+            step_s = self._step_s or request.task.trajectory_step_s
+            return Answer(given[0], (_points(given[1], step_s, self._first_time_s),))
+        raise PeerError(
+            f"the function gave {type(given).__name__}; it must give an Answer, a text, or a text "
+            "and points (x forward, y left, in m)"
+        )
+
+
+def _points(points: Any, step_s: float, first_time_s: float) -> NativeArray:
+    """Rows (x, y) of anything that can be gone through: lists, numpy arrays, tensors."""
+    try:
+        rows = [tuple(float(value) for value in row) for row in points]
+    except (TypeError, ValueError, OverflowError) as error:
+        raise PeerError(f"the function's points are no rows of two numbers: {error}") from error
+    wrong = next((i for i, row in enumerate(rows) if len(row) != 2), None)
+    if wrong is not None:
+        raise PeerError(
+            f"the function's point {wrong} has {len(rows[wrong])} numbers; a point is (x, y)"
+        )
+    return NativeArray(
+        name=ARRAY_NAME,
+        shape=(len(rows), 2),
+        data=tuple(value for row in rows for value in row),
+        frame=FRAME,
+        unit="m",
+        step_s=step_s,
+        first_time_s=first_time_s,
+    )
+
+
+def make(options: Mapping[str, Any]) -> PythonFunction:
+    """The function that the option ``function`` names.
+
+    Further options: ``folder`` to look for its module in before all others, ``options`` for the
+    function's own keyword ``options``, ``interface`` (default waypoints), ``model_id``, and for
+    points ``step_s`` (default: the task's) and ``first_time_s`` (default 0).
+
+    Raises:
+        InputError: the options are wrong, or the function isn't there.
+    """
+    check_options("python", options, _KNOWN)
+    path = str(options.get("function", ""))
+    if not path:
+        raise InputError("is missing", field=_FIELD, remedy=_FORMS)
+    step_s = float(options["step_s"]) if "step_s" in options else None
+    if step_s is not None and not 0.001 <= step_s <= 60.0:
+        raise InputError(
+            "must lie in [0.001, 60] s", field="backend_options.step_s", value=options["step_s"]
+        )
+    if "folder" in options:
+        _look_in(str(options["folder"]))
+    function = _function(path)
+    return PythonFunction(
+        _with_options(function, path, options.get("options")),
+        str(options.get("model_id", f"python({path})")),
+        find_interface(str(options.get("interface", "waypoints"))).name,
+        step_s,
+        float(options.get("first_time_s", 0.0)),
+    )
+
+
+def _look_in(folder: str) -> None:
+    if not Path(folder).is_dir():
+        raise InputError("is no folder", field="backend_options.folder", value=folder)
+    place = str(Path(folder).resolve())
+    if place not in sys.path:
+        sys.path.insert(0, place)
+
+
+def _function(path: str) -> Callable[..., Any]:
+    module_name, separator, name = path.partition(":")
+    if not separator:
+        module_name, _, name = path.rpartition(".")
+    if not module_name or not name:
+        raise InputError("names no function", field=_FIELD, value=path, remedy=_FORMS)
+    try:
+        found: Any = importlib.import_module(module_name)
+    except ModuleNotFoundError as error:
+        if error.name is None or not f"{module_name}.".startswith(f"{error.name}."):
+            raise _broken(module_name, path, error) from error
+        raise InputError(
+            f"can't be found: there is no module {error.name}",
+            field=_FIELD,
+            value=path,
+            remedy="name the folder that holds it with the option folder, or put it on PYTHONPATH",
+        ) from error
+    except (Exception, SystemExit) as error:  # a module runs whatever its author wrote
+        raise _broken(module_name, path, error) from error
+    for part in name.split("."):
+        if not hasattr(found, part):
+            raise InputError(
+                f"can't be found: {getattr(found, '__file__', module_name)} has no {part}",
+                field=_FIELD,
+                value=path,
+                remedy=_FORMS,
+            )
+        found = getattr(found, part)
+    if not callable(found):
+        raise InputError(f"is a {type(found).__name__}, no function", field=_FIELD, value=path)
+    checked: Callable[..., Any] = found
+    return checked
+
+
+def _broken(module_name: str, path: str, error: BaseException) -> InputError:
+    """A module that is there and can't be imported."""
+    spec = None
+    try:
+        spec = importlib.util.find_spec(module_name)
+    except Exception:  # its parent may be what is broken
+        spec = None
+    where = spec.origin if spec is not None and spec.origin else module_name
+    return InputError(
+        f"can't be imported: {where} raises {type(error).__name__}: {error}",
+        field=_FIELD,
+        value=path,
+        remedy="make the module importable, for example by installing what it needs",
+    )
+
+
+def _with_options(
+    function: Callable[..., Any], path: str, options: Any
+) -> Callable[[Request], Any]:
+    try:
+        parameters = inspect.signature(function).parameters
+    except (TypeError, ValueError):  # some built-in callables tell none
+        parameters = {}  # type: ignore[assignment]
+    takes = "options" in parameters or any(
+        p.kind is inspect.Parameter.VAR_KEYWORD for p in parameters.values()
+    )
+    if takes:
+        given = dict(options or {})
+        return lambda request: function(request, options=given)
+    if options:
+        raise InputError(
+            f"are given, but {path} takes no keyword named options",
+            field="backend_options.options",
+        )
+    return function
