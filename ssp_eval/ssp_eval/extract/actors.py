@@ -8,7 +8,7 @@ from ssp_eval.extract.world import Actor, Statement, World
 
 _MOTORISED = frozenset({"truck", "bus", "motorcycle"})
 _GENERIC = frozenset({"vehicle", "vehicles"})
-_PREPOSITIONS = frozenset(
+PREPOSITIONS = frozenset(
     {
         "of",
         "from",
@@ -101,7 +101,7 @@ def leading(words: list[str], hit: Hit) -> int | None:
     for before in range(hit.first - 1, max(hit.first - 4, -1), -1):
         if words[before] in LEADING:
             return before
-        if words[before] in _PREPOSITIONS or not words[before].isalpha():
+        if words[before] in PREPOSITIONS or not words[before].isalpha():
             return None
     return None
 
@@ -110,7 +110,7 @@ def governed(words: list[str], hit: Hit) -> bool:
     """Whether a noun stands after a preposition, so that it isn't the subject of what follows."""
     for before in range(hit.first - 1, max(hit.first - 6, -1), -1):
         word = words[before]
-        if word in _PREPOSITIONS:
+        if word in PREPOSITIONS:
             return True
         if not word.isalpha() or word in ("and", "but", "so", "because", "as", "that"):
             return False

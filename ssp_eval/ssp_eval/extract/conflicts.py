@@ -74,6 +74,8 @@ def read_in_lane(talk: Talk, index: int, hit: Hit) -> None:
 
 
 def read_modal(talk: Talk, index: int, hit: Hit) -> None:
+    if talk.words[hit.first] == "i'd":
+        talk.subject, talk.near, talk.busy = EGO, None, False
     if hit.value == "must" and talk.in_path and talk.subject is EGO and not talk.flags[index]:
         actor, where = talk.in_path
         first = talk.hits[where].first

@@ -28,7 +28,7 @@ KINDS: dict[Kind, Table] = {
     Kind.MODAL: {
         "may": phrases(
             """
-            may, might, could, can, would, possibly, potentially, perhaps, maybe,
+            may, might, could, can, would, i'd, possibly, potentially, perhaps, maybe,
             likely, probably, may be, might be, could be, seems, appears, seem,
             appear, probable, possible
             """
@@ -40,7 +40,9 @@ KINDS: dict[Kind, Table] = {
         "if": phrases(
             """
             if, in case, in the event, unless, when, whenever, once, assuming,
-            suppose, supposing, provided, as soon as, as long as, should the, should
+            suppose, supposing, should an, should any, should he, should she, should one of,
+            should anybody, should anyone, should somebody, should someone, should another,
+            should that, should this, should traffic, provided, as soon as, as long as, should the, should
             it, should a, should they, whether, otherwise, were to, in the case of,
             hypothetically
             """
@@ -72,14 +74,23 @@ KINDS: dict[Kind, Table] = {
         "": phrases(
             """
             prepare to, preparing to, prepared to, ready to, be ready for, prepare
-            for, preparing for, about to, intends to, intend to, wants to, want to,
-            trying to, tries to, try to, planning to, wishing to, signaling to,
-            signalling to, expected to, likely to, in a position to, appears to, seems
-            to, ready for, intending to, wanting to, attempting to, looking to, able
-            to, allowed to, preparing, signaling, signalling, signals, indicating,
-            intention to, poised to, set to, due to turn, has the option to, reserve,
+            for, preparing for, about to, trying to, tries to, try to, wishing to,
+            signaling to, signalling to, expected to, likely to, in a position to,
+            appears to, seems to, ready for, attempting to, looking to, able to, allowed
+            to, preparing, signaling, signalling, signals, indicating, poised to, set to,
+            due to turn, has the option to, reserve,
             allow, allowing, allows, let, letting, lets, enable, enabling, hoping to,
             prepares to, consider, considering, considered
+            """
+        ),
+        # Of the ego this is a plan; of anybody else it hasn't happened.
+        "intend": phrases(
+            """
+            intends to, intend to, wants to, want to, wanna, planning to, intending to,
+            wanting to, intention to, plans to, plan to, aims to, aim to, intention is to,
+            plan is to, decides to, decide to, opts to, opt to, chooses to, choose to,
+            intent is to, goal is to, aiming to, intended to, elects to, decided to, has
+            decided to, have decided to, choosing to
             """
         ),
     },
@@ -172,7 +183,7 @@ KINDS: dict[Kind, Table] = {
     Kind.HYPOTHETICAL: {
         "": phrases(
             """
-            potential, possible, any, imaginary, hypothetical, imagine, what if,
+            either, potential, possible, any, imaginary, hypothetical, imagine, what if,
             unseen, unexpected, invisible, watch for, watch out for, look out for,
             alert for, alert to, vigilant for, on the lookout for, lookout for, scan
             for, check for, beware of, watching for, scanning for, checking for,

@@ -18,7 +18,7 @@ def phrases(text: str) -> tuple[str, ...]:
 # Look like road users or actions and are none.
 SKIPPED = phrases(
     """
-    road user, road users, right turn only, left turn only, right turn lane, left turn lane,
+    either way, in either case, on either side, either side, road user, road users, right turn only, left turn only, right turn lane, left turn lane,
     right turn lanes, left turn lanes, right turn pocket, left turn pocket, right turn signal,
     left turn signal, right turn arrow, left turn arrow, left turning, right turning, left
     turn bay, bus stop, bus stops, bus lane, bus lanes, bus station, bus shelter, bus bay,
@@ -232,7 +232,14 @@ KEYS: Table = {
         """
         action, actions, correct action, meta action, meta actions, driving plan, plan,
         decision, final decision, maneuver, manoeuvre, final action, final plan, ego
-        action, driving action, intent
+        action, driving action, intent, intention, driving intent, intent description,
+        driving intent description, intended action, future intent, intended behavior,
+        intended behaviour, ego intent, plan of action, recommended action, recommendation,
+        recommended, command, commands, ego plan, next action, selected action, chosen action,
+        action now, intent of the ego, driving intention, ego behavior, ego behaviour, new
+        decision, new plan, new action, our plan, our action, selected, chosen, planned action,
+        command to the vehicle, driving decision, ego decision, meta driving action, verdict,
+        recommended maneuver, recommended manoeuvre, instruction to the vehicle
         """
     ),
 }

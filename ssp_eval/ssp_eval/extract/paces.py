@@ -114,7 +114,9 @@ def pace(words: list[str], at: int) -> Found | None:
     ``reduce``, ``accelerate``, ``keep_speed`` or ``brake``; None where the words say no such thing.
     """
     word = words[at]
-    form = "ing" if word.endswith("ing") else "s" if word.endswith("s") else "base"
+    form = "ing" if word.endswith("ing") and word != "bring" else "base"
+    if word.endswith("s") and word != "pass":
+        form = "s"
     if word in _SPEEDS:
         return _passive(words, at)
     if word in _LOWER:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ssp_eval.extract.hits import Hit, Kind
+from ssp_eval.extract.lexicon import phrases
 from ssp_eval.extract.scope import Scope
 from ssp_eval.extract.verbs import LAT_ACTIONS, LON_ACTIONS, STEERING
 from ssp_eval.extract.world import Commitment, World
@@ -10,6 +11,18 @@ from ssp_eval.extract.world import Commitment, World
 _BETWEEN = frozenset({Kind.PURPOSE, Kind.SCENE, Kind.IN_LANE, Kind.AUX})
 _LINKS = frozenset({Kind.JOIN, Kind.PURPOSE, Kind.THEN, Kind.CONDITION})
 _ORDERS = frozenset({",", ":", ";", "\n", "[", '"', "("})
+_CLAUSE_ENDS = frozenset(
+    {Kind.MARK, Kind.JOIN, Kind.EGO, Kind.OBJECT, Kind.RELATIVE, Kind.CONDITION, Kind.THEN}
+)
+# Braking is … : the action is chosen after all.
+_ADVISED = frozenset(
+    phrases(
+        """
+        needed, required, necessary, right, best, appropriate, advisable, advised, called,
+        recommended, correct, chosen, sensible, due, indicated, planned, selected, warranted
+        """
+    )
+)
 REACH = 5
 MAX_WORDS = 6
 
@@ -56,11 +69,23 @@ class Planner:
         if hit.kind is Kind.FINAL:
             self.final = True
         elif hit.kind is Kind.THEN:
-            self.later = True
+            self._then(index, hit)
         elif hit.kind is Kind.REVISE:
             if self.last is None:
                 self._unit()
             self.world.revised.append(self.unit)
+
+    def _then(self, index: int, hit: Hit) -> None:
+        """What follows is a later step; "afterwards" at the end of a clause dates what it ends."""
+        following = self.hits[index + 1] if index + 1 < self.stop else None
+        ends = following is None or (following.kind is Kind.MARK and following.value != ":")
+        if not (ends and self.last is not None and hit.first - self.last[2] < MAX_WORDS):
+            self.later = True
+            return
+        kept = self.world.commitments
+        for at in range(len(kept) - 1, max(len(kept) - 3, -1), -1):
+            if kept[at].first == self.last[1]:
+                kept[at] = kept[at]._replace(later=True)
 
     def join(self, index: int, hit: Hit) -> None:
         """``but`` opens a unit; ``or`` between two actions takes both back."""
@@ -105,12 +130,15 @@ class Planner:
         longitudinal = LON_ACTIONS.get(hit.value)
         if hit.form == "ed" or (hit.form == "s" and not named):
             return
-        if lateral is None and longitudinal is None:
+        if (lateral is None and longitudinal is None) or self._gerund_subject(index):
             return
         flags = self.flags[index] & ~Scope.AHEAD
         if flags:
-            if flags & ~Scope.READY == 0:
+            if self._would(index, flags) or self._intends(index, flags, named):
+                flags = 0
+            elif flags & ~Scope.READY == 0:
                 return
+        if flags:
             self.last = None if not self.either else self.last
             return
         if self.either:
@@ -124,6 +152,46 @@ class Planner:
         self.last = (index, hit.first, lateral[1] if lateral else hit.stop)
         if self.first is None:
             self.first = index
+
+    def _intends(self, index: int, flags: int, named: bool) -> bool:
+        """The ego intends to slow down: of the ego an intention is the plan."""
+        if flags != Scope.READY:
+            return False
+        for before in range(index - 1, max(index - REACH, self.start - 1), -1):
+            if self.hits[before].kind is Kind.READY:
+                return self.hits[before].value == "intend"
+        return False
+
+    def _would(self, index: int, flags: int) -> bool:
+        """I'd brake: what the first person would do is what it advises."""
+        if flags != Scope.POSSIBLE or self.hits[index].form != "base":
+            return False
+        previous = self.hits[index - 1] if index > self.start else None
+        if previous is None or previous.kind is not Kind.MODAL:
+            return False
+        word = self.words[previous.first]
+        return word == "i'd" or (word == "would" and self.words[previous.first - 1] == "i")
+
+    def _gerund_subject(self, index: int) -> bool:
+        """Braking would be wrong: an action that is talked about, and not chosen."""
+        hit = self.hits[index]
+        if hit.form not in ("ing", "noun") or not self._opens(index):
+            return False
+        for after in range(index + 1, min(index + REACH, self.stop)):
+            one = self.hits[after]
+            if one.kind in _CLAUSE_ENDS:
+                return False
+            if one.kind is Kind.MODAL or (one.kind is Kind.AUX and one.form != "ing"):
+                beyond = self.words[one.stop : one.stop + 4]
+                return not _ADVISED & set(beyond)
+            if one.kind is Kind.VERB and one.form == "s":
+                return True
+        return False
+
+    def _opens(self, index: int) -> bool:
+        """Whether a verb opens its clause, so that it can be its subject."""
+        previous = self.hits[index - 1] if index > self.start else None
+        return previous is None or previous.kind in (Kind.MARK, Kind.JOIN, Kind.THEN)
 
     def _lateral(self, index: int, hit: Hit) -> tuple[str, int] | None:
         value = LAT_ACTIONS.get(hit.value)

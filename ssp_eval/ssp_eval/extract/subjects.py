@@ -6,6 +6,7 @@ from ssp_eval.extract import actors, moves
 from ssp_eval.extract.hits import Hit, Kind
 from ssp_eval.extract.scope import Scope
 from ssp_eval.extract.talk import EGO, SCENE, Talk
+from ssp_eval.extract.verbs import LAT_ACTIONS, LON_ACTIONS
 from ssp_eval.extract.world import Actor, Statement
 
 MAX_GROUP = 6
@@ -92,7 +93,11 @@ def read_ego(talk: Talk, index: int, hit: Hit) -> None:
 
 def read_pronoun(talk: Talk, index: int, hit: Hit) -> None:
     actor = _referent(talk, hit.value)
-    if talk.words[hit.first] in _OBLIQUE:
+    if hit.value == "it" and index == talk.start and talk.before is EGO and _acts(talk, index):
+        talk.subject = EGO  # The ego car slows down. It stays in its lane.
+        return
+    governed = hit.first > 0 and talk.words[hit.first - 1] in actors.PREPOSITIONS
+    if governed or talk.words[hit.first] in _OBLIQUE:
         if talk.reacting and actor is not None and not talk.flags[index]:
             actor.reaction = 2  # go around her, wait for him
         return
@@ -147,6 +152,8 @@ def _ego_role(talk: Talk, index: int, hit: Hit) -> str:
     """
     known = any(actor.name == hit.value for actor in talk.world.actors)
     bare = hit.first > 0 and talk.words[hit.first - 1] == "the"
+    if bare and hit.value == "car" and _ought(talk, index):
+        return EGO
     if known or not bare or hit.value != "car" or index + 1 >= talk.stop:
         return ""
     following = talk.hits[index + 1]
@@ -159,3 +166,24 @@ def _ego_role(talk: Talk, index: int, hit: Hit) -> str:
     if talk.ego_is_car and following.kind not in (Kind.PLACE, Kind.SIDE):
         return SCENE
     return ""
+
+
+def _ought(talk: Talk, index: int) -> bool:
+    """The car should slow down, and the car that an action field speaks of: both are the VUT."""
+    if index + 1 >= talk.stop:
+        return False
+    following = talk.hits[index + 1]
+    if talk.key == "action" and index > talk.start and talk.hits[index - 1].value == ":":
+        return following.kind not in (Kind.PLACE, Kind.SIDE, Kind.STATE)
+    return following.kind is Kind.MODAL and following.value == "must" and _acts(talk, index)
+
+
+def _acts(talk: Talk, index: int) -> bool:
+    """Whether one of the ego's actions follows: it stays in its lane, it should slow down."""
+    for after in range(index + 1, min(index + 4, talk.stop)):
+        hit = talk.hits[after]
+        if hit.kind is Kind.VERB:
+            return hit.value in LON_ACTIONS or hit.value in LAT_ACTIONS
+        if hit.kind not in (Kind.MODAL, Kind.AUX, Kind.THEN, Kind.READY):
+            return False
+    return False

@@ -114,6 +114,8 @@ def _numbers_item(words: list[str], index: int) -> bool:
 
 
 def _fold(word: str) -> str:
+    if word == "i'd":
+        return word
     if word.endswith("n't"):
         return "not"
     stem, _, ending = word.partition("'")
