@@ -18,7 +18,9 @@ from ssp_eval.evaluate.secret_options import refuse_secrets
 from ssp_vla_bridge.core.backend import (
     BACKENDS,
     OPTION_INTERFACE,
+    OPTION_START,
     check_options,
+    interface_of,
     make_backend,
     parse_options,
 )
@@ -239,10 +241,18 @@ def check_bridge(model: ModelSpec) -> None:
             remedy=f"known are {', '.join(sorted(BACKENDS))}, and module:factory; a node of your "
             "own is started by itself and named with --attach",
         )
+    spoken = interface_of(backend, model.options)
+    if backend in BACKENDS and model.spoken.name != spoken:
+        raise InputError(
+            f"speaks {spoken}, not {model.spoken.name}", field="bridge", value=backend,
+            remedy="leave out the interface",
+        )  # fmt: skip
     filled = ModelSpec(model.name, CONTROLS.get(backend, {})).options_for("", 0)
     if filled:
         # What only the cell knows isn't there yet; names and types can be checked without it.
         known = {key: type(value) for key, value in filled.items()}
         check_options(backend, model.options_for("", 0), known)
     elif backend in BACKENDS and backend not in _LOADS:
-        make_backend(backend, model.options)
+        # Only options are checked: a service behind the backend isn't waited for.
+        at_once = {"start_s": 0.0} if backend in OPTION_START else {}
+        make_backend(backend, {**model.options, **at_once})

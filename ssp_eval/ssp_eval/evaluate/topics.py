@@ -21,9 +21,12 @@ from ssp_eval.evaluate.asker import Asker, Ignored
 from ssp_eval.evaluate.exchange import Exchange
 from ssp_eval.evaluate.model_spec import ModelSpec
 from ssp_eval.evaluate.topic_asker import CONNECT_S, Link, Timeouts, TopicAsker, Transport
+from ssp_vla_bridge.core.backend import OPTION_START, OPTION_TIMEOUT
 
 BRIDGE_MODULE = "ssp_vla_bridge.node"
 PROFILE = Path(ssp_core.__file__).parent / "config" / "fastdds_one_host.xml"
+# Of the time to start, this much may go by until a service behind the bridge is ready.
+_SHARE_OF_SERVICE = 0.6
 _VARIABLES = (
     "ROS_DOMAIN_ID",
     "ROS_AUTOMATIC_DISCOVERY_RANGE",
@@ -80,7 +83,10 @@ class TopicAskers:
             PeerError: the bridge doesn't start or isn't on the topics.
             HostError: ROS isn't here.
         """
-        text = json.dumps(dict(options), sort_keys=True)
+        timeouts = self._timeouts
+        if model.timeout_s is not None:
+            timeouts = replace(timeouts, answer_s=model.timeout_s)
+        text = json.dumps(_in_time(model, options, timeouts), sort_keys=True)
         known = self._askers.get(model.name)
         if known is not None and known[0] == text:
             self._exchanges[model.name][0].ignored = Ignored()
@@ -91,9 +97,6 @@ class TopicAskers:
             self._exchanges[model.name] = exchange, transport.link(model.name, exchange)
         exchange, link = self._exchanges[model.name]
         exchange.ignored = Ignored()
-        timeouts = self._timeouts
-        if model.timeout_s is not None:
-            timeouts = replace(timeouts, answer_s=model.timeout_s)
         start = None if model.attached else lambda: self._start(model, text, timeouts.answer_s)
         if known is not None:
             self._stop(model.name, link)
@@ -150,6 +153,19 @@ class TopicAskers:
             process.process.kill()
             process.process.wait()
         link.forget()
+
+
+def _in_time(model: ModelSpec, options: Mapping[str, Any], timeouts: Timeouts) -> dict[str, Any]:
+    """The options with the campaign's times, for a backend that waits for a service itself."""
+    times: dict[str, Any] = {}
+    if model.attached:
+        return dict(options)
+    if model.backend_name in OPTION_TIMEOUT:
+        times["timeout_s"] = timeouts.answer_s
+    if model.backend_name in OPTION_START:
+        # The rest is for the process to start and to be found.
+        times["start_s"] = timeouts.start_s * _SHARE_OF_SERVICE
+    return {**times, **options}
 
 
 @contextmanager

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from ssp_core.errors import InputError
+from ssp_core.errors import InputError, PeerError
 from ssp_vla_bridge.core.interfaces import find_interface
 from ssp_vla_bridge.core.request import Request, request_problems
 from ssp_vla_bridge.core.response import Answer, ErrorCode, Response
@@ -37,8 +37,16 @@ _INTERFACES: dict[str, str] = {
     "alpamayo": "alpamayo",
     "llavida": "llavida",
 }
-# Backends that speak what their option ``interface`` says.
-OPTION_INTERFACE = frozenset({"openai", "http", "python"})
+_SERVICES = frozenset({"http", "alpamayo", "llavida"})
+# Backends that speak what their option ``interface`` says, give up by themselves after their
+# option ``timeout_s``, and wait ``start_s`` for their service before they answer.
+OPTION_INTERFACE = _SERVICES | {"openai", "python", "recorded"}
+OPTION_TIMEOUT = _SERVICES | {"openai"}
+OPTION_START = _SERVICES
+
+
+class NotTakenError(PeerError):
+    """The service did not take the request: nobody listens, or it is busy. Later it may."""
 
 
 class Backend(Protocol):
@@ -155,7 +163,8 @@ def respond(backend: Backend, model: str, request: Request) -> Outcome:
     """The response to one request, whatever the backend does (latency is left to the caller).
 
     A request that can't be answered is ERROR_BAD_REQUEST and doesn't reach the backend; an
-    exception of the backend is ERROR_BACKEND with its last line as the message.
+    exception of the backend is ERROR_BACKEND with its last line as the message. A request that a
+    service behind the backend didn't take is ERROR_OVERLOAD, as one that finds the queue full.
     """
     blank = Response(request.request_id, request.stamp_ns, model, backend.model_id)
     problems = request_problems(request)
@@ -172,6 +181,8 @@ def respond(backend: Backend, model: str, request: Request) -> Outcome:
             arrays=answer.arrays,
             decoding=answer.decoding,
         )
+    except NotTakenError as error:
+        return Outcome(failure(blank, ErrorCode.OVERLOAD, str(error)))
     except Exception as error:  # a model's failure costs one answer and goes to the caller's log
         message = f"{type(error).__name__}: {error}"
         return Outcome(failure(blank, ErrorCode.BACKEND, message), traceback.format_exc())
