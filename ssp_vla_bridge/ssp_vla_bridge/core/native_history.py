@@ -82,9 +82,9 @@ def openemma_history(request: Request) -> NativeHistory:
 def lightemma_history(request: Request) -> NativeHistory:
     """LightEMMA's (v, c), up to six: v in m/s over the step after a pose, c in 1/m at that pose.
 
-    A speed under 0.2 m/s and a curvature over 0.2 1/m are 0, as there; + is left. The newest pair is
-    that of the step which ends at the request's time. A pair needs the pose before its step, so n
-    samples give n − 2 pairs.
+    A speed under 0.2 m/s and a curvature over 0.2 1/m are 0, as there; + is left. The newest pair
+    is that of the step which ends at the request's time. A pair needs the pose before its step, so
+    n samples give n − 2 pairs.
 
     Args:
         request: no history is known from one whose ego_provenance is unknown.

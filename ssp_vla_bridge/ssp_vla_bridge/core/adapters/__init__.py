@@ -9,8 +9,14 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from ssp_core.errors import InputError
+from ssp_vla_bridge.core.adapters.alpamayo import MODE as ALPAMAYO_MODE
+from ssp_vla_bridge.core.adapters.alpamayo import adapt_alpamayo
+from ssp_vla_bridge.core.adapters.lightemma import adapt_lightemma
+from ssp_vla_bridge.core.adapters.llavida import NATIVE as LLAVIDA_MODE
+from ssp_vla_bridge.core.adapters.llavida import adapt_llavida
+from ssp_vla_bridge.core.adapters.openemma import CORRECTED, NATIVE, adapt_openemma
 from ssp_vla_bridge.core.adapters.types import Adapted, AdapterInfo
-from ssp_vla_bridge.core.adapters.waypoints import adapt_waypoints
+from ssp_vla_bridge.core.adapters.waypoints import FRAME, adapt_waypoints
 from ssp_vla_bridge.core.request import Request
 from ssp_vla_bridge.core.response import Response
 
@@ -37,7 +43,11 @@ class _Adapter:
 
 
 ADAPTERS: dict[str, _Adapter] = {
-    "waypoints": _Adapter(adapt_waypoints, ("ego_xy",)),
+    "waypoints": _Adapter(adapt_waypoints, (FRAME,)),
+    "openemma": _Adapter(adapt_openemma, (CORRECTED, NATIVE)),
+    "lightemma": _Adapter(adapt_lightemma, (NATIVE, CORRECTED)),
+    "llavida": _Adapter(adapt_llavida, (LLAVIDA_MODE,)),
+    "alpamayo": _Adapter(adapt_alpamayo, (ALPAMAYO_MODE,)),
 }
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from ssp_vla_bridge.core.response import Response
 from ssp_vla_bridge.core.trajectory import Trajectory
 
 
@@ -39,3 +40,19 @@ class Adapted:
     trajectory: Trajectory | None
     invalid: tuple[str, ...]
     info: AdapterInfo
+
+
+def without_trajectory(
+    response: Response, info: AdapterInfo, reason: str, note: str = ""
+) -> Adapted:
+    """What an adapter gives where it can't read a trajectory.
+
+    Args:
+        response: raw; of one with an error, the error is the note.
+        info: name and mode.
+        reason: of METHOD 5.3.
+        note: why.
+    """
+    if response.error_code:
+        note = f"error {response.error_code} instead of an answer"
+    return Adapted(response.text, None, (reason,), replace(info, notes=(*info.notes, note)))

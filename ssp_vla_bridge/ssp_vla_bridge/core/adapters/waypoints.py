@@ -1,17 +1,27 @@
-"""The adapter of our own bridges: rows (x_m, y_m) in the ego frame at a fixed step."""
+"""The adapter ``waypoints``: rows (x_m, y_m) in the ego frame at a fixed step."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
-from ssp_vla_bridge.core.adapters.types import Adapted, AdapterInfo
+from ssp_vla_bridge.core.adapters.answer import Form, choose_answer
+from ssp_vla_bridge.core.adapters.points import adapt_points
+from ssp_vla_bridge.core.adapters.types import Adapted, AdapterInfo, without_trajectory
 from ssp_vla_bridge.core.request import Request
 from ssp_vla_bridge.core.response import NativeArray, Response
-from ssp_vla_bridge.core.trajectory import TOLERANCE_S, Trajectory, check_trajectory
+from ssp_vla_bridge.core.task import TASK, DrivingTask
 
 ARRAY_NAME = "trajectory"
 FRAME = "ego_xy"
-_NAME = "waypoints"
+_INFO = AdapterInfo("waypoints", FRAME)
+_FORM = Form(
+    rows=0,  # by the task
+    names=(frozenset({"x", "forward"}), frozenset({"y", "left"})),
+    units=frozenset({"m", "meter", "meters", "metre", "metres"}),
+    label="trajectory",
+    usual=frozenset({"square brackets", "a nested list"}),
+)
 
 
 def adapt_waypoints(
@@ -21,12 +31,20 @@ def adapt_waypoints(
 
     A first row one step after t = 0 gets the frame's origin before it, marked (METHOD 5.4). A
     wrong frame, unit, shape or number of arrays is a trajectory that can't be read: ``shape``.
+
+    Without such an array, the text is read: ``Trajectory: [[x, y], …]`` in the same frame and unit,
+    at the task's step, the first point one step after t = 0.
+
+    Args:
+        response: raw.
+        request: that it answers, whose task declares the step; None: that of TASK.
+        mode: there is one.
     """
     arrays = [array for array in response.arrays if array.name == ARRAY_NAME]
     if response.error_code:
-        return _without(response, "missing", f"error {response.error_code} instead of an answer")
+        return _without(response, "missing", "")
     if not arrays:
-        return _without(response, "missing", f"no array is named {ARRAY_NAME}")
+        return _read_text(response, TASK if request is None else request.task)
     if len(arrays) > 1:
         return _without(response, "shape", f"{len(arrays)} arrays are named {ARRAY_NAME}")
     return _read(response, arrays[0])
@@ -42,17 +60,27 @@ def _read(response: Response, array: NativeArray) -> Adapted:
         )
     if not (math.isfinite(array.step_s) and math.isfinite(array.first_time_s)):
         return _without(response, "timestamps", "step or first time isn't finite")
-    times = tuple(array.first_time_s + row * array.step_s for row in range(rows))
     xs, ys = array.data[0::2], array.data[1::2]
-    origin_added = array.step_s > 0 and abs(array.first_time_s - array.step_s) <= TOLERANCE_S
-    if origin_added:
-        times, xs, ys = (0.0, *times), (0.0, *xs), (0.0, *ys)
-    trajectory = Trajectory(times, xs, ys)
-    invalid = check_trajectory(trajectory)
-    info = AdapterInfo(_NAME, FRAME, origin_added)
-    return Adapted(response.text, None if invalid else trajectory, invalid, info)
+    return adapt_points(response, _INFO, xs, ys, array.step_s, array.first_time_s)
+
+
+def _read_text(response: Response, task: DrivingTask) -> Adapted:
+    """The list behind ``Trajectory:``, whose step and first time the task declares."""
+    step_s = task.trajectory_step_s
+    if not (math.isfinite(step_s) and step_s > 0 and math.isfinite(task.trajectory_horizon_s)):
+        return _without(response, "timestamps", "the task's trajectory step is no time")
+    form = replace(_FORM, rows=round(task.trajectory_horizon_s / step_s))
+    choice = choose_answer(response.text, form, ())
+    if choice.reason:
+        note = f"no array is named {ARRAY_NAME}"
+        return replace(
+            _without(response, choice.reason, note),
+            info=replace(_INFO, notes=(note, *choice.notes)),
+        )
+    info = replace(_INFO, notes=("the trajectory was read from the text", *choice.notes))
+    xs, ys = zip(*choice.rows, strict=True)
+    return adapt_points(response, info, xs, ys, step_s, step_s)
 
 
 def _without(response: Response, reason: str, note: str) -> Adapted:
-    info = AdapterInfo(_NAME, FRAME, notes=(note,))
-    return Adapted(response.text, None, (reason,), info)
+    return without_trajectory(response, _INFO, reason, note)
