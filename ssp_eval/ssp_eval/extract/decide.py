@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ssp_core.vocab import OBJECTS
-from ssp_eval.extract.motions import CUTTING_IN, MOVING_BESIDE
+from ssp_eval.extract.motions import COMES_FROM, CROSSING, CUTTING_IN, MOVING_BESIDE
 from ssp_eval.extract.world import Actor, Commitment, Statement, World
 
 Found = tuple[str | tuple[str, ...], tuple[Statement | Commitment, ...]]
@@ -122,12 +122,25 @@ def _complete(value: str, actor: Actor) -> str | None:
     places = _position(actor)
     place = str(places[0]) if places is not None else ""
     if value == MOVING_BESIDE:
-        beside = place and not place.startswith("rear") and actor.name not in _NEVER_ALONG
-        return "same_direction" if beside else None
+        along = place and not place.startswith("rear") and actor.name not in _NEVER_ALONG
+        return "same_direction" if along else None
     if value == CUTTING_IN:
-        side = "left" if "left" in place else "right" if "right" in place else ""
+        side = _origin(actor) or (
+            "left" if "left" in place else "right" if "right" in place else ""
+        )
         return f"cutting_in_from_{side}" if side else None
+    if value == CROSSING:
+        side = _origin(actor)
+        return f"crossing_from_{side}" if side else None
+    if value.startswith(COMES_FROM):
+        return None
     return value
+
+
+def _origin(actor: Actor) -> str:
+    """Where an actor came from, if that was told apart from its crossing or cutting in."""
+    told = {said.value for said in actor.motions if said.value.startswith(COMES_FROM)}
+    return told.pop().removeprefix(COMES_FROM) if len(told) == 1 else ""
 
 
 def _conflict(actor: Actor) -> Found | None:

@@ -39,12 +39,11 @@ KINDS: dict[Kind, Table] = {
     Kind.CONDITION: {
         "if": phrases(
             """
-            if, in case, in the event, unless, when, whenever, once, assuming,
-            suppose, supposing, should an, should any, should he, should she, should one of,
-            should anybody, should anyone, should somebody, should someone, should another,
-            should that, should this, should traffic, provided, as soon as, as long as, should the, should
-            it, should a, should they, whether, otherwise, were to, in the case of,
-            hypothetically
+            if, in case, in the event, unless, when, whenever, once, assuming, suppose, supposing,
+            should an, should any, should he, should she, should one of, should anybody,
+            should anyone, should somebody, should someone, should another, should that,
+            should this, should traffic, provided, as soon as, as long as, should the, should it,
+            should a, should they, whether, otherwise, were to, in the case of, hypothetically
             """
         ),
         "after": phrases("after, following which"),

@@ -1,8 +1,8 @@
 """The words and phrases that the rules know, as data: places, states, conflicts, fields.
 
-Road users stand in nouns.py, grammar in grammar.py, verbs in verbs.py. Phrases are given in the words of stage 1:
-lower case, hyphens as spaces, ``not`` for n't. Of phrases that start at the same word the longest
-wins; a phrase that stands twice is what it was named first.
+Road users stand in nouns.py, grammar in grammar.py, verbs in verbs.py. Phrases are
+given in the words of stage 1: lower case, hyphens as spaces, ``not`` for n't. Of phrases that
+start at the same word the longest wins; a phrase that stands twice is what it was named first.
 """
 
 from __future__ import annotations
@@ -18,40 +18,42 @@ def phrases(text: str) -> tuple[str, ...]:
 # Look like road users or actions and are none.
 SKIPPED = phrases(
     """
-    either way, in either case, on either side, either side, road user, road users, right turn only, left turn only, right turn lane, left turn lane,
-    right turn lanes, left turn lanes, right turn pocket, left turn pocket, right turn signal,
-    left turn signal, right turn arrow, left turn arrow, left turning, right turning, left
-    turn bay, bus stop, bus stops, bus lane, bus lanes, bus station, bus shelter, bus bay,
-    bike lane, bike lanes, bicycle lane, bicycle lanes, cycle lane, bike path, bicycle path,
-    cycle path, bike rack, bike box, cyclist lane, truck lane, truck stop, car park, car
-    parks, car door, car lane, car wash, taxi stand, taxi rank, pedestrian crossing,
-    pedestrian crossings, pedestrian crosswalk, pedestrian crosswalks, pedestrian signal,
-    pedestrian light, pedestrian lights, pedestrian signals, pedestrian bridge, pedestrian
-    area, pedestrian zone, pedestrian path, pedestrian traffic, pedestrian walkway, pedestrian
-    activity, pedestrian island, pedestrian refuge, pedestrian traffic light, vehicle traffic,
-    vehicle speed, vehicle speeds, vehicle control, vehicle dynamics, vehicle motion, vehicle
-    state, child seat, construction vehicle, construction vehicles, two wheeled vehicle,
+    either way, in either case, on either side, either side, road user, road users,
+    right turn only, left turn only, right turn lane, left turn lane, right turn lanes,
+    left turn lanes, right turn pocket, left turn pocket, right turn signal, left turn signal,
+    right turn arrow, left turn arrow, left turning, right turning, left turn bay, bus stop,
+    bus stops, bus lane, bus lanes, bus station, bus shelter, bus bay, bike lane, bike lanes,
+    bicycle lane, bicycle lanes, cycle lane, bike path, bicycle path, cycle path, bike rack,
+    bike box, cyclist lane, truck lane, truck stop, car park, car parks, car door, car lane,
+    car wash, taxi stand, taxi rank, pedestrian crossing, pedestrian crossings,
+    pedestrian crosswalk, pedestrian crosswalks, pedestrian signal, pedestrian light,
+    pedestrian lights, pedestrian signals, pedestrian bridge, pedestrian area, pedestrian zone,
+    pedestrian path, pedestrian traffic, pedestrian walkway, pedestrian activity,
+    pedestrian island, pedestrian refuge, pedestrian traffic light, vehicle traffic,
+    vehicle speed, vehicle speeds, vehicle control, vehicle dynamics, vehicle motion,
+    vehicle state, child seat, construction vehicle, construction vehicles, two wheeled vehicle,
     emergency services, motorcycle lane, lane for cars, rail car, street car, cable car,
     worker sign, children sign, car length, car lengths, stop sign, stop signs, stop line,
-    stop lines, stop light, stop lights, stop bar, stop and go, stopping distance, braking
-    distance, brake light, brake lights, braking lights, yield sign, yield signs, yield line,
-    turn lane, turn lanes, turn signal, turn signals, turn only, turn pocket, turn arrow, turn
-    bay, turning lane, turning lanes, turn indicator, right of way, right now, right away,
-    right behind, right in front, right angle, right angles, right after, right next, all
-    right, right here, right there, merge lane, merging lane, merging traffic, merge sign,
-    parking lane, parking lot, parking space, parking spaces, passing lane, slow traffic, slow
-    lane, slow zone, speed limit, lane change maneuver ahead, no entry, no parking, no
-    stopping, no overtaking sign, no overtaking, not only, no matter, no turn, of course,
-    crossing sign, zebra crossing, level crossing, railway crossing, rail crossing, crossing
-    point, crossing area, school crossing, crossing lines, stop request, shift gear, change in
-    speed, lane change signal, straight line, straight road, straight lane, straight section,
-    straight ahead lane, straight stretch, curve to the left, curve to the right, curves to
-    the left, curves to the right, curves left, curves right, bends left, bends right, bends
-    to the left, bends to the right, left curve, right curve, left bend, right bend, bend to
-    the left, bend to the right, curving left, curving right, curving to the left, curving to
-    the right, turns yellow, turns red, turns green, turned green, turned red, turning red,
-    turning yellow, turning green, turn red, turn green, turn yellow, will be fine, can be
-    seen, can see, could see, may i, moving forward, move forward, moves forward
+    stop lines, stop light, stop lights, stop bar, stop and go, stopping distance,
+    braking distance, brake light, brake lights, braking lights, yield sign, yield signs,
+    yield line, turn lane, turn lanes, turn signal, turn signals, turn only, turn pocket,
+    turn arrow, turn bay, turning lane, turning lanes, turn indicator, right of way, right now,
+    right away, right behind, right in front, right angle, right angles, right after, right next,
+    all right, right here, right there, merge lane, merging lane, merging traffic, merge sign,
+    parking lane, parking lot, parking space, parking spaces, passing lane, slow traffic,
+    slow lane, slow zone, speed limit, lane change maneuver ahead, no entry, no parking,
+    no stopping, no overtaking sign, no overtaking, not only, no matter, no turn, of course,
+    crossing sign, zebra crossing, level crossing, railway crossing, rail crossing,
+    crossing point, crossing area, school crossing, crossing lines, stop request, shift gear,
+    change in speed, lane change signal, straight line, straight road, straight lane,
+    straight section, straight ahead lane, straight stretch, curve to the left,
+    curve to the right, curves to the left, curves to the right, curves left, curves right,
+    bends left, bends right, bends to the left, bends to the right, left curve, right curve,
+    left bend, right bend, bend to the left, bend to the right, curving left, curving right,
+    curving to the left, curving to the right, turns yellow, turns red, turns green, turned green,
+    turned red, turning red, turning yellow, turning green, turn red, turn green, turn yellow,
+    will be fine, can be seen, can see, could see, may i, moving forward, move forward,
+    moves forward
     """
 )
 

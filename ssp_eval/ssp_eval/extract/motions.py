@@ -3,22 +3,38 @@
 from __future__ import annotations
 
 from ssp_eval.extract.hits import Hit, Kind
-from ssp_eval.extract.lexicon import EGO_WORDS
+from ssp_eval.extract.lexicon import EGO_WORDS, phrases
 from ssp_eval.extract.verbs import ACROSS, ALONG, INTO_LANE, MOVING, STANDING
 
 _STOPPERS = frozenset({Kind.VERB, Kind.OBJECT, Kind.EGO, Kind.JOIN, Kind.REACT, Kind.KEY})
 _OTHER = {"left": "right", "right": "left"}
-_ROADS = frozenset({"road", "street", "lane", "path", "roadway", "crosswalk", "crossing"})
-_ACROSS_WORDS = frozenset({"across", "into", "onto", "in"})
+_ROADS = frozenset(
+    phrases(
+        """
+        road, street, path, roadway, crosswalk, crossing, zebra, carriageway, aisle, junction,
+        intersection, highway, alley, track, tracks, lanes, boulevard, avenue
+        """
+    )
+)
+_ONTO_WORDS = frozenset(phrases("into, onto, in, on"))
+_TOWARDS = frozenset(phrases("towards, toward, at"))
+_STRAIGHT = frozenset(phrases("straight, directly, quickly, fast, slowly, right, head, on"))
+_PEOPLE = frozenset({"pedestrian"})
+_LIGHT = frozenset({"pedestrian", "cyclist"})
 REACH = 8
 
-# A movement in our direction if it is ahead or beside us; the reader's word for decide.py.
-MOVING_BESIDE = "moving"
+# The reader's own words for decide.py, which makes motions of them with what else is known.
+MOVING_BESIDE = "moving"  # in our direction if it is ahead or beside us
 CUTTING_IN = "cutting_in"  # direction open
+CROSSING = "crossing"  # direction open
+COMES_FROM = "comes_from_"  # where it came from, for an open direction
+INTRUSIONS = ("crossing", "cutting_in")
+# What has stopped stands still: the only finished movements that last.
+FINISHED_STANDING = frozenset({"stop", "park", "stall"})
 
 
 def motion_of(
-    words: list[str], hits: list[Hit], index: int, start: int, stop: int
+    words: list[str], hits: list[Hit], index: int, start: int, stop: int, name: str
 ) -> tuple[str, Hit | None] | None:
     """The motion that a verb of somebody else asserts, and the hit with its direction.
 
@@ -28,9 +44,10 @@ def motion_of(
         index: the verb's.
         start: first hit of its sentence.
         stop: hit after the sentence.
+        name: the class of who moves.
 
     Returns:
-        A motion of the vocabulary, ``moving`` or ``cutting_in``, and the hit that gives the
+        A motion of the vocabulary or one of the reader's own words, and the hit that gives the
         direction; None if the verb says nothing in the vocabulary.
     """
     verb = hits[index]
@@ -44,27 +61,32 @@ def motion_of(
         return (
             None if beyond[:1] == ["from"] and not EGO_WORDS & set(beyond) else ("receding", None)
         )
-    if lemma == "approach":
-        return ("oncoming", None) if _origin(hits, index, start, stop) is None else None
-    if lemma == "cut_out":
-        return "cutting_out", None
     if lemma in ALONG:
         return "same_direction", None
     origin = _origin(hits, index, start, stop)
+    if lemma == "approach":
+        return ("oncoming", None) if origin is None else None
     if lemma == "cross":
-        return (f"crossing_from_{origin[0]}", origin[1]) if origin else None
-    if lemma == "cut_in":
-        if words[verb.stop - 1] in ("into", "on") and not _ours(words, verb.stop):
-            return None
-        return (f"cutting_in_from_{origin[0]}", origin[1]) if origin else (CUTTING_IN, None)
-    if lemma in INTO_LANE and _into_ours(words, verb.stop):
-        return (f"cutting_in_from_{origin[0]}", origin[1]) if origin else (CUTTING_IN, None)
+        return (f"crossing_from_{origin[0]}", origin[1]) if origin else (CROSSING, None)
+    if lemma == "cut_out":
+        return None if name in _PEOPLE else ("cutting_out", None)
+    if lemma == "cut_in" and words[verb.stop - 1] in ("into", "on") and not _ours(words, verb.stop):
+        lemma = "move"
+    into_ours = lemma in INTO_LANE and _into_ours(words, verb.stop)
+    if lemma == "cut_in" or into_ours:
+        kind = "crossing" if name in _PEOPLE else "cutting_in"
+        return (f"{kind}_from_{origin[0]}", origin[1]) if origin else (kind, None)
     if lemma == "merge":
         return (f"cutting_in_from_{origin[0]}", origin[1]) if origin else None
-    if lemma in ACROSS and origin and _over_road(words, verb.stop):
-        return f"crossing_from_{origin[0]}", origin[1]
+    if lemma in ACROSS:
+        if origin and (_over_road(words, verb.stop, name) or _passes(origin[1], name)):
+            return f"crossing_from_{origin[0]}", origin[1]
+        if origin is None and _towards_us(words, verb.stop):
+            return "oncoming", None
+        if origin and origin[1].form == "from":
+            return COMES_FROM + origin[0], origin[1]
     if lemma in MOVING and origin is None:
-        return MOVING_BESIDE, None
+        return ("oncoming", None) if _towards_us(words, verb.stop) else (MOVING_BESIDE, None)
     return None
 
 
@@ -90,6 +112,11 @@ def _origin(hits: list[Hit], index: int, start: int, stop: int) -> tuple[str, Hi
     return None
 
 
+def _passes(side: Hit, name: str) -> bool:
+    """Whether a direction has both ends (left to right), so that nothing but a crossing has it."""
+    return name in _LIGHT and side.form == "from" and side.stop - side.first >= 3
+
+
 def _ours(words: list[str], at: int) -> bool:
     return any(word in EGO_WORDS or word == "front" for word in words[at : at + 2])
 
@@ -107,6 +134,21 @@ def _into_ours(words: list[str], at: int) -> bool:
     return False
 
 
-def _over_road(words: list[str], at: int) -> bool:
+def _over_road(words: list[str], at: int, name: str) -> bool:
     near = words[at : at + 9]
-    return bool(_ACROSS_WORDS & set(near)) and bool(_ROADS & set(near))
+    if "across" in near or "over" in near:
+        return bool(_ROADS & set(near)) or "lane" in near or "us" in near
+    if name not in _LIGHT:
+        return False
+    return bool(_ONTO_WORDS & set(near)) and ("lane" in near or bool(_ROADS & set(near)))
+
+
+def _towards_us(words: list[str], at: int) -> bool:
+    """towards us, straight at our car; not towards our lane."""
+    for here in range(at, min(at + 3, len(words))):
+        if words[here] in _TOWARDS:
+            beyond = words[here + 1 : here + 4]
+            return bool(EGO_WORDS & set(beyond[:2])) and not {"lane", "path", "side"} & set(beyond)
+        if words[here] not in _STRAIGHT:
+            return False
+    return False

@@ -1,52 +1,11 @@
-"""Stage 5: states and verbs: how somebody else moves, or what the ego does."""
+"""Stage 5: verbs: whose they are, somebody else's or the ego's."""
 
 from __future__ import annotations
 
+from ssp_eval.extract import others
 from ssp_eval.extract.hits import Hit, Kind
-from ssp_eval.extract.motions import motion_of
-from ssp_eval.extract.scope import Scope
-from ssp_eval.extract.talk import CONNECTS, EGO, NOT_NOW, REACH, SCENE, Talk
-from ssp_eval.extract.verbs import CLEARING, ENDANGERING
-from ssp_eval.extract.world import Actor, Statement
-
-_INTRUSIONS = ("crossing", "cutting_in")
-
-
-def read_state(talk: Talk, index: int, hit: Hit) -> None:
-    following = talk.hits[index + 1] if index + 1 < talk.stop else None
-    before_noun = following is not None and (
-        following.kind in (Kind.OBJECT, Kind.PLACE, Kind.SIDE, Kind.STATE)
-        and following.first <= hit.stop + 1
-    )
-    predicate = index > talk.start and talk.hits[index - 1].kind in CONNECTS
-    if before_noun and following is not None and following.kind is Kind.OBJECT:
-        talk.adjectives.append(index)
-    elif talk.subject is SCENE and talk.near is None:
-        return
-    else:
-        actor = talk.target(index, hit)
-        if actor is not None:
-            be(talk, actor, index, talk.flags[index])
-        elif before_noun and not predicate and talk.subject is not EGO:
-            talk.adjectives.append(index)
-
-
-def be(talk: Talk, actor: Actor, index: int, flags: int) -> None:
-    """A state, or a participle in front of the noun."""
-    hit = talk.hits[index]
-    value = hit.value
-    if hit.kind is Kind.VERB:
-        found = motion_of(talk.words, talk.hits, index, talk.start, talk.stop)
-        if found is None:
-            return
-        value = found[0]
-    if value == "parked":
-        actor.parked = True
-        value = "stationary"
-    if flags & NOT_NOW:
-        return
-    actor.motions.append(talk.said(value, hit))
-    talk.show(actor, index)
+from ssp_eval.extract.talk import EGO, SCENE, Talk
+from ssp_eval.extract.world import Actor
 
 
 def read_verb(talk: Talk, index: int, hit: Hit) -> None:
@@ -67,7 +26,7 @@ def read_verb(talk: Talk, index: int, hit: Hit) -> None:
         return
     other = isinstance(talk.subject, Actor) or talk.subject is SCENE
     if talk.key in ("motion", "position") and talk.near is None:
-        _moves(talk, index, hit)
+        others.move(talk, index, hit)
     elif talk.subject is EGO or (not other and talk.near is None):
         talk.planner.verb(index, hit, talk.subject is EGO)
     elif talk.planner.commands(index, other, talk.key):
@@ -78,7 +37,7 @@ def read_verb(talk: Talk, index: int, hit: Hit) -> None:
         if not _others_infinitive(talk, index):
             talk.planner.verb(index, hit, False)
     else:
-        _moves(talk, index, hit)
+        others.move(talk, index, hit)
     talk.busy = True
 
 
@@ -90,84 +49,3 @@ def _article_between(talk: Talk, hit: Hit, following: Hit) -> bool:
 def _others_infinitive(talk: Talk, index: int) -> bool:
     """wait for the car to stop."""
     return talk.hits[index - 1].kind is Kind.PURPOSE and talk.adjoins(index - 1)
-
-
-def _moves(talk: Talk, index: int, hit: Hit) -> None:
-    actor = talk.target(index, hit)
-    flags = talk.flags[index]
-    if actor is None:
-        return
-    if _negated_auxiliary(talk, index):
-        return
-    if (
-        flags == Scope.POSSIBLE
-        and hit.value in ENDANGERING
-        and (actor.mentions or actor is talk.world.loose)
-    ):
-        first = _modal_before(talk, index)
-        if first is not None:
-            said = Statement("potential", first, hit.stop, talk.number)
-            actor.conflicts.append(said)
-        return
-    if flags:
-        return
-    finished = hit.form == "ed" and _auxiliary(talk, index) == "have"
-    if finished and hit.value in CLEARING:
-        first = _auxiliary_word(talk, index)
-        actor.conflicts.append(Statement("resolved", first, hit.stop, talk.number))
-        talk.show(actor, index)
-        return
-    if hit.form == "ed" and hit.value not in ("stop", "park", "stall"):
-        return
-    if hit.form == "base" and _intended(talk, index):
-        return
-    if hit.value == "park":
-        actor.parked = True
-    found = motion_of(talk.words, talk.hits, index, talk.start, talk.stop)
-    if found is None:
-        return
-    value, side = found
-    if value.startswith(_INTRUSIONS):
-        actor.intruding = True
-    stop = side.stop if side is not None and side.first >= hit.stop else hit.stop
-    for one in talk.group if actor in talk.group else [actor]:
-        one.motions.append(talk.said(value, hit, stop))
-        talk.show(one, index)
-    if actor is talk.world.loose:
-        actor.motions.append(talk.said(value, hit, stop))
-
-
-def _negated_auxiliary(talk: Talk, index: int) -> bool:
-    return bool(talk.flags[index] & Scope.DENIED)
-
-
-def _auxiliary(talk: Talk, index: int) -> str:
-    for before in range(index - 1, max(index - 4, talk.start - 1), -1):
-        hit = talk.hits[before]
-        if hit.kind is Kind.AUX:
-            return hit.value
-        if hit.kind not in (Kind.JOIN, Kind.NOT):
-            return ""
-    return ""
-
-
-def _auxiliary_word(talk: Talk, index: int) -> int:
-    for before in range(index - 1, max(index - REACH, talk.start - 1), -1):
-        if talk.hits[before].kind is Kind.AUX:
-            return talk.hits[before].first
-    return talk.hits[index].first
-
-
-def _modal_before(talk: Talk, index: int) -> int | None:
-    for before in range(index - 1, max(index - 4, talk.start - 1), -1):
-        if talk.hits[before].kind is Kind.MODAL:
-            return talk.hits[before].first
-    return None
-
-
-def _intended(talk: Talk, index: int) -> bool:
-    """to + verb is an intention, unless it starts to."""
-    if index - 1 < talk.start or talk.hits[index - 1].kind is not Kind.PURPOSE:
-        return False
-    earlier = talk.hits[index - 2] if index - 2 >= talk.start else None
-    return earlier is None or earlier.value != "continue"

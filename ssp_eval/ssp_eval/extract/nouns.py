@@ -60,10 +60,11 @@ _SINGULAR: Table = {
         wheelchair user, walker, dog walker, runner, boy, girl, toddler, crossing guard, adult,
         passer by, passerby, policeman, policewoman, police officer, traffic officer, woman, man,
         lady, gentleman, guy, dude, lad, student, pupil, teenager, teen, youth, schoolboy,
-        schoolgirl, mother, father, mum, dad, pensioner, granny, grandmother, grandfather, ped, pedestrain, pedestrians dummy, pedestrian dummy, shopper, commuter, tourist,
-        skater, skateboarder, postman, mail carrier, road sweeper, flagger, workman, infant,
-        youngster, old man, old woman, old lady, parent, stroller pusher,
-        lollipop lady, lollipop man, hiker, flagman, pram pusher, wheelchair
+        schoolgirl, mother, father, mum, dad, pensioner, granny, grandmother, grandfather, ped,
+        pedestrain, pedestrians dummy, pedestrian dummy, shopper, commuter, tourist, skater,
+        skateboarder, postman, mail carrier, road sweeper, flagger, workman, infant, youngster,
+        old man, old woman, old lady, parent, stroller pusher, lollipop lady, lollipop man, hiker,
+        flagman, pram pusher, wheelchair
         """
     ),
 }

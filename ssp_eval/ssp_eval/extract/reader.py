@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from ssp_eval.extract import conflicts, moves, places, subjects, weights
+from ssp_eval.extract import conflicts, moves, others, places, subjects, weights
 from ssp_eval.extract.hits import Hit, Kind
 from ssp_eval.extract.talk import EGO, Talk
 from ssp_eval.extract.world import Actor, Statement, World
@@ -117,7 +117,7 @@ _HANDLERS: dict[Kind, Callable[[Talk, int, Hit], None]] = {
     Kind.PLACE: places.read_place,
     Kind.SIDE: places.read_side,
     Kind.VERB: moves.read_verb,
-    Kind.STATE: moves.read_state,
+    Kind.STATE: others.read_state,
     Kind.RISK: conflicts.read_risk,
     Kind.CONFLICT: conflicts.read_conflict,
     Kind.IN_LANE: conflicts.read_in_lane,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ssp_eval.extract import actors, moves
+from ssp_eval.extract import actors, others
 from ssp_eval.extract.hits import Hit, Kind
 from ssp_eval.extract.scope import Scope
 from ssp_eval.extract.talk import EGO, SCENE, Talk
@@ -69,7 +69,7 @@ def read_object(talk: Talk, index: int, hit: Hit) -> None:
     for before in talk.pending:
         talk.put(actor, before, flags)
     for before in talk.adjectives:
-        moves.be(talk, actor, before, flags)
+        others.be(talk, actor, before, flags)
     talk.pending, talk.adjectives = [], []
 
 

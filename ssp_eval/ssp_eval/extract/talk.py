@@ -81,6 +81,12 @@ class Talk:
                 return False
         return False
 
+    def flags_at(self, index: int) -> int:
+        """What is in force at an attribute; at its noun's side it is as true as the noun is."""
+        if self.near is not None and self.named and self.adjoins(index):
+            return self.flags[index] & self.flags[self.named[-1][0]]
+        return self.flags[index]
+
     def put(self, actor: Actor, index: int, flags: int) -> None:
         if flags & NOT_NOW or (flags and actor is not self.near):
             return

@@ -1,0 +1,129 @@
+"""Stage 5: states and verbs of somebody else: what a road user is doing now."""
+
+from __future__ import annotations
+
+from ssp_eval.extract.hits import Hit, Kind
+from ssp_eval.extract.motions import FINISHED_STANDING, INTRUSIONS, motion_of
+from ssp_eval.extract.scope import Scope
+from ssp_eval.extract.talk import CONNECTS, EGO, NOT_NOW, REACH, SCENE, Talk
+from ssp_eval.extract.verbs import CLEARING, ENDANGERING
+from ssp_eval.extract.world import Actor, Statement
+
+
+def read_state(talk: Talk, index: int, hit: Hit) -> None:
+    following = talk.hits[index + 1] if index + 1 < talk.stop else None
+    before_noun = following is not None and (
+        following.kind in (Kind.OBJECT, Kind.PLACE, Kind.SIDE, Kind.STATE)
+        and following.first <= hit.stop + 1
+    )
+    predicate = index > talk.start and talk.hits[index - 1].kind in CONNECTS
+    if before_noun and following is not None and following.kind is Kind.OBJECT:
+        talk.adjectives.append(index)
+    elif hit.value == "receding":
+        actor = talk.subject if isinstance(talk.subject, Actor) else talk.near or talk.last
+        if actor is not None:  # the gap grows: to whom we talk of
+            be(talk, actor, index, talk.flags[index])
+    elif talk.subject is SCENE and talk.near is None:
+        return
+    else:
+        actor = talk.target(index, hit)
+        if actor is not None:
+            be(talk, actor, index, talk.flags_at(index))
+        elif before_noun and not predicate and talk.subject is not EGO:
+            talk.adjectives.append(index)
+
+
+def be(talk: Talk, actor: Actor, index: int, flags: int) -> None:
+    """A state, or a participle in front of the noun."""
+    hit = talk.hits[index]
+    value = hit.value
+    if hit.kind is Kind.VERB:
+        found = motion_of(talk.words, talk.hits, index, talk.start, talk.stop, actor.name)
+        if found is None:
+            return
+        value = found[0]
+    if value == "parked":
+        actor.parked = True
+        value = "stationary"
+    if flags & NOT_NOW:
+        return
+    actor.motions.append(talk.said(value, hit))
+    talk.show(actor, index)
+
+
+def move(talk: Talk, index: int, hit: Hit) -> None:
+    """A verb whose subject is a road user: a motion, a possible conflict or its end."""
+    actor = talk.target(index, hit)
+    if actor is None:
+        return
+    flags = talk.flags_at(index) if hit.form == "ing" else talk.flags[index]
+    if flags & Scope.DENIED:
+        return
+    if (
+        flags == Scope.POSSIBLE
+        and hit.value in ENDANGERING
+        and (actor.mentions or actor is talk.world.loose)
+    ):
+        first = _modal_before(talk, index)
+        if first is not None:
+            said = Statement("potential", first, hit.stop, talk.number)
+            actor.conflicts.append(said)
+        return
+    if flags:
+        return
+    finished = hit.form == "ed" and _auxiliary(talk, index) == "have"
+    if finished and hit.value in CLEARING:
+        first = _auxiliary_word(talk, index)
+        actor.conflicts.append(Statement("resolved", first, hit.stop, talk.number))
+        talk.show(actor, index)
+        return
+    if hit.form == "ed" and hit.value not in FINISHED_STANDING:
+        return
+    if hit.form == "base" and _intended(talk, index):
+        return
+    if hit.value == "park":
+        actor.parked = True
+    found = motion_of(talk.words, talk.hits, index, talk.start, talk.stop, actor.name)
+    if found is None:
+        return
+    value, side = found
+    if value.startswith(INTRUSIONS):
+        actor.intruding = True
+    stop = side.stop if side is not None and side.first >= hit.stop else hit.stop
+    for one in talk.group if actor in talk.group else [actor]:
+        one.motions.append(talk.said(value, hit, stop))
+        talk.show(one, index)
+    if actor is talk.world.loose:
+        actor.motions.append(talk.said(value, hit, stop))
+
+
+def _auxiliary(talk: Talk, index: int) -> str:
+    for before in range(index - 1, max(index - 4, talk.start - 1), -1):
+        hit = talk.hits[before]
+        if hit.kind is Kind.AUX:
+            return hit.value
+        if hit.kind not in (Kind.JOIN, Kind.NOT):
+            return ""
+    return ""
+
+
+def _auxiliary_word(talk: Talk, index: int) -> int:
+    for before in range(index - 1, max(index - REACH, talk.start - 1), -1):
+        if talk.hits[before].kind is Kind.AUX:
+            return talk.hits[before].first
+    return talk.hits[index].first
+
+
+def _modal_before(talk: Talk, index: int) -> int | None:
+    for before in range(index - 1, max(index - 4, talk.start - 1), -1):
+        if talk.hits[before].kind is Kind.MODAL:
+            return talk.hits[before].first
+    return None
+
+
+def _intended(talk: Talk, index: int) -> bool:
+    """to + verb is an intention, unless it starts to."""
+    if index - 1 < talk.start or talk.hits[index - 1].kind is not Kind.PURPOSE:
+        return False
+    earlier = talk.hits[index - 2] if index - 2 >= talk.start else None
+    return earlier is None or earlier.value != "continue"
