@@ -139,7 +139,7 @@ class _Following:
             failure = self._wait_for_go(run_file, go)
         if failure is not None:
             return Followed(failure)
-        if self._by_hand is None:
+        if self._by_hand is None and not self._client.under_way:
             self._client.begin(str(run_file))
         outcome = self._wait()
         return self._followed(outcome)
@@ -174,6 +174,9 @@ class _Following:
         self._say("loaded; press Enter to begin the run, Ctrl-C to give up")
         while (word := go.poll()) is None:
             self._client.spin(0.05)
+            if self._client.under_way:
+                self._say("begun or aborted from elsewhere; following it")
+                return None
             ended = self._group.ended()
             if ended:
                 return Outcome(Verdict.INVALID_HARNESS, (obituary(ended[0]),))

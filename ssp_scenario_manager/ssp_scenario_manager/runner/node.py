@@ -24,6 +24,13 @@ from ssp_scenario_manager.runner.outcome import Outcome
 Listener = Callable[[str], None]
 # How long the goal's result may come after the session's last word.
 RESULT_GRACE_S = 1.0
+_UNDER_WAY = {
+    SessionPhase.RUNNING,
+    SessionPhase.STOPPING,
+    SessionPhase.FINISHED,
+    SessionPhase.ABORTING,
+    SessionPhase.ABORTED,
+}
 
 
 class RunClient:
@@ -83,6 +90,11 @@ class RunClient:
     def loaded(self) -> tuple[str, ...] | None:
         """Why the run could not be loaded, empty when it was; None before the answer."""
         return self._refusal
+
+    @property
+    def under_way(self) -> bool:
+        """The session left the states before a run, and it wasn't this client that began it."""
+        return not self._begun and self._last_state in _UNDER_WAY
 
     def begin(self, run_file: str) -> None:
         """Sends the goal; the answer is awaited by spinning."""

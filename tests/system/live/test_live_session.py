@@ -151,6 +151,46 @@ def start_driving(stage: Any, task: Path) -> tuple[Any, Any, Any]:
     return run, bodies, vut
 
 
+PRESS = """
+import sys, time
+import rclpy
+from ssp_core import names
+from ssp_msgs.srv import SessionCommand
+
+rclpy.init()
+node = rclpy.create_node("page_of_somebody", namespace=names.NAMESPACE)
+for command in sys.argv[1:]:
+    client = node.create_client(SessionCommand, command)
+    client.wait_for_service(20.0)
+    until = time.monotonic() + 40.0
+    while time.monotonic() < until:
+        call = client.call_async(SessionCommand.Request(requested_by="page_of_somebody"))
+        rclpy.spin_until_future_complete(node, call, timeout_sec=20.0)
+        if call.result().accepted:
+            break
+        time.sleep(0.2)
+    print(command, call.result().accepted, call.result().error_msg, flush=True)
+"""
+
+
+def test_a_start_and_an_abort_from_the_page_are_followed(
+    stage: Any, task: Callable[[str], Path]
+) -> None:
+    """Nobody presses Enter at the terminal: the commands come as the operators' page gives them."""
+    run = stage.run_live(task("cut_in"), *bodies_of(stage))
+    play_bodies(stage)
+    stage.play("camera", "--play", "camera")
+    play_vut(stage)
+    stage.start("pressed", [sys.executable, "-c", PRESS, "connect", "arm", "start"])
+    stage.wait_for_motion(run, 1.0)
+    assert "begun or aborted from elsewhere" in stage.said("ssp_run")
+    stage.start("pressed", [sys.executable, "-c", PRESS, "abort"])
+    result = stage.finish(run)
+    assert (result["verdict"], result["status"]) == ("aborted", 1), result
+    assert "page_of_somebody" in " ".join(result["reasons"]), result
+    assert stage.rows()[-1].speed_mps == 0.0
+
+
 def test_the_vut_falls_silent(stage: Any, task: Callable[[str], Path]) -> None:
     run, _, vut = start_driving(stage, task("cut_in"))
     os.killpg(vut.pid, signal.SIGKILL)
