@@ -32,6 +32,7 @@ if TYPE_CHECKING:  # the library is imported with the first question; it takes i
 
 NO_KEY = "none"  # what servers get that want no key
 _AGAIN = frozenset({408, 409, 425, 429})
+_NOT_TAKEN = frozenset({"unreachable", "425", "429", "503"})
 _SHOWN = 300  # characters of what a server says
 _LOOKED_AT = 4096
 
@@ -85,6 +86,19 @@ class Reply:
 
     body: bytes
     tries: int
+
+
+class NoAnswer(PeerError):
+    """There is no answer; one line with the reason and what can be done.
+
+    Args:
+        message: the line.
+        not_taken: the service was away or too busy to take the request; later it may.
+    """
+
+    def __init__(self, message: str, not_taken: bool = False) -> None:
+        super().__init__(message)
+        self.not_taken = not_taken
 
 
 class Chat(Protocol):
@@ -157,6 +171,11 @@ class OpenAIChat:
         self._remedies = remedies or {}
         if self._policy.tries < 1:
             raise ValueError("a policy needs at least one try")
+        # Here and not above: it takes its time, which only those who ask should spend, and not
+        # out of the time of an answer.
+        from ssp_core import chat_exchange
+
+        self._http = chat_exchange
 
     @property
     def model(self) -> str:
@@ -179,10 +198,8 @@ class OpenAIChat:
             deadline_s: for this request, where it is shorter than the policy's.
 
         Raises:
-            PeerError: there is none; one line with the reason and what can be done.
+            NoAnswer: there is none.
         """
-        from ssp_core.chat_exchange import exchange
-
         policy = self._policy
         limits_s = [limit for limit in (policy.deadline_s, deadline_s) if limit is not None]
         end_s = time.monotonic() + min(limits_s) if limits_s else None
@@ -192,7 +209,8 @@ class OpenAIChat:
             left_s = None if end_s is None else end_s - time.monotonic()
             limit_s = policy.timeout_s if left_s is None else min(policy.timeout_s, left_s)
             limit_s = max(limit_s, 0.001)
-            came = exchange(self._url, self._key or NO_KEY, request, limit_s, policy.max_bytes)
+            key = self._key or NO_KEY
+            came = self._http.exchange(self._url, key, request, limit_s, policy.max_bytes)
             tries += 1
             trouble = self._trouble(came)
             if isinstance(trouble, bytes):
@@ -200,20 +218,19 @@ class OpenAIChat:
             left_s = None if end_s is None else end_s - time.monotonic()
             wait_s = pause_s(policy, trouble, tries, left_s)
             if wait_s is None:
-                raise PeerError(self._message(trouble, tries))
+                raise NoAnswer(self._message(trouble, tries), trouble.kind in _NOT_TAKEN)
             self._note(f"{self._shown_url}: {trouble.reason}; trying again in {wait_s:g} s")
             self._sleep(wait_s)
 
     def _trouble(self, came: Received | Failed) -> Trouble | bytes:
         """What came, as trouble without the key in it, or the body of an answer."""
-        from ssp_core.chat_exchange import Failed, Failure, retry_after_s
-
-        if isinstance(came, Failed):
+        kinds = self._http.Failure
+        if isinstance(came, self._http.Failed):
             return Trouble(
                 came.failure.value,
                 redact(" ".join(came.reason.split()), self._key),
-                safe=came.failure is Failure.UNREACHABLE,
-                lost=came.failure is Failure.LOST,
+                safe=came.failure is kinds.UNREACHABLE,
+                lost=came.failure is kinds.LOST,
             )
         code = came.status
         if code != 200:
@@ -225,7 +242,7 @@ class OpenAIChat:
                 str(code),
                 f"the server says {code}" + (f": {shown}" if shown else ""),
                 safe=code in _AGAIN or code >= 500,
-                wait_s=retry_after_s(came.headers),
+                wait_s=self._http.retry_after_s(came.headers),
             )
         if gives_away(came.body, self._key):
             return Trouble("key", "the answer holds the key that was sent and is not kept")

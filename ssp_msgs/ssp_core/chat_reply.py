@@ -74,6 +74,8 @@ def read_completion(body: bytes) -> Completion:
     if not isinstance(message, dict):
         raise NoCompletion("its choice holds no message")
     text, parts, refusal = _content(message)
+    if text is not None and not _is_unicode(text):
+        raise NoCompletion("its text holds half of a surrogate pair, which is no character")
     finish = _word(choice.get("finish_reason"))
     if finish == "content_filter":
         refusal = refusal or "filtered by the server"
@@ -81,7 +83,7 @@ def read_completion(body: bytes) -> Completion:
     return Completion(
         text=text,
         parts=parts,
-        reasoning=reasoning if isinstance(reasoning, str) else "",
+        reasoning=_sound(reasoning) if isinstance(reasoning, str) else "",
         refusal=refusal,
         finish_reason=finish,
         model=_word(value.get("model")),
@@ -96,7 +98,7 @@ def _content(message: Mapping[str, Any]) -> tuple[str | None, int, str | None]:
     refusal = message.get("refusal")
     refused = refusal if isinstance(refusal, str) and refusal else None
     if content is None or isinstance(content, str):
-        return content, 0, refused
+        return content, 0, _sound(refused) if refused else None
     if not isinstance(content, list):
         raise NoCompletion("its content is no text")
     texts = []
@@ -108,7 +110,7 @@ def _content(message: Mapping[str, Any]) -> tuple[str | None, int, str | None]:
             texts.append(part["text"])
         else:
             raise NoCompletion("its content holds a part that is no text")
-    return "".join(texts) if texts else None, len(content), refused
+    return "".join(texts) if texts else None, len(content), _sound(refused) if refused else None
 
 
 def _usage(value: Any) -> dict[str, int] | None:
@@ -123,9 +125,22 @@ def _usage(value: Any) -> dict[str, int] | None:
 
 
 def _word(value: Any) -> str | None:
-    return value[:_WORD] if isinstance(value, str) else None
+    return _sound(value[:_WORD]) if isinstance(value, str) else None
+
+
+def _sound(text: str) -> str:
+    """The text with what is no character as a question mark."""
+    return text.encode("utf-8", "replace").decode()
+
+
+def _is_unicode(text: str) -> bool:
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def _error_text(error: Any) -> str:
     said = error.get("message") if isinstance(error, dict) else error
-    return " ".join(said.split())[:_WORD] if isinstance(said, str) else ""
+    return _sound(" ".join(said.split())[:_WORD]) if isinstance(said, str) else ""

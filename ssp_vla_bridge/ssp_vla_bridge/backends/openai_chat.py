@@ -1,0 +1,242 @@
+"""A model behind a server that speaks the OpenAI chat interface, asked with its native prompts.
+
+Per answer: the stages of the interface one after the other, each with the request's frames before
+the text, streaming off. The raw texts are joined by a blank line. Nothing of an answer is kept for
+the next one; what carries over comes with the request (``Request.previous``). A stage that fails
+fails the answer: half of one would be scored as a whole.
+"""
+
+from __future__ import annotations
+
+import base64
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+
+from ssp_core.chat import NoAnswer, OpenAIChat, Policy, Reply
+from ssp_core.chat_reply import Completion, NoCompletion, read_completion
+from ssp_core.errors import PeerError
+from ssp_core.hashing import sha256_bytes, sha256_json
+from ssp_vla_bridge.backends.openai_options import Options, read_options
+from ssp_vla_bridge.core.backend import NotTakenError
+from ssp_vla_bridge.core.previous import previous_stage
+from ssp_vla_bridge.core.prompts import Prompt, find_stages
+from ssp_vla_bridge.core.request import Frame, Request
+from ssp_vla_bridge.core.response import Answer
+
+STAGE_GAP = "\n\n"
+_JPEG_QUALITY = 95
+_SHOWN = 200
+_CHARACTERS_OF_REASONING = 100_000
+
+
+@dataclass(frozen=True)
+class _Said:
+    """One stage's question and answer."""
+
+    name: str
+    prompt: Prompt
+    text: str
+    completion: Completion
+    tries: int
+    latency_s: float
+
+
+class OpenAIBackend:
+    """Asks one model; one answer at a time, as a server is not deterministic under concurrency.
+
+    Args:
+        options: checked.
+        sleep: waits some seconds.
+    """
+
+    def __init__(self, options: Options, sleep: Callable[[float], None] = time.sleep) -> None:
+        self._options = options
+        self._stages = find_stages(options.interface)
+        self._turn = threading.Lock()
+        self.interface = options.interface
+        self.model_id = options.model
+        policy = Policy(timeout_s=options.timeout_s, tries=options.tries)
+        self._chat = OpenAIChat(
+            options.base_url,
+            options.model,
+            options.key,
+            policy,
+            sleep=sleep,
+            remedies=_remedies(options.api_key_env),
+        )
+
+    def answer(self, request: Request) -> Answer:
+        """The stages' texts and how they came.
+
+        Raises:
+            NotTakenError: the server is away or too busy; the line names the stage and says why.
+            PeerError: a stage has no answer for another reason.
+        """
+        end_s = time.monotonic() + self._options.timeout_s
+        if not self._turn.acquire(timeout=self._options.timeout_s):
+            raise PeerError(f"waited {self._options.timeout_s:g} s for the answer before")
+        try:
+            return self._answer(request, end_s)
+        finally:
+            self._turn.release()
+
+    def _answer(self, request: Request, end_s: float) -> Answer:
+        pictures = [self._picture(frame) for frame in request.frames]
+        before: dict[str, str] = {}
+        said = []
+        for stage in self._stages:
+            prompt = stage.build(request, before)
+            one = self._ask(stage.name, prompt, pictures, end_s)
+            before[stage.name] = one.text
+            said.append(one)
+        return Answer(STAGE_GAP.join(one.text for one in said), decoding=self._facts(request, said))
+
+    def _ask(
+        self, name: str, prompt: Prompt, pictures: Sequence[Mapping[str, Any]], end_s: float
+    ) -> _Said:
+        begun_s = time.monotonic()
+        if begun_s >= end_s:
+            limit_s = self._options.timeout_s
+            raise PeerError(f"stage {name}: the {limit_s:g} s for the whole answer are over")
+        messages: list[dict[str, Any]] = []
+        if prompt.system:
+            messages.append({"role": "system", "content": prompt.system})
+        content = [*pictures, {"type": "text", "text": prompt.text}]
+        messages.append({"role": "user", "content": content})
+        try:
+            reply = self._chat.request(messages, self._options.parameters, end_s - begun_s)
+            completion, text = _read(reply)
+        except PeerError as error:
+            kind = NotTakenError if isinstance(error, NoAnswer) and error.not_taken else PeerError
+            raise kind(f"stage {name}: {error}") from None
+        return _Said(name, prompt, text, completion, reply.tries, time.monotonic() - begun_s)
+
+    def _picture(self, frame: Frame) -> dict[str, Any]:
+        data = base64.b64encode(scaled(frame.jpeg, self._options.image_width_px)).decode()
+        return {"type": "image_url", "image_url": {"url": f"data:image/jpeg;base64,{data}"}}
+
+    def _facts(self, request: Request, said: Sequence[_Said]) -> dict[str, Any]:
+        options = self._options
+        stages, notes, start = [], [], 0
+        for one in said:
+            end = start + len(one.text)
+            stages.append({"name": one.name, "start": start, "end": end, **_stage_facts(one)})
+            notes += [f"{one.name}: {note}" for note in _notes(one.completion, options.model)]
+            start = end + len(STAGE_GAP)
+        previous = previous_stage(request, "intent") if self._carries_intent else None
+        return {
+            "interface": options.interface,
+            "model": options.model,
+            **options.decoding,
+            "stream": False,
+            "extra": dict(options.extra),
+            "frames": len(request.frames),
+            "image_width_px": options.image_width_px,
+            "timeout_s": options.timeout_s,
+            "tries": options.tries,
+            "prompt_sha256": sha256_json([one.prompt.sha256 for one in said]),
+            "previous_intent_sha256": sha256_bytes(previous.text.encode()) if previous else None,
+            "stages": stages,
+            "notes": notes,
+        }
+
+    @property
+    def _carries_intent(self) -> bool:
+        return self._options.interface == "openemma"
+
+
+def _read(reply: Reply) -> tuple[Completion, str]:
+    """What a reply says, and its text.
+
+    Raises:
+        PeerError: there is no text in it.
+    """
+    try:
+        said = read_completion(reply.body)
+    except NoCompletion as error:
+        raise PeerError(
+            f"the answer is no chat completion: {error}; base_url usually ends in /v1"
+        ) from None
+    if said.refusal:
+        raise PeerError(f"the model declines to answer: {said.refusal[:_SHOWN]}")
+    if said.text is None:
+        why = f" (finish_reason {said.finish_reason})" if said.finish_reason else ""
+        remedy = "; give a larger max_tokens" if said.cut_off else ""
+        raise PeerError(f"the answer holds no text{why}{remedy}")
+    return said, said.text
+
+
+def _stage_facts(one: _Said) -> dict[str, Any]:
+    said = one.completion
+    facts: dict[str, Any] = {
+        "prompt_sha256": one.prompt.sha256,
+        "latency_s": round(one.latency_s, 4),
+        "tries": one.tries,
+        "model_reported": said.model,
+        "system_fingerprint": said.system_fingerprint,
+        "finish_reason": said.finish_reason,
+        "usage": dict(said.usage) if said.usage else None,
+    }
+    if said.reasoning:
+        facts["reasoning"] = said.reasoning[:_CHARACTERS_OF_REASONING]
+    return facts
+
+
+def _notes(said: Completion, model: str) -> list[str]:
+    found = []
+    if said.cut_off:
+        found.append("cut off at the limit of tokens")
+    if said.text is not None and not said.text.strip():
+        found.append("the text is empty")
+    if said.parts:
+        found.append(f"the text came in {said.parts} parts")
+    if said.model is not None and said.model != model:
+        found.append("the server names another model than was asked for")
+    return found
+
+
+def scaled(jpeg: bytes, width_px: int | None) -> bytes:
+    """A frame scaled down to a width, as JPEG; the same bytes where it is no wider.
+
+    Raises:
+        ValueError: it is no picture.
+    """
+    if width_px is None:
+        return jpeg
+    image = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
+    if image is None:
+        raise ValueError("the frame is no picture")
+    height, width = image.shape[:2]
+    if width <= width_px:
+        return jpeg
+    size = (width_px, max(1, round(height * width_px / width)))
+    small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    _, data = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+    return data.tobytes()
+
+
+def _remedies(variable: str) -> dict[str, str]:
+    key = "name the environment variable that holds the key with the option api_key_env"
+    if variable:
+        key = f"the key in the variable that api_key_env names ({variable}) is not accepted"
+    return {
+        "unreachable": "start the server, or give its base_url",
+        "lost": "it is not asked again, as the answer may have been made",
+        "401": key,
+        "403": key,
+        "404": "model must be a name that the server serves, and base_url usually ends in /v1",
+        "400": "a decoding option that the server refuses is left out by null",
+        "413": "give fewer frames or an image_width",
+        "429": "the server is busy or a quota is used up",
+    }
+
+
+def make(options: Mapping[str, Any]) -> OpenAIBackend:
+    """Raises InputError: an option is wrong, or the environment holds no key under its name."""
+    return OpenAIBackend(read_options(options))
