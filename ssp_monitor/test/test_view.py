@@ -56,8 +56,21 @@ def _state(object_id: str = "vut", x_m: float = 0.0, **changes: Any) -> ObjectSt
 
 def _moving(*states: ObjectState, age_s: float = 0.0, over: Moving | None = None) -> Any:
     at_ns = NOW_NS - round(age_s * NS_PER_S)
-    marks = (over or Moving()).marks([Heard(state, at_ns) for state in states], NOW_NS)
+    board = Board(objects={state.object_id: Heard(state, at_ns) for state in states})
+    marks = (over or Moving()).marks(board, NOW_NS)
     return {(mark.space, mark.number): mark for mark in marks}
+
+
+def test_a_state_that_was_held_up_on_its_way_is_shown_as_old() -> None:
+    """It arrives now and would look new, were it not for the manager's clock."""
+    board = Board(
+        objects={"vut": Heard(_state(), NOW_NS)},
+        manager_at_ns=NOW_NS,
+        manager_stamp_ns=_state().stamp_ns + 2 * NS_PER_S,
+    )
+    marks = {(m.space, m.number): m for m in Moving().marks(board, NOW_NS) if isinstance(m, Mark)}
+    assert marks["object", 0].colour == STALE
+    assert "silent for 2.0 s" in marks["name", 0].text
 
 
 def test_standing_marks_have_names_of_their_own_and_two_points_a_line(

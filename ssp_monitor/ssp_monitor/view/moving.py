@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from ssp_core.geometry import Polyline, Pose2
@@ -13,7 +12,8 @@ from ssp_core.run_spec import Point
 from ssp_core.state import ObjectState
 from ssp_core.vocab import ObjectClass, Role
 from ssp_monitor.view.marks import Colour, Gone, Mark, Shape, line, text
-from ssp_monitor.watch.facts import Heard
+from ssp_monitor.watch.ages import object_age_s
+from ssp_monitor.watch.board import Board
 
 STALE_S = 1.0
 FORGOTTEN_S = 30.0
@@ -80,17 +80,17 @@ class Moving:
     _numbers: dict[str, int] = field(default_factory=dict)
     _shown: set[tuple[str, int]] = field(default_factory=set)
 
-    def marks(self, objects: Iterable[Heard], now_ns: int) -> list[Mark | Gone]:
+    def marks(self, board: Board, now_ns: int) -> list[Mark | Gone]:
         """The marks of all objects as they were last heard.
 
         Args:
-            objects: newest states.
+            board: what was heard.
             now_ns: steady clock, as in their times of arrival.
         """
         fresh: list[ObjectState] = []
         marks: list[Mark] = []
-        for heard in objects:
-            silent_s = (now_ns - heard.at_ns) / 1e9
+        for heard in board.objects.values():
+            silent_s = object_age_s(board, heard, now_ns)
             state = heard.state
             if silent_s > FORGOTTEN_S:
                 self.trails.forget(state.object_id)

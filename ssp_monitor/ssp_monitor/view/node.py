@@ -61,7 +61,7 @@ class ViewNode(Node):
         stamps = [one.state.stamp_ns for one in self._board.objects.values()]
         now_ns = time.monotonic_ns()
         self._session_time.see(max(stamps, default=None), now_ns)
-        marks = self._moving.marks(self._board.objects.values(), now_ns)
+        marks = self._moving.marks(self._board, now_ns)
         if marks:
             self._objects.publish(marker_array(marks, max(stamps, default=0)))
 
