@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
-from ssp_core.hashing import sha256_json
+from ssp_core.hashing import sha256_file, sha256_json
 from ssp_eval.evaluate.controls import CLIP_START_NS, LABELS_FILE
 from ssp_vla_bridge.core.adapters import check_adapter
 from ssp_vla_bridge.core.backend import interface_of
@@ -101,6 +102,8 @@ class ModelSpec:
             labels_sha256: stands for the labels file that a control reads.
         """
         options = _filled(self.options, {LABELS_FILE: labels_sha256})
+        if self.backend_name == "recorded" and "file" in options:
+            options["file"] = _content(Path(str(options["file"])))
         return {
             "model": self.name,
             "backend": self.backend_name,
@@ -108,6 +111,13 @@ class ModelSpec:
             "preprocessing": sha256_json(asdict(self.rules)),
             "options": {k: v for k, v in options.items() if k not in _NOT_IN_KEYS},
         }
+
+
+def _content(path: Path) -> list[str]:
+    """Hashes of what a recording of answers holds, be it a file, a folder or a bag."""
+    patterns = ("*.jsonl", "*.mcap")
+    files = [path] if path.is_file() else [f for p in patterns for f in path.rglob(p)]
+    return sorted(sha256_file(file) for file in files)
 
 
 def _filled(options: Mapping[str, Any], places: Mapping[str, Any]) -> dict[str, Any]:

@@ -66,6 +66,7 @@ class AnswerFacts(_Part):
 
     sent: Count
     reused: Count
+    asked_again: Count = 0
     missing: list[dict[str, Any]]
     # Cells of an earlier version don't tell the kinds apart.
     missing_by_kind: dict[str, Count] = {}
@@ -73,10 +74,20 @@ class AnswerFacts(_Part):
 
 
 class PreprocessingFacts(_Part):
-    """Of the frames in a request."""
+    """Of the frames and the ego history in a request."""
 
     frames: Count
     frame_spacing_s: Finite
+    history_s: Finite = 2.0
+    history_spacing_s: Finite = 0.1
+
+
+class ModelFactsRead(_Part):
+    """What the models file says of a model; nothing of it is scored."""
+
+    total_b: Finite | None = None
+    active_b: Finite | None = None
+    architecture: str = ""
 
 
 class CellFacts(_Part):
@@ -99,6 +110,10 @@ class CellFacts(_Part):
     backend_options: dict[str, Any]
     decoding: list[dict[str, Any]]
     preprocessing: PreprocessingFacts
+    # Empty in cells of an earlier version, and the backend of a bridge that was attached.
+    backend: str = ""
+    interface: str = ""
+    model_facts: ModelFactsRead = ModelFactsRead()
     adapter: str
     # Null where a recording has no such part: an imported video has no verdict.
     hashes: dict[str, str | None]
@@ -122,6 +137,7 @@ class RequestFacts(_Part):
 
     label_t_s: Finite
     missing: str = ""
+    kind: str | None = None
     frames: list[FrameFacts] = []
     history: list[PlaceFacts] = []
 

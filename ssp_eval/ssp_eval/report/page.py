@@ -29,7 +29,7 @@ from ssp_eval.report.tables import (
     rank_tables,
     scored,
 )
-from ssp_eval.report.view import RecordView, record_views
+from ssp_eval.report.view import RecordView, record_views, tolerated
 
 PAGE = "index.html"
 # Where a campaign keeps its audits, if it does.
@@ -124,6 +124,7 @@ def render(
         failures=failure_rows(cells),
         stages=STAGE_NAMES,
         slots=SLOTS,
+        tolerated={cell.id: tolerated(cell) for cell in cells},
         facts=_facts(cells, views),
         version=__version__,
     )

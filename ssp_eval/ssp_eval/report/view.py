@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -52,7 +53,7 @@ class RecordView:
         t_s: clip time of the record, None where there is none.
         frame: hash of the newest frame sent, None where nothing was sent.
         frames_sent: how many frames were.
-        missing: why there is no answer, empty where there is one.
+        missing: kind and reason of there being no answer, empty where there is one.
         text: pieces with their evidence.
         slots: four semantic slots.
         actions: longitudinal and lateral.
@@ -122,7 +123,7 @@ def _view(
         t_s=judgement.record_t_s,
         frame=frames[-1]["sha256"] if frames else None,
         frames_sent=len(frames),
-        missing=str(request.get("missing", "")),
+        missing=_missing(request),
         text=_text(record),
         slots=tuple(_slot(name, score) for name, score in judgement.slots.items()),
         actions=(
@@ -144,6 +145,23 @@ def _view(
 
 def _request(requests: Sequence[dict[str, Any]], label_t_s: float) -> dict[str, Any]:
     return next((r for r in requests if r.get("label_t_s") == label_t_s), {})
+
+
+def _missing(request: Mapping[str, Any]) -> str:
+    kind, reason = request.get("kind"), str(request.get("missing", ""))
+    # A reason that begins with its kind says it once.
+    return f"{kind}: {reason}" if kind and not reason.startswith(str(kind)) else reason
+
+
+def tolerated(cell: CellData) -> list[tuple[str, int]]:
+    """What the adapter noted of a cell's answers, and of how many; the commonest first."""
+    notes = Counter(
+        note
+        for record in cell.records
+        if record.adapter is not None
+        for note in dict.fromkeys(record.adapter["notes"])
+    )
+    return sorted(notes.items(), key=lambda one: (-one[1], one[0]))
 
 
 def _text(record: BehaviourRecord | None) -> tuple[Segment, ...]:
