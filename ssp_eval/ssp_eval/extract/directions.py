@@ -62,7 +62,14 @@ _VERB_BEFORE_LEFT = frozenset(
     """
     )
 )
-_OPPOSITE = {"left": "right", "right": "left"}
+_OPPOSITE = {
+    "left": ("right", "r"),
+    "right": ("left", "l"),
+    "l": ("r", "right"),
+    "r": ("l", "left"),
+}
+SIDES = {"left": "left", "right": "right", "l": "left", "r": "right"}
+_TO = frozenset(phrases("to, >, towards, toward, into, 2"))
 _ARTICLES = frozenset(
     phrases(
         """
@@ -92,6 +99,8 @@ _PLACED_PARTS = frozenset(
         """
     )
 )
+_ENDS = frozenset(phrases("side, hand, edge, kerb, curb"))
+_ARTICLES_OF_SIDES = frozenset(phrases("the, our, my"))
 MAX_BACK = 4
 MAX_HEADS = 4
 MAX_OF = 5
@@ -104,7 +113,12 @@ def side(words: list[str], at: int) -> tuple[str, str, int, int] | None:
     place; ``bare``; ``lane`` a lane or side named before a noun. None where it is no direction, or
     one that is relative to somebody else.
     """
-    word = words[at]
+    word = SIDES[words[at]]
+    across = _across(words, at)
+    if across is not None:
+        return word, "from", *across
+    if len(words[at]) == 1:
+        return None
     first = at
     form = "bare"
     for back in range(at - 1, max(at - 1 - MAX_BACK, -1), -1):
@@ -120,8 +134,6 @@ def side(words: list[str], at: int) -> tuple[str, str, int, int] | None:
             return None
         if word == "left" and at and words[at - 1] in _VERB_BEFORE_LEFT:
             return None
-        if stop + 1 < count and words[stop] == "to" and words[stop + 1] == _OPPOSITE[word]:
-            return word, "from", first, stop + 2
     stop = _heads(words, stop)
     if stop > at + 1 and form == "bare":
         form = "lane"
@@ -136,6 +148,29 @@ def side(words: list[str], at: int) -> tuple[str, str, int, int] | None:
         stop = end
         form = "at" if form == "to" else form
     return word, form, first, stop
+
+
+def _across(words: list[str], at: int) -> tuple[int, int] | None:
+    """The words of "left to right", "from the left side to the right", "L -> R"."""
+    count = len(words)
+    here = at + 1
+    while here < count and here <= at + 2 and words[here] in _ENDS:
+        here += 1
+    if here >= count or words[here] not in _TO:
+        return None
+    here += 1
+    while here < count and words[here] in _ARTICLES_OF_SIDES:
+        here += 1
+    if here >= count or words[here] not in _OPPOSITE[words[at]]:
+        return None
+    first = at
+    while first > 0 and at - first < 3 and words[first - 1] in _ARTICLES_OF_SIDES:
+        first -= 1
+    if first > 0 and words[first - 1] == "from":
+        first -= 1
+    else:
+        first = at
+    return first, here + 1
 
 
 def _heads(words: list[str], stop: int) -> int:

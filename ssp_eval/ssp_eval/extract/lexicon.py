@@ -78,6 +78,9 @@ SCENE = phrases(
     picture, image, weather, sun, sky, trees, buildings, building, tram, trams, animal, dog,
     cat, deer, debris, traffic light, traffic lights, lane markings, sidewalk, scene,
     environment, roadway, train, visibility, surface, trajectory, curvature, curvatures,
+    oncoming lane, oncoming lanes, oncoming traffic, oncoming side, oncoming carriageway, opposing
+    traffic, opposing lane, opposing lanes, opposing carriageway, opposite lane, oncoming
+    headlights, parallel street, parallel road, parallel track, parallel parking,
     speeds, driveway, corner, shoulder, barrier, barriers, construction, work zone, roundabout
     """
 )
@@ -130,24 +133,48 @@ LEADING = phrases("lead, leading, preceding")
 STATES: Table = {
     "stationary": phrases(
         """
-        stationary, motionless, at a standstill, at rest, not moving, immobile, broken
-        down, disabled, at a stop, at a halt
+        stationary, motionless, at a standstill, at rest, not moving, immobile, broken down,
+        disabled, at a stop, at a halt, standing still, stands still, not move, not moved, unmoving,
+        stock still, standstill, not moving at all, sitting still, stuck, engine off, not yet moving
         """
     ),
     "oncoming": phrases(
         """
         oncoming, in the opposite direction, in opposite direction, from the opposite
-        direction, in the oncoming direction
+        direction, in the oncoming direction, in the opposing direction, opposite direction, facing
+        us, from the oncoming direction, in the other direction, towards us, toward us, opposing
         """
     ),
     "same_direction": phrases(
         """
-        in the same direction, same direction, slow moving, in our direction of travel, in
-        our direction, moving in parallel
+        in the same direction, same direction, slow moving, in our direction of travel,
+        in our direction, moving in parallel, in parallel, parallel, parallel to us,
+        parallel with us, parallel to the ego, same way, same way as us, same dir,
+        same direction as us, in our driving direction, slower moving, moving parallel,
+        along with us, same heading
         """
     ),
-    "parked": phrases("parked, double parked"),
-    "receding": phrases("receding"),
+    "parked": phrases(
+        """
+        parked, double parked, locked to, locked up, leaning against, leaning on, chained to,
+        illegally parked, parked up, parked illegally
+        """
+    ),
+    "receding": (
+        *phrases("receding, faster than we are, faster than us, well clear ahead, opening the gap"),
+        *(
+            f"{noun} {verb}"
+            for noun in ("gap", "distance", "headway")
+            for verb in phrases(
+                """
+                keeps growing, is growing, grows, is increasing, increases, keeps increasing,
+                is widening, widens, keeps widening, is opening, opens, grew, has been growing,
+                opens up, is opening up, gets larger, gets bigger, is getting larger,
+                is getting bigger
+                """
+            )
+        ),
+    ),
 }
 
 RISK = phrases(

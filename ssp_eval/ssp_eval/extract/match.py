@@ -5,8 +5,8 @@ from __future__ import annotations
 from itertools import product
 from typing import Any
 
-from ssp_eval.extract import grammar, lanes, lexicon, nouns, paces, verbs
-from ssp_eval.extract.directions import place_stop, side
+from ssp_eval.extract import grammar, lanes, lexicon, movements, nouns, paces, verbs
+from ssp_eval.extract.directions import SIDES, place_stop, side
 from ssp_eval.extract.hits import Hit, Kind
 from ssp_eval.extract.keeping import HEADS, keep
 
@@ -48,7 +48,7 @@ def _entries() -> dict[str, Entry]:
     for value, listed in lexicon.PLACES.items():
         for phrase in listed:
             add(phrase, Kind.PLACE, value)
-    for lemma, listed in verbs.VERBS.items():
+    for lemma, listed in (*verbs.VERBS.items(), *movements.MOVEMENTS.items()):
         for phrase in listed:
             for words, form in verbs.inflect(phrase):
                 add(words, Kind.VERB, lemma, form)
@@ -170,7 +170,15 @@ _PACES = paces.HEADS | lanes.HEADS
 _RIDERS = frozenset({"pedestrian", "rider"})
 
 # Words with which a rule can begin; the rest is passed over at once.
-_STARTS = frozenset(_ROOT) | _MARKS | HEADS | _PACES | _FRAMES | frozenset(_BARE_VALUES)
+_STARTS = (
+    frozenset(_ROOT)
+    | frozenset(SIDES)
+    | _MARKS
+    | HEADS
+    | _PACES
+    | _FRAMES
+    | frozenset(_BARE_VALUES)
+)
 
 
 def find(words: list[str]) -> list[Hit]:
@@ -185,7 +193,7 @@ def find(words: list[str]) -> list[Hit]:
             continue
         if word in _MARKS:
             slot = _key(words, at, hits) if word in ":=" else ""
-            hits.append(Hit(Kind.MARK, word, "", at, at + 1))
+            hits.append(Hit(Kind.MARK, "," if word == ">" else word, "", at, at + 1))
             at += 1
             if slot:
                 value = lanes.field_value(words, at, slot)
@@ -211,7 +219,7 @@ def find(words: list[str]) -> list[Hit]:
                 hits.append(Hit(Kind.VERB, *paced))
                 at = paced[3]
                 continue
-        if word == "left" or word == "right":
+        if word in SIDES:
             at = _side(words, at, hits)
             continue
         if word in _FRAMES:
@@ -304,7 +312,7 @@ def _bare_value(words: list[str], at: int) -> tuple[str, str] | None:
 
 
 def _side(words: list[str], at: int, hits: list[Hit]) -> int:
-    node: Any = _ROOT[words[at]]
+    node: Any = _ROOT.get(words[at], {})
     entry: Entry | None = None
     here = stop = at + 1
     while here < len(words) and (node := node.get(words[here])) is not None:
@@ -312,7 +320,7 @@ def _side(words: list[str], at: int, hits: list[Hit]) -> int:
         if _ENTRY in node:
             entry, stop = node[_ENTRY], here
     named = at > 0 and words[at - 1] in ("the", "our", "my")  # on the right ahead
-    if entry is not None and not (named and entry[0] is Kind.PLACE):
+    if entry is not None and not (named and (entry[0] is Kind.PLACE or stop == at + 2)):
         return _add(words, at, stop, entry, hits)
     found = side(words, at)
     if found is None:

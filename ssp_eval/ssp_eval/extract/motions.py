@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ssp_eval.extract.hits import Hit, Kind
 from ssp_eval.extract.lexicon import EGO_WORDS, phrases
-from ssp_eval.extract.verbs import ACROSS, ALONG, INTO_LANE, MOVING, STANDING
+from ssp_eval.extract.movements import ACROSS, ALONG, INTO_LANE, MOVING, STANDING
 
 _STOPPERS = frozenset({Kind.VERB, Kind.OBJECT, Kind.EGO, Kind.JOIN, Kind.REACT, Kind.KEY})
 _OTHER = {"left": "right", "right": "left"}
@@ -16,6 +16,7 @@ _ROADS = frozenset(
         """
     )
 )
+_LINES = frozenset(phrases("line, lines, marking, markings, divider"))
 _ONTO_WORDS = frozenset(phrases("into, onto, in, on"))
 _TOWARDS = frozenset(phrases("towards, toward, at"))
 _STRAIGHT = frozenset(phrases("straight, directly, quickly, fast, slowly, right, head, on"))
@@ -66,12 +67,16 @@ def motion_of(
     origin = _origin(hits, index, start, stop)
     if lemma == "approach":
         return ("oncoming", None) if origin is None else None
+    if lemma == "cross" and name not in _PEOPLE and _over_line(words, verb.stop):
+        lemma = "cut_in"
     if lemma == "cross":
         return (f"crossing_from_{origin[0]}", origin[1]) if origin else (CROSSING, None)
     if lemma == "cut_out":
         return None if name in _PEOPLE else ("cutting_out", None)
     if lemma == "cut_in" and words[verb.stop - 1] in ("into", "on") and not _ours(words, verb.stop):
         lemma = "move"
+    if lemma in INTO_LANE and name not in _PEOPLE and _out_of_ours(words, verb.stop):
+        return "cutting_out", None
     into_ours = lemma in INTO_LANE and _into_ours(words, verb.stop)
     if lemma == "cut_in" or into_ours:
         kind = "crossing" if name in _PEOPLE else "cutting_in"
@@ -83,9 +88,11 @@ def motion_of(
             return f"crossing_from_{origin[0]}", origin[1]
         if origin is None and _towards_us(words, verb.stop):
             return "oncoming", None
+        if origin is None and name in _LIGHT and "across" in words[verb.stop : verb.stop + 3]:
+            return CROSSING, None
         if origin and origin[1].form == "from":
             return COMES_FROM + origin[0], origin[1]
-    if lemma in MOVING and origin is None:
+    if (lemma in MOVING or (lemma == "step" and name not in _PEOPLE)) and origin is None:
         return ("oncoming", None) if _towards_us(words, verb.stop) else (MOVING_BESIDE, None)
     return None
 
@@ -129,9 +136,23 @@ def _into_ours(words: list[str], at: int) -> bool:
             return False
         if word in ("into", "onto", "toward", "towards"):
             return _ours(words, at + position + 1)
+        if word == "to" and _ours(words, at + position + 1):
+            return "lane" in near[position + 2 : position + 4]
         if word == "our" or word == "my":
             return position + 1 < len(near) and near[position + 1] in ("lane", "path")
     return False
+
+
+def _out_of_ours(words: list[str], at: int) -> bool:
+    """out of our lane, over to the exit."""
+    near = words[at : at + 5]
+    return "out" in near and "of" in near and bool(EGO_WORDS & set(near))
+
+
+def _over_line(words: list[str], at: int) -> bool:
+    """the lane marking, into our lane: what a vehicle crosses when it changes lanes."""
+    near = words[at : at + 5]
+    return bool(_LINES & set(near)) or _into_ours(words, at)
 
 
 def _over_road(words: list[str], at: int, name: str) -> bool:

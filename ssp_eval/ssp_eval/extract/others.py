@@ -6,7 +6,7 @@ from ssp_eval.extract.hits import Hit, Kind
 from ssp_eval.extract.motions import FINISHED_STANDING, INTRUSIONS, motion_of
 from ssp_eval.extract.scope import Scope
 from ssp_eval.extract.talk import CONNECTS, EGO, NOT_NOW, REACH, SCENE, Talk
-from ssp_eval.extract.verbs import CLEARING, ENDANGERING
+from ssp_eval.extract.movements import CLEARING, ENDANGERING
 from ssp_eval.extract.world import Actor, Statement
 
 

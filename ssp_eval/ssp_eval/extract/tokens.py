@@ -3,7 +3,15 @@
 from __future__ import annotations
 
 import re
+import unicodedata
 from dataclasses import dataclass
+
+
+def _base(letter: str) -> str:
+    """The plain letter of one with an accent, else nothing: coupé is coupe."""
+    first = unicodedata.normalize("NFD", letter)[0]
+    return first if first.isascii() and first != letter else ""
+
 
 # One character for one, so that offsets stay those of the text.
 _PLAIN = {
@@ -15,7 +23,8 @@ _PLAIN = {
     **dict.fromkeys(map(ord, "\u2028\u2029"), "\n"),
     **dict.fromkeys(map(ord, "\u3002\u2026"), "."),
     **dict.fromkeys(map(ord, "\uff0c\u3001"), ","),
-    ord("\u2192"): ",",
+    ord("\u2192"): ">",
+    **{code: base for code in range(0xC0, 0x180) if (base := _base(chr(code)))},
     ord("\uff1a"): ":",
     ord("\uff1b"): ";",
     ord("\u2212"): "-",

@@ -1,4 +1,4 @@
-"""Verbs as data: what the ego does with them and what they say about somebody else."""
+"""Verbs as data: what the ego does with them. Those of somebody else stand in movements.py."""
 
 from __future__ import annotations
 
@@ -70,87 +70,7 @@ VERBS: dict[str, tuple[str, ...]] = {
         move, pull over, pull, go, move over, shift over, squeeze, head, come, get over
         """
     ),
-    "step": phrases(
-        """
-        step, walk, run, dart, rush, stride, jog, jump, sprint, emerge, wander, stroll,
-        roll
-        """
-    ),
-    "cross": phrases("cross, traverse"),
-    "enter": phrases("enter, encroach, intrude"),
-    "cut_in": phrases(
-        """
-        cut in, cut into, cut in front, pull in, pull into, move into, swerve into, drift
-        into, veer into, steer into, merge into, shift into, squeeze into, push into,
-        change into our lane, cut us off, cut me off, encroach on, encroach into, intrude
-        into, push in, squeeze in, move in front, pull in front, merge in front, swerve in
-        front, cut off, enter our lane, enter my lane, come into our lane, come into my
-        lane, change lanes into our lane, change lane into our lane, change lanes into my
-        lane, change into my lane, change to our lane, change lanes to our lane, edge into
-        """
-    ),
-    "cut_out": phrases(
-        """
-        cut out, leave our lane, leave my lane, leave the lane, move out of our lane, move
-        out of my lane, exit our lane, pull out of our lane, merge out of our lane, exit
-        my lane, change out of our lane, change out of my lane, drift out of our lane,
-        swerve out of our lane, vacate our lane, leave our path, pull out of my lane,
-        leave the ego lane, move out of the ego lane
-        """
-    ),
     "drive": phrases("drive, travel, proceed, ride, progress"),
-    "overtake": phrases(
-        """
-        overtake us, overtake the ego, overtake me, overtake our vehicle, pass us, pass
-        me, overtake the ego vehicle, overtake the ego car
-        """
-    ),
-    "tailgate": phrases(
-        """
-        tailgate, tailgate us, follow us, follow me, follow closely behind us, follow the
-        ego, follow us closely
-        """
-    ),
-    "recede": phrases(
-        """
-        pull away, recede, drive away, move away, speed away, drive off, accelerate away,
-        speed off, run away, gain distance
-        """
-    ),
-    "approach": phrases(
-        """
-        approach us, approach me, move towards the camera, move toward the camera, come
-        towards the camera, come toward the camera, drive towards the camera, face us,
-        head towards the camera, travel towards the camera, ride towards the camera, drive
-        towards us, drive toward us, come towards us, come toward us, move towards us,
-        move toward us, head towards us, head toward us, drive towards me, come towards
-        me, drive toward me, come toward me, move towards the ego, head toward me, head
-        towards me, travel towards us, travel toward us, ride towards us, ride toward us,
-        move toward me, move towards me, drive towards the ego, drive toward the ego,
-        approach from ahead, approach from the front, come from ahead, move toward the
-        ego, approach head on, come at us
-        """
-    ),
-    "clear": phrases(
-        """
-        clear, clear our lane, clear our path, clear the road, clear the lane, clear the
-        crosswalk, clear my lane, clear my path, clear the intersection, exit
-        """
-    ),
-    "pass_by": phrases("pass, pass by"),
-    "leave": phrases(
-        """
-        leave the road, leave the crosswalk, leave the scene, leave the roadway, leave the
-        street, leave the intersection, leave the conflict zone
-        """
-    ),
-    "finish": phrases(
-        """
-        finish crossing, complete crossing, finish its crossing, complete its crossing,
-        finish their crossing, complete the crossing, finish the crossing, finish passing,
-        get across
-        """
-    ),
     "open": phrases(
         """
         open, hit us, hit me, hit the ego, strike us, collide with us, collide with me,
@@ -163,6 +83,12 @@ VERBS: dict[str, tuple[str, ...]] = {
 # Forms that the rules of _inflect don't give.
 IRREGULAR: dict[str, tuple[str, str, str]] = {
     "come": ("comes", "coming", "came"),
+    "sit": ("sits", "sitting", "sat"),
+    "slip": ("slips", "slipping", "slipped"),
+    "skip": ("skips", "skipping", "skipped"),
+    "hurry": ("hurries", "hurrying", "hurried"),
+    "draw": ("draws", "drawing", "drew"),
+    "meet": ("meets", "meeting", "met"),
     "give": ("gives", "giving", "gave"),
     "cut": ("cuts", "cutting", "cut"),
     "set": ("sets", "setting", "set"),
@@ -273,36 +199,6 @@ LON_ACTIONS = {
 # The direction stands in the verb, or beside it (steer, nudge … left).
 LAT_ACTIONS = {"change_left": "left", "change_right": "right", "keep_lane": "straight"}
 STEERING = frozenset({"steer", "turn", "merge", "change", "move", "cut_in"})
-
-# What a movement of somebody else is; some need a side or company, see motions.py.
-STANDING = frozenset({"stop", "wait", "park", "stall"})
-MOVING = frozenset({"slow", "brake", "reduce", "drive", "move", "accelerate", "cruise"})
-ALONG = frozenset({"overtake", "tailgate"})
-INTO_LANE = frozenset({"merge", "steer", "change", "move", "enter"})
-ACROSS = frozenset({"step", "move", "drive", "enter"})
-CLEARING = frozenset({"clear", "pass_by", "leave", "finish", "cut_out", "cross"})
-# May, could … + one of these by somebody else: a potential conflict.
-ENDANGERING = frozenset(
-    {
-        "cross",
-        "cut_in",
-        "merge",
-        "enter",
-        "step",
-        "steer",
-        "move",
-        "turn",
-        "brake",
-        "stop",
-        "change",
-        "open",
-        "slow",
-        "change_left",
-        "change_right",
-        "accelerate",
-        "cut_out",
-    }
-)
 
 
 def inflect(phrase: str) -> tuple[tuple[str, str], ...]:

@@ -1,0 +1,145 @@
+"""Movements of somebody else, as data: verbs that the ego's plan has no use for."""
+
+from __future__ import annotations
+
+from itertools import product
+
+from ssp_eval.extract.lexicon import phrases
+
+_US = phrases("us, me, the ego, the ego vehicle, the ego car, our vehicle, our car, the vut, ego")
+_OUR_LANES = phrases(
+    """
+    our lane, my lane, the ego lane, the lane of the ego, our path, my path, the ego path, our
+    own lane, the ego vehicle lane, the lane of travel, ego lane
+    """
+)
+
+
+def _with(verbs: str, objects: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(f"{verb} {thing}" for verb, thing in product(phrases(verbs), objects))
+
+
+# lemma: verbs that mean it, as in verbs.py.
+MOVEMENTS: dict[str, tuple[str, ...]] = {
+    "step": phrases(
+        """
+        step, walk, run, dart, rush, stride, jog, jump, sprint, emerge, wander, stroll, roll,
+        hurry, skip, limp, hobble, dash, race, push, wheel, skate, march, totter, shuffle, amble
+        """
+    ),
+    "pedal": phrases("pedal, cycle, crawl, creep, trundle, trail, bike, filter, glide"),
+    "cross": phrases("cross, traverse, cross over"),
+    "enter": phrases("enter, encroach, intrude"),
+    "cut_in": (
+        *phrases(
+            """
+            cut in, cut into, cut in front, pull in, pull into, move into, swerve into, drift
+            into, veer into, steer into, merge into, shift into, squeeze into, push into, push
+            in, squeeze in, move in front, pull in front, merge in front, swerve in front, cut
+            off, edge into, cut us off, cut me off, cut us up, encroach on, encroach into, intrude
+            into, slide into, force its way in, barge in, nose into, squeeze in front, slip in,
+            change lanes in front, merge ahead of us, come in front of us, slot in
+            """
+        ),
+        *_with("enter, invade, change into, change to, change lane into, come into, come onto",
+               _OUR_LANES),
+        *_with("change lanes into, change lanes to, drive into, encroach on, cross into",
+               _OUR_LANES),
+    ),
+    "cut_out": (
+        *phrases("cut out, leave the lane"),
+        *_with("leave, exit, vacate, move out of, pull out of, merge out of, change out of",
+               _OUR_LANES),
+        *_with("drift out of, swerve out of, steer out of, turn out of, quit", _OUR_LANES),
+    ),
+    "overtake": (*_with("overtake, pass, undertake", _US), *phrases("overtake us on the left")),
+    "tailgate": (
+        *phrases("tailgate, follow closely behind us, follow us closely, ride our bumper"),
+        *_with("tailgate, follow, trail", _US),
+    ),
+    "recede": phrases(
+        """
+        pull away, recede, drive away, move away, speed away, drive off, accelerate away, go away,
+        speed off, run away, gain distance, ride away, ride off, head away, pull ahead, draw away,
+        drift away, disappear, depart
+        """
+    ),
+    "approach": (
+        *_with("approach, face", _US),
+        *phrases(
+            """
+            approach from ahead, approach from the front, come from ahead, approach head on, come
+            at us, come our way, head our way, come the other way, drive our way, approach in the
+            opposite lane, approach in the oncoming lane, come the opposite way, meet us
+            """
+        ),
+        *(
+            f"{verb} {prep} the camera"
+            for verb, prep in product(phrases("move, come, drive, head, travel, ride"),
+                                      ("towards", "toward"))
+        ),
+    ),
+    "clear": phrases(
+        """
+        clear, clear our lane, clear our path, clear the road, clear the lane, clear the
+        crosswalk, clear my lane, clear my path, clear the intersection, exit
+        """
+    ),
+    "pass_by": phrases("pass, pass by"),
+    "leave": phrases(
+        """
+        leave the road, leave the crosswalk, leave the scene, leave the roadway, leave the
+        street, leave the intersection, leave the conflict zone
+        """
+    ),
+    "finish": phrases(
+        """
+        finish crossing, complete crossing, finish its crossing, complete its crossing,
+        finish their crossing, complete the crossing, finish the crossing, finish passing,
+        get across
+        """
+    ),
+    "queue": phrases("queue, sit, stay put, pause, linger, loiter, hesitate, squat"),
+}  # fmt: skip
+# What a movement of somebody else is; some need a side or company, see motions.py.
+STANDING = frozenset({"stop", "wait", "park", "stall", "queue"})
+MOVING = frozenset(
+    {
+        "slow",
+        "brake",
+        "reduce",
+        "drive",
+        "move",
+        "accelerate",
+        "cruise",
+        "pedal",
+        "keep_speed",
+        "keep_lane",
+    }
+)
+ALONG = frozenset({"overtake", "tailgate"})
+INTO_LANE = frozenset({"merge", "steer", "change", "move", "enter", "step", "pedal", "drive"})
+ACROSS = frozenset({"step", "move", "drive", "enter", "pedal"})
+CLEARING = frozenset({"clear", "pass_by", "leave", "finish", "cut_out", "cross"})
+# May, could … + one of these by somebody else: a potential conflict.
+ENDANGERING = frozenset(
+    {
+        "cross",
+        "cut_in",
+        "merge",
+        "enter",
+        "step",
+        "steer",
+        "move",
+        "turn",
+        "brake",
+        "stop",
+        "change",
+        "open",
+        "slow",
+        "change_left",
+        "change_right",
+        "accelerate",
+        "cut_out",
+    }
+)
