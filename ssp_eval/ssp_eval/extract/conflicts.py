@@ -2,17 +2,31 @@
 
 from __future__ import annotations
 
-from ssp_eval.extract import actors
+from ssp_eval.extract import actors, hazards
 from ssp_eval.extract.hits import Hit, Kind
+from ssp_eval.extract.lexicon import phrases
+from ssp_eval.extract.movements import ENDANGERING
 from ssp_eval.extract.scope import Scope
-from ssp_eval.extract.talk import EGO, Talk
+from ssp_eval.extract.talk import EGO, SCENE, Talk
 from ssp_eval.extract.world import Actor, Statement
+
+_ANYMORE = frozenset(phrases("anymore, more, longer"))
+_NONE = frozenset(phrases("none, no, nil, zero, negligible"))
+_DOUBTFUL = frozenset(phrases("may, might, could"))
+_SELF = frozenset(phrases("we, i, you, ego"))
+_REACT = frozenset(phrases("react, act, respond, reaction, intervene"))
+_MUST = frozenset(phrases("must, need, needs, have, required, immediately, requires, now"))
+_DENIABLE = Scope.DENIED | Scope.AHEAD | Scope.POSSIBLE
+_UNREAL = Scope.QUOTED | Scope.PAST
+_SPECIFIC = frozenset(phrases("rear, skidding, aquaplaning"))
 
 
 def read_risk(talk: Talk, index: int, hit: Hit) -> None:
     flags = talk.flags[index]
     before = talk.words[max(hit.first - 2, 0) : hit.first]
-    if {"other", "further", "additional", "that"} & set(before):
+    if {"other", "additional", "that"} & set(before):
+        return
+    if _tabled(talk, hit):
         return
     settle = talk.hits[index + 1 : min(index + 4, talk.stop)]
     if any(one.kind is Kind.CONFLICT for one in settle):
@@ -21,9 +35,12 @@ def read_risk(talk: Talk, index: int, hit: Hit) -> None:
     if flags & Scope.GONE and not flags & ~(Scope.GONE | Scope.DENIED):
         value = "resolved"
         first = _back_to(talk, index, Kind.NO_LONGER)
-    elif flags in (Scope.DENIED, Scope.DENIED | Scope.AHEAD):
-        value = "no_conflict"
+    elif flags & Scope.DENIED and not flags & ~_DENIABLE and not _modal(talk, index):
         first = _back_to(talk, index, Kind.NOT)
+        value = "resolved" if _any_more(talk, first, hit) else "no_conflict"
+        beyond = talk.words[hit.first : hit.stop + 4]
+        if value == "no_conflict" and (talk.subject is SCENE or _SPECIFIC & set(beyond)):
+            return
     elif flags == Scope.POSSIBLE or (not flags and hit.value == "alone"):
         value = "potential"
     else:
@@ -32,6 +49,49 @@ def read_risk(talk: Talk, index: int, hit: Hit) -> None:
     named = _about(talk, index, following)
     said = Statement(value, first, hit.stop, talk.number)
     (named or _conflicted(talk)).conflicts.append(said)
+
+
+def _tabled(talk: Talk, hit: Hit) -> bool:
+    """Risk: none; the field's name where it doesn't open a line, or a cell beside it."""
+    after = talk.words[hit.stop : hit.stop + 7]
+    for at, word in enumerate(after[:5]):
+        if word in (":", "|", "="):
+            value = after[at + 1 : at + 2]
+            if not value or value[0] not in _NONE:
+                return False
+            gone = bool(
+                {"longer", "anymore"} & set(after) or after[at + 2 : at + 4] == ["any", "more"]
+            )
+            told = "resolved" if gone else "no_conflict"
+            said = Statement(told, hit.first, hit.stop + at + 2, talk.number)
+            talk.world.loose.conflicts.append(said)
+            return True
+        if word in (",", ";", ".", "\n"):
+            return False
+    return False
+
+
+def _any_more(talk: Talk, first: int, hit: Hit) -> bool:
+    """no further risk, no risk any more: there was one before."""
+    words = talk.words
+    inside = words[first : hit.first]
+    if "further" in inside or "more" in inside or "longer" in inside:
+        return True
+    after = words[hit.stop : hit.stop + 5]
+    return "anymore" in after or any(
+        after[at] == "any" and after[at + 1] in _ANYMORE for at in range(len(after) - 1)
+    )
+
+
+def _modal(talk: Talk, index: int) -> bool:
+    """Whether may or might stands before in the clause: there may be no risk."""
+    for before in range(index - 1, max(index - 6, talk.start - 1), -1):
+        hit = talk.hits[before]
+        if hit.kind in (Kind.MARK, Kind.JOIN):
+            return False
+        if hit.kind is Kind.MODAL and hit.value == "may" and talk.words[hit.first] != "can":
+            return True
+    return False
 
 
 def _back_to(talk: Talk, index: int, kind: Kind) -> int:
@@ -60,15 +120,36 @@ def _conflicted(talk: Talk) -> Actor:
 
 
 def read_conflict(talk: Talk, index: int, hit: Hit) -> None:
-    flags = talk.flags[index] & ~(Scope.AHEAD if hit.value == "no_conflict" else 0)
+    ignored = {"no_conflict": Scope.AHEAD, "resolved": Scope.PAST}.get(hit.value, 0)
+    flags = talk.flags[index] & ~ignored
+    if hit.value == "no_conflict" and talk.subject is SCENE:
+        return
     if not flags:
         _conflicted(talk).conflicts.append(talk.said(hit.value, hit))
+
+
+def read_possible(talk: Talk, index: int, hit: Hit) -> None:
+    """A possible cut-in, a potential crossing."""
+    talk.planner.other(index, hit)
+    following = talk.hits[index + 1] if index + 1 < talk.stop else None
+    if (
+        following is not None
+        and not talk.flags[index]
+        and talk.words[hit.first] in ("possible", "potential")
+        and following.kind is Kind.VERB
+        and following.value in ENDANGERING
+        and following.first <= hit.stop + 1
+    ):
+        said = Statement("potential", hit.first, following.stop, talk.number)
+        talk.world.loose.conflicts.append(said)
 
 
 def read_in_lane(talk: Talk, index: int, hit: Hit) -> None:
     if isinstance(talk.subject, Actor):
         if hit.value and not talk.flags[index]:
             talk.in_path = (talk.subject, index)
+    elif talk.subject is None and hit.value == "path" and not talk.flags[index]:
+        talk.in_path = (talk.world.loose, index)
     else:
         talk.planner.in_lane(index, hit, talk.subject is EGO or talk.subject is None)
 
@@ -76,7 +157,61 @@ def read_in_lane(talk: Talk, index: int, hit: Hit) -> None:
 def read_modal(talk: Talk, index: int, hit: Hit) -> None:
     if talk.words[hit.first] == "i'd":
         talk.subject, talk.near, talk.busy = EGO, None, False
+        return
+    if hit.value == "may":
+        _threaten(talk, index, hit)
+        return
     if hit.value == "must" and talk.in_path and talk.subject is EGO and not talk.flags[index]:
         actor, where = talk.in_path
         first = talk.hits[where].first
         actor.conflicts.append(Statement("active", first, hit.stop, talk.number))
+
+
+def _threaten(talk: Talk, index: int, hit: Hit) -> None:
+    """Somebody may, might or could do what endangers us."""
+    words = talk.words
+    if words[hit.first] not in _DOUBTFUL or talk.flags[index] or hit.stop >= len(words):
+        return
+    subject = talk.subject
+    if subject is EGO or subject is SCENE or (hit.first and words[hit.first - 1] in _SELF):
+        return
+    stop = hazards.threat(words, hit.stop)
+    if stop is None:
+        stop = _might_be(talk, index, hit)
+    if stop is None:
+        return
+    actor = _conflicted(talk)
+    if not actor.mentions:
+        actor = talk.world.loose
+    actor.conflicts.append(Statement("potential", hit.first, stop, talk.number))
+
+
+def _might_be(talk: Talk, index: int, hit: Hit) -> int | None:
+    """There might be a cut-in."""
+    if talk.words[hit.stop - 1 : hit.stop + 1].count("be") != 1:
+        return None
+    for after in range(index + 1, min(index + 3, talk.stop)):
+        one = talk.hits[after]
+        if one.kind is Kind.VERB:
+            return one.stop if one.value in ENDANGERING and one.form != "ing" else None
+        if one.kind is not Kind.AUX:
+            return None
+    return None
+
+
+def end(talk: Talk) -> None:
+    """What only the whole sentence says: that we must react, or that only that prevents a crash."""
+    first, stop = talk.hits[talk.start].first, talk.hits[talk.stop - 1].stop
+    words = talk.words[first:stop]
+    if hazards.WARD.isdisjoint(words):
+        return
+    asserted = not any(talk.flags[at] & _UNREAL for at in range(talk.start, talk.stop))
+    found = hazards.averted(talk.words, first, stop) if asserted else None
+    actor = talk.named[-1][1] if talk.named else talk.world.loose
+    if found is not None:
+        actor.conflicts.append(Statement("active", *found, talk.number))
+    elif talk.in_path and not _REACT.isdisjoint(words) and not _MUST.isdisjoint(words):
+        actor, where = talk.in_path
+        hit = talk.hits[where]
+        if "not" not in words and "no" not in words:
+            actor.conflicts.append(Statement("active", hit.first, hit.stop, talk.number))

@@ -57,7 +57,8 @@ KINDS: dict[Kind, Table] = {
         ),
     },
     Kind.AUX: {
-        "be": phrases("is, are, am, be, being, been, remains, remain, looks"),
+        "is": phrases("is, are, am"),
+        "be": phrases("be, being, been, remains, remain, looks"),
         "have": phrases("has, have, having"),
         "past": phrases("was, were, had, did, used to"),
     },

@@ -18,7 +18,9 @@ def phrases(text: str) -> tuple[str, ...]:
 # Look like road users or actions and are none.
 SKIPPED = phrases(
     """
-    either way, in either case, on either side, either side, road user, road users,
+    hazard lights, hazard light, hazard flashers, hazards on, hazard flasher, hazard signs,
+    hazard warning lights, risk assessment, conflict zone, danger sign, danger zone, conflict point,
+    hazard warning, either way, in either case, on either side, either side, road user, road users,
     right turn only, left turn only, right turn lane, left turn lane, right turn lanes,
     left turn lanes, right turn pocket, left turn pocket, right turn signal, left turn signal,
     right turn arrow, left turn arrow, left turning, right turning, left turn bay, bus stop,

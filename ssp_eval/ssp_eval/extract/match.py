@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import product
 from typing import Any
 
-from ssp_eval.extract import grammar, lanes, lexicon, movements, nouns, paces, verbs
+from ssp_eval.extract import grammar, hazards, lanes, lexicon, movements, nouns, paces, verbs
 from ssp_eval.extract.directions import SIDES, place_stop, side
 from ssp_eval.extract.hits import Hit, Kind
 from ssp_eval.extract.keeping import HEADS, keep
@@ -39,6 +39,8 @@ def _entries() -> dict[str, Entry]:
     for value, listed in lexicon.CONFLICTS.items():
         for phrase in listed:
             add(phrase, Kind.CONFLICT, value)
+    for phrase in hazards.AFFECTS:
+        add(phrase, Kind.RISK, "")
     for phrase in lexicon.RISK:
         add(phrase, Kind.RISK, "alone" if phrase in lexicon.RISK_ALONE else "")
     for kind, values in grammar.KINDS.items():
@@ -170,15 +172,8 @@ _PACES = paces.HEADS | lanes.HEADS
 _RIDERS = frozenset({"pedestrian", "rider"})
 
 # Words with which a rule can begin; the rest is passed over at once.
-_STARTS = (
-    frozenset(_ROOT)
-    | frozenset(SIDES)
-    | _MARKS
-    | HEADS
-    | _PACES
-    | _FRAMES
-    | frozenset(_BARE_VALUES)
-)
+_FREE = frozenset(SIDES) | HEADS | _PACES | hazards.HEADS | _FRAMES | frozenset(_BARE_VALUES)
+_STARTS = frozenset(_ROOT) | _MARKS | _FREE
 
 
 def find(words: list[str]) -> list[Hit]:
@@ -212,6 +207,12 @@ def find(words: list[str]) -> list[Hit]:
             if kept:
                 hits.extend(Hit(Kind.VERB, lemma, form, a, b) for lemma, form, a, b in kept)
                 at = kept[-1][3] if len(kept) > 1 else kept[0][3]
+                continue
+        if word in hazards.HEADS:
+            over = hazards.settled(words, at)
+            if over is not None:
+                hits.append(Hit(Kind.CONFLICT, "resolved", "", at, over))
+                at = over
                 continue
         if word in _PACES:
             paced = paces.pace(words, at) or lanes.straight(words, at)

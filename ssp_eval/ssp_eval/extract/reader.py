@@ -36,6 +36,7 @@ def read(
 def _end(talk: Talk) -> None:
     """What only the whole sentence shows: whom its plan concerns, and whether nobody is there."""
     planned = talk.planner.end()
+    conflicts.end(talk)
     for index, actor in talk.named:
         if planned is not None:
             actor.reaction = max(actor.reaction, 2 if index > planned else 1)
@@ -122,6 +123,7 @@ _HANDLERS: dict[Kind, Callable[[Talk, int, Hit], None]] = {
     Kind.CONFLICT: conflicts.read_conflict,
     Kind.IN_LANE: conflicts.read_in_lane,
     Kind.MODAL: conflicts.read_modal,
+    Kind.HYPOTHETICAL: conflicts.read_possible,
     Kind.CRITICAL: weights.read_critical,
     Kind.REACT: weights.read_react,
     Kind.REJECT: weights.read_react,

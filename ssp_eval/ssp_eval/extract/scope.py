@@ -103,6 +103,8 @@ class _Sentence:
                 self.local |= Scope.AHEAD
         elif kind is Kind.AUX:
             self.predicate = True
+            if value == "is":
+                self.local &= ~Scope.PAST  # the car that cut in earlier is now …
             if value == "past":
                 self._clause_back(index, Scope.PAST)
                 self.local |= Scope.PAST

@@ -1,0 +1,217 @@
+"""Stage 3e: what settles a conflict or says that it may come, as phrases that are too free to list.
+
+The conflict is fully over; without braking we'd hit it; affects our path; might wobble out.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+
+from ssp_eval.extract.lexicon import phrases
+
+# Of these only a denial counts (no conflict), or a may (potential).
+_AFFECTING = phrases(
+    """
+    affect, affects, affecting, endanger, endangers, endangering, threaten, threatens, threatening,
+    hinder, hinders, hindering, impede, impedes, impeding, disturb, disturbs, disturbing, bother,
+    bothers, bothering, influence, influences, influencing, impact, impacts, impacting,
+    interfere with, interferes with, interfering with, conflict with, conflicts with,
+    conflicting with, collide with, colliding with, intersect with, intersects with, intersect,
+    intersects, effect on, effect to, effects on, impact on, influence on, danger to, danger for,
+    threat to, threat for, risk to, risk for, hazard to, hazard for, harm, harming, overlap with,
+    overlaps with, collides with, conflict for, harm to, trouble for, overlapping with,
+    problem for, issue for, come near, comes near, coming near, comes close to, come close to
+    """
+)
+_US = phrases(
+    """
+    us, me, our path, our lane, our motion, our driving, our plan, our trajectory, my path, my lane,
+    our way, our progress, the ego, ego, the ego vehicle, the vut, our course, our route, our travel,
+    the ego path, our vehicle, our car, our driving path, our decision, our speed, our movement,
+    the ego vehicle path, the ego lane, our planned path, the ego car, my plan, my driving, ours,
+    you, your path, your lane, its path, our intended path, our own path, our future path
+    """
+)
+AFFECTS = tuple(f"{verb} {whom}" for verb, whom in product(_AFFECTING, _US))
+
+_SUBJECTS = frozenset(
+    phrases(
+        """
+        conflict, risk, danger, threat, hazard, criticality, situation, interaction, encounter,
+        issue, problem, conflicts, incident
+        """
+    )
+)
+_BETWEEN = frozenset(
+    phrases(
+        """
+        is, has, was, been, now, already, therefore, fully, thus, completely, with, it, him, her,
+        them, the, that, which, by, then, being, hence, entirely, finally, clearly, state, status,
+        considered, at, this, are, so, and, from, potential, earlier, previous, as, be, can, critical,
+        car, van, truck, cyclist, pedestrian, motorcycle, suv, sedan, bus, lorry, effectively,
+        currently, to, us, present, there, just
+        """
+    )
+)
+_SETTLED = frozenset(
+    phrases(
+        """
+        over, resolved, past, passed, ended, gone, cleared, settled, defused, disappeared, vanished,
+        dissolved, finished, averted, subsided, eliminated, removed, dissipated, behind
+        """
+    )
+)
+_UNSURE = frozenset(phrases("not, may, might, could, until, if, when, once, before, will, no, nor"))
+HEADS = _SUBJECTS
+MAX_BETWEEN = 6
+
+
+def settled(words: list[str], at: int) -> int | None:
+    """The word after "the conflict with it is now fully over"; None if it isn't over."""
+    for back in words[max(at - 3, 0) : at]:
+        if back in _UNSURE:
+            return None
+    for here in range(at + 1, min(at + 2 + MAX_BETWEEN, len(words))):
+        word = words[here]
+        if word in _SETTLED:
+            after = words[here + 1] if here + 1 < len(words) else ""
+            if word == "behind" and after != "us":
+                return None
+            return None if word in ("over", "past") and after in ("the", "a") else here + 1
+        if word not in _BETWEEN:
+            return None
+    return None
+
+
+_CRASHES = frozenset(
+    phrases(
+        """
+        hit, hits, crash, crashes, collide, collides, collision, strike, strikes, contact, impact,
+        ram, run, runs, bump, meet, accident, overrun
+        """
+    )
+)
+_WARDED = frozenset(
+    phrases(
+        """
+        braking, reaction, reacting, action, acting, intervention, slowing, stopping, steering,
+        evasive, response, responding, evading, brakes, countermeasure, deceleration
+        """
+    )
+)
+_DOUBTS = frozenset(phrases("may, might, could, possibly, potentially, not, no, avoid, avoids"))
+_ACTS = frozenset(
+    phrases(
+        """
+        brake, act, react, stop, slow, respond, do, does, yield, intervene, evade, decelerate,
+        something, anything, nothing, steer, swerve, braked, stopped, reacted, acted, is
+        """
+    )
+)
+# A sentence without one of these says nothing of the kind.
+WARD = frozenset(phrases("unless, without, if, react, act, respond, reaction, intervene"))
+_WE = frozenset(phrases("we, i, ego, you, vehicle, car, nothing, something, it, vut"))
+
+
+def averted(words: list[str], first: int, stop: int) -> tuple[int, int] | None:
+    """Where a sentence says that only our action prevents a crash, as words from and to.
+
+    Args:
+        words: words of the text.
+        first: first word of the sentence.
+        stop: word after it.
+    """
+    warded: int | None = None
+    crash: int | None = None
+    for at in range(first, stop):
+        word = words[at]
+        if word in _CRASHES:
+            run = word in ("run", "runs")
+            if not run or words[at + 1 : at + 2] in (["into"], ["over"], ["onto"]):
+                crash = at
+        elif word == "unless" and _we_act(words, at + 1, stop, negated=False):
+            warded = at
+        elif word == "without" and any(w in _WARDED for w in words[at + 1 : min(at + 4, stop)]):
+            warded = at
+        elif word == "if" and _we_act(words, at + 1, stop, negated=True):
+            warded = at
+        elif word in _DOUBTS and not (word in ("not", "no") and warded is not None):
+            return None
+    if warded is None or crash is None:
+        return None
+    return min(warded, crash), max(warded, crash) + 1
+
+
+def _we_act(words: list[str], at: int, stop: int, negated: bool) -> bool:
+    """unless we brake; if we do nothing, if nothing is done, if we don't stop."""
+    near = words[at : min(at + 6, stop)]
+    if not near or not _WE & set(near[:3]) or not _ACTS & set(near):
+        return False
+    return not negated or "not" in near or "nothing" in near
+
+
+_THREATS = frozenset(
+    phrases(
+        """
+        step, walk, run, go, start, move, come, swing, wobble, swerve, pull, drift, veer, dart, dash,
+        jump, cross, enter, cut, merge, turn, brake, stop, open, emerge, appear, pop, fall, hit,
+        collide, strike, lose, change, squeeze, roll, encroach, wander, rush, intrude, slip, shoot,
+        crash, ram, deviate, force, barge, sway, spill, skid, stumble, leap, push, hop, ride, drive,
+        stray, hide, conceal, mask, obscure, shift, edge, lurch, slide, spring, surprise, burst,
+        nip, bolt, hurry, sprint, rear, rollback, reverse, endanger, conflict, interfere, cause,
+        pose, become, slow, decelerate, leave, steer, tip, topple, u, lane, overtake, try, decide,
+        want, begin, suddenly, attempt, block, obstruct, cover, occlude, re, get
+        """
+    )
+)
+# What needs more to be a threat: get into, leave its lane, become a hazard.
+_COMPLETED = {
+    "get": frozenset(phrases("into, in, out, onto, off, closer, across, too")),
+    "become": frozenset(phrases("a, critical, dangerous, relevant, hazardous, an")),
+    "pose": frozenset(phrases("a, risk, danger, risks, hazard")),
+    "cause": frozenset(phrases("a, an, conflict, danger")),
+    "drive": frozenset(phrases("into, out, off, across, in, onto, over")),
+    "ride": frozenset(phrases("into, out, off, across, in, onto, over")),
+    "re": frozenset(phrases("enter, appear, emerge")),
+    "leave": frozenset(phrases("its, the, his, her, their")),
+    "u": frozenset(phrases("turn")),
+    "lane": frozenset(phrases("change")),
+    "cover": frozenset(phrases("somebody, a, someone, people, pedestrians, anybody, anyone")),
+    "block": frozenset(phrases("our, the, us, my")),
+}
+_HIDING = frozenset(phrases("hide, conceal, mask, obscure, occlude, cover"))
+_ADVERBS = frozenset(
+    phrases(
+        """
+        suddenly, still, also, then, soon, well, unexpectedly, abruptly, easily, even, just,
+        quickly, now, yet, therefore, always, at, any, moment, time, again, of, course, perhaps,
+        really, actually, simply, later, attempt, try, decide, begin, start, want, next
+        """
+    )
+)
+MAX_ADVERBS = 5
+
+
+def threat(words: list[str], at: int) -> int | None:
+    """The word after what somebody may do to us, from the word after may, might or could.
+
+    None for what endangers nobody (may continue, might have stopped, could be ignored).
+    """
+    here = at
+    count = len(words)
+    while here < min(at + MAX_ADVERBS, count) and words[here] in _ADVERBS:
+        here += 1
+    if here >= count:
+        return None
+    if here > at and words[here] == "to" and here + 1 < count:
+        here += 1
+    word = words[here]
+    if word not in _THREATS:
+        return here if here > at and words[here - 1] in ("start", "begin") else None
+    needed = _COMPLETED.get(word)
+    after = words[here + 1] if here + 1 < count else ""
+    if needed is not None and after not in needed:
+        return None
+    if word == "stop" and after in ("for", "to", "before", "in", "safely"):
+        return None
+    return here + 1
