@@ -25,9 +25,9 @@ _AFFECTING = phrases(
 )
 _US = phrases(
     """
-    us, me, our path, our lane, our motion, our driving, our plan, our trajectory, my path, my lane,
-    our way, our progress, the ego, ego, the ego vehicle, the vut, our course, our route, our travel,
-    the ego path, our vehicle, our car, our driving path, our decision, our speed, our movement,
+    us, me, our path, our lane, our motion, our driving, our plan, our trajectory, my path, my
+    lane, our way, our progress, the ego, ego, the ego vehicle, the vut, our course, our route,
+    our travel, the ego path, our vehicle, our car, our driving path, our decision, our speed, our movement,
     the ego vehicle path, the ego lane, our planned path, the ego car, my plan, my driving, ours,
     you, your path, your lane, its path, our intended path, our own path, our future path
     """
@@ -47,7 +47,8 @@ _BETWEEN = frozenset(
         """
         is, has, was, been, now, already, therefore, fully, thus, completely, with, it, him, her,
         them, the, that, which, by, then, being, hence, entirely, finally, clearly, state, status,
-        considered, at, this, are, so, and, from, potential, earlier, previous, as, be, can, critical,
+        considered, at, this, are, so, and, from, potential, earlier, previous, as, be, can,
+        critical,
         car, van, truck, cyclist, pedestrian, motorcycle, suv, sedan, bus, lorry, effectively,
         currently, to, us, present, there, just
         """
@@ -99,12 +100,14 @@ _WARDED = frozenset(
         """
     )
 )
+_INTO = (["into"], ["over"], ["onto"])
+_EXCEPT = frozenset(phrases("unless, without, if"))
 _DOUBTS = frozenset(phrases("may, might, could, possibly, potentially, not, no, avoid, avoids"))
 _ACTS = frozenset(
     phrases(
         """
         brake, act, react, stop, slow, respond, do, does, yield, intervene, evade, decelerate,
-        something, anything, nothing, steer, swerve, braked, stopped, reacted, acted, is
+        something, anything, steer, swerve, braked, stopped, reacted, acted, done
         """
     )
 )
@@ -127,19 +130,22 @@ def averted(words: list[str], first: int, stop: int) -> tuple[int, int] | None:
         word = words[at]
         if word in _CRASHES:
             run = word in ("run", "runs")
-            if not run or words[at + 1 : at + 2] in (["into"], ["over"], ["onto"]):
+            risked = words[at - 1] == "of" and words[at - 2] in ("risk", "danger", "chance")
+            if not risked and (not run or words[at + 1 : at + 2] in _INTO):
                 crash = at
-        elif word == "unless" and _we_act(words, at + 1, stop, negated=False):
-            warded = at
-        elif word == "without" and any(w in _WARDED for w in words[at + 1 : min(at + 4, stop)]):
-            warded = at
-        elif word == "if" and _we_act(words, at + 1, stop, negated=True):
+        elif word in _EXCEPT and _except(words, at, stop):
             warded = at
         elif word in _DOUBTS and not (word in ("not", "no") and warded is not None):
             return None
     if warded is None or crash is None:
         return None
     return min(warded, crash), max(warded, crash) + 1
+
+
+def _except(words: list[str], at: int, stop: int) -> bool:
+    if words[at] == "without":
+        return not _WARDED.isdisjoint(words[at + 1 : min(at + 4, stop)])
+    return _we_act(words, at + 1, stop, negated=words[at] == "if")
 
 
 def _we_act(words: list[str], at: int, stop: int, negated: bool) -> bool:
@@ -153,7 +159,8 @@ def _we_act(words: list[str], at: int, stop: int, negated: bool) -> bool:
 _THREATS = frozenset(
     phrases(
         """
-        step, walk, run, go, start, move, come, swing, wobble, swerve, pull, drift, veer, dart, dash,
+        step, walk, run, go, start, move, come, swing, wobble, swerve, pull, drift, veer, dart,
+        dash,
         jump, cross, enter, cut, merge, turn, brake, stop, open, emerge, appear, pop, fall, hit,
         collide, strike, lose, change, squeeze, roll, encroach, wander, rush, intrude, slip, shoot,
         crash, ram, deviate, force, barge, sway, spill, skid, stumble, leap, push, hop, ride, drive,
