@@ -1,0 +1,169 @@
+"""Whatever a bridge does costs its record, never the campaign: real nodes, real topics."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ssp_core.domains import free_domain
+from ssp_core.processes import ProcessGroup, session_environment
+from ssp_eval.evaluate.topics import PROFILE
+
+pytestmark = [pytest.mark.ros, pytest.mark.system]
+
+BagWriter = Callable[..., Path]
+HERE = Path(__file__).parent
+# One campaign of nine label times, and a trouble for each.
+SCRIPT = ("twice", "die", "nan", "other", "html", "huge", "flood", "hang", "garbage")
+ANSWER_S = 2.0
+
+
+class Campaign:
+    """What a campaign left of its one cell."""
+
+    def __init__(self, out: Path, stdout: str) -> None:
+        self.line: dict[str, Any] = json.loads(stdout)
+        self.folder = out / "cells" / self.line["cell"]
+        self.cell: dict[str, Any] = json.loads((self.folder / "cell.json").read_text())
+        self.requests, self.records, self.raw = (
+            [json.loads(line) for line in (self.folder / f"{name}.jsonl").read_text().splitlines()]
+            for name in ("requests", "records", "raw")
+        )
+
+    def at(self, word: str) -> tuple[dict[str, Any], dict[str, Any] | None]:
+        """The question of a word of the script, and its record if there is one."""
+        asked = self.requests[SCRIPT.index(word)]
+        return asked, next((r for r in self.records if r["t_s"] == asked["t_s"]), None)
+
+
+def run_attached(bag: Path, folder: Path, script: tuple[str, ...], *options: str) -> Campaign:
+    """A campaign with the fake bridge, which runs in the same domain and isn't ours."""
+    out = folder / "out"
+    with free_domain() as domain_id:
+        environment = session_environment(domain_id, PROFILE)
+        path = os.pathsep.join([str(HERE), environment.get("PYTHONPATH", "")])
+        environment["PYTHONPATH"] = path.rstrip(os.pathsep)
+        with ProcessGroup(environment, folder / "logs") as group:
+            parameters: dict[str, object] = {"script": ",".join(script), "count": folder / "count"}
+            bridge = group.start_node("mine", "fake_bridge", parameters)
+            command = [
+                sys.executable, "-m", "ssp_core.cli", "evaluate", str(bag), "--propose-labels",
+                "--attach", "mine", "--timeout", str(ANSWER_S), "--out", str(out), "--json",
+                *options,
+            ]  # fmt: skip
+            run = subprocess.run(
+                command, env=environment, capture_output=True, text=True, timeout=120, check=False
+            )
+            assert bridge.returncode is None, bridge.log_tail()
+    assert run.returncode == 0, run.stderr
+    return Campaign(out, run.stdout)
+
+
+@pytest.fixture(scope="module")
+def troubled(bag_writer: BagWriter, tmp_path_factory: pytest.TempPathFactory) -> Campaign:
+    folder = tmp_path_factory.mktemp("troubled")
+    return run_attached(bag_writer(folder / "bag"), folder, SCRIPT)
+
+
+def test_every_label_time_counts_and_every_loss_has_its_reason(troubled: Campaign) -> None:
+    score, answers = troubled.line["score"], troubled.cell["answers"]
+    assert (troubled.cell["status"], score["n"], score["matched"]) == ("ok", 9, 4)
+    assert [one["label_t_s"] for one in troubled.requests] == [
+        label["t_s"]
+        for label in json.loads((troubled.folder / "labels.json").read_text())["labels"]
+    ]
+    lost = {one["label_t_s"]: one["kind"] for one in answers["missing"]}
+    assert lost == {o["label_t_s"]: o["kind"] for o in troubled.requests if o["missing"]}
+    assert len(lost) == troubled.line["missing"] == 5
+    # Two of nine answers have text and a valid trajectory.
+    assert score["jovr"] == pytest.approx(2 / 9)
+
+
+@pytest.mark.parametrize(
+    ("word", "kind", "reason"),
+    [
+        ("hang", "no answer in time", "no answer within 2 s"),
+        ("other", "no answer in time", "no answer within 2 s"),
+        ("garbage", "unusable answer", "the answer can't be read"),
+        ("huge", "unusable answer", "the answer has 1000000"),
+    ],
+)
+def test_a_bridge_in_trouble_costs_that_record(
+    troubled: Campaign, word: str, kind: str, reason: str
+) -> None:
+    asked, record = troubled.at(word)
+    assert record is None
+    assert asked["kind"] == kind
+    assert reason in asked["missing"]
+
+
+def test_a_bridge_that_dies_costs_that_record(troubled: Campaign) -> None:
+    asked, record = troubled.at("die")
+    assert record is None
+    # Nobody tells a client that a process of somebody else's died: it leaves the topics, or is
+    # replaced there before that is noticed.
+    assert asked["kind"] in ("bridge died", "no answer in time")
+    assert troubled.at("nan")[1] is not None
+
+
+def test_the_first_of_two_answers_counts(troubled: Campaign) -> None:
+    _, record = troubled.at("twice")
+    assert record is not None
+    assert record["text"] == "A car is ahead. I keep my speed."
+    assert troubled.cell["answers"]["ignored"]["duplicate"] == 1
+
+
+def test_arrays_of_nan_are_an_invalid_trajectory(troubled: Campaign) -> None:
+    _, record = troubled.at("nan")
+    assert record is not None
+    assert (record["trajectory"], record["invalid"]) == (None, ["non_finite"])
+    stored = next(
+        one for one in troubled.raw if one["stamp_ns"] == troubled.at("nan")[0]["stamp_ns"]
+    )
+    assert stored["arrays"][0]["data"] == ["nan"] * 10
+
+
+def test_html_is_an_answer_that_says_nothing(troubled: Campaign) -> None:
+    _, record = troubled.at("html")
+    assert record is not None
+    assert record["text"].startswith("<html>")
+    assert (record["trajectory"], record["invalid"]) == (None, ["missing"])
+    assert not any(record["slots"].values())
+
+
+def test_a_flood_hides_no_answer(troubled: Campaign) -> None:
+    _, record = troubled.at("flood")
+    assert record is not None
+    assert record["trajectory"] is not None
+    assert troubled.cell["answers"]["ignored"]["unknown"] > 1
+
+
+def test_a_late_answer_is_counted_and_hurts_no_later_question(troubled: Campaign) -> None:
+    assert troubled.cell["answers"]["ignored"]["late"] >= 1
+    ids = {one["request_id"] for one in troubled.raw}
+    assert troubled.at("hang")[0]["request_id"] not in ids
+
+
+def test_100_mb_are_not_stored(troubled: Campaign) -> None:
+    assert sum(file.stat().st_size for file in troubled.folder.iterdir()) < 1_000_000
+
+
+def test_what_may_pass_is_asked_again_and_what_can_t_be_read_is_not(
+    bag_writer: BagWriter, tmp_path: Path
+) -> None:
+    script = ("answer", "die", "answer", "deep", "nan_decoding")
+    done = run_attached(bag_writer(tmp_path / "bag"), tmp_path, script, "--retry-errors", "1")
+    answers = done.cell["answers"]
+    assert (answers["asked_again"], done.line["asked_again"]) == (1, 1)
+    assert answers["missing_by_kind"] == {"unusable answer": 2}
+    reasons = [one["reason"] for one in answers["missing"]]
+    assert "the answer can't be read" in reasons[0]
+    assert "decoding is no JSON" in reasons[1]
+    assert done.line["score"]["n"] == 9
