@@ -135,37 +135,69 @@ KINDS: dict[Kind, Table] = {
     Kind.CRITICAL: {
         "": phrases(
             """
-            critical, critical object, critical objects, notable object, notable
-            objects, pay attention to, paying attention to, watch, watching, monitor,
-            monitoring, key object, key objects, attention to, keep an eye on, keeping
-            an eye on, important, relevant, be aware of, aware of, main object,
-            relevant object, relevant objects, most critical, focus on, critical road
-            user, critical road users, object of interest, objects of interest, be
-            careful of, mind, observe, observing, relevant road user, relevant road
-            users, important object, important objects, main hazard, must be watched,
-            needs to be watched, should be watched, to be watched, needs attention,
-            requires attention, key agent, key agents, critical agent, critical agents
+            critical, critical object, critical objects, notable object, notable objects,
+            pay attention to, paying attention to, watch, watching, monitor, monitoring,
+            key object, key objects, attention to, keep an eye on, keeping an eye on, important,
+            relevant, be aware of, aware of, main object, relevant object, relevant objects,
+            most critical, focus on, critical road user, critical road users, object of interest,
+            objects of interest, be careful of, mind, observe, observing, relevant road user,
+            relevant road users, important object, important objects, main hazard,
+            must be watched, needs to be watched, should be watched, to be watched,
+            needs attention, requires attention, deserve attention, deserves attention,
+            deserves our attention, attend to, who counts, what counts, conflict partner,
+            main concern, primary concern, my concern is, of concern, biggest concern, must watch,
+            key road user, key road users, primary object, most relevant, that matters,
+            that matter, of note, noteworthy, the hazard is, key agent, key agents,
+            critical agent, critical agents
             """
         ),
     },
     Kind.BACKGROUND: {
+        "gone": phrases(
+            """
+            gone, is gone, are gone, out of view, out of sight, out of the picture, no longer visible,
+            no longer in view, no longer in sight, not be seen anymore, has left at, left the scene,
+            disappeared from view, vanished, nowhere to be seen, has gone, driven past us already
+            """
+        ),
         "": phrases(
             """
-            background, irrelevant, not relevant, can be ignored, not matter, not
-            important, negligible, far away, unrelated, of no importance, not
-            critical, ignore, ignoring, of no concern, no relevance, not of interest,
-            in the distance, of no relevance, off the road
+            background, irrelevant, not relevant, of no interest, no attention, no relation to,
+            as background, part of the background, no role, not play any role, plays no part,
+            skip it, leave it out, leave them out, leave him out, leave her out, skip them,
+            not count, not count it, not count them, not list it, not list, not listed,
+            not a matter for us, not our business, not part of, opposite carriageway,
+            other carriageway, opposing carriageway, side alley, drop it, not involved,
+            nothing to do with us, of no consequence, disregard, disregarded, can be disregarded,
+            be ignored, may be ignored, ignored, not of concern, not concern, no significance,
+            of no significance, no bearing, not significant, not of importance, not considered,
+            unimportant, of low relevance, no threat to us, skip, not critical as such,
+            without a rider, have no riders, without riders, no rider, separated from us,
+            set back from, can be ignored, not matter, not important, negligible, far away,
+            unrelated, of no importance, not critical, ignore, ignoring, of no concern,
+            no relevance, not of interest, in the distance, of no relevance, off the road
             """
         ),
     },
     Kind.MATTERS: {
+        "by": phrases(
+            """
+            blocked by, hidden behind, occluded by, hidden by, obstructed by, concealed by,
+            concealed behind, screened by, masked by, from behind a, from behind parked,
+            from behind the parked, from behind the bus, from behind the truck,
+            from behind the lorry, from behind the van, from behind the car,
+            from behind the vehicle, from behind the coach, from behind the stopped, from between,
+            covered by, obscured by, occluded behind, behind the parked, between the parked,
+            behind a parked, between parked, behind parked
+            """
+        ),
         "": phrases(
             """
-            obstacle, obstacles, obstruct, obstructs, obstructing, obstruction, block,
-            blocks, blocking, blocked by, hide, hides, hiding, hidden behind, occlude,
-            occludes, occluding, occluded by, hidden by, narrows, narrowing,
-            encroaches, encroaching, obstructed by, protrudes, protruding, limits our
-            view, limiting our view, blocks our view, in our way, in the way
+            obstacle, obstacles, obstruct, obstructs, obstructing, obstruction, block, blocks,
+            blocking, hide, hides, hiding, conceal, conceals, concealing, occlude, occludes,
+            occluding, obscures, obscuring, screens, masks, narrows, narrowing, encroaches,
+            encroaching, squeezes, reduces our clearance, protrudes, protruding, limits our view,
+            limiting our view, blocks our view, in our way, in the way
             """
         ),
     },
@@ -183,30 +215,48 @@ KINDS: dict[Kind, Table] = {
     Kind.HYPOTHETICAL: {
         "": phrases(
             """
-            either, potential, possible, any, imaginary, hypothetical, imagine, what if,
-            unseen, unexpected, invisible, watch for, watch out for, look out for,
-            alert for, alert to, vigilant for, on the lookout for, lookout for, scan
-            for, check for, beware of, watching for, scanning for, checking for,
-            looking for, watching out for, looking out for, in search of
+            either, potential, possible, any, imaginary, mistaken for, taken for, mistook for,
+            took it for, believed it to be, confused with, looked like, resembles, hypothetical,
+            imagine, what if, unseen, unexpected, invisible, watch for, watch out for,
+            look out for, alert for, alert to, vigilant for, on the lookout for, lookout for,
+            scan for, check for, beware of, watching for, scanning for, checking for, looking for,
+            watching out for, looking out for, in search of
             """
         ),
     },
     Kind.NOBODY: {
-        "": phrases(
-            """
-            nobody, no one, noone, no road users, no road user, no other road users,
-            no other road user, no traffic participants, no other traffic
-            participants, no critical objects, no critical object, no relevant
-            objects, no agents, no relevant road users, no critical road users, road
-            is empty, street is empty, no relevant road user, no critical road user,
-            road ahead is empty, empty road, no objects, no other agents, no notable
-            objects, not any road users, no relevant object, nobody else, no one else,
-            no vehicles or people, no vehicles or pedestrians, no vehicles nor
-            pedestrians, no vehicles and no pedestrians, no pedestrians or vehicles,
-            no pedestrians or other vehicles, no other vehicles or pedestrians, no
-            pedestrians and no vehicles, free of road users, no visible road users,
-            without any road users, without road users, no road users or obstacles
-            """
+        "": (
+            *phrases(
+                """
+                nobody, no one, noone, nobody else, no one else, no vehicles or people, no vehicles
+                or pedestrians, no vehicles nor pedestrians, no vehicles and no pedestrians, no
+                pedestrians or vehicles, no pedestrians or other vehicles, no other vehicles or
+                pedestrians, no pedestrians and no vehicles, road is empty, street is empty, road
+                ahead is empty, empty road, street is deserted, road is deserted, deserted road,
+                pavements are empty, no cars or people, no cars or pedestrians, nobody around
+                """
+            ),
+            *(
+                f"{none} {who}"
+                for none in phrases(
+                    """
+                    no, no other, no visible, no relevant, no critical, zero, without, without any,
+                    free of, free of other, not any, not any other, any other, no notable, devoid of
+                    any, free of any, absence of, devoid of, no single, not a single, no nearby, no
+                    important, no active, no such
+                    """
+                )
+                for who in phrases(
+                    """
+                    road users, road user, traffic participants, traffic participant, agents, agent,
+                    objects, object, actors, actor, critical objects, relevant objects, critical
+                    object, relevant object, road users or obstacles, critical road users, relevant
+                    road users, road participants, dynamic objects, moving objects, notable objects,
+                    key objects, dynamic agents, traffic agents
+                    """
+                )
+                if none != "any other"
+            ),
         ),
     },
     Kind.FINAL: {

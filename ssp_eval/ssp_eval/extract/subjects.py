@@ -16,6 +16,7 @@ _FITTING = {
     "he": frozenset({"pedestrian", "cyclist", "motorcycle"}),
     "rider": frozenset({"cyclist", "motorcycle"}),
 }
+_NONE = frozenset({"none", "nobody", "no", "nil", "zero", "nothing"})
 _EITHER = frozenset({"turn", "change_left", "change_right", "keep_lane", "keep_speed", "change"})
 
 
@@ -26,6 +27,10 @@ def read_object(talk: Talk, index: int, hit: Hit) -> None:
         talk.denied.add(hit.value)
         talk.subject = SCENE
         talk.near = None
+        return
+    if _none(talk, index):
+        talk.denied.add(hit.value)
+        talk.subject, talk.near = SCENE, None
         return
     role = _ego_role(talk, index, hit)
     if role:
@@ -44,18 +49,20 @@ def read_object(talk: Talk, index: int, hit: Hit) -> None:
     talk.group = [*talk.group[-MAX_GROUP:], actor] if coordinated else [actor]
     talk.named.append((index, actor))
     following = talk.hits[index + 1] if index + 1 < talk.stop else None
-    doubtful = (
+    doubtful = (  # a car could come over the crest: there is none yet
         hit.form == "indefinite"
         and following is not None
         and following.kind is Kind.MODAL
-        and "be" in talk.words[following.first : following.stop + 1]
+        and following.value == "may"
     )
     if not flags and not doubtful:
         actor.mentions.append(talk.said(hit.value, hit))
     actor.critical = actor.critical or talk.listing or talk.key == "objects"
     actor.matters = actor.matters or talk.revealing
     if talk.reacting:
-        actor.reaction = 2
+        if coordinated or not talk.reacted:
+            actor.reaction = 2
+        talk.reacted = True
     if talk.is_background:
         actor.background = True
     object_of_verb = talk.busy and talk.subject is not None
@@ -71,6 +78,18 @@ def read_object(talk: Talk, index: int, hit: Hit) -> None:
     for before in talk.adjectives:
         others.be(talk, actor, before, flags)
     talk.pending, talk.adjectives = [], []
+
+
+def _none(talk: Talk, index: int) -> bool:
+    """Vehicles ahead: none."""
+    for after in range(index + 1, min(index + 4, talk.stop - 1)):
+        hit = talk.hits[after]
+        if hit.kind is Kind.MARK and hit.value in (":", "="):
+            beyond = talk.words[hit.stop : hit.stop + 1]
+            return bool(_NONE & set(beyond))
+        if hit.kind not in (Kind.PLACE, Kind.SIDE, Kind.STATE):
+            return False
+    return False
 
 
 def read_ego(talk: Talk, index: int, hit: Hit) -> None:
@@ -159,6 +178,10 @@ def _ego_role(talk: Talk, index: int, hit: Hit) -> str:
     following = talk.hits[index + 1]
     if following.kind is Kind.MODAL and following.value == "must":
         return EGO
+    before = talk.hits[index - 1] if index > talk.start else None
+    if before is not None and before.kind is Kind.VERB and before.stop == hit.first - 1:
+        if before.value in LON_ACTIONS or talk.planner.steers(before):
+            return EGO  # stop the car
     if following.kind is Kind.AUX and index + 2 < talk.stop:
         following = talk.hits[index + 2]
     if following.kind is Kind.VERB and following.value in _EITHER:

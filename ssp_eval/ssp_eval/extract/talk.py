@@ -47,6 +47,7 @@ class Talk:
         self.named = []
         self.denied: set[str] = set()
         self.busy = False  # the clause has its verb
+        self.reacted = False  # and has been named
         self.reacting = False  # what is named next is what the plan is about
         self.in_path: tuple[Actor, int] | None = None
         self.is_background = False

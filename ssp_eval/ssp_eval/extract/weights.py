@@ -7,6 +7,7 @@ from ssp_eval.extract.scope import Scope
 from ssp_eval.extract.talk import EGO, REACH, SCENE, Talk
 from ssp_eval.extract.world import Actor, Statement
 
+_DROPS = frozenset({"ignore", "ignoring", "skip", "leave", "left", "not"})
 _CONFLICT_WORDS = {
     "potential": "potential",
     "possible": "potential",
@@ -42,16 +43,22 @@ def read_react(talk: Talk, index: int, hit: Hit) -> None:
 def read_background(talk: Talk, index: int, hit: Hit) -> None:
     if talk.flags[index] & ~Scope.READY:
         return
-    if isinstance(talk.subject, Actor) or talk.near is not None:
-        actor = talk.subject if isinstance(talk.subject, Actor) else talk.near
-        if actor is not None:
-            for one in (*talk.group, actor):
-                one.background = True
-    else:
+    actor = talk.subject if isinstance(talk.subject, Actor) else talk.near
+    if actor is None and talk.named:
+        actor = talk.named[-1][1]
+    if actor is None and (talk.words[hit.first] in _DROPS or hit.value == "gone"):
+        actor = talk.last if hit.value != "gone" else None
+    if actor is not None:
+        for one in (*talk.group, actor):
+            one.background = True
+    elif hit.value != "gone":
         talk.is_background = True
 
 
 def read_matters(talk: Talk, index: int, hit: Hit) -> None:
+    if hit.value == "by":
+        talk.revealing = True  # hidden behind the van: the van matters
+        return
     if talk.flags[index]:
         return
     if isinstance(talk.subject, Actor):
