@@ -22,6 +22,7 @@ ROSDEP_NAMES = {
     "defusedxml": "python3-defusedxml",
     "jinja2": "python3-jinja2",
     "lxml": "python3-lxml",
+    "matplotlib": "python3-matplotlib",
     "numba": "python3-numba",
     "numpy": "python3-numpy",
     "pydantic": "python3-pydantic",
@@ -40,7 +41,7 @@ BROUGHT_BY = {
     "zstandard": "mcap",
 }
 # Extras of the project, imported only where they are installed.
-EXTRA = {"carla", "moderngl", "osqp", "pyarrow"}
+EXTRA = {"carla", "moderngl", "osqp", "pyarrow", "ray"}
 OURS = {*PACKAGES, "ssp_core"}
 # Of ROS, beside everything that ends in _msgs.
 ROS_PACKAGES = {"builtin_interfaces", "rcl_interfaces", "rclpy", "std_srvs"}
