@@ -108,7 +108,7 @@ async def _exchange(
         if type(error.__cause__).__name__ == "ConnectTimeout":
             return Failed(Failure.UNREACHABLE, "the server can't be reached (no connection)")
         return silent
-    except openai.APIConnectionError as error:
+    except (openai.APIConnectionError, _TooLarge, _Undecodable) as error:
         return _broken(error)
     except Exception as error:  # a value that JSON, HTTP or the library can't take
         return Failed(Failure.UNSENDABLE, f"the request can't be made ({_named(error)})")
@@ -119,8 +119,8 @@ def _received(response: Any) -> Received:
     return Received(response.status_code, headers, response.content)
 
 
-def _broken(error: openai.APIConnectionError) -> Failed:
-    cause = error.__cause__ or error
+def _broken(error: Exception) -> Failed:
+    cause = (error.__cause__ or error) if isinstance(error, openai.APIConnectionError) else error
     if isinstance(cause, _TooLarge):
         return Failed(Failure.TOO_LARGE, str(cause))
     if isinstance(cause, _Undecodable):
@@ -130,7 +130,7 @@ def _broken(error: openai.APIConnectionError) -> Failed:
         return Failed(Failure.UNREACHABLE, f"the server can't be reached ({_named(cause)})")
     if type(cause).__name__ in ("UnsupportedProtocol", "LocalProtocolError", "InvalidURL"):
         return Failed(Failure.UNSENDABLE, f"the request can't be made ({_named(cause)})")
-    return Failed(Failure.LOST, f"the connection broke off within the answer ({_named(cause)})")
+    return Failed(Failure.LOST, f"the connection broke off before the answer was whole ({_named(cause)})")
 
 
 def _named(error: BaseException) -> str:

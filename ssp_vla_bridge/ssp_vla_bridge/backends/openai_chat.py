@@ -18,7 +18,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ssp_core.chat import NoAnswer, OpenAIChat, Policy, Reply
+from ssp_core.chat import NoAnswer, OpenAIChat, Policy, Reply, looks_like_html
 from ssp_core.chat_reply import Completion, NoCompletion, read_completion
 from ssp_core.errors import PeerError
 from ssp_core.hashing import sha256_bytes, sha256_json
@@ -160,9 +160,8 @@ def _read(reply: Reply) -> tuple[Completion, str]:
     try:
         said = read_completion(reply.body)
     except NoCompletion as error:
-        raise PeerError(
-            f"the answer is no chat completion: {error}; base_url usually ends in /v1"
-        ) from None
+        remedy = "; base_url usually ends in /v1" if looks_like_html(reply.body) else ""
+        raise PeerError(f"the answer is no chat completion: {error}{remedy}") from None
     if said.refusal:
         raise PeerError(f"the model declines to answer: {said.refusal[:_SHOWN]}")
     if said.text is None:
