@@ -2,11 +2,12 @@
 
     PYTHONPATH=…/LLaViDA/llavida python llavida_sidecar.py --weights …/LLaViDA-DPO-context
 
-In: the newest frame and a prompt. Out: the raw text; the adapter `llavida` looks for the trajectory
-in it. The prompts that the model was trained with lie in its data set and not in its repository.
-The one here is made of the request's task in the form that its answers have; `--prompt FILE` takes
-the place of it, with {instruction}, {speed_mps}, {yaw_rate_radps}, {history}, {lon_actions} and
-{lat_actions} where they belong. The prompt's hash is in every answer.
+In: the newest frame and the request's prompt. Out: the raw text, in which the adapter `llavida`
+looks for the trajectory. The prompts that the model was trained with lie in its data set and not
+in its repository; the request's own is made of the task in the form that its answers have. Whoever
+has the data set gives its words with `--prompt FILE`, with {instruction}, {speed_mps},
+{yaw_rate_radps}, {history} (the last 2 s), {lon_actions} and {lat_actions} where they belong. The
+prompt's hash is in every answer.
 
 `--loader module:function` puts something else in the place of the weights: the function is given
 the arguments and gives `generate(image, prompt) -> str`, image (height, width, 3) uint8 RGB.
@@ -16,7 +17,6 @@ from __future__ import annotations
 
 import argparse
 import hashlib
-import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -29,42 +29,43 @@ PORT = 8302
 HISTORY = 5  # positions at 2 Hz: the last 2 s and now
 HISTORY_STEP_S = 0.5
 CONVERSATION = "llava_llama_3"
-PROMPT = """{instruction}
-Coordinates are in metres: x is lateral, negative to the left; y is forward; you are at (0, 0).
-Your speed is {speed_mps:.2f} m/s and your yaw rate {yaw_rate_radps:.3f} rad/s (positive: left).
-Your positions over the last 2 seconds, every 0.5 s, the last one now: {history}
-Longitudinal actions: {lon_actions}. Lateral actions: {lat_actions}.
-Reason step by step about the road users that matter and what they will do, then say your action,
-and end with six points at 0.5, 1.0, 1.5, 2.0, 2.5 and 3.0 seconds from now, in this form:
-3-second trajectory: [(x1,y1), (x2,y2), (x3,y3), (x4,y4), (x5,y5), (x6,y6)]"""
-
 Generate = Callable[[Any, str], str]
 
 
-def prompt_of(request: Json, template: str) -> str:
-    """The prompt of a request; ours is (x forward, y left), LLaViDA's is (x right, y forward)."""
+def prompt_of(request: Json, template: str | None) -> str:
+    """The prompt of a request, its own or the template's.
+
+    Ours is (x forward, y left), LLaViDA's is (x right, y forward).
+
+    Raises:
+        UnanswerableError: it has none, or not what the template asks for.
+    """
+    if template is None:
+        if not isinstance(request["prompt"], str):
+            raise UnanswerableError("the request has no prompt; is its interface llavida?")
+        return request["prompt"]
     poses = past_poses(request, HISTORY, HISTORY_STEP_S)
     now, task = request["history"][-1], request["task"]
     # + 0.0: a rounded -0.0 would be printed as -0.00.
     points = [(round(-y, 2) + 0.0, round(x, 2) + 0.0) for x, y, _ in poses]
-    return template.format(
-        instruction=task["instruction"],
-        speed_mps=now["speed_mps"],
-        yaw_rate_radps=now["yaw_rate_radps"],
-        history="[" + ", ".join(f"({x:.2f},{y:.2f})" for x, y in points) + "]",
-        lon_actions=", ".join(task["lon_actions"]),
-        lat_actions=", ".join(task["lat_actions"]),
-    )
+    try:
+        return template.format(
+            instruction=task["instruction"],
+            speed_mps=now["speed_mps"],
+            yaw_rate_radps=now["yaw_rate_radps"],
+            history="[" + ", ".join(f"({x:.2f},{y:.2f})" for x, y in points) + "]",
+            lon_actions=", ".join(task["lon_actions"]),
+            lat_actions=", ".join(task["lat_actions"]),
+        )
+    except (KeyError, IndexError, ValueError) as error:
+        raise UnanswerableError(f"--prompt asks for what there isn't: {error!r}") from error
 
 
-def answerer(generate: Generate, template: str, facts: Json) -> Answerer:
+def answerer(generate: Generate, template: str | None, facts: Json) -> Answerer:
     """The function of requests around a function of a picture and a prompt."""
 
     def answer(request: Json) -> Json:
-        try:
-            prompt = prompt_of(request, template)
-        except (KeyError, IndexError, ValueError) as error:
-            raise UnanswerableError(f"the prompt can't be made of it: {error!r}") from error
+        prompt = prompt_of(request, template)
         (jpeg,) = jpegs(request, 1, 0.0, 0.0)
         digest = hashlib.sha256(prompt.encode()).hexdigest()
         return {
@@ -153,7 +154,7 @@ def main() -> int:
     arguments_of.add_argument("--top-p", type=float, default=0.2)
     arguments_of.add_argument("--max-new-tokens", type=int, default=4096)
     arguments = arguments_of.parse_args()
-    template = PROMPT
+    template = None
     if arguments.prompt is not None:
         try:
             template = Path(arguments.prompt).read_text("utf-8")
@@ -167,7 +168,7 @@ def main() -> int:
         "max_new_tokens": arguments.max_new_tokens,
         "precision": arguments.precision,
         "attention": arguments.attention,
-        "prompt": "own" if arguments.prompt is None else os.path.basename(arguments.prompt),
+        "prompt": Path(arguments.prompt).name if arguments.prompt else "the request's",
     }
 
     def load() -> tuple[str, Answerer]:

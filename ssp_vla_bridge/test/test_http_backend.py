@@ -53,6 +53,7 @@ def test_a_good_answer_comes_through_whole(make_request, straight_history):
     assert adapt("waypoints", response).trajectory.x_m == (0.0, 4.0, 8.0)
     assert len(seen) == 1
     assert seen[0]["stamp_ns"] == request.stamp_ns
+    assert request.task.instruction in seen[0]["prompt"]
     assert len(seen[0]["history"]) == 21
 
 
@@ -147,10 +148,6 @@ FINAL = {
         raw("503 Service Unavailable", "no", "Retry-After: Wed, 21 Oct 2026 07:28:00 GMT"),
         "says 503: no",
     ),
-    "is busy for longer than there is time": (
-        raw("429 Too Many Requests", "", "Retry-After: 3600"),
-        "the service is busy (429), 1 tries",
-    ),
     "speaks something else": (lambda e: e.send(b"SSH-2.0-OpenSSH_9.6\r\n"), "doesn't speak HTTP"),
     "answers with control characters": (
         raw("500 Oops", "\x1b[31mred\r\n\x00text"),
@@ -240,8 +237,17 @@ def test_a_busy_service_that_says_when_is_asked_again(make_request, status):
 def test_tries_have_a_bound(make_request):
     service = wire.ScriptedService(raw("503 Busy", "", "Retry-After: 0"))
     response = said(service, make_request(), tries=2)
+    assert response.error_code == ErrorCode.OVERLOAD
     assert "the service is busy (503), 2 tries" in response.error_msg
     assert service.asked == 2
+
+
+def test_a_wait_that_is_longer_than_the_time_left_isnt_begun(make_request):
+    service = wire.ScriptedService(raw("429 Too Many", "", "Retry-After: 3600"))
+    response = said(service, make_request())
+    assert response.error_code == ErrorCode.OVERLOAD
+    assert "the service is busy (429), 1 tries" in response.error_msg
+    assert service.asked == 1
 
 
 def test_a_service_that_goes_away_is_asked_again_until_it_is_back(make_request):
@@ -249,6 +255,7 @@ def test_a_service_that_goes_away_is_asked_again_until_it_is_back(make_request):
         backend = make({"url": first.url, **PATIENT, "tries": 2})
         assert respond(backend, "m", make_request()).response.error_code == 0
     response = respond(backend, "m", make_request()).response
+    assert response.error_code == ErrorCode.OVERLOAD
     assert "nobody listens there (connection refused), 2 tries" in response.error_msg
     response = respond(backend, "m", make_request()).response
     assert "nobody listens there (connection refused)" in response.error_msg
@@ -259,6 +266,7 @@ def test_a_service_that_isnt_there_yet_costs_requests_and_not_the_bridge(make_re
     backend = make({"url": service.url, "timeout_s": 20.0, "start_s": 0.3, "tries": 1})
     assert backend.model_id == f"http({service.url})"
     response = respond(backend, "m", make_request()).response
+    assert response.error_code == ErrorCode.OVERLOAD
     assert "nobody listens there" in response.error_msg
     with service:
         assert respond(backend, "m", make_request()).response.model_id == "tested/1"

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from ssp_core.errors import InputError, PeerError
-from ssp_vla_bridge.backends.http_line import BrokenError, Line, NotTakenError, Reply
-from ssp_vla_bridge.core.backend import check_options
+from ssp_vla_bridge.backends.http_line import BrokenError, Line, RefusedError, Reply
+from ssp_vla_bridge.core.backend import NotTakenError, check_options
 from ssp_vla_bridge.core.http_form import (
     Health,
     ServiceAnswer,
@@ -27,6 +27,7 @@ from ssp_vla_bridge.core.http_form import (
     request_to_json,
 )
 from ssp_vla_bridge.core.interfaces import find_interface
+from ssp_vla_bridge.core.prompts import PROMPTS
 from ssp_vla_bridge.core.request import Request
 from ssp_vla_bridge.core.response import Answer
 
@@ -108,14 +109,21 @@ class HttpService:
                 time.sleep(min(_POLL_S, max(0.0, deadline_s - time.monotonic())))
 
     def answer(self, request: Request) -> Answer:
-        """Raises PeerError: there is no answer, for the reason that it says."""
+        """The service's answer.
+
+        Raises:
+            NotTakenError: the service didn't take the request.
+            PeerError: there is no answer, for the reason that it says.
+            InputError: the interface's prompt can't ask what the task asks.
+        """
         deadline_s = time.monotonic() + self._patience.timeout_s
         if not self._one_at_a_time.acquire(timeout=self._patience.timeout_s):
             raise self._error("the request before this one isn't answered yet")
         try:
             if not self._ready:
                 self._require_ready(min(_HEALTH_S, _left_s(deadline_s)))
-            body = json.dumps(request_to_json(request), allow_nan=False).encode()
+            value = request_to_json(request, native_prompt(self.interface, request))
+            body = json.dumps(value, allow_nan=False).encode()
             reply = self._ask(body, deadline_s)
             answer = self._answer(reply, request.request_id)
         finally:
@@ -126,13 +134,16 @@ class HttpService:
     def _require_ready(self, timeout_s: float) -> None:
         try:
             reply = self._line.exchange("/health", None, timeout_s)
-        except (NotTakenError, BrokenError) as error:
+        except RefusedError as error:
+            raise NotTakenError(self._text(str(error))) from error
+        except BrokenError as error:
             raise self._error(str(error)) from error
         self._check_status(reply, "/health")
         health = self._health(reply)
         self.model_id = health.model_id
         if not health.ready:
-            raise self._error(f"the service isn't ready yet ({self._short(health.detail)})")
+            detail = self._short(health.detail)
+            raise NotTakenError(self._text(f"the service isn't ready yet ({detail})"))
         self._ready = True
 
     def _ask(self, body: bytes, deadline_s: float) -> Reply:
@@ -141,7 +152,7 @@ class HttpService:
             pause_s = wait_s
             try:
                 reply = self._line.exchange("/answer", body, _left_s(deadline_s))
-            except NotTakenError as error:
+            except RefusedError as error:
                 self._ready = False
                 reason = str(error)
             except BrokenError as error:
@@ -152,7 +163,8 @@ class HttpService:
                 reason = f"the service is busy ({reply.status})"
                 pause_s = reply.retry_after_s
             if not left or time.monotonic() + pause_s >= deadline_s:
-                raise self._error(f"{reason}, {self._patience.tries - left} tries")
+                tried = self._patience.tries - left
+                raise NotTakenError(self._text(f"{reason}, {tried} tries"))
             time.sleep(pause_s)
             wait_s *= 2.0
         raise ValueError("a request needs at least one try")
@@ -243,6 +255,19 @@ class HttpService:
 
 def _left_s(deadline_s: float) -> float:
     return max(0.001, deadline_s - time.monotonic())
+
+
+def native_prompt(interface: str, request: Request) -> str | None:
+    """What an interface asks in words, where it asks in one step; None where it doesn't.
+
+    Raises:
+        InputError: it can't ask what the task asks.
+    """
+    stages = PROMPTS.get(interface, ())
+    if len(stages) != 1:
+        return None
+    prompt = stages[0].build(request, {})
+    return f"{prompt.system}\n\n{prompt.text}" if prompt.system else prompt.text
 
 
 def make(options: Mapping[str, Any]) -> HttpService:

@@ -15,7 +15,7 @@ import aiohttp
 from ssp_core.errors import InputError
 
 
-class NotTakenError(Exception):
+class RefusedError(Exception):
     """Nobody listens there: the request was not taken, so that it may be sent again."""
 
 
@@ -75,7 +75,7 @@ class Line:
             timeout_s: for everything, from connecting to the last byte.
 
         Raises:
-            NotTakenError: the connection was refused.
+            RefusedError: the connection was refused.
             BrokenError: anything else went wrong.
         """
         try:
@@ -84,7 +84,7 @@ class Line:
             raise BrokenError(f"no whole answer within {timeout_s:.3g} s") from None
         except aiohttp.ClientConnectorError as error:
             if error.os_error.errno == errno.ECONNREFUSED:
-                raise NotTakenError("nobody listens there (connection refused)") from error
+                raise RefusedError("nobody listens there (connection refused)") from error
             raise BrokenError(f"the service can't be reached ({error})") from error
         except aiohttp.ServerDisconnectedError as error:
             raise BrokenError("the service closed the connection without an answer") from error

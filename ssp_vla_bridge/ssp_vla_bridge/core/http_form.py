@@ -2,11 +2,12 @@
 
     GET  {url}/health  ->  {schema, model_id, ready, detail}
     POST {url}/answer  <-  {schema, request_id, stamp_ns, task, frames, camera, history,
-                            ego_provenance, previous}
+                            ego_provenance, previous, prompt}
                        ->  {schema, request_id, model_id, text, arrays, decoding}
 
 Both directions of each are here, so that a service in Python can use the same functions. A frame
 is ``{stamp_ns, jpeg_base64}``; arrays and ``previous`` are in the form of core/response.py.
+``prompt`` is the interface's native prompt where that is one text (core/prompts), else null.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ from ssp_vla_bridge.core.task import DrivingTask
 HTTP_SCHEMA = "ssp.vla_http/1"
 _REQUEST_KEYS = {
     "schema", "request_id", "stamp_ns", "task", "frames", "camera", "history", "ego_provenance",
-    "previous",
+    "previous", "prompt",
 }  # fmt: skip
 _ANSWER_KEYS = {"schema", "request_id", "model_id", "text", "arrays", "decoding"}
 _HEALTH_KEYS = {"schema", "model_id", "ready", "detail"}
@@ -76,8 +77,13 @@ class ServiceAnswer:
     answer: Answer
 
 
-def request_to_json(request: Request) -> dict[str, Any]:
-    """The JSON object of a request."""
+def request_to_json(request: Request, prompt: str | None = None) -> dict[str, Any]:
+    """The JSON object of a request.
+
+    Args:
+        request: what is asked.
+        prompt: the same in words, for a model that is asked in words.
+    """
     return {
         "schema": HTTP_SCHEMA,
         "request_id": request.request_id,
@@ -97,11 +103,12 @@ def request_to_json(request: Request) -> dict[str, Any]:
         ],
         "ego_provenance": request.ego_provenance,
         "previous": None if request.previous is None else response_to_json(request.previous),
+        "prompt": prompt,
     }
 
 
 def request_from_json(value: Any) -> Request:
-    """The inverse of request_to_json.
+    """The inverse of request_to_json; the prompt is read by whom it concerns.
 
     Raises:
         InputError: naming the field that is wrong.
@@ -194,6 +201,8 @@ def _request(value: Any) -> Request:
     frames = listed(values["frames"], "frames")
     history = listed(values["history"], "history")
     previous = values["previous"]
+    if values["prompt"] is not None:
+        string(values, "prompt", "request")
     return Request(
         request_id=string(values, "request_id", "request"),
         stamp_ns=integer(values["stamp_ns"], "stamp_ns"),
