@@ -52,7 +52,7 @@ def decide(world: World) -> dict[str, Found]:
 def _objects(world: World) -> list[Actor]:
     """Who is present and matters: marked as such, or all where the text marks nobody."""
     present = [actor for actor in world.actors if actor.mentions]
-    present = [a for a in present if not a.background]
+    present = [a for a in present if not (a.gone or a.background and not _partner(a))]
     present = [a for a in present if not a.parked or _marked(a)]
     marked = [actor for actor in present if _marked(actor)]
     return marked or present

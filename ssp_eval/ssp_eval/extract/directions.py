@@ -101,6 +101,7 @@ _PLACED_PARTS = frozenset(
 )
 _ENDS = frozenset(phrases("side, hand, edge, kerb, curb"))
 _ARTICLES_OF_SIDES = frozenset(phrases("the, our, my"))
+_SIDED = frozenset(phrases("on, in, ahead, that, which, at, to, behind"))
 MAX_BACK = 4
 MAX_HEADS = 4
 MAX_OF = 5
@@ -173,6 +174,19 @@ def _across(words: list[str], at: int) -> tuple[int, int] | None:
     return first, here + 1
 
 
+def own_end(words: list[str], stop: int) -> bool:
+    """Whether the vehicle that a place ends with is said to be the ego's."""
+    return bool(EGO_WORDS & set(words[max(stop - 3, 0) : stop]))
+
+
+def _the_car(words: list[str], at: int) -> bool:
+    """in front of the car, in front of car: the VUT's, if no other car has been named."""
+    at += words[at] == "the"
+    if at >= len(words) or words[at] not in ("car", "vehicle"):
+        return False
+    return words[at - 1] in ("of", "the") and not (at + 1 < len(words) and words[at + 1] in _SIDED)
+
+
 def _heads(words: list[str], stop: int) -> int:
     """The word after lane, kerb, adjacent lane … that a side stands before."""
     for _ in range(MAX_HEADS):
@@ -227,6 +241,8 @@ def place_stop(words: list[str], stop: int, value: str) -> int | None:
         return _own_part(words, stop + 1)
     if after == "the" and stop + 1 < count and (words[stop + 1] in EGO_WORDS):
         return _own_part(words, stop + 2)
+    if value.startswith("front") and _the_car(words, stop):
+        return stop + 1 + (after == "the")
     if words[stop - 1] == "of" or after in _ARTICLES or after in ("parked", "stopped"):
         return None
     return stop

@@ -153,6 +153,13 @@ KINDS: dict[Kind, Table] = {
         ),
     },
     Kind.BACKGROUND: {
+        "it": phrases(
+            """
+            skip it, leave it out, leave them out, leave him out, leave her out, skip them, not count
+            it, not count them, not list it, not list them, drop it, ignore it, ignore them, skip
+            him, skip her, disregard it, disregard them, leave it aside
+            """
+        ),
         "gone": phrases(
             """
             gone, is gone, are gone, out of view, out of sight, out of the picture, no longer visible,
@@ -164,10 +171,9 @@ KINDS: dict[Kind, Table] = {
             """
             background, irrelevant, not relevant, of no interest, no attention, no relation to,
             as background, part of the background, no role, not play any role, plays no part,
-            skip it, leave it out, leave them out, leave him out, leave her out, skip them,
-            not count, not count it, not count them, not list it, not list, not listed,
+            not count, not list, not listed,
             not a matter for us, not our business, not part of, opposite carriageway,
-            other carriageway, opposing carriageway, side alley, drop it, not involved,
+            other carriageway, opposing carriageway, side alley, not involved,
             nothing to do with us, of no consequence, disregard, disregarded, can be disregarded,
             be ignored, may be ignored, ignored, not of concern, not concern, no significance,
             of no significance, no bearing, not significant, not of importance, not considered,

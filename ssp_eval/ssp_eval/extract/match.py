@@ -6,7 +6,7 @@ from itertools import product
 from typing import Any
 
 from ssp_eval.extract import grammar, hazards, lanes, lexicon, movements, nouns, paces, verbs
-from ssp_eval.extract.directions import SIDES, place_stop, side
+from ssp_eval.extract.directions import SIDES, own_end, place_stop, side
 from ssp_eval.extract.hits import Hit, Kind
 from ssp_eval.extract.keeping import HEADS, keep
 
@@ -169,6 +169,7 @@ _ORDINALS = {
 
 
 _PACES = paces.HEADS | lanes.HEADS
+_ADVERBS = frozenset({"still", "yet", "though"})
 _RIDERS = frozenset({"pedestrian", "rider"})
 
 # Words with which a rule can begin; the rest is passed over at once.
@@ -246,6 +247,7 @@ def _add(words: list[str], at: int, stop: int, entry: Entry, hits: list[Hit]) ->
         end = place_stop(words, stop, value)
         if end is None:
             return stop
+        form = "car" if words[end - 1] in ("car", "vehicle") and not own_end(words, end) else form
         hits.append(Hit(kind, value, form, at, end))
         return end
     if kind is Kind.OBJECT or value == "rider":
@@ -258,6 +260,8 @@ def _add(words: list[str], at: int, stop: int, entry: Entry, hits: list[Hit]) ->
         form = _article(words, at)
     elif kind is Kind.VERB and stop == at + 1 and _is_noun(words, at):
         return stop
+    if kind is Kind.JOIN and words[at] in _ADVERBS and at and words[at - 1] not in _MARKS:
+        return stop  # is still crossing, has not yet stopped
     if kind is Kind.VERB and value == "wait" and words[stop : stop + 1] == [","]:
         kind = Kind.REVISE
     if kind is Kind.VERB and value == "cross" and form == "ing" and at:

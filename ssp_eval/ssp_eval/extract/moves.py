@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from ssp_eval.extract import others
+from ssp_eval.extract import others, places
 from ssp_eval.extract.hits import Hit, Kind
 from ssp_eval.extract.talk import EGO, SCENE, Talk
 from ssp_eval.extract.world import Actor
 
 
 def read_verb(talk: Talk, index: int, hit: Hit) -> None:
+    if hit.form == "value" and places.read_value(talk, index, hit):
+        return
     following = talk.hits[index + 1] if index + 1 < talk.stop else None
     if (
         hit.form in ("ing", "ed")

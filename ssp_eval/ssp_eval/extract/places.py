@@ -3,18 +3,33 @@
 from __future__ import annotations
 
 from ssp_eval.extract.hits import Hit, Kind
+from ssp_eval.extract.lexicon import phrases
 from ssp_eval.extract.talk import EGO, SCENE, Talk
 from ssp_eval.extract.world import Actor
+
+# What may stand between the start of a clause and a place without being what the place is of.
+_MEASURES = frozenset(
+    phrases(
+        """
+        about, some, roughly, approximately, m, metres, meters, metre, meter, just, slightly, far,
+        around, only, now, there, i, we, see, notice, also, a, few, approx, well, immediately,
+        directly, is, are, next, to, us, further, and, so, in, the, over, then, however, meanwhile
+        """
+    )
+)
+_OPENERS = frozenset({Kind.MARK, Kind.JOIN, Kind.AUX, Kind.PLACE, Kind.SIDE, Kind.KEY, Kind.THEN})
 
 
 def read_place(talk: Talk, index: int, hit: Hit) -> None:
     if talk.subject is SCENE and talk.near is None:
         return
+    if hit.form == "car" and any(actor.name == "car" for actor in talk.world.actors):
+        return  # in front of the car: of the one that was named before
     actor = talk.near or (talk.subject if isinstance(talk.subject, Actor) else None)
     if talk.key == "position":
         talk.put(talk.world.loose, index, talk.flags[index])
     elif actor is None:
-        if talk.subject is not EGO:
+        if talk.subject is not EGO and _opens_clause(talk, index, hit):
             talk.pending.append(index)
     elif talk.adjoins(index):
         noun = talk.named[-1][0] if talk.named else index
@@ -34,14 +49,52 @@ def read_side(talk: Talk, index: int, hit: Hit) -> None:
         following = talk.hits[index + 1] if index + 1 < talk.stop else None
         if following is not None and following.kind is Kind.OBJECT:
             talk.pending.append(index)
-        elif talk.key == "position":
+        elif talk.key == "position" or (talk.near is not None and _alone(talk, index, hit)):
             read_place(talk, index, hit)
         return
-    if hit.form == "bare" and talk.key != "position" and not _beside_place(talk, index):
+    if (
+        hit.form == "bare"
+        and talk.key != "position"
+        and not _beside_place(talk, index)
+        and not (talk.near is not None and _alone(talk, index, hit))
+    ):
         return
     if hit.form == "to" and _moving_to(talk, index):
         return
     read_place(talk, index, hit)
+
+
+def read_value(talk: Talk, index: int, hit: Hit) -> bool:
+    """A bare left or right among an actor's fragments is a place: motorbike (left, parallel)."""
+    if hit.value not in ("change_left", "change_right") or talk.near is None or talk.busy:
+        return False
+    if talk.key in ("action", "lat_action", "lon_action") or talk.subject is EGO:
+        return False
+    side = Hit(Kind.SIDE, hit.value.removeprefix("change_"), "at", hit.first, hit.stop)
+    if not talk.flags[index]:
+        talk.near.places.append(talk.said(side.value, side))
+    return True
+
+
+def _opens_clause(talk: Talk, index: int, hit: Hit) -> bool:
+    """Whether a place stands before its noun rather than after one that the rules don't know."""
+    before = talk.hits[index - 1] if index > talk.start else None
+    if before is not None and before.kind not in _OPENERS:
+        return False
+    first = before.stop if before is not None else _sentence_start(talk)
+    between = talk.words[first : hit.first]
+    return all(word in _MEASURES or word[0].isdigit() for word in between)
+
+
+def _sentence_start(talk: Talk) -> int:
+    return talk.hits[talk.start - 1].stop if talk.start else 0
+
+
+def _alone(talk: Talk, index: int, hit: Hit) -> bool:
+    """Whether a side stands between marks, or at the sentence's end."""
+    words = talk.words
+    after = words[hit.stop] if hit.stop < len(words) else "."
+    return not words[hit.first - 1].isalnum() and not after[0].isalnum() and not talk.busy
 
 
 def _beside_place(talk: Talk, index: int) -> bool:

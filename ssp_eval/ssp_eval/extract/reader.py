@@ -43,11 +43,21 @@ def _end(talk: Talk) -> None:
     if {"car", "pedestrian", "cyclist"} <= talk.denied:
         first, stop = talk.hits[talk.start].first, talk.hits[talk.stop - 1].stop
         talk.world.nobody = Statement("", first, stop, talk.number)
+    if talk.pending and not talk.named and talk.last is not None and _places_only(talk):
+        for index in talk.pending:  # Child. In front.
+            talk.put(talk.last, index, talk.flags[index])
     last = talk.hits[talk.stop - 1]
     before = talk.hits[talk.stop - 2] if talk.stop - 2 >= talk.start else None
     if not (before is not None and before.value == ":" and last.value == "\n"):
         talk.key = ""
     _carry_list(talk, planned is not None or talk.subject is EGO)
+
+
+def _places_only(talk: Talk) -> bool:
+    kinds = (Kind.PLACE, Kind.SIDE, Kind.MARK)
+    hits = talk.hits[talk.start : talk.stop]
+    spoken = sum(hit.stop - hit.first for hit in hits)
+    return all(hit.kind in kinds for hit in hits) and spoken == hits[-1].stop - hits[0].first
 
 
 def _opens_item(talk: Talk, hit: Hit) -> bool:
@@ -93,6 +103,10 @@ def _join(talk: Talk, index: int, hit: Hit) -> None:
 def _carry(talk: Talk, index: int) -> None:
     """After "and" the subject goes on; a noun for a participle doesn't."""
     following = talk.hits[index + 1] if index + 1 < talk.stop else None
+    before = talk.hits[index - 1] if index > talk.start else None
+    if following is not None and following.kind is Kind.SCENE and before is not None:
+        if before.kind is Kind.OBJECT:
+            return  # a worker and cones on the right
     if following is None or following.kind is not Kind.OBJECT:
         talk.near = talk.subject if isinstance(talk.subject, Actor) else None
     talk.busy = False
@@ -100,13 +114,25 @@ def _carry(talk: Talk, index: int) -> None:
 
 def _mark(talk: Talk, index: int, hit: Hit) -> None:
     talk.planner.mark(index, hit)
-    if hit.value in (";", ":", "["):
+    if hit.value == ":" and _labels(talk, index):
+        talk.busy = False  # Truck: at the kerb. Front: a pedestrian.
+    elif hit.value in (";", ":", "["):
         talk.clear()
     elif hit.value == ",":
         talk.adjectives = []
         talk.busy = False
         if not isinstance(talk.subject, Actor):
             talk.reacting = talk.reacting and talk.subject is not EGO
+
+
+def _labels(talk: Talk, index: int) -> bool:
+    """Whether a colon follows a road user or a place that what comes next speaks of."""
+    before = talk.hits[index - 1] if index > talk.start else None
+    if before is None or talk.subject is EGO:
+        return False
+    if before.kind is Kind.MARK and before.value in (")", '"') and index - 2 >= talk.start:
+        before = talk.hits[index - 2]
+    return before.kind in (Kind.OBJECT, Kind.PLACE, Kind.SIDE)
 
 
 _HANDLERS: dict[Kind, Callable[[Talk, int, Hit], None]] = {

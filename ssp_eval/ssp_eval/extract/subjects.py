@@ -135,7 +135,9 @@ def read_pronoun(talk: Talk, index: int, hit: Hit) -> None:
 def _referent(talk: Talk, pronoun: str) -> Actor | None:
     """Whom a pronoun means: what was talked about before what was only named, and a fit one."""
     fits = _FITTING.get(pronoun)
-    for actor in (talk.topic, talk.last):
+    here = talk.named[-1][1] if talk.named else None
+    subject = talk.subject if isinstance(talk.subject, Actor) else None
+    for actor in (subject, here, talk.topic, talk.last):
         if actor is not None and (fits is None or actor.name in fits):
             return actor
     if fits is not None:

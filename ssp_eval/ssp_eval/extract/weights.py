@@ -7,7 +7,6 @@ from ssp_eval.extract.scope import Scope
 from ssp_eval.extract.talk import EGO, REACH, SCENE, Talk
 from ssp_eval.extract.world import Actor, Statement
 
-_DROPS = frozenset({"ignore", "ignoring", "skip", "leave", "left", "not"})
 _CONFLICT_WORDS = {
     "potential": "potential",
     "possible": "potential",
@@ -46,11 +45,12 @@ def read_background(talk: Talk, index: int, hit: Hit) -> None:
     actor = talk.subject if isinstance(talk.subject, Actor) else talk.near
     if actor is None and talk.named:
         actor = talk.named[-1][1]
-    if actor is None and (talk.words[hit.first] in _DROPS or hit.value == "gone"):
-        actor = talk.last if hit.value != "gone" else None
+    if actor is None and hit.value == "it":
+        actor = talk.last
     if actor is not None:
-        for one in (*talk.group, actor):
+        for one in talk.group if actor in talk.group else [actor]:
             one.background = True
+            one.gone = one.gone or hit.value == "gone"
     elif hit.value != "gone":
         talk.is_background = True
 

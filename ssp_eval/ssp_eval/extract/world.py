@@ -66,6 +66,7 @@ class Actor:
     critical: bool = False
     matters: bool = False
     background: bool = False
+    gone: bool = False
     intruding: bool = False
     reaction: int = 0
 
