@@ -297,10 +297,23 @@ KINDS: dict[Kind, Table] = {
     Kind.QUOTE: {
         "": phrases(
             """
-            prompt, question, instruction, instructions, asked, asks, user, options,
-            option, example, the task is, task, candidates, hypothesis, alternative,
-            alternatives, choices, system, candidate actions, possible actions, user
-            says
+            prompt, question, instruction, instructions, asked, asks, user, option, example, the
+            task is, task, hypothesis, alternative, system, user says, prev decision, previous
+            decision, last decision, previous action, prev action, last action, previous plan,
+            old plan, earlier plan, past action, previous output, previous answer, prev plan,
+            former plan, earlier decision, prior decision, prior action, old decision, history
+            """
+        ),
+        "options": phrases(
+            """
+            options, alternatives, candidates, choices, candidate actions, possible actions, not
+            recommended, rejected options, discarded options, options considered, options were,
+            considered options, alternatives considered, possibilities, rejected alternatives,
+            two ways, three ways, not chosen, discarded alternatives, not an option, not advised,
+            ruled out options, other options, other possibilities, alternatives are, allowed
+            actions, available actions, action space, options are, candidate maneuvers,
+            candidate manoeuvres, what not to do, ideas, i considered, we considered, two options,
+            three options, two possibilities, three possibilities, do not do
             """
         ),
     },

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ssp_eval.extract.lexicon import phrases
+from ssp_eval.extract.paces import number
 
 _KEEP = frozenset(
     phrases("keep, keeps, keeping, maintain, maintains, maintaining, hold, holds, holding")
@@ -105,6 +106,8 @@ def _speed(words: list[str], at: int, form: str) -> tuple[Found, ...]:
         here += 1
     if here >= count:
         return ()
+    if words[at] in _KEEP and words[here][0].isdigit():
+        return _figure(words, at, here, form)
     if words[here] == "lane" and words[here + 1 : here + 2] == ["and"]:
         rest = _after_and(words, here + 2, _SPEEDS)
         if rest and words[at] in _KEEP:
@@ -117,6 +120,19 @@ def _speed(words: list[str], at: int, form: str) -> tuple[Found, ...]:
         return ()
     kept: Found = ("keep_speed", form, at, stop)
     if stop < count and words[stop] == "and" and words[at] in _KEEP:
+        lane = _after_and(words, stop + 1, frozenset({"lane"}))
+        if lane:
+            return (kept, ("keep_lane", form, at, lane))
+    return (kept,)
+
+
+def _figure(words: list[str], at: int, here: int, form: str) -> tuple[Found, ...]:
+    """hold 50 km/h and our own lane."""
+    stop = number(words, here)
+    if stop is None:
+        return ()
+    kept: Found = ("keep_speed", form, at, stop)
+    if words[stop : stop + 1] == ["and"]:
         lane = _after_and(words, stop + 1, frozenset({"lane"}))
         if lane:
             return (kept, ("keep_lane", form, at, lane))
@@ -146,6 +162,9 @@ def _lane(words: list[str], at: int, form: str) -> tuple[Found, ...]:
             break
         elif word == "position" and words[at] in _KEEP:
             return (("keep_lane", form, at, here + 1),) if _in_lane(words, here) else ()
+        elif word == "behind" and words[at] in _STAY:
+            here = _behind(words, here)
+            continue
         elif word not in _OWN and word not in _POSED and word not in _SIDES and word not in _ON:
             return ()
         here += 1
@@ -159,6 +178,14 @@ def _lane(words: list[str], at: int, form: str) -> tuple[Found, ...]:
     if stop < count and words[stop] in ("position", "positioning", "keeping"):
         stop += 1
     return (("keep_lane", form, at, stop),)
+
+
+def _behind(words: list[str], here: int) -> int:
+    """The word after "behind the slow truck", where "in our lane" may follow."""
+    for stop in range(here + 1, min(here + 6, len(words))):
+        if words[stop] in _IN or not words[stop].isalpha():
+            return stop
+    return len(words)
 
 
 def _in_lane(words: list[str], position: int) -> bool:

@@ -102,7 +102,7 @@ MOVEMENTS: dict[str, tuple[str, ...]] = {
     "queue": phrases("queue, sit, stay put, pause, linger, loiter, hesitate, squat"),
 }  # fmt: skip
 # What a movement of somebody else is; some need a side or company, see motions.py.
-STANDING = frozenset({"stop", "wait", "park", "stall", "queue"})
+STANDING = frozenset({"stop", "wait", "park", "stall", "queue", "rest"})
 MOVING = frozenset(
     {
         "slow",

@@ -116,7 +116,8 @@ class Planner:
         if previous is None:
             return not other
         if hit.form == "value":
-            return previous.value in _ORDERS
+            sided = hit.value in ("change_left", "change_right")
+            return previous.value in _ORDERS and not sided
         acts = hit.value in LON_ACTIONS or hit.value in LAT_ACTIONS or hit.value in STEERING
         return (
             hit.form == "base"

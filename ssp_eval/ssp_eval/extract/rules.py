@@ -29,7 +29,7 @@ def extract(text: str) -> Slots:
     tokens = tokenise(text)
     hits = find(tokens.words)
     ranges = sentences(hits)
-    world = read(tokens.words, hits, scopes(hits, ranges), ranges)
+    world = read(tokens.words, hits, scopes(tokens.words, hits, ranges), ranges)
     slots: dict[str, Slot] = {}
     for name, (value, support) in decide(world).items():
         spans = sorted({tokens.span(said.first, said.stop) for said in support})

@@ -6,6 +6,7 @@ condition reaches to the end of its sentence or to the next ``but``.
 
 from __future__ import annotations
 
+from ssp_eval.extract.echoes import mark_echoes
 from ssp_eval.extract.hits import Hit, Kind
 
 
@@ -44,13 +45,12 @@ def sentences(hits: list[Hit]) -> list[tuple[int, int]]:
     return ranges
 
 
-def scopes(hits: list[Hit], ranges: list[tuple[int, int]]) -> list[int]:
+def scopes(words: list[str], hits: list[Hit], ranges: list[tuple[int, int]]) -> list[int]:
     """The flags of every hit, in the order of the hits."""
     flags = [0] * len(hits)
     for start, stop in ranges:
         _Sentence(hits, flags, start, stop).run()
-    _mark_quotes(hits, flags, ranges)
-    _mark_frames(hits, flags)
+    mark_echoes(words, hits, flags, ranges)
     return flags
 
 
@@ -91,6 +91,8 @@ class _Sentence:
     def _operator(self, index: int, hit: Hit) -> None:
         kind, value = hit.kind, hit.value
         if kind is Kind.NOT:
+            if value == "no":
+                self._answer_no(index)
             self.local |= Scope.DENIED
             self._deny_subject(index, Scope.DENIED)
         elif kind is Kind.NO_LONGER:
@@ -121,6 +123,18 @@ class _Sentence:
                     self.flags[verb] |= Scope.REJECTED
         elif kind is Kind.HYPOTHETICAL:
             self.local |= Scope.POSSIBLE
+
+    def _answer_no(self, index: int) -> None:
+        """Vehicle cutting in: no. Cyclists: none."""
+        before = self.hits[index - 1] if index > self.start else None
+        after = self.hits[index + 1] if index + 1 < self.stop else None
+        if before is None or before.value != ":" or (after and after.kind is not Kind.MARK):
+            return
+        for at in range(index - 2, max(index - REACH, self.start) - 1, -1):
+            if self.hits[at].kind is Kind.MARK:
+                return
+            if self.hits[at].kind in (Kind.VERB, Kind.OBJECT):
+                self.flags[at] |= Scope.DENIED
 
     def _deny_subject(self, index: int, flag: int) -> None:
         """Braking is not necessary: the verb is the clause's subject and is what is denied."""
@@ -237,72 +251,3 @@ class _Sentence:
             self.local |= Scope.IMAGINED
         elif value != "needed":
             self.wide |= Scope.IMAGINED
-
-
-def _mark_quotes(hits: list[Hit], flags: list[int], ranges: list[tuple[int, int]]) -> None:
-    """Questions, prompts and options, and what stands in quotation marks after such a word."""
-    quoted = False
-    any_opener = any(hit.kind is Kind.QUOTE for hit in hits)
-    for start, stop in ranges:
-        opener: int | None = None
-        question = hits[stop - 1].kind is Kind.MARK and hits[stop - 1].value == "?"
-        if not (any_opener or question):
-            continue
-        for index in range(start, stop):
-            hit = hits[index]
-            if hit.kind is Kind.QUOTE:
-                opener = index
-            elif hit.kind is Kind.MARK and hit.value == '"':
-                if quoted:
-                    quoted = False
-                    opener = None
-                elif opener is not None and index - opener <= 4:
-                    quoted = True
-            if quoted or question or _after_colon(hits, opener, index, start):
-                flags[index] |= Scope.QUOTED
-
-
-def _after_colon(hits: list[Hit], opener: int | None, index: int, start: int) -> bool:
-    """Whether a hit follows "Prompt:" or "Option A:" in its own sentence."""
-    if opener is None or index <= opener:
-        return False
-    if opener > start and hits[opener - 1].kind is not Kind.MARK:
-        return False
-    after = hits[opener + 1]
-    return after.kind is Kind.MARK and after.value in (":", ")", '"', "=")
-
-
-def _mark_frames(hits: list[Hit], flags: list[int]) -> None:
-    """Of several numbered frames only the last is the present."""
-    frames = [int(hit.value) for hit in hits if hit.kind is Kind.FRAME]
-    if not frames:
-        return
-    newest = max(frames)
-    if newest < 10**6 and len(set(frames)) == 1:
-        return
-    current = newest
-    clause = 0
-    for index, hit in enumerate(hits):
-        if hit.kind is Kind.FRAME:
-            current = int(hit.value)
-            leads = index == clause
-            if leads:
-                flags[index] = _dated(flags[index], current, newest)
-            else:
-                for before in range(clause, index):
-                    flags[before] = _dated(flags[before], current, newest)
-                current = newest
-                clause = index + 1
-        elif hit.kind is Kind.MARK and hit.value != ":":
-            clause = index + 1
-            if hit.value == "\n":
-                current = newest
-        elif hit.kind is Kind.JOIN or hit.kind is Kind.FINAL:
-            clause = index + 1
-            if hit.kind is Kind.FINAL:
-                current = newest
-        flags[index] = _dated(flags[index], current, newest)
-
-
-def _dated(flag: int, frame: int, newest: int) -> int:
-    return flag | Scope.PAST if frame < newest else flag

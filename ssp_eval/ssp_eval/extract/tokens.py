@@ -42,6 +42,8 @@ _DROPPED = ""
 _SINGLE = frozenset(',;:"=|')
 _LISTS = "\u2022\u25cf\u25e6-*#>0123456789\"'[({<"
 
+FIELD_NAME = 24  # characters in which the name of a field at the start of a line must end
+
 SENTENCE_END = "."
 QUESTION = "?"
 BREAK = "\n"
@@ -150,4 +152,8 @@ def _starts_item(text: str, start: int) -> bool:
     if start >= len(text):
         return True
     first = text[start]
-    return first in _LISTS or (first.isupper() and text[start : start + 2] != "I ")
+    if first in _LISTS or (first.isupper() and text[start : start + 2] != "I "):
+        return True
+    head = text[start : start + FIELD_NAME]
+    colon = max(head.find(":"), head.find("="))
+    return colon > 0 and head[:colon].count(" ") < 3 and "\n" not in head[:colon]

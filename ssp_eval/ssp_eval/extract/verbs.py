@@ -6,7 +6,13 @@ from ssp_eval.extract.lexicon import phrases
 
 # lemma: verbs that mean it, as "base particle" with irregular forms given as base|s|ing|ed.
 VERBS: dict[str, tuple[str, ...]] = {
-    "slow": phrases("slow down, decelerate, slow, ease off, back off, coast, give way"),
+    "slow": phrases(
+        """
+        slow down, decelerate, slow, ease off, back off, coast, give way, deccelerate, decelarate,
+        decel, lift off, ease up, drop back, fall back, go slower, drive slower, deaccelerate,
+        hang back, slack off, ease back, throttle back, let off, freewheel
+        """
+    ),
     "brake": phrases("brake, brakes|brakes|braking|braked"),
     "yield": phrases("yield"),
     "reduce": phrases(
@@ -37,7 +43,9 @@ VERBS: dict[str, tuple[str, ...]] = {
     "stall": phrases("stall, idle, be stuck|is stuck|being stuck|been stuck"),
     "accelerate": phrases(
         """
-        accelerate, speed up, resume speed, resume our speed, resume normal speed, resume
+        accelerate, accel, acelerate, speed up, go faster, drive faster, get moving, get going,
+        start off, move away from standstill, throttle up, resume speed,
+        resume our speed, resume normal speed, resume
         my speed, set off, increase speed, increase our speed, increase my speed, pick up
         speed, gain speed, move off, start moving, resume its speed, speed back up, resume
         cruising speed, regain speed, increase the speed, increase its speed, resume our
@@ -48,7 +56,8 @@ VERBS: dict[str, tuple[str, ...]] = {
     "cruise": phrases("cruise"),
     "steer": phrases(
         """
-        steer, nudge, shift, swerve, veer, drift, edge, bear, deviate, offset, divert
+        steer, nudge, shift, swerve, veer, drift, edge, bear, deviate, offset, divert, dodge,
+        evade, sidestep, sidle, swing, slide, inch, veer off, lean
         """
     ),
     "turn": phrases(
@@ -62,12 +71,13 @@ VERBS: dict[str, tuple[str, ...]] = {
     "change": phrases(
         """
         change lane, change lanes, switch lane, switch lanes, change to, change into,
-        switch to, switch into
+        switch to, switch into, change over, switch over, lane change
         """
     ),
     "move": phrases(
         """
-        move, pull over, pull, go, move over, shift over, squeeze, head, come, get over
+        move, pull over, pull, go, move over, shift over, squeeze, head, come, get over, pull out,
+        swing out, go over, move across, steer over, cross over, make room, give room, give space
         """
     ),
     "drive": phrases("drive, travel, proceed, ride, progress"),
@@ -150,6 +160,12 @@ EXTRA_FORMS: dict[str, tuple[tuple[str, str], ...]] = {
         ("left nudge", "noun"),
         ("left shift", "noun"),
         ("turned left", "ed"),
+        ("change left", "base"),
+        ("changing left", "ing"),
+        ("leftward shift", "noun"),
+        ("shift leftward", "base"),
+        ("steer leftward", "base"),
+        ("keep left", "base"),
         ("leftward nudge", "noun"),
     ),
     "change_right": (
@@ -166,6 +182,12 @@ EXTRA_FORMS: dict[str, tuple[tuple[str, str], ...]] = {
         ("right nudge", "noun"),
         ("right shift", "noun"),
         ("turned right", "ed"),
+        ("change right", "base"),
+        ("changing right", "ing"),
+        ("rightward shift", "noun"),
+        ("shift rightward", "base"),
+        ("steer rightward", "base"),
+        ("keep right", "base"),
         ("rightward nudge", "noun"),
     ),
     "keep_lane": (
@@ -192,6 +214,7 @@ LON_ACTIONS = {
     "yield": "decelerate",
     "reduce": "decelerate",
     "stop": "stop",
+    "rest": "stop",
     "accelerate": "accelerate",
     "cruise": "maintain",
     "keep_speed": "maintain",
