@@ -133,7 +133,7 @@ def pause_s(policy: Policy, trouble: Trouble, tries: int, left_s: float | None) 
         if wait_s > policy.longest_wait_s:
             return None
     else:
-        wait_s = min(policy.first_wait_s * 2.0 ** (tries - 1), policy.longest_wait_s)
+        wait_s = min(policy.first_wait_s * 2.0 ** min(tries - 1, 60), policy.longest_wait_s)
     return wait_s if left_s is None or wait_s < left_s else None
 
 

@@ -1,0 +1,263 @@
+"""Questions to LLMs, as far as no server is needed: patience, keys, and what a reply says.
+
+How the client fares with real services is tested where it is used: ssp_vla_bridge/test/openai,
+ssp_scenario_manager/test/test_spec_extract_server.py.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ssp_core.chat import (
+    OpenAIChat,
+    Policy,
+    Trouble,
+    check_key,
+    looks_like_html,
+    pause_s,
+    without_userinfo,
+)
+from ssp_core.chat_reply import Completion, NoCompletion, read_completion
+from ssp_core.errors import InputError
+from ssp_core.secret import gives_away, redact
+from ssp_core.strict_json import parse_strict
+
+KEY = 'sk-4f/9a"7<b>+2&d8'
+
+# Patience.
+
+BUSY = Trouble("429", "busy", safe=True)
+LOST = Trouble("lost", "silent", lost=True)
+FINAL = Trouble("400", "no")
+
+
+@pytest.mark.parametrize(
+    ("trouble", "tries", "left_s", "expected_s"),
+    [
+        (BUSY, 1, None, 1.0),
+        (BUSY, 2, None, 2.0),
+        (BUSY, 3, None, 4.0),
+        (BUSY, 4, None, None),
+        (BUSY, 1, 1.001, 1.0),
+        (BUSY, 1, 1.0, None),
+        (BUSY, 1, -1.0, None),
+        (Trouble("429", "busy", safe=True, wait_s=7.0), 3, None, 7.0),
+        (Trouble("429", "busy", safe=True, wait_s=60.0), 1, None, 60.0),
+        (Trouble("429", "busy", safe=True, wait_s=60.1), 1, None, None),
+        (Trouble("429", "busy", safe=True, wait_s=0.0), 1, 0.1, 0.0),
+        (Trouble("429", "busy", safe=True, wait_s=7.0), 1, 7.0, None),
+        (Trouble("400", "no", wait_s=1.0), 1, None, None),
+        (LOST, 1, None, None),
+        (FINAL, 1, None, None),
+    ],
+)
+def test_what_is_tried_again_and_when(trouble, tries, left_s, expected_s):
+    assert pause_s(Policy(tries=4), trouble, tries, left_s) == expected_s
+
+
+def test_a_policy_may_ask_again_for_what_was_lost():
+    policy = Policy(retry_lost=True)
+    assert pause_s(policy, LOST, 1, None) == 1.0
+    assert pause_s(policy, FINAL, 1, None) is None
+
+
+def test_a_wait_has_an_end_however_many_tries_there_are():
+    assert pause_s(Policy(tries=10_000), BUSY, 5000, None) == 60.0
+
+
+def test_no_try_at_all_is_a_callers_mistake():
+    with pytest.raises(ValueError, match="at least one try"):
+        OpenAIChat("http://127.0.0.1:9/v1", "m", policy=Policy(tries=0))
+
+
+def test_the_library_is_imported_by_those_who_ask_only():
+    code = (
+        "import sys, ssp_core.chat, ssp_core.chat_reply, ssp_core.cli\n"
+        "import ssp_vla_bridge.core.backend, ssp_vla_bridge.core.prompts\n"
+        "assert not [m for m in ('openai', 'httpx2', 'aiohttp') if m in sys.modules]\n"
+        "ssp_core.chat.OpenAIChat('http://127.0.0.1:9/v1', 'm')\n"
+        "assert 'openai' in sys.modules\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+# Keys.
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        lambda key: f"bad key {key}.",
+        lambda key: json.dumps({"error": f"Bearer {key}"}),
+        lambda key: json.dumps({"error": key}).replace("/", "\\/"),
+        lambda key: f"{key}{key} {key}",
+        lambda key: f"you sent {key[:11]}",
+        lambda key: f"…{key[-9:]} is wrong",
+        lambda key: "?key=sk-4f%2F9a%227%3Cb%3E%2B2%26d8",
+        lambda key: "<p>sk-4f/9a&quot;7&lt;b&gt;+2&amp;d8</p>",
+    ],
+)
+def test_a_key_is_taken_out_in_all_its_forms(shape):
+    shown = redact(shape(KEY), KEY)
+    assert "[key]" in shown
+    assert "4f" not in shown
+    assert "d8" not in shown
+
+
+@given(st.text(), st.text(), st.text(alphabet="abcXYZ019-_", min_size=8, max_size=30))
+def test_no_text_around_a_key_shows_it(before, after, key):
+    shown = redact(before + key + after, key)
+    assert key not in shown.replace("[key]", "\n")
+    other = "".join(character for character in before + after if character not in key)
+    assert redact(other, key) == other
+
+
+@pytest.mark.parametrize(
+    ("key", "text", "shown"),
+    [
+        (None, "all of it", "all of it"),
+        ("", "all of it", "all of it"),
+        ("EMPTY", "is EMPTY here", "is [key] here"),
+        ("abcdefgh-secret", "bcdefg only", "bcdefg only"),
+        ("abcdefgh-secret", "an abcdefgh here", "an [key] here"),
+    ],
+)
+def test_what_is_and_what_is_not_taken_out(key, text, shown):
+    assert redact(text, key) == shown
+
+
+@pytest.mark.parametrize(
+    ("body", "key", "given_away"),
+    [
+        (b"you sent abcdefgh", "abcdefgh", True),
+        (b"you sent abcdefg", "abcdefgh", False),
+        (b"EMPTY", "EMPTY", False),
+        (b"anything", None, False),
+        (b'{"k": "sk-4f\\/9a\\"7<b>+2&d8"}', KEY, True),
+        (b"\xff\xfe abcdefgh", "abcdefgh", True),
+    ],
+)
+def test_a_body_gives_a_key_away(body, key, given_away):
+    assert gives_away(body, key) is given_away
+
+
+def test_a_key_is_checked_before_it_is_sent():
+    assert check_key("K", " abc\r\n", "or not") == "abc"
+    with pytest.raises(InputError, match="the environment has no K, or it is empty; export it, or"):
+        check_key("K", None, "leave it")
+    with pytest.raises(InputError, match="holds a blank") as refused:
+        check_key("K", "abc def", "leave it")
+    assert "abc" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("url", "shown"),
+    [
+        ("http://me:pw@host:8/v1", "http://host:8/v1"),
+        ("https://host/v1", "https://host/v1"),
+        ("http://[::1", "the address"),
+    ],
+)
+def test_an_address_is_shown_without_its_password(url, shown):
+    assert without_userinfo(url) == shown
+
+
+# Replies.
+
+
+def reply(message, **more):
+    return json.dumps({"choices": [{"message": message, "finish_reason": "stop"}], **more}).encode()
+
+
+def test_a_plain_reply():
+    usage = {"prompt_tokens": 5, "completion_tokens": 2, "total_tokens": 7, "more": {"x": 1}}
+    body = reply({"content": "Hi."}, model="m-1", system_fingerprint="fp", usage=usage)
+    assert read_completion(body) == Completion(
+        text="Hi.", finish_reason="stop", model="m-1", system_fingerprint="fp",
+        usage={"prompt_tokens": 5, "completion_tokens": 2, "total_tokens": 7},
+    )  # fmt: skip
+    assert not read_completion(body).cut_off
+
+
+def test_a_byte_order_mark_is_no_json_and_said_so():
+    with pytest.raises(NoCompletion, match="as JSON it is wrong"):
+        read_completion(b"\xef\xbb\xbf" + reply({"content": "x"}))
+
+
+@pytest.mark.parametrize(
+    ("body", "page"),
+    [
+        (b"\xef\xbb\xbf\n <!DOCTYPE HTML>", True),
+        (b"<html lang=en>", True),
+        (b"<?xml version='1.0'?>", True),
+        (b'{"choices": "<html>"}', False),
+        (b"", False),
+    ],
+)
+def test_a_page_is_told_from_json(body, page):
+    assert looks_like_html(body) is page
+
+
+json_values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
+    lambda inner: (
+        st.lists(inner, max_size=3)
+        | st.dictionaries(
+            st.sampled_from(
+                ["choices", "message", "content", "type", "text", "refusal", "finish_reason",
+                 "usage", "model", "error", "total_tokens", "reasoning_content"]
+            ),
+            inner,
+            max_size=4,
+        )
+    ),
+    max_leaves=20,
+)  # fmt: skip
+
+
+@given(json_values | st.builds(lambda m: {"choices": [{"message": m}]}, json_values))
+def test_any_json_is_a_completion_or_says_why_not(value):
+    try:
+        said = read_completion(json.dumps(value).encode())
+    except NoCompletion:
+        return
+    assert said.text is None or said.text.encode()
+    assert all(isinstance(count, int) for count in (said.usage or {}).values())
+
+
+@given(st.binary(max_size=200))
+def test_any_bytes_are_a_completion_or_say_why_not(body):
+    with pytest.raises(NoCompletion):
+        read_completion(body)
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ('{"a": NaN}', "NaN is no number"),
+        ('{"a": -Infinity}', "-Infinity is no number"),
+        ('{"a": 1, "a": 1}', "a key stands twice"),
+        ("[" * 200_000, "nested too deeply"),
+        (b"\xff", r"not UTF-8 \(byte 0\)"),
+        ("{} {}", "Extra data"),
+        ("1" * 5000, "digits"),
+        ("", "Expecting value"),
+    ],
+)
+def test_strict_json_raises_one_kind_of_error(text, what):
+    with pytest.raises(ValueError, match=what):
+        parse_strict(text)
+
+
+@given(json_values.filter(lambda value: "NaN" not in json.dumps(value)))
+def test_strict_json_reads_what_json_is(value):
+    text = json.dumps(value)
+    if "Infinity" not in text:
+        assert parse_strict(text) == parse_strict(text.encode()) == value
