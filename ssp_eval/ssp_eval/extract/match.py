@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import product
 from typing import Any
 
-from ssp_eval.extract import grammar, hazards, lanes, lexicon, movements, nouns, paces, verbs
+from ssp_eval.extract import grammar, halts, hazards, lanes, lexicon, movements, nouns, paces, verbs
 from ssp_eval.extract.directions import SIDES, own_end, place_stop, side
 from ssp_eval.extract.hits import Hit, Kind
 from ssp_eval.extract.keeping import HEADS, keep
@@ -143,6 +143,7 @@ _BARE_VALUES = {
     "right": "change_right",
     "keep": "keep_speed",
 }
+_PACED = frozenset({"decelerate", "maintain", "accelerate", "stop", "brake", "slow", "cruise"})
 _FRAMES = {"frame", "image", "picture", "timestep"}
 _ORDINALS = {
     "first": 1,
@@ -173,7 +174,17 @@ _ADVERBS = frozenset({"still", "yet", "though"})
 _RIDERS = frozenset({"pedestrian", "rider"})
 
 # Words with which a rule can begin; the rest is passed over at once.
-_FREE = frozenset(SIDES) | HEADS | _PACES | hazards.HEADS | _FRAMES | frozenset(_BARE_VALUES)
+_INITIALS = {"l": "left", "r": "right"}
+_FREE = (
+    frozenset(_INITIALS)
+    | frozenset(SIDES)
+    | HEADS
+    | _PACES
+    | hazards.HEADS
+    | halts.HEADS
+    | _FRAMES
+    | frozenset(_BARE_VALUES)
+)
 _STARTS = frozenset(_ROOT) | _MARKS | _FREE
 
 
@@ -215,12 +226,22 @@ def find(words: list[str]) -> list[Hit]:
                 hits.append(Hit(Kind.CONFLICT, "resolved", "", at, over))
                 at = over
                 continue
+        if word in halts.HEADS:
+            halted = halts.halt(words, at)
+            if halted is not None:
+                hits.append(Hit(Kind.VERB, *halted))
+                at = halted[3]
+                continue
         if word in _PACES:
             paced = paces.pace(words, at) or lanes.straight(words, at)
             if paced is not None:
                 hits.append(Hit(Kind.VERB, *paced))
                 at = paced[3]
                 continue
+        if word in _INITIALS and hits and _steered(hits[-1], at):
+            hits.append(Hit(Kind.SIDE, _INITIALS[word], "bare", at, at + 1))
+            at += 1
+            continue
         if word in SIDES:
             at = _side(words, at, hits)
             continue
@@ -279,6 +300,11 @@ def _add(words: list[str], at: int, stop: int, entry: Entry, hits: list[Hit]) ->
     return stop
 
 
+def _steered(hit: Hit, at: int) -> bool:
+    """nudge R: whether the letter stands right behind a steering verb."""
+    return hit.kind is Kind.VERB and hit.value in verbs.STEERING and hit.stop == at
+
+
 def _article(words: list[str], at: int) -> str:
     """Whether a noun is introduced (indefinite), known (definite) or bare."""
     for back in range(at - 1, max(at - 6, -1), -1):
@@ -310,7 +336,9 @@ def _is_noun(words: list[str], at: int) -> bool:
 def _bare_value(words: list[str], at: int) -> tuple[str, str] | None:
     """A value that stands alone between marks, as in ['STRAIGHT', 'MAINTAIN']."""
     lemma = _BARE_VALUES.get(words[at])
-    alone = (at == 0 or words[at - 1] in _MARKS) and (
+    joined = words[at] == "straight" and words[at - 1] == "and" and at > 1
+    joined = joined and words[at - 2] in _PACED
+    alone = (at == 0 or words[at - 1] in _MARKS or joined) and (
         at + 1 == len(words) or words[at + 1] in _MARKS
     )
     return (lemma, "value") if lemma and alone else None
