@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from ssp_core.errors import InputError
 from ssp_vla_bridge.core.adapters import adapt
 from ssp_vla_bridge.core.response import NativeArray, Response
+from ssp_vla_bridge.core.task import TASK
 from ssp_vla_bridge.core.trajectory import check_trajectory
 
 
@@ -82,6 +83,55 @@ def test_an_error_is_a_missing_answer(make_response):
 def test_unknown_adapter_names_the_known_ones(make_response):
     with pytest.raises(InputError, match="waypoints"):
         adapt("no_such_adapter", make_response())
+
+
+def written(rows, label="Trajectory: "):
+    text = f"I slow down.\n{label}[{', '.join(f'[{x}, {y}]' for x, y in rows)}]"
+    return Response("r1", 0, "model", "model/1", text)
+
+
+def test_reads_a_trajectory_that_is_written_into_the_text():
+    adapted = adapt("waypoints", written([(4.0, 0.1), (7.5, 0.3), (10.5, -0.2), (13.0, 0.0)]))
+    assert adapted.trajectory.t_s == (0.0, 0.5, 1.0, 1.5, 2.0)
+    assert adapted.trajectory.x_m == (0.0, 4.0, 7.5, 10.5, 13.0)
+    assert adapted.trajectory.y_m == (0.0, 0.1, 0.3, -0.2, 0.0)
+    assert adapted.info.origin_added
+    assert adapted.info.notes == ("the trajectory was read from the text",)
+
+
+def test_the_step_of_a_written_trajectory_is_the_tasks(make_request):
+    task = replace(TASK, trajectory_step_s=0.25, trajectory_horizon_s=1.0)
+    request = replace(make_request(), task=task)
+    adapted = adapt("waypoints", written([(1, 0), (2, 0), (3, 0), (4, 0)]), request)
+    assert adapted.trajectory.t_s == (0.0, 0.25, 0.5, 0.75, 1.0)
+    assert adapted.info.notes == ("the trajectory was read from the text",)
+
+
+@pytest.mark.parametrize("step_s", [0.0, -0.5, math.nan, math.inf, 1e-320])
+def test_a_task_without_a_step_leaves_a_written_trajectory_unread(make_request, step_s):
+    request = replace(make_request(), task=replace(TASK, trajectory_step_s=step_s))
+    adapted = adapt("waypoints", written([(1, 0), (2, 0), (3, 0), (4, 0)]), request)
+    assert adapted.invalid == ("timestamps",)
+
+
+def test_an_array_is_read_before_a_text(make_response):
+    response = make_response([(0, 0), (4, 0), (7, 0)], text=written([(1, 0), (2, 0)]).text)
+    assert adapt("waypoints", response).trajectory.x_m == (0.0, 4.0, 7.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("Trajectory: [[4.0, 0.0], [7.5, 0.0", "shape"),
+        ("Trajectory: [[4.0, 0.0, 0.5], [7.5, 0.0, 1.0]]", "shape"),
+        ("Trajectory: [[4.0, 0.0]]", "coverage"),
+        ("Trajectory: none.", "missing"),
+    ],
+)
+def test_names_why_a_written_trajectory_is_none(text, reason):
+    adapted = adapt("waypoints", Response("r1", 0, "model", "model/1", text))
+    assert adapted.trajectory is None
+    assert adapted.invalid == (reason,)
 
 
 numbers = st.floats() | st.sampled_from([0.0, 0.5, 1.0])

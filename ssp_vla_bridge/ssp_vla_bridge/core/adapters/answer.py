@@ -134,7 +134,8 @@ def _parts(one: NumberList, count: int, history: Rows | None, notes: list[str]) 
             for start, size in zip(starts, sizes, strict=True)
         ]
     half = len(rows) // 2
-    if half * 2 == len(rows) and half <= count and _equal(rows[:half], rows[half:]):
+    twice = half * 2 == len(rows) and half <= count and _equal(rows[:half], rows[half:])
+    if twice and (half == count or not _constant(rows)):
         notes.append("the list is given twice in one")
         return [replace(one, rows=rows[half:], loose=())]
     return [one]

@@ -61,7 +61,7 @@ class NumberList:
     marks: frozenset[str] = frozenset()
 
 
-@dataclass
+@dataclass(slots=True)
 class _Gap:
     """What stands between two rows, before the first one, or behind the last one."""
 
@@ -102,19 +102,20 @@ def scan_lists(text: str) -> tuple[NumberList, ...]:
 
 def _finish(rows: list[Row], gaps: list[_Gap], after: _Gap, cut: bool = False) -> list[NumberList]:
     good = [row for row in rows if row.numbers]
-    if not good and len(rows) < 2:
+    # Digits in round brackets are prose as a rule: "(12 m away), (15 m away)".
+    if not good and (len(rows) < 2 or rows[0].brackets != "[]"):
         return []
     fault = ""
     widths = {len(row.numbers) for row in rows}
     if len(widths) > 1:
         bad = next(i for i, row in enumerate(rows) if len(row.numbers) != len(rows[0].numbers))
         fault = f"row {bad + 1} isn't like the others"
-    if any(gap.ellipsis for gap in gaps[1:]) or (after.ellipsis and not after.prose):
-        fault = ELIDED
     if not good:
         fault = "its rows aren't numbers"
     if cut:
         fault = CUT
+    if any(gap.ellipsis for gap in gaps[1:]) or (after.ellipsis and not after.prose):
+        fault = ELIDED
     marks = {mark for row in rows for mark in row.marks}
     if gaps[0].opened >= 0:
         marks.add("a nested list")

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 # Signs that models write for a minus; the first is ASCII's.
 _MINUS = "-\u2212\u2010\u2011\u2012\u2013\ufe63\uff0d"
-SIGN = f"[+{_MINUS}]?"
+SIGN = rf"[+\{_MINUS}]?"
 PLAIN = "(?:[0-9]+(?:[.][0-9]*)?|[.][0-9]+)(?:[eE][+-]?[0-9]+)?"
 _TO_ASCII = str.maketrans(dict.fromkeys(_MINUS, "-"))
 
-_GROUP = re.compile(r"([\[({])([^\[\](){}]*)([\])}])")
+_GROUP = re.compile(r"([\[({])([^\[\](){}]+)([\])}])")
 _USUAL_ROW = re.compile(rf"\s*({SIGN}{PLAIN})\s*,\s*({SIGN}{PLAIN})\s*")
 _INSIDE = re.compile(
     rf"(?P<space>\s+)|(?P<comma>[,;])|(?P<unit>1/m\b)"
@@ -29,10 +29,10 @@ _UNITS = frozenset(
     | {"km/h", "kmh", "kph", "mph", "ft", "deg", "s"}
 )
 _LONGEST_BEGUN = 80
-BRACKETS = {"[]": "square brackets", "()": "round brackets", "{}": "braces"}
+_BRACKETS = {"[]": "square brackets", "()": "round brackets", "{}": "braces"}
 
 
-@dataclass
+@dataclass(frozen=True, slots=True)
 class Row:
     """A bracket that is a row of numbers, or tries to be one.
 
@@ -77,9 +77,9 @@ def read_row(start: int, end: int, inside: str, brackets: str) -> Row | None:
         inside: of the bracket.
         brackets: both; empty for one that never closes.
     """
-    marks = (BRACKETS.get(brackets, "brackets of two kinds"),) if brackets else ()
+    marks = (_BRACKETS[brackets],) if brackets in _BRACKETS else ()
     usual = _USUAL_ROW.fullmatch(inside)
-    if usual is not None and inside.isascii():
+    if usual is not None and inside.isascii() and marks:
         return Row(start, end, brackets, (float(usual[1]), float(usual[2])), (), (), marks)
     return _unusual_row(start, end, inside, brackets, marks)
 
@@ -90,10 +90,11 @@ def may_begin_row(inside: str) -> bool:
     Args:
         inside: up to the end of the text.
     """
-    return len(inside) <= _LONGEST_BEGUN and all(
-        token.lastgroup not in ("word", "other") or token.group().lower() in _NAMES | _UNITS
-        for token in _INSIDE.finditer(inside)
-    )
+    if len(inside) > _LONGEST_BEGUN:
+        return False
+    begun = inside.rstrip().rstrip("+" + _MINUS)
+    kinds = {token.lastgroup for token in _INSIDE.finditer(begun)} - {"space", "ignored"}
+    return kinds <= {"number", "comma"} or kinds == {"number", "comma", "word"}
 
 
 def _unusual_row(
@@ -103,16 +104,18 @@ def _unusual_row(
     names: list[str] = []
     units: list[str] = []
     found = set(marks)
-    name, parted, spaced, bad = "", True, True, False
+    # "[0, 5)" is an interval.
+    name, parted, spaced, bad = "", True, True, brackets not in _BRACKETS
     for token in _INSIDE.finditer(inside):
         kind, word = token.lastgroup, token.group()
         if kind == "number":
             if not parted:
                 found.add("a space for a comma")
                 bad = bad or not spaced
-            if word.translate(_TO_ASCII) != word:
+            if not word.isascii():
+                word = word.translate(_TO_ASCII)
                 found.add("a Unicode minus")
-            numbers.append(float(word.translate(_TO_ASCII)))
+            numbers.append(float(word))
             names.append(name)
             name, parted = "", False
         elif kind == "word" and word.lower() in _UNITS and name == "" and numbers and not parted:
@@ -123,12 +126,13 @@ def _unusual_row(
         elif kind == "unit":
             units.append(word)
         elif kind == "comma":
-            bad = bad or parted
+            bad = bad or parted or name != ""
             parted = True
         elif kind in ("word", "other"):
             bad = True
         spaced = kind == "space" or (spaced and kind == "ignored")
-    if len(numbers) < 2 and not (bad and numbers and marks != ("round brackets",)):
+    bad = bad or name != ""
+    if not numbers or (len(numbers) == 1 and not bad):
         return None
     return Row(
         start,

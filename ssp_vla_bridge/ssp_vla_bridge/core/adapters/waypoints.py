@@ -11,9 +11,11 @@ from ssp_vla_bridge.core.adapters.types import Adapted, AdapterInfo, without_tra
 from ssp_vla_bridge.core.request import Request
 from ssp_vla_bridge.core.response import NativeArray, Response
 from ssp_vla_bridge.core.task import TASK, DrivingTask
+from ssp_vla_bridge.core.trajectory import TOLERANCE_S
 
 ARRAY_NAME = "trajectory"
 FRAME = "ego_xy"
+_SHORTEST_STEP_S = 0.01  # as in request.request_problems
 _INFO = AdapterInfo("waypoints", FRAME)
 _FORM = Form(
     rows=0,  # by the task
@@ -67,9 +69,10 @@ def _read(response: Response, array: NativeArray) -> Adapted:
 def _read_text(response: Response, task: DrivingTask) -> Adapted:
     """The list behind ``Trajectory:``, whose step and first time the task declares."""
     step_s = task.trajectory_step_s
-    if not (math.isfinite(step_s) and step_s > 0 and math.isfinite(task.trajectory_horizon_s)):
+    horizon_s = task.trajectory_horizon_s
+    if not (math.isfinite(horizon_s) and _SHORTEST_STEP_S <= step_s <= horizon_s):
         return _without(response, "timestamps", "the task's trajectory step is no time")
-    form = replace(_FORM, rows=round(task.trajectory_horizon_s / step_s))
+    form = replace(_FORM, rows=math.floor(horizon_s / step_s + TOLERANCE_S))
     choice = choose_answer(response.text, form, ())
     if choice.reason:
         note = f"no array is named {ARRAY_NAME}"
