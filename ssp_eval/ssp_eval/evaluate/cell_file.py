@@ -28,7 +28,9 @@ RECORDS_FILE = "records.jsonl"
 SCORE_FILE = "score.json"
 CELL_FILE = "cell.json"
 # In decoding facts these tell of one answer, not of how a model was set.
-_PER_ANSWER = ("stages", "usage", "latency_s")
+_PER_ANSWER = (
+    "stages", "usage", "latency_s", "notes", "frames", "prompt_sha256", "previous_intent_sha256",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
