@@ -168,6 +168,8 @@ def _read(reply: Reply) -> tuple[Completion, str]:
         why = f" (finish_reason {said.finish_reason})" if said.finish_reason else ""
         remedy = "; give a larger max_tokens" if said.cut_off else ""
         raise PeerError(f"the answer holds no text{why}{remedy}")
+    if "\0" in said.text:  # ROS would end the string there without a word
+        raise PeerError("the answer's text holds a NUL character, which no message can carry")
     return said, said.text
 
 

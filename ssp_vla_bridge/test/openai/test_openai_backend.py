@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import gzip
 import json
 import threading
 from dataclasses import replace
@@ -205,9 +206,18 @@ def test_what_a_server_reports_wrongly_is_not_recorded(service, make_openai, mak
     assert (stage["usage"], stage["system_fingerprint"], stage["model_reported"]) == (None,) * 3
 
 
-def test_a_compressed_answer_is_read(service, make_openai, make_request):
-    import gzip
+def test_a_second_response_answers_no_later_question(service, make_openai, make_request):
+    """A service sends one more response than it was asked for, over the same connection."""
 
+    def talk(service, connection):
+        one, stray = service.completion("One."), service.completion("Stray.", id="chatcmpl-9")
+        connection.sendall(service.http(one) + service.http(stray))
+
+    service.queue = [talk] * 4
+    assert make_openai().answer(make_request()).text == "\n\n".join(["One."] * 4)
+
+
+def test_a_compressed_answer_is_read(service, make_openai, make_request):
     def make(service):
         return gzip.compress(json.dumps(service.completion("Hi")).encode())
 

@@ -129,6 +129,7 @@ SERVICES = {
     "sends a number": reply(lambda s: s.completion(7)),
     "sends a picture": reply(lambda s: s.completion([{"type": "image_url"}])),
     "sends half a character": raw(b'{"choices":[{"message":{"content":"\\ud83d"}}]}'),
+    "sends a NUL": reply(lambda s: s.completion("It\0stops")),
     "refuses": reply(lambda s: s.completion(None, message_refusal="I can't look at people.")),
     "refuses in a part": reply(lambda s: s.completion([{"type": "refusal", "refusal": "No."}])),
     "filters": reply(lambda s: s.completion("", "content_filter")),

@@ -23,7 +23,9 @@ from ssp_vla_bridge.core.prompts.shared import (
 from ssp_vla_bridge.core.prompts.types import Prompt, Stage
 from ssp_vla_bridge.core.request import Request
 
-_PARAGRAPH = "Answer with one paragraph of plain English text without any formatting."
+_PARAGRAPH = (
+    "Answer this step only, with one paragraph of plain English text without any formatting."
+)
 
 
 def _scene(request: Request, _: Mapping[str, str]) -> Prompt:

@@ -13,7 +13,7 @@ UNKNOWN_PAST = (
     "How your vehicle has moved until now is not known; judge by the pictures alone and assume "
     "no numbers."
 )
-PLAIN = "Answer in plain English text."
+PLAIN = "Answer this step only, in plain English text."
 _TOLERANCE = 1e-9
 
 
