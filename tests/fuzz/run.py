@@ -38,6 +38,8 @@ FOLLOWED = {
     "types": _TYPES,
     "cdr": _TYPES,
     "run": ("ssp_core.fault_file", "ssp_core.run_spec", "ssp_core.files", "yaml"),
+    "answer": ("ssp_vla_bridge.core",),
+    "response": ("ssp_vla_bridge.core",),
 }
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 
+import answers
 import seeds
 from rosbags.serde import SerdeError
 
@@ -259,4 +260,6 @@ TARGETS = {
     "types": Target(types, seeds.definitions, 4096),
     "cdr": Target(cdr, seeds.wire_messages, 1024),
     "run": Target(run_file, seeds.run_texts, 2048),
+    "answer": Target(answers.answer, answers.texts, 4096),
+    "response": Target(answers.response, answers.stored, 4096),
 }

@@ -22,6 +22,8 @@ RUNS = {
     "types": 60,
     "cdr": 3000,
     "run": 200,
+    "answer": 3000,
+    "response": 1000,
 }
 SEED = 5
 
