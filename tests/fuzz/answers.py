@@ -21,8 +21,6 @@ NAMES = [f"{name}:{mode}" for name, adapter in ADAPTERS.items() for mode in adap
 HISTORY = tuple(
     EgoSample(0.5 * i, 5.0 * i + 0.2 * i * i, 0.0, 0.0, 0.0, 0.0) for i in range(-10, 1)
 )
-    EgoSample(0.5 * i, 5.0 * i + 0.2 * i * i, 0.0, 0.0, 0.0, 0.0) for i in range(-10, 1)
-)
 REQUEST = Request("r", 0, (), None, HISTORY, "measured")
 _REQUESTS = (None, REQUEST, Request("r", 0, ()))
 
