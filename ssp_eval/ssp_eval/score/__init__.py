@@ -1,6 +1,7 @@
 """Scoring of behaviour records against labels (METHOD 6), without ROS, images or numpy."""
 
 from ssp_eval.score.cell import CellDetails, CellScore, score_cell
+from ssp_eval.score.ivcs import ivcs, ivcs_terms, ivcs_weights
 from ssp_eval.score.judge import STAGES, Judgement
 from ssp_eval.score.thresholds import DEFAULT, Thresholds
 
@@ -11,5 +12,8 @@ __all__ = [
     "CellScore",
     "Judgement",
     "Thresholds",
+    "ivcs",
+    "ivcs_terms",
+    "ivcs_weights",
     "score_cell",
 ]

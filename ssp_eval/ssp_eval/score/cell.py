@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 from ssp_eval.labels.model import Labels
 from ssp_eval.records import BehaviourRecord
+from ssp_eval.score.ivcs import ivcs_terms
 from ssp_eval.score.judge import STAGES, Judgement, judge
 from ssp_eval.score.matching import match
 from ssp_eval.score.ratio import ratio
@@ -95,25 +96,6 @@ class CellScore:
             "ivcs": self.ivcs,
             "denominators": {"semantic": self.semantic_denominator, "cia": self.cia_denominator},
         }
-
-
-def ivcs_terms(
-    components: Mapping[str, float | None], thresholds: Thresholds = DEFAULT
-) -> dict[str, float]:
-    """What each component adds to IVCS (METHOD 6.10); a null one adds 0 (METHOD 6.11).
-
-    Args:
-        components: ``jovr``, ``sem_acc_eff``, ``cia_eff``, ``tqsr`` and ``rsr``, each 0..1 or None.
-        thresholds: the weights.
-    """
-    weights = {
-        "jovr": thresholds.weight_jovr,
-        "sem_acc_eff": thresholds.weight_sem_acc_eff,
-        "cia_eff": thresholds.weight_cia_eff,
-        "tqsr": thresholds.weight_tqsr,
-        "rsr": thresholds.weight_rsr,
-    }
-    return {name: weight * (components[name] or 0.0) for name, weight in weights.items()}
 
 
 def score_cell(
