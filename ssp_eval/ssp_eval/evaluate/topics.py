@@ -90,6 +90,9 @@ class TopicAskers:
         known = self._askers.get(model.name)
         if known is not None and known[0] == text:
             self._exchanges[model.name][0].ignored = Ignored()
+            # At once where it is on its topics; one that was too slow for the cell before may be
+            # there by now, and isn't started a second time.
+            known[1].connect()
             return known[1]
         transport = self._open()
         if model.name not in self._exchanges:
@@ -101,8 +104,8 @@ class TopicAskers:
         if known is not None:
             self._stop(model.name, link)
         asker = TopicAsker(model.name, transport, exchange, link, timeouts, start)
-        asker.connect()
         self._askers[model.name] = text, asker
+        asker.connect()
         return asker
 
     def _open(self) -> Transport:

@@ -1,0 +1,179 @@
+"""Campaigns whose models start slowly, or sit behind services that want or refuse something."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ssp_core.domains import free_domain
+from ssp_core.processes import session_environment
+from ssp_eval.evaluate.campaign import run_campaign
+from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.cell_file import CellResult
+from ssp_eval.evaluate.model_spec import ModelSpec
+from ssp_eval.evaluate.topics import PROFILE, TopicAskers
+
+pytestmark = [pytest.mark.ros, pytest.mark.system]
+
+BagMaker = Callable[..., Path]
+KEY = "a-key-of-the-service-0123456789"
+PLAN = {
+    "name": "trajectory", "shape": [3, 2], "data": [0, 0, 4, 0, 8, 0], "frame": "ego_xy",
+    "unit": "m", "step_s": 0.5, "first_time_s": 0.0,
+}  # fmt: skip
+
+
+class Service(ThreadingHTTPServer):
+    """A model behind HTTP, with a key if it has one, and busy for some of its requests."""
+
+    def __init__(self, key: str = "", busy_at: tuple[int, ...] = ()) -> None:
+        super().__init__(("127.0.0.1", 0), _Handler)
+        self.key, self.busy_at, self.asked = key, busy_at, 0
+
+    @property
+    def url(self) -> str:
+        return f"http://127.0.0.1:{self.server_address[1]}"
+
+
+class _Handler(BaseHTTPRequestHandler):
+    server: Service
+
+    def _reply(self, status: int, value: dict[str, Any], **headers: str) -> None:
+        body = json.dumps({"schema": "ssp.vla_http/1", "model_id": "m/1", **value}).encode()
+        self.send_response(status)
+        for name, text in headers.items():
+            self.send_header(name, text)
+        self.send_header("Content-Length", str(len(body)))
+        self.end_headers()
+        self.wfile.write(body)
+
+    def _allowed(self) -> bool:
+        key = self.server.key
+        if not key or self.headers.get("Authorization") == f"Bearer {key}":
+            return True
+        self._reply(401, {"error": "no key"})
+        return False
+
+    def do_GET(self) -> None:
+        if self._allowed():
+            self._reply(200, {"ready": True, "detail": ""})
+
+    def do_POST(self) -> None:
+        asked = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
+        if not self._allowed():
+            return
+        self.server.asked += 1
+        if self.server.asked - 1 in self.server.busy_at:
+            self._reply(503, {"error": "busy"}, **{"Retry-After": "1"})
+            return
+        answer = {"text": "A car is ahead.", "arrays": [PLAN], "decoding": {"seed": 1}}
+        self._reply(200, {"request_id": asked["request_id"], **answer})
+
+    def log_message(self, *args: Any) -> None:
+        """Says nothing."""
+
+
+@contextmanager
+def serving(**options: Any) -> Iterator[Service]:
+    with Service(**options) as service:
+        thread = threading.Thread(target=service.serve_forever, args=(0.01,))
+        thread.start()
+        try:
+            yield service
+        finally:
+            service.shutdown()
+            thread.join()
+
+
+def evaluate(
+    bag: Path, out: Path, *models: ModelSpec, start_timeout_s: float = 30.0, **options: Any
+) -> list[CellResult]:
+    with TopicAskers(out / "logs", 20.0, False, start_timeout_s) as askers:
+        return run_campaign([(bag, None)], models, askers, out, CellOptions(**options), True)
+
+
+def test_a_service_that_needs_a_key_costs_its_cell_and_no_key_is_kept(
+    make_bag: BagMaker, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SERVICE_KEY", KEY)
+    bag, out = make_bag(), tmp_path / "out"
+    with serving(key=KEY) as service:
+        lacking = ModelSpec("lacking", {"url": service.url}, backend="http")
+        given = {"url": service.url, "api_key_env": "SERVICE_KEY"}
+        refused, answered = evaluate(bag, out, lacking, ModelSpec("keyed", given, backend="http"))
+    assert (refused.status, refused.asked, refused.missing) == ("failed", 9, 9)
+    assert dict(refused.losses) == {"bridge answered an error": 9}
+    asked = [json.loads(line) for line in (refused.folder / "requests.jsonl").open()]
+    for one in asked:
+        assert "asks for a key (401)" in one["missing"]
+        assert "api_key_env" in one["missing"]
+    # The campaign went on to the next model, over the same backend.
+    assert (answered.status, answered.missing, service.asked) == ("ok", 0, 9)
+    assert answered.score is not None
+    assert answered.score["n"] == 9
+    cell = json.loads((answered.folder / "cell.json").read_text())
+    assert cell["backend_options"]["api_key_env"] == "SERVICE_KEY"
+    files = [file for file in out.rglob("*") if file.is_file()]
+    assert len(files) > 10
+    assert not [file for file in files if KEY.encode() in file.read_bytes()]
+
+
+def test_a_request_that_a_service_didn_t_take_is_asked_again(
+    make_bag: BagMaker, tmp_path: Path
+) -> None:
+    bag = make_bag()
+    with serving(busy_at=(2, 5)) as service:
+        options = {"url": service.url, "tries": 1}
+        model = ModelSpec("m", options, backend="http")
+        (once,) = evaluate(bag, tmp_path / "once", model)
+        assert dict(once.losses) == {"bridge overloaded": 2}
+        service.asked = 0
+        (again,) = evaluate(bag, tmp_path / "again", model, retry_errors=1, retry_pause_s=0.0)
+    assert (again.missing, again.again, service.asked) == (0, 2, 11)
+    answers = json.loads((again.folder / "cell.json").read_text())["answers"]
+    assert (answers["asked_again"], answers["sent"]) == (2, 9)
+
+
+def test_the_time_to_start_is_an_option(make_bag: BagMaker, tmp_path: Path) -> None:
+    with free_domain() as domain_id:
+        run = subprocess.run(
+            [
+                sys.executable, "-m", "ssp_core.cli", "evaluate", str(make_bag()), "--json",
+                "--propose-labels", "--attach", "nobody", "--start-timeout", "0.5", "--out",
+                str(tmp_path / "out"),
+            ],
+            env=session_environment(domain_id, PROFILE), capture_output=True, text=True,
+            timeout=60, check=False,
+        )  # fmt: skip
+    assert run.returncode == 1
+    line = json.loads(run.stdout)
+    assert (line["status"], line["missing"]) == ("failed", 9)
+    assert line["reasons"] == ["no bridge for nobody on its topics within 0.5 s"]
+
+
+def test_a_bridge_that_came_too_late_for_one_cell_serves_the_next(
+    make_bag: BagMaker, tmp_path: Path
+) -> None:
+    (tmp_path / "slow_model.py").write_text(
+        "import time\ntime.sleep(6)\ndef drive(request):\n    return 'I keep my speed.'\n"
+    )
+    options = {"function": "slow_model:drive", "folder": str(tmp_path)}
+    slow = ModelSpec("slow", options, backend="python")
+    bags = [(make_bag(), None), (make_bag("second", domain="physical"), None)]
+    with TopicAskers(tmp_path / "logs", 20.0, False, 5.0) as askers:
+        first, second = run_campaign(bags, [slow], askers, tmp_path / "out", CellOptions(), True)
+    assert (first.status, second.status) == ("failed", "ok")
+    assert first.reasons == ("no bridge for slow on its topics within 5 s",)
+    # It was started once: two bridges on the same topics would answer everything twice.
+    answers = json.loads((second.folder / "cell.json").read_text())["answers"]
+    assert answers["ignored"] == {"late": 0, "duplicate": 0, "unknown": 0}
+    assert (tmp_path / "logs" / "bridge_slow.log").read_text().count("is ready") == 1
