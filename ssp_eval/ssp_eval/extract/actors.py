@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from ssp_eval.extract.hits import Hit, Kind
-from ssp_eval.extract.lexicon import LEADING
+from ssp_eval.extract.lexicon import LEADING, phrases
+from ssp_eval.extract.nouns import plurals
 from ssp_eval.extract.world import Actor, Statement, World
 
 _MOTORISED = frozenset({"truck", "bus", "motorcycle"})
@@ -36,10 +37,34 @@ PREPOSITIONS = frozenset(
 )
 _OTHERS = frozenset({"another", "other", "second", "additional"})
 _AFTER_LABEL = frozenset({"is", "has", "may", "might", "could", "will", ",", ":", ")", "(", "."})
+_COLOURS = frozenset(
+    phrases(
+        "white, black, silver, grey, gray, red, blue, green, yellow, orange, brown, beige, maroon"
+    )
+)
+_SINGULARS = plurals()
+# Kinds that no vehicle is two of; a car or a vehicle may be any of them.
+_KINDS = frozenset(
+    phrases(
+        "sedan, hatchback, suv, van, taxi, pickup, cab, jeep, coupe, convertible, minivan, mpv, "
+        "campervan, camper, saloon, wagon"
+    )
+)
+_PARTITIVES = frozenset(
+    phrases(
+        """
+        pack, group, row, couple, number, pair, lot, lots, line, queue, stream, bunch, series, crowd,
+        column, class, file, cluster, plenty, handful, platoon, convoy, one, two, three, both, some
+        """
+    )
+)
 MAX_RECENT = 12
+MAX_PHRASE = 5
 
 
-def resolve(world: World, words: list[str], hit: Hit, place: str | None) -> Actor:
+def resolve(
+    world: World, words: list[str], hit: Hit, place: str | None, fresh: bool = False
+) -> Actor:
     """The actor that a noun names: one known already, or a new one.
 
     Args:
@@ -47,25 +72,48 @@ def resolve(world: World, words: list[str], hit: Hit, place: str | None) -> Acto
         words: words of the text.
         hit: the noun, form definite, indefinite or empty (bare).
         place: where the noun's own phrase puts it; a known actor elsewhere is another one.
+        fresh: it opens an item of a list, so that it isn't one that has been listed.
     """
     recent = world.actors[-MAX_RECENT:]
     label = _label(words, hit.stop)
+    named = _describe(words, hit)
     if label:
         for actor in reversed(recent):
             if actor.name == hit.value and actor.label == label:
                 return actor
     elif hit.form != "indefinite" and not _OTHERS & set(words[max(hit.first - 3, 0) : hit.first]):
         for actor in reversed(recent):
-            if actor.name == hit.value and _fits(actor, place):
-                return actor
+            if actor.name == hit.value and _fits(actor, place) and _same(actor, *named):
+                if not (fresh and actor.critical):
+                    return actor
         if words[hit.stop - 1] in _GENERIC and hit.form == "definite":
             for actor in reversed(recent):
                 if actor.name in _MOTORISED and _fits(actor, place):
                     return actor
-    actor = Actor(hit.value, len(world.actors), label)
+    actor = Actor(hit.value, len(world.actors), label, *named)
     actor.first_named = Statement(hit.value, hit.first, hit.stop, -1)
     world.actors.append(actor)
     return actor
+
+
+def _describe(words: list[str], hit: Hit) -> tuple[str, str, bool]:
+    """The noun in the singular, its colour, and whether it stood in the plural."""
+    noun = words[hit.stop - 1]
+    colour = ""
+    for before in range(hit.first - 1, max(hit.first - 5, -1), -1):
+        if words[before] in _COLOURS:
+            colour = words[before]
+            break
+        if words[before] in PREPOSITIONS or not words[before].isalpha():
+            break
+    return _SINGULARS.get(noun, noun), colour, noun in _SINGULARS
+
+
+def _same(actor: Actor, noun: str, colour: str, plural: bool) -> bool:
+    """Whether a description doesn't contradict the one that an actor was introduced with."""
+    if actor.plural != plural or (colour and actor.colour and colour != actor.colour):
+        return False
+    return actor.noun == noun or not (actor.noun in _KINDS and noun in _KINDS)
 
 
 def _label(words: list[str], at: int) -> str:
@@ -106,12 +154,28 @@ def leading(words: list[str], hit: Hit) -> int | None:
     return None
 
 
-def governed(words: list[str], hit: Hit) -> bool:
+def governed(hits: list[Hit], index: int, start: int, stop: int, words: list[str]) -> bool:
     """Whether a noun stands after a preposition, so that it isn't the subject of what follows."""
-    for before in range(hit.first - 1, max(hit.first - 6, -1), -1):
+    hit = hits[index]
+    first = max(hit.first - MAX_PHRASE, 0)
+    previous = hits[index - 1] if index > start else None
+    if previous is not None and previous.stop > first:
+        place = previous.kind in (Kind.PLACE, Kind.SIDE, Kind.IN_LANE, Kind.FRAME)
+        if place or (previous.kind is Kind.JOIN and _finite(hits, index, stop)):
+            first = previous.stop  # due to pedestrian is crossing
+    for before in range(hit.first - 1, first - 1, -1):
         word = words[before]
         if word in PREPOSITIONS:
-            return True
+            return not (word == "of" and before and words[before - 1] in _PARTITIVES)
         if not word.isalpha() or word in ("and", "but", "so", "because", "as", "that"):
             return False
+    return False
+
+
+def _finite(hits: list[Hit], index: int, stop: int) -> bool:
+    """Whether the verb of a clause follows a noun and its places."""
+    for after in range(index + 1, min(index + MAX_PHRASE, stop)):
+        hit = hits[after]
+        if hit.kind not in (Kind.PLACE, Kind.SIDE, Kind.IN_LANE):
+            return hit.kind is Kind.AUX or hit.kind is Kind.VERB and hit.form == "s"
     return False

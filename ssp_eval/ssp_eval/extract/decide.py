@@ -106,7 +106,8 @@ def _motion(actor: Actor) -> Found | None:
     values: dict[str, Statement] = {}
     for said in actor.motions:
         value = _complete(said.value, actor)
-        if value is not None:
+        weak = said.value == MOVING_BESIDE and set(values) - {"stationary", "same_direction"}
+        if value is not None and not weak:
             values.pop(value, None)
             values[value] = said
     if not values:

@@ -164,6 +164,9 @@ def _across(words: list[str], at: int) -> tuple[int, int] | None:
         here += 1
     if here >= count or words[here] not in _OPPOSITE[words[at]]:
         return None
+    stop = here + 1
+    while stop < count and words[stop] in _ENDS:
+        stop += 1
     first = at
     while first > 0 and at - first < 3 and words[first - 1] in _ARTICLES_OF_SIDES:
         first -= 1
@@ -171,7 +174,7 @@ def _across(words: list[str], at: int) -> tuple[int, int] | None:
         first -= 1
     else:
         first = at
-    return first, here + 1
+    return first, stop
 
 
 def own_end(words: list[str], stop: int) -> bool:

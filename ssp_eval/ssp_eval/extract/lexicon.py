@@ -144,7 +144,7 @@ STATES: Table = {
         """
         oncoming, in the opposite direction, in opposite direction, from the opposite
         direction, in the oncoming direction, in the opposing direction, opposite direction, facing
-        us, from the oncoming direction, in the other direction, towards us, toward us, opposing
+        us, from the oncoming direction, opposing
         """
     ),
     "same_direction": phrases(

@@ -170,7 +170,7 @@ _ORDINALS = {
 
 
 _PACES = paces.HEADS | lanes.HEADS
-_ADVERBS = frozenset({"still", "yet", "though"})
+_ADVERBS = frozenset({"still", "yet", "though", "therefore", "thus", "hence"})
 _RIDERS = frozenset({"pedestrian", "rider"})
 
 # Words with which a rule can begin; the rest is passed over at once.
@@ -283,7 +283,7 @@ def _add(words: list[str], at: int, stop: int, entry: Entry, hits: list[Hit]) ->
         return stop
     if kind is Kind.JOIN and words[at] in _ADVERBS and at and words[at - 1] not in _MARKS:
         return stop  # is still crossing, has not yet stopped
-    if kind is Kind.VERB and value == "wait" and words[stop : stop + 1] == [","]:
+    if kind is Kind.VERB and value == "wait" and words[at : stop + 1] == ["wait", ","]:
         kind = Kind.REVISE
     if kind is Kind.VERB and value == "cross" and form == "ing" and at:
         next_word = words[stop] if stop < len(words) else ""
@@ -295,6 +295,8 @@ def _add(words: list[str], at: int, stop: int, entry: Entry, hits: list[Hit]) ->
         and (words[stop : stop + 1] and words[stop] in _CROSSED)
     ):
         return _add(words, at, at + 1, ENTRIES["pedestrian"], hits)
+    if kind is Kind.OBJECT and hits and hits[-1].kind is kind and hits[-1].stop == at:
+        hits.pop()  # flatbed tow truck: the last noun is the head
     if kind is not Kind.SKIP:
         hits.append(Hit(kind, value, form, at, stop))
     return stop

@@ -17,6 +17,7 @@ _ROADS = frozenset(
     )
 )
 _LINES = frozenset(phrases("line, lines, marking, markings, divider"))
+_INSIDE = frozenset(phrases("in, within, inside, on, along, of, from, outside, beside, by, near"))
 _ONTO_WORDS = frozenset(phrases("into, onto, in, on"))
 _TOWARDS = frozenset(phrases("towards, toward, at"))
 _STRAIGHT = frozenset(phrases("straight, directly, quickly, fast, slowly, right, head, on"))
@@ -67,6 +68,8 @@ def motion_of(
     origin = _origin(hits, index, start, stop)
     if lemma == "approach":
         return ("oncoming", None) if origin is None else None
+    if (lemma in MOVING or lemma == "step") and origin is None and _towards_us(words, verb.stop):
+        return "oncoming", None
     if lemma == "cross" and name not in _PEOPLE and _over_line(words, verb.stop):
         lemma = "cut_in"
     if lemma == "cross":
@@ -86,14 +89,12 @@ def motion_of(
     if lemma in ACROSS:
         if origin and (_over_road(words, verb.stop, name) or _passes(origin[1], name)):
             return f"crossing_from_{origin[0]}", origin[1]
-        if origin is None and _towards_us(words, verb.stop):
-            return "oncoming", None
         if origin is None and name in _LIGHT and "across" in words[verb.stop : verb.stop + 3]:
             return CROSSING, None
         if origin and origin[1].form == "from":
             return COMES_FROM + origin[0], origin[1]
     if (lemma in MOVING or (lemma == "step" and name not in _PEOPLE)) and origin is None:
-        return ("oncoming", None) if _towards_us(words, verb.stop) else (MOVING_BESIDE, None)
+        return MOVING_BESIDE, None
     return None
 
 
@@ -132,13 +133,15 @@ def _into_ours(words: list[str], at: int) -> bool:
     """into our lane, in front of us, within the next few words."""
     near = words[at : at + 9]
     for position, word in enumerate(near):
+        if word == "and" and near[position + 1 : position + 2] in (["into"], ["onto"]):
+            continue
         if word in (",", ".", "so", "and", "but", "because"):
             return False
-        if word in ("into", "onto", "toward", "towards"):
+        if word in ("into", "onto"):
             return _ours(words, at + position + 1)
-        if word == "to" and _ours(words, at + position + 1):
+        if word in ("to", "toward", "towards") and _ours(words, at + position + 1):
             return "lane" in near[position + 2 : position + 4]
-        if word == "our" or word == "my":
+        if (word == "our" or word == "my") and not (position and near[position - 1] in _INSIDE):
             return position + 1 < len(near) and near[position + 1] in ("lane", "path")
     return False
 

@@ -26,6 +26,9 @@ def read_verb(talk: Talk, index: int, hit: Hit) -> None:
     ):
         talk.adjectives.append(index)
         return
+    if hit.form == "ing" and _inverted(talk, index):
+        talk.adjectives.append(index)
+        return
     other = isinstance(talk.subject, Actor) or talk.subject is SCENE
     if talk.key in ("motion", "position") and talk.near is None:
         others.move(talk, index, hit)
@@ -41,6 +44,19 @@ def read_verb(talk: Talk, index: int, hit: Hit) -> None:
     else:
         others.move(talk, index, hit)
     talk.busy = True
+
+
+def _inverted(talk: Talk, index: int) -> bool:
+    """Coming towards us is a motorcycle."""
+    if talk.subject is not None or talk.near is not None:
+        return False
+    for after in range(index + 1, min(index + 5, talk.stop - 1)):
+        kind = talk.hits[after].kind
+        if kind is Kind.AUX:
+            return talk.hits[after + 1].kind is Kind.OBJECT
+        if kind not in (Kind.SIDE, Kind.PLACE, Kind.EGO, Kind.STATE, Kind.SCENE, Kind.IN_LANE):
+            return False
+    return False
 
 
 def _article_between(talk: Talk, hit: Hit, following: Hit) -> bool:

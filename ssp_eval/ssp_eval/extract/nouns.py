@@ -111,6 +111,16 @@ OBJECT_NOUNS: Table = {
     for name, listed in _SINGULAR.items()
 }
 
+
+def plurals() -> dict[str, str]:
+    """The last words of all plurals with their singular."""
+    found = {"people": "person", "children": "child", "schoolchildren": "schoolchild"}
+    for listed in _SINGULAR.values():
+        for noun in listed:
+            found[_plural(noun).rpartition(" ")[2]] = noun.rpartition(" ")[2]
+    return found
+
+
 _VAGUE = frozenset(phrases("someone, somebody"))
 _PRESENT_AFTER = frozenset(
     phrases("is, on, crossing, walking, standing, running, crosses, walks, runs, has, in, stands")

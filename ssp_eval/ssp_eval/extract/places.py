@@ -17,7 +17,9 @@ _MEASURES = frozenset(
         """
     )
 )
-_OPENERS = frozenset({Kind.MARK, Kind.JOIN, Kind.AUX, Kind.PLACE, Kind.SIDE, Kind.KEY, Kind.THEN})
+_OPENERS = frozenset(
+    {Kind.MARK, Kind.JOIN, Kind.AUX, Kind.PLACE, Kind.SIDE, Kind.KEY, Kind.THEN, Kind.IN_LANE}
+)
 
 
 def read_place(talk: Talk, index: int, hit: Hit) -> None:

@@ -12,6 +12,7 @@ from ssp_eval.extract.world import Actor, Statement
 MAX_GROUP = 6
 REACH = 12
 _OBLIQUE = frozenset({"its", "their", "them", "him", "her", "his", "hers"})
+_POSSESSIVE = frozenset({"its", "their", "his"})
 _FITTING = {
     "he": frozenset({"pedestrian", "cyclist", "motorcycle"}),
     "rider": frozenset({"cyclist", "motorcycle"}),
@@ -36,7 +37,9 @@ def read_object(talk: Talk, index: int, hit: Hit) -> None:
     if role:
         talk.subject, talk.near, talk.busy = role, None, False
         return
-    actor = actors.resolve(talk.world, talk.words, hit, place)
+    lead = actors.leading(talk.words, hit)
+    fresh = (talk.listing or talk.key == "objects") and not hit.form and not talk.named
+    actor = actors.resolve(talk.world, talk.words, hit, place, fresh)
     previous = talk.hits[index - 1] if index > talk.start else None
     coordinated = (
         bool(talk.named)
@@ -66,11 +69,10 @@ def read_object(talk: Talk, index: int, hit: Hit) -> None:
     if talk.is_background:
         actor.background = True
     object_of_verb = talk.busy and talk.subject is not None
-    if not (actors.governed(talk.words, hit) or object_of_verb) or coordinated:
+    if not (_governed(talk, index) or object_of_verb) or coordinated:
         talk.subject = actor
         talk.busy = False
     talk.near = talk.last = actor
-    lead = actors.leading(talk.words, hit)
     if lead is not None and not flags:
         actor.places.append(Statement("front", lead, hit.stop, talk.number))
     for before in talk.pending:
@@ -90,6 +92,10 @@ def _none(talk: Talk, index: int) -> bool:
         if hit.kind not in (Kind.PLACE, Kind.SIDE, Kind.STATE):
             return False
     return False
+
+
+def _governed(talk: Talk, index: int) -> bool:
+    return actors.governed(talk.hits, index, talk.start, talk.stop, talk.words)
 
 
 def read_ego(talk: Talk, index: int, hit: Hit) -> None:
@@ -116,6 +122,10 @@ def read_pronoun(talk: Talk, index: int, hit: Hit) -> None:
         talk.subject = EGO  # The ego car slows down. It stays in its lane.
         return
     governed = hit.first > 0 and talk.words[hit.first - 1] in actors.PREPOSITIONS
+    if talk.words[hit.first] in _POSSESSIVE and index == talk.start and actor is not None:
+        talk.subject = talk.near = talk.last = actor  # its trailer moves into our lane
+        talk.group, talk.busy = [actor], False
+        return
     if governed or talk.words[hit.first] in _OBLIQUE:
         if talk.reacting and actor is not None and not talk.flags[index]:
             actor.reaction = 2  # go around her, wait for him
@@ -161,7 +171,7 @@ def read_relative(talk: Talk, index: int, hit: Hit) -> None:
 def read_scene(talk: Talk, index: int, hit: Hit) -> None:
     """A scene noun becomes the subject only where it opens a clause."""
     opens = talk.near is None and not isinstance(talk.subject, Actor) and talk.subject != EGO
-    if opens and not talk.busy and not actors.governed(talk.words, hit):
+    if opens and not talk.busy and not _governed(talk, index):
         talk.subject = SCENE
         talk.pending = []
 

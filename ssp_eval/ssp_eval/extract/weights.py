@@ -7,6 +7,8 @@ from ssp_eval.extract.scope import Scope
 from ssp_eval.extract.talk import EGO, REACH, SCENE, Talk
 from ssp_eval.extract.world import Actor, Statement
 
+# What somebody else does with these, in the words of motions.py.
+_DOES = {"waiting": "stationary", "overtaking": "same_direction", "following": "moving"}
 _CONFLICT_WORDS = {
     "potential": "potential",
     "possible": "potential",
@@ -35,6 +37,11 @@ def read_critical(talk: Talk, index: int, hit: Hit) -> None:
 
 
 def read_react(talk: Talk, index: int, hit: Hit) -> None:
+    motion = _DOES.get(talk.words[hit.first])
+    if motion and isinstance(talk.subject, Actor) and not talk.flags[index]:
+        previous = talk.hits[index - 1] if index > talk.start else None
+        if previous is not None and previous.kind in (Kind.AUX, Kind.NOT, Kind.MARK, Kind.OBJECT):
+            talk.subject.motions.append(talk.said(motion, hit))
     if not isinstance(talk.subject, Actor) and talk.subject is not SCENE:
         talk.reacting = True
 

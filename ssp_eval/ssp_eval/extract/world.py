@@ -50,13 +50,16 @@ class Commitment(NamedTuple):
 class Actor:
     """A road user of the text.
 
-    ``label`` is the A of "Vehicle A"; ``reaction`` is 0 for none, 1 for one named in a sentence
+    ``label`` is the A of "Vehicle A"; ``noun`` is what it was called first, in the singular; ``reaction`` is 0 for none, 1 for one named in a sentence
     with a plan, 2 for the plan's object.
     """
 
     name: str
     order: int
     label: str = ""
+    noun: str = ""
+    colour: str = ""
+    plural: bool = False
     mentions: list[Statement] = field(default_factory=list)
     places: list[Statement] = field(default_factory=list)
     motions: list[Statement] = field(default_factory=list)
