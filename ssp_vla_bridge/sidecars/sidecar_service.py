@@ -19,7 +19,6 @@ import hmac
 import importlib
 import json
 import os
-import queue
 import select
 import signal
 import socket
@@ -94,7 +93,9 @@ class Service:
         self._stop_s = stop_s
         self._working = False
         self._stopping = False
-        self._jobs: queue.Queue[_Job] = queue.Queue(limit)
+        self._limit = limit
+        self._waiting: list[_Job] = []
+        self._changed = threading.Condition()
         handler = type("Handler", (_Handler,), {"service": self})
         self._server = ThreadingHTTPServer((host, port), handler)
         self._server.daemon_threads = True
@@ -134,11 +135,13 @@ class Service:
         return 0
 
     def offer(self, job: _Job) -> bool:
-        """Takes a job in; False when the queue is full."""
-        try:
-            self._jobs.put_nowait(job)
-        except queue.Full:
-            return False
+        """Takes a job in; False when the queue is full of jobs that somebody waits for."""
+        with self._changed:
+            self._waiting = [one for one in self._waiting if not one.abandoned]
+            if len(self._waiting) >= self._limit:
+                return False
+            self._waiting.append(job)
+            self._changed.notify()
         return True
 
     def _on_signal(self, *_: Any) -> None:
@@ -151,7 +154,10 @@ class Service:
         timer.start()
 
     def _work(self, answer: Answerer) -> None:
-        job = self._jobs.get()
+        with self._changed:
+            while not self._waiting:
+                self._changed.wait()
+            job = self._waiting.pop(0)
         self._working = True
         if not job.abandoned:
             job.finish(*self._outcome(answer, job.request))
@@ -179,11 +185,9 @@ class Service:
     def _close(self) -> None:
         self.ready, self.detail = False, "the service is stopping"
         self._server.shutdown()
-        while True:
-            try:
-                self._jobs.get_nowait().finish(503, {"error": self.detail})
-            except queue.Empty:
-                break
+        with self._changed:
+            for job in self._waiting:
+                job.finish(503, {"error": self.detail})
         deadline_s = time.monotonic() + FLUSH_S
         while self.open_exchanges and time.monotonic() < deadline_s:
             time.sleep(0.01)
