@@ -14,9 +14,10 @@ from ssp_eval.evaluate.asker import Asker, Ignored, Loss, Reply
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.cell_file import CellResult
+from ssp_eval.evaluate.interpret import record_of
 from ssp_eval.evaluate.model_spec import ModelSpec
-from ssp_eval.evaluate.store import answer_sha256
-from ssp_eval.records import load_records
+from ssp_eval.evaluate.store import answer_sha256, asked_again
+from ssp_eval.records import load_records, record_to_json
 from ssp_vla_bridge.core.request import Request
 from ssp_vla_bridge.core.response import ErrorCode, Response, response_from_json
 
@@ -165,6 +166,42 @@ def test_a_changed_adapter_reads_again_and_never_asks_again(
         asked = Model()
         evaluate(bag, out, asked, spec)
         assert len(asked.requests) == 9, spec
+
+
+def test_a_record_can_be_made_again_from_what_is_stored(make_bag: BagMaker, tmp_path: Path) -> None:
+    """The adapter needs the question too: it tells an echo of the history by it."""
+
+    class Echoing(Model):
+        def ask(self, request: Request) -> Reply:
+            reply = super().ask(request)
+            assert reply.response is not None
+            pairs = [f"[{s.speed_mps:.1f}, 0.0]" for s in request.history[:-1]]
+            plan = ", ".join(["[9.0, 0.1]"] * 10)
+            return Reply(replace(reply.response, text=f"History {', '.join(pairs)} so {plan}"))
+
+    spec = ModelSpec("m", backend="openai", interface="openemma")
+    result = evaluate(make_bag(), tmp_path / "out", Echoing(), spec)
+    cell = json.loads((result.folder / "cell.json").read_text())
+    assert cell["adapter"] == "openemma:corrected"
+    records = load_records(result.folder / "records.jsonl")
+    asked = [json.loads(line) for line in (result.folder / "requests.jsonl").open()]
+    raw = {
+        one.request_id: one
+        for one in (
+            response_from_json(json.loads(line)) for line in (result.folder / "raw.jsonl").open()
+        )
+    }
+    for record, question in zip(records, asked, strict=True):
+        before = raw.get((question["previous"] or {}).get("request_id"))
+        request = asked_again(question, before)
+        assert len(request.history) == len(question["history"]) > 0
+        answer = raw[question["request_id"]]
+        again = record_of(record.t_s, answer, cell["adapter"], request, question["no_previous"])
+        assert record_to_json(again) == record_to_json(record)
+    assert records[-1].trajectory is not None
+    # Without the question the echo would have been taken for the answer.
+    blind = record_of(records[-1].t_s, answer, cell["adapter"])
+    assert record_to_json(blind) != record_to_json(records[-1])
 
 
 @pytest.mark.parametrize(

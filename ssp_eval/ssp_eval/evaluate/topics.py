@@ -25,6 +25,8 @@ from ssp_vla_bridge.core.backend import OPTION_START, OPTION_TIMEOUT
 
 BRIDGE_MODULE = "ssp_vla_bridge.node"
 PROFILE = Path(ssp_core.__file__).parent / "config" / "fastdds_one_host.xml"
+# The backend gives up before its bridge does, so that its own reason is what is recorded.
+_SHARE_OF_BACKEND = 0.95
 # Of the time to start, this much may go by until a service behind the bridge is ready.
 _SHARE_OF_SERVICE = 0.6
 _VARIABLES = (
@@ -164,7 +166,7 @@ def _in_time(model: ModelSpec, options: Mapping[str, Any], timeouts: Timeouts) -
     if model.attached:
         return dict(options)
     if model.backend_name in OPTION_TIMEOUT:
-        times["timeout_s"] = timeouts.answer_s
+        times["timeout_s"] = timeouts.answer_s * _SHARE_OF_BACKEND
     if model.backend_name in OPTION_START:
         # The rest is for the process to start and to be found.
         times["start_s"] = timeouts.start_s * _SHARE_OF_SERVICE
