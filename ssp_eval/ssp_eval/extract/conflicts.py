@@ -41,6 +41,8 @@ def read_risk(talk: Talk, index: int, hit: Hit) -> None:
         beyond = talk.words[hit.first : hit.stop + 4]
         if value == "no_conflict" and (talk.subject is SCENE or _SPECIFIC & set(beyond)):
             return
+    elif not flags and hit.value != "alone" and _may(talk, index, hit):
+        value = "potential"
     elif flags == Scope.POSSIBLE or (not flags and hit.value == "alone"):
         value = "potential"
     else:
@@ -49,6 +51,12 @@ def read_risk(talk: Talk, index: int, hit: Hit) -> None:
     named = _about(talk, index, following)
     said = Statement(value, first, hit.stop, talk.number)
     (named or _conflicted(talk)).conflicts.append(said)
+
+
+def _may(talk: Talk, index: int, hit: Hit) -> bool:
+    """A conflict may develop; collision possible."""
+    after = talk.words[hit.stop : hit.stop + 2]
+    return bool(after) and (after[0] in _DOUBTFUL or "possible" in after)
 
 
 def _tabled(talk: Talk, hit: Hit) -> bool:
@@ -173,6 +181,13 @@ def _threaten(talk: Talk, index: int, hit: Hit) -> None:
     if words[hit.first] not in _DOUBTFUL or talk.flags[index] or hit.stop >= len(words):
         return
     subject = talk.subject
+    previous = talk.hits[index - 1] if index > talk.start else None
+    if previous is not None and previous.kind is Kind.OBJECT and _general(words, previous):
+        return
+    if subject is EGO and hazards.crashes(words, hit.stop):
+        said = Statement("potential", hit.first, hit.stop + 1, talk.number)
+        (talk.last or talk.world.loose).conflicts.append(said)
+        return
     if subject is EGO or subject is SCENE or (hit.first and words[hit.first - 1] in _SELF):
         return
     stop = hazards.threat(words, hit.stop)
@@ -184,6 +199,11 @@ def _threaten(talk: Talk, index: int, hit: Hit) -> None:
     if not actor.mentions:
         actor = talk.world.loose
     actor.conflicts.append(Statement("potential", hit.first, stop, talk.number))
+
+
+def _general(words: list[str], hit: Hit) -> bool:
+    """Cyclists may swerve: about all of them, not about one that is there."""
+    return not hit.form and words[hit.stop - 1].endswith("s")
 
 
 def _might_be(talk: Talk, index: int, hit: Hit) -> int | None:
@@ -203,15 +223,25 @@ def end(talk: Talk) -> None:
     """What only the whole sentence says: that we must react, or that only that prevents a crash."""
     first, stop = talk.hits[talk.start].first, talk.hits[talk.stop - 1].stop
     words = talk.words[first:stop]
-    if hazards.WARD.isdisjoint(words):
+    if hazards.WARD.isdisjoint(words) and not talk.in_path:
         return
     asserted = not any(talk.flags[at] & _UNREAL for at in range(talk.start, talk.stop))
     found = hazards.averted(talk.words, first, stop) if asserted else None
     actor = talk.named[-1][1] if talk.named else talk.world.loose
     if found is not None:
         actor.conflicts.append(Statement("active", *found, talk.number))
-    elif talk.in_path and not _REACT.isdisjoint(words) and not _MUST.isdisjoint(words):
+    elif talk.in_path and _must_react(talk, words):
         actor, where = talk.in_path
         hit = talk.hits[where]
-        if "not" not in words and "no" not in words:
-            actor.conflicts.append(Statement("active", hit.first, hit.stop, talk.number))
+        actor.conflicts.append(Statement("active", hit.first, hit.stop, talk.number))
+
+
+def _must_react(talk: Talk, words: list[str]) -> bool:
+    """in our path now, so brake; it is in our path and we have to react."""
+    if talk.in_path is None:
+        return False
+    hit = talk.hits[talk.in_path[1]]
+    braking = hit.value == "path" and talk.planner.first is not None and "now" in words
+    if not braking and (_REACT.isdisjoint(words) or _MUST.isdisjoint(words)):
+        return False
+    return braking or ("not" not in words and "no" not in words)

@@ -181,7 +181,7 @@ def _mark_frames(hits: list[Hit], flags: list[int]) -> None:
                 current = newest
         elif hit.kind is Kind.JOIN or hit.kind is Kind.FINAL:
             clause = index + 1
-            if hit.kind is Kind.FINAL:
+            if hit.kind is Kind.FINAL or hit.value == "now":
                 current = newest
         flags[index] = _dated(flags[index], current, newest)
 

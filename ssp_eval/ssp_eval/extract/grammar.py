@@ -43,9 +43,10 @@ KINDS: dict[Kind, Table] = {
             should an, should any, should he, should she, should one of, should anybody,
             should anyone, should somebody, should someone, should another, should that,
             should this, should traffic, provided, as soon as, as long as, should the, should it,
-            should a, should they, whether, otherwise, were to, in the case of, hypothetically
+            should a, should they, whether, were to, in the case of, hypothetically
             """
         ),
+        "else": phrases("otherwise, or else"),
         "after": phrases("after, following which"),
         "until": phrases("until, till, before, by the time"),
         "needed": phrases(
@@ -101,7 +102,8 @@ KINDS: dict[Kind, Table] = {
             need for, not need to, no reason to, unnecessary to, not necessary to,
             unsafe to, refrain from, refraining from, against, it would be, opposed
             to, as opposed to, rejected, reject, rejecting, ruled out, rule out,
-            discard, not have to, not required to, too risky to, not safe to, could
+            discard, cancel, cancelling, canceling, abort, aborting, abandon, abandoning,
+            postpone, postponing, call off, hold off, not have to, not required to, too risky to, not safe to, could
             also, alternative is, alternative would be, other option is, prevent,
             preventing, prevents
             """
@@ -313,7 +315,9 @@ KINDS: dict[Kind, Table] = {
             ruled out options, other options, other possibilities, alternatives are, allowed
             actions, available actions, action space, options are, candidate maneuvers,
             candidate manoeuvres, what not to do, ideas, i considered, we considered, two options,
-            three options, two possibilities, three possibilities, do not do
+            maneuver rejected, manoeuvre rejected, rejected maneuver,
+            rejected manoeuvre, rejected action, rejected actions, action rejected, rejected plan,
+            plan rejected, decision rejected, rejected decision, three options, two possibilities, three possibilities, do not do
             """
         ),
     },

@@ -37,7 +37,7 @@ AFFECTS = tuple(f"{verb} {whom}" for verb, whom in product(_AFFECTING, _US))
 _SUBJECTS = frozenset(
     phrases(
         """
-        conflict, risk, danger, threat, hazard, criticality, situation, interaction, encounter,
+        crossing, conflict, risk, danger, threat, hazard, criticality, situation, interaction, encounter,
         issue, problem, conflicts, incident
         """
     )
@@ -50,7 +50,7 @@ _BETWEEN = frozenset(
         considered, at, this, are, so, and, from, potential, earlier, previous, as, be, can,
         critical,
         car, van, truck, cyclist, pedestrian, motorcycle, suv, sedan, bus, lorry, effectively,
-        currently, to, us, present, there, just
+        currently, to, us, present, there, just, left, right
         """
     )
 )
@@ -58,7 +58,7 @@ _SETTLED = frozenset(
     phrases(
         """
         over, resolved, past, passed, ended, gone, cleared, settled, defused, disappeared, vanished,
-        dissolved, finished, averted, subsided, eliminated, removed, dissipated, behind
+        dissolved, finished, done, completed, averted, subsided, eliminated, removed, dissipated, behind
         """
     )
 )
@@ -100,8 +100,9 @@ _WARDED = frozenset(
         """
     )
 )
+_OR_WE = frozenset(phrases("we, it, i, ego, the, there"))
 _INTO = (["into"], ["over"], ["onto"])
-_EXCEPT = frozenset(phrases("unless, without, if"))
+_EXCEPT = frozenset(phrases("unless, without, if, otherwise, or"))
 _DOUBTS = frozenset(phrases("may, might, could, possibly, potentially, not, no, avoid, avoids"))
 _ACTS = frozenset(
     phrases(
@@ -112,7 +113,9 @@ _ACTS = frozenset(
     )
 )
 # A sentence without one of these says nothing of the kind.
-WARD = frozenset(phrases("unless, without, if, react, act, respond, reaction, intervene"))
+WARD = frozenset(
+    phrases("or, otherwise, unless, without, if, react, act, respond, reaction, intervene")
+)
 _WE = frozenset(phrases("we, i, ego, you, vehicle, car, nothing, something, it, vut"))
 
 
@@ -142,7 +145,18 @@ def averted(words: list[str], first: int, stop: int) -> tuple[int, int] | None:
     return min(warded, crash), max(warded, crash) + 1
 
 
+def crashes(words: list[str], at: int) -> bool:
+    """Whether a crash follows may or could: we could run into it."""
+    word = words[at] if at < len(words) else ""
+    return word in _CRASHES and (word not in ("run", "meet") or words[at + 1 : at + 2] in _INTO)
+
+
 def _except(words: list[str], at: int, stop: int) -> bool:
+    if words[at] == "otherwise":
+        return True
+    if words[at] == "or":  # or it will hit him
+        near = words[at + 1 : min(at + 5, stop)]
+        return bool(near) and near[0] in _OR_WE and bool({"will", "would", "shall"} & set(near))
     if words[at] == "without":
         return not _WARDED.isdisjoint(words[at + 1 : min(at + 4, stop)])
     return _we_act(words, at + 1, stop, negated=words[at] == "if")
@@ -159,13 +173,13 @@ def _we_act(words: list[str], at: int, stop: int, negated: bool) -> bool:
 _THREATS = frozenset(
     phrases(
         """
-        step, walk, run, go, start, move, come, swing, wobble, swerve, pull, drift, veer, dart,
+        set, step, walk, run, go, start, move, come, swing, wobble, swerve, pull, drift, veer, dart,
         dash,
         jump, cross, enter, cut, merge, turn, brake, stop, open, emerge, appear, pop, fall, hit,
         collide, strike, lose, change, squeeze, roll, encroach, wander, rush, intrude, slip, shoot,
         crash, ram, deviate, force, barge, sway, spill, skid, stumble, leap, push, hop, ride, drive,
         stray, hide, conceal, mask, obscure, shift, edge, lurch, slide, spring, surprise, burst,
-        nip, bolt, hurry, sprint, rear, rollback, reverse, endanger, conflict, interfere, cause,
+        nip, bolt, hurry, sprint, rear, reverse, endanger, conflict, interfere, cause,
         pose, become, slow, decelerate, leave, steer, tip, topple, u, lane, overtake, try, decide,
         want, begin, suddenly, attempt, block, obstruct, cover, occlude, re, get
         """
@@ -180,6 +194,7 @@ _COMPLETED = {
     "drive": frozenset(phrases("into, out, off, across, in, onto, over")),
     "ride": frozenset(phrases("into, out, off, across, in, onto, over")),
     "re": frozenset(phrases("enter, appear, emerge")),
+    "set": frozenset(phrases("off, out")),
     "leave": frozenset(phrases("its, the, his, her, their")),
     "u": frozenset(phrases("turn")),
     "lane": frozenset(phrases("change")),

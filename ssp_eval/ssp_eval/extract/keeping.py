@@ -47,9 +47,16 @@ _NOT_KEPT = frozenset(
         """
     )
 )
-_IN = frozenset(phrases("in, within, inside, to"))
+_IN = frozenset(phrases("in, within, inside, to, on, of"))
 _POSED = frozenset(phrases("centered, centred, positioned, centrally, firmly, safely, well"))
-_SIDES = frozenset(phrases("left, right, middle, center, centre, through, rightmost, leftmost"))
+_SIDES = frozenset(
+    phrases(
+        """
+        left, right, middle, center, centre, through, rightmost, leftmost, nearside, offside, slow,
+        fast, outer, inner, outside, inside, travel, driving, ego, first, second, third, same
+        """
+    )
+)
 MAX_SKIP = 5
 
 Found = tuple[str, str, int, int]
@@ -116,7 +123,11 @@ def _speed(words: list[str], at: int, form: str) -> tuple[Found, ...]:
     if words[here] not in _SPEEDS or not steady:
         return ()
     stop = here + 1
-    if stop < count and words[stop] in _NOT_KEPT:
+    if (
+        stop < count
+        and words[stop] in _NOT_KEPT
+        and not (words[stop] == "as" and "same" not in words[at:stop])
+    ):
         return ()
     kept: Found = ("keep_speed", form, at, stop)
     if stop < count and words[stop] == "and" and words[at] in _KEEP:

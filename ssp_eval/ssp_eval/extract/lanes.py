@@ -27,18 +27,19 @@ _HELD = frozenset(
 _NO_STEERING = frozenset(
     phrases(
         """
-        evasive, active, further, additional, extra, lateral, steering, any, sudden, more, need,
+        steer, evasive, active, further, additional, extra, lateral, steering, any, sudden, more, need,
         of, for, a, sideways, correction, corrections, sharp
         """
     )
 )
-_STEERING = frozenset(phrases("steering"))
+_STEERING = frozenset(phrases("steering, steer"))
 _SIDEWAYS = frozenset(phrases("lateral, sideways"))
 _MOVES = frozenset(
     phrases(
         "movement, action, motion, maneuver, manoeuvre, shift, deviation, change, offset, input"
     )
 )
+_COURSES = frozenset(phrases("direction, heading, course, steering"))
 _THROUGH = frozenset(phrases("on, through"))
 HEADS = _WHEELS | frozenset(phrases("straight, no"))
 _MARKS = frozenset({".", "?", "\n", ",", ";", ":", '"', "|", "[", "=", "("})
@@ -121,9 +122,11 @@ def straight(words: list[str], at: int) -> Found | None:
             if words[stop : stop + 1] == ["wheel"]:
                 stop += 1
             return "keep_lane", "noun", at, stop
-        alone = at == 0 or words[at - 1] in _MARKS or words[at - 1] in ("go", "and")
+        before = words[at - 1] if at else "."
+        alone = before in _MARKS or before in ("go", "and")
         ends = at + 2 >= count or words[at + 2] in _MARKS
-        if after in _THROUGH and alone and ends:
+        named = before in _COURSES and after == "ahead"
+        if named or (after in _THROUGH and alone and ends):
             return "keep_lane", "value", at, at + 2
         return None
     if word == "no":

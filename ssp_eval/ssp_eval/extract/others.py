@@ -10,6 +10,9 @@ from ssp_eval.extract.movements import CLEARING, ENDANGERING
 from ssp_eval.extract.world import Actor, Statement
 
 
+_LINES = frozenset({"line", "lines", "marking", "markings", "dashed", "solid", "boundary"})
+
+
 def read_state(talk: Talk, index: int, hit: Hit) -> None:
     following = talk.hits[index + 1] if index + 1 < talk.stop else None
     before_noun = following is not None and (
@@ -65,14 +68,15 @@ def move(talk: Talk, index: int, hit: Hit) -> None:
         and (actor.mentions or actor is talk.world.loose)
     ):
         first = _modal_before(talk, index)
-        if first is not None:
+        if first is not None and talk.words[first] in ("may", "might", "could"):
             said = Statement("potential", first, hit.stop, talk.number)
             actor.conflicts.append(said)
         return
     if flags:
         return
     finished = hit.form == "ed" and _auxiliary(talk, index) == "have"
-    if finished and hit.value in CLEARING:
+    line = hit.value == "cross" and not _LINES.isdisjoint(talk.words[hit.stop : hit.stop + 4])
+    if finished and hit.value in CLEARING and not line:
         first = _auxiliary_word(talk, index)
         actor.conflicts.append(Statement("resolved", first, hit.stop, talk.number))
         talk.show(actor, index)

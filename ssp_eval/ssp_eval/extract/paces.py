@@ -9,6 +9,7 @@ from ssp_eval.extract.lexicon import phrases
 
 Found = tuple[str, str, int, int]
 
+_GOING = frozenset(phrases("go, goes, going, come, comes, coming"))
 _LOWER = frozenset(
     phrases(
         """
@@ -75,7 +76,7 @@ _FILLERS = frozenset(
         the, a, an, my, our, its, your, this, that, ego, vehicle, car, own, set, target, normal,
         original, former, previous, travel, travelling, traveling, cruise, cruising, driving,
         desired, usual, initial, old, lost, full, regular, forward, general, some, little, bit,
-        of, exactly, about, around, roughly, approximately, slightly, gently, smoothly, gradually,
+        walking, crawling, low, high, moderate, slow, of, exactly, about, around, roughly, approximately, slightly, gently, smoothly, gradually,
         down, back, up, all, overall, longitudinal, moderate, planned, earlier, reference, legal,
         permitted, allowed, standard, nearly, right, more, no, vut, host
         """
@@ -104,7 +105,9 @@ _OWNERS = frozenset(
     phrases("the, our, my, ego, own, its, your, vehicle, travel, driving, cruising, car, and")
 )
 _MARKS = frozenset({".", "?", "\n", ",", ";", ":", '"', "|", "["})
-HEADS = _LOWER | _RAISE | _BACK | _RELEASE | _BRING | _LET | _KEPT | _AT | _UNCHANGED | _SPEEDS
+HEADS = (
+    _GOING | _LOWER | _RAISE | _BACK | _RELEASE | _BRING | _LET | _KEPT | _AT | _UNCHANGED | _SPEEDS
+)
 MAX_FILLERS = 6
 
 
@@ -119,6 +122,8 @@ def pace(words: list[str], at: int) -> Found | None:
         form = "s"
     if word in _SPEEDS:
         return _passive(words, at)
+    if word in _GOING:
+        return _down(words, at, form)
     if word in _LOWER:
         stop = _speed(words, at + 1, numbers=False)
         if stop:
@@ -189,14 +194,26 @@ def _steady(words: list[str], here: int) -> int | None:
         if word in _STEADY:
             steady = True
         elif word in _SPEEDS:
-            after = words[here + 1 : here + 2]
-            return here + 1 if steady and after not in (["as"], ["limit"]) else None
+            compared = words[here + 1 : here + 2] == ["as"] and "same" in words[here - 2 : here]
+            limit = words[here + 1 : here + 2] == ["limit"]
+            return here + 1 if steady and not compared and not limit else None
         elif word[0].isdigit():
             return number(words, here) if steady else None
         elif word not in _FILLERS:
             return None
         here += 1
     return None
+
+
+def _down(words: list[str], at: int, form: str) -> Found | None:
+    """go down to 25 km/h, drop to 40."""
+    here = at + 1
+    if words[here : here + 1] == ["down"]:
+        here += 1
+    if words[here : here + 1] != ["to"] or (here == at + 1 and words[at] not in ("drop", "drops")):
+        return None
+    stop = _speed(words, here + 1, numbers=True)
+    return ("reduce", form, at, stop) if stop else None
 
 
 def _kept(words: list[str], at: int, form: str) -> Found | None:

@@ -51,6 +51,8 @@ class Planner:
         self.unit += 1
         self.later = False
         self.either = False
+        self.bar = False  # accelerate | maintain: between alternatives of a form
+        self.barred: set[str] = set()
         self.last = None
 
     def end(self) -> int | None:
@@ -61,7 +63,8 @@ class Planner:
         """A field of a structured answer: an action field is the final plan."""
         if hit.value in ("action", "lon_action", "lat_action") and not self.flags[index]:
             self.final = True
-        self.either = False
+        self.either = self.bar = False
+        self.barred = set()
         self.last = None
 
     def other(self, index: int, hit: Hit) -> None:
@@ -98,6 +101,8 @@ class Planner:
         """A semicolon opens a unit."""
         if hit.value == ";":
             self._unit()
+        elif hit.value == "|" and self.last is not None and not self._in_table():
+            self.bar = True
 
     def steers(self, hit: Hit) -> bool:
         """Whether a verb needs a direction to be a lateral action."""
@@ -140,10 +145,15 @@ class Planner:
             elif flags & ~Scope.READY == 0:
                 return
         if flags:
-            self.last = None if not self.either else self.last
+            if self.either:
+                self._take_back()
+            self.last = None
             return
         if self.either:
             self._take_back()
+            return
+        slot = "lon_action" if longitudinal is not None else "lat_action"
+        if self._is_barred(slot):
             return
         linked = self._linked(index)
         if longitudinal is not None:
@@ -176,8 +186,12 @@ class Planner:
     def _gerund_subject(self, index: int) -> bool:
         """Braking would be wrong: an action that is talked about, and not chosen."""
         hit = self.hits[index]
+        if hit.form == "noun" and hit.first and self.words[hit.first - 1] in ("the", "this"):
+            return hit.value in LON_ACTIONS and hit.value != "keep_speed"
         if hit.form not in ("ing", "noun") or not self._opens(index):
             return False
+        if index == self.start and hit.form == "ing" and self._is_topic(index):
+            return True
         for after in range(index + 1, min(index + REACH, self.stop)):
             one = self.hits[after]
             if one.kind in _CLAUSE_ENDS:
@@ -187,6 +201,19 @@ class Planner:
                 return not _ADVISED & set(beyond)
             if one.kind is Kind.VERB and one.form == "s":
                 return True
+        return False
+
+    def _is_topic(self, index: int) -> bool:
+        """Stopping for someone who may be waiting isn't proportionate: up to its own verb."""
+        own = 0  # word from which an auxiliary is the gerund's own again
+        for after in range(index + 1, min(index + 2 * REACH, self.stop)):
+            one = self.hits[after]
+            if one.kind in (Kind.MARK, Kind.JOIN, Kind.CONDITION, Kind.THEN):
+                return False
+            if one.kind is Kind.RELATIVE:
+                own = one.stop + MAX_WORDS
+            elif one.kind in (Kind.MODAL, Kind.AUX) and one.first >= own:
+                return not _ADVISED & set(self.words[one.stop : one.stop + 4])
         return False
 
     def _opens(self, index: int) -> bool:
@@ -205,7 +232,8 @@ class Planner:
             if following.first - hit.stop > MAX_WORDS:
                 return None
             if following.kind is Kind.SIDE:
-                if following.form not in ("bare", "to", "into", "lane"):
+                to = self.words[following.first] in ("to", "toward", "towards")
+                if following.form not in ("bare", "to", "into", "lane") and not to:
                     return None
                 if hit.value == "cut_in" and following.form == "to":
                     return None
@@ -227,6 +255,18 @@ class Planner:
         self.world.commitments.append(
             Commitment(slot, value, first, stop, self.unit, self.later, self.final, linked)
         )
+
+    def _in_table(self) -> bool:
+        return self.hits[self.start].value == "|"
+
+    def _is_barred(self, slot: str) -> bool:
+        """Whether an action is one of several for the same slot between bars."""
+        kept = self.world.commitments
+        if self.bar and self.last is not None and kept and kept[-1].slot == slot:
+            self._take_back()
+            self.barred.add(slot)
+        self.bar = False
+        return slot in self.barred
 
     def _linked(self, index: int) -> bool:
         """Whether only and, to, then or until stand between this action and the one before."""

@@ -118,6 +118,8 @@ class _Sentence:
         elif kind is Kind.REJECT:
             self.local |= Scope.REJECTED
         elif kind is Kind.REJECTED:
+            if index > self.start and self.hits[index - 1].value == ",":
+                self._reject_item(index - 1)
             for verb in range(max(self.clause, index - REACH), index):
                 if self.hits[verb].kind is Kind.VERB:
                     self.flags[verb] |= Scope.REJECTED
@@ -135,6 +137,14 @@ class _Sentence:
                 return
             if self.hits[at].kind in (Kind.VERB, Kind.OBJECT):
                 self.flags[at] |= Scope.DENIED
+
+    def _reject_item(self, comma: int) -> None:
+        """(ii) lane change to the left, rejected, since …"""
+        for at in range(comma - 1, max(self.start, comma - REACH) - 1, -1):
+            if self.hits[at].kind is Kind.MARK and self.hits[at].value != ",":
+                return
+            if self.hits[at].kind is Kind.VERB:
+                self.flags[at] |= Scope.REJECTED
 
     def _deny_subject(self, index: int, flag: int) -> None:
         """Braking is not necessary: the verb is the clause's subject and is what is denied."""
@@ -179,6 +189,8 @@ class _Sentence:
         self.local = 0
         self.clause = index + 1
         self.predicate = False
+        if value == ":":
+            self.verb = None
         if value == ";" and not self._next_is_otherwise(index):
             self.wide = 0
             self.verb = None
@@ -214,12 +226,15 @@ class _Sentence:
             self.verb = None
         elif value == "so":
             self.verb = None
+            self.wide &= ~Scope.IMAGINED  # if it came, we'd be late, so this is a hazard
 
     def _and(self, index: int) -> None:
         after = index + 1
         if after >= self.stop:
             return
         following = self.hits[after]
+        if following.kind is Kind.VERB and following.form == "base" and self.local & Scope.POSSIBLE:
+            return  # one could honk and keep the speed
         if following.kind is Kind.OBJECT and self.hits[index - 1].kind is Kind.OBJECT:
             return
         if following.kind is Kind.VERB and following.form in ("base", "ing"):
@@ -243,8 +258,11 @@ class _Sentence:
         opens = previous is None or previous.kind in (Kind.MARK, Kind.JOIN)
         trailing = self.verb is not None and (value == "needed" or not opens)
         following = self.hits[index + 1] if index + 1 < self.stop else None
+        if value == "else":
+            self.wide |= Scope.IMAGINED
+            return
         if value == "after" and following is not None and following.form == "ing":
-            trailing = False  # after yielding, merge: a sequence, no condition
+            return  # after yielding, merge: a sequence, no condition
         if trailing and value != "until" and self.verb is not None:
             self.flags[self.verb] |= Scope.IMAGINED
         if value in ("until", "after"):

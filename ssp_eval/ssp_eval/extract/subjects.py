@@ -208,9 +208,12 @@ def _ought(talk: Talk, index: int) -> bool:
     if index + 1 >= talk.stop:
         return False
     following = talk.hits[index + 1]
-    if talk.key == "action" and index > talk.start and talk.hits[index - 1].value == ":":
+    known = any(actor.name == "car" for actor in talk.world.actors)
+    opens = index > talk.start and talk.hits[index - 1].value == ":"
+    if talk.key == "action" and (opens or not known):
         return following.kind not in (Kind.PLACE, Kind.SIDE, Kind.STATE)
-    return following.kind is Kind.MODAL and following.value == "must" and _acts(talk, index)
+    ordered = following.value == "must" or talk.words[following.first] == "shall"
+    return following.kind is Kind.MODAL and ordered and _acts(talk, index)
 
 
 def _acts(talk: Talk, index: int) -> bool:

@@ -30,6 +30,7 @@ class Talk:
         self.listed = False  # the sentence before stood under such a heading
         self.listing = False  # under a heading such as "Critical objects:"
         self.number = -1  # of the sentence
+        self.start = self.stop = 0
         self.named: list[tuple[int, Actor]] = []
         self.begin(0, 0)
 
@@ -37,7 +38,7 @@ class Talk:
         """Forgets the last sentence but for what pronouns and headings need."""
         if stop and self.named:
             self.topic = self.subject if isinstance(self.subject, Actor) else None
-        self.before = self.subject if start else None  # of the sentence before
+        self.before = self._opener()  # of the sentence before
         self.start, self.stop = start, stop
         self.subject: Actor | str | None = None
         self.near: Actor | None = None  # the noun last named in the clause
@@ -52,6 +53,16 @@ class Talk:
         self.in_path: tuple[Actor, int] | None = None
         self.is_background = False
         self.revealing = False  # hiding, blocking: who is named next matters too
+
+    def _opener(self) -> str | None:
+        """Whether the sentence that ends here began with the ego."""
+        for index in range(self.start, min(self.start + 4, self.stop)) if self.number else ():
+            kind = self.hits[index].kind
+            if kind is Kind.EGO:
+                return EGO
+            if kind in (Kind.OBJECT, Kind.PRONOUN, Kind.SCENE, Kind.VERB):
+                return None
+        return None
 
     def target(self, index: int, hit: Hit) -> Actor | None:
         """Whom a finite verb or a participle speaks of."""

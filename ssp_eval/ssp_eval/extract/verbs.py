@@ -29,7 +29,7 @@ VERBS: dict[str, tuple[str, ...]] = {
         """
         stop, halt, come to a stop, come to a halt, come to a full stop, come to a
         complete stop, come to a complete halt, make a full stop, make a complete stop,
-        brake to a stop, slow to a stop, decelerate to a stop, hold position, hold our
+        brake to a stop, slow to a stop, decelerate to a stop, hold pos, hold position, hold our
         position, hold my position, hold its position, remain stopped, stay stopped,
         remain stationary, stay stationary, brake to a halt, brake to a standstill, bring
         the car to a stop, slow to a halt, bring the vehicle to a stop, perform an
@@ -38,6 +38,7 @@ VERBS: dict[str, tuple[str, ...]] = {
         controlled stop, come to a smooth stop
         """
     ),
+    "rest": phrases("remain in place, stay in place, sit tight, wait in place"),
     "wait": phrases("wait, stand"),
     "park": phrases("park"),
     "stall": phrases("stall, idle, be stuck|is stuck|being stuck|been stuck"),
