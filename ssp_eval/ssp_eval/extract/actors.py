@@ -63,7 +63,12 @@ MAX_PHRASE = 5
 
 
 def resolve(
-    world: World, words: list[str], hit: Hit, place: str | None, fresh: bool = False
+    world: World,
+    words: list[str],
+    hit: Hit,
+    place: str | None,
+    fresh: bool = False,
+    ahead: bool = False,
 ) -> Actor:
     """The actor that a noun names: one known already, or a new one.
 
@@ -73,6 +78,7 @@ def resolve(
         hit: the noun, form definite, indefinite or empty (bare).
         place: where the noun's own phrase puts it; a known actor elsewhere is another one.
         fresh: it opens an item of a list, so that it isn't one that has been listed.
+        ahead: it is called the lead vehicle.
     """
     recent = world.actors[-MAX_RECENT:]
     label = _label(words, hit.stop)
@@ -84,7 +90,7 @@ def resolve(
     elif hit.form != "indefinite" and not _OTHERS & set(words[max(hit.first - 3, 0) : hit.first]):
         for actor in reversed(recent):
             if actor.name == hit.value and _fits(actor, place) and _same(actor, *named):
-                if not (fresh and actor.critical):
+                if not (fresh and actor.critical) and not (ahead and not _is_ahead(actor)):
                     return actor
         if words[hit.stop - 1] in _GENERIC and hit.form == "definite":
             for actor in reversed(recent):
@@ -114,6 +120,10 @@ def _same(actor: Actor, noun: str, colour: str, plural: bool) -> bool:
     if actor.plural != plural or (colour and actor.colour and colour != actor.colour):
         return False
     return actor.noun == noun or not (actor.noun in _KINDS and noun in _KINDS)
+
+
+def _is_ahead(actor: Actor) -> bool:
+    return not actor.places or actor.places[-1].value == "front"
 
 
 def _label(words: list[str], at: int) -> str:
@@ -170,6 +180,16 @@ def governed(hits: list[Hit], index: int, start: int, stop: int, words: list[str
         if not word.isalpha() or word in ("and", "but", "so", "because", "as", "that"):
             return False
     return False
+
+
+def preposition(words: list[str], hit: Hit) -> str:
+    """The preposition that governs a noun, or nothing."""
+    for before in range(hit.first - 1, max(hit.first - MAX_PHRASE, -1), -1):
+        if words[before] in PREPOSITIONS:
+            return words[before]
+        if not words[before].isalpha():
+            break
+    return ""
 
 
 def _finite(hits: list[Hit], index: int, stop: int) -> bool:

@@ -98,14 +98,13 @@ KINDS: dict[Kind, Table] = {
     Kind.REJECT: {
         "": phrases(
             """
-            instead of, rather than, without, avoid, avoids, avoiding, no need to, no
-            need for, not need to, no reason to, unnecessary to, not necessary to,
-            unsafe to, refrain from, refraining from, against, it would be, opposed
-            to, as opposed to, rejected, reject, rejecting, ruled out, rule out,
-            discard, cancel, cancelling, canceling, abort, aborting, abandon, abandoning,
-            postpone, postponing, call off, hold off, not have to, not required to, too risky to, not safe to, could
-            also, alternative is, alternative would be, other option is, prevent,
-            preventing, prevents
+            instead of, rather than, without, avoid, avoids, avoiding, no need to, no need for,
+            not need to, no reason to, unnecessary to, not necessary to, unsafe to, refrain from,
+            refraining from, against, it would be, opposed to, as opposed to, rejected, reject,
+            rejecting, ruled out, rule out, discard, cancel, cancelling, canceling, abort,
+            aborting, abandon, abandoning, postpone, postponing, call off, hold off, not have to,
+            not required to, too risky to, not safe to, could also, alternative is,
+            alternative would be, other option is, prevent, preventing, prevents
             """
         ),
     },
@@ -191,12 +190,12 @@ KINDS: dict[Kind, Table] = {
         "by": phrases(
             """
             blocked by, hidden behind, occluded by, hidden by, obstructed by, concealed by,
-            concealed behind, screened by, masked by, from behind a, from behind parked,
-            from behind the parked, from behind the bus, from behind the truck,
-            from behind the lorry, from behind the van, from behind the car,
-            from behind the vehicle, from behind the coach, from behind the stopped, from between,
-            covered by, obscured by, occluded behind, behind the parked, between the parked,
-            behind a parked, between parked, behind parked
+            concealed behind, screened by, masked by, from behind a, from behind the,
+            from behind the bus, from behind the truck, from behind the lorry,
+            from behind the van, from behind the car, from behind the vehicle,
+            from behind the coach, from behind the stopped, from between, covered by, obscured by,
+            occluded behind, behind the parked, between the parked, behind a parked,
+            between parked, behind parked
             """
         ),
         "": phrases(
@@ -308,16 +307,17 @@ KINDS: dict[Kind, Table] = {
         ),
         "options": phrases(
             """
-            options, alternatives, candidates, choices, candidate actions, possible actions, not
-            recommended, rejected options, discarded options, options considered, options were,
-            considered options, alternatives considered, possibilities, rejected alternatives,
-            two ways, three ways, not chosen, discarded alternatives, not an option, not advised,
-            ruled out options, other options, other possibilities, alternatives are, allowed
-            actions, available actions, action space, options are, candidate maneuvers,
-            candidate manoeuvres, what not to do, ideas, i considered, we considered, two options,
-            maneuver rejected, manoeuvre rejected, rejected maneuver,
+            options, alternatives, candidates, choices, candidate actions, possible actions,
+            not recommended, rejected options, discarded options, options considered,
+            options were, considered options, alternatives considered, possibilities,
+            rejected alternatives, two ways, three ways, not chosen, discarded alternatives,
+            not an option, not advised, ruled out options, other options, other possibilities,
+            alternatives are, allowed actions, available actions, action space, options are,
+            candidate maneuvers, candidate manoeuvres, what not to do, ideas, i considered,
+            we considered, two options, maneuver rejected, manoeuvre rejected, rejected maneuver,
             rejected manoeuvre, rejected action, rejected actions, action rejected, rejected plan,
-            plan rejected, decision rejected, rejected decision, three options, two possibilities, three possibilities, do not do
+            plan rejected, decision rejected, rejected decision, three options, two possibilities,
+            three possibilities, do not do
             """
         ),
     },

@@ -20,18 +20,22 @@ SKIPPED = phrases(
     """
     as we are, as we do, than we are, than we do, as i am, than us, as us, like us, like we do,
     hazard lights, hazard light, hazard flashers, hazards on, hazard flasher, hazard signs,
-    hazard warning lights, risk assessment, conflict zone, danger sign, danger zone, conflict point,
-    hazard warning, either way, in either case, on either side, either side, road user, road users,
-    right turn only, left turn only, right turn lane, left turn lane, right turn lanes,
-    left turn lanes, right turn pocket, left turn pocket, right turn signal, left turn signal,
-    right turn arrow, left turn arrow, left turning, right turning, left turn bay, bus stop,
-    bus stops, bus lane, bus lanes, bus station, bus shelter, bus bay, bike lane, bike lanes,
-    bicycle lane, bicycle lanes, cycle lane, bike path, bicycle path, cycle path, bike rack,
-    bike box, cyclist lane, truck lane, truck stop, car park, car parks, car door, car lane,
-    car wash, taxi stand, taxi rank, pedestrian crossing, pedestrian crossings,
-    pedestrian crosswalk, pedestrian crosswalks, pedestrian signal, pedestrian light,
-    pedestrian lights, pedestrian signals, pedestrian bridge, pedestrian area, pedestrian zone,
-    pedestrian path, pedestrian traffic, pedestrian walkway, pedestrian activity,
+    hazard warning lights, risk assessment, conflict zone, danger sign, danger zone,
+    conflict point, hazard warning, either way, in either case, on either side, either side,
+    stop arm, red light runner, red light runners, taken from a vehicle, taken from a car,
+    taken from inside a car, seen from a car, seen from a vehicle, captured from a vehicle,
+    captured from a car, recorded from a car, from a moving vehicle, from a moving car,
+    dashcam of a car, human driver, human drivers, its cab, the cab of, cab of the, road user,
+    road users, right turn only, left turn only, right turn lane, left turn lane,
+    right turn lanes, left turn lanes, right turn pocket, left turn pocket, right turn signal,
+    left turn signal, right turn arrow, left turn arrow, left turning, right turning,
+    left turn bay, bus stop, bus stops, bus lane, bus lanes, bus station, bus shelter, bus bay,
+    bike lane, bike lanes, bicycle lane, bicycle lanes, cycle lane, bike path, bicycle path,
+    cycle path, bike rack, bike box, cyclist lane, truck lane, truck stop, car park, car parks,
+    car door, car lane, car wash, taxi stand, taxi rank, pedestrian crossing,
+    pedestrian crossings, pedestrian crosswalk, pedestrian crosswalks, pedestrian signal,
+    pedestrian light, pedestrian lights, pedestrian signals, pedestrian bridge, pedestrian area,
+    pedestrian zone, pedestrian path, pedestrian traffic, pedestrian walkway, pedestrian activity,
     pedestrian island, pedestrian refuge, pedestrian traffic light, vehicle traffic,
     vehicle speed, vehicle speeds, vehicle control, vehicle dynamics, vehicle motion,
     vehicle state, child seat, construction vehicle, construction vehicles, two wheeled vehicle,
@@ -112,8 +116,9 @@ PLACES: Table = {
     ),
     "rear": phrases(
         """
-        behind, directly behind, right behind, rear, at the rear, in the rear, to the
-        rear, immediately behind, close behind, just behind, at the back, at our back, on our tail
+        behind, directly behind, right behind, rear, at the rear, in the rear, to the rear,
+        immediately behind, close behind, just behind, at the back, at our back, on our tail,
+        from behind us, from behind the ego
         """
     ),
     **{

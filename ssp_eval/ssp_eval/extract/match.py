@@ -108,7 +108,8 @@ _NP_ENDS = frozenset(
 )
 _CROSSED = frozenset({"from", "the", "our", "my", "in", "left", "right", "a", "slowly", "quickly"})
 _NOUN_MARKERS = frozenset(
-    {"the", "a", "an", "this", "that", "next", "bus", "tram", "at", "very", "sharp", "of"}
+    {"the", "a", "an", "this", "that", "next", "bus", "tram", "at", "very", "sharp", "of", "its"}
+    | {"their", "his", "her"}
 )
 _NOUNY = frozenset(
     {
@@ -170,7 +171,9 @@ _ORDINALS = {
 
 
 _PACES = paces.HEADS | lanes.HEADS
-_ADVERBS = frozenset({"still", "yet", "though", "therefore", "thus", "hence"})
+_ADVERBS = frozenset({"still", "yet", "though", "therefore", "thus", "hence", "however"})
+_OVERTAKING = frozenset({"overtaking", "passing"})
+_ARTICLES = frozenset({"a", "an", "the", "this", "another"})
 _RIDERS = frozenset({"pedestrian", "rider"})
 
 # Words with which a rule can begin; the rest is passed over at once.
@@ -279,9 +282,11 @@ def _add(words: list[str], at: int, stop: int, entry: Entry, hits: list[Hit]) ->
         if nouns.vague(words, at):
             return stop
         form = _article(words, at)
+    elif kind is Kind.REACT and words[at] in _OVERTAKING and at and words[at - 1] in _ARTICLES:
+        kind, value = Kind.STATE, "same_direction"  # an overtaking motorbike
     elif kind is Kind.VERB and stop == at + 1 and _is_noun(words, at):
         return stop
-    if kind is Kind.JOIN and words[at] in _ADVERBS and at and words[at - 1] not in _MARKS:
+    if kind is Kind.JOIN and words[at] in _ADVERBS and _parenthetic(words, at, stop):
         return stop  # is still crossing, has not yet stopped
     if kind is Kind.VERB and value == "wait" and words[at : stop + 1] == ["wait", ","]:
         kind = Kind.REVISE
@@ -305,6 +310,14 @@ def _add(words: list[str], at: int, stop: int, entry: Entry, hits: list[Hit]) ->
 def _steered(hit: Hit, at: int) -> bool:
     """nudge R: whether the letter stands right behind a steering verb."""
     return hit.kind is Kind.VERB and hit.value in verbs.STEERING and hit.stop == at
+
+
+def _parenthetic(words: list[str], at: int, stop: int) -> bool:
+    """Whether an adverb stands inside its clause: is still crossing; the SUV, however, waits."""
+    if not at:
+        return False
+    commas = words[at - 1] == "," and words[stop : stop + 1] == [","]
+    return commas or (words[at - 1] not in _MARKS and words[at] != "however")
 
 
 def _article(words: list[str], at: int) -> str:

@@ -20,6 +20,8 @@ _LINES = frozenset(phrases("line, lines, marking, markings, divider"))
 _INSIDE = frozenset(phrases("in, within, inside, on, along, of, from, outside, beside, by, near"))
 _ONTO_WORDS = frozenset(phrases("into, onto, in, on"))
 _TOWARDS = frozenset(phrases("towards, toward, at"))
+_NOT_US = frozenset(phrases("lane, path, side, speed, pace, left, right"))
+_OPPOSITE = frozenset(phrases("opposite, oncoming, opposing"))
 _STRAIGHT = frozenset(phrases("straight, directly, quickly, fast, slowly, right, head, on"))
 _PEOPLE = frozenset({"pedestrian"})
 _LIGHT = frozenset({"pedestrian", "cyclist"})
@@ -70,6 +72,9 @@ def motion_of(
         return ("oncoming", None) if origin is None else None
     if (lemma in MOVING or lemma == "step") and origin is None and _towards_us(words, verb.stop):
         return "oncoming", None
+    if lemma == "near":
+        around = words[max(verb.first - 12, 0) : verb.stop + 8]
+        return ("oncoming", None) if _OPPOSITE & set(around) and origin is None else None
     if lemma == "cross" and name not in _PEOPLE and _over_line(words, verb.stop):
         lemma = "cut_in"
     if lemma == "cross":
@@ -80,6 +85,11 @@ def motion_of(
         lemma = "move"
     if lemma in INTO_LANE and name not in _PEOPLE and _out_of_ours(words, verb.stop):
         return "cutting_out", None
+    if lemma == "come_over":
+        if words[verb.stop : verb.stop + 1] and words[verb.stop] in ("the", "a", "from"):
+            lemma = "move"
+        else:
+            lemma = "cut_in"
     into_ours = lemma in INTO_LANE and _into_ours(words, verb.stop)
     if lemma == "cut_in" or into_ours:
         kind = "crossing" if name in _PEOPLE else "cutting_in"
@@ -161,7 +171,8 @@ def _over_line(words: list[str], at: int) -> bool:
 def _over_road(words: list[str], at: int, name: str) -> bool:
     near = words[at : at + 9]
     if "across" in near or "over" in near:
-        return bool(_ROADS & set(near)) or "lane" in near or "us" in near
+        beside = name in _LIGHT and "across" in near[:2]
+        return beside or bool(_ROADS & set(near)) or "lane" in near or "us" in near
     if name not in _LIGHT:
         return False
     return bool(_ONTO_WORDS & set(near)) and ("lane" in near or bool(_ROADS & set(near)))
@@ -172,7 +183,9 @@ def _towards_us(words: list[str], at: int) -> bool:
     for here in range(at, min(at + 3, len(words))):
         if words[here] in _TOWARDS:
             beyond = words[here + 1 : here + 4]
-            return bool(EGO_WORDS & set(beyond[:2])) and not {"lane", "path", "side"} & set(beyond)
+            if words[here] == "at":
+                return bool({"us", "me", "ego"} & set(beyond[:2]))
+            return bool(EGO_WORDS & set(beyond[:2])) and not _NOT_US & set(beyond)
         if words[here] not in _STRAIGHT:
             return False
     return False

@@ -79,6 +79,8 @@ MOVEMENTS: dict[str, tuple[str, ...]] = {
                                       ("towards", "toward"))
         ),
     ),
+    "near": phrases("approach, near, come closer, get closer, come up"),
+    "come_over": phrases("come over, come across"),
     "clear": phrases(
         """
         clear, clear our lane, clear our path, clear the road, clear the lane, clear the
@@ -141,5 +143,6 @@ ENDANGERING = frozenset(
         "change_right",
         "accelerate",
         "cut_out",
+        "come_over",
     }
 )

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from ssp_eval.extract import others, places
 from ssp_eval.extract.hits import Hit, Kind
+from ssp_eval.extract.movements import MOVEMENTS
 from ssp_eval.extract.talk import EGO, SCENE, Talk
+from ssp_eval.extract.verbs import STEERING
 from ssp_eval.extract.world import Actor
 
 
@@ -38,6 +40,8 @@ def read_verb(talk: Talk, index: int, hit: Hit) -> None:
         talk.subject = None
         talk.near = None
         talk.planner.verb(index, hit, False)
+    elif not other and hit.value in MOVEMENTS and hit.value not in STEERING:
+        others.move(talk, index, hit)
     elif not other and not talk.adjoins(index) and hit.form in ("base", "ing", "noun"):
         if not _others_infinitive(talk, index):
             talk.planner.verb(index, hit, False)

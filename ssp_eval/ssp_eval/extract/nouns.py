@@ -11,15 +11,15 @@ from ssp_eval.extract.lexicon import Table, phrases
 _SINGULAR: Table = {
     "car": phrases(
         """
-        car, vehicle, automobile, sedan, saloon, suv, van, minivan, taxi, pickup, pickup truck,
-        hatchback, cab, jeep, convertible, cabriolet, station wagon, estate car, coup, coupe, mpv,
-        people carrier, police car, patrol car, police van, delivery van, cargo van, panel van,
-        camper van, campervan, camper, motorhome, pick up truck, motor vehicle, motor car,
-        passenger car, passenger vehicle, robotaxi, transporter, crossover, roadster, limousine,
-        limo, sports car, sportscar, station waggon, delivery vehicle, minicab, city car,
-        compact car, van driver, taxi driver, car driver, fiat, bmw, audi, toyota, tesla,
-        volkswagen, vw, mercedes, volvo, nissan, hyundai, kia, renault, peugeot, opel, skoda,
-        porsche, mazda, subaru, lexus, ute
+        car, vehicle, vehical, vehicel, automobile, sedan, saloon, suv, van, minivan, taxi,
+        pickup, pickup truck, hatchback, cab, jeep, convertible, cabriolet, station wagon,
+        estate car, coup, coupe, mpv, people carrier, police car, patrol car, police van,
+        delivery van, cargo van, panel van, camper van, campervan, camper, motorhome,
+        pick up truck, motor vehicle, motor car, passenger car, passenger vehicle, robotaxi,
+        transporter, crossover, roadster, limousine, limo, sports car, sportscar, station waggon,
+        delivery vehicle, minicab, city car, compact car, van driver, taxi driver, car driver,
+        fiat, bmw, audi, toyota, tesla, volkswagen, vw, mercedes, volvo, nissan, hyundai, kia,
+        renault, peugeot, opel, skoda, porsche, mazda, subaru, lexus, ute
         """
     ),
     "truck": phrases(
@@ -27,10 +27,10 @@ _SINGULAR: Table = {
         truck, lorry, semi, semi truck, tractor trailer, tow truck, garbage truck, box truck,
         dump truck, fire truck, fire engine, delivery truck, semi trailer, articulated lorry,
         tanker, tanker truck, tractor trailer truck, cement truck, cement mixer, trash truck,
-        refuse truck, cargo truck, heavy goods vehicle, hgv, big rig, eighteen wheeler, flatbed,
-        flatbed truck, milk lorry, bin lorry, refuse lorry, dustcart, juggernaut, articulated
-        truck, dumper truck, tipper truck, tipper, freight truck, recovery truck, car transporter,
-        car carrier, logging truck, truck driver, lorry driver
+        refuse truck, truk, cargo truck, heavy goods vehicle, hgv, big rig, eighteen wheeler,
+        flatbed, flatbed truck, milk lorry, bin lorry, refuse lorry, dustcart, juggernaut,
+        articulated truck, dumper truck, tipper truck, tipper, freight truck, recovery truck,
+        car transporter, car carrier, logging truck, truck driver, lorry driver
         """
     ),
     "bus": phrases(
@@ -48,7 +48,7 @@ _SINGULAR: Table = {
     ),
     "cyclist": phrases(
         """
-        cyclist, bicycle, bike, bicyclist, bicycle rider, bike rider, cycle rider, e bike,
+        cyclist, cyclest, bycicle, bicycle, bike, bicyclist, bicycle rider, bike rider, cycle rider, e bike,
         ebike, pushbike, push bike, cargo bike, racing bike, racing cyclist, road bike, mountain
         bike, tricycle, pedal cyclist, pedal cycle, bike courier, bicycle courier, cycle courier,
         bicycle messenger, handcyclist
@@ -56,15 +56,15 @@ _SINGULAR: Table = {
     ),
     "pedestrian": phrases(
         """
-        pedestrian, person, kid, jogger, worker, road worker, construction worker, dock worker,
-        wheelchair user, walker, dog walker, runner, boy, girl, toddler, crossing guard, adult,
-        passer by, passerby, policeman, policewoman, police officer, traffic officer, woman, man,
-        lady, gentleman, guy, dude, lad, student, pupil, teenager, teen, youth, schoolboy,
-        schoolgirl, mother, father, mum, dad, pensioner, granny, grandmother, grandfather, ped,
-        pedestrain, pedestrians dummy, pedestrian dummy, shopper, commuter, tourist, skater,
-        skateboarder, postman, mail carrier, road sweeper, flagger, workman, infant, youngster,
-        old man, old woman, old lady, parent, stroller pusher, lollipop lady, lollipop man, hiker,
-        flagman, pram pusher, wheelchair
+        pedestrian, person, paramedic, fireman, firefighter, medic, nurse, kid, jogger, worker,
+        road worker, construction worker, dock worker, wheelchair user, walker, dog walker,
+        runner, boy, girl, toddler, crossing guard, adult, passer by, passerby, policeman,
+        policewoman, police officer, traffic officer, woman, man, lady, gentleman, guy, dude, lad,
+        student, pupil, teenager, teen, youth, schoolboy, schoolgirl, mother, father, mum, dad,
+        pensioner, granny, grandmother, grandfather, ped, pedestrain, pedestrians dummy,
+        pedestrian dummy, shopper, commuter, tourist, skater, skateboarder, postman, mail carrier,
+        road sweeper, flagger, workman, infant, youngster, old man, old woman, old lady, parent,
+        stroller pusher, lollipop lady, lollipop man, hiker, flagman, pram pusher, wheelchair
         """
     ),
 }

@@ -20,6 +20,8 @@ def read_state(talk: Talk, index: int, hit: Hit) -> None:
         and following.first <= hit.stop + 1
     )
     predicate = index > talk.start and talk.hits[index - 1].kind in CONNECTS
+    if following is not None and following.kind is Kind.SCENE and following.first <= hit.stop + 1:
+        return  # an oncoming tram
     if before_noun and following is not None and following.kind is Kind.OBJECT:
         talk.adjectives.append(index)
     elif hit.value == "receding":

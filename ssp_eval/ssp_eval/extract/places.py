@@ -17,6 +17,7 @@ _MEASURES = frozenset(
         """
     )
 )
+_OURS = frozenset(phrases("our, my, us, ours, ego, me, of"))
 _OPENERS = frozenset(
     {Kind.MARK, Kind.JOIN, Kind.AUX, Kind.PLACE, Kind.SIDE, Kind.KEY, Kind.THEN, Kind.IN_LANE}
 )
@@ -106,6 +107,10 @@ def _beside_place(talk: Talk, index: int) -> bool:
 
 def _moving_to(talk: Talk, index: int) -> bool:
     previous = talk.hits[index - 1] if index > talk.start else None
+    hit = talk.hits[index]
+    if previous is not None and previous.stop < hit.first and previous.kind is not Kind.IN_LANE:
+        if not _OURS & set(talk.words[hit.first : hit.stop]):
+            return True  # behind a verb that the rules don't know: he leaves to the left
     return previous is not None and (
         previous.kind is Kind.VERB or (previous.kind is Kind.SIDE and previous.form == "from")
     )

@@ -130,8 +130,13 @@ def _labels(talk: Talk, index: int) -> bool:
     before = talk.hits[index - 1] if index > talk.start else None
     if before is None or talk.subject is EGO:
         return False
-    if before.kind is Kind.MARK and before.value in (")", '"') and index - 2 >= talk.start:
+    if before.kind is Kind.MARK and before.value == '"' and index - 2 >= talk.start:
         before = talk.hits[index - 2]
+    if before.kind is Kind.MARK and before.value == ")":
+        for opener in range(index - 2, max(index - 10, talk.start), -1):
+            if talk.hits[opener].value == "(":
+                before = talk.hits[opener - 1]
+                break
     return before.kind in (Kind.OBJECT, Kind.PLACE, Kind.SIDE)
 
 

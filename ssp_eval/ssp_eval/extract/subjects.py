@@ -13,6 +13,7 @@ MAX_GROUP = 6
 REACH = 12
 _OBLIQUE = frozenset({"its", "their", "them", "him", "her", "his", "hers"})
 _POSSESSIVE = frozenset({"its", "their", "his"})
+_AROUND = frozenset({"behind", "between", "past", "around"})
 _FITTING = {
     "he": frozenset({"pedestrian", "cyclist", "motorcycle"}),
     "rider": frozenset({"cyclist", "motorcycle"}),
@@ -39,7 +40,7 @@ def read_object(talk: Talk, index: int, hit: Hit) -> None:
         return
     lead = actors.leading(talk.words, hit)
     fresh = (talk.listing or talk.key == "objects") and not hit.form and not talk.named
-    actor = actors.resolve(talk.world, talk.words, hit, place, fresh)
+    actor = actors.resolve(talk.world, talk.words, hit, place, fresh, lead is not None)
     previous = talk.hits[index - 1] if index > talk.start else None
     coordinated = (
         bool(talk.named)
@@ -49,6 +50,12 @@ def read_object(talk: Talk, index: int, hit: Hit) -> None:
         and talk.near is not None
         and talk.hits[index - 2].kind is Kind.OBJECT
     )
+    if _apposition(talk, index, hit) and actor is not talk.near and talk.near is not None:
+        if actor is talk.world.actors[-1]:
+            talk.world.actors.pop()
+        actor = talk.near
+        if talk.words[hit.stop - 1] not in ("vehicle", "car"):
+            actor.name = hit.value
     talk.group = [*talk.group[-MAX_GROUP:], actor] if coordinated else [actor]
     talk.named.append((index, actor))
     following = talk.hits[index + 1] if index + 1 < talk.stop else None
@@ -80,13 +87,38 @@ def read_object(talk: Talk, index: int, hit: Hit) -> None:
     for before in talk.adjectives:
         others.be(talk, actor, before, flags)
     talk.pending, talk.adjectives = [], []
+    if actor.parked and actors.preposition(talk.words, hit) in _AROUND:
+        actor.matters = True  # from behind the parked van
+
+
+def _apposition(talk: Talk, index: int, hit: Hit) -> bool:
+    """Whether a noun says again who was just named: the vehicle to our right, a tanker truck."""
+    if hit.form == "definite" or index - 2 < talk.start or talk.near is None:
+        return False
+    if talk.hits[index - 1].value not in (",", "("):
+        return False
+    after = talk.words[hit.stop : hit.stop + 1]
+    if after and after[0].isalnum():
+        return False
+    known = talk.near
+    generic = known.noun in ("vehicle", "car") or talk.words[hit.stop - 1] in ("vehicle", "car")
+    before = talk.hits[index - 2]
+    beside = before.kind is Kind.OBJECT or (
+        before.kind in (Kind.PLACE, Kind.SIDE, Kind.EGO) and talk.adjoins(index - 1)
+    )
+    return (
+        beside
+        and len(talk.named) < 2
+        and not known.plural
+        and (known.name == hit.value or (generic and "car" in (known.name, hit.value)))
+    )
 
 
 def _none(talk: Talk, index: int) -> bool:
     """Vehicles ahead: none."""
     for after in range(index + 1, min(index + 4, talk.stop - 1)):
         hit = talk.hits[after]
-        if hit.kind is Kind.MARK and hit.value in (":", "="):
+        if hit.kind is Kind.MARK and hit.value in (":", "=", "|", ","):
             beyond = talk.words[hit.stop : hit.stop + 1]
             return bool(_NONE & set(beyond))
         if hit.kind not in (Kind.PLACE, Kind.SIDE, Kind.STATE):

@@ -32,7 +32,7 @@ _PLAIN = {
 
 # Alternatives are disjoint in their first character, except for the tag, whose length is bounded.
 _TOKEN = re.compile(
-    r"[a-z]+(?:'[a-z]+)*|[0-9]+(?:\.[0-9]+)*|</?[a-z_|]{1,24}>|[.!?]+|\n\s*"
+    r"(?:i\.e|e\.g)\b\.?|[a-z]+(?:'[a-z]+)*|[0-9]+(?:\.[0-9]+)*|</?[a-z_|]{1,24}>|[.!?]+|\n\s*"
     r"|,+|;+|:+|\"+|=+|\|+|[()\[\]{}<>][()\[\]{}<> ]*|(?<=\s)[-*]+(?=\s)|[^\x00-\x7f]+"
 )
 
@@ -92,7 +92,9 @@ def tokenise(text: str) -> Tokens:
     for index, word in enumerate(words):
         first = word[0]
         if "a" <= first <= "z":
-            if word in _NEGATIONS:
+            if "." in word:
+                words[index] = ","  # i.e.
+            elif word in _NEGATIONS:
                 words[index] = "not"
             elif "'" in word:
                 words[index] = _fold(word)

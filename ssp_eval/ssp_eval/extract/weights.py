@@ -9,6 +9,7 @@ from ssp_eval.extract.world import Actor, Statement
 
 # What somebody else does with these, in the words of motions.py.
 _DOES = {"waiting": "stationary", "overtaking": "same_direction", "following": "moving"}
+_GONE_ON = frozenset({"back", "into", "to", "through", "on", "onto", "over", "up", "down"})
 _CONFLICT_WORDS = {
     "potential": "potential",
     "possible": "potential",
@@ -48,6 +49,8 @@ def read_react(talk: Talk, index: int, hit: Hit) -> None:
 
 def read_background(talk: Talk, index: int, hit: Hit) -> None:
     if talk.flags[index] & ~Scope.READY:
+        return
+    if hit.value == "gone" and _GONE_ON & set(talk.words[hit.stop : hit.stop + 1]):
         return
     actor = talk.subject if isinstance(talk.subject, Actor) else talk.near
     if actor is None and talk.named:
