@@ -148,6 +148,8 @@ def _conflict(actor: Actor) -> Found | None:
     if not actor.conflicts:
         return None
     said = actor.conflicts[-1]
+    if said.value == "potential":  # a possible turn of what is active already
+        said = next((one for one in actor.conflicts if one.value == "active"), said)
     for other in actor.conflicts:
         if other.sentence == said.sentence and other.value == "active":
             said = other

@@ -59,7 +59,11 @@ def _mark_quotes(
             hit = hits[index]
             if hit.kind is Kind.QUOTE:
                 opener = index
-                if opened < 0 and hit.value == "options" and _lists(hits, index, start, stop):
+                if (
+                    opened < 0
+                    and hit.value in ("options", "not")
+                    and _lists(hits, index, start, stop)
+                ):
                     opened = index
             elif hit.kind is Kind.MARK and hit.value == '"':
                 if quoted:
@@ -73,7 +77,7 @@ def _mark_quotes(
             if quoted or question or optional or _after_colon(hits, opener, index, start):
                 flags[index] |= QUOTED
         if opened >= 0:
-            listing = hits[stop - 1].value == "\n" or words[hits[stop - 1].first - 1].isdigit()
+            listing = opened + 3 >= stop or words[hits[stop - 1].first - 1].isdigit()
             listed = (opened, stop)
         elif listing and listed is not None:
             listed = (listed[0], stop)
@@ -87,6 +91,8 @@ def _decides(hits: list[Hit], start: int, stop: int) -> bool:
 
 def _lists(hits: list[Hit], opener: int, start: int, stop: int) -> bool:
     """Options considered were …; Alternatives that were looked at: …"""
+    if hits[opener].value == "options" and opener + 2 >= stop:
+        return True  # Let me think about two alternatives. (a) …
     if opener > start and hits[opener - 1].kind is not Kind.MARK:
         return False
     for after in range(opener + 1, min(opener + REACH, stop)):

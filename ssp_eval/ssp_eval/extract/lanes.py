@@ -39,9 +39,10 @@ _MOVES = frozenset(
         "movement, action, motion, maneuver, manoeuvre, shift, deviation, change, offset, input"
     )
 )
+_PASSIVE = frozenset(phrases("is, will, should, be, can, must, to, being, shall, also, then"))
 _COURSES = frozenset(phrases("direction, heading, course, steering"))
 _THROUGH = frozenset(phrases("on, through"))
-HEADS = _WHEELS | frozenset(phrases("straight, no"))
+HEADS = _WHEELS | frozenset(phrases("straight, no, lane"))
 _MARKS = frozenset({".", "?", "\n", ",", ";", ":", '"', "|", "[", "=", "("})
 
 # Names of fields that are a field of the plan only where one of the values below follows.
@@ -125,18 +126,31 @@ def straight(words: list[str], at: int) -> Found | None:
         before = words[at - 1] if at else "."
         alone = before in _MARKS or before in ("go", "and")
         ends = at + 2 >= count or words[at + 2] in _MARKS
+        if words[at + 1 : at + 3] == ["it", "is"]:
+            return "keep_lane", "value", at, at + 3
         named = before in _COURSES and after == "ahead"
         if named or (after in _THROUGH and alone and ends):
             return "keep_lane", "value", at, at + 2
         return None
     if word == "no":
         return _no_steering(words, at)
+    if word == "lane":
+        return _lane_kept(words, at)
     here = at + 1
     while here < min(at + 6, count) and words[here] in _HELD:
         here += 1
     if here < count and words[here] == "straight":
         return "keep_lane", "noun", at, here + 1
     return None
+
+
+def _lane_kept(words: list[str], at: int) -> Found | None:
+    """The lane is held too; lane is kept."""
+    here = at + 1
+    while here < min(at + 5, len(words)) and words[here] in _PASSIVE:
+        here += 1
+    kept = here < len(words) and here > at + 1 and words[here] in ("kept", "held", "maintained")
+    return ("keep_lane", "noun", at, here + 1) if kept else None
 
 
 def _no_steering(words: list[str], at: int) -> Found | None:

@@ -89,8 +89,9 @@ _BE = frozenset(
             "remains, stay, remain, staying, remaining, now, can, simply, just")
 )  # fmt: skip
 _OUGHT = frozenset(
-    phrases("should, must, needs, need, will, shall, to, stays, remains, stay, remain")
+    phrases("should, must, needs, need, will, shall, to, stays, remains, stay, remain, can")
 )
+_STAYS = frozenset(phrases("stays, remains, stay, remain"))
 _DONE = {
     **dict.fromkeys(phrases("reduced, lowered, decreased, cut, lessened, dropped"), "reduce"),
     **dict.fromkeys(phrases("increased, raised, restored, regained, resumed"), "accelerate"),
@@ -250,6 +251,8 @@ def _pedal(words: list[str], at: int, form: str) -> Found | None:
     """off the gas, lift the foot, take the foot off the accelerator, apply the brakes gently."""
     off = words[at] in ("off", "release", "releases", "releasing", "lift", "lifts", "lifting")
     braking = words[at].startswith(("appl", "press", "hit", "tap", "squeez", "slam", "us", "touch"))
+    if words[at + 1 : at + 2] == ["of"]:
+        return None  # the release of the accelerator
     for here in range(at + 1, min(at + 8, len(words))):
         word = words[here]
         if word in ("off", "from"):
@@ -302,6 +305,9 @@ def _passive(words: list[str], at: int) -> Found | None:
     while here < min(at + 6, len(words)) and (words[here] in _BE or words[here] == "the"):
         ought = ought or words[here] in _OUGHT
         here += 1
+    if ought and words[here : here + 1] == ["at"] and words[here - 1] in _STAYS:
+        stop = number(words, here + 1)
+        return ("keep_speed", "noun", at, stop) if stop else None
     lemma = _DONE.get(words[here]) if here < len(words) else None
     if lemma is None:
         return None
@@ -311,6 +317,7 @@ def _passive(words: list[str], at: int) -> Found | None:
         and (before in _MARKS or before == "and")
         and (after in _MARKS or after in ("and", "with", "in"))
     )
-    if not ought and not bare:
+    done = words[here].endswith("ed") or words[here] in ("kept", "held")
+    if not ought and not bare and not (done and words[here - 1] in ("is", "now")):
         return None
     return lemma, "noun", at, here + 1

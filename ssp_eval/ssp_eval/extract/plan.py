@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ssp_eval.extract.echoes import opens_item
 from ssp_eval.extract.hits import Hit, Kind
 from ssp_eval.extract.lexicon import phrases
 from ssp_eval.extract.scope import Scope
@@ -35,6 +36,8 @@ class Planner:
         self.unit = 0
         self.final = False
         self.start = self.stop = 0
+        self.meta = False  # in a list of meta actions, of which the first is the present one
+        self.listed: set[str] = set()  # slots that the list has filled
         self.later = False
         self.sides: set[int] = set()  # direction words that belong to a steering verb
         self.first: int | None = None  # first committed verb of the sentence
@@ -45,6 +48,8 @@ class Planner:
         """A new sentence is a new unit."""
         self.start, self.stop = start, stop
         self.first = None
+        if self.listed and not opens_item(self.words, self.hits[start - 1].stop if start else 0):
+            self.meta = False
         self._unit()
 
     def _unit(self) -> None:
@@ -63,6 +68,8 @@ class Planner:
         """A field of a structured answer: an action field is the final plan."""
         if hit.value in ("action", "lon_action", "lat_action") and not self.flags[index]:
             self.final = True
+            self.meta = self.words[hit.first] == "meta"
+            self.listed = set()
         self.either = self.bar = False
         self.barred = set()
         self.last = None
@@ -71,6 +78,8 @@ class Planner:
         """Hits that concern only the plan."""
         if hit.kind is Kind.FINAL:
             self.final = True
+            self.meta = hit.value == "meta"
+            self.listed = set()
         elif hit.kind is Kind.THEN:
             self._then(index, hit)
         elif hit.kind is Kind.REVISE:
@@ -187,10 +196,14 @@ class Planner:
         """Braking would be wrong: an action that is talked about, and not chosen."""
         hit = self.hits[index]
         if hit.form == "noun" and hit.first and self.words[hit.first - 1] in ("the", "this"):
-            return hit.value in LON_ACTIONS and hit.value != "keep_speed"
+            near = self.hits[index + 1 : min(index + 4, self.stop)]
+            described = any(one.kind is Kind.RELATIVE for one in near)
+            return described or (hit.value in LON_ACTIONS and hit.value != "keep_speed")
         if hit.form not in ("ing", "noun") or not self._opens(index):
             return False
         if index == self.start and hit.form == "ing" and self._is_topic(index):
+            return True
+        if self.hits[index + 1 : index + 2] and self.hits[index + 1].kind is Kind.NOT:
             return True
         for after in range(index + 1, min(index + REACH, self.stop)):
             one = self.hits[after]
@@ -252,8 +265,10 @@ class Planner:
             self._commit("lat_action", "straight", first, hit.stop, True)
 
     def _commit(self, slot: str, value: str, first: int, stop: int, linked: bool) -> None:
+        later = self.later or (self.meta and slot in self.listed)
+        self.listed.add(slot)
         self.world.commitments.append(
-            Commitment(slot, value, first, stop, self.unit, self.later, self.final, linked)
+            Commitment(slot, value, first, stop, self.unit, later, self.final, linked)
         )
 
     def _in_table(self) -> bool:

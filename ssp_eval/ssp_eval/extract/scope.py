@@ -95,6 +95,9 @@ class _Sentence:
                 self._answer_no(index)
             self.local |= Scope.DENIED
             self._deny_subject(index, Scope.DENIED)
+        elif kind is Kind.QUOTE and value == "not":
+            self.local |= Scope.DENIED
+            self._clause_back(index, Scope.REJECTED)
         elif kind is Kind.NO_LONGER:
             self.local |= Scope.GONE
         elif kind is Kind.MODAL:
@@ -111,7 +114,7 @@ class _Sentence:
                 self._clause_back(index, Scope.PAST)
                 self.local |= Scope.PAST
         elif kind is Kind.HISTORY:
-            self._clause_back(index, Scope.PAST)
+            self._clause_back(index, Scope.PAST, Kind.RELATIVE)
             self.local |= Scope.PAST
         elif kind is Kind.READY:
             self.local |= Scope.READY
@@ -159,8 +162,10 @@ class _Sentence:
         ):
             self._clause_back(index, flag)
 
-    def _clause_back(self, index: int, flag: int) -> None:
-        for before in range(max(self.clause, index - REACH), index):
+    def _clause_back(self, index: int, flag: int, until: Kind | None = None) -> None:
+        for before in range(index - 1, max(self.clause, index - REACH) - 1, -1):
+            if self.hits[before].kind is until:
+                return  # the taxi that cut in a moment ago: the taxi is there
             self.flags[before] |= flag
 
     def _for_object(self, index: int) -> int:
