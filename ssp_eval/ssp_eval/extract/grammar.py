@@ -76,7 +76,7 @@ KINDS: dict[Kind, Table] = {
             """
             prepare to, preparing to, prepared to, ready to, be ready for, prepare
             for, preparing for, about to, trying to, tries to, try to, wishing to,
-            signaling to, signalling to, expected to, likely to, in a position to,
+            signaling to, signalling to, in a position to,
             appears to, seems to, ready for, attempting to, looking to, able to, allowed
             to, preparing, signaling, signalling, signals, indicating, poised to, set to,
             due to turn, has the option to, reserve,
@@ -87,7 +87,7 @@ KINDS: dict[Kind, Table] = {
         # Of the ego this is a plan; of anybody else it hasn't happened.
         "intend": phrases(
             """
-            intends to, intend to, wants to, want to, wanna, planning to, intending to,
+            likely to, expected to, intends to, intend to, wants to, want to, wanna, planning to, intending to,
             wanting to, intention to, plans to, plan to, aims to, aim to, intention is to,
             plan is to, decides to, decide to, opts to, opt to, chooses to, choose to,
             intent is to, goal is to, aiming to, intended to, elects to, decided to, has
@@ -131,7 +131,7 @@ KINDS: dict[Kind, Table] = {
         ),
         "while": phrases("while, whilst"),
         "by": phrases("by"),
-        "now": phrases("now, currently, for now, at present"),
+        "now": phrases("by now, now, currently, for now, at present"),
     },
     Kind.CRITICAL: {
         "": phrases(
@@ -267,6 +267,9 @@ KINDS: dict[Kind, Table] = {
         ),
     },
     Kind.FINAL: {
+        "meta": phrases(
+            "meta actions, meta action sequence, action sequence, meta driving actions"
+        ),
         "": phrases(
             """
             final plan, final decision, final action, final answer, final driving
@@ -305,16 +308,20 @@ KINDS: dict[Kind, Table] = {
             former plan, earlier decision, prior decision, prior action, old decision, history
             """
         ),
+        # Also a denial of what stands before.
+        "not": phrases(
+            "not recommended, not advised, not chosen, not advisable, not an option, not selected"
+        ),
         "options": phrases(
             """
             options, alternatives, candidates, choices, candidate actions, possible actions,
-            not recommended, rejected options, discarded options, options considered,
-            options were, considered options, alternatives considered, possibilities,
-            rejected alternatives, two ways, three ways, not chosen, discarded alternatives,
-            not an option, not advised, ruled out options, other options, other possibilities,
-            alternatives are, allowed actions, available actions, action space, options are,
-            candidate maneuvers, candidate manoeuvres, what not to do, ideas, i considered,
-            we considered, two options, maneuver rejected, manoeuvre rejected, rejected maneuver,
+            rejected options, discarded options, options considered, options were,
+            considered options, alternatives considered, possibilities, rejected alternatives,
+            two ways, three ways, discarded alternatives, ruled out options, other options,
+            other possibilities, alternatives are, allowed actions, available actions,
+            action space, options are, candidate maneuvers, candidate manoeuvres,
+            what not to do, ideas, i considered, we considered, two options,
+            maneuver rejected, manoeuvre rejected, rejected maneuver,
             rejected manoeuvre, rejected action, rejected actions, action rejected, rejected plan,
             plan rejected, decision rejected, rejected decision, three options, two possibilities,
             three possibilities, do not do
