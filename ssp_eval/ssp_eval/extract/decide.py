@@ -22,7 +22,7 @@ def decide(world: World) -> dict[str, Found]:
         names = tuple(name for name in OBJECTS if any(a.name == name for a in objects))
         support = tuple(next(a.mentions[0] for a in objects if a.name == name) for name in names)
         found["objects"] = names, support
-    elif world.nobody is not None:
+    elif world.nobody is not None and not any(actor.mentions for actor in world.actors):
         found["objects"] = (), (world.nobody,)
     critical = _critical(objects)
     about = [world.loose] if critical is None else [critical, world.loose]
@@ -54,8 +54,9 @@ def _objects(world: World) -> list[Actor]:
     present = [actor for actor in world.actors if actor.mentions]
     present = [a for a in present if not (a.gone or a.background and not _partner(a))]
     present = [a for a in present if not a.parked or _marked(a)]
-    marked = [actor for actor in present if _marked(actor)]
-    return marked or present
+    if not any(_marked(actor) for actor in present):
+        return present
+    return [a for a in present if _marked(a) or (a.motions and a.places and not a.parked)]
 
 
 def _marked(actor: Actor) -> bool:

@@ -18,9 +18,9 @@ def phrases(text: str) -> tuple[str, ...]:
 # Look like road users or actions and are none.
 SKIPPED = phrases(
     """
-    at once, all at once, as we are, as we do, than we are, than we do, as i am, than us, as us, like us, like we do,
-    hazard lights, hazard light, hazard flashers, hazards on, hazard flasher, hazard signs,
-    hazard warning lights, risk assessment, conflict zone, danger sign, danger zone,
+    at once, all at once, as we are, as we do, than we are, than we do, as i am, than us, as us,
+    like us, like we do, hazard lights, hazard light, hazard flashers, hazards on, hazard flasher,
+    hazard signs, hazard warning lights, risk assessment, conflict zone, danger sign, danger zone,
     conflict point, hazard warning, either way, in either case, on either side, either side,
     stop arm, red light runner, red light runners, taken from a vehicle, taken from a car,
     taken from inside a car, seen from a car, seen from a vehicle, captured from a vehicle,
@@ -45,22 +45,21 @@ SKIPPED = phrases(
     braking distance, brake light, brake lights, braking lights, yield sign, yield signs,
     yield line, turn lane, turn lanes, turn signal, turn signals, turn only, turn pocket,
     turn arrow, turn bay, turning lane, turning lanes, turn indicator, right of way, right now,
-    right away, right behind, right in front, right angle, right angles, right after, right next,
-    all right, right here, right there, merge lane, merging lane, merging traffic, merge sign,
-    parking lane, parking lot, parking space, parking spaces, passing lane, slow traffic,
-    slow lane, slow zone, speed limit, lane change maneuver ahead, no entry, no parking,
-    no stopping, no overtaking sign, no overtaking, not only, no matter, no turn, of course,
-    crossing sign, zebra crossing, level crossing, railway crossing, rail crossing,
-    crossing point, crossing area, school crossing, crossing lines, stop request, shift gear,
-    change in speed, lane change signal, straight line, straight road, straight lane,
-    straight section, straight ahead lane, straight stretch, curve to the left,
-    curve to the right, curves to the left, curves to the right, curves left, curves right,
-    bends left, bends right, bends to the left, bends to the right, left curve, right curve,
-    left bend, right bend, bend to the left, bend to the right, curving left, curving right,
-    curving to the left, curving to the right, turns yellow, turns red, turns green, turned green,
-    turned red, turning red, turning yellow, turning green, turn red, turn green, turn yellow,
-    will be fine, can be seen, can see, could see, may i, moving forward, move forward,
-    moves forward
+    right away, right angle, right angles, right after, right next, all right, right here,
+    right there, merge lane, merging lane, merging traffic, merge sign, parking lane, parking lot,
+    parking space, parking spaces, passing lane, slow traffic, slow lane, slow zone, speed limit,
+    lane change maneuver ahead, no entry, no parking, no stopping, no overtaking sign,
+    no overtaking, not only, no matter, no turn, of course, crossing sign, zebra crossing,
+    level crossing, railway crossing, rail crossing, crossing point, crossing area,
+    school crossing, crossing lines, stop request, shift gear, change in speed,
+    lane change signal, straight line, straight road, straight lane, straight section,
+    straight ahead lane, straight stretch, curve to the left, curve to the right,
+    curves to the left, curves to the right, curves left, curves right, bends left, bends right,
+    bends to the left, bends to the right, left curve, right curve, left bend, right bend,
+    bend to the left, bend to the right, curving left, curving right, curving to the left,
+    curving to the right, turns yellow, turns red, turns green, turned green, turned red,
+    turning red, turning yellow, turning green, turn red, turn green, turn yellow, will be fine,
+    can be seen, can see, could see, may i, moving forward, move forward, moves forward
     """
 )
 

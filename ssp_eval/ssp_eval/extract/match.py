@@ -174,6 +174,7 @@ _PACES = paces.HEADS | lanes.HEADS
 _ADVERBS = frozenset({"still", "yet", "though", "therefore", "thus", "hence", "however"})
 _OVERTAKING = frozenset({"overtaking", "passing"})
 _ARTICLES = frozenset({"a", "an", "the", "this", "another"})
+_AFTER_SIDES = frozenset({"in", "behind", "after", "now", "next", "here", "there"})
 _RIDERS = frozenset({"pedestrian", "rider"})
 
 # Words with which a rule can begin; the rest is passed over at once.
@@ -367,8 +368,10 @@ def _side(words: list[str], at: int, hits: list[Hit]) -> int:
         here += 1
         if _ENTRY in node:
             entry, stop = node[_ENTRY], here
-    named = at > 0 and words[at - 1] in ("the", "our", "my")  # on the right ahead
-    if entry is not None and not (named and (entry[0] is Kind.PLACE or stop == at + 2)):
+    named = at > 0 and words[at - 1] in ("the", "our", "my", "from")  # on the right ahead
+    if entry is not None and not (
+        named and (entry[0] is Kind.PLACE or words[at + 1] in _AFTER_SIDES)
+    ):
         return _add(words, at, stop, entry, hits)
     found = side(words, at)
     if found is None:

@@ -7,6 +7,7 @@ from ssp_eval.extract.lexicon import EGO_WORDS, phrases
 from ssp_eval.extract.movements import ACROSS, ALONG, INTO_LANE, MOVING, STANDING
 
 _STOPPERS = frozenset({Kind.VERB, Kind.OBJECT, Kind.EGO, Kind.JOIN, Kind.REACT, Kind.KEY})
+_PLACED = frozenset({Kind.IN_LANE, Kind.PLACE, Kind.EGO})
 _OTHER = {"left": "right", "right": "left"}
 _ROADS = frozenset(
     phrases(
@@ -115,7 +116,8 @@ def _origin(hits: list[Hit], index: int, start: int, stop: int) -> tuple[str, Hi
         if hit.kind is Kind.SIDE:
             if hit.form == "from":
                 return hit.value, hit
-            if hit.form in ("to", "into", "bare"):
+            beside = hit.form == "to" and hits[after - 1].kind in _PLACED
+            if hit.form in ("to", "into", "bare") and not beside:
                 follows = hits[after + 1] if after + 1 < stop else None
                 if follows is None or follows.kind is not Kind.SIDE:
                     return _OTHER[hit.value], hit
@@ -170,11 +172,10 @@ def _over_line(words: list[str], at: int) -> bool:
 
 def _over_road(words: list[str], at: int, name: str) -> bool:
     near = words[at : at + 9]
-    if "across" in near or "over" in near:
-        beside = name in _LIGHT and "across" in near[:2]
-        return beside or bool(_ROADS & set(near)) or "lane" in near or "us" in near
     if name not in _LIGHT:
-        return False
+        return "across" in near and bool(_ROADS & set(near))
+    if "across" in near or "over" in near:
+        return "across" in near[:2] or bool(_ROADS & set(near)) or "lane" in near or "us" in near
     return bool(_ONTO_WORDS & set(near)) and ("lane" in near or bool(_ROADS & set(near)))
 
 

@@ -52,7 +52,7 @@ MOVEMENTS: dict[str, tuple[str, ...]] = {
                _OUR_LANES),
         *_with("drift out of, swerve out of, steer out of, turn out of, quit", _OUR_LANES),
     ),
-    "overtake": (*_with("overtake, pass, undertake", _US), *phrases("overtake us on the left")),
+    "overtake": _with("overtake, pass, undertake", _US),
     "tailgate": (
         *phrases("tailgate, follow closely behind us, follow us closely, ride our bumper"),
         *_with("tailgate, follow, trail", _US),

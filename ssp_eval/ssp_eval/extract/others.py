@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ssp_eval.extract.hits import Hit, Kind
-from ssp_eval.extract.motions import FINISHED_STANDING, INTRUSIONS, motion_of
+from ssp_eval.extract.motions import COMES_FROM, FINISHED_STANDING, INTRUSIONS, motion_of
 from ssp_eval.extract.scope import Scope
 from ssp_eval.extract.talk import CONNECTS, EGO, NOT_NOW, REACH, SCENE, Talk
 from ssp_eval.extract.movements import CLEARING, ENDANGERING
@@ -84,6 +84,9 @@ def move(talk: Talk, index: int, hit: Hit) -> None:
         talk.show(actor, index)
         return
     if hit.form == "ed" and hit.value not in FINISHED_STANDING:
+        came = motion_of(talk.words, talk.hits, index, talk.start, talk.stop, actor.name)
+        if came is not None and came[0].startswith(COMES_FROM):
+            actor.motions.append(talk.said(came[0], hit))
         return
     if hit.form == "base" and _intended(talk, index):
         return

@@ -37,9 +37,8 @@ def _end(talk: Talk) -> None:
     """What only the whole sentence shows: whom its plan concerns, and whether nobody is there."""
     planned = talk.planner.end()
     conflicts.end(talk)
-    for index, actor in talk.named:
-        if planned is not None:
-            actor.reaction = max(actor.reaction, 2 if index > planned else 1)
+    if planned is not None:
+        _react(talk, planned)
     if {"car", "pedestrian", "cyclist"} <= talk.denied:
         first, stop = talk.hits[talk.start].first, talk.hits[talk.stop - 1].stop
         talk.world.nobody = Statement("", first, stop, talk.number)
@@ -51,6 +50,22 @@ def _end(talk: Talk) -> None:
     if not (before is not None and before.value == ":" and last.value == "\n"):
         talk.key = ""
     _carry_list(talk, planned is not None or talk.subject is EGO)
+
+
+def _react(talk: Talk, planned: int) -> None:
+    """Who is named first after the plan's verb is what it is about, and who is joined to him."""
+    about: int | None = None
+    for index, actor in talk.named:
+        first = index > planned and about is None
+        if first or (about is not None and _joined(talk, about, index)):
+            actor.reaction, about = 2, index
+        else:
+            actor.reaction = max(actor.reaction, 1)
+
+
+def _joined(talk: Talk, first: int, second: int) -> bool:
+    between = talk.hits[first + 1 : second][:4]
+    return all(hit.kind is Kind.JOIN or hit.value == "," for hit in between)
 
 
 def _places_only(talk: Talk) -> bool:

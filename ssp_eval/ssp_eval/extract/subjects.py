@@ -14,6 +14,7 @@ REACH = 12
 _OBLIQUE = frozenset({"its", "their", "them", "him", "her", "his", "hers"})
 _POSSESSIVE = frozenset({"its", "their", "his"})
 _AROUND = frozenset({"behind", "between", "past", "around"})
+_SOME = frozenset({"both", "all", "two", "one", "each", "three"})
 _FITTING = {
     "he": frozenset({"pedestrian", "cyclist", "motorcycle"}),
     "rider": frozenset({"cyclist", "motorcycle"}),
@@ -158,7 +159,11 @@ def read_pronoun(talk: Talk, index: int, hit: Hit) -> None:
         talk.subject = talk.near = talk.last = actor  # its trailer moves into our lane
         talk.group, talk.busy = [actor], False
         return
-    if governed or talk.words[hit.first] in _OBLIQUE:
+    if hit.first > 1 and talk.words[hit.first - 1] == "of":
+        governed = talk.words[hit.first - 2] not in _SOME  # both of them are standing
+    elif talk.words[hit.first] in _OBLIQUE:
+        governed = True
+    if governed:
         if talk.reacting and actor is not None and not talk.flags[index]:
             actor.reaction = 2  # go around her, wait for him
         return

@@ -40,7 +40,7 @@ _NEGATIONS = frozenset({"cannot", "cant", "dont", "doesnt", "isnt", "wont"})
 _OPENERS: tuple[list[str], ...] = ([], [":"], ["."], ["\n"])
 _DROPPED = ""
 _SINGLE = frozenset(',;:"=|')
-_LISTS = "\u2022\u25cf\u25e6-*#>0123456789\"'[({<"
+_LISTS = "\u2022\u25cf\u25e6-*#>|0123456789\"'[({<"
 
 FIELD_NAME = 24  # characters in which the name of a field at the start of a line must end
 
