@@ -198,6 +198,16 @@ def test_what_follows_the_reasoning_is_the_answer(cases):
     assert answer_of(cases, f"Maybe {cases.pairs(PLAN)}.\n</think>\nDone.")[0] == "plan"
 
 
+def test_reasoning_that_does_not_end_holds_no_answer(cases):
+    adapted = cases.read("openemma", f"<think>Maybe {cases.pairs(PLAN)}, but the car")
+    assert adapted.invalid == ("missing",)
+    assert adapted.info.notes == (
+        "the text ends within its reasoning, whose lists were left out",
+        "the text holds no list of numbers",
+    )
+    assert answer_of(cases, f"<think>No.</think>{cases.pairs(PLAN)}")[0] == "plan"
+
+
 def test_a_list_that_is_cut_off_has_no_shape(cases):
     adapted = cases.read("openemma", cases.pairs(PLAN)[:-9])
     assert adapted.trajectory is None

@@ -2,6 +2,7 @@
 
 The rules, in this order:
 1. After reasoning that ends with ``</think>``, what follows is the answer, if a list is there.
+   Reasoning that begins with ``<think>`` and doesn't end holds no answer.
 2. A list that gives back the history, or a run of it, is no answer; a list that begins with the
    whole history is read without it. A history of one repeated row can't be told from a plan that
    keeps on: a list equal to it is read, and a note says so.
@@ -19,7 +20,7 @@ from dataclasses import dataclass, replace
 
 from ssp_vla_bridge.core.adapters.numbers import CUT, NumberList, scan_lists
 
-_THINK_END = "</think>"
+_THINK_BEGIN, _THINK_END = "<think>", "</think>"
 _LABEL_LENGTH = 200
 _PAST = ("histor", "past ", "previous", "observed")
 _FUTURE = ("future", "predict", "next", "final", "answer", "output", "plan", "forecast")
@@ -101,6 +102,10 @@ def _after_thinking(
     text: str, lists: Sequence[NumberList], notes: list[str]
 ) -> Sequence[NumberList]:
     end = text.rfind(_THINK_END)
+    begin = text.rfind(_THINK_BEGIN)
+    if begin > end and any(one.start > begin for one in lists):
+        notes.append("the text ends within its reasoning, whose lists were left out")
+        lists = [one for one in lists if one.start < begin]
     if end < 0:
         return lists
     after = [one for one in lists if one.start > end]
@@ -130,6 +135,7 @@ def _parts(one: NumberList, count: int, history: Rows | None, notes: list[str]) 
                 rows=rows[start : start + size],
                 loose=(),
                 fault=one.fault if start + size == len(rows) else "",
+                cut=one.cut and start + size == len(rows),
             )
             for start, size in zip(starts, sizes, strict=True)
         ]
@@ -165,12 +171,10 @@ def _is_echo(rows: Rows, history: Rows, of_past: bool, notes: list[str]) -> bool
     if not min(_LEAST_ECHO, len(history)) <= run <= len(history) or not run:
         return False
     if _constant(rows):
-        if _equal(rows, history[:run]) and run == len(history):
-            if of_past:
-                notes.append("the echo of the history was left out")
-                return True
-            notes.append("the list equals the history, whose rows are all the same")
-        return False
+        told = of_past and _equal(rows, history)
+        if told:
+            notes.append("the echo of the history was left out")
+        return told
     for start in range(len(history) - run + 1):
         if _equal(rows, history[start : start + run]):
             part = "" if run == len(history) else " of a part"
@@ -187,7 +191,7 @@ def _pick(
         notes.append(f"no list stands behind {form.label!r}")
     answers = labelled or answers
     complete = [answer for answer in answers if _is_complete(answer[0], form)]
-    cut = answers[-1][0].fault == CUT
+    cut = answers[-1][0].cut
     if complete:
         chosen = complete[-1]
         others = [one for one, _ in complete if not _equal(one.rows, chosen[0].rows)]
@@ -216,6 +220,8 @@ def _read(
     problem = _problem(one, form, history)
     if problem:
         return Choice((), "shape", (*_unique(notes), problem))
+    if history and _equal(one.rows, history):
+        notes.append("the list equals the history, whose rows are all the same")
     notes.extend(sorted(one.marks - form.usual))
     if one.units:
         notes.append("units in rows")

@@ -20,7 +20,8 @@ ELIDED = "an ellipsis stands for rows"
 
 _BETWEEN = re.compile(
     r"(?P<space>\s+)|(?P<comma>[,;])|(?P<ellipsis>[.]{2,}|…|⋯)"
-    r"|(?P<group>\([a-zA-Z/ ]{0,12}\)|[\[(][0-9. ]{1,8}s?[\])])"
+    r"|(?P<group>\([a-zA-Z/ ]{0,12}\)|[\[(][0-9. ]{1,8}s?[\])]"
+    r"|[\[(][a-zA-Z]{1,12}_?[0-9]{0,2}, ?[a-zA-Z]{1,12}_?[0-9]{0,2}[\])])"
     r"|(?P<open>[\[({])|(?P<close>[\])}])"
     rf"|(?P<number>{SIGN}{PLAIN})|(?P<word>[^\W\d]\w*)"
     r"|(?P<mark>[:=*_`>|#•·→$\\\"'+\-–])|(?P<other>.)",
@@ -45,6 +46,7 @@ class NumberList:
         start: offset of its first row, or of the bracket that opens it.
         end: offset behind its last row.
         fault: why it is no list that can be read, empty for a good one.
+        cut: whether the text ends before the list does.
         loose: indices of rows that no comma parts from the row before.
         names: per column, the names that its numbers were given.
         units: written behind numbers.
@@ -55,6 +57,7 @@ class NumberList:
     start: int
     end: int
     fault: str = ""
+    cut: bool = False
     loose: tuple[int, ...] = ()
     names: tuple[frozenset[str], ...] = ()
     units: frozenset[str] = frozenset()
@@ -112,10 +115,10 @@ def _finish(rows: list[Row], gaps: list[_Gap], after: _Gap, cut: bool = False) -
         fault = f"row {bad + 1} isn't like the others"
     if not good:
         fault = "its rows aren't numbers"
-    if cut:
-        fault = CUT
     if any(gap.ellipsis for gap in gaps[1:]) or (after.ellipsis and not after.prose):
         fault = ELIDED
+    if cut and not fault:
+        fault = CUT
     marks = {mark for row in rows for mark in row.marks}
     if gaps[0].opened >= 0:
         marks.add("a nested list")
@@ -128,6 +131,7 @@ def _finish(rows: list[Row], gaps: list[_Gap], after: _Gap, cut: bool = False) -
             start=gaps[0].opened if gaps[0].opened >= 0 else rows[0].start,
             end=rows[-1].end,
             fault=fault,
+            cut=cut,
             loose=tuple(i for i, gap in enumerate(gaps) if i and not gap.comma),
             names=tuple(
                 frozenset(row.names[i] for row in good if i < len(row.names) and row.names[i])
@@ -147,13 +151,13 @@ def _ending(text: str, rows: list[Row], gaps: list[_Gap], end: int) -> list[Numb
     if not rows:
         if not row_begun:
             return []
-        return [NumberList((), opener, len(text), CUT)]
+        return [NumberList((), opener, len(text), CUT, cut=True)]
     gap = _gap(text, end, opener if row_begun else len(text))
     never_closed = gaps[0].opened >= 0 and not gap.closed
     cut = not gap.prose and (row_begun or gap.comma or never_closed)
     lists = _finish(rows, gaps, gap, cut)
     if row_begun and (gap.prose or not lists):
-        lists.append(NumberList((), opener, len(text), CUT))
+        lists.append(NumberList((), opener, len(text), CUT, cut=True))
     return lists
 
 
