@@ -87,15 +87,18 @@ class TopicAsker:
         self._start = start
         self.process: NodeProcess | None = None
         self._deaths = 0
-        self._connected = False
+        self._connected = self._waited_in_vain = False
 
     @property
     def ignored(self) -> Ignored:
         """Answers that came and weren't used."""
         return self._exchange.ignored
 
-    def connect(self) -> None:
+    def connect(self, patient: bool = True) -> None:
         """Starts the bridge where it is ours, and waits until it is on the topics.
+
+        Args:
+            patient: wait also for one that was waited for in vain before.
 
         Raises:
             PeerError: it doesn't come, or ends before that.
@@ -105,15 +108,14 @@ class TopicAsker:
         ):
             self._link.forget()
             self.process = self._start()
-        wait_s = self._timeouts.start_s
-        if self._start is None and self._deaths:
-            # It didn't come back within the whole wait; the other records don't wait for it again.
-            wait_s = 0.0
+            self._connected = self._waited_in_vain = False
+        wait_s = self._timeouts.start_s if patient or not self._waited_in_vain else 0.0
         deadline = time.monotonic() + wait_s
         while not self._link.matched():
             if self.process is not None and self.process.returncode is not None:
                 raise PeerError(self._died("ended before it was ready"))
             if time.monotonic() > deadline:
+                self._connected, self._waited_in_vain = False, True
                 raise PeerError(
                     f"no bridge for {self._model} on its topics within {self._timeouts.start_s:g} s"
                 )
@@ -124,7 +126,7 @@ class TopicAsker:
             settle = time.monotonic() + 0.2
             while time.monotonic() < settle:
                 self._transport.spin(_SPIN_S)
-        self._connected = True
+        self._connected, self._waited_in_vain = True, False
 
     def ask(self, request: Request) -> Reply:
         """The reply to one request; whatever the bridge does costs this reply only."""
@@ -133,8 +135,9 @@ class TopicAsker:
                 gone = f"the bridge died {self._deaths} times and was given up"
                 return Reply(None, gone, Loss.DIED)
             self._connected = False
+        if not self._connected:
             try:
-                self.connect()
+                self.connect(patient=False)
             except PeerError as error:
                 self._deaths += 1
                 return Reply(None, str(error), Loss.UNREACHABLE)
