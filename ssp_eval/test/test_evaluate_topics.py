@@ -24,6 +24,9 @@ from ssp_eval.evaluate.cli import evaluate as evaluate_command
 from ssp_eval.evaluate.cli import model_specs
 from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.evaluate.topics import BRIDGE_MODULE, PROFILE, TopicAsker, TopicAskers
+from ssp_eval.evaluate.truth import truth_from_bag
+from ssp_eval.labels.proposal_file import write_proposal
+from ssp_eval.labels.propose import propose
 from ssp_vla_bridge.core.request import Request
 
 BagMaker = Callable[..., Path]
@@ -143,3 +146,35 @@ def test_started_and_attached_bridges_don_t_mix() -> None:
         model_specs([], [])
     with pytest.raises(InputError, match="no name for a topic"):
         model_specs(["a b"], [])
+
+
+@pytest.mark.ros
+def test_the_evaluator_s_node_takes_a_models_file(make_bag: BagMaker, tmp_path: Path) -> None:
+    bag, out = make_bag(), tmp_path / "out"
+    write_proposal(
+        tmp_path / "bag.labels.json", propose(truth_from_bag(bag)), source="sha256:" + "0" * 64
+    )
+    models = tmp_path / "models.yaml"
+    models.write_text(
+        "schema: ssp.models/1\n"
+        "models:\n"
+        "  mine: {backend: constant_velocity, frames: 2, total_b: 1.5}\n"
+    )
+    with free_domain() as domain_id:
+        environment = session_environment(domain_id, PROFILE)
+        with ProcessGroup(environment, tmp_path / "logs") as group:
+            group.start_node(
+                "mine", BRIDGE_MODULE, {"model": "mine", "backend": "constant_velocity"}
+            )
+            run = subprocess.run(
+                [
+                    sys.executable, "-m", "ssp_eval.evaluate.node", "--ros-args", "-p",
+                    f"bags:=[{bag}]", "-p", f"models_file:={models}", "-p", f"out:={out}",
+                ],
+                env=environment, capture_output=True, text=True, timeout=60, check=False,
+            )  # fmt: skip
+    assert run.returncode == 0, run.stderr
+    assert "cut_in__simulation__mine: ok" in run.stdout
+    cell = json.loads((out / "cells" / "cut_in__simulation__mine" / "cell.json").read_text())
+    assert (cell["preprocessing"]["frames"], cell["model_facts"]["total_b"]) == (2, 1.5)
+    assert cell["answers"]["missing"] == []
