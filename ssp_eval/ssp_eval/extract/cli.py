@@ -1,38 +1,157 @@
-"""``ssp extract``: slots with evidence for texts in a JSON Lines file."""
+"""``ssp extract``: slots with evidence for texts, their blind review, and their measure."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
 
 import click
 
+from ssp_core import console
 from ssp_core.errors import InputError
+from ssp_core.hashing import sha256_file
 from ssp_eval import strict
-from ssp_eval.extract.rules import extract as extract_slots
+from ssp_eval.extract.llm import Extracted, Extractor
+from ssp_eval.extract.llm.options import extractor_of, llm_options
+from ssp_eval.extract.measure import load_corpus, measure
+from ssp_eval.extract.measure.table import show as show_measure
+from ssp_eval.extract.review.agreement import compare
+from ssp_eval.extract.review.form import write_review
+from ssp_eval.extract.review.model import load_key
+from ssp_eval.extract.review.returned import load_answers
+from ssp_eval.extract.review.show import show as show_review
+from ssp_eval.extract.review.subset import Candidate, choose, make_subset
 from ssp_eval.records import BehaviourRecord, record_to_json
 from ssp_eval.strict import Place
 
+_PATH = click.Path(path_type=Path)
+
 
 @click.command()
-@click.argument("file", metavar="FILE.jsonl")
-def extract(file: str) -> None:
+@click.argument("file", metavar="[FILE.jsonl]", required=False)
+@llm_options()
+@click.option("--review", "out", type=_PATH, metavar="OUT", help="Write a blind review of some of "
+              "the texts for two people to the new folder OUT.")  # fmt: skip
+@click.option("--n", "count", type=click.IntRange(1, 5000), default=100, show_default=True,
+              help="Texts to review.")  # fmt: skip
+@click.option("--seed", type=int, default=0, show_default=True, help="Of their choice.")
+@click.option("--returned", type=_PATH, nargs=2, metavar="A B",
+              help="What both reviewers returned, CSV or JSON; needs --key.")  # fmt: skip
+@click.option("--key", "key_file", type=_PATH, help="Key of the review, key.json.")
+@click.option("--measure", "corpus", type=_PATH, metavar="CORPUS.jsonl",
+              help="Texts with known slots, to measure the extraction by.")  # fmt: skip
+@click.option("--misses", is_flag=True, help="With --measure, list what came out otherwise.")
+@click.option("--json", "as_json", is_flag=True, help="Print a measure or a review as JSON.")
+def extract(
+    file: str | None,
+    out: Path | None,
+    count: int,
+    seed: int,
+    returned: tuple[Path, Path] | None,
+    key_file: Path | None,
+    corpus: Path | None,
+    misses: bool,
+    as_json: bool,
+    **llm: Any,
+) -> None:
     """Extract slots with evidence from texts.
 
     FILE.jsonl has lines {"id": …, "text": …}; "-" reads standard input. For each, one line
-    {"id": …, "slots": …} goes to standard output, slots as in behaviour records (METHOD 5.3).
+    {"id": …, "slots": …} goes to standard output, slots as in behaviour records (METHOD 5.3); with
+    --llm, it says which of them the LLM filled.
+
+    Instead, --review OUT prepares a blind review of FILE.jsonl by two people, --returned A B
+    --key KEY compares what they returned with each other and with the extractor, and --measure
+    CORPUS.jsonl compares the extractor with known slots.
     """
+    _check_mode(file, out, returned, key_file, corpus)
+    if as_json and not (returned or corpus):
+        raise click.UsageError("--json is for --measure and --returned; slots are JSON anyway")
+    extractor = extractor_of(**llm)
+    if returned and key_file:
+        _compare(returned, key_file, as_json)
+    elif corpus is not None:
+        found = measure(load_corpus(corpus), lambda text: extractor(text).slots)
+        if as_json:
+            click.echo(json.dumps(found.to_json(), indent=1))
+        else:
+            show_measure(found, misses)
+    elif file is not None and out is not None:
+        _prepare(file, out, extractor, count, seed)
+    elif file is not None:
+        for key, text in _read(file):
+            click.echo(json.dumps(_line(key, text, extractor(text), extractor.uses_llm)))
+    if extractor.uses_llm:
+        tally = ", ".join(f"{name} {number}" for name, number in extractor.tally().items())
+        console.note(f"LLM: {tally}")
+
+
+def _check_mode(
+    file: str | None,
+    out: Path | None,
+    returned: tuple[Path, Path] | None,
+    key_file: Path | None,
+    corpus: Path | None,
+) -> None:
+    if (out is not None) + bool(returned) + (corpus is not None) > 1:
+        raise click.UsageError("--review, --returned and --measure exclude each other")
+    if bool(returned) != (key_file is not None):
+        raise click.UsageError("--returned A B and --key KEY belong together")
+    if (returned or corpus is not None) == (file is not None):
+        named = "--returned" if returned else "--measure"
+        raise click.UsageError(
+            f"{named} takes no FILE.jsonl besides" if file else "name a FILE.jsonl, or - for stdin"
+        )
+
+
+def _line(key: str | int, text: str, found: Extracted, with_llm: bool) -> dict[str, Any]:
+    record = record_to_json(BehaviourRecord(0.0, text, found.slots))
+    line = {"id": key, "slots": json.loads(record)["slots"]}
+    if with_llm:
+        dropped = list(found.dropped)
+        line["llm"] = {
+            "slots": list(found.by_llm),
+            "trouble": found.trouble or None,
+            "dropped": dropped,
+        }
+    return line
+
+
+def _prepare(file: str, out: Path, extractor: Extractor, count: int, seed: int) -> None:
+    if file == "-":
+        raise click.UsageError("--review needs a file, whose hash goes into the key")
+    candidates = [Candidate(key, text, extractor(text).slots) for key, text in _read(file)]
+    chosen = choose([one for one in candidates if one.text.strip()], count, seed)
+    if not chosen:
+        raise InputError("holds no text to review", file=file)
+    subset = make_subset(chosen, sha256_file(file), extractor.sha256, seed)
+    write_review(subset, out)
+    if len(chosen) < count:
+        console.note(f"note: {file} has {len(chosen)} different texts, fewer than {count}")
+    console.note(
+        f"{len(chosen)} texts of {len(candidates)}; give {out}/reviewer_1 and {out}/reviewer_2 to "
+        f"two people, and keep {out}/key.json from them"
+    )
+
+
+def _compare(returned: tuple[Path, Path], key_file: Path, as_json: bool) -> None:
+    key = load_key(key_file)
+    first, second = (load_answers(path, key) for path in returned)
+    review = compare(key.items, first, second)
+    if as_json:
+        click.echo(json.dumps(review.to_json(), indent=1))
+    else:
+        show_review(review)
+
+
+def _read(file: str) -> Iterator[tuple[str | int, str]]:
     try:
         with click.open_file(file, encoding="utf-8") as stream:
-            _run(stream, file)
+            yield from _texts(stream, file)
     except (FileNotFoundError, PermissionError, IsADirectoryError) as error:
         raise InputError(f"can't be read: {error.strerror}", file=file) from error
-
-
-def _run(stream: Iterable[str], file: str) -> None:
-    for key, text in _texts(stream, file):
-        record = record_to_json(BehaviourRecord(0.0, text, extract_slots(text)))
-        click.echo(json.dumps({"id": key, "slots": json.loads(record)["slots"]}))
 
 
 def _texts(stream: Iterable[str], file: str) -> Iterator[tuple[str | int, str]]:

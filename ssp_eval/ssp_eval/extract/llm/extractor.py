@@ -1,0 +1,214 @@
+"""Rules and, where one is given, an LLM as one extractor: text in, slots out (METHOD 5.5)."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from ssp_core.chat import Chat
+from ssp_core.chat_reply import NoCompletion, read_completion
+from ssp_core.errors import PeerError
+from ssp_core.hashing import sha256_bytes, sha256_json
+from ssp_eval.extract.llm.cache import Cache
+from ssp_eval.extract.llm.judge import judge
+from ssp_eval.extract.llm.prompt import build_request, prompt_hash
+from ssp_eval.extract.llm.reply import read_reply
+from ssp_eval.extract.rules import extract, extractor_hash
+from ssp_eval.records import SLOT_NAMES, Slots
+
+MAX_CHARACTERS = 20_000  # of a text that the LLM is asked about
+MAX_FAILURES = 5  # in a row, after which the service isn't asked any more
+
+
+@dataclass(frozen=True)
+class Extracted:
+    """What one text gave.
+
+    Args:
+        slots: of rules and LLM together.
+        by_llm: names of the slots that the LLM filled.
+        trouble: why the LLM's part is missing, "" where it isn't.
+        dropped: proposals of the LLM that failed a check, as "slot: why".
+    """
+
+    slots: Slots
+    by_llm: tuple[str, ...] = ()
+    trouble: str = ""
+    dropped: tuple[str, ...] = ()
+
+
+class Extractor:
+    """Extracts slots from texts and counts what became of the LLM's part.
+
+    Args:
+        chat: the LLM, None: rules alone.
+        cache: of its answers.
+        use_schema: ask the server to hold answers to a schema.
+        note: told of trouble with the service.
+    """
+
+    def __init__(
+        self,
+        chat: Chat | None = None,
+        cache: Cache | None = None,
+        use_schema: bool = True,
+        note: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        self._chat, self._cache = chat, cache or Cache(None)
+        self._use_schema, self._note = use_schema, note
+        self._failures = 0
+        self.counts: Counter[str] = Counter()
+
+    def __call__(self, text: str) -> Extracted:
+        """The slots of a text; trouble with the LLM costs its slots of this text and no more.
+
+        Args:
+            text: a model's text, with nothing else.
+
+        Raises:
+            InputError: the cache can't be read or written.
+        """
+        found = extract(text)
+        empty = [name for name in SLOT_NAMES if getattr(found, name) is None]
+        if self._chat is None or not empty or not text.strip():
+            return Extracted(found)
+        body = self._answer(self._chat, text, empty)
+        if isinstance(body, str):
+            return Extracted(found, trouble=body)
+        content, trouble = _content(body)
+        proposals = read_reply(content, empty)
+        trouble = trouble or proposals.unreadable
+        if trouble:
+            self.counts["unusable"] += 1
+            return Extracted(found, trouble=f"the LLM's answer can't be used: {trouble}")
+        judged = judge(text, found, proposals.items)
+        dropped = (*proposals.dropped, *judged.dropped)
+        self.counts["slots_filled"] += len(judged.slots)
+        self.counts["proposals_dropped"] += len(dropped)
+        slots = replace(found, **judged.slots)
+        return Extracted(slots, tuple(judged.slots), dropped=dropped)
+
+    @property
+    def sha256(self) -> str:
+        """Hash of all that decides what is extracted: the rules; model, prompt and parameters."""
+        if self._chat is None:
+            return extractor_hash()
+        return sha256_json({"rules": extractor_hash(), "llm": self._identity(self._chat)})
+
+    @property
+    def uses_llm(self) -> bool:
+        """Whether there is an LLM besides the rules."""
+        return self._chat is not None
+
+    def describe(self) -> dict[str, Any]:
+        """What extracted, and what became of the questions so far, for provenance."""
+        if self._chat is None:
+            return {"rules": extractor_hash(), "llm": None}
+        identity = self._identity(self._chat)
+        return {"rules": extractor_hash(), "llm": {**identity, "counts": self.tally()}}
+
+    def tally(self) -> dict[str, int]:
+        """Texts by what became of their question, and proposals by what became of them.
+
+        ``asked`` of the server and ``cached`` ones were answered; ``failed`` had no answer from the
+        service, ``not_asked`` came after too many of these, ``too_long`` were no question, and
+        the answer to ``unusable`` ones held nothing that could be read.
+        """
+        names = ("asked", "cached", "failed", "not_asked", "too_long", "unusable")
+        return {name: self.counts[name] for name in (*names, "slots_filled", "proposals_dropped")}
+
+    def _identity(self, chat: Chat) -> dict[str, Any]:
+        return {
+            "model": chat.model,
+            "prompt_and_parameters": prompt_hash(),
+            "schema": self._use_schema,
+            "checks": _checks_hash(),
+        }
+
+    def _answer(self, chat: Chat, text: str, empty: list[str]) -> bytes | str:
+        """The body of the LLM's answer, or why there is none."""
+        if len(text) > MAX_CHARACTERS:
+            self.counts["too_long"] += 1
+            return f"the text is longer than {MAX_CHARACTERS} characters"
+        request = build_request(chat.model, _sendable(text), empty, self._use_schema)
+        digest = sha256_json(request)
+        body = self._cache.find(digest)
+        if body is not None and _is_completion(body):
+            self.counts["cached"] += 1
+            return body
+        if self._failures >= MAX_FAILURES:
+            self.counts["not_asked"] += 1
+            return "not asked any more: the service failed too often in a row"
+        del request["model"]
+        messages = request.pop("messages")
+        try:
+            body = chat.ask(messages, request)
+            read_completion(body)
+        except (PeerError, NoCompletion) as error:
+            return self._failed(str(error))
+        self._failures = 0
+        self.counts["asked"] += 1
+        self._cache.keep(digest, body)
+        return body
+
+    def _failed(self, why: str) -> str:
+        self._failures += 1
+        self.counts["failed"] += 1
+        self._note(f"the LLM gave no answer: {why}")
+        if self._failures == MAX_FAILURES:
+            self._note(f"{MAX_FAILURES} failures in a row; the LLM isn't asked any more")
+        return f"no answer: {why}"
+
+
+def make_extractor(
+    chat: Chat | None = None,
+    cache: Path | None = None,
+    use_schema: bool = True,
+    note: Callable[[str], None] = lambda _: None,
+) -> Extractor:
+    """An extractor of rules, and of an LLM where one is given.
+
+    Args:
+        chat: the LLM; None: rules alone.
+        cache: folder that keeps its answers; None keeps none.
+        use_schema: ask the server to hold answers to a schema.
+        note: told of trouble with the service.
+
+    Raises:
+        InputError: the folder can't be made or written to.
+    """
+    return Extractor(chat, Cache(cache), use_schema, note)
+
+
+@cache
+def _checks_hash() -> str:
+    """Of the modules that read and judge what the LLM says."""
+    names = ("reply.py", "judge.py")
+    return sha256_json({n: sha256_bytes(Path(__file__).with_name(n).read_bytes()) for n in names})
+
+
+def _is_completion(body: bytes) -> bool:
+    try:
+        read_completion(body)
+    except NoCompletion:
+        return False
+    return True
+
+
+def _content(body: bytes) -> tuple[str, str]:
+    """The text of an answer, and why it can't be used."""
+    completion = read_completion(body)
+    if completion.refusal is not None:
+        return "", "the model declines"
+    if completion.cut_off:
+        return "", "it ends in the midst"
+    return completion.text or "", ""
+
+
+def _sendable(text: str) -> str:
+    """The text with what is no character (half of a surrogate pair) as a question mark."""
+    return text.encode("utf-8", "replace").decode()

@@ -1,0 +1,102 @@
+"""What the LLM proposes: its reply read strictly; what isn't as asked proposes nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ssp_core.strict_json import parse_strict
+from ssp_eval.extract.llm.prompt import MAX_OBJECTS, MAX_QUOTE, labels_of
+
+_FENCE = "```"
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A label with the words that are said to support it.
+
+    Args:
+        slot: that it is for.
+        label: one of the slot's labels.
+        quote: not yet looked for in the text.
+    """
+
+    slot: str
+    label: str
+    quote: str
+
+
+@dataclass(frozen=True)
+class Proposals:
+    """What a reply proposes.
+
+    Args:
+        items: for slots that were asked for, with labels that they have.
+        dropped: what else stood there, one reason each.
+        unreadable: why nothing could be read; empty: it could.
+    """
+
+    items: tuple[Proposal, ...] = ()
+    dropped: tuple[str, ...] = ()
+    unreadable: str = ""
+
+
+def read_reply(content: str, asked: Sequence[str]) -> Proposals:
+    """What an answer proposes for the slots that were asked for; raises on no string.
+
+    Args:
+        content: of the completion; a fence of code around the JSON is taken off.
+        asked: names of these slots.
+    """
+    try:
+        value = parse_strict(_unfenced(content))
+    except ValueError:
+        return Proposals(unreadable="no JSON")
+    if not isinstance(value, dict):
+        return Proposals(unreadable="no JSON object")
+    items: list[Proposal] = []
+    dropped: list[str] = []
+    for slot, answer in value.items():
+        if slot not in asked:
+            dropped.append("a slot that was not asked for")
+        elif answer is not None:
+            _read_slot(slot, answer, items, dropped)
+    return Proposals(tuple(items), tuple(dropped))
+
+
+def _read_slot(slot: str, answer: Any, items: list[Proposal], dropped: list[str]) -> None:
+    several = slot == "objects"
+    if isinstance(answer, list) != several:
+        dropped.append(f"{slot}: {'no list' if several else 'a list'}")
+        return
+    given = answer if several else [answer]
+    if len(given) > MAX_OBJECTS:
+        dropped.append(f"{slot}: {len(given)} answers")
+        return
+    for one in given:
+        found = _read_one(slot, one)
+        if isinstance(found, str):
+            dropped.append(f"{slot}: {found}")
+        elif found not in items:
+            items.append(found)
+
+
+def _read_one(slot: str, one: Any) -> Proposal | str:
+    if not isinstance(one, dict) or set(one) != {"label", "quote"}:
+        return "not a label with a quote"
+    label, quote = one["label"], one["quote"]
+    if not isinstance(label, str) or label not in labels_of(slot):
+        return "a label outside the vocabulary"
+    if not isinstance(quote, str) or not quote.strip():
+        return "no quote"
+    if len(quote) > MAX_QUOTE:
+        return "a quote longer than a phrase"
+    return Proposal(slot, label, quote.strip())
+
+
+def _unfenced(content: str) -> str:
+    text = content.strip()
+    if text.startswith(_FENCE) and text.endswith(_FENCE) and "\n" in text:
+        text = text[text.index("\n") + 1 : -len(_FENCE)]
+    return text

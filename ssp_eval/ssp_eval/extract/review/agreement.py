@@ -1,0 +1,193 @@
+"""How far two reviewers agree, and how far the extractor agrees with them where they do."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ssp_core.vocab import OBJECTS
+from ssp_eval.extract.measure.counts import Score
+from ssp_eval.extract.measure.intervals import Z_95, Share
+from ssp_eval.extract.review.model import BETWEEN, NONE, UNSURE, KeyItem
+from ssp_eval.extract.review.returned import Answers
+from ssp_eval.records import SLOT_NAMES
+
+Interval = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Kappa:
+    """Cohen's kappa: agreement beyond what the reviewers' habits alone would give.
+
+    Args:
+        value: None where both gave one and the same answer throughout, so that it has no sense.
+        interval: 95 %, from the large-sample standard error of Fleiss, Cohen and Everitt.
+    """
+
+    value: float | None
+    interval: Interval | None
+
+
+@dataclass(frozen=True)
+class SlotReview:
+    """One slot over all texts.
+
+    Args:
+        judged: texts of which both reviewers were sure.
+        unsure: the others.
+        raw: how many of the judged they agree on.
+        kappa: with each combination of classes as an answer of its own for objects.
+        overlap: of objects, mean share of the named classes that both named; None for others.
+        score: the extractor against what both agree on.
+    """
+
+    judged: int
+    unsure: int
+    raw: Share
+    kappa: Kappa
+    overlap: float | None
+    score: Score
+
+
+@dataclass(frozen=True)
+class Disagreement:
+    """An answer to settle."""
+
+    review_id: str
+    slot: str
+    first: str
+    second: str
+
+
+@dataclass(frozen=True)
+class Error:
+    """What the extractor has otherwise than both reviewers.
+
+    Args:
+        kind: ``false_positive`` where it gave an answer that isn't theirs, ``false_negative``
+            where it gave none and they did, ``wrong`` where both gave one and they differ (it
+            counts against precision and recall alike).
+    """
+
+    review_id: str
+    source_id: str | int
+    slot: str
+    kind: str
+    agreed: str
+    extracted: str
+
+
+@dataclass(frozen=True)
+class Review:
+    """All that comes out of a review."""
+
+    texts: int
+    slots: Mapping[str, SlotReview]
+    disagreements: tuple[Disagreement, ...]
+    errors: tuple[Error, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """All figures for programs."""
+        return {
+            "schema": "ssp.extraction_review/1",
+            "texts": self.texts,
+            "slots": {name: _slot_json(slot) for name, slot in self.slots.items()},
+            "disagreements": [vars(one) for one in self.disagreements],
+            "errors": [vars(one) for one in self.errors],
+        }
+
+
+def compare(items: Sequence[KeyItem], first: Answers, second: Answers) -> Review:
+    """The review of two people's answers.
+
+    Args:
+        items: of the key.
+        first: answers to each of them.
+        second: of the other reviewer.
+    """
+    slots = {}
+    disagreements: list[Disagreement] = []
+    errors: list[Error] = []
+    for name in SLOT_NAMES:
+        pairs = [(first[item.review_id][name], second[item.review_id][name]) for item in items]
+        sure = [pair for pair in pairs if UNSURE not in pair]
+        score = Score()
+        for item, (one, other) in zip(items, pairs, strict=True):
+            if one != other or one == UNSURE:
+                disagreements.append(Disagreement(item.review_id, name, one, other))
+            else:
+                _score(item, name, one, score, errors)
+        slots[name] = SlotReview(
+            judged=len(sure),
+            unsure=len(pairs) - len(sure),
+            raw=Share(sum(one == other for one, other in sure), len(sure)),
+            kappa=cohens_kappa(sure),
+            overlap=_overlap(sure) if name == "objects" else None,
+            score=score,
+        )
+    disagreements.sort(key=lambda one: one.review_id)
+    errors.sort(key=lambda one: one.review_id)
+    return Review(len(items), slots, tuple(disagreements), tuple(errors))
+
+
+def cohens_kappa(pairs: Sequence[tuple[str, str]]) -> Kappa:
+    """Cohen's kappa of two people's answers, with its 95 % interval.
+
+    kappa = (p_o - p_e) / (1 - p_e), where p_o is the share of equal answers and p_e the one that
+    their margins give by chance.
+
+    Args:
+        pairs: both answers to each question.
+    """
+    count = len(pairs)
+    joint = {pair: number / count for pair, number in Counter(pairs).items()}
+    rows = {k: n / count for k, n in Counter(pair[0] for pair in pairs).items()}
+    columns = {k: n / count for k, n in Counter(pair[1] for pair in pairs).items()}
+    chance = sum(share * columns.get(label, 0.0) for label, share in rows.items())
+    if count == 0 or chance > 1.0 - 1e-12:
+        return Kappa(None, None)
+    equal = sum(share for (one, other), share in joint.items() if one == other)
+    kappa = (equal - chance) / (1 - chance)
+    spread = -((kappa - chance * (1 - kappa)) ** 2)
+    for (one, other), share in joint.items():
+        margins = columns.get(one, 0.0) + rows.get(other, 0.0)
+        own = 1.0 if one == other else 0.0
+        spread += share * (own - margins * (1 - kappa)) ** 2
+    error = math.sqrt(max(spread, 0.0) / count) / (1 - chance)
+    return Kappa(kappa, (max(kappa - Z_95 * error, -1.0), min(kappa + Z_95 * error, 1.0)))
+
+
+def _score(item: KeyItem, slot: str, agreed: str, score: Score, errors: list[Error]) -> None:
+    extracted = item.extracted[slot]
+    given, wanted = extracted != NONE, agreed != NONE
+    score.add(int(given), int(wanted), int(given and extracted == agreed))
+    if extracted != agreed:
+        kind = "wrong" if given and wanted else "false_positive" if given else "false_negative"
+        error = Error(item.review_id, item.source_id, slot, kind, agreed, extracted)
+        errors.append(error)
+
+
+def _overlap(pairs: Sequence[tuple[str, str]]) -> float | None:
+    """Mean of shared classes over named ones; without classes, whether both say the same."""
+    shares = []
+    for one, other in pairs:
+        first, second = (set(text.split(BETWEEN)) & set(OBJECTS) for text in (one, other))
+        named = first | second
+        shares.append(len(first & second) / len(named) if named else float(one == other))
+    return sum(shares) / len(shares) if shares else None
+
+
+def _slot_json(slot: SlotReview) -> dict[str, Any]:
+    return {
+        "judged": slot.judged,
+        "unsure": slot.unsure,
+        "agreement": slot.raw.value,
+        "agreement_95": slot.raw.interval,
+        "kappa": slot.kappa.value,
+        "kappa_95": slot.kappa.interval,
+        "object_overlap": slot.overlap,
+        "extractor": slot.score.to_json(),
+    }

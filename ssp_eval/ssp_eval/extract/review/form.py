@@ -1,0 +1,120 @@
+"""What reviewers get: a form of one file that works offline, and the same as a spreadsheet."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import random
+from collections.abc import Mapping
+from pathlib import Path
+
+import jinja2
+
+from ssp_core.errors import InputError
+from ssp_core.files import make_folder, write_json, write_text
+from ssp_eval.extract.review.conventions import ASKED, CONVENTIONS, GENERAL
+from ssp_eval.extract.review.model import ANSWERS_SCHEMA, NOBODY, NONE, REVIEWERS, UNSURE
+from ssp_eval.extract.review.returned import COLUMNS
+from ssp_eval.extract.review.subset import Subset
+from ssp_eval.records import SLOT_NAMES, VOCABULARIES
+
+KEY_FILE = "key.json"
+FORM_FILE = "form.html"
+SHEET_FILE = "sheet.csv"
+_HERE = Path(__file__).parent
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")  # a spreadsheet would compute what begins so
+
+
+def write_review(subset: Subset, out: Path) -> list[Path]:
+    """Writes a folder per reviewer, and the key beside them, which is not for reviewers.
+
+    Args:
+        subset: what is reviewed.
+        out: folder, new or empty.
+
+    Raises:
+        InputError: there is something in the folder already, or it can't be made.
+    """
+    make_folder(out)
+    if any(out.iterdir()):
+        raise InputError("isn't empty", file=out, remedy="name a new folder")
+    written = []
+    for reviewer in REVIEWERS:
+        folder = make_folder(out / f"reviewer_{reviewer}")
+        texts = _order(subset, reviewer)
+        write_text(folder / FORM_FILE, form(texts, subset.key.subset, reviewer))
+        write_text(folder / SHEET_FILE, sheet(texts))
+        written += [folder / FORM_FILE, folder / SHEET_FILE]
+    write_json(out / KEY_FILE, subset.key.to_json())
+    return [*written, out / KEY_FILE]
+
+
+def form(texts: Mapping[str, str], subset: str, reviewer: int) -> str:
+    """The form as one HTML file without references to others.
+
+    Args:
+        texts: by review id, in the order in which they are shown.
+        subset: hash of the subset.
+        reviewer: number.
+    """
+    slots = [
+        {
+            "name": name,
+            "title": ASKED[name],
+            "rule": CONVENTIONS[name],
+            "several": name == "objects",
+            "values": [*VOCABULARIES[name], *([NOBODY] if name == "objects" else [])],
+        }
+        for name in SLOT_NAMES
+    ]
+    data = {
+        "schema": ANSWERS_SCHEMA,
+        "subset": subset,
+        "reviewer": reviewer,
+        "slots": slots,
+        "texts": [{"id": key, "text": _shown(text)} for key, text in texts.items()],
+        "alone": [NOBODY, NONE, UNSURE],
+        "none": NONE,
+        "unsure": UNSURE,
+    }
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(_HERE), autoescape=True, undefined=jinja2.StrictUndefined
+    )
+    return environment.get_template("form.html.j2").render(
+        reviewer=reviewer,
+        count=len(texts),
+        general=GENERAL,
+        data=_embedded(data),
+        style=(_HERE / "form.css").read_text(encoding="utf-8"),
+        script=(_HERE / "form.js").read_text(encoding="utf-8"),
+    )
+
+
+def sheet(texts: Mapping[str, str]) -> str:
+    """The spreadsheet to fill in: CSV that also Excel takes for UTF-8."""
+    stream = io.StringIO()
+    writer = csv.writer(stream)
+    writer.writerow(COLUMNS)
+    for key, text in texts.items():
+        shown = _shown(text)
+        shown = f"'{shown}" if shown.startswith(_FORMULA) else shown
+        writer.writerow([key, shown, *[""] * (len(COLUMNS) - 2)])
+    return "\ufeff" + stream.getvalue()
+
+
+def _order(subset: Subset, reviewer: int) -> dict[str, str]:
+    """The texts in an order of the reviewer's own, so that fatigue meets different texts."""
+    keys = list(subset.texts)
+    random.Random(f"{subset.key.subset} {reviewer}").shuffle(keys)
+    return {key: subset.texts[key] for key in keys}
+
+
+def _shown(text: str) -> str:
+    return text.encode("utf-8", "replace").decode()
+
+
+def _embedded(value: object) -> str:
+    """JSON as it may stand in a script element of HTML, whatever texts hold."""
+    text = json.dumps(value, ensure_ascii=True)
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
