@@ -13,7 +13,7 @@ from ssp_eval.extract.world import Actor, Statement
 _ANYMORE = frozenset(phrases("anymore, more, longer"))
 _NONE = frozenset(phrases("none, no, nil, zero, negligible"))
 _DOUBTFUL = frozenset(phrases("may, might, could"))
-_SELF = frozenset(phrases("we, i, you, ego"))
+_SELF = frozenset(phrases("we, i, you, ego, what, one"))
 _REACT = frozenset(phrases("react, act, respond, reaction, intervene"))
 _MUST = frozenset(phrases("must, need, needs, have, required, immediately, requires, now"))
 _DENIABLE = Scope.DENIED | Scope.AHEAD | Scope.POSSIBLE
@@ -32,7 +32,7 @@ def read_risk(talk: Talk, index: int, hit: Hit) -> None:
     if any(one.kind is Kind.CONFLICT for one in settle):
         return
     first = hit.first
-    if flags & Scope.GONE and not flags & ~(Scope.GONE | Scope.DENIED):
+    if flags & Scope.GONE and not flags & ~(Scope.GONE | _DENIABLE):
         value = "resolved"
         first = _back_to(talk, index, Kind.NO_LONGER)
     elif flags & Scope.DENIED and not flags & ~_DENIABLE and not _modal(talk, index):

@@ -13,6 +13,13 @@ OWN_LANE = phrases(
     this, the present, the ego vehicle, our current, its current, your, your own, ego
     """
 )
+IN_PATH = phrases(
+    """
+    in the path of the ego, in the path of the ego car, in the path of the ego vehicle, in the
+    path of our car, in the path of our vehicle, in the ego vehicle path, in the ego path, in our
+    driving path, in our driving corridor, inside our driving corridor, in our corridor, in my way
+    """
+)
 SAME_LANE = phrases("in lane, same lane, without leaving the lane, without leaving our lane")
 
 _WHEELS = frozenset(phrases("wheel, wheels, steering"))
@@ -39,10 +46,11 @@ _MOVES = frozenset(
         "movement, action, motion, maneuver, manoeuvre, shift, deviation, change, offset, input"
     )
 )
+_UNCHANGED = frozenset(phrases("unchanged, unaltered, same"))
 _PASSIVE = frozenset(phrases("is, will, should, be, can, must, to, being, shall, also, then"))
 _COURSES = frozenset(phrases("direction, heading, course, steering"))
 _THROUGH = frozenset(phrases("on, through"))
-HEADS = _WHEELS | frozenset(phrases("straight, no, lane"))
+HEADS = _WHEELS | frozenset(phrases("straight, no, lane, direction, heading, course"))
 _MARKS = frozenset({".", "?", "\n", ",", ";", ":", '"', "|", "[", "=", "("})
 
 # Names of fields that are a field of the plan only where one of the values below follows.
@@ -134,8 +142,13 @@ def straight(words: list[str], at: int) -> Found | None:
         return None
     if word == "no":
         return _no_steering(words, at)
-    if word == "lane":
-        return _lane_kept(words, at)
+    if word in _COURSES or word == "lane":
+        if after in _UNCHANGED and (at == 0 or words[at - 1] in _MARKS or words[at - 1] == "and"):
+            return "keep_lane", "noun", at, at + 2
+        if word == "lane":
+            return _lane_kept(words, at)
+        if word not in _WHEELS:
+            return None
     here = at + 1
     while here < min(at + 6, count) and words[here] in _HELD:
         here += 1

@@ -62,6 +62,8 @@ def _entries() -> dict[str, Entry]:
         add(f"{prep} {owner} lane".replace("  ", " "), Kind.IN_LANE, value)
     for prep, owner in product(("in", "within", "inside"), ("our", "my", "its", "the ego")):
         add(f"{prep} {owner} path", Kind.IN_LANE, "path")
+    for phrase in lanes.IN_PATH:
+        add(phrase, Kind.IN_LANE, "path")
     for phrase in lanes.SAME_LANE:
         add(phrase, Kind.IN_LANE, "")
     for scene in lexicon.SCENE:
@@ -212,46 +214,11 @@ def find(words: list[str]) -> list[Hit]:
                     hits.append(Hit(Kind.VERB, *value))
                     at = value[3]
             continue
-        if word in _BARE_VALUES:
-            bare = _bare_value(words, at)
-            if bare is not None:
-                hits.append(Hit(Kind.VERB, *bare, at, at + 1))
-                at += 1
+        if word in _FREE:
+            after = _free(words, at, hits)
+            if after:
+                at = after
                 continue
-        if word in HEADS:
-            kept = keep(words, at)
-            if kept:
-                hits.extend(Hit(Kind.VERB, lemma, form, a, b) for lemma, form, a, b in kept)
-                at = kept[-1][3] if len(kept) > 1 else kept[0][3]
-                continue
-        if word in hazards.HEADS:
-            over = hazards.settled(words, at)
-            if over is not None:
-                hits.append(Hit(Kind.CONFLICT, "resolved", "", at, over))
-                at = over
-                continue
-        if word in halts.HEADS:
-            halted = halts.halt(words, at)
-            if halted is not None:
-                hits.append(Hit(Kind.VERB, *halted))
-                at = halted[3]
-                continue
-        if word in _PACES:
-            paced = paces.pace(words, at) or lanes.straight(words, at)
-            if paced is not None:
-                hits.append(Hit(Kind.VERB, *paced))
-                at = paced[3]
-                continue
-        if word in _INITIALS and hits and _steered(hits[-1], at):
-            hits.append(Hit(Kind.SIDE, _INITIALS[word], "bare", at, at + 1))
-            at += 1
-            continue
-        if word in SIDES:
-            at = _side(words, at, hits)
-            continue
-        if word in _FRAMES:
-            at = _frame(words, at, hits)
-            continue
         node: Any = _ROOT.get(word, {})
         entry: Entry | None = node.get(_ENTRY)
         here = stop = at + 1
@@ -264,6 +231,42 @@ def find(words: list[str]) -> list[Hit]:
                 entry, stop = node[_ENTRY], here
         at = _add(words, at, stop, entry, hits) if entry is not None else at + 1
     return hits
+
+
+def _free(words: list[str], at: int, hits: list[Hit]) -> int:
+    """The word after what the rules for free phrases find at a word, 0 if they find nothing."""
+    word = words[at]
+    if word in _BARE_VALUES:
+        bare = _bare_value(words, at)
+        if bare is not None:
+            hits.append(Hit(Kind.VERB, *bare, at, at + 1))
+            return at + 1
+    if word in HEADS:
+        kept = keep(words, at)
+        if kept:
+            hits.extend(Hit(Kind.VERB, lemma, form, a, b) for lemma, form, a, b in kept)
+            return kept[-1][3] if len(kept) > 1 else kept[0][3]
+    if word in hazards.HEADS:
+        over = hazards.settled(words, at)
+        if over is not None:
+            hits.append(Hit(Kind.CONFLICT, "resolved", "", at, over))
+            return over
+    if word in halts.HEADS:
+        halted = halts.halt(words, at)
+        if halted is not None:
+            hits.append(Hit(Kind.VERB, *halted))
+            return halted[3]
+    if word in _PACES:
+        paced = paces.pace(words, at) or lanes.straight(words, at)
+        if paced is not None:
+            hits.append(Hit(Kind.VERB, *paced))
+            return paced[3]
+    if word in _INITIALS and hits and _steered(hits[-1], at):
+        hits.append(Hit(Kind.SIDE, _INITIALS[word], "bare", at, at + 1))
+        return at + 1
+    if word in SIDES:
+        return _side(words, at, hits)
+    return _frame(words, at, hits) if word in _FRAMES else 0
 
 
 def _add(words: list[str], at: int, stop: int, entry: Entry, hits: list[Hit]) -> int:

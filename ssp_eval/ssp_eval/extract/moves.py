@@ -36,6 +36,8 @@ def read_verb(talk: Talk, index: int, hit: Hit) -> None:
         others.move(talk, index, hit)
     elif talk.subject is EGO or (not other and talk.near is None):
         talk.planner.verb(index, hit, talk.subject is EGO)
+    elif not other and hit.value == "keep_speed" and hit.form == "noun" and _followed(talk):
+        talk.planner.verb(index, hit, False)
     elif talk.planner.commands(index, other, talk.key):
         talk.subject = None
         talk.near = None
@@ -48,6 +50,12 @@ def read_verb(talk: Talk, index: int, hit: Hit) -> None:
     else:
         others.move(talk, index, hit)
     talk.busy = True
+
+
+def _followed(talk: Talk) -> bool:
+    """follow the lorry at constant speed: the pace is the ego's."""
+    noun = talk.named[-1][0] if talk.named else talk.start
+    return noun > talk.start and talk.hits[noun - 1].kind is Kind.REACT
 
 
 def _inverted(talk: Talk, index: int) -> bool:

@@ -105,7 +105,8 @@ _DONE = {
 _OWNERS = frozenset(
     phrases("the, our, my, ego, own, its, your, vehicle, travel, driving, cruising, car, and")
 )
-_MARKS = frozenset({".", "?", "\n", ",", ";", ":", '"', "|", "["})
+_MARKS = frozenset({".", "?", "\n", ",", ";", ":", '"', "|", "[", "("})
+_OF_EGO = frozenset(phrases("of, the, ego, car, vehicle, our, vut"))
 HEADS = (
     _GOING | _LOWER | _RAISE | _BACK | _RELEASE | _BRING | _LET | _KEPT | _AT | _UNCHANGED | _SPEEDS
 )
@@ -302,7 +303,10 @@ def _passive(words: list[str], at: int) -> Found | None:
         return None
     here = at + 1
     ought = False
-    while here < min(at + 6, len(words)) and (words[here] in _BE or words[here] == "the"):
+    if words[here : here + 1] == ["of"]:
+        while here < min(at + 6, len(words)) and words[here] in _OF_EGO:
+            here += 1
+    while here < min(at + 9, len(words)) and (words[here] in _BE or words[here] == "the"):
         ought = ought or words[here] in _OUGHT
         here += 1
     if ought and words[here : here + 1] == ["at"] and words[here - 1] in _STAYS:

@@ -24,6 +24,9 @@ _ADVISED = frozenset(
         """
     )
 )
+# The reason for braking: named, not chosen; but the intention of braking is one.
+_ABOUT = frozenset(phrases("for, of, about, from, than, like, between, against"))
+_MEANT = frozenset(phrases("intention, plan, decision, favour, favor, purpose, action, goal"))
 REACH = 5
 MAX_WORDS = 6
 
@@ -83,7 +86,7 @@ class Planner:
         elif hit.kind is Kind.THEN:
             self._then(index, hit)
         elif hit.kind is Kind.REVISE:
-            if self.last is None:
+            if self.last is None or self.words[hit.first] not in ("instead", "actually"):
                 self._unit()
             self.world.revised.append(self.unit)
 
@@ -199,6 +202,8 @@ class Planner:
             near = self.hits[index + 1 : min(index + 4, self.stop)]
             described = any(one.kind is Kind.RELATIVE for one in near)
             return described or (hit.value in LON_ACTIONS and hit.value != "keep_speed")
+        if hit.form == "ing" and hit.first > 1 and self.words[hit.first - 1] in _ABOUT:
+            return self.words[hit.first - 2] not in _MEANT
         if hit.form not in ("ing", "noun") or not self._opens(index):
             return False
         if index == self.start and hit.form == "ing" and self._is_topic(index):
@@ -221,7 +226,15 @@ class Planner:
         own = 0  # word from which an auxiliary is the gerund's own again
         for after in range(index + 1, min(index + 2 * REACH, self.stop)):
             one = self.hits[after]
-            if one.kind in (Kind.MARK, Kind.JOIN, Kind.CONDITION, Kind.THEN):
+            if one.value == "," and after + 1 < self.stop:
+                following = self.hits[after + 1]
+                if following.kind is Kind.MODAL and following.value == "may":
+                    return True  # Evading to the right, i.e. …, would be wrong
+                own = max(own, one.stop)
+                continue
+            if one.kind in (Kind.MARK, Kind.JOIN, Kind.CONDITION, Kind.THEN, Kind.EGO):
+                return False
+            if one.kind is Kind.VERB and one.form != "ing" and own:
                 return False
             if one.kind is Kind.RELATIVE:
                 own = one.stop + MAX_WORDS

@@ -105,8 +105,11 @@ def _join(talk: Talk, index: int, hit: Hit) -> None:
     following = talk.hits[index + 1] if index + 1 < talk.stop else None
     if hit.value == "while" and following is not None and following.form == "ing":
         return
-    if hit.value == "now":
+    if hit.value == "now" or (hit.value == "by" and talk.subject is EGO):
         return
+    adverb = talk.words[hit.first] in ("therefore", "thus", "hence", "consequently", "however")
+    if adverb and index > talk.start and talk.hits[index - 1].kind in (Kind.EGO, Kind.OBJECT):
+        return  # the ego therefore slows
     talk.listing = False
     if hit.value == "because" and talk.planner.first is not None:
         talk.reacting = True

@@ -191,6 +191,9 @@ class _Sentence:
         if value == "," and self._continues_list(index):
             self.flags[index] = self.local
             return
+        denied = index > self.start and self.hits[index - 1].kind is Kind.NOT
+        if value == '"' and denied:
+            return  # not "slow"
         self.local = 0
         self.clause = index + 1
         self.predicate = False
@@ -219,6 +222,8 @@ class _Sentence:
     def _join(self, index: int, value: str) -> None:
         self.flags[index] |= self.local | self.wide
         if value == "or":
+            if index == self.start:
+                self.wide |= Scope.POSSIBLE  # Or change to the left queue.
             return
         if value == "and":
             self._and(index)

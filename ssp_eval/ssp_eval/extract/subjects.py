@@ -151,10 +151,14 @@ def read_ego(talk: Talk, index: int, hit: Hit) -> None:
 
 def read_pronoun(talk: Talk, index: int, hit: Hit) -> None:
     actor = _referent(talk, hit.value)
-    if hit.value == "it" and index == talk.start and talk.before is EGO and _acts(talk, index):
+    before = talk.before if index == talk.start else None
+    if index > talk.start and talk.hits[index - 1].value in (";", ":"):
+        before = EGO if talk.planner.first is not None and talk.ego_named else None
+    if hit.value == "it" and before is EGO and _acts(talk, index):
         talk.subject = EGO  # The ego car slows down. It stays in its lane.
         return
-    governed = hit.first > 0 and talk.words[hit.first - 1] in actors.PREPOSITIONS
+    named = hit.first > 1 and talk.words[hit.first - 1] == "the"  # behind the rider
+    governed = hit.first > 0 and talk.words[hit.first - 1 - named] in actors.PREPOSITIONS
     if talk.words[hit.first] in _POSSESSIVE and index == talk.start and actor is not None:
         talk.subject = talk.near = talk.last = actor  # its trailer moves into our lane
         talk.group, talk.busy = [actor], False

@@ -38,7 +38,8 @@ class Talk:
         """Forgets the last sentence but for what pronouns and headings need."""
         if stop and self.named:
             self.topic = self.subject if isinstance(self.subject, Actor) else None
-        self.before = self._opener()  # of the sentence before
+        ended = EGO if getattr(self, "subject", None) == EGO else None
+        self.before = ended or self._opener()  # of the sentence before
         self.start, self.stop = start, stop
         self.subject: Actor | str | None = None
         self.near: Actor | None = None  # the noun last named in the clause
