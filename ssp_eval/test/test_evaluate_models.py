@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import pytest
@@ -18,6 +20,7 @@ from ssp_eval.evaluate.asker import DirectAskers
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.cli import model_specs
+from ssp_eval.evaluate.model_spec import ModelSpec
 from ssp_eval.evaluate.models import as_attached, attached_spec, bridge_spec, load_models
 from ssp_eval.evaluate.secret_options import refuse_secrets
 from ssp_vla_bridge.core.interfaces import INTERFACES
@@ -245,3 +248,23 @@ def test_names_of_secrets_are_refused_whatever_they_hold(name: str, value: str) 
     with pytest.raises(InputError, match="api_key_env") as caught:
         refuse_secrets({"options": {name: value}})
     assert caught.value.value is None
+
+
+_WORDS = st.sampled_from(["backend", "options", "interface", "frames", "timeout_s", "m", "x y"])
+_VALUES = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text() | _WORDS,
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(_WORDS | st.text(), inner),
+    max_leaves=12,
+)
+
+
+@given(entry=_VALUES, name=_WORDS | st.text())
+def test_no_entry_makes_anything_but_a_refusal(entry: Any, name: str) -> None:
+    """Whatever stands in a models file or after ``--bridge NAME=``: a model, or an InputError."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "models.yaml"
+        text = json.dumps({"schema": "ssp.models/1", "models": {name: entry}})
+        path.write_text(text)
+        for read in (lambda: load_models(path), lambda: bridge_spec(f"m={json.dumps(entry)}")):
+            with suppress(InputError):
+                assert isinstance(read(), list | ModelSpec)

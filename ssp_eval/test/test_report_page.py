@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 
 import pytest
 from click.testing import CliRunner
@@ -19,9 +21,10 @@ from ssp_core.errors import InputError
 from ssp_core.files import write_json
 from ssp_core.hashing import sha256_file
 from ssp_core.vocab import Verdict
-from ssp_eval.evaluate.asker import DirectAskers
+from ssp_eval.evaluate.asker import Asker, DirectAskers, Ignored, Loss, Reply
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.model_spec import ModelFacts, ModelSpec
 from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.report.cli import report
 from ssp_eval.report.load import load_cells, load_requests
@@ -30,6 +33,8 @@ from ssp_eval.report.page import write_report
 from ssp_eval.report.projection import overlay, project
 from ssp_eval.report.spans import segments
 from ssp_eval.report.topview import top_view
+from ssp_vla_bridge.core.request import Request
+from ssp_vla_bridge.core.response import Response
 from ssp_vla_bridge.core.trajectory import Trajectory
 
 BagMaker = Callable[..., Path]
@@ -309,3 +314,69 @@ def test_the_audits_that_cells_go_by_are_linked_where_they_lie(campaign: Path) -
     assert page.count('<a href="audits/cut_in/audit.html">admitted</a>') == 2 * len(MODELS)
     write_json(audit / "audit.json", {"another": "audit"})
     assert "audits/cut_in" not in write_report(campaign).read_text()
+
+
+class Lossy:
+    """Answers as OpenEMMA does, with a trait to tolerate, and loses some answers."""
+
+    ignored = Ignored()
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def asker(self, model: ModelSpec, options: Mapping[str, Any]) -> Asker:
+        return self
+
+    def ask(self, request: Request) -> Reply:
+        self.count += 1
+        if self.count == 3:
+            return Reply(None, "no answer within 1 s", Loss.SILENT)
+        pairs = ", ".join(["[9.0, \u22120.1]"] * 10)
+        facts = {"temperature": 0, "stages": [{"latency_s": self.count}]}
+        blank = Response(request.request_id, request.stamp_ns, "m", "m/1", pairs, decoding=facts)
+        if self.count == 6:
+            return Reply(replace(blank, error_code=2, error_msg="stage motion: <b>broken</b>"))
+        return Reply(blank)
+
+
+def test_a_cell_says_how_it_was_asked_read_and_what_is_missing(
+    make_bag: BagMaker, tmp_path: Path
+) -> None:
+    spec = ModelSpec(
+        "m", backend="openai", interface="openemma",
+        facts=ModelFacts(30.5, 3.3, "moe"),
+    )  # fmt: skip
+    run_campaign([(make_bag(), None)], [spec], Lossy(), tmp_path, CellOptions(), True)
+    page = write_report(tmp_path).read_text()
+    cell = page.split('<details class="cell"')[1].split('<details class="record"')[0]
+    text = " ".join(re.sub(r"<[^>]+>", "", cell).split())
+    assert "Asked by the interface openemma, read by the adapter openemma:corrected." in text
+    assert "Decoding: {&#34;temperature&#34;: 0}." in text
+    assert "1 missing: bridge answered an error." in text
+    assert "1 missing: no answer in time." in text
+    assert "The adapter noted:" in text
+    assert "minus" in text.lower()
+    assert (
+        "asked without a previous answer: the one before is missing: no answer in time (1)" in text
+    )
+    records = " ".join(re.sub(r"<[^>]+>", "", page).split())
+    assert "Missing: no answer in time: no answer within 1 s" in records
+    assert (
+        "Missing: bridge answered an error: the bridge answered error 2: stage motion: " in records
+    )
+    assert "<b>broken" not in page
+    assert "30.5 billion parameters, 3.3 active, moe" in records
+    assert "openemma, openemma:corrected" in records
+
+
+def test_cells_of_an_earlier_version_are_shown_still(campaign: Path) -> None:
+    for file in campaign.glob("cells/*/cell.json"):
+        value = json.loads(file.read_text())
+        for key in ("interface", "backend", "model_facts"):
+            del value[key]
+        del value["answers"]["asked_again"]
+        for key in ("history_s", "history_spacing_s"):
+            del value["preprocessing"][key]
+        write_json(file, value)
+    page = " ".join(write_report(campaign).read_text().split())
+    assert "Read by the adapter waypoints:ego_xy." in page
