@@ -50,7 +50,7 @@ class UnanswerableError(Exception):
 
 
 class _Stop(BaseException):
-    """SIGTERM or SIGINT came while nothing was in the works."""
+    """SIGTERM or SIGINT came while the model was being loaded."""
 
 
 class _Job:
@@ -91,7 +91,7 @@ class Service:
         self.open_exchanges = 0
         self.lock = threading.Lock()
         self._stop_s = stop_s
-        self._working = False
+        self._loading = True
         self._stopping = False
         self._limit = limit
         self._waiting: list[_Job] = []
@@ -111,16 +111,16 @@ class Service:
         Args:
             load: gives the model's id and the function that answers; raises LoadError.
         """
-        for number in (signal.SIGTERM, signal.SIGINT):
-            signal.signal(number, self._on_signal)
+        self._watch_signals()
         threading.Thread(target=self._server.serve_forever, args=(0.05,), daemon=True).start()
         try:
             print(f"listening on {self.url}", flush=True)
             self.model_id, answer = load()
+            self._loading = False
             self.ready, self.detail = True, ""
             print(f"ready: {self.model_id}", flush=True)
-            while not self._stopping:
-                self._work(answer)
+            while (job := self._next()) is not None:
+                job.finish(*self._outcome(answer, job.request))
         except _Stop:
             pass
         except LoadError as error:
@@ -144,24 +144,42 @@ class Service:
             self._changed.notify()
         return True
 
-    def _on_signal(self, *_: Any) -> None:
-        self._stopping = True
-        if not self._working:
-            raise _Stop
-        # A model can't be interrupted; its process can.
-        timer = threading.Timer(self._stop_s, os._exit, (0,))
-        timer.daemon = True
-        timer.start()
+    def _watch_signals(self) -> None:
+        """A thread learns of a signal at once, whatever the main one is waiting for.
 
-    def _work(self, answer: Answerer) -> None:
+        Python runs handlers in the main thread between two steps of Python, which a model, or a
+        lock that is taken just then, may keep it from.
+        """
+        self._told, self._tells = socket.socketpair()
+        self._tells.setblocking(False)
+        signal.set_wakeup_fd(self._tells.fileno())
+        for number in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(number, self._on_signal)
+        threading.Thread(target=self._end_in_time, daemon=True).start()
+
+    def _on_signal(self, *_: Any) -> None:
+        if self._loading:
+            raise _Stop
+
+    def _end_in_time(self) -> None:
+        while not set(self._told.recv(64)) & {signal.SIGTERM, signal.SIGINT}:
+            pass
         with self._changed:
-            while not self._waiting:
+            self._stopping = True
+            self._changed.notify()
+        time.sleep(self._stop_s)
+        os._exit(0)  # a model can't be interrupted; its process can
+
+    def _next(self) -> _Job | None:
+        """The next job that somebody waits for; None when the service is to stop."""
+        with self._changed:
+            while not self._stopping:
+                while self._waiting:
+                    job = self._waiting.pop(0)
+                    if not job.abandoned:
+                        return job
                 self._changed.wait()
-            job = self._waiting.pop(0)
-        self._working = True
-        if not job.abandoned:
-            job.finish(*self._outcome(answer, job.request))
-        self._working = False
+        return None
 
     def _outcome(self, answer: Answerer, request: Json) -> tuple[int, Json]:
         try:

@@ -251,32 +251,33 @@ def counting(start, tmp_path):
     thread.join(DEADLINE_S)
 
 
+def taken(sidecar, request_id, replies):
+    """The thread of a request that got the place in the queue; before that it gets 503 at once."""
+    threads = []
+
+    def tried():
+        threads.append(post_in_thread(sidecar, request_id, replies))
+        threads[-1].join(0.5)
+        return threads[-1].is_alive()
+
+    wait_until(tried)
+    return threads[-1]
+
+
 @pytest.mark.system
 def test_one_works_one_waits_and_a_third_is_told_when_to_come_back(counting):
     sidecar, gate, replies = counting
-    second = post_in_thread(sidecar, "second", replies)
-
-    def full():
-        status, headers, _ = sidecar.call(
-            "POST", "/answer", {"schema": "ssp.vla_http/1", "request_id": "third"}, timeout_s=0.5
-        )
-        return status == 503 and headers["Retry-After"] == "1"
-
-    def refused():
-        try:
-            return full()
-        except TimeoutError:  # it took the place in the queue, and leaves it by going
-            return False
-
-    wait_until(refused)
+    second = taken(sidecar, "second", replies)
+    post_in_thread(sidecar, "third", replies).join(DEADLINE_S)
+    status, headers, _ = replies["third"]
+    assert (status, headers["Retry-After"]) == (503, "1")
     gate.write_text("")
     second.join(DEADLINE_S)
     wait_until(lambda: "first" in replies)
     status, _, first = replies["first"]
     assert (status, first["request_id"], first["text"]) == (200, "first", "first")
     assert first["decoding"]["ssp"] == []  # nothing of SSP is in its process
-    # The second one may have met the third in the queue.
-    assert replies["second"][0] in (200, 503)
+    assert replies["second"][2]["text"] == "first second"
 
 
 @pytest.mark.system
@@ -284,18 +285,9 @@ def test_a_request_whose_sender_has_gone_is_dropped(counting):
     sidecar, gate, replies = counting
     post_in_thread(sidecar, "gone", replies, timeout_s=0.3).join(DEADLINE_S)
     assert isinstance(replies["gone"], TimeoutError)
-    waiting = []
-
-    def taken():
-        # Until the sidecar notices, its queue is full, and it answers 503 at once.
-        thread = post_in_thread(sidecar, "next", replies)
-        thread.join(0.5)
-        waiting.append(thread)
-        return thread.is_alive()
-
-    wait_until(taken)
+    following = taken(sidecar, "next", replies)
     gate.write_text("")
-    waiting[-1].join(DEADLINE_S)
+    following.join(DEADLINE_S)
     assert replies["next"][2]["text"] == "first next"
 
 
@@ -307,6 +299,17 @@ def test_sigterm_lets_the_answer_in_the_works_go_out(counting):
     assert sidecar.process.wait(DEADLINE_S) == 0
     wait_until(lambda: "first" in replies)
     assert replies["first"][2]["text"] == "first"
+
+
+@pytest.mark.system
+def test_sigterm_ends_what_loads_and_what_is_idle(start, tmp_path, drive_request):
+    arguments = ("alpamayo_sidecar.py", "--loader", "sidecar_models:alpamayo", "--stop-s", "600")
+    assert start(*arguments, LOADING=str(tmp_path / "never")).stop() == 0
+    # Right behind an answer: the main thread is about to wait for the next one.
+    for _ in range(3):
+        sidecar = start(*arguments).until_ready()
+        assert sidecar.call("POST", "/answer", request_to_json(drive_request))[0] == 200
+        assert sidecar.stop() == 0
 
 
 @pytest.mark.system
