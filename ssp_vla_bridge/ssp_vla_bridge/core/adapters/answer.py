@@ -211,7 +211,7 @@ def _pick(
 
 
 def _is_complete(one: NumberList, form: Form) -> bool:
-    return not one.fault and len(one.rows) == form.rows
+    return not one.fault and len(one.rows) == form.rows and len(one.rows[0]) == len(form.names)
 
 
 def _read(

@@ -12,6 +12,8 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from functools import lru_cache
+from operator import attrgetter
 
 from ssp_vla_bridge.core.adapters.rows import PLAIN, SIGN, Row, find_rows, may_begin_row
 
@@ -33,6 +35,10 @@ _LABELS = frozenset(
     | {"timesteps", "frame", "frames", "waypoint", "waypoints", "point", "points", "pair"}
     | {"pairs", "at", "future", "and", "then", "wp", "p"}
 )
+_NO_NAMES: frozenset[str] = frozenset()
+_NESTED = frozenset({"a nested list"})
+_LABELLED = frozenset({"labels between rows"})
+_names_of = attrgetter("names")
 # More of a text than this between two rows is no label.
 _LABEL_LENGTH = 80
 
@@ -119,12 +125,11 @@ def _finish(rows: list[Row], gaps: list[_Gap], after: _Gap, cut: bool = False) -
         fault = ELIDED
     if cut and not fault:
         fault = CUT
-    marks = {mark for row in rows for mark in row.marks}
+    marks = _joined(tuple({row.marks for row in rows}))
     if gaps[0].opened >= 0:
-        marks.add("a nested list")
+        marks |= _NESTED
     if any(gap.label for gap in gaps[1:]):
-        marks.add("labels between rows")
-    columns = range(max(widths))
+        marks |= _LABELLED
     return [
         NumberList(
             rows=tuple(row.numbers for row in good),
@@ -133,14 +138,26 @@ def _finish(rows: list[Row], gaps: list[_Gap], after: _Gap, cut: bool = False) -
             fault=fault,
             cut=cut,
             loose=tuple(i for i, gap in enumerate(gaps) if i and not gap.comma),
-            names=tuple(
-                frozenset(row.names[i] for row in good if i < len(row.names) and row.names[i])
-                for i in columns
-            ),
-            units=frozenset(unit for row in rows for unit in row.units),
-            marks=frozenset(marks),
+            names=_names(good, max(widths)),
+            units=_joined(tuple({row.units for row in rows})),
+            marks=marks,
         )
     ]
+
+
+@lru_cache(maxsize=256)
+def _joined(words: tuple[tuple[str, ...], ...]) -> frozenset[str]:
+    # A hostile text has a list per row; most of them have the same words.
+    return frozenset(word for some in words for word in some)
+
+
+def _names(rows: list[Row], width: int) -> tuple[frozenset[str], ...]:
+    if not any(map(_names_of, rows)):
+        return (_NO_NAMES,) * width
+    return tuple(
+        frozenset(row.names[i] for row in rows if i < len(row.names) and row.names[i])
+        for i in range(width)
+    )
 
 
 def _ending(text: str, rows: list[Row], gaps: list[_Gap], end: int) -> list[NumberList]:

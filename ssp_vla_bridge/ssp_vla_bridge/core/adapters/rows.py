@@ -28,6 +28,7 @@ _UNITS = frozenset(
     {"m", "meter", "meters", "metre", "metres", "m/s", "mps", "m/step", "rad/m", "m^-1", "m⁻¹"}
     | {"km/h", "kmh", "kph", "mph", "ft", "deg", "s"}
 )
+_DIGIT = re.compile("[0-9]|nan|inf", re.IGNORECASE)
 _LONGEST_BEGUN = 80
 _BRACKETS = {"[]": "square brackets", "()": "round brackets", "{}": "braces"}
 
@@ -63,6 +64,8 @@ def find_rows(text: str) -> Iterator[Row]:
     """
     for match in _GROUP.finditer(text):
         opening, inside, closing = match.groups()
+        if _DIGIT.search(inside) is None:
+            continue
         row = read_row(match.start(), match.end(), inside, opening + closing)
         if row is not None:
             yield row
