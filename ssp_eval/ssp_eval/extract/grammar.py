@@ -292,9 +292,9 @@ KINDS: dict[Kind, Table] = {
     Kind.REVISE: {
         "": phrases(
             """
-            revised, changed to, corrected to, actually, on second thought, on second thoughts, correction, scratch that,
-            i change my mind, change of plan, instead, no wait, hold on, revising, i
-            revise, we revise, let me revise, re evaluating, reconsidering
+            revised, changed to, corrected to, actually, on second thought, on second thoughts,
+            correction, scratch that, i change my mind, change of plan, instead, no wait, hold on,
+            revising, i revise, we revise, let me revise, re evaluating, reconsidering
             """
         ),
     },

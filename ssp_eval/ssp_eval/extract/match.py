@@ -176,6 +176,8 @@ _PACES = paces.HEADS | lanes.HEADS
 _ADVERBS = frozenset({"still", "yet", "though", "therefore", "thus", "hence", "however"})
 _OVERTAKING = frozenset({"overtaking", "passing"})
 _ARTICLES = frozenset({"a", "an", "the", "this", "another"})
+_VERB, _OBJECT, _PLACE, _SKIP = Kind.VERB, Kind.OBJECT, Kind.PLACE, Kind.SKIP
+_AS_LISTED = frozenset(Kind) - {_VERB, _OBJECT, _PLACE, _SKIP, Kind.PRONOUN, Kind.JOIN, Kind.REACT}
 _AFTER_SIDES = frozenset({"in", "behind", "after", "now", "next", "here", "there"})
 _RIDERS = frozenset({"pedestrian", "rider"})
 
@@ -270,44 +272,62 @@ def _free(words: list[str], at: int, hits: list[Hit]) -> int:
 
 
 def _add(words: list[str], at: int, stop: int, entry: Entry, hits: list[Hit]) -> int:
+    """Adds what a phrase of the lexicon is in its place; the word after it."""
     kind, value, form = entry
-    if kind is Kind.PLACE:
+    if kind in _AS_LISTED:
+        hits.append(Hit(kind, value, form, at, stop))
+        return stop
+    if kind is _VERB:
+        return _add_verb(words, at, stop, entry, hits)
+    if kind is _OBJECT or value == "rider":
+        return _add_object(words, at, stop, entry, hits)
+    if kind is _PLACE:
         end = place_stop(words, stop, value)
         if end is None:
             return stop
         form = "car" if words[end - 1] in ("car", "vehicle") and not own_end(words, end) else form
-        hits.append(Hit(kind, value, form, at, end))
-        return end
-    if kind is Kind.OBJECT or value == "rider":
-        ridden = nouns.together(words, stop, value) if value in _RIDERS else None
-        if ridden is not None:
-            kind = Kind.OBJECT
-            value, stop = ridden
-        if nouns.vague(words, at):
-            return stop
-        form = _article(words, at)
-    elif kind is Kind.REACT and words[at] in _OVERTAKING and at and words[at - 1] in _ARTICLES:
-        kind, value = Kind.STATE, "same_direction"  # an overtaking motorbike
-    elif kind is Kind.VERB and stop == at + 1 and _is_noun(words, at):
+        stop = end
+    elif kind is _SKIP:
+        crossed = stop < len(words) and words[stop] in _CROSSED
+        if crossed and words[at:stop] == ["pedestrian", "crossing"]:
+            return _add(words, at, at + 1, ENTRIES["pedestrian"], hits)
         return stop
-    if kind is Kind.JOIN and words[at] in _ADVERBS and _parenthetic(words, at, stop):
-        return stop  # is still crossing, has not yet stopped
-    if kind is Kind.VERB and value == "wait" and words[at : stop + 1] == ["wait", ","]:
-        kind = Kind.REVISE
-    if kind is Kind.VERB and value == "cross" and form == "ing" and at:
-        next_word = words[stop] if stop < len(words) else ""
-        if words[at - 1] in _PRONE_TO_NOUN and next_word not in ENTRIES:
+    elif words[at] in _ADVERBS:
+        if _parenthetic(words, at, stop):
+            return stop  # is still crossing, has not yet stopped
+    elif words[at] in _OVERTAKING and at and words[at - 1] in _ARTICLES:
+        kind, value = Kind.STATE, "same_direction"  # an overtaking motorbike
+    hits.append(Hit(kind, value, form, at, stop))
+    return stop
+
+
+def _add_verb(words: list[str], at: int, stop: int, entry: Entry, hits: list[Hit]) -> int:
+    kind, value, form = entry
+    if stop == at + 1:
+        if _is_noun(words, at):
             return stop
-    if (
-        kind is Kind.SKIP
-        and words[at:stop] == ["pedestrian", "crossing"]
-        and (words[stop : stop + 1] and words[stop] in _CROSSED)
-    ):
-        return _add(words, at, at + 1, ENTRIES["pedestrian"], hits)
-    if kind is Kind.OBJECT and hits and hits[-1].kind is kind and hits[-1].stop == at:
+        if value == "wait" and words[at : stop + 1] == ["wait", ","]:
+            kind = Kind.REVISE
+        elif value == "cross" and form == "ing" and at and words[at - 1] in _PRONE_TO_NOUN:
+            next_word = words[stop] if stop < len(words) else ""
+            if next_word not in ENTRIES:
+                return stop
+    hits.append(Hit(kind, value, form, at, stop))
+    return stop
+
+
+def _add_object(words: list[str], at: int, stop: int, entry: Entry, hits: list[Hit]) -> int:
+    kind, value, _ = entry
+    ridden = nouns.together(words, stop, value) if value in _RIDERS else None
+    if ridden is not None:
+        kind = _OBJECT
+        value, stop = ridden
+    if nouns.vague(words, at):
+        return stop
+    form = _article(words, at)
+    if kind is _OBJECT and hits and hits[-1].stop == at and hits[-1].kind is _OBJECT:
         hits.pop()  # flatbed tow truck: the last noun is the head
-    if kind is not Kind.SKIP:
-        hits.append(Hit(kind, value, form, at, stop))
+    hits.append(Hit(kind, value, form, at, stop))
     return stop
 
 

@@ -36,7 +36,10 @@ _TOKEN = re.compile(
     r"|,+|;+|:+|\"+|=+|\|+|[()\[\]{}<>][()\[\]{}<> ]*|(?<=\s)[-*]+(?=\s)|[^\x00-\x7f]+"
 )
 
-_NEGATIONS = frozenset({"cannot", "cant", "dont", "doesnt", "isnt", "wont"})
+_FIXED = {
+    **dict.fromkeys(("cannot", "cant", "dont", "doesnt", "isnt", "wont"), "not"),
+    **dict.fromkeys(("i.e", "i.e.", "e.g", "e.g."), ","),
+}
 _OPENERS: tuple[list[str], ...] = ([], [":"], ["."], ["\n"])
 _DROPPED = ""
 _SINGLE = frozenset(',;:"=|')
@@ -92,10 +95,9 @@ def tokenise(text: str) -> Tokens:
     for index, word in enumerate(words):
         first = word[0]
         if "a" <= first <= "z":
-            if "." in word:
-                words[index] = ","  # i.e.
-            elif word in _NEGATIONS:
-                words[index] = "not"
+            fixed = _FIXED.get(word)
+            if fixed is not None:
+                words[index] = fixed
             elif "'" in word:
                 words[index] = _fold(word)
         elif not "0" <= first <= "9":

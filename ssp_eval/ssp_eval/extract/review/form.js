@@ -89,10 +89,7 @@ const fields = data.slots.map((slot, number) => {
     choices.append(label);
     inputs.set(value, input);
   });
-  const rule = document.createElement("p");
-  rule.className = "rule";
-  rule.textContent = slot.rule;
-  field.append(legend, choices, rule);
+  field.append(legend, choices);
   field.addEventListener("pointerdown", () => go(number));
   field.addEventListener("focusin", () => go(number));
   at("slots").append(field);
@@ -106,6 +103,7 @@ function mark() {
     fields[number].field.classList.toggle("answered", now.length > 0);
     fields[number].field.classList.toggle("current", number === current);
   });
+  at("rule").textContent = data.slots[current].rule;
   const done = ids.filter(whole).length;
   at("done").textContent = `${done} of ${ids.length} answered`;
   at("fill").style.width = `${(100 * done) / ids.length}%`;

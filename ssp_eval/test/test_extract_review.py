@@ -1,0 +1,321 @@
+"""The blind review: which texts, what reviewers get to see, and what comes of their answers."""
+
+from __future__ import annotations
+
+import base64
+import csv
+import io
+import json
+import math
+import random
+import re
+import subprocess
+import tempfile
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from ssp_core.cli import main
+from ssp_core.errors import InputError
+from ssp_eval.extract import extract
+from ssp_eval.extract.measure.intervals import Z_95, wilson
+from ssp_eval.extract.review.agreement import cohens_kappa, compare
+from ssp_eval.extract.review.form import form, sheet
+from ssp_eval.extract.review.model import KeyItem, answer, load_key
+from ssp_eval.extract.review.returned import COLUMNS, load_answers
+from ssp_eval.extract.review.subset import Candidate, choose, strata
+from ssp_eval.records import SLOT_NAMES
+from ssp_eval.strict import Place
+
+CHROMIUM = [
+    "chromium", "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
+    "--disable-background-networking", "--disable-component-update", "--disable-sync",
+]  # fmt: skip
+COMMON = "A car is ahead. Brake."
+TEXTS = [
+    *(f"{COMMON} Sentence {number} says nothing." for number in range(40)),
+    "A cyclist is crossing from the left. Stop.",
+    "A bus is behind us. Accelerate.",
+    "Blue sky over the <b>hills</b> & </script><script>document.title='broken'</script>",
+    "=1+1 is no formula",
+    COMMON,
+    COMMON,
+]
+
+
+def write_texts(folder: Path) -> Path:
+    path = folder / "texts.jsonl"
+    lines = [json.dumps({"id": f"secretmodel/{i}", "text": t}) for i, t in enumerate(TEXTS)]
+    path.write_text("\n".join(lines), encoding="utf-8")
+    return path
+
+
+@pytest.fixture
+def review(tmp_path: Path) -> Path:
+    out = tmp_path / "review"
+    assert main(["extract", str(write_texts(tmp_path)), "--review", str(out), "--n", "12"]) == 0
+    return out
+
+
+def filled(review: Path, reviewer: int, **changes: str) -> Path:
+    """A reviewer's sheet, answered as the extractor did but for changes to the first text."""
+    key = load_key(review / "key.json")
+    by_id = {item.review_id: dict(item.extracted) for item in key.items}
+    by_id["r001"] |= changes
+    path = review / f"reviewer_{reviewer}" / "sheet.csv"
+    rows = list(csv.DictReader(io.StringIO(path.read_text(encoding="utf-8-sig"))))
+    with path.open("w", encoding="utf-8-sig", newline="") as stream:
+        writer = csv.DictWriter(stream, COLUMNS)
+        writer.writeheader()
+        writer.writerows(row | by_id[row["review_id"]] for row in rows)
+    return path
+
+
+def test_rare_values_and_empty_slots_are_drawn() -> None:
+    candidates = [Candidate(i, text, extract(text)) for i, text in enumerate(TEXTS)]
+    chosen = choose(candidates, 8, 0)
+    texts = {one.text for one in chosen}
+    assert len(texts) == len(chosen) == 8
+    assert TEXTS[40:43] == [text for text in TEXTS[40:43] if text in texts]
+    drawn = Counter(stratum for one in chosen for stratum in strata(one.slots))
+    assert all(drawn[name, "none"] for name in SLOT_NAMES)
+    assert [one.source_id for one in choose(candidates, 8, 0)] == [c.source_id for c in chosen]
+    assert [one.source_id for one in choose(candidates, 8, 1)] != [c.source_id for c in chosen]
+    assert len(choose(candidates, 500, 0)) == len(set(TEXTS))
+
+
+def test_reviewers_see_texts_under_new_ids_and_nothing_else(review: Path) -> None:
+    orders = []
+    for reviewer in (1, 2):
+        folder = review / f"reviewer_{reviewer}"
+        page = (folder / "form.html").read_text(encoding="utf-8")
+        data = json.loads(page.split('type="application/json">')[1].split("</script>")[0])
+        rows = list(csv.reader((folder / "sheet.csv").open(encoding="utf-8-sig", newline="")))
+        ids = [one["id"] for one in data["texts"]]
+        orders.append(ids)
+        assert rows[0] == list(COLUMNS)
+        assert [row[0] for row in rows[1:]] == ids
+        assert all(set(row[2:]) == {""} for row in rows[1:])
+        assert set(data["texts"][0]) == {"id", "text"}
+        for content in (page, str(rows)):
+            assert "secretmodel" not in content
+            assert "extracted" not in content
+        assert not re.search(r"(src|href)=|@import|https?://", page)
+        assert {path.name for path in folder.iterdir()} == {"form.html", "sheet.csv"}
+    assert sorted(orders[0]) == sorted(orders[1]) == [f"r{n:03d}" for n in range(1, 13)]
+    assert orders[0] != orders[1]
+
+
+def test_a_text_can_neither_leave_the_form_nor_compute_in_a_spreadsheet() -> None:
+    texts = {"r001": TEXTS[42], "r002": TEXTS[43], "r003": "half \ud800 a pair"}
+    page = form(texts, "sha256:0", 1)
+    assert page.count("</script>") == 2
+    rows = list(csv.reader(io.StringIO(sheet(texts).removeprefix("\ufeff"))))
+    assert [row[1] for row in rows[1:]] == [TEXTS[42], "'" + TEXTS[43], "half ? a pair"]
+
+
+@pytest.mark.system
+def test_the_form_is_answered_by_keys_and_exports_what_is_read_back(
+    review: Path, tmp_path: Path
+) -> None:
+    drive = """<script>
+    const key = (k) => document.dispatchEvent(new KeyboardEvent("keydown", {key: k}));
+    ids.forEach(() => ["2", "5", "Enter", "2", "Enter", "0", "Enter", "3", "Enter", "2", "Enter",
+                       "1", "3", "Enter"].forEach(key));
+    document.body.replaceChildren(Object.assign(document.createElement("pre"),
+      {id: "out", textContent: btoa(JSON.stringify([asCsv(), asJson(), document.title]))}));
+    </script></body>"""
+    page = (review / "reviewer_1" / "form.html").read_text(encoding="utf-8")
+    path = tmp_path / "driven.html"
+    path.write_text(page.replace("</body>", drive), encoding="utf-8")
+    with tempfile.TemporaryDirectory() as profile:
+        done = subprocess.run(
+            [*CHROMIUM, f"--user-data-dir={profile}", "--dump-dom", path.as_uri()],
+            capture_output=True, text=True, timeout=60, check=True,
+        )  # fmt: skip
+    found = re.search(r'<pre id="out">([^<]+)<', done.stdout)
+    assert found, done.stdout[-2000:]
+    as_csv, as_json, title = json.loads(base64.b64decode(found[1]))
+    assert title == "Review 1: 12 texts"
+    key = load_key(review / "key.json")
+    answered = []
+    for name, content in (("a.csv", as_csv), ("a.json", as_json)):
+        (tmp_path / name).write_text(content, encoding="utf-8")
+        answered.append(load_answers(tmp_path / name, key))
+    assert answered[0] == answered[1]
+    assert set(map(tuple, (one.values() for one in answered[0].values()))) == {
+        ("truck+cyclist", "front_left", "none", "active", "decelerate", "right")
+    }
+
+
+def test_nothing_is_written_over(review: Path, tmp_path: Path) -> None:
+    before = (review / "key.json").read_bytes()
+    assert main(["extract", str(write_texts(tmp_path)), "--review", str(review)]) == 1
+    assert (review / "key.json").read_bytes() == before
+
+
+def test_agreement_errors_and_what_to_settle(
+    review: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    extracted = load_key(review / "key.json").items[0].extracted
+    shared = "oncoming" if extracted["motion"] != "oncoming" else "receding"
+    first = filled(review, 1, motion=shared, conflict="active", position=" UNSURE ")
+    second = filled(review, 2, motion=shared, conflict="none")
+    capsys.readouterr()
+    given = ["extract", "--returned", str(first), str(second), "--key", str(review / "key.json")]
+    assert main([*given, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["texts"] == 12
+    assert {(one["review_id"], one["slot"]) for one in found["disagreements"]} == {
+        ("r001", "conflict"), ("r001", "position")}  # fmt: skip
+    [error] = found["errors"]
+    kind = "false_negative" if extracted["motion"] == "none" else "wrong"
+    assert (error["review_id"], error["slot"], error["kind"]) == ("r001", "motion", kind)
+    assert error["source_id"].startswith("secretmodel/")
+    slots = found["slots"]
+    assert slots["motion"]["agreement"] == 1.0
+    assert slots["conflict"]["agreement"] == pytest.approx(11 / 12)
+    assert (slots["position"]["judged"], slots["position"]["unsure"]) == (11, 1)
+    assert slots["objects"]["extractor"]["precision"] == 1.0
+    assert slots["objects"]["object_overlap"] == 1.0
+    assert main(given) == 0
+    shown = capsys.readouterr().out
+    assert "r001" in shown
+    assert "To settle" in shown
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ("r002,", "r999,", ("review_id", "r999")),
+        ("r002,", "r003,", ("review_id", "stands in line")),
+        ("comment", "remark", (":1", "remark")),
+        ("position", "objects", (":1", "objects")),
+    ],
+)
+def test_a_wrong_sheet_is_named(
+    review: Path, capsys: pytest.CaptureFixture[str], old: str, new: str, told: tuple[str, ...]
+) -> None:
+    first, second = filled(review, 1), filled(review, 2)
+    first.write_text(first.read_text("utf-8-sig").replace(old, new, 1), encoding="utf-8")
+    key = str(review / "key.json")
+    assert main(["extract", "--returned", str(first), str(second), "--key", key]) == 1
+    message = capsys.readouterr().err
+    assert all(word in message for word in ("sheet.csv", *told)), message
+
+
+@pytest.mark.parametrize(
+    ("slot", "written", "is_wrong"),
+    [("motion", "flying", True), ("motion", "", True), ("objects", "car+nobody", True),
+     ("objects", "Cyclist, car", False), ("objects", "car dog", True), ("objects", "+", True),
+     ("position", "Front_Left ", False), ("position", "nobody", True)],
+)  # fmt: skip
+def test_answers_are_read_strictly(
+    review: Path, capsys: pytest.CaptureFixture[str], slot: str, written: str, is_wrong: bool
+) -> None:
+    first, second = filled(review, 1, **{slot: written}), filled(review, 2)
+    key = str(review / "key.json")
+    capsys.readouterr()
+    status = main(["extract", "--returned", str(first), str(second), "--key", key, "--json"])
+    told = capsys.readouterr().err
+    assert status == is_wrong
+    rows = list(csv.DictReader(first.open(encoding="utf-8-sig", newline="")))
+    line = 2 + [row["review_id"] for row in rows].index("r001")
+    assert (f"sheet.csv:{line}: {slot}" in told) == is_wrong
+
+
+def test_a_missing_text_and_another_reviews_key_are_refused(review: Path, tmp_path: Path) -> None:
+    key = load_key(review / "key.json")
+    path = filled(review, 1)
+    rows = path.read_text("utf-8-sig").splitlines()
+    (tmp_path / "short.csv").write_text("\n".join(rows[:-1]), encoding="utf-8")
+    with pytest.raises(InputError, match="has no answers for r"):
+        load_answers(tmp_path / "short.csv", key)
+    answers = {"schema": "ssp.review_answers/1", "subset": "sha256:1", "reviewer": 1, "answers": {}}
+    (tmp_path / "other.json").write_text(json.dumps(answers))
+    with pytest.raises(InputError, match="another review"):
+        load_answers(tmp_path / "other.json", key)
+
+
+def test_semicolons_and_tabs_separate_as_well(review: Path, tmp_path: Path) -> None:
+    path = filled(review, 1)
+    key = load_key(review / "key.json")
+    rows = list(csv.reader(path.open(encoding="utf-8-sig", newline="")))
+    for delimiter in ";\t":
+        other = tmp_path / "other.csv"
+        with other.open("w", encoding="utf-8", newline="") as stream:
+            csv.writer(stream, delimiter=delimiter).writerows(rows)
+        assert load_answers(other, key) == load_answers(path, key)
+
+
+def test_an_answer_has_one_form() -> None:
+    here = Place("memory", 1)
+    assert answer("objects", "pedestrian; Car car", here) == "car+pedestrian"
+    assert answer("objects", " Nobody", here) == "nobody"
+    assert answer("conflict", "NONE", here) == "none"
+
+
+def test_kappa_of_a_known_table() -> None:
+    # 50 questions, 20 yes-yes, 15 no-no, 5 and 10 mixed: p_o = 0.7, p_e = 0.5.
+    pairs = [("y", "y")] * 20 + [("y", "n")] * 5 + [("n", "y")] * 10 + [("n", "n")] * 15
+    kappa = cohens_kappa(pairs)
+    assert kappa.value == pytest.approx(0.4)
+    assert kappa.interval is not None
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_interval_of_kappa_is_that_of_its_gradient(seed: int) -> None:
+    """The delta method with numerical derivatives gives the same standard error."""
+    rng = random.Random(seed)
+    labels = ["a", "b", "c"]
+    pairs = [
+        (one, one if rng.random() < 0.6 else rng.choice(labels))
+        for one in rng.choices(labels, [3, 2, 1], k=200)
+    ]
+
+    def value(cells: dict[tuple[str, str], float]) -> float:
+        whole = sum(cells.values())
+        equal = sum(cells[x, x] for x in labels) / whole
+        chance = sum(
+            sum(cells[x, y] for y in labels) * sum(cells[y, x] for y in labels) for x in labels
+        )
+        return (equal - chance / whole**2) / (1 - chance / whole**2)
+
+    counts = Counter(pairs)
+    shares = {(x, y): counts[x, y] / 200 for x in labels for y in labels}
+    slopes = {}
+    for cell in shares:
+        up, down = dict(shares), dict(shares)
+        up[cell] += 1e-6
+        down[cell] -= 1e-6
+        slopes[cell] = (value(up) - value(down)) / 2e-6
+    mean = sum(shares[cell] * slopes[cell] for cell in shares)
+    error = math.sqrt(sum(shares[c] * (slopes[c] - mean) ** 2 for c in shares) / 200)
+    kappa = cohens_kappa(pairs)
+    assert kappa.value == pytest.approx(value(shares))
+    assert kappa.interval == pytest.approx(
+        (value(shares) - Z_95 * error, value(shares) + Z_95 * error), abs=1e-6
+    )
+
+
+def test_kappa_has_no_sense_where_nothing_varies() -> None:
+    assert cohens_kappa([("a", "a")] * 5).value is None
+    assert cohens_kappa([]).interval is None
+    assert cohens_kappa([("a", "b"), ("b", "a")]).value == pytest.approx(-1.0)
+
+
+def test_classes_that_both_named() -> None:
+    items = [KeyItem("r1", 1, "", dict.fromkeys(SLOT_NAMES, "none"))]
+    one = {"r1": dict.fromkeys(SLOT_NAMES, "none") | {"objects": "car+bus"}}
+    other = {"r1": dict.fromkeys(SLOT_NAMES, "none") | {"objects": "car"}}
+    assert compare(items, one, other).slots["objects"].overlap == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(
+    ("part", "whole", "low", "high"),
+    [(0, 10, 0.0, 0.2775), (10, 10, 0.7225, 1.0), (5, 10, 0.2366, 0.7634),
+     (81, 263, 0.2553, 0.3662)],
+)  # fmt: skip
+def test_wilson(part: int, whole: int, low: float, high: float) -> None:
+    assert wilson(part, whole) == pytest.approx((low, high), abs=1e-4)
