@@ -221,6 +221,8 @@ def _might_be(talk: Talk, index: int, hit: Hit) -> int | None:
 
 def end(talk: Talk) -> None:
     """What only the whole sentence says: that we must react, or that only that prevents a crash."""
+    if talk.stop - talk.start < 3:
+        return
     first, stop = talk.hits[talk.start].first, talk.hits[talk.stop - 1].stop
     words = talk.words[first:stop]
     if hazards.WARD.isdisjoint(words) and not talk.in_path:

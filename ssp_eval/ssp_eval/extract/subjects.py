@@ -151,10 +151,7 @@ def read_ego(talk: Talk, index: int, hit: Hit) -> None:
 
 def read_pronoun(talk: Talk, index: int, hit: Hit) -> None:
     actor = _referent(talk, hit.value)
-    before = talk.before if index == talk.start else None
-    if index > talk.start and talk.hits[index - 1].value in (";", ":"):
-        before = EGO if talk.planner.first is not None and talk.ego_named else None
-    if hit.value == "it" and before is EGO and _acts(talk, index):
+    if hit.value == "it" and _after_ego(talk, index) and _acts(talk, index):
         talk.subject = EGO  # The ego car slows down. It stays in its lane.
         return
     named = hit.first > 1 and talk.words[hit.first - 1] == "the"  # behind the rider
@@ -255,6 +252,13 @@ def _ought(talk: Talk, index: int) -> bool:
         return following.kind not in (Kind.PLACE, Kind.SIDE, Kind.STATE)
     ordered = following.value == "must" or talk.words[following.first] == "shall"
     return following.kind is Kind.MODAL and ordered and _acts(talk, index)
+
+
+def _after_ego(talk: Talk, index: int) -> bool:
+    if index == talk.start:
+        return talk.after_ego()
+    planned = talk.planner.first is not None and talk.ego_named
+    return planned and talk.hits[index - 1].value in (";", ":")
 
 
 def _acts(talk: Talk, index: int) -> bool:

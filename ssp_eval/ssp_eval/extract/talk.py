@@ -10,6 +10,7 @@ from ssp_eval.extract.world import Actor, Statement, World
 EGO = "ego"
 SCENE = "scene"
 REACH = 24  # hits that a look along the sentence covers, so that the whole stays linear
+_FIRST = frozenset({Kind.OBJECT, Kind.PRONOUN, Kind.SCENE, Kind.VERB})
 CONNECTS = frozenset({Kind.AUX, Kind.JOIN, Kind.NOT, Kind.MODAL, Kind.THEN})
 # A noun's place or state stays true whatever is planned or ruled out about the noun.
 NOT_NOW = ~(Scope.READY | Scope.REJECTED | Scope.AHEAD | Scope.DENIED | Scope.POSSIBLE)
@@ -31,6 +32,7 @@ class Talk:
         self.listing = False  # under a heading such as "Critical objects:"
         self.number = -1  # of the sentence
         self.start = self.stop = 0
+        self.subject: Actor | str | None = None
         self.named: list[tuple[int, Actor]] = []
         self.begin(0, 0)
 
@@ -38,10 +40,9 @@ class Talk:
         """Forgets the last sentence but for what pronouns and headings need."""
         if stop and self.named:
             self.topic = self.subject if isinstance(self.subject, Actor) else None
-        ended = EGO if getattr(self, "subject", None) == EGO else None
-        self.before = ended or self._opener()  # of the sentence before
+        self.last_sentence = self.start, self.stop, self.subject
         self.start, self.stop = start, stop
-        self.subject: Actor | str | None = None
+        self.subject = None
         self.near: Actor | None = None  # the noun last named in the clause
         self.group: list[Actor] = []  # nouns joined by and
         self.pending: list[int] = []  # places before their noun
@@ -55,15 +56,17 @@ class Talk:
         self.is_background = False
         self.revealing = False  # hiding, blocking: who is named next matters too
 
-    def _opener(self) -> str | None:
-        """Whether the sentence that ends here began with the ego."""
-        for index in range(self.start, min(self.start + 4, self.stop)) if self.number else ():
-            kind = self.hits[index].kind
-            if kind is Kind.EGO:
-                return EGO
-            if kind in (Kind.OBJECT, Kind.PRONOUN, Kind.SCENE, Kind.VERB):
-                return None
-        return None
+    def after_ego(self) -> bool:
+        """Whether the sentence before this one began or ended with the ego as its subject."""
+        start, stop, subject = self.last_sentence
+        if subject == EGO:
+            return True
+        for hit in self.hits[start : min(start + 4, stop)]:
+            if hit.kind is Kind.EGO:
+                return True
+            if hit.kind in _FIRST:
+                return False
+        return False
 
     def target(self, index: int, hit: Hit) -> Actor | None:
         """Whom a finite verb or a participle speaks of."""
