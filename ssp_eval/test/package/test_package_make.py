@@ -6,17 +6,19 @@ import json
 import os
 import re
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_file
-from ssp_eval.evaluate.asker import DirectAskers
+from ssp_eval.evaluate.asker import Asker, DirectAskers, Ignored, Loss, Reply
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.model_spec import ModelSpec
 from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.package.make import make_package
 from ssp_eval.package.model import (
@@ -28,6 +30,8 @@ from ssp_eval.package.verify import verify_package
 from ssp_scenario_manager.site import find_shipped
 from ssp_scenario_manager.spec.log import Record
 from ssp_scenario_manager.spec.log_file import append_record
+from ssp_vla_bridge.core.request import Request
+from ssp_vla_bridge.core.response import Response
 
 Writer = Callable[..., Path]
 MODEL = "constant_velocity"
@@ -294,3 +298,33 @@ def test_a_broken_log_is_refused_by_line(own: Path, tmp_path: Path) -> None:
         stream.write("{\n")
     with pytest.raises(InputError, match=r"task/log\.jsonl:2"):
         make_package([own], tmp_path / "package")
+
+
+class Stateful:
+    """Repeats the history before its plan, as OpenEMMA may, and loses one answer."""
+
+    ignored = Ignored()
+
+    def __init__(self) -> None:
+        self.carried: list[bool] = []
+
+    def asker(self, model: ModelSpec, options: Mapping[str, Any]) -> Asker:
+        return self
+
+    def ask(self, request: Request) -> Reply:
+        self.carried.append(request.previous is not None)
+        if len(self.carried) == 2:
+            return Reply(None, "no answer within 1 s", Loss.SILENT)
+        echo = ", ".join(f"[{s.speed_mps:.1f}, 0.0]" for s in request.history[:-1])
+        text = f"{echo}\n" + ", ".join(["[9.0, 0.1]"] * 10)
+        return Reply(Response(request.request_id, request.stamp_ns, "stateful", "s/1", text))
+
+
+def test_records_that_need_their_question_are_made_again(own: Path, tmp_path: Path) -> None:
+    bag = own / "runs" / "cut_in-simulation" / "bag"
+    spec, model = ModelSpec("stateful", backend="openai", interface="openemma"), Stateful()
+    (result,) = run_campaign([(bag, None)], [spec], model, own, CellOptions())
+    assert result.missing == 1
+    assert model.carried[:4] == [False, True, False, True]
+    assert make(own, "--out", tmp_path / "package") == 0
+    assert main(["package", "verify", str(tmp_path / "package")]) == 0
