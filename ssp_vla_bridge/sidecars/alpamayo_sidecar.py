@@ -21,8 +21,9 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
+from sidecar_http import Json
 from sidecar_io import decode_jpeg, first_text, jpegs, native_array, past_poses, texts
-from sidecar_service import Answerer, Json, LoadError, named, parser, serve
+from sidecar_service import Answerer, LoadError, named, parser, serve
 
 PORT = 8301
 FRAMES = 4

@@ -22,8 +22,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from sidecar_http import Json
 from sidecar_io import decode_jpeg, jpegs, past_poses
-from sidecar_service import Answerer, Json, LoadError, UnanswerableError, named, parser, serve
+from sidecar_service import Answerer, LoadError, UnanswerableError, named, parser, serve
 
 PORT = 8302
 HISTORY = 5  # positions at 2 Hz: the last 2 s and now

@@ -12,7 +12,8 @@ import math
 from itertools import pairwise
 from typing import Any
 
-from sidecar_service import Json, UnanswerableError
+from sidecar_http import Json
+from sidecar_service import UnanswerableError
 
 # What is interpolated stays between samples; times carry this much rounding.
 TOLERANCE_S = 1e-6

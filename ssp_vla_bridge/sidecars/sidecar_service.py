@@ -15,11 +15,9 @@ ends with status 0.
 from __future__ import annotations
 
 import argparse
-import hmac
 import importlib
 import json
 import os
-import select
 import signal
 import socket
 import sys
@@ -27,17 +25,13 @@ import threading
 import time
 import traceback
 from collections.abc import Callable
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from http.server import ThreadingHTTPServer
 from typing import Any
 
-SCHEMA = "ssp.vla_http/1"
-RETRY_AFTER_S = 1
-LOADING_RETRY_AFTER_S = 5
-READ_TIMEOUT_S = 30.0
-FLUSH_S = 1.0
-LOOK_S = 0.1
+from sidecar_http import SCHEMA, Handler, Job, Json
 
-Json = dict[str, Any]
+FLUSH_S = 1.0
+
 Answerer = Callable[[Json], Json]
 
 
@@ -51,21 +45,6 @@ class UnanswerableError(Exception):
 
 class _Stop(BaseException):
     """SIGTERM or SIGINT came while the model was being loaded."""
-
-
-class _Job:
-    """A request on its way through the queue."""
-
-    def __init__(self, request: Json) -> None:
-        self.request = request
-        self.abandoned = False
-        self.done = threading.Event()
-        self.status = 500
-        self.reply: Json = {}
-
-    def finish(self, status: int, reply: Json) -> None:
-        self.status, self.reply = status, reply
-        self.done.set()
 
 
 class Service:
@@ -94,9 +73,9 @@ class Service:
         self._loading = True
         self._stopping = False
         self._limit = limit
-        self._waiting: list[_Job] = []
+        self._waiting: list[Job] = []
         self._changed = threading.Condition()
-        handler = type("Handler", (_Handler,), {"service": self})
+        handler = type("Handler", (Handler,), {"service": self})
         self._server = ThreadingHTTPServer((host, port), handler)
         self._server.daemon_threads = True
 
@@ -134,7 +113,7 @@ class Service:
             self._close()
         return 0
 
-    def offer(self, job: _Job) -> bool:
+    def offer(self, job: Job) -> bool:
         """Takes a job in; False when the queue is full of jobs that somebody waits for."""
         with self._changed:
             self._waiting = [one for one in self._waiting if not one.abandoned]
@@ -170,7 +149,7 @@ class Service:
         time.sleep(self._stop_s)
         os._exit(0)  # a model can't be interrupted; its process can
 
-    def _next(self) -> _Job | None:
+    def _next(self) -> Job | None:
         """The next job that somebody waits for; None when the service is to stop."""
         with self._changed:
             while not self._stopping:
@@ -210,118 +189,6 @@ class Service:
         while self.open_exchanges and time.monotonic() < deadline_s:
             time.sleep(0.01)
         self._server.server_close()
-
-
-class _Handler(BaseHTTPRequestHandler):
-    """One exchange; a connection serves one."""
-
-    service: Service
-    timeout = READ_TIMEOUT_S
-
-    def do_GET(self) -> None:
-        service = self.service
-        if not self._allowed() or not self._known("/health"):
-            return
-        self._send(
-            200,
-            {
-                "schema": SCHEMA,
-                "model_id": service.model_id,
-                "ready": service.ready,
-                "detail": service.detail,
-            },
-        )
-
-    def do_POST(self) -> None:
-        with self.service.lock:
-            self.service.open_exchanges += 1
-        try:
-            self._answer()
-        finally:
-            with self.service.lock:
-                self.service.open_exchanges -= 1
-
-    def _answer(self) -> None:
-        if not self._allowed() or not self._known("/answer"):
-            return
-        request = self._request()
-        if request is None:
-            return
-        if not self.service.ready:
-            self._send(503, {"error": self.service.detail}, LOADING_RETRY_AFTER_S)
-            return
-        job = _Job(request)
-        if not self.service.offer(job):
-            self._send(503, {"error": "another request is in the works"}, RETRY_AFTER_S)
-            return
-        while not job.done.wait(LOOK_S):
-            if _has_gone(self.connection):
-                job.abandoned = True
-                return
-        self._send(job.status, job.reply)
-
-    def _request(self) -> Json | None:
-        length = self.headers.get("Content-Length", "")
-        if not (length.isascii() and length.isdigit()) or len(length) > 12:
-            self._send(411, {"error": "a request needs its Content-Length"})
-            return None
-        if int(length) > self.service.max_bytes:
-            self._send(413, {"error": f"a request has at most {self.service.max_bytes} bytes"})
-            return None
-        try:
-            body = self.rfile.read(int(length))
-            value = json.loads(body)
-        except (OSError, ValueError, RecursionError) as error:
-            self._send(400, {"error": f"the request is no JSON: {error}"})
-            return None
-        if not isinstance(value, dict) or value.get("schema") != SCHEMA:
-            self._send(400, {"error": f"the request must be an object of schema {SCHEMA}"})
-            return None
-        if not isinstance(value.get("request_id"), str):
-            self._send(400, {"error": "request_id must be a string"})
-            return None
-        return value
-
-    def _allowed(self) -> bool:
-        given = self.headers.get("Authorization", "").encode("utf-8", "replace")
-        wanted = f"Bearer {self.service.token}".encode()
-        if not self.service.token or hmac.compare_digest(given, wanted):
-            return True
-        self._send(401, {"error": "a bearer token is needed"})
-        return False
-
-    def _known(self, path: str) -> bool:
-        if self.path == path:
-            return True
-        self._send(404, {"error": "there are GET /health and POST /answer"})
-        return False
-
-    def _send(self, status: int, value: Json, retry_after_s: int | None = None) -> None:
-        body = json.dumps(value).encode()
-        try:
-            self.send_response(status)
-            self.send_header("Content-Type", "application/json")
-            self.send_header("Content-Length", str(len(body)))
-            if retry_after_s is not None:
-                self.send_header("Retry-After", str(retry_after_s))
-            self.end_headers()
-            self.wfile.write(body)
-        except OSError:  # who asked has gone
-            self.close_connection = True
-
-    def log_message(self, *_: Any) -> None:
-        """Says nothing: what counts stands in the answers."""
-
-
-def _has_gone(connection: socket.socket) -> bool:
-    """True when the other side has closed its connection."""
-    readable, _, _ = select.select([connection], [], [], 0)
-    if not readable:
-        return False
-    try:
-        return connection.recv(1, socket.MSG_PEEK) == b""
-    except OSError:
-        return True
 
 
 def named(path: str) -> Callable[..., Any]:

@@ -20,7 +20,7 @@ from ssp_vla_bridge.core.response import ErrorCode
 
 # With --import-mode=importlib a test module can't import its neighbour by name.
 _spec = importlib.util.spec_from_file_location(
-    "ssp_bridge_http_service", Path(__file__).with_name("http_service.py")
+    "ssp_bridge_scripted_service", Path(__file__).with_name("scripted_service.py")
 )
 wire = importlib.util.module_from_spec(_spec)
 _spec.loader.exec_module(wire)

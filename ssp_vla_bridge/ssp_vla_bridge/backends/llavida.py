@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from ssp_vla_bridge.backends.http import HttpService, make_service
+from ssp_vla_bridge.backends.http import make_service
+from ssp_vla_bridge.backends.http_service import HttpService
 
 DEFAULTS = {"url": "http://127.0.0.1:8302", "timeout_s": 120.0}
 
