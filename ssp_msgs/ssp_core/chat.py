@@ -207,8 +207,10 @@ class OpenAIChat:
         tries = 0
         while True:
             left_s = None if end_s is None else end_s - time.monotonic()
+            if left_s is not None and left_s <= 0.0:
+                over = Trouble("deadline", "the time for an answer is over")
+                raise NoAnswer(self._message(over, tries))
             limit_s = policy.timeout_s if left_s is None else min(policy.timeout_s, left_s)
-            limit_s = max(limit_s, 0.001)
             key = self._key or NO_KEY
             came = self._http.exchange(self._url, key, request, limit_s, policy.max_bytes)
             tries += 1

@@ -233,7 +233,7 @@ def test_other_interfaces_carry_nothing_over(interface, make_request):
         earlier(stages=["intent"]),
         earlier(stages=[{"name": "intent"}]),
         earlier(stages=[{"name": "intent", "start": 0, "end": 10_000}]),
-        earlier(stages=[{"name": "intent", "start": -3, "end": 4}]),
+        earlier(stages=[{"name": "intent", "start": -9, "end": 40}]),
         earlier(stages=[{"name": "intent", "start": 9, "end": 4}]),
         earlier(stages=[{"name": "intent", "start": 0.0, "end": 4.0}]),
         earlier(stages=[{"name": "intent", "start": "0", "end": "4"}]),

@@ -166,7 +166,7 @@ def test_what_a_service_does_has_its_line(
 ):
     line, asked = outcomes[case]
     service.queue = [SERVICES[case]] * 3
-    backend = make_openai(timeout_s=0.4) if "0.4 s" in line else make_openai()
+    backend = make_openai(timeout_s=0.4) if "no whole answer" in line else make_openai()
     response = respond(backend, "m", make_request()).response
     assert response.error_code in (ErrorCode.BACKEND, ErrorCode.OVERLOAD)
     said = response.error_msg.replace(service.url, "ADDRESS").removeprefix("PeerError: ")
