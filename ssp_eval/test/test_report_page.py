@@ -380,3 +380,14 @@ def test_cells_of_an_earlier_version_are_shown_still(campaign: Path) -> None:
         write_json(file, value)
     page = " ".join(write_report(campaign).read_text().split())
     assert "Read by the adapter waypoints:ego_xy." in page
+
+
+def test_a_control_by_another_name_is_one_still(make_bag: BagMaker, tmp_path: Path) -> None:
+    models = [bridge_spec(text) for text in ("constant_velocity", 'best={"backend": "perfect"}')]
+    results = run_campaign(
+        [(make_bag(), None)], models, DirectAskers(), tmp_path, CellOptions(), True
+    )
+    assert results[1].score is not None
+    assert results[1].score["ivcs"] == pytest.approx(1.0)
+    controls = {cell.model for cell in load_cells(tmp_path) if cell.is_control}
+    assert controls == {"best"}

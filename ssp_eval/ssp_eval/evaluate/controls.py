@@ -13,3 +13,5 @@ CONTROLS: dict[str, dict[str, Any]] = {
     "silent": {},
     "recorded": {},
 }
+# Whatever such a bridge is called, it is no model; a recording may be of one.
+NEVER_MODELS = frozenset({"perfect", "silent"})

@@ -17,7 +17,7 @@ from ssp_eval.evaluate.cell_file import (
     SCORE_FILE,
     losses_text,
 )
-from ssp_eval.evaluate.controls import CONTROLS
+from ssp_eval.evaluate.controls import CONTROLS, NEVER_MODELS
 from ssp_eval.evaluate.store import REQUESTS_FILE
 from ssp_eval.labels.model import Labels, load_labels
 from ssp_eval.records import BehaviourRecord, load_records
@@ -76,7 +76,7 @@ class CellData:
     @property
     def is_control(self) -> bool:
         """True for a bridge that checks the harness."""
-        return self.model in CONTROLS
+        return self.model in CONTROLS or self.facts.backend in NEVER_MODELS
 
     @property
     def id(self) -> str:
