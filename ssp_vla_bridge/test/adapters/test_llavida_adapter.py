@@ -35,6 +35,7 @@ def test_the_line_of_meta_actions_stays_in_the_text(cases):
         "**3-second trajectory:** [{}]",
         "3-second trajectory:\n[{}]",
         "3 second Trajectory = [ {} ]",
+        "Once past the parked car, my 3-second trajectory: [{}]",
         "<think>A car at (4.36,9.56), moving to (4.36,9.57).</think>\n3-second trajectory: [{}]",
         "Notable: car at (4.36,9.56), (4.4,9.6). Planned Trajectory:\n[{}]\nI keep on.",
     ],

@@ -147,8 +147,13 @@ def test_twenty_pairs_are_not_parted_where_the_history_is_not_at_hand(cases):
 
 
 def test_what_the_text_calls_history_is_none_where_the_request_is_not_at_hand(cases):
-    text = f"Observed speeds and curvatures: {cases.pairs(HISTORY)}\n"
-    assert cases.read("openemma", text).invalid == ("missing",)
+    for label in (
+        "Observed speeds and curvatures: ",
+        "**Historical data:**\n\n",
+        "The last 10 values: ",
+    ):
+        text = f"{label}{cases.pairs(HISTORY)}\n"
+        assert cases.read("openemma", text).invalid == ("missing",)
     text += f"Given the history, my future ones are: {cases.pairs(PLAN)}"
     assert answer_of(cases, text)[0] == "plan"
 

@@ -15,6 +15,7 @@ The rules, in this order:
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -22,7 +23,11 @@ from ssp_vla_bridge.core.adapters.numbers import CUT, NumberList, scan_lists
 
 _THINK_BEGIN, _THINK_END = "<think>", "</think>"
 _LABEL_LENGTH = 200
-_PAST = ("histor", "past ", "previous", "observed")
+# "past speeds", but not "past the parked car".
+_PAST = re.compile(
+    r"histor|\b(?:past|previous|observed|last \d+) (?:ego )?"
+    r"(?:speed|velocit|curvature|trajector|position|motion|value|pair|point|waypoint|state|data)"
+)
 _FUTURE = ("future", "predict", "next", "final", "answer", "output", "plan", "forecast")
 # So many rows of the history in their order are its echo, fewer may be chance.
 _LEAST_ECHO = 3
@@ -38,7 +43,7 @@ class Form:
     Args:
         rows: how many it asks for.
         names: per column, the names that a number may be given; no name is always fine.
-        units: per interface, the units that may be written.
+        units: that may be written.
         label: a word of the line before the list, by which it is preferred; empty for none.
         usual: marks that are the interface's own form and no tolerance.
     """
@@ -163,7 +168,7 @@ def _leading_echo(rows: Rows, history: Rows, count: int) -> int:
 
 
 def _is_of_past(label: str) -> bool:
-    return any(word in label for word in _PAST) and not any(word in label for word in _FUTURE)
+    return _PAST.search(label) is not None and not any(word in label for word in _FUTURE)
 
 
 def _is_echo(rows: Rows, history: Rows, of_past: bool, notes: list[str]) -> bool:
