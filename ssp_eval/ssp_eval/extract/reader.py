@@ -24,6 +24,9 @@ def read(
     talk = Talk(words, hits, flags)
     for start, stop in ranges:
         talk.number += 1
+        if stop - start == 1 and hits[start].kind is Kind.MARK:
+            _blank(talk, hits[start])
+            continue
         talk.begin(start, stop)
         talk.planner.begin(start, stop)
         for index in range(start, stop):
@@ -82,15 +85,19 @@ def _opens_item(talk: Talk, hit: Hit) -> bool:
     return bullet or (hit.first > 0 and words[hit.first - 1].isdigit())
 
 
+def _blank(talk: Talk, hit: Hit) -> None:
+    """A mark alone, such as a line break, behind which an item of a list may begin."""
+    talk.key = ""
+    if hit.value == "\n":
+        talk.listing = talk.listing or (talk.listed and _opens_item(talk, hit))
+    else:
+        talk.listed, talk.listing = talk.listing, False
+
+
 def _carry_list(talk: Talk, ego: bool) -> None:
     """A list of critical objects goes on over its items and ends with prose or the plan."""
-    heading = talk.hits[talk.stop - 1].value == "\n"
-    if heading and talk.stop - talk.start == 1:
-        opens = _opens_item(talk, talk.hits[talk.start])
-        talk.listing = talk.listing or (talk.listed and opens)
-    else:
-        talk.listed = talk.listing and not ego
-        talk.listing = talk.listed and heading
+    talk.listed = talk.listing and not ego
+    talk.listing = talk.listed and talk.hits[talk.stop - 1].value == "\n"
 
 
 def _plan(talk: Talk, index: int, hit: Hit) -> None:
