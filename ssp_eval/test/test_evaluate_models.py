@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -70,6 +71,14 @@ def test_two_models_over_one_backend(make_bag: BagMaker, tmp_path: Path) -> None
         assert max(len(one["frames"]) for one in asked) == frames
         assert max(len(one["history"]) for one in asked) == samples
     assert (small["adapter"], small["interface"]) == ("waypoints:ego_xy", "waypoints")
+
+
+def test_the_file_in_the_documents_is_one(tmp_path: Path) -> None:
+    text = (Path(__file__).parents[2] / "docs" / "bridges.md").read_text()
+    (example,) = re.findall(r"```yaml\n(schema: ssp\.models/1\n.*?)```", text, re.S)
+    models = load_models(written(tmp_path / "models.yaml", example))
+    assert [model.spoken.name for model in models] == ["openemma", "alpamayo"]
+    assert [model.read_by() for model in models][0] == "openemma:corrected"
 
 
 @pytest.mark.parametrize(
