@@ -78,7 +78,7 @@ def test_the_file_in_the_documents_is_one(tmp_path: Path) -> None:
     (example,) = re.findall(r"```yaml\n(schema: ssp\.models/1\n.*?)```", text, re.S)
     models = load_models(written(tmp_path / "models.yaml", example))
     assert [model.spoken.name for model in models] == ["openemma", "alpamayo"]
-    assert [model.read_by() for model in models][0] == "openemma:corrected"
+    assert models[0].read_by() == "openemma:corrected"
 
 
 @pytest.mark.parametrize(
