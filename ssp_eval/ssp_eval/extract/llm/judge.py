@@ -133,6 +133,10 @@ class _Desk:
             return "the quote cuts a word"
         if self._turned(proposal.label, first, stop):
             return "the quote holds a word that turns it round"
+        if self._means_another(proposal, first, stop) or not self._names_side(
+            proposal, first, stop
+        ):
+            return "the quote means something else"
         if proposal.slot != "objects":
             first = self._after_subject(first, stop)
         if first >= stop:
@@ -186,6 +190,41 @@ class _Desk:
             if turns and (hit.kind not in carried or hit.first < first or hit.stop > stop):
                 return True
         return False
+
+    def _means_another(self, proposal: Proposal, first: int, stop: int) -> bool:
+        """Whether the rules know a word of the quote as one for another label of the slot."""
+        slot, label = proposal.slot, proposal.label
+        for hit in self.hits:
+            if hit.first < first or hit.stop > stop:
+                continue
+            if slot == "objects" and hit.kind is Kind.OBJECT and hit.value != label:
+                return True
+            if slot in _ACTIONS and hit.kind is Kind.VERB:
+                if _ACTIONS[slot].get(hit.value, label) != label:
+                    return True
+            elif slot == "conflict" and hit.kind is Kind.CONFLICT and hit.value != label:
+                return True
+            elif slot == "position" and hit.kind in (Kind.PLACE, Kind.SIDE):
+                parts = {*hit.value.split("_"), *label.split("_")}
+                if {"left", "right"} <= parts or {"front", "rear"} <= parts:
+                    return True
+        return False
+
+    def _names_side(self, proposal: Proposal, first: int, stop: int) -> bool:
+        """Whether a label that is a side, or says where from, has that side in its words.
+
+        An action's side must be quoted; where somebody comes from may stand in the sentence.
+        """
+        side = next((s for s in ("left", "right") if proposal.label.endswith(s)), "")
+        words = self.tokens.words
+        if not side or proposal.slot == "position":
+            return True
+        if proposal.slot == "motion":
+            while first and words[first - 1] not in SENTENCE_MARKS:
+                first -= 1
+            while stop < len(words) and words[stop] not in SENTENCE_MARKS:
+                stop += 1
+        return any(word.startswith(side) for word in words[first:stop])
 
     def _after_subject(self, first: int, stop: int) -> int:
         at, gap = first, _SUBJECT_GAP
