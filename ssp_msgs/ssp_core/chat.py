@@ -21,10 +21,9 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
-from urllib.parse import urlsplit
 
-from ssp_core.errors import InputError, PeerError
-from ssp_core.secret import gives_away, redact
+from ssp_core.errors import PeerError
+from ssp_core.secret import gives_away, redact, without_userinfo
 from ssp_core.strict_json import parse_strict
 
 if TYPE_CHECKING:  # the library is imported with the first question; it takes its time
@@ -254,40 +253,6 @@ class OpenAIChat:
         remedy = self._remedies.get(trouble.kind, "")
         made = f" ({tries} tries)" if tries > 1 else ""
         return f"{self._shown_url}: {trouble.reason}{made}" + (f"; {remedy}" if remedy else "")
-
-
-def without_userinfo(url: str) -> str:
-    """An address without the name and password that may stand in it."""
-    try:
-        parts = urlsplit(url)
-        return parts._replace(netloc=parts.netloc.rpartition("@")[2]).geturl()
-    except ValueError:
-        return "the address"
-
-
-def check_key(variable: str, key: str | None, remedy: str) -> str:
-    """The key that an environment variable holds.
-
-    Args:
-        variable: its name, for the message; the key itself stands in none.
-        key: its value, None: there is no such variable.
-        remedy: where no key is wanted.
-
-    Raises:
-        InputError: there is no key, or one that no header can carry.
-    """
-    if key is None or not key.strip():
-        raise InputError(
-            f"the environment has no {variable}, or it is empty", remedy=f"export it, or {remedy}"
-        )
-    key = key.strip()
-    if not all("!" <= character <= "~" for character in key):
-        raise InputError(
-            f"the key in the environment's {variable} holds a blank, a control character or one "
-            "outside ASCII, which no request can carry",
-            remedy="export the key alone",
-        )
-    return key
 
 
 def _said(body: bytes) -> str:

@@ -130,7 +130,8 @@ def _broken(error: Exception) -> Failed:
         return Failed(Failure.UNREACHABLE, f"the server can't be reached ({_named(cause)})")
     if type(cause).__name__ in ("UnsupportedProtocol", "LocalProtocolError", "InvalidURL"):
         return Failed(Failure.UNSENDABLE, f"the request can't be made ({_named(cause)})")
-    return Failed(Failure.LOST, f"the connection broke off before the answer was whole ({_named(cause)})")
+    reason = f"the connection broke off before the answer was whole ({_named(cause)})"
+    return Failed(Failure.LOST, reason)
 
 
 def _named(error: BaseException) -> str:

@@ -1,10 +1,12 @@
-"""Keeps a key out of texts that people or files get to see."""
+"""Keys: taken from the environment, and kept out of texts that people or files get to see."""
 
 from __future__ import annotations
 
 import html
 import json
-from urllib.parse import quote
+from urllib.parse import quote, urlsplit
+
+from ssp_core.errors import InputError
 
 _SHOWN = "[key]"
 _PART = 8  # so many characters of a key in a row are taken for a piece of it
@@ -45,6 +47,40 @@ def gives_away(body: bytes, key: str | None) -> bool:
     if not key or len(key) < _PLACEHOLDER:
         return False
     return any(form.encode() in body for form in _forms(key))
+
+
+def without_userinfo(url: str) -> str:
+    """An address without the name and password that may stand in it."""
+    try:
+        parts = urlsplit(url)
+        return parts._replace(netloc=parts.netloc.rpartition("@")[2]).geturl()
+    except ValueError:
+        return "the address"
+
+
+def check_key(variable: str, key: str | None, remedy: str) -> str:
+    """The key that an environment variable holds.
+
+    Args:
+        variable: its name, for the message; the key itself stands in none.
+        key: its value, None: there is no such variable.
+        remedy: where no key is wanted.
+
+    Raises:
+        InputError: there is no key, or one that no header can carry.
+    """
+    if key is None or not key.strip():
+        raise InputError(
+            f"the environment has no {variable}, or it is empty", remedy=f"export it, or {remedy}"
+        )
+    key = key.strip()
+    if not all("!" <= character <= "~" for character in key):
+        raise InputError(
+            f"the key in the environment's {variable} holds a blank, a control character or one "
+            "outside ASCII, which no request can carry",
+            remedy="export the key alone",
+        )
+    return key
 
 
 def _forms(key: str) -> set[str]:

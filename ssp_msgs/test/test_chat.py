@@ -18,14 +18,12 @@ from ssp_core.chat import (
     OpenAIChat,
     Policy,
     Trouble,
-    check_key,
     looks_like_html,
     pause_s,
-    without_userinfo,
 )
 from ssp_core.chat_reply import Completion, NoCompletion, read_completion
 from ssp_core.errors import InputError
-from ssp_core.secret import gives_away, redact
+from ssp_core.secret import check_key, gives_away, redact, without_userinfo
 from ssp_core.strict_json import parse_strict
 
 KEY = 'sk-4f/9a"7<b>+2&d8'
