@@ -24,16 +24,24 @@ PACKAGES = (
 
 
 def _checks(arguments: tuple[str, ...], quick: bool) -> list[tuple[str, list[str]]]:
-    pytest = [sys.executable, "-m", "pytest", *arguments]
-    if quick:
-        pytest += ["-m", "not system"]
     checks = [
         ("format", ["ruff", "format", "--check", "."]),
         ("lint", ["ruff", "check", "."]),
         ("types", ["mypy", *PACKAGES]),
+        ("tools", [sys.executable, "bootstrap/bootstrap.py", "--test-tools"]),
     ]
-    tools = [sys.executable, "bootstrap/bootstrap.py", "--test-tools"]
-    return [*checks, ("tools", tools), ("tests", pytest)]
+    pytest = [sys.executable, "-m", "pytest"]
+    if arguments:
+        chosen = ["-m", "not system"] if quick else []
+        return [*checks, ("tests", [*pytest, *chosen, *arguments])]
+    # Tests of nodes and sessions are decided by deadlines and run by themselves, one at a time.
+    side_by_side = ["-m", "not ros and not system", "-n", "auto", "--dist", "loadfile"]
+    one_by_one = ["-m", "ros and not system" if quick else "ros or system"]
+    return [
+        *checks,
+        ("tests of cores", [*pytest, *side_by_side]),
+        ("tests of nodes" if quick else "tests of nodes and sessions", [*pytest, *one_by_one]),
+    ]
 
 
 @click.command(context_settings={"ignore_unknown_options": True})

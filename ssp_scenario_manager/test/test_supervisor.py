@@ -125,7 +125,9 @@ TIMES: list[tuple[SafetyCode, str, float, Judge]] = [
 ]
 
 
-@pytest.mark.parametrize(("code", "who", "limit_s", "judged"), TIMES, ids=lambda v: str(v))
+@pytest.mark.parametrize(
+    ("code", "who", "limit_s", "judged"), TIMES, ids=[code.name.lower() for code, *_ in TIMES]
+)
 def test_silence(code: SafetyCode, who: str, limit_s: float, judged: Judge) -> None:
     for age_s in (0.0, math.nextafter(limit_s, 0.0), limit_s):
         assert judged(age_s) is None
