@@ -11,8 +11,9 @@ from urllib.parse import urlsplit
 import click
 
 from ssp_core import console
-from ssp_core.chat import OpenAIChat, Policy, check_key
+from ssp_core.chat import OpenAIChat, Policy
 from ssp_core.options import Number
+from ssp_core.secret import check_key
 from ssp_eval.extract.llm.extractor import Extractor, make_extractor
 
 Command = TypeVar("Command", bound=Callable[..., Any])
