@@ -24,7 +24,7 @@ from ssp_eval.extract.llm.prompt import build_request, labels_of, prompt_hash
 from ssp_eval.extract.llm.reply import Proposal, read_reply
 from ssp_eval.records import SLOT_NAMES, VOCABULARIES, Slot, Slots
 
-TEXT = "A velomobile wobbles along up the road from us. We let the pace sag."
+TEXT = "A velomobile wobbles along up the road from us. We take the pace out."
 KEY = "sk-not-to-be-seen-anywhere"
 
 
@@ -37,7 +37,7 @@ GOOD = {
     "motion": one("same_direction", "wobbles along"),
     "position": one("front", "up the road from us"),
     "conflict": None,
-    "lon_action": one("decelerate", "let the pace sag"),
+    "lon_action": one("decelerate", "take the pace out"),
     "lat_action": None,
 }
 
