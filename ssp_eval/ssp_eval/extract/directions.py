@@ -68,7 +68,10 @@ _OPPOSITE = {
     "l": ("r", "right"),
     "r": ("l", "left"),
 }
-SIDES = {"left": "left", "right": "right", "l": "left", "r": "right"}
+SIDES = {
+    **{"left": "left", "right": "right", "l": "left", "r": "right"},
+    **{f"{side}ward{ending}": side for side in ("left", "right") for ending in ("", "s")},
+}
 _TO = frozenset(phrases("to, >, towards, toward, into, 2"))
 _ARTICLES = frozenset(
     phrases(
@@ -115,6 +118,8 @@ def side(words: list[str], at: int) -> tuple[str, str, int, int] | None:
     one that is relative to somebody else.
     """
     word = SIDES[words[at]]
+    if len(words[at]) > 5:
+        return word, "into", at, at + 1  # leftwards
     across = _across(words, at)
     if across is not None:
         return word, "from", *across

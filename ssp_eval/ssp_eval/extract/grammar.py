@@ -170,9 +170,10 @@ KINDS: dict[Kind, Table] = {
         ),
         "": phrases(
             """
-            background, irrelevant, not relevant, of no interest, no attention, no relation to,
-            as background, part of the background, no role, not play any role, plays no part,
-            not count, not list, not listed,
+            visible too, is also visible, visible as well, also visible, also present,
+            also in view, seen as well, seen too, background, irrelevant, not relevant,
+            of no interest, no attention, no relation to, as background, part of the background,
+            no role, not play any role, plays no part, not count, not list, not listed,
             not a matter for us, not our business, not part of, opposite carriageway,
             other carriageway, opposing carriageway, side alley, not involved,
             nothing to do with us, of no consequence, disregard, disregarded, can be disregarded,

@@ -178,6 +178,7 @@ _OVERTAKING = frozenset({"overtaking", "passing"})
 _ARTICLES = frozenset({"a", "an", "the", "this", "another"})
 _VERB, _OBJECT, _PLACE, _SKIP = Kind.VERB, Kind.OBJECT, Kind.PLACE, Kind.SKIP
 _AS_LISTED = frozenset(Kind) - {_VERB, _OBJECT, _PLACE, _SKIP, Kind.PRONOUN, Kind.JOIN, Kind.REACT}
+_OTHERS = frozenset({"its", "their", "his", "her"})  # its rear is no place of its own
 _AFTER_SIDES = frozenset({"in", "behind", "after", "now", "next", "here", "there"})
 _RIDERS = frozenset({"pedestrian", "rider"})
 
@@ -282,7 +283,7 @@ def _add(words: list[str], at: int, stop: int, entry: Entry, hits: list[Hit]) ->
     if kind is _OBJECT or value == "rider":
         return _add_object(words, at, stop, entry, hits)
     if kind is _PLACE:
-        end = place_stop(words, stop, value)
+        end = None if at and words[at - 1] in _OTHERS else place_stop(words, stop, value)
         if end is None:
             return stop
         form = "car" if words[end - 1] in ("car", "vehicle") and not own_end(words, end) else form

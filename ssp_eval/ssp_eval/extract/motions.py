@@ -19,6 +19,8 @@ _ROADS = frozenset(
 )
 _LINES = frozenset(phrases("line, lines, marking, markings, divider"))
 _INSIDE = frozenset(phrases("in, within, inside, on, along, of, from, outside, beside, by, near"))
+_GOES_ON = (["into"], ["onto"], ["from"])
+_ENDS = frozenset(phrases("to, >, towards, toward"))
 _ONTO_WORDS = frozenset(phrases("into, onto, in, on"))
 _TOWARDS = frozenset(phrases("towards, toward, at"))
 _NOT_US = frozenset(phrases("lane, path, side, speed, pace, left, right"))
@@ -98,7 +100,7 @@ def motion_of(
     if lemma == "merge":
         return (f"cutting_in_from_{origin[0]}", origin[1]) if origin else None
     if lemma in ACROSS:
-        if origin and (_over_road(words, verb.stop, name) or _passes(origin[1], name)):
+        if origin and (_over_road(words, verb.stop, name) or passes(words, origin[1], name)):
             return f"crossing_from_{origin[0]}", origin[1]
         if origin is None and name in _LIGHT and "across" in words[verb.stop : verb.stop + 3]:
             return CROSSING, None
@@ -132,9 +134,9 @@ def _origin(hits: list[Hit], index: int, start: int, stop: int) -> tuple[str, Hi
     return None
 
 
-def _passes(side: Hit, name: str) -> bool:
+def passes(words: list[str], side: Hit, name: str) -> bool:
     """Whether a direction has both ends (left to right), so that nothing but a crossing has it."""
-    return name in _LIGHT and side.form == "from" and side.stop - side.first >= 3
+    return name in _LIGHT and bool(_ENDS & set(words[side.first : side.stop]))
 
 
 def _ours(words: list[str], at: int) -> bool:
@@ -145,7 +147,7 @@ def _into_ours(words: list[str], at: int) -> bool:
     """into our lane, in front of us, within the next few words."""
     near = words[at : at + 9]
     for position, word in enumerate(near):
-        if word == "and" and near[position + 1 : position + 2] in (["into"], ["onto"]):
+        if word in ("and", ",") and near[position + 1 : position + 2] in _GOES_ON:
             continue
         if word in (",", ".", "so", "and", "but", "because"):
             return False

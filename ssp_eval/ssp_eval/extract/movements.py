@@ -28,7 +28,7 @@ MOVEMENTS: dict[str, tuple[str, ...]] = {
         """
     ),
     "pedal": phrases("pedal, cycle, crawl, creep, trundle, trail, bike, filter, glide"),
-    "cross": phrases("cross, traverse, cross over"),
+    "cross": phrases("cross, traverse, cross over, xings|xings|xing|xinged"),
     "enter": phrases("enter, encroach, intrude"),
     "cut_in": (
         *phrases(

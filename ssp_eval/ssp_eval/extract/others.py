@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ssp_eval.extract.hits import Hit, Kind
+from ssp_eval.extract.lexicon import phrases
 from ssp_eval.extract.motions import COMES_FROM, FINISHED_STANDING, INTRUSIONS, motion_of
 from ssp_eval.extract.scope import Scope
 from ssp_eval.extract.talk import CONNECTS, EGO, NOT_NOW, REACH, SCENE, Talk
@@ -12,6 +13,8 @@ from ssp_eval.extract.world import Actor, Statement
 
 _LINES = frozenset({"line", "lines", "marking", "markings", "dashed", "solid", "boundary"})
 
+_TO = frozenset(phrases("to, into, over, towards, toward, out, across, onto, away"))
+
 
 def read_state(talk: Talk, index: int, hit: Hit) -> None:
     following = talk.hits[index + 1] if index + 1 < talk.stop else None
@@ -20,13 +23,16 @@ def read_state(talk: Talk, index: int, hit: Hit) -> None:
         and following.first <= hit.stop + 1
     )
     predicate = index > talk.start and talk.hits[index - 1].kind in CONNECTS
+    if talk.words[hit.first] == "not" and _TO & set(talk.words[hit.stop : hit.stop + 1]):
+        return  # not moving into our lane
     if following is not None and following.kind is Kind.SCENE and following.first <= hit.stop + 1:
         return  # an oncoming tram
     if before_noun and following is not None and following.kind is Kind.OBJECT:
         talk.adjectives.append(index)
     elif hit.value == "receding":
         actor = talk.subject if isinstance(talk.subject, Actor) else talk.near or talk.last
-        if actor is not None:  # the gap grows: to whom we talk of
+        planned = talk.planner.end() is not None  # slow down so that the gap opens
+        if actor is not None and not planned:  # the gap grows: to whom we talk of
             be(talk, actor, index, talk.flags[index])
     elif talk.subject is SCENE and talk.near is None:
         return

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from ssp_eval.extract.hits import Hit, Kind
 from ssp_eval.extract.lexicon import phrases
+from ssp_eval.extract.motions import passes
 from ssp_eval.extract.talk import EGO, SCENE, Talk
 from ssp_eval.extract.world import Actor
 
@@ -30,7 +31,7 @@ def read_place(talk: Talk, index: int, hit: Hit) -> None:
         return  # in front of the car: of the one that was named before
     actor = talk.near or (talk.subject if isinstance(talk.subject, Actor) else None)
     if talk.key == "position":
-        talk.put(talk.world.loose, index, talk.flags[index])
+        talk.put(talk.record or talk.world.loose, index, talk.flags[index])
     elif actor is None:
         if talk.subject is not EGO and _opens_clause(talk, index, hit):
             talk.pending.append(index)
@@ -44,6 +45,10 @@ def read_place(talk: Talk, index: int, hit: Hit) -> None:
 
 
 def read_side(talk: Talk, index: int, hit: Hit) -> None:
+    if hit.form == "from" and talk.near is not None and not talk.busy and not talk.flags[index]:
+        if passes(talk.words, hit, talk.near.name) and talk.subject is not EGO:
+            motion = f"crossing_from_{hit.value}"  # pedestrian ahead, left to right
+            talk.near.motions.append(talk.said(motion, hit))
     if hit.form in ("from", "into"):
         return
     if talk.planner.takes_side(index):
@@ -52,7 +57,9 @@ def read_side(talk: Talk, index: int, hit: Hit) -> None:
         following = talk.hits[index + 1] if index + 1 < talk.stop else None
         if following is not None and following.kind is Kind.OBJECT:
             talk.pending.append(index)
-        elif talk.key == "position" or (talk.near is not None and _alone(talk, index, hit)):
+        elif talk.key == "position" or (
+            talk.near is not None and (_alone(talk, index, hit) or _behind_noun(talk, index, hit))
+        ):
             read_place(talk, index, hit)
         return
     if (
@@ -98,6 +105,12 @@ def _alone(talk: Talk, index: int, hit: Hit) -> bool:
     words = talk.words
     after = words[hit.stop] if hit.stop < len(words) else "."
     return not words[hit.first - 1].isalnum() and not after[0].isalnum() and not talk.busy
+
+
+def _behind_noun(talk: Talk, index: int, hit: Hit) -> bool:
+    """ped left kerb waiting"""
+    before = talk.hits[index - 1]
+    return before.kind is Kind.OBJECT and before.stop == hit.first and not talk.busy
 
 
 def _beside_place(talk: Talk, index: int) -> bool:

@@ -88,6 +88,7 @@ def _opens_item(talk: Talk, hit: Hit) -> bool:
 def _blank(talk: Talk, hit: Hit) -> None:
     """A mark alone, such as a line break, behind which an item of a list may begin."""
     talk.key = ""
+    talk.under = talk.under and hit.value != "\n"
     if hit.value == "\n":
         talk.listing = talk.listing or (talk.listed and _opens_item(talk, hit))
     else:
@@ -96,6 +97,8 @@ def _blank(talk: Talk, hit: Hit) -> None:
 
 def _carry_list(talk: Talk, ego: bool) -> None:
     """A list of critical objects goes on over its items and ends with prose or the plan."""
+    broken = talk.hits[talk.stop - 1].value == "\n" and talk.stop - talk.start > 3
+    talk.under = (talk.under or talk.listing) and not ego and not broken
     talk.listed = talk.listing and not ego
     talk.listing = talk.listed and talk.hits[talk.stop - 1].value == "\n"
 

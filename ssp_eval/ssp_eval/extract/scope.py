@@ -263,6 +263,12 @@ class _Sentence:
         kinds = [hit.kind for hit in self.hits[self.clause : self.clause + 6]]
         return bool(self.local & Scope.DENIED) and Kind.MODAL not in kinds
 
+    def _turned(self, index: int) -> bool:
+        """Whether the ego's clause stands between the last verb and a condition behind it."""
+        between = self.hits[(self.verb or 0) + 1 : index][-REACH:]
+        kinds = [hit.kind for hit in between]
+        return Kind.EGO in kinds and Kind.JOIN in kinds[: kinds.index(Kind.EGO)]
+
     def _condition(self, index: int, value: str) -> None:
         previous = self.hits[index - 1] if index > self.start else None
         opens = previous is None or previous.kind in (Kind.MARK, Kind.JOIN)
@@ -273,7 +279,7 @@ class _Sentence:
             return
         if value == "after" and following is not None and following.form == "ing":
             return  # after yielding, merge: a sequence, no condition
-        if trailing and value != "until" and self.verb is not None:
+        if trailing and value != "until" and self.verb is not None and not self._turned(index):
             self.flags[self.verb] |= Scope.IMAGINED
         if value in ("until", "after"):
             self.local |= Scope.IMAGINED

@@ -68,7 +68,10 @@ def read_object(talk: Talk, index: int, hit: Hit) -> None:
     )
     if not flags and not doubtful:
         actor.mentions.append(talk.said(hit.value, hit))
-    actor.critical = actor.critical or talk.listing or talk.key == "objects"
+    if talk.key == "objects":
+        talk.record = None if talk.record is not None or talk.named[1:] else actor
+    listed = talk.under and len(talk.named) == 1 and not _governed(talk, index)
+    actor.critical = actor.critical or talk.listing or listed or talk.key == "objects"
     actor.matters = actor.matters or talk.revealing
     if talk.reacting:
         if coordinated or not talk.reacted:

@@ -28,6 +28,8 @@ class Talk:
         self.ego_named = False
         self.ego_is_car = False  # the text may call the VUT "the car"
         self.key = ""  # field of a structured answer
+        self.record: Actor | None = None  # whom a record of a structured answer describes
+        self.under = False  # in the paragraph of such a heading
         self.listed = False  # the sentence before stood under such a heading
         self.listing = False  # under a heading such as "Critical objects:"
         self.number = -1  # of the sentence
@@ -85,6 +87,8 @@ class Talk:
             return self.near
         if isinstance(self.subject, Actor):
             return self.subject
+        if self.record is not None and self.key in ("motion", "position"):
+            return self.record
         return self.world.loose if self.key in ("motion", "position", "conflict") else None
 
     def adjoins(self, index: int) -> bool:

@@ -95,7 +95,9 @@ def read_key(talk: Talk, index: int, hit: Hit) -> None:
     talk.subject = None
     talk.near = None
     talk.busy = False
-    talk.listing = hit.value == "objects"
+    talk.listing = talk.under = hit.value == "objects"
+    if hit.value == "objects":
+        talk.record = None
     talk.planner.key(index, hit)
     if hit.value == "conflict":
         for at in range(hit.stop, min(hit.stop + 4, len(talk.words))):

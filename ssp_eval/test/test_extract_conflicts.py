@@ -1,0 +1,74 @@
+"""The status of the conflict in its usual wordings (LABELLING.md), class by class."""
+
+from __future__ import annotations
+
+import pytest
+
+from ssp_eval.extract import extract
+
+ACTIVE = [
+    "A child is ahead. Without braking we'd hit it.",
+    "A van is ahead; we will run into it unless we stop.",
+    "If we don't brake we will crash into the truck ahead.",
+    "Brake, otherwise there will be contact with the car ahead.",
+    "A man stands ahead, the ego must react or it will hit him.",
+    "A cyclist is in our path now, we must react.",
+    "We have to react: a cyclist is now in our path.",
+    "A car is on a collision course with us. It may still swerve.",
+]
+POTENTIAL = [
+    "A boy on the right might step out.",
+    "The van on the right could pull out.",
+    "SUV on the right, indicator on; might come over.",
+    "The cyclist ahead may suddenly swerve.",
+    "There might be a cut-in by the car on the right.",
+    "Slow down due to a possible cut-in of the taxi on the right.",
+    "A parked van ahead on the right may hide somebody.",
+    "A truck is ahead; a conflict may develop.",
+    "A truck is ahead; we could run into it.",
+    "If a child ran out there'd be no time, so this is a potential hazard.",
+]
+NO_CONFLICT = [
+    "The bus on the left doesn't really affect us.",
+    "The pedestrian on the right isn't a threat to us.",
+    "A cyclist is on the right; I don't see any risk.",
+    "The car behind poses no danger.",
+    "A lorry is oncoming. Risk: none",
+    "The truck on the left does not interfere with our motion.",
+]
+RESOLVED = [
+    "The conflict with the van is now fully resolved.",
+    "The danger is over.",
+    "The critical situation has passed.",
+    "The cyclist ahead is no longer any risk.",
+    "The scooter is no risk any more.",
+    "The taxi that cut in a moment ago is no longer a risk.",
+    "The pedestrian has left the road.",
+    "There is no further risk from the truck ahead.",
+]
+NONE = [
+    "A cyclist is crossing ahead, so yield.",
+    "A truck ahead has its hazard lights on.",
+    "The car on the right has crossed the lane line.",
+    "In general cyclists may swerve.",
+    "A tram doesn't concern us.",
+    "The car may slow down or keep its speed.",
+    "We could slow down.",
+    "The van ahead may have stopped.",
+    "Was the danger over?",
+]
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        *((text, "active") for text in ACTIVE),
+        *((text, "potential") for text in POTENTIAL),
+        *((text, "no_conflict") for text in NO_CONFLICT),
+        *((text, "resolved") for text in RESOLVED),
+        *((text, None) for text in NONE),
+    ],
+)
+def test_conflict(text: str, told: str | None) -> None:
+    found = extract(text).conflict
+    assert (found.value if found else None) == told
