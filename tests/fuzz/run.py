@@ -40,6 +40,8 @@ FOLLOWED = {
     "run": ("ssp_core.fault_file", "ssp_core.run_spec", "ssp_core.files", "yaml"),
     "answer": ("ssp_vla_bridge.core",),
     "response": ("ssp_vla_bridge.core",),
+    "extract": ("ssp_eval.extract",),
+    "reply": ("ssp_eval.extract.llm", "ssp_core.strict_json"),
 }
 
 

@@ -11,6 +11,7 @@ from itertools import islice
 from pathlib import Path
 
 import answers
+import extraction
 import seeds
 from rosbags.serde import SerdeError
 
@@ -262,4 +263,6 @@ TARGETS = {
     "run": Target(run_file, seeds.run_texts, 2048),
     "answer": Target(answers.answer, answers.texts, 4096),
     "response": Target(answers.response, answers.stored, 4096),
+    "extract": Target(extraction.text, extraction.texts, 2048),
+    "reply": Target(extraction.reply, extraction.replies, 2048),
 }

@@ -24,6 +24,8 @@ RUNS = {
     "run": 200,
     "answer": 3000,
     "response": 1000,
+    "extract": 1500,
+    "reply": 1000,
 }
 SEED = 5
 
