@@ -20,7 +20,11 @@ def pairs(rows: Sequence[Sequence[float]], form: str = "[{}, {}]", joint: str = 
     return joint.join(form.format(*row) for row in rows)
 
 
-def read(adapter: str, text: str, request: Request | None = None, **kwargs) -> Adapted:
+NO_HISTORY = Request("r1", 10 * NS, ())
+
+
+def read(adapter: str, text: str, request: Request | None = NO_HISTORY, **kwargs) -> Adapted:
+    """Adapted from the answer to a request without a history, unless another is given."""
     return adapt(adapter, Response("r1", 10 * NS, "model", "model/1", text, **kwargs), request)
 
 

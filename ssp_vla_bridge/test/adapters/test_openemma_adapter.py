@@ -94,9 +94,9 @@ def test_native_is_the_trapezoidal_sum_over_a_time_from_0_to_n_in_n_points(count
 # --- which list is the answer
 
 
-def answer_of(cases, text, request=None, **kwargs):
+def answer_of(cases, text, *request, **kwargs):
     """The pairs that were read, by the points that they give."""
-    adapted = cases.read("openemma", text, request, **kwargs)
+    adapted = cases.read("openemma", text, *request, **kwargs)
     for rows, name in ((PLAN, "plan"), (OTHER, "other"), (HISTORY, "history"), (STEADY, "steady")):
         if adapted.trajectory == cases.read("openemma", cases.pairs(rows)).trajectory:
             return name, adapted
@@ -140,10 +140,18 @@ def test_the_end_of_the_history_before_the_answer_is_parted(cases, history_reque
 
 
 def test_twenty_pairs_are_not_parted_where_the_history_is_not_at_hand(cases):
-    adapted = cases.read("openemma", cases.pairs(HISTORY + PLAN))
+    adapted = cases.read("openemma", cases.pairs(HISTORY + PLAN), None)
     assert adapted.trajectory is None
     assert adapted.invalid == ("shape",)
     assert "the request isn't at hand" in adapted.info.notes[-1]
+
+
+def test_an_echo_that_could_not_be_recognised_is_noted(cases):
+    name, adapted = answer_of(cases, cases.pairs(HISTORY), None)
+    assert name == "history"
+    assert adapted.info.notes == (
+        "the request isn't at hand, so that an echo of its history isn't recognised",
+    )
 
 
 def test_what_the_text_calls_history_is_none_where_the_request_is_not_at_hand(cases):
@@ -153,6 +161,7 @@ def test_what_the_text_calls_history_is_none_where_the_request_is_not_at_hand(ca
         "The last 10 values: ",
     ):
         text = f"{label}{cases.pairs(HISTORY)}\n"
+        assert cases.read("openemma", text, None).invalid == ("missing",)
         assert cases.read("openemma", text).invalid == ("missing",)
     text += f"Given the history, my future ones are: {cases.pairs(PLAN)}"
     assert answer_of(cases, text)[0] == "plan"

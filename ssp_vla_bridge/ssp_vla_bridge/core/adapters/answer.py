@@ -225,6 +225,8 @@ def _read(
     problem = _problem(one, form, history)
     if problem:
         return Choice((), "shape", (*_unique(notes), problem))
+    if history is None:
+        notes.append("the request isn't at hand, so that an echo of its history isn't recognised")
     if history and _equal(one.rows, history):
         notes.append("the list equals the history, whose rows are all the same")
     notes.extend(sorted(one.marks - form.usual))
