@@ -54,7 +54,7 @@ class CellDetails:
 
 
 @dataclass(frozen=True)
-class CellScore:
+class CellMetrics:
     """The metrics of a cell by the keys of METHOD 6.14; None where a denominator is 0."""
 
     n: int
@@ -74,7 +74,6 @@ class CellScore:
     ivcs: float
     semantic_denominator: int
     cia_denominator: int
-    details: CellDetails
 
     def to_json(self) -> dict[str, Any]:
         """The score output of METHOD 6.14: its keys, in its order, nothing rounded."""
@@ -96,6 +95,13 @@ class CellScore:
             "ivcs": self.ivcs,
             "denominators": {"semantic": self.semantic_denominator, "cia": self.cia_denominator},
         }
+
+
+@dataclass(frozen=True)
+class CellScore(CellMetrics):
+    """The metrics of a cell with what a report needs beside them."""
+
+    details: CellDetails
 
 
 def score_cell(

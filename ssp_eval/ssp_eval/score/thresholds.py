@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, overload
 
 from ssp_core.hashing import sha256_json
 from ssp_vla_bridge.core.trajectory import SUPPORT_END_S, TOLERANCE_S
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 
 @dataclass(frozen=True)
@@ -53,15 +59,32 @@ class Thresholds:
     @property
     def sha256(self) -> str:
         """``sha256:<hex>`` over all names and values; it is part of every result (METHOD 6.11)."""
-        return sha256_json(asdict(self))
+        return _sha256(self)
 
-    def at_most(self, value: float, limit: float) -> bool:
+    @overload
+    def at_most(self, value: float, limit: float) -> bool: ...
+    @overload
+    def at_most(self, value: NDArray[np.float64], limit: float) -> NDArray[np.bool_]: ...
+    def at_most(self, value: float | NDArray[np.float64], limit: float) -> bool | NDArray[np.bool_]:
         """value ≤ limit with the tolerance of METHOD 6.11; False for NaN."""
         return value <= limit + self.tolerance
 
-    def at_least(self, value: float, limit: float) -> bool:
+    @overload
+    def at_least(self, value: float, limit: float) -> bool: ...
+    @overload
+    def at_least(
+        self, value: NDArray[np.float64], limit: float | NDArray[np.float64]
+    ) -> NDArray[np.bool_]: ...
+    def at_least(
+        self, value: float | NDArray[np.float64], limit: float | NDArray[np.float64]
+    ) -> bool | NDArray[np.bool_]:
         """value ≥ limit with the tolerance of METHOD 6.11; False for NaN."""
         return value >= limit - self.tolerance
+
+
+@lru_cache(maxsize=64)
+def _sha256(thresholds: Thresholds) -> str:
+    return sha256_json(asdict(thresholds))
 
 
 DEFAULT = Thresholds()

@@ -1,0 +1,197 @@
+"""The scores of many cells at once (METHOD 6), for campaigns and for analysis over thresholds.
+
+It gives what score_cell gives, without the judgements behind it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from ssp_eval.score.cell import CellMetrics
+from ssp_eval.score.columns import NOTHING, Columns, Numbers, Whole
+from ssp_eval.score.driven import driven
+from ssp_eval.score.encode import Cell, encode
+from ssp_eval.score.ivcs import ivcs_weights
+from ssp_eval.score.judged import allowed, risky, semantics, slows_down
+from ssp_eval.score.pairing import match_columns
+from ssp_eval.score.semantics import SLOTS
+from ssp_eval.score.terms import RecordTerms
+from ssp_eval.score.thresholds import DEFAULT, Thresholds
+
+_CONFLICT = SLOTS.index("conflict")
+
+
+@dataclass(frozen=True, eq=False)
+class BatchTerms:
+    """The terms of many cells.
+
+    Args:
+        rows: one row per label, cell after cell; it has no onset of its own (NaN).
+        start: (C + 1,) where a cell's labels begin.
+        risk_onset_s: (C,) t_r, clip time, s.
+    """
+
+    rows: RecordTerms
+    start: Whole
+    risk_onset_s: Numbers
+
+    def cell(self, number: int) -> RecordTerms:
+        """The terms of one cell."""
+        part = slice(int(self.start[number]), int(self.start[number + 1]))
+        names = [item.name for item in fields(RecordTerms) if item.name != "risk_onset_s"]
+        views = {name: getattr(self.rows, name)[part] for name in names}
+        return replace(self.rows, **views, risk_onset_s=float(self.risk_onset_s[number]))
+
+
+def batch_terms(columns: Columns, thresholds: Thresholds = DEFAULT) -> BatchTerms:
+    """The terms of METHOD 6.2 to 6.9 of every label of every cell."""
+    labels, records, start = columns.labels, columns.records, columns.label_start
+    pairing = match_columns(columns, thresholds)
+    motion = driven(records, thresholds)
+
+    def paired(column: np.ndarray, missing: float) -> np.ndarray:
+        """A record's column beside the labels; NOTHING, which is -1, picks the item at its end."""
+        end = np.full_like(column, missing, shape=(1, *column.shape[1:]))
+        result: np.ndarray = np.concatenate((column, end))[pairing]
+        return result
+
+    answer = paired(records.answer, NOTHING)
+    said_lon, said_lat = answer[:, len(SLOTS)], answer[:, len(SLOTS) + 1]
+    valid = paired(motion.valid, False)
+    lon, lat = paired(motion.lon, NOTHING), paired(motion.lat, NOTHING)
+    feasible = paired(motion.feasible, False)
+    record_t_s = paired(records.t_s, np.nan)
+    onset_s = np.repeat(columns.risk_onset_s, np.diff(start))
+    slots = semantics(columns, answer, start[:-1], thresholds)
+    right_lon = allowed(lon, labels.lon_allowed)
+    rows = RecordTerms(
+        matched=pairing != NOTHING,
+        output_valid=valid & paired(records.text_valid, False),
+        evaluable=slots.evaluable,
+        given=slots.given,
+        hard=slots.hard,
+        soft=slots.soft,
+        interaction_evaluable=slots.interaction_evaluable,
+        interaction_correct=slots.interaction_correct,
+        action_correct=allowed(said_lon, labels.lon_allowed)
+        & allowed(said_lat, labels.lat_allowed),
+        feasible=feasible,
+        trajectory_correct=feasible & right_lon & allowed(lat, labels.lat_allowed),
+        consistent=valid & (said_lon == lon) & (said_lat == lat),
+        candidate=thresholds.at_least(record_t_s, onset_s) & risky(labels.truth[:, _CONFLICT]),
+        defensive=slows_down(lon) & right_lon,
+        record_t_s=record_t_s,
+        risk_onset_s=np.nan,
+    )
+    return BatchTerms(rows, start, columns.risk_onset_s)
+
+
+def responses(terms: BatchTerms, thresholds: Thresholds = DEFAULT) -> Numbers:
+    """Per cell the clip time at which its response begins, s; NaN without one (METHOD 6.9)."""
+    candidates = np.flatnonzero(terms.rows.candidate)
+    cell = np.repeat(np.arange(len(terms.start) - 1), np.diff(terms.start))[candidates]
+    t_s = terms.rows.record_t_s[candidates]
+    defensive = terms.rows.defensive[candidates]
+    gap_s = np.diff(t_s)
+    linked = (np.diff(cell) == 0) & (gap_s > 0)
+    linked &= thresholds.at_most(gap_s, thresholds.response_gap_s)
+    begins = defensive.copy()
+    for step in range(1, thresholds.response_count):
+        begins[-step:] = False
+        begins[:-step] &= linked[step - 1 :] & defensive[step:]
+    begun, begun_s = cell[begins], t_s[begins]
+    first = np.diff(begun, prepend=-1) > 0
+    result = np.full(len(terms.start) - 1, np.nan)
+    result[begun[first]] = begun_s[first]
+    return result
+
+
+@dataclass(frozen=True, eq=False)
+class Scores:
+    """The scores of many cells.
+
+    Args:
+        values: by the names of CellMetrics, in their order, an array with an item per cell;
+            NaN where the score is null.
+    """
+
+    values: dict[str, np.ndarray]
+
+    def cells(self) -> list[CellMetrics]:
+        """The same cell by cell, null as None."""
+        columns = map(_nullable, self.values.values())
+        return [CellMetrics(*values) for values in zip(*columns, strict=True)]
+
+
+def score_columns(columns: Columns, thresholds: Thresholds = DEFAULT) -> Scores:
+    """The scores of the cells of columns, in their order (METHOD 6.2 to 6.11).
+
+    Args:
+        columns: of at least one cell.
+        thresholds: all limits and weights.
+    """
+    terms = batch_terms(columns, thresholds)
+    rows, begin = terms.rows, terms.start[:-1]
+    n = np.diff(terms.start)
+
+    def total(column: np.ndarray) -> np.ndarray:
+        number = np.float64 if column.dtype == np.float64 else np.int64
+        summed = np.add.reduceat(column, begin, axis=0, dtype=number)
+        return summed if summed.ndim == 1 else summed.sum(axis=1)
+
+    evaluable, given, hard = total(rows.evaluable), total(rows.given), total(rows.hard)
+    interactions = total(rows.interaction_evaluable)
+    response_s = responses(terms, thresholds)
+    values = {
+        "n": n,
+        "matched": total(rows.matched),
+        "jovr": total(rows.output_valid) / n,
+        "sem_cov": _ratio(given, evaluable),
+        "sem_acc_cond": _ratio(hard, given),
+        "sem_acc_eff": _ratio(hard, evaluable),
+        "sem_acc_soft": _ratio(total(rows.soft), evaluable),
+        "cia_eff": _ratio(total(rows.interaction_correct), interactions),
+        "act_acc_eff": total(rows.action_correct) / n,
+        "stfr": total(rows.feasible) / n,
+        "tqsr": total(rows.trajectory_correct) / n,
+        "atc_eff": total(rows.consistent) / n,
+        "rsr": np.isfinite(response_s).astype(np.int64),
+        "rl_s": np.maximum(response_s - terms.risk_onset_s, 0.0),
+    }
+    values["ivcs"] = np.sum(
+        [weight * np.nan_to_num(values[name]) for name, weight in ivcs_weights(thresholds).items()],
+        axis=0,
+    )
+    return Scores(values | {"semantic_denominator": evaluable, "cia_denominator": interactions})
+
+
+def _ratio(sums: np.ndarray, denominators: np.ndarray) -> Numbers:
+    """Σ / denominator, NaN where the denominator is 0 (METHOD 6.11)."""
+    result = np.full(len(sums), np.nan)
+    np.divide(sums, denominators, out=result, where=denominators > 0)
+    return result
+
+
+def _nullable(column: np.ndarray) -> list[float | None]:
+    """An array as plain numbers, NaN as None."""
+    values: list[float | None] = column.tolist()
+    if column.dtype == np.float64:
+        for place in np.flatnonzero(np.isnan(column)).tolist():
+            values[place] = None
+    return values
+
+
+def score_cells(cells: Sequence[Cell], thresholds: Thresholds = DEFAULT) -> list[CellMetrics]:
+    """Scores many cells at once: what score_cell gives for each, without the details.
+
+    Args:
+        cells: labels and records of each cell, see score_cell.
+        thresholds: all limits and weights.
+
+    Raises:
+        ValueError: a cell has no label, or a word is of no vocabulary.
+    """
+    return score_columns(encode(cells), thresholds).cells() if cells else []
