@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import inspect
 import random
+import sys
 import time
+from collections.abc import Callable
+from types import FrameType
 
 import pytest
 from hypothesis import given, settings
@@ -27,9 +30,18 @@ from ssp_eval.records import (
 PIECES = [*sorted(ENTRIES), ".", ",", "?", "\n", ":", ";", '"', "(", "[", "left", "right", "not",
           "if", "the", "a", "frame 2", "lane", "İ", "ﬁ", "—", "don't", "3.5"]  # fmt: skip
 
+sentences = st.lists(st.sampled_from(PIECES), max_size=40).map(" ".join)
+# What models wrap their words in: markdown, JSON, tags, brackets and other scripts.
+WRAPPED = [
+    "{}", "**{}**: {}", "# {}\n{}", "- {}\n- {}", "| {} | {} |\n|---|---|", "({})", "[{}, {}]",
+    '{{"action": "{}", "risk": "{}"}}', "<think>{}</think>{}", "```json\n{}\n```", "~~{}~~ {}",
+    "1. {}\n2. {}", "“{}” — {}", "\ufeff{}\r\n{}", "İ{}ß{}ﬁ", "{}\u2028{}\x00", "((({}", "{}]]",
+]  # fmt: skip
+formatted = st.builds(
+    lambda form, one, other: form.format(one, other), st.sampled_from(WRAPPED), sentences, sentences
+)
 texts = st.one_of(
-    st.text(max_size=200),
-    st.lists(st.sampled_from(PIECES), max_size=40).map(" ".join),
+    st.text(max_size=200), sentences, formatted, st.lists(formatted, max_size=4).map("\n".join)
 )
 
 
@@ -176,6 +188,42 @@ def test_time_grows_in_proportion_to_the_text(unit: str) -> None:
     # Eight times the text; what grows with its square takes 64 times as long, however busy the
     # machine is, and never comes through.
     assert any(in_proportion() for _ in range(4))
+
+
+GROWING = ["if ", "[", "\n", "brake ", "7 ", "car and ", "no car or ", '{"a":', "- ", "?\n", "it ",
+           "a car ahead, ", "<think>", "frame 1 ", "\"if\" "]  # fmt: skip
+
+
+@pytest.mark.parametrize("unit", GROWING)
+def test_work_grows_in_proportion_to_the_text(unit: str) -> None:
+    """Lines of Python run for four times the text: counted, so that no busy machine disturbs."""
+
+    def lines(count: int) -> int:
+        counted = 0
+
+        def trace(frame: FrameType, event: str, _: object) -> Callable[..., object]:
+            nonlocal counted
+            counted += event == "line"
+            return trace
+
+        text = unit * count
+        before = sys.gettrace()
+        sys.settrace(trace)
+        try:
+            extract(text)
+        finally:
+            sys.settrace(before)
+        return counted
+
+    assert lines(1600) < 4.4 * lines(400) + 2000
+
+
+@pytest.mark.parametrize("unit", ["[", "\n", "if ", "overtaking ", "7", "7 ", "({[ "])
+def test_a_megabyte_is_read_in_time(unit: str) -> None:
+    text = unit * (1_000_000 // len(unit))
+    started = time.process_time()
+    extract(text)
+    assert time.process_time() - started < 20.0  # measured: less than 2; a square took hours
 
 
 def test_two_thousand_texts_of_a_hundred_words_take_seconds() -> None:
