@@ -102,7 +102,7 @@ NOT_CHOSEN = [
     ("Plan: keep speed. Not recommended: stop; turn left.", "lon=maintain"),
     ("Previous decision: stop\nDecision: accelerate", "lon=accelerate"),
     ("Cancel the right turn. Keep your lane.", "lat=straight"),
-    ("Not \"slow\" but stop.", "lon=stop"),
+    ('Not "slow" but stop.', "lon=stop"),
     ("(i) lane change to the left, rejected, since a bus is there; (ii) brake.", "lon=decelerate"),
 ]
 
@@ -119,9 +119,7 @@ ORDER = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("text", "told"), PACE + HALTS + LATERAL + INTENTIONS + NOT_CHOSEN + ORDER
-)
+@pytest.mark.parametrize(("text", "told"), PACE + HALTS + LATERAL + INTENTIONS + NOT_CHOSEN + ORDER)
 def test_plan(text: str, told: str) -> None:
     found = extract(text)
     slots = (("lon", found.lon_action), ("lat", found.lat_action))

@@ -115,6 +115,8 @@ def _about(talk: Talk, index: int, following: Hit | None) -> Actor | None:
         return None
     for after in range(index + 1, min(index + 3, talk.stop)):
         hit = talk.hits[after]
+        if hit.kind is Kind.OBJECT and talk.flags[after] & Scope.DENIED:
+            return None
         if hit.kind is Kind.OBJECT:
             known = actors.resolve(talk.world, talk.words, hit, None)
             return known
@@ -137,8 +139,12 @@ def read_conflict(talk: Talk, index: int, hit: Hit) -> None:
 
 
 def read_possible(talk: Talk, index: int, hit: Hit) -> None:
-    """A possible cut-in, a potential crossing."""
     talk.planner.other(index, hit)
+    _possibly(talk, index, hit)
+
+
+def _possibly(talk: Talk, index: int, hit: Hit) -> None:
+    """A possible cut-in, a potential crossing."""
     following = talk.hits[index + 1] if index + 1 < talk.stop else None
     if (
         following is not None
@@ -167,6 +173,7 @@ def read_modal(talk: Talk, index: int, hit: Hit) -> None:
         talk.subject, talk.near, talk.busy = EGO, None, False
         return
     if hit.value == "may":
+        _possibly(talk, index, hit)
         _threaten(talk, index, hit)
         return
     if hit.value == "must" and talk.in_path and talk.subject is EGO and not talk.flags[index]:
@@ -230,6 +237,8 @@ def end(talk: Talk) -> None:
     asserted = not any(talk.flags[at] & _UNREAL for at in range(talk.start, talk.stop))
     found = hazards.averted(talk.words, first, stop) if asserted else None
     actor = talk.named[-1][1] if talk.named else talk.world.loose
+    if not actor.mentions:
+        actor = talk.world.loose
     if found is not None:
         actor.conflicts.append(Statement("active", *found, talk.number))
     elif talk.in_path and _must_react(talk, words):

@@ -16,7 +16,7 @@ _ANSWERS = frozenset(
     )
 )
 _TAKES = frozenset({"with", "for"})
-_CLOSERS = frozenset({".", ",", ";", "\n", "[", '"', "|", "?"})
+_CLOSERS = frozenset({".", ",", ";", "\n", "[", '"', "|", "?", ")"})
 _LABELS = frozenset("abcdefgh12345678")
 REACH = 8
 
@@ -25,11 +25,11 @@ def opens_item(words: list[str], first: int) -> bool:
     """Whether a sentence that begins at a word is an item of a list: a bullet, a number, (a)."""
     if first >= len(words):
         return False
-    if words[first] in (",", "["):
+    if words[first] in (",", "[", "("):
         return True
     if words[first].isdigit() or (first > 1 and words[first - 2].isdigit()):
         return True
-    return words[first] in _LABELS and words[first + 1 : first + 2] == ["["]
+    return words[first] in _LABELS and words[first + 1 : first + 2] in (["["], [")"])
 
 
 def mark_echoes(
@@ -130,7 +130,7 @@ def _choose(words: list[str], hits: list[Hit], flags: list[int], first: int, sto
 def _labels(words: list[str], at: int) -> bool:
     """Whether a letter or figure is an option's label: (a), A:, 1."""
     after = words[at + 1] if at + 1 < len(words) else ""
-    return after in ("[", ":", ".", "\n")
+    return after in ("[", ")", ":", ".", "\n")
 
 
 def _answer(words: list[str], at: int) -> str | None:
@@ -145,7 +145,7 @@ def _answer(words: list[str], at: int) -> str | None:
                 if ends:
                     return word
                 break
-            if word not in (":", "is", "option", "[", '"', "="):
+            if word not in (":", "is", "option", "[", "(", '"', "="):
                 break
     return None
 

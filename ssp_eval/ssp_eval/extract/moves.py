@@ -36,7 +36,7 @@ def read_verb(talk: Talk, index: int, hit: Hit) -> None:
         others.move(talk, index, hit)
     elif talk.subject is EGO or (not other and talk.near is None):
         talk.planner.verb(index, hit, talk.subject is EGO)
-    elif not other and hit.value == "keep_speed" and hit.form == "noun" and _followed(talk):
+    elif hit.value == "keep_speed" and hit.form == "noun" and _followed(talk, index):
         talk.planner.verb(index, hit, False)
     elif talk.planner.commands(index, other, talk.key):
         talk.subject = None
@@ -52,10 +52,11 @@ def read_verb(talk: Talk, index: int, hit: Hit) -> None:
     talk.busy = True
 
 
-def _followed(talk: Talk) -> bool:
+def _followed(talk: Talk, index: int) -> bool:
     """follow the lorry at constant speed: the pace is the ego's."""
     noun = talk.named[-1][0] if talk.named else talk.start
-    return noun > talk.start and talk.hits[noun - 1].kind is Kind.REACT
+    reacts = noun > talk.start and talk.hits[noun - 1].kind is Kind.REACT
+    return reacts and (index == noun + 1 or not isinstance(talk.subject, Actor))
 
 
 def _inverted(talk: Talk, index: int) -> bool:

@@ -73,6 +73,7 @@ def move(talk: Talk, index: int, hit: Hit) -> None:
     if (
         flags == Scope.POSSIBLE
         and hit.value in ENDANGERING
+        and hit.form != "ed"
         and (actor.mentions or actor is talk.world.loose)
     ):
         first = _modal_before(talk, index)

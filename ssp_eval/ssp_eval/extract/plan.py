@@ -15,6 +15,7 @@ _ORDERS = frozenset({",", ":", ";", "\n", "[", '"', "("})
 _CLAUSE_ENDS = frozenset(
     {Kind.MARK, Kind.JOIN, Kind.EGO, Kind.OBJECT, Kind.RELATIVE, Kind.CONDITION, Kind.THEN}
 )
+_AUXILIARIES = frozenset({Kind.MODAL, Kind.AUX})
 # Braking is … : the action is chosen after all.
 _ADVISED = frozenset(
     phrases(
@@ -24,6 +25,7 @@ _ADVISED = frozenset(
         """
     )
 )
+_KEPT_NOUNS = frozenset(phrases("speed, velocity, pace, lane, steering, wheel"))
 # The reason for braking: named, not chosen; but the intention of braking is one.
 _ABOUT = frozenset(phrases("for, of, about, from, than, like, between, against"))
 _MEANT = frozenset(phrases("intention, plan, decision, favour, favor, purpose, action, goal"))
@@ -198,7 +200,8 @@ class Planner:
     def _gerund_subject(self, index: int) -> bool:
         """Braking would be wrong: an action that is talked about, and not chosen."""
         hit = self.hits[index]
-        if hit.form == "noun" and hit.first and self.words[hit.first - 1] in ("the", "this"):
+        named = hit.form == "noun" and self.words[hit.first] not in _KEPT_NOUNS
+        if named and hit.first and self.words[hit.first - 1] in ("the", "this"):
             near = self.hits[index + 1 : min(index + 4, self.stop)]
             described = any(one.kind is Kind.RELATIVE for one in near)
             return described or (hit.value in LON_ACTIONS and hit.value != "keep_speed")
@@ -223,23 +226,30 @@ class Planner:
 
     def _is_topic(self, index: int) -> bool:
         """Stopping for someone who may be waiting isn't proportionate: up to its own verb."""
-        own = 0  # word from which an auxiliary is the gerund's own again
+        relative = False  # in a clause such as "who may be waiting", before its verb
         for after in range(index + 1, min(index + 2 * REACH, self.stop)):
-            one = self.hits[after]
-            if one.value == "," and after + 1 < self.stop:
+            one, before = self.hits[after], self.hits[after - 1]
+            if one.kind is Kind.RELATIVE:
+                relative = True
+            elif one.kind in _AUXILIARIES:
+                if before.kind in _AUXILIARIES:
+                    continue
+                if not relative:
+                    return not _ADVISED & set(self.words[one.stop : one.stop + 4])
+                relative = False
+            elif one.kind is Kind.VERB and one.form in ("s", "ed", "base") and relative:
+                relative = False
+            elif one.value == "," and after + 1 < self.stop:
                 following = self.hits[after + 1]
                 if following.kind is Kind.MODAL and following.value == "may":
                     return True  # Evading to the right, i.e. …, would be wrong
-                own = max(own, one.stop)
+                relative = relative or following.kind in _CLAUSE_ENDS
+                if following.kind in (Kind.EGO, Kind.OBJECT, Kind.VERB):
+                    return False
+            elif one.kind is Kind.JOIN and self.words[one.first] == "for":
                 continue
-            if one.kind in (Kind.MARK, Kind.JOIN, Kind.CONDITION, Kind.THEN, Kind.EGO):
+            elif one.kind in (Kind.MARK, Kind.JOIN, Kind.CONDITION, Kind.THEN, Kind.EGO):
                 return False
-            if one.kind is Kind.VERB and one.form != "ing" and own:
-                return False
-            if one.kind is Kind.RELATIVE:
-                own = one.stop + MAX_WORDS
-            elif one.kind in (Kind.MODAL, Kind.AUX) and one.first >= own:
-                return not _ADVISED & set(self.words[one.stop : one.stop + 4])
         return False
 
     def _opens(self, index: int) -> bool:

@@ -119,6 +119,8 @@ class _Sentence:
         elif kind is Kind.READY:
             self.local |= Scope.READY
         elif kind is Kind.REJECT:
+            if index > self.start and self.hits[index - 1].value == ",":
+                self._reject_item(index - 1)
             self.local |= Scope.REJECTED
         elif kind is Kind.REJECTED:
             if index > self.start and self.hits[index - 1].value == ",":

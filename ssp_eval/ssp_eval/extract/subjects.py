@@ -15,6 +15,9 @@ _OBLIQUE = frozenset({"its", "their", "them", "him", "her", "his", "hers"})
 _POSSESSIVE = frozenset({"its", "their", "his"})
 _AROUND = frozenset({"behind", "between", "past", "around"})
 _SOME = frozenset({"both", "all", "two", "one", "each", "three"})
+_BEFORE_NOUN = frozenset(
+    {"a", "an", "small", "large", "big", "young", "old", "elderly", "long", "tall", "single", "one"}
+)
 _FITTING = {
     "he": frozenset({"pedestrian", "cyclist", "motorcycle"}),
     "rider": frozenset({"cyclist", "motorcycle"}),
@@ -38,6 +41,9 @@ def read_object(talk: Talk, index: int, hit: Hit) -> None:
     role = _ego_role(talk, index, hit)
     if role:
         talk.subject, talk.near, talk.busy = role, None, False
+        return
+    if not flags & ~Scope.READY and _predicate(talk, index, hit):
+        _identify(talk, hit)
         return
     lead = actors.leading(talk.words, hit)
     fresh = (talk.listing or talk.key == "objects") and not hit.form and not talk.named
@@ -118,6 +124,29 @@ def _apposition(talk: Talk, index: int, hit: Hit) -> bool:
     )
 
 
+def _predicate(talk: Talk, index: int, hit: Hit) -> bool:
+    """Whether a noun says what its subject is: it's a bus, she is a child."""
+    if hit.form != "indefinite" or not isinstance(talk.subject, Actor) or talk.busy:
+        return False
+    before = talk.hits[index - 1] if index > talk.start else None
+    if before is None or before.kind is not Kind.AUX or before.value != "be":
+        return False
+    return all(
+        word in _BEFORE_NOUN or word in actors.COLOURS
+        for word in talk.words[before.stop : hit.first]
+    )
+
+
+def _identify(talk: Talk, hit: Hit) -> None:
+    actor = talk.subject
+    if isinstance(actor, Actor):
+        if actor.name == "car" and actor.noun in ("car", "vehicle"):
+            actor.name, actor.noun = hit.value, talk.words[hit.stop - 1]
+            if not talk.flags[talk.start]:
+                actor.mentions.insert(0, talk.said(hit.value, hit))
+        talk.near = actor
+
+
 def _none(talk: Talk, index: int) -> bool:
     """Vehicles ahead: none."""
     for after in range(index + 1, min(index + 4, talk.stop - 1)):
@@ -135,6 +164,8 @@ def _governed(talk: Talk, index: int) -> bool:
 
 
 def read_ego(talk: Talk, index: int, hit: Hit) -> None:
+    if talk.words[hit.first - 1 : hit.first + 2 : 2] == ["(", ")"]:
+        return  # (i)
     if index > talk.start and talk.hits[index - 1].kind is Kind.REACT:
         return
     if (
@@ -231,6 +262,8 @@ def _ego_role(talk: Talk, index: int, hit: Hit) -> str:
     following = talk.hits[index + 1]
     if following.kind is Kind.MODAL and following.value == "must":
         return EGO
+    if following.kind is Kind.MODAL and following.value == "may" and _acts(talk, index):
+        return SCENE  # the car may slow down or keep its speed: the VUT or another
     before = talk.hits[index - 1] if index > talk.start else None
     if before is not None and before.kind is Kind.VERB and before.stop == hit.first - 1:
         if before.value in LON_ACTIONS or talk.planner.steers(before):
