@@ -14,7 +14,7 @@ from ssp_eval.extract import extract
 TEXTS = 400
 WORDS = 100
 ROUNDS = 7
-LEAST_PER_S = 1000.0
+LEAST_PER_S = 2000.0
 _WORD = re.compile(r"[A-Za-z]+|[0-9.]+|[^\w\s]")
 
 SCENE = (
