@@ -37,7 +37,7 @@ PREPOSITIONS = frozenset(
 )
 _OTHERS = frozenset({"another", "other", "second", "additional"})
 _AFTER_LABEL = frozenset({"is", "has", "may", "might", "could", "will", ",", ":", ")", "(", "."})
-_COLOURS = frozenset(
+COLOURS = frozenset(
     phrases(
         "white, black, silver, grey, gray, red, blue, green, yellow, orange, brown, beige, maroon"
     )
@@ -57,6 +57,10 @@ _PARTITIVES = frozenset(
         column, class, file, cluster, plenty, handful, platoon, convoy, one, two, three, both, some
         """
     )
+)
+# A preposition before one of these governs it and not the noun that comes next.
+_UNGOVERNING = frozenset(
+    {Kind.PLACE, Kind.SIDE, Kind.IN_LANE, Kind.FRAME, Kind.AUX, Kind.PRONOUN, Kind.EGO}
 )
 MAX_RECENT = 12
 MAX_PHRASE = 5
@@ -107,7 +111,7 @@ def _describe(words: list[str], hit: Hit) -> tuple[str, str, bool]:
     noun = words[hit.stop - 1]
     colour = ""
     for before in range(hit.first - 1, max(hit.first - 5, -1), -1):
-        if words[before] in _COLOURS:
+        if words[before] in COLOURS:
             colour = words[before]
             break
         if words[before] in PREPOSITIONS or not words[before].isalpha():
@@ -170,8 +174,9 @@ def governed(hits: list[Hit], index: int, start: int, stop: int, words: list[str
     first = max(hit.first - MAX_PHRASE, 0)
     previous = hits[index - 1] if index > start else None
     if previous is not None and previous.stop > first:
-        place = previous.kind in (Kind.PLACE, Kind.SIDE, Kind.IN_LANE, Kind.FRAME)
-        if place or (previous.kind is Kind.JOIN and _finite(hits, index, stop)):
+        if previous.kind in _UNGOVERNING or (
+            previous.kind is Kind.JOIN and _finite(hits, index, stop)
+        ):
             first = previous.stop  # due to pedestrian is crossing
     for before in range(hit.first - 1, first - 1, -1):
         word = words[before]

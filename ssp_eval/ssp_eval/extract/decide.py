@@ -37,6 +37,10 @@ def decide(world: World) -> dict[str, Found]:
             if value is not None:
                 found[slot] = value
                 break
+        if slot not in found and critical is not None and slot in ("position", "motion"):
+            told = _told_before(world, critical, slot, read)
+            if told is not None:
+                found[slot] = told
     if critical is None and "conflict" not in found:
         for actor in world.actors:
             harmless = _conflict(actor)
@@ -47,6 +51,26 @@ def decide(world: World) -> dict[str, Found]:
         if action is not None:
             found[slot] = action
     return found
+
+
+def _told_before(
+    world: World, critical: Actor, slot: str, read: Callable[[Actor], Found | None]
+) -> Found | None:
+    """What was told of the only other mention of such a road user: most likely it is the same."""
+    if critical.places if slot == "position" else critical.motions:
+        return None
+    others = [
+        actor
+        for actor in world.actors
+        if actor.name == critical.name
+        and actor is not critical
+        and actor.mentions
+        and actor.plural == critical.plural
+        and not (actor.gone or actor.background or actor.parked)
+        and not (actor.colour and critical.colour and actor.colour != critical.colour)
+    ]
+    told = [found for found in map(read, others) if found is not None]
+    return told[0] if len(told) == 1 and len(others) == 1 else None
 
 
 def _objects(world: World) -> list[Actor]:

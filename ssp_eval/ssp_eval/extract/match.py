@@ -439,6 +439,8 @@ def _key(words: list[str], colon: int, hits: list[Hit]) -> str:
     stop = colon
     while stop and words[stop - 1] in ('"', ")", "|"):
         stop -= 1
+    if stop > 2 and words[stop - 1].isdigit():
+        stop -= 1  # Critical object 1:
     for length in (4, 3, 2, 1):
         first = stop - length
         if first < 0 or (first and words[first - 1] not in _MARKS):

@@ -80,6 +80,8 @@ def read_value(talk: Talk, index: int, hit: Hit) -> bool:
         return False
     if talk.key in ("action", "lat_action", "lon_action") or talk.subject is EGO:
         return False
+    if index > talk.start and talk.hits[index - 1].value == ":":
+        return False
     side = Hit(Kind.SIDE, hit.value.removeprefix("change_"), "at", hit.first, hit.stop)
     if not talk.flags[index]:
         talk.near.places.append(talk.said(side.value, side))
