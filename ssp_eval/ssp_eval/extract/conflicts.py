@@ -11,6 +11,7 @@ from ssp_eval.extract.talk import EGO, SCENE, Talk
 from ssp_eval.extract.world import Actor, Statement
 
 _ANYMORE = frozenset(phrases("anymore, more, longer"))
+_ITS = frozenset(phrases("it, he, she, they"))
 _NONE = frozenset(phrases("none, no, nil, zero, negligible"))
 _DOUBTFUL = frozenset(phrases("may, might, could"))
 _SELF = frozenset(phrases("we, i, you, ego, what, one"))
@@ -162,7 +163,14 @@ def read_in_lane(talk: Talk, index: int, hit: Hit) -> None:
     if isinstance(talk.subject, Actor):
         if hit.value and not talk.flags[index]:
             talk.in_path = (talk.subject, index)
-    elif talk.subject is None and hit.value == "path" and not talk.flags[index]:
+    elif (
+        hit.value == "path"
+        and not talk.flags[index]
+        and (
+            talk.subject is None
+            or not _ITS.isdisjoint(talk.words[max(hit.first - 4, 0) : hit.first])
+        )
+    ):
         talk.in_path = (talk.world.loose, index)
     else:
         talk.planner.in_lane(index, hit, talk.subject is EGO or talk.subject is None)

@@ -50,7 +50,7 @@ _UNCHANGED = frozenset(phrases("unchanged, unaltered, same"))
 _PASSIVE = frozenset(phrases("is, will, should, be, can, must, to, being, shall, also, then"))
 _COURSES = frozenset(phrases("direction, heading, course, steering"))
 _THROUGH = frozenset(phrases("on, through"))
-HEADS = _WHEELS | frozenset(phrases("straight, no, lane, direction, heading, course"))
+HEADS = _WHEELS | frozenset(phrases("straight, no, zero, lane, direction, heading, course"))
 _MARKS = frozenset({".", "?", "\n", ",", ";", ":", '"', "|", "[", "=", "("})
 
 # Names of fields that are a field of the plan only where one of the values below follows.
@@ -140,7 +140,7 @@ def straight(words: list[str], at: int) -> Found | None:
         if named or (after in _THROUGH and alone and ends):
             return "keep_lane", "value", at, at + 2
         return None
-    if word == "no":
+    if word == "no" or word == "zero":
         return _no_steering(words, at)
     if word in _COURSES or word == "lane":
         if after in _UNCHANGED and (at == 0 or words[at - 1] in _MARKS or words[at - 1] == "and"):

@@ -208,7 +208,8 @@ def find(words: list[str]) -> list[Hit]:
             at += 1
             continue
         if word in _MARKS:
-            slot = _key(words, at, hits) if word in ":=" else ""
+            named = word in ":=" or (word == "[" and _heads_line(words, at))
+            slot = _key(words, at, hits) if named else ""
             hits.append(Hit(Kind.MARK, "," if word == ">" else word, "", at, at + 1))
             at += 1
             if slot:
@@ -330,6 +331,14 @@ def _add_object(words: list[str], at: int, stop: int, entry: Entry, hits: list[H
         hits.pop()  # flatbed tow truck: the last noun is the head
     hits.append(Hit(kind, value, form, at, stop))
     return stop
+
+
+def _heads_line(words: list[str], at: int) -> bool:
+    """[Intent] at the start of a line: whether a bracket closes there."""
+    for first in range(at - 2, max(at - 6, -1), -1):
+        if words[first] == "[":
+            return first == 0 or words[first - 1] == "\n"
+    return False
 
 
 def _steered(hit: Hit, at: int) -> bool:

@@ -245,6 +245,8 @@ class _Sentence:
         if after >= self.stop:
             return
         following = self.hits[after]
+        if self.local & Scope.IMAGINED and self._only_noun(index):
+            self.local &= ~Scope.IMAGINED
         if following.kind is Kind.VERB and following.form == "base" and self.local & Scope.POSSIBLE:
             return  # one could honk and keep the speed
         if following.kind is Kind.OBJECT and self.hits[index - 1].kind is Kind.OBJECT:
@@ -259,6 +261,15 @@ class _Sentence:
         self.local = 0
         self.clause = after
         self.predicate = False
+
+    def _only_noun(self, index: int) -> bool:
+        """before the van and …: whether what comes before or until is no clause."""
+        for at in range(index - 1, max(self.clause, index - REACH) - 1, -1):
+            if self.hits[at].kind is Kind.CONDITION:
+                return True
+            if self.hits[at].kind is Kind.VERB:
+                return False
+        return False
 
     def _do_not(self) -> bool:
         """Whether the denial in force is a plain "do not", which ends at "and"."""

@@ -283,7 +283,7 @@ def _ought(talk: Talk, index: int) -> bool:
         return False
     following = talk.hits[index + 1]
     known = any(actor.name == "car" for actor in talk.world.actors)
-    opens = index > talk.start and talk.hits[index - 1].value == ":"
+    opens = index > talk.start and talk.hits[index - 1].value in (":", "[")
     if talk.key == "action" and (opens or not known):
         return following.kind not in (Kind.PLACE, Kind.SIDE, Kind.STATE)
     ordered = following.value == "must" or talk.words[following.first] == "shall"
@@ -291,7 +291,7 @@ def _ought(talk: Talk, index: int) -> bool:
 
 
 def _after_ego(talk: Talk, index: int) -> bool:
-    if index == talk.start:
+    if index == talk.start or (index == talk.start + 1 and talk.hits[index - 1].kind is Kind.THEN):
         return talk.after_ego()
     planned = talk.planner.first is not None and talk.ego_named
     return planned and talk.hits[index - 1].value in (";", ":")
