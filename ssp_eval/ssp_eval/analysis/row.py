@@ -1,0 +1,126 @@
+"""A scored cell as one flat row, which is all that tables, statistics and figures take."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+from ssp_eval.score.aggregate import METRICS, Cell, mean
+from ssp_eval.score.ivcs import ivcs, ivcs_weights
+
+OK = "ok"
+
+
+@dataclass(frozen=True)
+class CellRow:
+    """One cell, scenario × domain × model, by the keys of METHOD 6.14; null is None.
+
+    Args:
+        scenario, domain, model: names.
+        jovr, sem_acc_eff, cia_eff, act_acc_eff, tqsr, atc_eff: component scores, 0..1.
+        rsr: 1 or 0; where several runs of a cell are taken together, their mean.
+        rl_s: latency of the risk response, s; None without one.
+        sem_cov, stfr, sem_acc_cond, sem_acc_soft: further scores; None where they aren't known.
+        n: labels behind the scores.
+        run, seed: which repetition of the cell this is.
+        total_b, active_b: parameters of the model in billions.
+        architecture: of the model.
+        control: it checks the harness, and enters no mean and no rank.
+        admitted: False keeps it out of domain means (METHOD 4).
+        status: ok, refused or failed; only an ok one has scores.
+        reason: why it is not ok.
+        weighted: IVCS where it isn't METHOD 6.10 of this row's components: the mean over runs.
+    """
+
+    scenario: str
+    domain: str
+    model: str
+    jovr: float | None
+    sem_acc_eff: float | None
+    cia_eff: float | None
+    act_acc_eff: float | None
+    tqsr: float | None
+    atc_eff: float | None
+    rsr: float | None
+    rl_s: float | None
+    sem_cov: float | None = None
+    stfr: float | None = None
+    sem_acc_cond: float | None = None
+    sem_acc_soft: float | None = None
+    n: int | None = None
+    run: str = ""
+    seed: int | None = None
+    total_b: float | None = None
+    active_b: float | None = None
+    architecture: str = ""
+    control: bool = False
+    admitted: bool = True
+    status: str = OK
+    reason: str = ""
+    weighted: float | None = None
+
+    @property
+    def ivcs(self) -> float | None:
+        """IVCS of the components (METHOD 6.10), a null one as 0; None unless the cell is ok."""
+        if self.status != OK:
+            return None
+        return self.weighted if self.weighted is not None else ivcs(self.components)
+
+    @property
+    def components(self) -> dict[str, float | None]:
+        """What IVCS is made of, by name."""
+        return {name: getattr(self, name) for name in ivcs_weights()}
+
+    @property
+    def ivcs_nulls(self) -> tuple[str, ...]:
+        """Components that are null and count as 0 in IVCS (METHOD 6.11); to be flagged."""
+        if self.status != OK:
+            return ()
+        return tuple(name for name, value in self.components.items() if value is None)
+
+    @property
+    def key(self) -> tuple[str, str, str]:
+        """Which cell it is."""
+        return self.scenario, self.domain, self.model
+
+    def cell(self) -> Cell:
+        """As ssp_eval.score.aggregate takes it."""
+        score = {name: getattr(self, name) for name in METRICS}
+        return Cell(*self.key, score, self.admitted)
+
+
+def entering(rows: Iterable[CellRow]) -> list[CellRow]:
+    """The rows that may enter means and ranks: valid ones, controls left out; one per cell."""
+    return merged([row for row in rows if row.status == OK and not row.control])
+
+
+def merged(rows: Sequence[CellRow]) -> list[CellRow]:
+    """One row per cell, with the means of the metrics over its runs; RL over successes only.
+
+    Args:
+        rows: valid ones. A cell is admitted if all its runs are.
+    """
+    runs: dict[tuple[str, str, str], list[CellRow]] = {}
+    for row in rows:
+        runs.setdefault(row.key, []).append(row)
+    return [group[0] if len(group) == 1 else _merge(group) for group in runs.values()]
+
+
+def _merge(group: Sequence[CellRow]) -> CellRow:
+    plain = [name for name in METRICS if name != "ivcs"]
+    values = {name: mean(getattr(row, name) for row in group).value for name in plain}
+    return replace(
+        group[0],
+        **values,  # type: ignore[arg-type]  # the names are those of METRICS
+        weighted=mean(row.ivcs for row in group).value,
+        admitted=all(row.admitted for row in group),
+        run=f"mean of {len(group)} runs",
+        seed=None,
+        n=group[0].n if len({row.n for row in group}) == 1 else None,
+    )
+
+
+def repeated(rows: Iterable[CellRow]) -> bool:
+    """True where some cell has more than one run."""
+    keys = [row.key for row in rows if row.status == OK and not row.control]
+    return len(keys) != len(set(keys))

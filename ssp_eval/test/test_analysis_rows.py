@@ -1,0 +1,184 @@
+"""Rows of cells: from a CSV file with strict errors, merged over runs, controls kept out."""
+
+import itertools
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ssp_core.errors import InputError
+from ssp_eval.analysis.row import CellRow, entering, merged, repeated
+from ssp_eval.analysis.rows import COLUMNS, OPTIONAL_COLUMNS, rows_from_csv
+
+HEAD = ",".join(COLUMNS)
+LINE = "cut_in,physical,a,1,0.8,0.5,0.7,0.6,0.4,S@1.50"
+
+
+def write(tmp_path, *lines, head=HEAD, encoding="utf-8"):
+    path = tmp_path / "cells.csv"
+    path.write_bytes("\n".join([head, *lines, ""]).encode(encoding))
+    return path
+
+
+def row(scenario="s", domain="physical", model="m", value=0.5, **others):
+    names = ("jovr", "sem_acc_eff", "cia_eff", "act_acc_eff", "tqsr", "atc_eff")
+    fields = dict.fromkeys(names, value) | {"rsr": 0, "rl_s": None} | others
+    return CellRow(scenario, domain, model, **fields)
+
+
+def test_a_line_becomes_a_row_with_ivcs_by_the_method(tmp_path):
+    (found,) = rows_from_csv(write(tmp_path, LINE))
+    assert found.key == ("cut_in", "physical", "a")
+    assert (found.rsr, found.rl_s) == (1, 1.5)
+    by_hand = 0.1 * 1 + 0.3 * 0.8 + 0.2 * 0.5 + 0.3 * 0.6 + 0.1 * 1
+    assert math.isclose(found.ivcs, by_hand, abs_tol=1e-15)
+
+
+@pytest.mark.parametrize("null", ["", "–", "  "])
+def test_null_components_count_as_zero_and_are_flagged(tmp_path, null):
+    line = f"cut_in,physical,a,1,{null},{null},{null},0.6,{null},F"
+    (found,) = rows_from_csv(write(tmp_path, line))
+    assert (found.sem_acc_eff, found.cia_eff, found.act_acc_eff, found.rl_s) == (None,) * 4
+    assert found.ivcs_nulls == ("sem_acc_eff", "cia_eff")
+    assert math.isclose(found.ivcs, 0.1 + 0.18, abs_tol=1e-15)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig"])
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+def test_spreadsheets_write_csv_in_many_ways(tmp_path, encoding, end, separator):
+    names = (*COLUMNS, *OPTIONAL_COLUMNS)
+    fields = [*LINE.split(","), "0.9", "7", "2.5", '"mixture, sparse"', "first", "3"]
+    order = [*reversed(range(len(names)))]
+    lines = [[names[i] for i in order], [fields[i] for i in order], []]
+    path = tmp_path / "cells.csv"
+    path.write_bytes(end.join(separator.join(line) for line in lines).encode(encoding))
+    (found,) = rows_from_csv(path)
+    assert found.architecture == "mixture, sparse"
+    assert (found.total_b, found.active_b, found.sem_cov) == (7.0, 2.5, 0.9)
+    assert (found.run, found.seed) == ("first", 3)
+
+
+def replaced(column, value):
+    fields = dict(zip(COLUMNS, LINE.split(","), strict=True)) | {column: value}
+    return ",".join(fields[name] for name in COLUMNS)
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "told"),
+    [
+        ("jovr", "1.01", "outside 0 to 1 (got '1.01'); give it as a share"),
+        ("jovr", "-0.01", "outside 0 to 1"),
+        ("jovr", "", "is never null"),
+        ("tqsr", "–", "is never null"),
+        ("cia_eff", "nan", "is no number (got 'nan')"),
+        ("cia_eff", "inf", "is no number"),
+        ("cia_eff", "1e999", "is no number"),
+        ("cia_eff", "50%", "is no number"),
+        ("cia_eff", "1_0", "is no number"),
+        ("domain", "track", "is no domain (got 'track'); known are synthetic"),
+        ("domain", "Physical", "is no domain"),
+        ("model", " ", "is empty"),
+        ("risk", "", "is no risk response"),
+        ("risk", "S@-1.0", "is no risk response"),
+        ("risk", "S@", "is no risk response"),
+        ("risk", "f", "is no risk response"),
+        ("risk", "S@" + "9" * 400, "is no number"),
+    ],
+)
+def test_wrong_values_name_file_line_column_value_and_remedy(tmp_path, column, value, told):
+    other = replaced("model", "b")
+    with pytest.raises(InputError) as caught:
+        rows_from_csv(write(tmp_path, other, replaced(column, value)))
+    message = str(caught.value)
+    assert f"cells.csv:3: {column}: " in message
+    assert told in message
+    assert caught.value.remedy
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("", "cells.csv:1: is empty"),
+        ("\n\n", "is empty"),
+        (HEAD, "holds no cells"),
+        (HEAD.replace(",risk", ""), "cells.csv:1: misses the column risk"),
+        (f"{HEAD},ivcs\n{LINE},0.5", "has a column that is not known (got 'ivcs')"),
+        (f"{HEAD},jovr\n{LINE},1", "has a column twice (got 'jovr')"),
+        (f"{HEAD}\n{LINE},1", "cells.csv:2: has 11 fields, the header has 10"),
+        (f'{HEAD}\n"{LINE}', "is no CSV"),
+        (f"{HEAD}\n{LINE}\n\n{LINE}", "cells.csv:4: cell cut_in / physical / a stands in line 2"),
+        (
+            f"{HEAD},total_b,active_b\n{LINE},2,3",
+            "cells.csv:2: active_b: is more than total_b (got '3')",
+        ),
+        (
+            f"{HEAD},total_b\n{LINE},2\n{LINE.replace('physical', 'simulation')},3",
+            "cells.csv:3: total_b: differs for a from line 2 (got '3')",
+        ),
+        (f"{HEAD},seed\n{LINE},1.5", "seed: is no whole number"),
+        (f"{HEAD},total_b\n{LINE},0", "total_b: must be positive"),
+    ],
+)
+def test_wrong_files_say_where(tmp_path, text, told):
+    path = tmp_path / "cells.csv"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        rows_from_csv(path)
+    assert told in str(caught.value)
+
+
+def test_a_missing_file_and_latin_1_are_input_errors(tmp_path):
+    with pytest.raises(InputError, match="can't be read"):
+        rows_from_csv(tmp_path / "none.csv")
+    with pytest.raises(InputError, match="is not UTF-8"):
+        rows_from_csv(write(tmp_path, LINE.replace("cut_in", "é"), encoding="latin-1"))
+
+
+_PARTS = st.lists(st.sampled_from([*"abS@01.,;\t\n\r\"'–F ", HEAD, LINE, "\n"]), max_size=20)
+
+
+@settings(max_examples=200, deadline=None)
+@given(start=st.sampled_from(["", f"{HEAD}\n", f"{HEAD}\n{LINE}\n"]), parts=_PARTS)
+def test_whatever_stands_in_a_file_it_is_read_or_refused(tmp_path_factory, start, parts):
+    path = tmp_path_factory.mktemp("any") / "cells.csv"
+    path.write_text(start + "".join(parts), encoding="utf-8", newline="")
+    refusal = ""
+    rows = []
+    try:
+        rows = rows_from_csv(path)
+    except InputError as error:
+        refusal = str(error)
+    assert bool(rows) == (not refusal)
+    assert "cells.csv" in refusal or all(0.0 <= row.ivcs <= 1.0 for row in rows)
+
+
+def test_runs_of_a_cell_are_told_apart_and_merged(tmp_path):
+    lines = [f"{LINE},1", f"{LINE.replace('S@1.50', 'F').replace('0.6', '0.2')},2"]
+    rows = rows_from_csv(write(tmp_path, *lines, head=f"{HEAD},seed"))
+    assert repeated(rows)
+    (one,) = merged(rows)
+    assert (one.rsr, one.rl_s, one.tqsr) == (0.5, 1.5, 0.4)
+    assert one.ivcs == pytest.approx((rows[0].ivcs + rows[1].ivcs) / 2, abs=1e-15)
+
+
+@given(order=st.permutations(range(6)))
+def test_merging_does_not_depend_on_the_order(order):
+    rows = [
+        row(scenario=s, value=v, seed=k, rsr=k % 2)
+        for k, (s, v) in enumerate(itertools.product("ab", (0.1, 0.3, 0.7)))
+    ]
+    values = {one.key: (one.ivcs, one.jovr) for one in merged([rows[i] for i in order])}
+    assert values == {one.key: (one.ivcs, one.jovr) for one in merged(rows)}
+
+
+def test_controls_and_invalid_cells_enter_nothing():
+    rows = [
+        row(),
+        row(model="perfect", control=True),
+        row(scenario="t", status="failed", reason="bridge died"),
+    ]
+    assert [one.key for one in entering(rows)] == [("s", "physical", "m")]
+    assert rows[2].ivcs is None
+    assert rows[2].ivcs_nulls == ()
