@@ -338,6 +338,7 @@ def test_orders_in_the_text_get_only_what_its_words_support() -> None:
         ("A truck may be wheezing along.", "motion", "same_direction", "wheezing along", False),
         ("A truck might wheeze along.", "motion", "same_direction", "wheeze along", False),
         ("The truck might flatten us.", "conflict", "potential", "might flatten us", True),
+        ("The truck flattens its springs.", "conflict", "potential", "flattens its springs", False),
         ("The truck might flatten us.", "conflict", "active", "flatten us", False),
         ("A truck is here. It is not our concern.", "conflict", "no_conflict", "not our concern",
          True),

@@ -27,6 +27,7 @@ from ssp_eval.extract.verbs import LAT_ACTIONS, LON_ACTIONS
 from ssp_eval.records import SLOT_NAMES, Slot, Slots
 
 MAX_PLACES = 8  # of one quote in a text that are looked at
+_RISKY = ("risk", "danger", "threat", "hazard", "potential", "possib", "chance", "likel")
 _ACTIONS = {"lon_action": LON_ACTIONS, "lat_action": LAT_ACTIONS}
 _KINDS = {"position": Kind.PLACE, "motion": Kind.STATE, "conflict": Kind.CONFLICT}
 # A quote may begin with its subject, which stays what it is.
@@ -209,6 +210,14 @@ class _Desk:
                 if {"left", "right"} <= parts or {"front", "rear"} <= parts:
                     return True
         return False
+
+    def _says_may(self, first: int, stop: int) -> bool:
+        """Whether a quote tells of a possibility: may, could, risk, threat."""
+        inside = [hit.kind for hit in self.hits if hit.first >= first and hit.stop <= stop]
+        words = self.tokens.words[first:stop]
+        return not {Kind.MODAL, Kind.HYPOTHETICAL, Kind.READY, Kind.RISK}.isdisjoint(inside) or any(
+            word.startswith(_RISKY) for word in words
+        )
 
     def _names_side(self, proposal: Proposal, first: int, stop: int) -> bool:
         """Whether a label that is a side, or says where from, has that side in its words.
