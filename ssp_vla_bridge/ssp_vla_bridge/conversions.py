@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from array import array
+from dataclasses import replace
 from typing import Any
 
 from sensor_msgs.msg import CameraInfo, CompressedImage
@@ -12,8 +13,10 @@ from ssp_core.ros import ns_from_stamp, stamp_from_ns
 from ssp_msgs.msg import EgoSample as EgoSampleMsg
 from ssp_msgs.msg import NativeArray as NativeArrayMsg
 from ssp_msgs.msg import VlaRequest, VlaResponse, VlaTask
+from ssp_vla_bridge.core.camera import geometry_of
+from ssp_vla_bridge.core.recorded_message import response_of_message
 from ssp_vla_bridge.core.request import CameraGeometry, EgoSample, Frame, Request
-from ssp_vla_bridge.core.response import NativeArray, Response
+from ssp_vla_bridge.core.response import Response
 from ssp_vla_bridge.core.task import DrivingTask
 
 
@@ -43,25 +46,15 @@ def request_from_msg(msg: Any) -> Request:
             trajectory_step_s=msg.task.trajectory_step,
             trajectory_horizon_s=msg.task.trajectory_horizon,
         ),
-        previous=response_from_msg(msg.previous[-1]) if msg.previous else None,
+        previous=response_of_message(msg.previous[-1]) if msg.previous else None,
     )
 
 
 def _camera(msg: Any) -> CameraGeometry | None:
-    k = msg.camera_info.k
-    if k[0] <= 0.0 or k[4] <= 0.0:
-        return None
-    mounted = msg.camera_height > 0.0
-    return CameraGeometry(
-        fx_px=float(k[0]),
-        fy_px=float(k[4]),
-        cx_px=float(k[2]),
-        cy_px=float(k[5]),
-        width_px=msg.camera_info.width,
-        height_px=msg.camera_info.height,
-        height_m=msg.camera_height if mounted else None,
-        pitch_down_rad=msg.camera_pitch if mounted else None,
-    )
+    geometry = geometry_of(msg.camera_info, None)
+    if geometry is None or msg.camera_height <= 0.0:
+        return geometry
+    return replace(geometry, height_m=msg.camera_height, pitch_down_rad=msg.camera_pitch)
 
 
 def request_to_msg(request: Request) -> Any:
@@ -114,6 +107,10 @@ def response_to_msg(response: Response) -> Any:
         ValueError, TypeError, AssertionError or OverflowError: the backend gave what no message
         can hold, such as a negative shape or decoding facts that are no JSON.
     """
+    for name in ("model_id", "text", "error_msg"):
+        if "\0" in getattr(response, name):
+            # The middleware would cut it off there without a word.
+            raise ValueError(f"{name} holds a NUL character")
     msg = VlaResponse()
     msg.header.stamp = stamp_from_ns(response.stamp_ns)
     msg.request_id = response.request_id
@@ -137,37 +134,3 @@ def response_to_msg(response: Response) -> Any:
     msg.error_code = int(response.error_code)
     msg.error_msg = response.error_msg
     return msg
-
-
-def response_from_msg(msg: Any) -> Response:
-    """VlaResponse.msg as a Response: the inverse of response_to_msg.
-
-    Raises:
-        ValueError: ``decoding`` is no JSON object.
-    """
-    decoding = json.loads(msg.decoding) if msg.decoding else {}
-    if not isinstance(decoding, dict):
-        raise ValueError(f"decoding must be a JSON object, got {msg.decoding[:100]!r}")
-    return Response(
-        request_id=msg.request_id,
-        stamp_ns=ns_from_stamp(msg.header.stamp),
-        model=msg.model,
-        model_id=msg.model_id,
-        text=msg.text,
-        arrays=tuple(
-            NativeArray(
-                a.name,
-                tuple(int(n) for n in a.shape),
-                tuple(a.data),
-                a.frame,
-                a.unit,
-                a.step,
-                a.first_time,
-            )
-            for a in msg.arrays
-        ),
-        decoding=decoding,
-        latency_s=msg.latency,
-        error_code=msg.error_code,
-        error_msg=msg.error_msg,
-    )

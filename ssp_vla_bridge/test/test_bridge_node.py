@@ -29,9 +29,9 @@ from ssp_msgs.msg import VlaRequest, VlaResponse  # noqa: E402
 from ssp_vla_bridge.conversions import (  # noqa: E402
     request_from_msg,
     request_to_msg,
-    response_from_msg,
     response_to_msg,
 )
+from ssp_vla_bridge.core.recorded_message import response_of_message  # noqa: E402
 from ssp_vla_bridge.core.request import CameraGeometry  # noqa: E402
 
 # A backend that does what the request's id says; the bridge finds it as module:factory.
@@ -119,7 +119,7 @@ class Asker:
 
     def answered(self, request_id):
         self.until(lambda: any(a.request_id == request_id for a in self.answers))
-        return next(response_from_msg(a) for a in self.answers if a.request_id == request_id)
+        return next(response_of_message(a) for a in self.answers if a.request_id == request_id)
 
     def close(self):
         self.executor.shutdown()
@@ -151,7 +151,12 @@ def test_conversions_round_trip(make_request, straight_history, make_response):
     response = replace(
         make_response([(0, 0), (4, 0.5)]), decoding={"a": [1]}, error_code=2, error_msg="why"
     )
-    assert response_from_msg(response_to_msg(response)) == response
+    assert response_of_message(response_to_msg(response)) == response
+
+
+def test_a_text_that_the_middleware_would_cut_is_refused(make_response):
+    with pytest.raises(ValueError, match="text holds a NUL"):
+        response_to_msg(replace(make_response(), text="slow down\0 and more"))
 
 
 def test_answers_with_id_and_stamp_and_in_order(bridge, asker, make_request, straight_history):

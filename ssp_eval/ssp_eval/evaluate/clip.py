@@ -24,6 +24,7 @@ from ssp_core.names import CAMERA_IMAGE, CAMERA_INFO, CAMERA_MOUNT, VUT_ID, abso
 from ssp_core.state import ObjectState
 from ssp_eval.evaluate.provenance import Provenance, read_provenance
 from ssp_eval.score import DEFAULT
+from ssp_vla_bridge.core.camera import geometry_of, mounting_of
 from ssp_vla_bridge.core.request import CameraGeometry, EgoSample, Frame, Request
 from ssp_vla_bridge.core.task import TASK, DrivingTask
 from ssp_vla_bridge.core.window import Preprocessing, choose, ego_history
@@ -126,22 +127,9 @@ class Clip:
         if self.provenance.camera == "unknown":
             return None, None
         info, transform = self._first(_INFO), self._first(_MOUNT)
-        if info is None or float(info.k[0]) <= 0.0:
-            return None, None
-        mount = None
-        if transform is not None:
-            mount = _mount(transform.transform)
-        geometry = CameraGeometry(
-            fx_px=float(info.k[0]),
-            fy_px=float(info.k[4]),
-            cx_px=float(info.k[2]),
-            cy_px=float(info.k[5]),
-            width_px=int(info.width),
-            height_px=int(info.height),
-            height_m=mount.height_m if mount else None,
-            pitch_down_rad=mount.pitch_down_rad if mount else None,
-        )
-        return geometry, mount
+        mount = None if transform is None else mounting_of(transform.transform)
+        geometry = None if info is None else geometry_of(info, mount)
+        return geometry, None if geometry is None else mount
 
     def _first(self, topic: str) -> Any:
         message = next(iter(self._bag.messages([topic])), None)
@@ -226,11 +214,3 @@ class Clip:
         trace: TracebackType | None,
     ) -> None:
         self.close()
-
-
-def _mount(transform: Any) -> Mounting:
-    move, turn = transform.translation, transform.rotation
-    return Mounting.of_transform(
-        (float(move.x), float(move.y), float(move.z)),
-        (float(turn.x), float(turn.y), float(turn.z), float(turn.w)),
-    )

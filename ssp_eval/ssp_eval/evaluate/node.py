@@ -25,7 +25,8 @@ from ssp_eval.evaluate.models import as_attached, attached_spec, load_models
 from ssp_eval.evaluate.topic_asker import CONNECT_S
 from ssp_eval.evaluate.topics import TopicAskers
 from ssp_msgs.msg import VlaRequest, VlaResponse
-from ssp_vla_bridge.conversions import request_to_msg, response_from_msg
+from ssp_vla_bridge.conversions import request_to_msg
+from ssp_vla_bridge.core.recorded_message import response_of_message
 from ssp_vla_bridge.core.request import Request
 
 NAME = "evaluator"
@@ -73,7 +74,7 @@ class RosLink:
 
     def _on_response(self, msg: Any) -> None:
         try:
-            response = response_from_msg(msg)
+            response = response_of_message(msg)
         except (ValueError, RecursionError) as error:
             self._exchange.offer_unreadable(msg.request_id, str(error))
             return

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from ssp_core.errors import InputError, PeerError
+from ssp_core.errors import InputError, PeerError, SspError
 from ssp_vla_bridge.core.interfaces import find_interface
 from ssp_vla_bridge.core.request import Request, request_problems
 from ssp_vla_bridge.core.response import Answer, ErrorCode, Response
@@ -183,6 +183,8 @@ def respond(backend: Backend, model: str, request: Request) -> Outcome:
         )
     except NotTakenError as error:
         return Outcome(failure(blank, ErrorCode.OVERLOAD, str(error)))
+    except SspError as error:  # written for people; where in the code it was raised says no more
+        return Outcome(failure(blank, ErrorCode.BACKEND, str(error)))
     except Exception as error:  # a model's failure costs one answer and goes to the caller's log
         message = f"{type(error).__name__}: {error}"
         return Outcome(failure(blank, ErrorCode.BACKEND, message), traceback.format_exc())

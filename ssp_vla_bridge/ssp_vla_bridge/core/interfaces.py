@@ -38,10 +38,11 @@ _ALL = (
         Preprocessing(frames=1, history_s=5.0, history_spacing_s=0.5),
         carries_previous=True,
     ),
+    # Six steps of 0.5 s, and the pose before for the first one's curvature.
     Interface(
         "lightemma",
         "lightemma",
-        Preprocessing(frames=1, history_s=3.0, history_spacing_s=0.5),
+        Preprocessing(frames=1, history_s=3.5, history_spacing_s=0.5),
     ),
     Interface(
         "llavida",

@@ -7,11 +7,12 @@ systems; arrays of a response are not looked at.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 
 from ssp_vla_bridge.core.adapters.answer import Form, Rows, choose_answer
 from ssp_vla_bridge.core.adapters.types import Adapted, AdapterInfo, without_trajectory
+from ssp_vla_bridge.core.previous import stage_text
 from ssp_vla_bridge.core.response import Response
 from ssp_vla_bridge.core.trajectory import Trajectory, check_trajectory
 
@@ -64,18 +65,11 @@ def motion_text(response: Response) -> tuple[str, tuple[str, ...]]:
     Args:
         response: whose ``decoding["stages"]`` may name spans of its text.
     """
-    stages = response.decoding.get("stages")
-    if stages is None:
+    if response.decoding.get("stages") is None:
         return response.text, ()
-    for stage in stages if isinstance(stages, (list, tuple)) else ():
-        if isinstance(stage, Mapping) and stage.get("name") == "motion":
-            start, end = stage.get("start"), stage.get("end")
-            if (
-                isinstance(start, int)
-                and isinstance(end, int)
-                and 0 <= start <= end <= len(response.text)
-            ):
-                return response.text[start:end], ()
+    text = stage_text(response, "motion")
+    if text is not None:
+        return text, ()
     return response.text, ("no span of the motion stage is given, so the whole text was read",)
 
 
