@@ -36,6 +36,26 @@ MAX_WORDS = 6
 class Planner:
     """Collects commitments; the reader tells it which verbs are the ego's."""
 
+    __slots__ = (
+        "bar",
+        "barred",
+        "either",
+        "final",
+        "first",
+        "flags",
+        "hits",
+        "last",
+        "later",
+        "listed",
+        "meta",
+        "sides",
+        "start",
+        "stop",
+        "unit",
+        "words",
+        "world",
+    )
+
     def __init__(self, words: list[str], hits: list[Hit], flags: list[int], world: World) -> None:
         self.words, self.hits, self.flags, self.world = words, hits, flags, world
         self.unit = 0

@@ -57,6 +57,18 @@ def scopes(words: list[str], hits: list[Hit], ranges: list[tuple[int, int]]) -> 
 class _Sentence:
     """One pass over the hits of a sentence, with what is in force at each."""
 
+    __slots__ = (
+        "clause",
+        "flags",
+        "hits",
+        "local",
+        "predicate",
+        "start",
+        "stop",
+        "verb",
+        "wide",
+    )
+
     def __init__(self, hits: list[Hit], flags: list[int], start: int, stop: int) -> None:
         self.hits, self.flags, self.start, self.stop = hits, flags, start, stop
         self.clause = start  # first hit of the clause

@@ -19,6 +19,40 @@ NOT_NOW = ~(Scope.READY | Scope.REJECTED | Scope.AHEAD | Scope.DENIED | Scope.PO
 class Talk:
     """What a careful reader keeps in mind while going through a text, hit by hit."""
 
+    __slots__ = (
+        "adjectives",
+        "busy",
+        "denied",
+        "ego_is_car",
+        "ego_named",
+        "flags",
+        "group",
+        "hits",
+        "in_path",
+        "is_background",
+        "key",
+        "last",
+        "last_sentence",
+        "listed",
+        "listing",
+        "named",
+        "near",
+        "number",
+        "pending",
+        "planner",
+        "reacted",
+        "reacting",
+        "record",
+        "revealing",
+        "start",
+        "stop",
+        "subject",
+        "topic",
+        "under",
+        "words",
+        "world",
+    )
+
     def __init__(self, words: list[str], hits: list[Hit], flags: list[int]) -> None:
         self.words, self.hits, self.flags = words, hits, flags
         self.world = World()
