@@ -6,6 +6,9 @@ from enum import IntEnum
 from typing import NamedTuple
 
 
+MARKS = frozenset({".", "?", "\n", ",", ";", ":", '"', "=", "|", "[", "(", "{", "<", ")", "}", ">"})
+
+
 class Kind(IntEnum):
     """What a hit is to the rules."""
 

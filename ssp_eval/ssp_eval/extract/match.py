@@ -5,17 +5,14 @@ from __future__ import annotations
 from itertools import product
 from typing import Any
 
-from ssp_eval.extract import grammar, halts, hazards, lanes, lexicon, movements, nouns, paces, verbs
+from ssp_eval.extract import grammar, hazards, lanes, lexicon, movements, nouns, verbs
 from ssp_eval.extract.directions import SIDES, own_end, place_stop, side
-from ssp_eval.extract.hits import Hit, Kind
-from ssp_eval.extract.keeping import HEADS, keep
+from ssp_eval.extract.free import RULES
+from ssp_eval.extract.hits import MARKS, Hit, Kind
 
 Entry = tuple[Kind, str, str]
 _ENTRY = ""  # the key of a node's own entry; no word is empty
 
-_MARKS = frozenset(
-    {".", "?", "\n", ",", ";", ":", '"', "=", "|", "[", "(", "{", "<", ")", "}", ">"}
-)
 _PRONE_TO_NOUN = frozenset({"the", "a", "this", "that", "at", "zebra", "an", "marked"})
 
 
@@ -106,11 +103,40 @@ _INDEFINITE = frozenset(
     }
 )
 _NP_ENDS = frozenset(
-    {"of", "in", "on", "to", "and", "by", "for", "with", "from", "or", "at", "is", "are", "but"}
+    {
+        "of",
+        "in",
+        "on",
+        "to",
+        "and",
+        "by",
+        "for",
+        "with",
+        "from",
+        "or",
+        "at",
+        "is",
+        "are",
+        "but",
+    }
 )
 _CROSSED = frozenset({"from", "the", "our", "my", "in", "left", "right", "a", "slowly", "quickly"})
 _NOUN_MARKERS = frozenset(
-    {"the", "a", "an", "this", "that", "next", "bus", "tram", "at", "very", "sharp", "of", "its"}
+    {
+        "the",
+        "a",
+        "an",
+        "this",
+        "that",
+        "next",
+        "bus",
+        "tram",
+        "at",
+        "very",
+        "sharp",
+        "of",
+        "its",
+    }
     | {"their", "his", "her"}
 )
 _NOUNY = frozenset(
@@ -139,14 +165,6 @@ _NOUNY = frozenset(
         "nudge",
     }
 )
-_BARE_VALUES = {
-    "straight": "keep_lane",
-    "maintain": "keep_speed",
-    "left": "change_left",
-    "right": "change_right",
-    "keep": "keep_speed",
-}
-_PACED = frozenset({"decelerate", "maintain", "accelerate", "stop", "brake", "slow", "cruise"})
 _FRAMES = {"frame", "image", "picture", "timestep"}
 _ORDINALS = {
     "first": 1,
@@ -172,29 +190,26 @@ _ORDINALS = {
 }
 
 
-_PACES = paces.HEADS | lanes.HEADS
 _ADVERBS = frozenset({"still", "yet", "though", "therefore", "thus", "hence", "however"})
 _OVERTAKING = frozenset({"overtaking", "passing"})
 _ARTICLES = frozenset({"a", "an", "the", "this", "another"})
 _VERB, _OBJECT, _PLACE, _SKIP = Kind.VERB, Kind.OBJECT, Kind.PLACE, Kind.SKIP
-_AS_LISTED = frozenset(Kind) - {_VERB, _OBJECT, _PLACE, _SKIP, Kind.PRONOUN, Kind.JOIN, Kind.REACT}
+_AS_LISTED = frozenset(Kind) - {
+    _VERB,
+    _OBJECT,
+    _PLACE,
+    _SKIP,
+    Kind.PRONOUN,
+    Kind.JOIN,
+    Kind.REACT,
+}
 _OTHERS = frozenset({"its", "their", "his", "her"})  # its rear is no place of its own
 _AFTER_SIDES = frozenset({"in", "behind", "after", "now", "next", "here", "there"})
 _RIDERS = frozenset({"pedestrian", "rider"})
 
 # Words with which a rule can begin; the rest is passed over at once.
-_INITIALS = {"l": "left", "r": "right"}
-_FREE = (
-    frozenset(_INITIALS)
-    | frozenset(SIDES)
-    | HEADS
-    | _PACES
-    | hazards.HEADS
-    | halts.HEADS
-    | _FRAMES
-    | frozenset(_BARE_VALUES)
-)
-_STARTS = frozenset(_ROOT) | _MARKS | _FREE
+_FREE = frozenset(RULES) | frozenset(SIDES) | frozenset(_FRAMES)
+_STARTS = frozenset(_ROOT) | MARKS | _FREE
 
 
 def find(words: list[str]) -> list[Hit]:
@@ -207,7 +222,7 @@ def find(words: list[str]) -> list[Hit]:
         if word not in _STARTS:
             at += 1
             continue
-        if word in _MARKS:
+        if word in MARKS:
             named = word in ":=" or (word == "[" and _heads_line(words, at))
             slot = _key(words, at, hits) if named else ""
             hits.append(Hit(Kind.MARK, "," if word == ">" else word, "", at, at + 1))
@@ -240,34 +255,10 @@ def find(words: list[str]) -> list[Hit]:
 def _free(words: list[str], at: int, hits: list[Hit]) -> int:
     """The word after what the rules for free phrases find at a word, 0 if they find nothing."""
     word = words[at]
-    if word in _BARE_VALUES:
-        bare = _bare_value(words, at)
-        if bare is not None:
-            hits.append(Hit(Kind.VERB, *bare, at, at + 1))
-            return at + 1
-    if word in HEADS:
-        kept = keep(words, at)
-        if kept:
-            hits.extend(Hit(Kind.VERB, lemma, form, a, b) for lemma, form, a, b in kept)
-            return kept[-1][3] if len(kept) > 1 else kept[0][3]
-    if word in hazards.HEADS:
-        over = hazards.settled(words, at)
-        if over is not None:
-            hits.append(Hit(Kind.CONFLICT, "resolved", "", at, over))
-            return over
-    if word in halts.HEADS:
-        halted = halts.halt(words, at)
-        if halted is not None:
-            hits.append(Hit(Kind.VERB, *halted))
-            return halted[3]
-    if word in _PACES:
-        paced = paces.pace(words, at) or lanes.straight(words, at)
-        if paced is not None:
-            hits.append(Hit(Kind.VERB, *paced))
-            return paced[3]
-    if word in _INITIALS and hits and _steered(hits[-1], at):
-        hits.append(Hit(Kind.SIDE, _INITIALS[word], "bare", at, at + 1))
-        return at + 1
+    for rule in RULES.get(word, ()):
+        after = rule(words, at, hits)
+        if after:
+            return after
     if word in SIDES:
         return _side(words, at, hits)
     return _frame(words, at, hits) if word in _FRAMES else 0
@@ -341,17 +332,12 @@ def _heads_line(words: list[str], at: int) -> bool:
     return False
 
 
-def _steered(hit: Hit, at: int) -> bool:
-    """nudge R: whether the letter stands right behind a steering verb."""
-    return hit.kind is Kind.VERB and hit.value in verbs.STEERING and hit.stop == at
-
-
 def _parenthetic(words: list[str], at: int, stop: int) -> bool:
     """Whether an adverb stands inside its clause: is still crossing; the SUV, however, waits."""
     if not at:
         return False
     commas = words[at - 1] == "," and words[stop : stop + 1] == [","]
-    return commas or (words[at - 1] not in _MARKS and words[at] != "however")
+    return commas or (words[at - 1] not in MARKS and words[at] != "however")
 
 
 def _article(words: list[str], at: int) -> str:
@@ -362,7 +348,7 @@ def _article(words: list[str], at: int) -> str:
             return "definite"
         if word in _INDEFINITE:
             return "indefinite"
-        if word in _MARKS or word in _NP_ENDS:
+        if word in MARKS or word in _NP_ENDS:
             return ""
     return ""
 
@@ -382,17 +368,6 @@ def _is_noun(words: list[str], at: int) -> bool:
     return word in _NOUNY and before in _NOUN_MARKERS
 
 
-def _bare_value(words: list[str], at: int) -> tuple[str, str] | None:
-    """A value that stands alone between marks, as in ['STRAIGHT', 'MAINTAIN']."""
-    lemma = _BARE_VALUES.get(words[at])
-    joined = words[at] == "straight" and words[at - 1] == "and" and at > 1
-    joined = joined and words[at - 2] in _PACED
-    alone = (at == 0 or words[at - 1] in _MARKS or joined) and (
-        at + 1 == len(words) or words[at + 1] in _MARKS
-    )
-    return (lemma, "value") if lemma and alone else None
-
-
 def _side(words: list[str], at: int, hits: list[Hit]) -> int:
     node: Any = _ROOT.get(words[at], {})
     entry: Entry | None = None
@@ -401,7 +376,12 @@ def _side(words: list[str], at: int, hits: list[Hit]) -> int:
         here += 1
         if _ENTRY in node:
             entry, stop = node[_ENTRY], here
-    named = at > 0 and words[at - 1] in ("the", "our", "my", "from")  # on the right ahead
+    named = at > 0 and words[at - 1] in (
+        "the",
+        "our",
+        "my",
+        "from",
+    )  # on the right ahead
     if entry is not None and not (
         named and (entry[0] is Kind.PLACE or words[at + 1] in _AFTER_SIDES)
     ):
@@ -452,7 +432,7 @@ def _key(words: list[str], colon: int, hits: list[Hit]) -> str:
         stop -= 1  # Critical object 1:
     for length in (4, 3, 2, 1):
         first = stop - length
-        if first < 0 or (first and words[first - 1] not in _MARKS):
+        if first < 0 or (first and words[first - 1] not in MARKS):
             continue
         name = " ".join(words[first:stop])
         slot = _KEYS.get(name)

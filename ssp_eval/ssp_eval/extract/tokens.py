@@ -63,17 +63,25 @@ class Tokens:
 
     Args:
         words: the words and marks.
-        starts: start of each, characters.
-        ends: end of each, characters.
+        found: where each stands; offsets are asked for few of them only.
     """
 
     words: list[str]
-    starts: list[int]
-    ends: list[int]
+    found: list[re.Match[str]]
+
+    @property
+    def starts(self) -> list[int]:
+        """The start of each word, characters."""
+        return [match.start() for match in self.found]
+
+    @property
+    def ends(self) -> list[int]:
+        """The end of each word, characters."""
+        return [match.end() for match in self.found]
 
     def span(self, first: int, stop: int) -> tuple[int, int]:
         """The characters from word ``first`` up to but without word ``stop``."""
-        return self.starts[first], self.ends[stop - 1]
+        return self.found[first].start(), self.found[stop - 1].end()
 
 
 def plain(text: str) -> str:
@@ -114,9 +122,7 @@ def tokenise(text: str) -> Tokens:
     if _DROPPED in words:
         found = [match for match, word in zip(found, words, strict=True) if word]
         words = [word for word in words if word]
-    starts = [match.start() for match in found]
-    ends = [match.end() for match in found]
-    return Tokens(words, starts, ends)
+    return Tokens(words, found)
 
 
 def _numbers_item(words: list[str], index: int) -> bool:

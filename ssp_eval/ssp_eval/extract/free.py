@@ -1,0 +1,86 @@
+"""Stage 2b: the rules for phrases that are too free to list, by the word that such one begins with.
+
+A rule adds what it finds to the hits and returns the word after it, 0 if it finds nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+from ssp_eval.extract import halts, hazards, keeping, lanes, paces, verbs
+from ssp_eval.extract.hits import MARKS, Hit, Kind
+
+Rule = Callable[[list[str], int, list[Hit]], int]
+
+_BARE_VALUES = {
+    "straight": "keep_lane",
+    "maintain": "keep_speed",
+    "left": "change_left",
+    "right": "change_right",
+    "keep": "keep_speed",
+}
+_PACED = frozenset({"decelerate", "maintain", "accelerate", "stop", "brake", "slow", "cruise"})
+_INITIALS = {"l": "left", "r": "right"}
+
+
+def _value(words: list[str], at: int, hits: list[Hit]) -> int:
+    """A value that stands alone between marks, as in ['STRAIGHT', 'MAINTAIN']."""
+    before = words[at - 1] if at else "."
+    joined = before == "and" and words[at] == "straight" and at > 1 and words[at - 2] in _PACED
+    if not (joined or before in MARKS) or (at + 1 < len(words) and words[at + 1] not in MARKS):
+        return 0
+    hits.append(Hit(Kind.VERB, _BARE_VALUES[words[at]], "value", at, at + 1))
+    return at + 1
+
+
+def _keeping(words: list[str], at: int, hits: list[Hit]) -> int:
+    kept = keeping.keep(words, at)
+    if not kept:
+        return 0
+    hits.extend(Hit(Kind.VERB, lemma, form, a, b) for lemma, form, a, b in kept)
+    return kept[-1][3]
+
+
+def _settling(words: list[str], at: int, hits: list[Hit]) -> int:
+    over = hazards.settled(words, at)
+    if over is None:
+        return 0
+    hits.append(Hit(Kind.CONFLICT, "resolved", "", at, over))
+    return over
+
+
+def _verb(find: Callable[[list[str], int], tuple[str, str, int, int] | None]) -> Rule:
+    def rule(words: list[str], at: int, hits: list[Hit]) -> int:
+        found = find(words, at)
+        if found is None:
+            return 0
+        hits.append(Hit(Kind.VERB, *found))
+        return found[3]
+
+    return rule
+
+
+def _initial(words: list[str], at: int, hits: list[Hit]) -> int:
+    """nudge R: a letter right behind a steering verb."""
+    last = hits[-1] if hits else None
+    if last is None or last.kind is not Kind.VERB or last.stop != at:
+        return 0
+    if last.value not in verbs.STEERING:
+        return 0
+    hits.append(Hit(Kind.SIDE, _INITIALS[words[at]], "bare", at, at + 1))
+    return at + 1
+
+
+_ORDER: tuple[tuple[Iterable[str], Rule], ...] = (
+    (_BARE_VALUES, _value),
+    (keeping.HEADS, _keeping),
+    (hazards.HEADS, _settling),
+    (halts.HEADS, _verb(halts.halt)),
+    (paces.HEADS, _verb(paces.pace)),
+    (lanes.HEADS, _verb(lanes.straight)),
+    (_INITIALS, _initial),
+)
+RULES: dict[str, tuple[Rule, ...]] = {
+    word: tuple(rule for heads, rule in _ORDER if word in heads)
+    for word in {word for heads, _ in _ORDER for word in heads}
+}
