@@ -5,7 +5,6 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import NamedTuple
 
-
 MARKS = frozenset({".", "?", "\n", ",", ";", ":", '"', "=", "|", "[", "(", "{", "<", ")", "}", ">"})
 
 
