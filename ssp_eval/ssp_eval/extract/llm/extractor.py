@@ -187,7 +187,7 @@ def make_extractor(
 @cache
 def _checks_hash() -> str:
     """Of the modules that read and judge what the LLM says."""
-    names = ("reply.py", "judge.py")
+    names = ("reply.py", "meaning.py", "judge.py")
     return sha256_json({n: sha256_bytes(Path(__file__).with_name(n).read_bytes()) for n in names})
 
 

@@ -17,18 +17,16 @@ from dataclasses import dataclass
 from ssp_eval.extract.checks import check
 from ssp_eval.extract.decide import Found, decide
 from ssp_eval.extract.hits import Hit, Kind
+from ssp_eval.extract.llm.meaning import ACTIONS, misquoted
 from ssp_eval.extract.llm.prompt import NOBODY
 from ssp_eval.extract.llm.reply import Proposal
 from ssp_eval.extract.match import find
 from ssp_eval.extract.reader import read
-from ssp_eval.extract.scope import SENTENCE_MARKS, Scope, scopes, sentences
+from ssp_eval.extract.scope import Scope, scopes, sentences
 from ssp_eval.extract.tokens import Tokens, tokenise
-from ssp_eval.extract.verbs import LAT_ACTIONS, LON_ACTIONS
 from ssp_eval.records import SLOT_NAMES, Slot, Slots
 
 MAX_PLACES = 8  # of one quote in a text that are looked at
-_RISKY = ("risk", "danger", "threat", "hazard", "potential", "possib", "chance", "likel")
-_ACTIONS = {"lon_action": LON_ACTIONS, "lat_action": LAT_ACTIONS}
 _KINDS = {"position": Kind.PLACE, "motion": Kind.STATE, "conflict": Kind.CONFLICT}
 # A quote may begin with its subject, which stays what it is.
 _LEADING = frozenset(
@@ -39,18 +37,6 @@ _LEADING_MARKS = frozenset({",", ":", '"', "[", "("})
 _SUBJECT_GAP = 3  # the small white van
 _DEFINITE = frozenset({"the", "this", "that", "these", "those"})
 _INDEFINITE = frozenset({"a", "an", "another", "some", "two", "three", "several", "one"})
-# Words within a quote that change what it says, but for the labels that consist in that.
-_OPERATORS = frozenset(
-    {Kind.NOT, Kind.NO_LONGER, Kind.CONDITION, Kind.HISTORY, Kind.READY, Kind.REJECT}
-    | {Kind.REJECTED, Kind.QUOTE, Kind.HYPOTHETICAL, Kind.FRAME, Kind.REVISE, Kind.NOBODY}
-)
-_CARRIED: Mapping[str, frozenset[Kind]] = {
-    "no_conflict": frozenset({Kind.NOT}),
-    "resolved": frozenset({Kind.NOT, Kind.NO_LONGER}),
-    "potential": frozenset({Kind.MODAL, Kind.HYPOTHETICAL, Kind.READY}),
-    "active": frozenset({Kind.READY}),
-    NOBODY: frozenset({Kind.NOT, Kind.NOBODY}),
-}
 
 
 @dataclass(frozen=True)
@@ -132,12 +118,9 @@ class _Desk:
         stop = bisect_left(tokens.starts, end)
         if first >= stop or tokens.starts[first] < start or tokens.ends[stop - 1] > end:
             return "the quote cuts a word"
-        if self._turned(proposal.label, first, stop):
-            return "the quote holds a word that turns it round"
-        if self._means_another(proposal, first, stop) or not self._names_side(
-            proposal, first, stop
-        ):
-            return "the quote means something else"
+        problem = misquoted(proposal, self.hits, tokens.words, first, stop)
+        if problem:
+            return problem
         if proposal.slot != "objects":
             first = self._after_subject(first, stop)
         if first >= stop:
@@ -176,65 +159,6 @@ class _Desk:
         flag = flags[place]
         return decide(read(self.tokens.words, hits, flags, ranges)), flag
 
-    def _turned(self, label: str, first: int, stop: int) -> bool:
-        carried = _CARRIED.get(label, frozenset())
-        for hit in self.hits:
-            if hit.stop <= first or hit.first >= stop:
-                continue
-            turns = (
-                hit.kind in _OPERATORS
-                or (hit.kind is Kind.MODAL and hit.value == "may")
-                or (hit.kind is Kind.AUX and hit.value == "past")
-                or (hit.kind is Kind.JOIN and hit.value in ("or", "but"))
-                or (hit.kind is Kind.MARK and hit.value in SENTENCE_MARKS | {";"})
-            )
-            if turns and (hit.kind not in carried or hit.first < first or hit.stop > stop):
-                return True
-        return False
-
-    def _means_another(self, proposal: Proposal, first: int, stop: int) -> bool:
-        """Whether the rules know a word of the quote as one for another label of the slot."""
-        slot, label = proposal.slot, proposal.label
-        for hit in self.hits:
-            if hit.first < first or hit.stop > stop:
-                continue
-            if slot == "objects" and hit.kind is Kind.OBJECT and hit.value != label:
-                return True
-            if slot in _ACTIONS and hit.kind is Kind.VERB:
-                if _ACTIONS[slot].get(hit.value, label) != label:
-                    return True
-            elif slot == "conflict" and hit.kind is Kind.CONFLICT and hit.value != label:
-                return True
-            elif slot == "position" and hit.kind in (Kind.PLACE, Kind.SIDE):
-                parts = {*hit.value.split("_"), *label.split("_")}
-                if {"left", "right"} <= parts or {"front", "rear"} <= parts:
-                    return True
-        return False
-
-    def _says_may(self, first: int, stop: int) -> bool:
-        """Whether a quote tells of a possibility: may, could, risk, threat."""
-        inside = [hit.kind for hit in self.hits if hit.first >= first and hit.stop <= stop]
-        words = self.tokens.words[first:stop]
-        return not {Kind.MODAL, Kind.HYPOTHETICAL, Kind.READY, Kind.RISK}.isdisjoint(inside) or any(
-            word.startswith(_RISKY) for word in words
-        )
-
-    def _names_side(self, proposal: Proposal, first: int, stop: int) -> bool:
-        """Whether a label that is a side, or says where from, has that side in its words.
-
-        An action's side must be quoted; where somebody comes from may stand in the sentence.
-        """
-        side = next((s for s in ("left", "right") if proposal.label.endswith(s)), "")
-        words = self.tokens.words
-        if not side or proposal.slot == "position":
-            return True
-        if proposal.slot == "motion":
-            while first and words[first - 1] not in SENTENCE_MARKS:
-                first -= 1
-            while stop < len(words) and words[stop] not in SENTENCE_MARKS:
-                stop += 1
-        return any(word.startswith(side) for word in words[first:stop])
-
     def _after_subject(self, first: int, stop: int) -> int:
         at, gap = first, _SUBJECT_GAP
         for hit in self.hits:
@@ -255,8 +179,8 @@ class _Desk:
             return Hit(Kind.NOBODY, "", "", first, stop)
         if slot == "objects":
             return Hit(Kind.OBJECT, label, self._article(first, stop), first, stop)
-        if slot in _ACTIONS:
-            lemma = next(verb for verb, action in _ACTIONS[slot].items() if action == label)
+        if slot in ACTIONS:
+            lemma = next(verb for verb, action in ACTIONS[slot].items() if action == label)
             return Hit(Kind.VERB, lemma, self._form(first, stop), first, stop)
         return Hit(_KINDS[slot], label, "", first, stop)
 
@@ -283,7 +207,7 @@ class _Desk:
 
 def _allowed(proposal: Proposal, word: str) -> int:
     """The reasons against evidence that leave this proposal standing, as the rules have it."""
-    if proposal.slot in _ACTIONS:
+    if proposal.slot in ACTIONS:
         return Scope.AHEAD  # we will: a commitment
     if proposal.slot == "motion":  # the van rolling along: true whatever is planned about it
         return Scope.AHEAD | Scope.READY | Scope.REJECTED if word.endswith("ing") else 0
