@@ -62,7 +62,7 @@ def filled(review: Path, reviewer: int, **changes: str) -> Path:
     """A reviewer's sheet, answered as the extractor did but for changes to the first text."""
     key = load_key(review / "key.json")
     by_id = {item.review_id: dict(item.extracted) for item in key.items}
-    by_id["r001"] |= changes
+    by_id[key.items[0].review_id] |= changes
     path = review / f"reviewer_{reviewer}" / "sheet.csv"
     rows = list(csv.DictReader(io.StringIO(path.read_text(encoding="utf-8-sig"))))
     with path.open("w", encoding="utf-8-sig", newline="") as stream:
@@ -103,7 +103,9 @@ def test_reviewers_see_texts_under_new_ids_and_nothing_else(review: Path) -> Non
             assert "extracted" not in content
         assert not re.search(r"(src|href)=|@import|https?://", page)
         assert {path.name for path in folder.iterdir()} == {"form.html", "sheet.csv"}
-    assert sorted(orders[0]) == sorted(orders[1]) == [f"r{n:03d}" for n in range(1, 13)]
+    first = [item.review_id for item in load_key(review / "key.json").items]
+    assert [key[-4:] for key in first] == [f"-{n:03d}" for n in range(1, 13)]
+    assert sorted(orders[0]) == sorted(orders[1]) == first
     assert orders[0] != orders[1]
 
 
@@ -158,7 +160,8 @@ def test_nothing_is_written_over(review: Path, tmp_path: Path) -> None:
 def test_agreement_errors_and_what_to_settle(
     review: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    extracted = load_key(review / "key.json").items[0].extracted
+    item = load_key(review / "key.json").items[0]
+    extracted = item.extracted
     shared = "oncoming" if extracted["motion"] != "oncoming" else "receding"
     first = filled(review, 1, motion=shared, conflict="active", position=" UNSURE ")
     second = filled(review, 2, motion=shared, conflict="none")
@@ -168,10 +171,10 @@ def test_agreement_errors_and_what_to_settle(
     found = json.loads(capsys.readouterr().out)
     assert found["texts"] == 12
     assert {(one["review_id"], one["slot"]) for one in found["disagreements"]} == {
-        ("r001", "conflict"), ("r001", "position")}  # fmt: skip
+        (item.review_id, "conflict"), (item.review_id, "position")}  # fmt: skip
     [error] = found["errors"]
     kind = "false_negative" if extracted["motion"] == "none" else "wrong"
-    assert (error["review_id"], error["slot"], error["kind"]) == ("r001", "motion", kind)
+    assert (error["review_id"], error["slot"], error["kind"]) == (item.review_id, "motion", kind)
     assert error["source_id"].startswith("secretmodel/")
     slots = found["slots"]
     assert slots["motion"]["agreement"] == 1.0
@@ -181,15 +184,15 @@ def test_agreement_errors_and_what_to_settle(
     assert slots["objects"]["object_overlap"] == 1.0
     assert main(given) == 0
     shown = capsys.readouterr().out
-    assert "r001" in shown
+    assert item.review_id in shown
     assert "To settle" in shown
 
 
 @pytest.mark.parametrize(
     ("old", "new", "told"),
     [
-        ("r002,", "r999,", ("review_id", "r999")),
-        ("r002,", "r003,", ("review_id", "stands in line")),
+        ("-002,", "-999,", ("review_id", "-999")),
+        ("-002,", "-003,", ("review_id", "stands in line")),
         ("comment", "remark", (":1", "remark")),
         ("position", "objects", (":1", "objects")),
     ],
@@ -221,7 +224,9 @@ def test_answers_are_read_strictly(
     told = capsys.readouterr().err
     assert status == is_wrong
     rows = list(csv.DictReader(first.open(encoding="utf-8-sig", newline="")))
-    line = 2 + [row["review_id"] for row in rows].index("r001")
+    line = 2 + [row["review_id"] for row in rows].index(
+        load_key(review / "key.json").items[0].review_id
+    )
     assert (f"sheet.csv:{line}: {slot}" in told) == is_wrong
 
 
@@ -236,6 +241,14 @@ def test_a_missing_text_and_another_reviews_key_are_refused(review: Path, tmp_pa
     (tmp_path / "other.json").write_text(json.dumps(answers))
     with pytest.raises(InputError, match="another review"):
         load_answers(tmp_path / "other.json", key)
+
+
+def test_a_sheet_of_another_review_is_refused(review: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other"
+    given = ["extract", str(write_texts(tmp_path)), "--review", str(other), "--n", "12"]
+    assert main([*given, "--seed", "4"]) == 0
+    with pytest.raises(InputError, match="is no text of this review"):
+        load_answers(filled(review, 1), load_key(other / "key.json"))
 
 
 def test_semicolons_and_tabs_separate_as_well(review: Path, tmp_path: Path) -> None:

@@ -108,7 +108,11 @@ def make_subset(
         seed: of the choice.
     """
     width = max(3, len(str(len(chosen))))
-    texts = {f"r{number:0{width}d}": one.text for number, one in enumerate(chosen, start=1)}
+    # Ids of two reviews differ, so that answers to one are never taken for answers to another.
+    series = sha256_json([sha256_bytes(_bytes(one.text)) for one in chosen])[7:11]
+    texts = {
+        f"r{series}-{number:0{width}d}": one.text for number, one in enumerate(chosen, start=1)
+    }
     items = tuple(
         KeyItem(
             review_id,
