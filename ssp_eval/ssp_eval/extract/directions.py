@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ssp_eval.extract.lexicon import EGO_WORDS, phrases
+from ssp_eval.extract.nouns import NOUNS
 
 _FILLERS = frozenset(
     phrases(
@@ -145,7 +146,8 @@ def side(words: list[str], at: int) -> tuple[str, str, int, int] | None:
         form = "lane"
     if form == "to" and first and words[first - 1] in _CLOSE:
         form = "at"
-    if form == "at" and _OTHERS & set(words[first:at]):
+    whose = _OTHERS & set(words[first:at])
+    if whose and (form == "at" or (form == "to" and whose != {"its"})):
         return None
     if stop < count and words[stop] == "of":
         end = _of_ours(words, stop + 1)
@@ -251,6 +253,11 @@ def place_stop(words: list[str], stop: int, value: str) -> int | None:
         return _own_part(words, stop + 2)
     if value.startswith("front") and _the_car(words, stop):
         return stop + 1 + (after == "the")
-    if words[stop - 1] == "of" or after in _ARTICLES or after in ("parked", "stopped"):
+    if (
+        words[stop - 1] == "of"
+        or after in _ARTICLES
+        or after in NOUNS
+        or after in ("parked", "stopped")
+    ):
         return None
     return stop

@@ -11,7 +11,8 @@ from ssp_eval.extract.lexicon import Table, phrases
 
 KINDS: dict[Kind, Table] = {
     Kind.PRONOUN: {
-        "it": phrases("it, its, they, them, their"),
+        "it": phrases("it, its"),
+        "they": phrases("they, them, their"),
         "he": phrases("he, she, him, her, his, hers"),
         "rider": phrases("rider, riders"),
     },

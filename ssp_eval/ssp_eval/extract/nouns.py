@@ -125,6 +125,7 @@ _VAGUE = frozenset(phrases("someone, somebody"))
 _PRESENT_AFTER = frozenset(
     phrases("is, on, crossing, walking, standing, running, crosses, walks, runs, has, in, stands")
 )
+NOUNS = frozenset(noun for listed in OBJECT_NOUNS.values() for noun in listed if " " not in noun)
 _CYCLES = frozenset(OBJECT_NOUNS["cyclist"])
 _MOTORCYCLES = frozenset(OBJECT_NOUNS["motorcycle"])
 _MOUNTED = frozenset(phrases("on, riding, rides, aboard, cycling"))

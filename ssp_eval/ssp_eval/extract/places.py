@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from ssp_eval.extract.hits import Hit, Kind
 from ssp_eval.extract.lexicon import phrases
-from ssp_eval.extract.motions import passes
+from ssp_eval.extract.motions import FINISHED_STANDING, passes
+from ssp_eval.extract.scope import Scope
 from ssp_eval.extract.talk import EGO, SCENE, Talk
 from ssp_eval.extract.world import Actor
 
@@ -18,6 +19,7 @@ _MEASURES = frozenset(
         """
     )
 )
+_UNSURE = Scope.POSSIBLE | Scope.AHEAD | Scope.DENIED  # where it may pull out to
 _OURS = frozenset(phrases("our, my, us, ours, ego, me, of"))
 _OPENERS = frozenset(
     {Kind.MARK, Kind.JOIN, Kind.AUX, Kind.PLACE, Kind.SIDE, Kind.KEY, Kind.THEN, Kind.IN_LANE}
@@ -38,7 +40,7 @@ def read_place(talk: Talk, index: int, hit: Hit) -> None:
     elif talk.adjoins(index):
         noun = talk.named[-1][0] if talk.named else index
         talk.put(actor, index, talk.flags[index] & talk.flags[noun])
-    else:
+    elif not (talk.flags[index] & _UNSURE or _finished(talk, index)):
         together = talk.group if actor in talk.group else [actor]
         for one in together:
             talk.put(one, index, talk.flags[index])
@@ -86,6 +88,16 @@ def read_value(talk: Talk, index: int, hit: Hit) -> bool:
     if not talk.flags[index]:
         talk.near.places.append(talk.said(side.value, side))
     return True
+
+
+def _finished(talk: Talk, index: int) -> bool:
+    """Whether a place belongs to a movement that is over: crossed well before us."""
+    verb = talk.hits[index - 1] if index > talk.start else None
+    if verb is None or verb.kind is not Kind.VERB or verb.form != "ed":
+        return False
+    before = talk.hits[index - 2] if index - 2 >= talk.start else None
+    passive = before is not None and before.kind is Kind.AUX and before.value == "be"
+    return verb.value not in FINISHED_STANDING and not passive
 
 
 def _opens_clause(talk: Talk, index: int, hit: Hit) -> bool:

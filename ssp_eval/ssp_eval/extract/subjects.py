@@ -18,6 +18,7 @@ _SOME = frozenset({"both", "all", "two", "one", "each", "three"})
 _BEFORE_NOUN = frozenset(
     {"a", "an", "small", "large", "big", "young", "old", "elderly", "long", "tall", "single", "one"}
 )
+_PEOPLE = frozenset({"pedestrian", "cyclist", "motorcycle"})
 _FITTING = {
     "he": frozenset({"pedestrian", "cyclist", "motorcycle"}),
     "rider": frozenset({"cyclist", "motorcycle"}),
@@ -62,7 +63,7 @@ def read_object(talk: Talk, index: int, hit: Hit) -> None:
             talk.world.actors.pop()
         actor = talk.near
         if talk.words[hit.stop - 1] not in ("vehicle", "car"):
-            actor.name = hit.value
+            actor.name, actor.noun = hit.value, talk.words[hit.stop - 1]
     talk.group = [*talk.group[-MAX_GROUP:], actor] if coordinated else [actor]
     talk.named.append((index, actor))
     following = talk.hits[index + 1] if index + 1 < talk.stop else None
@@ -217,11 +218,16 @@ def read_pronoun(talk: Talk, index: int, hit: Hit) -> None:
 def _referent(talk: Talk, pronoun: str) -> Actor | None:
     """Whom a pronoun means: what was talked about before what was only named, and a fit one."""
     fits = _FITTING.get(pronoun)
+    many = pronoun == "they"
     here = talk.named[-1][1] if talk.named else None
     subject = talk.subject if isinstance(talk.subject, Actor) else None
     for actor in (subject, here, talk.topic, talk.last):
-        if actor is not None and (fits is None or actor.name in fits):
+        if actor is None or (many and not (actor.plural or actor.name in _PEOPLE)):
+            continue
+        if fits is None or actor.name in fits:
             return actor
+    if many:
+        return None
     if fits is not None:
         for actor in reversed(talk.world.actors[-REACH:]):
             if actor.name in fits:
@@ -230,6 +236,9 @@ def _referent(talk: Talk, pronoun: str) -> Actor | None:
 
 
 def read_relative(talk: Talk, index: int, hit: Hit) -> None:
+    if talk.words[hit.first] == "whose":
+        talk.subject, talk.near = SCENE, None  # the cyclist whose way is blocked
+        return
     previous = talk.hits[index - 1] if index > talk.start else None
     if (
         talk.near is not None

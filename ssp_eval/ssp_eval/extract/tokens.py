@@ -40,6 +40,7 @@ _FIXED = {
     **dict.fromkeys(("cannot", "cant", "dont", "doesnt", "isnt", "wont"), "not"),
     **dict.fromkeys(("i.e", "i.e.", "e.g", "e.g."), ","),
 }
+_OTHERS = frozenset({"he", "she", "it", "they", "that", "who", "which"})
 _OPENERS: tuple[list[str], ...] = ([], [":"], ["."], ["\n"])
 _DROPPED = ""
 _SINGLE = frozenset(',;:"=|')
@@ -140,6 +141,8 @@ def _fold(word: str) -> str:
     if word.endswith("n't"):
         return "not"
     stem, _, ending = word.partition("'")
+    if ending == "ll" and stem in _OTHERS:
+        return "will"
     return "would" if ending == "d" else stem
 
 
