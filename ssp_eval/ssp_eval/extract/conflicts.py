@@ -12,6 +12,7 @@ from ssp_eval.extract.world import Actor, Statement
 
 _ANYMORE = frozenset(phrases("anymore, more, longer"))
 _ITS = frozenset(phrases("it, he, she, they"))
+_CRASHING = frozenset(phrases("hitting, colliding, crashing, being, running, ramming"))
 _NONE = frozenset(phrases("none, no, nil, zero, negligible"))
 _DOUBTFUL = frozenset(phrases("may, might, could"))
 _SELF = frozenset(phrases("we, i, you, ego, what, one"))
@@ -29,6 +30,10 @@ def read_risk(talk: Talk, index: int, hit: Hit) -> None:
         return
     if _tabled(talk, hit):
         return
+    if talk.words[hit.stop - 1] != "of" and talk.words[hit.stop : hit.stop + 1] == ["of"]:
+        of = talk.words[hit.stop + 1 : hit.stop + 2]
+        if of and of[0].endswith("ing") and of[0] not in _CRASHING:
+            return  # the danger of frightening the animal
     settle = talk.hits[index + 1 : min(index + 4, talk.stop)]
     if any(one.kind is Kind.CONFLICT for one in settle):
         return
@@ -36,10 +41,13 @@ def read_risk(talk: Talk, index: int, hit: Hit) -> None:
     if flags & Scope.GONE and not flags & ~(Scope.GONE | _DENIABLE):
         value = "resolved"
         first = _back_to(talk, index, Kind.NO_LONGER)
+    elif not flags and "nothing" in talk.words[max(hit.first - 3, 0) : hit.first]:
+        value = "no_conflict"
+        first = talk.words.index("nothing", max(hit.first - 3, 0))
     elif flags & Scope.DENIED and not flags & ~_DENIABLE and not _modal(talk, index):
         first = _back_to(talk, index, Kind.NOT)
         value = "resolved" if _any_more(talk, first, hit) else "no_conflict"
-        beyond = talk.words[hit.first : hit.stop + 4]
+        beyond = talk.words[max(hit.first - 3, 0) : hit.stop + 4]
         if value == "no_conflict" and (talk.subject is SCENE or _SPECIFIC & set(beyond)):
             return
     elif not flags and hit.value != "alone" and _may(talk, index, hit):
@@ -196,8 +204,7 @@ def _threaten(talk: Talk, index: int, hit: Hit) -> None:
     if words[hit.first] not in _DOUBTFUL or talk.flags[index] or hit.stop >= len(words):
         return
     subject = talk.subject
-    previous = talk.hits[index - 1] if index > talk.start else None
-    if previous is not None and previous.kind is Kind.OBJECT and _general(words, previous):
+    if is_general(talk, index):
         return
     if subject is EGO and hazards.crashes(words, hit.stop):
         said = Statement("potential", hit.first, hit.stop + 1, talk.number)
@@ -216,9 +223,14 @@ def _threaten(talk: Talk, index: int, hit: Hit) -> None:
     actor.conflicts.append(Statement("potential", hit.first, stop, talk.number))
 
 
-def _general(words: list[str], hit: Hit) -> bool:
+def is_general(talk: Talk, modal: int) -> bool:
     """Cyclists may swerve: about all of them, not about one that is there."""
-    return not hit.form and words[hit.stop - 1].endswith("s")
+    noun = talk.hits[modal - 1] if modal > talk.start else None
+    if noun is None or noun.kind is not Kind.OBJECT or noun.form == "definite":
+        return False
+    other = noun.first > 0 and talk.words[noun.first - 1] == "other"
+    word = talk.words[noun.stop - 1]
+    return word.endswith("s") and not word.endswith("bus") and (not noun.form or other)
 
 
 def _might_be(talk: Talk, index: int, hit: Hit) -> int | None:

@@ -55,10 +55,12 @@ def _mark_quotes(
         first = hits[start - 1].stop if start else 0
         listing = listing and opens_item(words, first) and not _decides(hits, start, stop)
         opened = -1
+        off = False  # behind an empty box
         for index in range(start, stop):
             hit = hits[index]
             if hit.kind is Kind.QUOTE:
                 opener = index
+                off = hit.value == "off" or (off and hit.value != "on")
                 if (
                     opened < 0
                     and hit.value in ("options", "not")
@@ -73,7 +75,7 @@ def _mark_quotes(
                     quoted = True
             elif opened >= 0 and hit.kind in (Kind.FINAL, Kind.KEY):
                 opened = -1
-            optional = listing or opened >= 0
+            optional = listing or opened >= 0 or off
             if quoted or question or optional or _after_colon(hits, opener, index, start):
                 flags[index] |= QUOTED
         if opened >= 0:

@@ -27,7 +27,9 @@ def _value(words: list[str], at: int, hits: list[Hit]) -> int:
     """A value that stands alone between marks, as in ['STRAIGHT', 'MAINTAIN']."""
     before = words[at - 1] if at else "."
     joined = before == "and" and words[at] == "straight" and at > 1 and words[at - 2] in _PACED
-    if not (joined or before in MARKS) or (at + 1 < len(words) and words[at + 1] not in MARKS):
+    if not (joined or before in MARKS or before == "ticked") or (
+        at + 1 < len(words) and words[at + 1] not in MARKS
+    ):
         return 0
     hits.append(Hit(Kind.VERB, _BARE_VALUES[words[at]], "value", at, at + 1))
     return at + 1

@@ -310,6 +310,8 @@ KINDS: dict[Kind, Table] = {
             former plan, earlier decision, prior decision, prior action, old decision, history
             """
         ),
+        "off": phrases("unticked"),
+        "on": phrases("ticked"),
         # Also a denial of what stands before.
         "not": phrases(
             "not recommended, not advised, not chosen, not advisable, not an option, not selected"

@@ -20,7 +20,7 @@ _AFFECTING = phrases(
     intersects, effect on, effect to, effects on, impact on, influence on, danger to, danger for,
     threat to, threat for, risk to, risk for, hazard to, hazard for, harm, harming, overlap with,
     overlaps with, collides with, conflict for, harm to, trouble for, overlapping with,
-    problem for, issue for, come near, comes near, coming near, comes close to, come close to
+    problem for, issue for
     """
 )
 _US = phrases(
@@ -233,6 +233,8 @@ def threat(words: list[str], at: int) -> int | None:
     needed = _COMPLETED.get(word)
     after = words[here + 1] if here + 1 < count else ""
     if needed is not None and after not in needed:
+        return None
+    if word == "go" and after in ("yellow", "red", "green", "amber"):
         return None
     if word == "stop" and after in ("for", "to", "before", "in", "safely"):
         return None

@@ -18,7 +18,8 @@ def phrases(text: str) -> tuple[str, ...]:
 # Look like road users or actions and are none.
 SKIPPED = phrases(
     """
-    the next, for next, next seconds, next few seconds, until then, till then, at once,
+    release the brake, release the brakes, releasing the brake, releasing the brakes, off the
+    brake, off the brakes, brake pulse, brake pedal, the next, for next, next seconds, next few seconds, until then, till then, at once,
     all at once, as we are, as we do, than we are, than we do, as i am, than us, as us, like us,
     like we do, hazard lights, hazard light, hazard flashers, hazards on, hazard flasher,
     hazard signs, hazard warning lights, risk assessment, conflict zone, danger sign, danger zone,

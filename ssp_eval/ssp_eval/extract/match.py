@@ -432,7 +432,8 @@ def _key(words: list[str], colon: int, hits: list[Hit]) -> str:
         stop -= 1  # Critical object 1:
     for length in (4, 3, 2, 1):
         first = stop - length
-        if first < 0 or (first and words[first - 1] not in MARKS):
+        before = words[first - 1] if first > 0 else "."
+        if first < 0 or not (before in MARKS or "0" <= before[0] <= "9"):
             continue
         name = " ".join(words[first:stop])
         slot = _KEYS.get(name)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ssp_eval.extract import conflicts
 from ssp_eval.extract.hits import Hit, Kind
 from ssp_eval.extract.lexicon import phrases
 from ssp_eval.extract.motions import COMES_FROM, FINISHED_STANDING, INTRUSIONS, motion_of
@@ -77,7 +78,7 @@ def move(talk: Talk, index: int, hit: Hit) -> None:
         and (actor.mentions or actor is talk.world.loose)
     ):
         first = _modal_before(talk, index)
-        if first is not None and talk.words[first] in ("may", "might", "could"):
+        if first is not None and not _is_general(talk, first):
             said = Statement("potential", first, hit.stop, talk.number)
             actor.conflicts.append(said)
         return
@@ -128,6 +129,14 @@ def _auxiliary_word(talk: Talk, index: int) -> int:
         if talk.hits[before].kind is Kind.AUX:
             return talk.hits[before].first
     return talk.hits[index].first
+
+
+def _is_general(talk: Talk, word: int) -> bool:
+    """Whether a modal at a word doubts what is there: cyclists may swerve, it would."""
+    if talk.words[word] not in ("may", "might", "could"):
+        return True
+    hits = range(talk.start, talk.stop)
+    return any(talk.hits[at].first == word and conflicts.is_general(talk, at) for at in hits)
 
 
 def _modal_before(talk: Talk, index: int) -> int | None:

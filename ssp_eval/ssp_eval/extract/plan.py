@@ -155,6 +155,8 @@ class Planner:
         if previous is None:
             return not other
         if hit.form == "value":
+            if previous.kind is Kind.QUOTE and previous.value == "on":
+                return True
             sided = hit.value in ("change_left", "change_right")
             return previous.value in _ORDERS and not sided
         acts = hit.value in LON_ACTIONS or hit.value in LAT_ACTIONS or hit.value in STEERING
@@ -235,6 +237,8 @@ class Planner:
             return True
         for after in range(index + 1, min(index + REACH, self.stop)):
             one = self.hits[after]
+            if one.kind is Kind.NOT:
+                return True
             if one.kind in _CLAUSE_ENDS:
                 return False
             if one.kind is Kind.MODAL or (one.kind is Kind.AUX and one.form != "ing"):

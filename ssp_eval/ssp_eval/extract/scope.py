@@ -54,6 +54,9 @@ def scopes(words: list[str], hits: list[Hit], ranges: list[tuple[int, int]]) -> 
     return flags
 
 
+_OPEN = Scope.POSSIBLE | Scope.REJECTED  # one could also honk and keep the speed
+
+
 class _Sentence:
     """One pass over the hits of a sentence, with what is in force at each."""
 
@@ -238,6 +241,8 @@ class _Sentence:
         if value == "or":
             if index == self.start:
                 self.wide |= Scope.POSSIBLE  # Or change to the left queue.
+            elif self.verb is not None:  # it would go straight, or turn right
+                self.local |= self.flags[self.verb] & (Scope.POSSIBLE | Scope.REJECTED)
             return
         if value == "and":
             self._and(index)
@@ -259,7 +264,7 @@ class _Sentence:
         following = self.hits[after]
         if self.local & Scope.IMAGINED and self._only_noun(index):
             self.local &= ~Scope.IMAGINED
-        if following.kind is Kind.VERB and following.form == "base" and self.local & Scope.POSSIBLE:
+        if following.kind is Kind.VERB and following.form == "base" and self.local & _OPEN:
             return  # one could honk and keep the speed
         if following.kind is Kind.OBJECT and self.hits[index - 1].kind is Kind.OBJECT:
             return

@@ -33,9 +33,14 @@ _PLAIN = {
 # Alternatives are disjoint in their first character, except for the tag, whose length is bounded.
 _TOKEN = re.compile(
     r"(?:i\.e|e\.g)\b\.?|[a-z]+(?:'[a-z]+)*|[0-9]+(?:\.[0-9]+)*|</?[a-z_|]{1,24}>|[.!?]+|\n\s*"
-    r"|,+|;+|:+|\"+|=+|\|+|[()\[\]{}<>][()\[\]{}<> ]*|(?<=\s)[-*]+(?=\s)|[^\x00-\x7f]+"
+    r"|,+|;+|:+|\"+|=+|\|+|\[[x ]\]|[()\[\]{}<>][()\[\]{}<> ]*|(?<=\s)[-*]+(?=\s)|[^\x00-\x7f]+"
 )
 
+# Boxes of a form; what stands behind an empty one isn't said.
+_TICKS = {
+    **dict.fromkeys(("[ ]", "\u2610", "\u2b1c", "\u25a1", "\u274c", "\u2717"), "unticked"),
+    **dict.fromkeys(("[x]", "\u2611", "\u2705", "\u2714", "\u2713"), "ticked"),
+}
 _FIXED = {
     **dict.fromkeys(("cannot", "cant", "dont", "doesnt", "isnt", "wont"), "not"),
     **dict.fromkeys(("i.e", "i.e.", "e.g", "e.g."), ","),
@@ -155,6 +160,8 @@ def _mark(word: str) -> str:
         return QUESTION if "?" in word else SENTENCE_END
     if first == "\n" or (first == "<" and len(word) > 2 and word[-1] == ">"):
         return BREAK
+    if word in _TICKS or first in _TICKS:
+        return _TICKS.get(word) or _TICKS[first]
     if first in "()[]{}<>":
         return "[" if "[" in word or "]" in word else first
     return "," if first in "-*" else FOREIGN

@@ -72,7 +72,7 @@ VERBS: dict[str, tuple[str, ...]] = {
     "change": phrases(
         """
         change lane, change lanes, switch lane, switch lanes, change to, change into,
-        switch to, switch into, change over, switch over, lane change
+        switch to, switch into, change over, switch over
         """
     ),
     "move": phrases(
