@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from ssp_core.files import write_json, write_text
@@ -21,6 +21,7 @@ from ssp_eval.evaluate.cell_file import (
 from ssp_eval.evaluate.interpret import records_of
 from ssp_eval.evaluate.labelled import LabelledClip
 from ssp_eval.evaluate.model_spec import ModelSpec
+from ssp_eval.extract.llm import Extractor, make_extractor
 from ssp_eval.labels.model import labels_to_json
 from ssp_eval.records import record_to_json
 from ssp_eval.score import score_cell
@@ -35,12 +36,14 @@ class CellOptions:
         fresh: ask again even where an answer is stored.
         retry_errors: ask again at most this often after an error that may pass.
         retry_pause_s: before the first of these, s.
+        extractor: of the slots in the texts.
     """
 
     adapter: str = ""
     fresh: bool = False
     retry_errors: int = 0
     retry_pause_s: float = 1.0
+    extractor: Extractor = field(default_factory=make_extractor)
 
     @property
     def repeats(self) -> Repeats:
@@ -72,7 +75,9 @@ def evaluate_cell(
     folder = out / CELLS / f"{labelled.name}__{model.name}"
     folder.mkdir(parents=True, exist_ok=True)
     write_json(folder / LABELS_FILE, labels_to_json(labelled.labels))
-    place = CellPlace(folder, labelled, model, model.read_by(options.adapter))
+    options.extractor.counts.clear()
+    adapter = model.read_by(options.adapter)
+    place = CellPlace(folder, labelled, model, adapter, options.extractor)
     refusal = labelled.refusal
     if refusal is not None:
         for stale in (SCORE_FILE, RECORDS_FILE):
@@ -81,7 +86,7 @@ def evaluate_cell(
             on_record()
         return write_cell(place, "refused", [refusal])
     asked, ignored = ask_all(place, askers, out, options.repeats, on_record)
-    records = records_of(asked, place.adapter)
+    records = records_of(asked, place.adapter, options.extractor)
     write_text(folder / RECORDS_FILE, "".join(record_to_json(r) + "\n" for r in records))
     if not records:
         # Nothing came back at all: that says something about the bridge, not about the model.

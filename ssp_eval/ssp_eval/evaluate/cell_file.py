@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from ssp_eval.evaluate.asker import Ignored
 from ssp_eval.evaluate.labelled import LabelledClip
 from ssp_eval.evaluate.model_spec import ModelSpec
 from ssp_eval.evaluate.store import RAW_FILE, REQUESTS_FILE, Asked
-from ssp_eval.extract import extractor_hash
+from ssp_eval.extract.llm import Extractor, make_extractor
 from ssp_eval.score import DEFAULT
 from ssp_vla_bridge.core.response import Response
 
@@ -103,12 +103,14 @@ class CellPlace:
         labelled: clip and labels.
         model: who is asked.
         adapter: that reads the answers, with its mode.
+        extractor: of the slots; its counts are of this cell.
     """
 
     folder: Path
     labelled: LabelledClip
     model: ModelSpec
     adapter: str
+    extractor: Extractor = field(default_factory=make_extractor)
 
 
 def write_cell(
@@ -169,6 +171,7 @@ def write_cell(
         "interface": model.spoken.name,
         "preprocessing": asdict(model.rules),
         "adapter": place.adapter,
+        "extraction": place.extractor.describe(),
         "task_version": None if facts.run is None else facts.run.task_version,
         "hashes": {
             **_file_hashes(place.folder),
@@ -177,7 +180,7 @@ def write_cell(
             "question": sha256_json(asdict(labelled.clip.task)),
             "preprocessing": model.rules.sha256,
             "decoding": sha256_json(decodings),
-            "extractor": extractor_hash(),
+            "extractor": place.extractor.sha256,
             "thresholds": DEFAULT.sha256,
         },
         "software": f"ssp {__version__}",

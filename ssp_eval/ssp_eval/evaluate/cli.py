@@ -26,6 +26,7 @@ from ssp_eval.evaluate.model_spec import ModelSpec
 from ssp_eval.evaluate.models import attached_spec, bridge_spec, check_bridge, load_models
 from ssp_eval.evaluate.topic_asker import CONNECT_S
 from ssp_eval.evaluate.topics import TopicAskers
+from ssp_eval.extract.llm.options import extractor_of, llm_options
 
 _PATH = click.Path(path_type=Path)
 _WIDEST = 400
@@ -96,6 +97,7 @@ _COLUMNS = (("JOVR", "jovr"), ("Sem", "sem_acc_eff"), ("CIA", "cia_eff"), ("TQSR
     help="How often a question is repeated after a timeout, an overload or a bridge that died or "
     "can't be reached; other errors would come again.",
 )
+@llm_options("llm-")
 @click.option("--fresh", is_flag=True, help="Ask again even where an answer is stored.")
 @click.option("--json", "as_json", is_flag=True, help="One line per cell, for programs.")
 def evaluate(
@@ -113,6 +115,7 @@ def evaluate(
     retry_errors: int,
     fresh: bool,
     as_json: bool,
+    **llm: Any,
 ) -> int:
     """Replays BAGS through VLA bridges and scores the answers.
 
@@ -131,11 +134,12 @@ def evaluate(
     paired: list[tuple[Path, Path | None]] = [(bag, None) for bag in bags]
     if labels_files:
         paired = list(zip(bags, labels_files, strict=True))
+    extractor = extractor_of(**llm, default_cache=out / "extraction")
     results = evaluate_bags(
         paired,
         models,
         out,
-        CellOptions(adapter, fresh, retry_errors),
+        CellOptions(adapter, fresh, retry_errors, extractor=extractor),
         timeout_s,
         propose_labels,
         load_admissions(audits),
