@@ -18,11 +18,12 @@ def phrases(text: str) -> tuple[str, ...]:
 # Look like road users or actions and are none.
 SKIPPED = phrases(
     """
-    release the brake, release the brakes, releasing the brake, releasing the brakes, off the
-    brake, off the brakes, brake pulse, brake pedal, the next, for next, next seconds, next few seconds, until then, till then, at once,
-    all at once, as we are, as we do, than we are, than we do, as i am, than us, as us, like us,
-    like we do, hazard lights, hazard light, hazard flashers, hazards on, hazard flasher,
-    hazard signs, hazard warning lights, risk assessment, conflict zone, danger sign, danger zone,
+    release the brake, release the brakes, releasing the brake, releasing the brakes,
+    off the brake, off the brakes, brake pulse, brake pedal, the next, for next, next seconds,
+    next few seconds, until then, till then, at once, all at once, as we are, as we do,
+    than we are, than we do, as i am, than us, as us, like us, like we do, hazard lights,
+    hazard light, hazard flashers, hazards on, hazard flasher, hazard signs,
+    hazard warning lights, risk assessment, conflict zone, danger sign, danger zone,
     conflict point, hazard warning, either way, in either case, on either side, either side,
     stop arm, bicycle symbol, bike symbol, pedestrian sign, bicycle sign, cyclist sign,
     cycle crossing, red light runner, red light runners, taken from a vehicle, taken from a car,

@@ -10,6 +10,7 @@ from ssp_eval.extract.world import Actor, Statement
 # What somebody else does with these, in the words of motions.py.
 _DOES = {"waiting": "stationary", "overtaking": "same_direction", "following": "moving"}
 _GONE_ON = frozenset({"back", "into", "to", "through", "on", "onto", "over", "up", "down"})
+_DROPS = frozenset({"ignore", "ignoring", "skip", "disregard"})
 _CONFLICT_WORDS = {
     "potential": "potential",
     "possible": "potential",
@@ -52,6 +53,9 @@ def read_background(talk: Talk, index: int, hit: Hit) -> None:
         return
     if hit.value == "gone" and _GONE_ON & set(talk.words[hit.stop : hit.stop + 1]):
         return
+    if talk.words[hit.first] in _DROPS and hit.value == "":
+        talk.is_background = True  # ignore the truck
+        return
     actor = talk.subject if isinstance(talk.subject, Actor) else talk.near
     if actor is None and talk.named:
         actor = talk.named[-1][1]
@@ -68,6 +72,8 @@ def read_background(talk: Talk, index: int, hit: Hit) -> None:
 def read_matters(talk: Talk, index: int, hit: Hit) -> None:
     if hit.value == "by":
         talk.revealing = True  # hidden behind the van: the van matters
+        if isinstance(talk.subject, Actor) and not talk.flags[index]:
+            talk.subject.matters = True
         return
     if talk.flags[index]:
         return
