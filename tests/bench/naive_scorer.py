@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 from ssp_eval.labels.model import Label, Labels
@@ -186,7 +187,7 @@ def score(labels: Labels, records: Sequence[BehaviourRecord]) -> dict[str, Any]:
             defensive = lon in ("decelerate", "stop") and lon in label.lon_actions
             candidates.append((record.t_s, defensive))
     rsr, rl_s = 0, None
-    for (t0, first), (t1, second) in zip(candidates, candidates[1:], strict=False):
+    for (t0, first), (t1, second) in pairwise(candidates):
         if first and second and 0 < t1 - t0 <= 0.6 + EPS:
             rsr, rl_s = 1, max(0.0, t0 - onset)
             break

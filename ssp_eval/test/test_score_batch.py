@@ -1,0 +1,147 @@
+"""Three ways to the same scores (METHOD 6): per cell, all at once, and read aloud from METHOD."""
+
+import importlib.util
+import math
+import sys
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ssp_eval.labels.model import load_labels
+from ssp_eval.records import Slot, load_records
+from ssp_eval.score import Thresholds, score_cell
+from ssp_eval.score.batch import batch_terms, score_cells, score_columns
+from ssp_eval.score.encode import encode
+from ssp_eval.score.terms import RecordTerms, record_terms
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from score_inputs import any_labels, any_records
+
+TESTS = Path(__file__).parents[2] / "tests"
+GOLDEN = sorted(path.parent for path in (TESTS / "golden").glob("*/expected.json"))
+EXACT = ("n", "matched", "rsr", "denominators")
+
+cell = st.tuples(any_labels(), any_records())
+# Other thresholds than METHOD's, so that none of them stands in the formulas as a number.
+OTHERS = (
+    Thresholds(),
+    Thresholds(response_count=3, response_gap_s=0.4, match_window_s=0.2, soft_credit=0.25),
+    Thresholds(response_count=1, support_end_s=0.9, stop_speed_mps=1.5, accel_mps2=1.0),
+    Thresholds(lateral_shift_m=0.6, max_backward_m=5.0, max_speed_mps=50.0, max_accel_mps2=100.0),
+    Thresholds(max_lateral_speed_mps=50.0, tolerance=1e-6, weight_jovr=0.2, weight_rsr=0.0),
+)
+
+
+@pytest.fixture(scope="module")
+def naive():
+    """tests/bench/naive_scorer.py."""
+    path = TESTS / "bench" / "naive_scorer.py"
+    spec = importlib.util.spec_from_file_location("naive_scorer", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def same(first, second):
+    """Whether two score outputs agree to 1e-12 in every key of METHOD 6.14."""
+    assert list(first) == list(second)
+    for key, value in first.items():
+        if key in EXACT or value is None or second[key] is None:
+            assert value == second[key], key
+        else:
+            assert math.isclose(value, second[key], rel_tol=0, abs_tol=1e-12), key
+
+
+def same_terms(first, second):
+    for item in fields(RecordTerms):
+        one, other = getattr(first, item.name), getattr(second, item.name)
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-12, err_msg=item.name)
+
+
+@settings(max_examples=50, deadline=None)
+@given(cells=st.lists(cell, min_size=1, max_size=3), thresholds=st.sampled_from(OTHERS))
+def test_many_cells_at_once_score_what_each_scores_alone(cells, thresholds):
+    batch = score_cells(cells, thresholds)
+    assert len(batch) == len(cells)
+    for (labels, records), scores in zip(cells, batch, strict=True):
+        same(scores.to_json(), score_cell(labels, records, thresholds).to_json())
+
+
+@settings(max_examples=30, deadline=None)
+@given(cells=st.lists(cell, min_size=1, max_size=3), thresholds=st.sampled_from(OTHERS))
+def test_their_terms_are_the_same_too(cells, thresholds):
+    terms = batch_terms(encode(cells), thresholds)
+    for number, (labels, records) in enumerate(cells):
+        same_terms(terms.cell(number), record_terms(score_cell(labels, records, thresholds)))
+
+
+@settings(max_examples=50, deadline=None)
+@given(cell=cell)
+def test_both_agree_with_the_method_read_aloud(naive, cell):
+    same(score_cell(*cell).to_json(), naive.score(*cell))
+
+
+@pytest.mark.parametrize("case", GOLDEN, ids=lambda case: case.name)
+def test_golden_cases(case, naive):
+    labels = load_labels(case / "labels.json")
+    records = load_records(case / "records.jsonl")
+    expected = score_cell(labels, records)
+    same(score_cells([(labels, records)])[0].to_json(), expected.to_json())
+    same(naive.score(labels, records), expected.to_json())
+    same_terms(batch_terms(encode([(labels, records)])).cell(0), record_terms(expected))
+
+
+def golden_cells():
+    return [
+        (load_labels(case / "labels.json"), load_records(case / "records.jsonl")) for case in GOLDEN
+    ]
+
+
+@settings(max_examples=20, deadline=None)
+@given(order=st.permutations(range(len(GOLDEN))))
+def test_permuting_cells_permutes_their_scores(order):
+    cells = golden_cells()
+    scores = score_cells(cells)
+    assert score_cells([cells[i] for i in order]) == [scores[i] for i in order]
+
+
+def test_cells_that_share_their_labels():
+    (labels, records), (other, answers) = golden_cells()[:2]
+    cells = [(labels, records), (other, answers), (labels, ()), (labels, records), (other, ())]
+    assert score_cells(cells) == [score_cells([item])[0] for item in cells]
+
+
+def test_more_cells_than_a_block_of_the_encoder_holds():
+    cells = golden_cells()
+    assert score_cells(cells * 3) == score_cells(cells) * 3
+
+
+def test_columns_are_made_once_for_any_thresholds():
+    columns = encode(golden_cells())
+    for thresholds in OTHERS:
+        assert score_columns(columns, thresholds).cells() == score_cells(golden_cells(), thresholds)
+
+
+def test_no_cells_have_no_scores():
+    assert score_cells([]) == []
+
+
+def test_a_cell_without_labels_is_refused():
+    labels, records = golden_cells()[0]
+    with pytest.raises(ValueError, match="without labels"):
+        score_cells([(replace(labels, labels=()), records)])
+
+
+@pytest.mark.parametrize(
+    ("slot", "value"), [("position", "above"), ("objects", ("tram",)), ("objects", "car")]
+)
+def test_a_word_of_no_vocabulary_is_refused(slot, value):
+    labels, records = golden_cells()[0]
+    slots = replace(records[0].slots, **{slot: Slot(value, ((0, 1),))})
+    with pytest.raises(ValueError, match="isn't of the vocabulary"):
+        score_cells([(labels, [replace(records[0], slots=slots)])])
