@@ -37,7 +37,7 @@ def read_place(talk: Talk, index: int, hit: Hit) -> None:
     elif actor is None:
         if talk.subject is not EGO and _opens_clause(talk, index, hit):
             talk.pending.append(index)
-    elif talk.adjoins(index):
+    elif talk.adjoins(index) or (talk.named and talk.attached(index)):
         noun = talk.named[-1][0] if talk.named else index
         talk.put(actor, index, talk.flags[index] & talk.flags[noun])
     elif not (talk.flags[index] & _UNSURE or _finished(talk, index)):

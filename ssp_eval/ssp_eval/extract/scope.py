@@ -192,7 +192,17 @@ class _Sentence:
             local &= ~Scope.IMAGINED  # until the car has passed: it is there
         if local & (Scope.DENIED | Scope.POSSIBLE | Scope.GONE) and self._known(index):
             local &= ~(Scope.DENIED | Scope.POSSIBLE | Scope.GONE)
-        return local | self.wide
+        return local | (self.wide & ~Scope.IMAGINED if self._placed(index) else self.wide)
+
+    def _placed(self, index: int) -> bool:
+        """if the van on the right cuts in: whom a place points out is there."""
+        following = self.hits[index + 1] if index + 1 < self.stop else None
+        if self.hits[index].form != "definite" or following is None:
+            return False
+        beside = following.kind is Kind.PLACE or (
+            following.kind is Kind.SIDE and following.form == "at"
+        )
+        return beside and following.first == self.hits[index].stop
 
     def _known(self, index: int) -> bool:
         """Whether the object is only what is (not) acted upon: hit the car, affect the bus."""

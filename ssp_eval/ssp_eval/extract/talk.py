@@ -14,6 +14,7 @@ _FIRST = frozenset({Kind.OBJECT, Kind.PRONOUN, Kind.SCENE, Kind.VERB})
 CONNECTS = frozenset({Kind.AUX, Kind.JOIN, Kind.NOT, Kind.MODAL, Kind.THEN})
 # A noun's place or state stays true whatever is planned or ruled out about the noun.
 NOT_NOW = ~(Scope.READY | Scope.REJECTED | Scope.AHEAD | Scope.DENIED | Scope.POSSIBLE)
+_ATTACHED = frozenset({Kind.PLACE, Kind.SIDE, Kind.STATE, Kind.IN_LANE})
 
 
 class Talk:
@@ -135,9 +136,19 @@ class Talk:
                 return False
         return False
 
+    def attached(self, index: int) -> bool:
+        """Whether only places and a participle stand between: the bus rolling ahead."""
+        for before in range(index - 1, max(index - 4, self.start - 1), -1):
+            hit = self.hits[before]
+            if hit.kind is Kind.OBJECT:
+                return True
+            if hit.kind not in _ATTACHED and not (hit.kind is Kind.VERB and hit.form == "ing"):
+                return False
+        return False
+
     def flags_at(self, index: int) -> int:
         """What is in force at an attribute; at its noun's side it is as true as the noun is."""
-        if self.near is not None and self.named and self.adjoins(index):
+        if self.near is not None and self.named and self.attached(index):
             return self.flags[index] & self.flags[self.named[-1][0]]
         return self.flags[index]
 
