@@ -168,7 +168,9 @@ def _possibly(talk: Talk, index: int, hit: Hit) -> None:
 
 
 def read_in_lane(talk: Talk, index: int, hit: Hit) -> None:
-    if isinstance(talk.subject, Actor):
+    last = talk.planner.last
+    rides = last is not None and hit.value != "path" and index - last[0] <= 2
+    if isinstance(talk.subject, Actor) and not rides:
         if hit.value and not talk.flags[index]:
             talk.in_path = (talk.subject, index)
     elif (
@@ -181,7 +183,7 @@ def read_in_lane(talk: Talk, index: int, hit: Hit) -> None:
     ):
         talk.in_path = (talk.world.loose, index)
     else:
-        talk.planner.in_lane(index, hit, talk.subject is EGO or talk.subject is None)
+        talk.planner.in_lane(index, hit, rides or talk.subject is EGO or talk.subject is None)
 
 
 def read_modal(talk: Talk, index: int, hit: Hit) -> None:

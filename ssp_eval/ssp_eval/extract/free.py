@@ -48,7 +48,7 @@ def _settling(words: list[str], at: int, hits: list[Hit]) -> int:
     if over is None:
         return 0
     hits.append(Hit(Kind.CONFLICT, "resolved", "", at, over))
-    return over
+    return at + 1 if "with" in words[at:over] else over  # the conflict with the jogger is over
 
 
 def _verb(find: Callable[[list[str], int], tuple[str, str, int, int] | None]) -> Rule:

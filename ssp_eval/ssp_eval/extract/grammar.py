@@ -40,13 +40,14 @@ KINDS: dict[Kind, Table] = {
     Kind.CONDITION: {
         "if": phrases(
             """
-            if, in case, in the event, unless, when, whenever, once, assuming, suppose, supposing,
+            if, in the event, unless, when, whenever, once, assuming, suppose, supposing,
             should an, should any, should he, should she, should one of, should anybody,
             should anyone, should somebody, should someone, should another, should that,
             should this, should traffic, provided, as soon as, as long as, should the, should it,
             should a, should they, whether, were to, in the case of, hypothetically
             """
         ),
+        "case": phrases("in case, just in case"),
         "else": phrases("otherwise, or else"),
         "after": phrases("after, following which"),
         "until": phrases("until, till, before, by the time"),
@@ -75,7 +76,7 @@ KINDS: dict[Kind, Table] = {
     Kind.READY: {
         "": phrases(
             """
-            prepare to, preparing to, prepared to, ready to, be ready for, prepare
+            inclined to, tempted to, prepare to, preparing to, prepared to, ready to, be ready for, prepare
             for, preparing for, about to, trying to, tries to, try to, wishing to,
             signaling to, signalling to, in a position to,
             appears to, seems to, ready for, attempting to, looking to, able to, allowed

@@ -72,8 +72,14 @@ def settled(words: list[str], at: int) -> int | None:
     for back in words[max(at - 3, 0) : at]:
         if back in _UNSURE:
             return None
-    for here in range(at + 1, min(at + 2 + MAX_BETWEEN, len(words))):
+    partner = 0  # words of "with the jogger" may be any
+    for here in range(at + 1, min(at + 4 + MAX_BETWEEN, len(words))):
         word = words[here]
+        if partner and word not in _SETTLED:
+            partner -= 1
+            if word.isalpha():
+                continue
+        partner = 3 if word == "with" else partner
         if word in _SETTLED:
             after = words[here + 1] if here + 1 < len(words) else ""
             if word == "behind" and after != "us":

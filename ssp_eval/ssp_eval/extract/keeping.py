@@ -31,7 +31,7 @@ _OWN = frozenset(
     phrases(
         """
         my, our, your, the, its, a, both, own, ego, this, current, constant, steady, same,
-        present, existing, original, cruising, vehicle, through, initial, forward, set
+        up, present, existing, original, cruising, vehicle, through, initial, forward, set
         """
     )
 )

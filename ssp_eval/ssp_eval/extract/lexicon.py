@@ -18,7 +18,8 @@ def phrases(text: str) -> tuple[str, ...]:
 # Look like road users or actions and are none.
 SKIPPED = phrases(
     """
-    release the brake, release the brakes, releasing the brake, releasing the brakes,
+    it is necessary to, it is best to, it is advisable to, it is required to, it is appropriate
+    to, it is sensible to, it is safest to, release the brake, release the brakes, releasing the brake, releasing the brakes,
     off the brake, off the brakes, brake pulse, brake pedal, the next, for next, next seconds,
     next few seconds, until then, till then, at once, all at once, as we are, as we do,
     than we are, than we do, as i am, than us, as us, like us, like we do, hazard lights,

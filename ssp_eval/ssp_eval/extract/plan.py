@@ -21,10 +21,13 @@ _ADVISED = frozenset(
     phrases(
         """
         needed, required, necessary, right, best, appropriate, advisable, advised, called,
-        recommended, correct, chosen, sensible, due, indicated, planned, selected, warranted
+        recommended, safest, wise, only, reasonable, prudent, mandatory, essential, correct, chosen, sensible, due, indicated, planned, selected, warranted
         """
     )
 )
+_ADVISING = frozenset(phrases("recommend, suggest, propose, advise, favour, favor, prefer"))
+_FIRST_PERSON = frozenset(phrases("i, i'd"))
+_LIGHT = frozenset({Kind.MARK, Kind.PURPOSE})
 _KEPT_NOUNS = frozenset(phrases("speed, velocity, pace, lane, steering, wheel"))
 # The reason for braking: named, not chosen; but the intention of braking is one.
 _ABOUT = frozenset(phrases("for, of, about, from, than, like, between, against"))
@@ -170,6 +173,8 @@ class Planner:
         """A verb whose subject is the ego (``named``) or nobody: an order or a heading."""
         lateral = self._lateral(index, hit)
         longitudinal = LON_ACTIONS.get(hit.value)
+        if named and hit.value == "recede" and self._sets_off(hit):
+            longitudinal = "accelerate"
         if hit.form == "ed" or (hit.form == "s" and not named):
             return
         if (lateral is None and longitudinal is None) or self._gerund_subject(index):
@@ -200,6 +205,11 @@ class Planner:
         if self.first is None:
             self.first = index
 
+    def _sets_off(self, hit: Hit) -> bool:
+        """The ego pulls away, but not from somebody."""
+        after = self.words[hit.stop : hit.stop + 1]
+        return self.words[hit.first].startswith("pull") and after != ["from"]
+
     def _intends(self, index: int, flags: int, named: bool) -> bool:
         """The ego intends to slow down: of the ego an intention is the plan."""
         if flags != Scope.READY:
@@ -211,8 +221,12 @@ class Planner:
 
     def _would(self, index: int, flags: int) -> bool:
         """I'd brake: what the first person would do is what it advises."""
-        if flags != Scope.POSSIBLE or self.hits[index].form != "base":
+        hit = self.hits[index]
+        if flags != Scope.POSSIBLE or hit.form not in ("base", "ing"):
             return False
+        if hit.form == "ing":  # I would recommend slowing down
+            advised = self.words[hit.first - 1] in _ADVISING
+            return advised and not _FIRST_PERSON.isdisjoint(self.words[hit.first - 4 : hit.first])
         previous = self.hits[index - 1] if index > self.start else None
         if previous is None or previous.kind is not Kind.MODAL:
             return False
@@ -308,7 +322,9 @@ class Planner:
         if not own or hit.value == "path" or self.flags[index] or self.last is None:
             return
         last, first, _ = self.last
-        if index - last <= 3 and self.hits[last].value in LON_ACTIONS:
+        between = self.hits[last + 1 : index]
+        near = all(one.kind in _LIGHT for one in between[-2:]) or len(between) < 3
+        if len(between) < 5 and near and self.hits[last].value in LON_ACTIONS:
             self._commit("lat_action", "straight", first, hit.stop, True)
 
     def _commit(self, slot: str, value: str, first: int, stop: int, linked: bool) -> None:

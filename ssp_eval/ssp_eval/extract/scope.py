@@ -314,7 +314,7 @@ class _Sentence:
         opens = previous is None or previous.kind in (Kind.MARK, Kind.JOIN)
         trailing = self.verb is not None and (value == "needed" or not opens)
         following = self.hits[index + 1] if index + 1 < self.stop else None
-        if value == "else":
+        if value == "else" or (value == "case" and trailing):  # slow down in case he runs
             self.wide |= Scope.IMAGINED
             return
         if value == "after" and following is not None and following.form == "ing":

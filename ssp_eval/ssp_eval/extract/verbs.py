@@ -144,6 +144,12 @@ EXTRA_FORMS: dict[str, tuple[tuple[str, str], ...]] = {
         ("apply moderate braking", "base"),
     ),
     "reduce": (("speed reduction", "noun"),),
+    "keep_speed": (
+        ("no change of speed", "noun"),
+        ("no change in speed", "noun"),
+        ("without changing speed", "noun"),
+        ("no speed change", "noun"),
+    ),
     "stop": (("full stop", "noun"), ("complete stop", "noun"), ("emergency stop", "noun")),
     "accelerate": (("acceleration", "noun"),),
     "change": (("lane change", "noun"), ("lane changing", "noun")),
