@@ -34,7 +34,7 @@ _NO_TRAJECTORY = Trajectory((), (), ())
 _FAR = 1 << 62
 
 
-class _Codes(dict[object, int]):
+class Codes(dict[object, int]):
     """Words of a closed vocabulary to their codes; what it doesn't know it asks for once."""
 
     def __init__(self, vocabulary: Sequence[str], bits: bool) -> None:
@@ -50,9 +50,9 @@ class _Codes(dict[object, int]):
         return self[value]
 
 
-_ANSWER_CODES = tuple(_Codes(VOCABULARIES[name], name == "objects") for name in SLOT_NAMES)
+_ANSWER_CODES = tuple(Codes(VOCABULARIES[name], name == "objects") for name in SLOT_NAMES)
 _TRUTH_CODES = _ANSWER_CODES[:4]
-_LON, _LAT = _Codes(LON_ACTIONS, bits=True), _Codes(LAT_ACTIONS, bits=True)
+_LON, _LAT = Codes(LON_ACTIONS, bits=True), Codes(LAT_ACTIONS, bits=True)
 _label_fields = attrgetter(
     "t_s", "objects", "position", "motion", "conflict", "lon_actions", "lat_actions"
 )
@@ -127,7 +127,7 @@ def _labels(labels: Sequence[Label]) -> LabelColumns:
     )
 
 
-def _coded(codes: _Codes, values: Sequence[object]) -> Whole:
+def _coded(codes: Codes, values: Sequence[object]) -> Whole:
     return np.fromiter(map(codes.__getitem__, values), np.int64, len(values))
 
 
@@ -180,7 +180,7 @@ def _records(records: Sequence[BehaviourRecord], grids: _Grids) -> tuple[np.ndar
 
 
 def _answers(
-    column: Sequence[Slot | None], codes: _Codes, text_valid: Flags, length: Whole
+    column: Sequence[Slot | None], codes: Codes, text_valid: Flags, length: Whole
 ) -> Whole:
     """The codes of a slot's values where z = 1 (METHOD 5.3), else NOTHING."""
     slots = [_NO_SLOT if slot is None else slot for slot in column]
