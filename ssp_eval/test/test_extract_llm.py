@@ -4,119 +4,22 @@ from __future__ import annotations
 
 import inspect
 import json
-import socketserver
-import threading
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import replace
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from ssp_core.chat import OpenAIChat, Policy
 from ssp_core.cli import main
-from ssp_eval.evaluate.asker import Asker, DirectAskers, Ignored, Reply
-from ssp_eval.evaluate.campaign import run_campaign
-from ssp_eval.evaluate.cell import CellOptions
-from ssp_eval.evaluate.model_spec import ModelSpec
-from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.extract import extract, extractor_hash
 from ssp_eval.extract.llm import Extractor, make_extractor
 from ssp_eval.extract.llm.extractor import MAX_CHARACTERS, MAX_FAILURES
-from ssp_eval.extract.llm.judge import judge
 from ssp_eval.extract.llm.prompt import build_request, labels_of, prompt_hash
-from ssp_eval.extract.llm.reply import Proposal, read_reply
-from ssp_eval.records import SLOT_NAMES, VOCABULARIES, Slot, Slots, load_records
-from ssp_vla_bridge.core.request import Request
+from ssp_eval.records import SLOT_NAMES, VOCABULARIES
 
-TEXT = "A velomobile wobbles along up the road from us. We take the pace out."
-KEY = "sk-not-to-be-seen-anywhere"
+sys.path.insert(0, str(Path(__file__).parent))
 
-
-def one(label: str, quote: str) -> dict[str, str]:
-    return {"label": label, "quote": quote}
-
-
-GOOD = {
-    "objects": [one("cyclist", "velomobile")],
-    "motion": one("same_direction", "wobbles along"),
-    "position": one("front", "up the road from us"),
-    "conflict": None,
-    "lon_action": one("decelerate", "take the pace out"),
-    "lat_action": None,
-}
-
-
-def completion(content: Any, **choice: Any) -> bytes:
-    text = content if isinstance(content, str) else json.dumps(content)
-    message = {"role": "assistant", "content": text}
-    return json.dumps(
-        {"choices": [{"message": message, "finish_reason": "stop", **choice}]}
-    ).encode()
-
-
-class Server:
-    """A chat server; ``reply`` makes status and body of what was asked."""
-
-    def __init__(self, reply: Callable[[dict[str, Any]], tuple[int, bytes]]) -> None:
-        self.requests: list[dict[str, Any]] = []
-        self.released = threading.Event()
-        outer = self
-
-        class Handler(BaseHTTPRequestHandler):
-            def do_POST(self) -> None:
-                length = int(self.headers["Content-Length"])
-                request = json.loads(self.rfile.read(length))
-                outer.requests.append(request)
-                status, body = reply(request)
-                if status == 0:
-                    outer.released.wait(20.0)
-                    return
-                self.send_response(status)
-                self.send_header("Content-Length", str(len(body)))
-                self.end_headers()
-                self.wfile.write(body)
-
-            def log_message(self, *_: object) -> None:
-                pass
-
-        class Quiet(ThreadingHTTPServer):
-            daemon_threads = True
-
-            def handle_error(self, request: Any, client_address: Any) -> None:
-                socketserver.BaseServer.shutdown_request(self, request)
-
-        self._server = Quiet(("127.0.0.1", 0), Handler)
-        self.url = f"http://127.0.0.1:{self._server.server_address[1]}/v1"
-        threading.Thread(target=self._server.serve_forever, args=(0.01,), daemon=True).start()
-
-    def close(self) -> None:
-        self.released.set()
-        self._server.shutdown()
-        self._server.server_close()
-
-
-@contextmanager
-def serving(reply: Callable[[dict[str, Any]], tuple[int, bytes]]) -> Iterator[Server]:
-    server = Server(reply)
-    try:
-        yield server
-    finally:
-        server.close()
-
-
-def extractor(
-    url: str, cache: Path | None = None, model: str = "tested", timeout_s: float = 5.0,
-    use_schema: bool = True,
-) -> Extractor:  # fmt: skip
-    policy = Policy(timeout_s=timeout_s, tries=1)
-    return make_extractor(OpenAIChat(url, model, KEY, policy), cache, use_schema)
-
-
-def answering(content: Any) -> Callable[[dict[str, Any]], tuple[int, bytes]]:
-    return lambda _: (200, completion(content))
+from llm_server import GOOD, KEY, TEXT, answering, completion, extractor, one, serving
 
 
 def test_a_good_answer_fills_what_the_rules_left_empty() -> None:
@@ -319,80 +222,6 @@ def test_orders_in_the_text_get_only_what_its_words_support() -> None:
     assert "grader" not in server.requests[0]["messages"][0]["content"]
 
 
-# What the rules can't read by themselves, in places where it counts and where it doesn't.
-@pytest.mark.parametrize(
-    ("text", "slot", "label", "quote", "stands"),
-    [
-        ("We throttle the pace.", "lon_action", "decelerate", "throttle the pace", True),
-        ("Plan: throttle the pace.", "lon_action", "decelerate", "throttle the pace", True),
-        ("We will throttle the pace.", "lon_action", "decelerate", "throttle the pace", True),
-        ("If it rains, we throttle the pace.", "lon_action", "decelerate", "throttle the pace",
-         False),
-        ("We do not throttle the pace.", "lon_action", "decelerate", "throttle the pace", False),
-        ("We do not throttle the pace.", "lon_action", "decelerate", "do not throttle the pace",
-         False),
-        ("We could throttle the pace.", "lon_action", "decelerate", "throttle the pace", False),
-        ("Question: should we throttle the pace?", "lon_action", "decelerate",
-         "throttle the pace", False),
-        ("Rather than throttle the pace, we wait and see.", "lon_action", "decelerate",
-         "throttle the pace", False),
-        ("The truck throttles its pace.", "lon_action", "decelerate", "throttles its pace", False),
-        ("If it rains, throttle the pace. It is dry: we throttle the pace.", "lon_action",
-         "decelerate", "throttle the pace", True),
-        ("We hug the lane centre stripe.", "lat_action", "straight", "hug the lane centre stripe",
-         True),
-        ("A truck is wheezing along.", "motion", "same_direction", "wheezing along", True),
-        ("A truck may be wheezing along.", "motion", "same_direction", "wheezing along", False),
-        ("A truck might wheeze along.", "motion", "same_direction", "wheeze along", False),
-        ("The truck might flatten us.", "conflict", "potential", "might flatten us", True),
-        ("The truck flattens its springs.", "conflict", "potential", "flattens its springs", False),
-        ("The truck might flatten us.", "conflict", "active", "flatten us", False),
-        ("A truck is here. It is not our concern.", "conflict", "no_conflict", "not our concern",
-         True),
-        ("A truck is here. It is not our concern.", "conflict", "no_conflict", "our concern",
-         False),
-        ("Not a soul is about.", "objects", "nobody", "Not a soul", True),
-        ("If a velomobile appeared, we would see it.", "objects", "cyclist", "velomobile", False),
-        ("We accelerate gently.", "lon_action", "decelerate", "accelerate gently", False),
-        ("We throttle the pace.", "lat_action", "left", "throttle the pace", False),
-        ("We shimmy leftwards.", "lat_action", "left", "shimmy leftwards", True),
-        ("A bus is here.", "objects", "car", "bus", False),
-        ("A truck is behind us.", "position", "front", "behind us", False),
-        ("A truck is wheezing across.", "motion", "crossing_from_left", "wheezing across", False),
-        ("A truck is wheezing across from the left.", "motion", "crossing_from_left",
-         "wheezing across", True),
-        ("A velomobile is here.", "objects", "cyclist", "velomobile", True),
-    ],
-)  # fmt: skip
-def test_scope_and_binding_hold_for_quotes(
-    text: str, slot: str, label: str, quote: str, stands: bool
-) -> None:
-    judged = judge(text, Slots(), [Proposal(slot, label, quote)])
-    taken = judged.slots.get(slot)
-    assert (taken is not None) == stands, judged
-    if taken is not None:
-        value = () if label == "nobody" else (label,) if slot == "objects" else label
-        start = text.rfind(quote)
-        assert taken == Slot(value, ((start, start + len(quote)),))
-
-
-def test_several_objects_and_a_second_answer() -> None:
-    text = "A velomobile and a rickshaw puller are here, rolling side by side."
-    proposals = [
-        Proposal("objects", "cyclist", "velomobile"),
-        Proposal("objects", "pedestrian", "rickshaw puller"),
-    ]
-    judged = judge(text, Slots(), proposals)
-    assert judged.slots["objects"].value == ("cyclist", "pedestrian")
-    twice = [
-        Proposal("lon_action", "decelerate", "throttle the pace"),
-        Proposal("lon_action", "stop", "throttle the pace"),
-    ]
-    judged = judge("We throttle the pace.", Slots(), twice)
-    assert judged.slots["lon_action"].value == "decelerate"
-    assert judged.dropped == ("lon_action: a second answer",)
-
-
 def test_the_hash_names_rules_model_and_prompt() -> None:
     url = "http://127.0.0.1:9/v1"
     assert make_extractor().sha256 == extractor_hash()
@@ -408,13 +237,6 @@ def test_the_hash_names_rules_model_and_prompt() -> None:
     assert told["model"] == "tested"
     assert told["prompt_and_parameters"] == prompt_hash()
     assert make_extractor().describe()["llm"] is None
-
-
-@pytest.mark.parametrize("asked", [SLOT_NAMES, ("motion",)])
-def test_a_fence_of_code_is_taken_off(asked: tuple[str, ...]) -> None:
-    reply = read_reply("```json\n" + json.dumps(GOOD) + "\n```", asked)
-    assert {item.slot for item in reply.items} <= set(asked)
-    assert any(item.slot == "motion" for item in reply.items)
 
 
 def test_the_command(
@@ -441,56 +263,3 @@ def test_the_command(
     monkeypatch.delenv("TEST_LLM_KEY")
     assert main(given) == 1
     assert "TEST_LLM_KEY" in capsys.readouterr().err
-
-
-class Worded:
-    """A model that drives as constant_velocity does, and says TEXT."""
-
-    def asker(self, model: ModelSpec, options: Mapping[str, Any]) -> Asker:
-        self.inner = DirectAskers().asker(model, options)
-        return self
-
-    @property
-    def ignored(self) -> Ignored:
-        return Ignored()
-
-    def ask(self, request: Request) -> Reply:
-        reply = self.inner.ask(request)
-        assert reply.response is not None
-        return replace(reply, response=replace(reply.response, text=TEXT))
-
-
-def test_a_campaign_says_what_the_llm_did_and_asks_once_for_a_text(
-    make_bag: Callable[..., Path], tmp_path: Path
-) -> None:
-    bag, out = make_bag(), tmp_path / "out"
-    models = [bridge_spec("constant_velocity")]
-
-    def run(asked: Extractor) -> tuple[dict[str, Any], bytes]:
-        options = CellOptions(extractor=asked)
-        (result,) = run_campaign([(bag, None)], models, Worded(), out, options, True)
-        assert result.status == "ok"
-        cell = json.loads((result.folder / "cell.json").read_text())
-        return cell, (result.folder / "records.jsonl").read_bytes()
-
-    plain, without = run(make_extractor())
-    assert plain["hashes"]["extractor"] == extractor_hash()
-    assert plain["extraction"]["llm"] is None
-    with serving(answering(GOOD)) as server:
-        asked = extractor(server.url, tmp_path / "kept")
-        cell, first = run(asked)
-        again, second = run(extractor(server.url, tmp_path / "kept"))
-        assert len(server.requests) == 1  # every answer has the same text
-    assert cell["hashes"]["extractor"] == asked.sha256 != extractor_hash()
-    assert cell["extraction"]["llm"]["counts"]["asked"] == 1
-    assert again["extraction"]["llm"]["counts"]["asked"] == 0
-    assert second == first != without
-    for record in load_records(out / "cells" / cell_name(out) / "records.jsonl"):
-        assert record.slots.motion is not None
-        assert record.adapter is not None
-        assert any("slots by the LLM" in note for note in record.adapter["notes"])
-
-
-def cell_name(out: Path) -> str:
-    (folder,) = (out / "cells").iterdir()
-    return folder.name

@@ -1,0 +1,77 @@
+"""A campaign whose slots come from rules and an LLM."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from ssp_eval.evaluate.asker import Asker, DirectAskers, Ignored, Reply
+from ssp_eval.evaluate.campaign import run_campaign
+from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.model_spec import ModelSpec
+from ssp_eval.evaluate.models import bridge_spec
+from ssp_eval.extract import extractor_hash
+from ssp_eval.extract.llm import Extractor, make_extractor
+from ssp_eval.records import load_records
+from ssp_vla_bridge.core.request import Request
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from llm_server import GOOD, TEXT, answering, extractor, serving
+
+
+class Worded:
+    """A model that drives as constant_velocity does, and says TEXT."""
+
+    def asker(self, model: ModelSpec, options: Mapping[str, Any]) -> Asker:
+        self.inner = DirectAskers().asker(model, options)
+        return self
+
+    @property
+    def ignored(self) -> Ignored:
+        return Ignored()
+
+    def ask(self, request: Request) -> Reply:
+        reply = self.inner.ask(request)
+        assert reply.response is not None
+        return replace(reply, response=replace(reply.response, text=TEXT))
+
+
+def test_a_campaign_says_what_the_llm_did_and_asks_once_for_a_text(
+    make_bag: Callable[..., Path], tmp_path: Path
+) -> None:
+    bag, out = make_bag(), tmp_path / "out"
+    models = [bridge_spec("constant_velocity")]
+
+    def run(asked: Extractor) -> tuple[dict[str, Any], bytes]:
+        options = CellOptions(extractor=asked)
+        (result,) = run_campaign([(bag, None)], models, Worded(), out, options, True)
+        assert result.status == "ok"
+        cell = json.loads((result.folder / "cell.json").read_text())
+        return cell, (result.folder / "records.jsonl").read_bytes()
+
+    plain, without = run(make_extractor())
+    assert plain["hashes"]["extractor"] == extractor_hash()
+    assert plain["extraction"]["llm"] is None
+    with serving(answering(GOOD)) as server:
+        asked = extractor(server.url, tmp_path / "kept")
+        cell, first = run(asked)
+        again, second = run(extractor(server.url, tmp_path / "kept"))
+        assert len(server.requests) == 1  # every answer has the same text
+    assert cell["hashes"]["extractor"] == asked.sha256 != extractor_hash()
+    assert cell["extraction"]["llm"]["counts"]["asked"] == 1
+    assert again["extraction"]["llm"]["counts"]["asked"] == 0
+    assert second == first != without
+    for record in load_records(out / "cells" / cell_name(out) / "records.jsonl"):
+        assert record.slots.motion is not None
+        assert record.adapter is not None
+        assert any("slots by the LLM" in note for note in record.adapter["notes"])
+
+
+def cell_name(out: Path) -> str:
+    (folder,) = (out / "cells").iterdir()
+    return folder.name
