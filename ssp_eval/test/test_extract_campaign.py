@@ -9,6 +9,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import pytest
+
+from ssp_core.cli import main
 from ssp_eval.evaluate.asker import Asker, DirectAskers, Ignored, Reply
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
@@ -39,6 +42,18 @@ class Worded:
         reply = self.inner.ask(request)
         assert reply.response is not None
         return replace(reply, response=replace(reply.response, text=TEXT))
+
+
+@pytest.mark.parametrize(
+    "given", [["--llm", "m"], ["--llm-base-url", "http://localhost:1/v1"], ["--llm-cache", "kept"]]
+)
+def test_the_options_of_a_campaign_belong_together(
+    given: list[str], make_bag: Callable[..., Path], tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    command = ["evaluate", str(make_bag()), "--bridge", "constant_velocity", "--out", str(out)]
+    assert main([*command, *given]) == 2
+    assert not out.exists()
 
 
 def test_a_campaign_says_what_the_llm_did_and_asks_once_for_a_text(

@@ -6,6 +6,8 @@ import ast
 import inspect
 import json
 import random
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -62,6 +64,17 @@ def test_nothing_that_knows_labels_is_imported() -> None:
     for path in modules:
         known = {name for name in imports(path) if name.startswith(FORBIDDEN)}
         assert not known, f"{path.relative_to(FOLDER)} imports {known}"
+
+
+def test_nothing_that_knows_labels_is_imported_by_what_is_imported() -> None:
+    code = "import ssp_eval.extract, ssp_eval.extract.llm, sys; print('\\n'.join(sys.modules))"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True
+    )
+    loaded = done.stdout.splitlines()
+    assert "ssp_eval.extract.reader" in loaded
+    known = ("ssp_eval.labels", "ssp_eval.score", "ssp_eval.evaluate", "ssp_eval.audit")
+    assert not [name for name in loaded if name.startswith(known)]
 
 
 def test_only_the_measure_and_the_review_read_slots_that_people_gave() -> None:
