@@ -1,0 +1,221 @@
+"""Bootstrap intervals of the scores: over records, over runs, and over cells."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+
+import numpy as np
+
+from ssp_eval.analysis.drawn import resampled_scores
+from ssp_eval.analysis.resample import (
+    NO_INTERVAL,
+    Interval,
+    Numbers,
+    bca_interval,
+    draws,
+    generator,
+    percentile_interval,
+    weighted_sums,
+)
+from ssp_eval.analysis.row import CellRow
+from ssp_eval.score.aggregate import METRICS, mean
+from ssp_eval.score.terms import RecordTerms
+
+RESAMPLES = 10_000
+SEED = 20_260_101
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A score with its intervals.
+
+    Args:
+        value: unrounded, null as None.
+        n: how many items were drawn from: labels, runs or cells.
+        percentile, bca: 95 % intervals.
+        bias: mean of the resamples less the value.
+        null_share: resamples in which the score has no denominator.
+    """
+
+    value: float | None
+    n: int
+    percentile: Interval = NO_INTERVAL
+    bca: Interval = NO_INTERVAL
+    bias: float | None = None
+    null_share: float = 0.0
+
+
+def cell_estimates(terms: RecordTerms, samples: Mapping[str, Numbers]) -> dict[str, Estimate]:
+    """Intervals of a cell's scores over its records.
+
+    Args:
+        terms: of the cell.
+        samples: resampled_scores.
+    """
+    n = len(terms)
+    values = resampled_scores(terms, np.ones((1, n)))
+    left_out = resampled_scores(terms, 1.0 - np.eye(n)) if n > 1 else None
+    return {
+        metric: _estimate(
+            samples[metric],
+            _nullable(values[metric][0]),
+            n,
+            np.array([]) if left_out is None else left_out[metric],
+        )
+        for metric in METRICS
+    }
+
+
+def _nullable(value: float) -> float | None:
+    return None if np.isnan(value) else float(value)
+
+
+def _estimate(
+    samples: Numbers, value: float | None, n: int, jackknife: Numbers | None = None
+) -> Estimate:
+    if value is None or n < 2:
+        return Estimate(value, n)
+    null_share = float(np.isnan(samples).mean())
+    bca = NO_INTERVAL if jackknife is None else bca_interval(samples, value, jackknife)
+    bias = float(np.nanmean(samples) - value) if null_share < 1.0 else None
+    return Estimate(value, n, percentile_interval(samples), bca, bias, null_share)
+
+
+Group = tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Bootstrap:
+    """Intervals over records: of each cell, and of the means of groups of cells.
+
+    Args:
+        cells: by scenario, domain, model and run, then by metric.
+        groups: by grouping (such as ``("model",)``) and its values, then by metric; n counts
+            cells.
+    """
+
+    cells: dict[tuple[str, ...], dict[str, Estimate]]
+    groups: dict[Group, dict[Group, dict[str, Estimate]]]
+
+
+def bootstrap_records(
+    cells: Sequence[tuple[CellRow, RecordTerms]],
+    groupings: Sequence[Group],
+    resamples: int = RESAMPLES,
+    seed: int = SEED,
+    on_cell: Callable[[], None] = lambda: None,
+) -> Bootstrap:
+    """Resamples the labels of every cell, each cell by itself, and averages the cells.
+
+    Args:
+        cells: those that enter means, with their terms; the runs of a cell are averaged before
+            it enters a group.
+        groupings: see ssp_eval.score.aggregate; one that has the domain leaves out what isn't
+            admitted.
+        resamples: how many.
+        seed: of the random numbers; the order of the cells makes no difference.
+        on_cell: called once per cell.
+    """
+    found: dict[tuple[str, ...], dict[str, Estimate]] = {}
+    sums = {by: _GroupSums(by, resamples) for by in groupings}
+    in_order = sorted(cells, key=lambda one: (*one[0].key, one[0].run))
+    for key, group in groupby(in_order, key=lambda one: one[0].key):
+        runs = []
+        rows = []
+        for row, terms in group:
+            rng = generator(seed, "records", *key, row.run)
+            samples = resampled_scores(terms, draws(len(terms), resamples, rng))
+            estimates = cell_estimates(terms, samples)
+            found[(*key, row.run)] = estimates
+            runs.append((samples, estimates))
+            rows.append(row)
+            on_cell()
+        for total in sums.values():
+            total.add(rows, *_over_runs(runs))
+    return Bootstrap(found, {by: total.estimates() for by, total in sums.items()})
+
+
+def _over_runs(
+    runs: Sequence[tuple[Mapping[str, Numbers], Mapping[str, Estimate]]],
+) -> tuple[Mapping[str, Numbers], dict[str, float | None]]:
+    """Samples and scores of a cell: those of its one run, or the means over its runs."""
+    values = {m: mean(estimates[m].value for _, estimates in runs).value for m in METRICS}
+    if len(runs) == 1:
+        return runs[0][0], values
+    averaged = {}
+    for metric in METRICS:
+        stacked = np.stack([samples[metric] for samples, _ in runs])
+        there = (~np.isnan(stacked)).sum(0)
+        averaged[metric] = np.full(stacked.shape[1], np.nan)
+        np.divide(np.nansum(stacked, 0), there, out=averaged[metric], where=there > 0)
+    return averaged, values
+
+
+class _GroupSums:
+    """Sums over the cells of each group, resample by resample, so that none need be kept."""
+
+    def __init__(self, by: Group, resamples: int) -> None:
+        self._by, self._resamples = by, resamples
+        self._sums: dict[Group, Numbers] = {}
+        self._counts: dict[Group, Numbers] = {}
+        self._values: dict[Group, list[list[float]]] = {}
+
+    def add(
+        self,
+        runs: Sequence[CellRow],
+        samples: Mapping[str, Numbers],
+        scores: Mapping[str, float | None],
+    ) -> None:
+        if "domain" in self._by and not all(row.admitted for row in runs):
+            return
+        key = tuple(getattr(runs[0], name) for name in self._by)
+        shape = (len(METRICS), self._resamples)
+        total = self._sums.setdefault(key, np.zeros(shape))
+        count = self._counts.setdefault(key, np.zeros(shape))
+        values = self._values.setdefault(key, [[] for _ in METRICS])
+        for i, metric in enumerate(METRICS):
+            there = ~np.isnan(samples[metric])
+            total[i] += np.where(there, samples[metric], 0.0)
+            count[i] += there
+            if (value := scores[metric]) is not None:
+                values[i].append(value)
+
+    def estimates(self) -> dict[Group, dict[str, Estimate]]:
+        found: dict[Group, dict[str, Estimate]] = {}
+        for key in sorted(self._sums):
+            means = np.full_like(self._sums[key], np.nan)
+            np.divide(self._sums[key], self._counts[key], out=means, where=self._counts[key] > 0)
+            found[key] = {}
+            for i, metric in enumerate(METRICS):
+                over = mean(self._values[key][i])
+                found[key][metric] = _group_estimate(means[i], over.value, over.n)
+        return found
+
+
+def _group_estimate(samples: Numbers, value: float | None, n: int) -> Estimate:
+    if value is None:
+        return Estimate(None, n)
+    null_share = float(np.isnan(samples).mean())
+    bias = float(np.nanmean(samples) - value) if null_share < 1.0 else None
+    return Estimate(value, n, percentile_interval(samples), NO_INTERVAL, bias, null_share)
+
+
+def bootstrap_mean(
+    values: Sequence[float], resamples: int = RESAMPLES, seed: int = SEED, *names: str
+) -> Estimate:
+    """The mean of values (of runs or of cells) with its intervals; none of fewer than two.
+
+    Args:
+        values: their order makes no difference.
+        resamples: how many.
+        seed, names: see generator.
+    """
+    ordered = np.sort(np.array(values, dtype=np.float64))
+    n = len(ordered)
+    if n < 2:
+        return Estimate(float(ordered[0]) if n else None, n)
+    samples = weighted_sums(draws(n, resamples, generator(seed, *names)), ordered[:, None])[0] / n
+    total = ordered.sum()
+    return _estimate(samples, float(total / n), n, (total - ordered) / (n - 1))

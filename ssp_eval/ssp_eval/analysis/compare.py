@@ -1,0 +1,164 @@
+"""Paired comparisons between domains and between models, with Holm's correction.
+
+Two domains are compared on the same scenarios and models, two models on the same scenarios and
+domains. Under the null hypothesis the sign of each difference is as likely + as −, so the
+distribution of the mean difference follows from flipping signs.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+from scipy.special import stdtrit  # type: ignore[import-untyped]  # scipy has no types
+
+from ssp_eval.analysis.resample import LEVEL, NO_INTERVAL, Interval, Numbers, generator
+from ssp_eval.analysis.row import CellRow
+from ssp_eval.analysis.tables import in_order, sd
+
+COMPARED = ("ivcs", "jovr", "sem_acc_eff", "cia_eff", "tqsr", "rsr")
+TESTED = "ivcs"
+# All 2^n signs are tried up to here.
+EXACT_PAIRS = 16
+FLIPS = 20_000
+# Sums that differ by less are equal: what is left is rounding.
+_EQUAL = 1e-12
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Two domains or two models by one metric.
+
+    Args:
+        subject: ``domain`` or ``model``.
+        first, second: the two; differences are first less second.
+        metric: of METHOD 6.14.
+        n: pairs, scenario × the other factor.
+        difference: mean of the differences; None without a pair.
+        interval: of Student's t over the pairs, 95 %; none of fewer than two.
+        standardised: the mean over the standard deviation of the differences (d_z).
+        favour: share of pairs in which the first one is ahead, equal ones half.
+        p: two-sided, of the sign flips; None where it isn't tested or n < 2.
+        p_holm: the same after Holm's correction over the family.
+        p_least: the least that p can be with so many pairs; None where p is.
+        family: number of comparisons that are corrected together.
+        exact: all signs were tried; else drawn at random.
+    """
+
+    subject: str
+    first: str
+    second: str
+    metric: str
+    n: int
+    difference: float | None
+    interval: Interval = NO_INTERVAL
+    standardised: float | None = None
+    favour: float | None = None
+    p: float | None = None
+    p_holm: float | None = None
+    p_least: float | None = None
+    family: int = 0
+    exact: bool = True
+
+
+def compare(rows: Sequence[CellRow], subject: str, seed: int) -> list[Comparison]:
+    """Every pair of domains or of models; IVCS is tested, its components are described.
+
+    Args:
+        rows: that enter means, one per cell; where domains are compared, only those that were
+            admitted count, since the audit alone says that they show the same event.
+        subject: ``domain`` or ``model``.
+        seed: of the signs, where there are too many to try all.
+    """
+    kept = [row for row in rows if row.admitted or subject != "domain"]
+    values: dict[str, dict[tuple[str, str], CellRow]] = {}
+    for row in kept:
+        other = row.model if subject == "domain" else row.domain
+        values.setdefault(getattr(row, subject), {})[(row.scenario, other)] = row
+    names = sorted(values, key=lambda name: in_order([name]))
+    found = [
+        _comparison(subject, first, second, metric, values, seed)
+        for metric in COMPARED
+        for first, second in combinations(names, 2)
+    ]
+    return holm(found)
+
+
+def _comparison(
+    subject: str,
+    first: str,
+    second: str,
+    metric: str,
+    values: Mapping[str, Mapping[tuple[str, str], CellRow]],
+    seed: int,
+) -> Comparison:
+    differences = []
+    for place in sorted(values[first].keys() & values[second].keys()):
+        a, b = getattr(values[first][place], metric), getattr(values[second][place], metric)
+        if a is not None and b is not None:
+            differences.append(a - b)
+    n = len(differences)
+    if n == 0:
+        return Comparison(subject, first, second, metric, 0, None)
+    mean, spread = math.fsum(differences) / n, sd(differences)
+    ahead = sum(0.5 if abs(d) <= _EQUAL else float(d > 0) for d in differences) / n
+    found = Comparison(
+        subject, first, second, metric, n, mean, t_interval(differences),
+        mean / spread if spread is not None and spread > _EQUAL else None, ahead,
+    )  # fmt: skip
+    if metric != TESTED or n < 2:
+        return found
+    exact = n <= EXACT_PAIRS
+    rng = generator(seed, "signs", subject, first, second, metric)
+    p = sign_flip_p(np.array(differences), None if exact else rng)
+    least = 2.0 ** (1 - n) if exact else 1 / (FLIPS + 1)
+    return replace(found, p=p, p_least=least, exact=exact)
+
+
+def t_interval(values: Sequence[float], level: float = LEVEL) -> Interval:
+    """Student's interval of the mean of a sample; none of fewer than two values."""
+    n, spread = len(values), sd(values)
+    if spread is None:
+        return NO_INTERVAL
+    mean = math.fsum(values) / n
+    half = float(stdtrit(n - 1, (1 + level) / 2)) * spread / math.sqrt(n)
+    return Interval(mean - half, mean + half)
+
+
+def sign_flip_p(differences: Numbers, rng: np.random.Generator | None = None) -> float:
+    """Two-sided p of the mean under random signs.
+
+    p = share of sign patterns whose |sum| is at least that observed. With random numbers,
+    (1 + those as large) / (1 + patterns drawn), so that it is never 0.
+
+    Args:
+        differences: at least one.
+        rng: None tries all 2^n patterns.
+    """
+    n = len(differences)
+    observed = abs(math.fsum(differences)) - _EQUAL
+    if rng is None:
+        sums = np.zeros(1)
+        for value in differences:
+            sums = np.concatenate((sums + value, sums - value))
+        return float(np.mean(np.abs(sums) >= observed))
+    signs = rng.integers(0, 2, size=(FLIPS, n)) * 2.0 - 1.0
+    as_large = int(np.sum(np.abs(np.sum(signs * differences, axis=1)) >= observed))
+    return (1 + as_large) / (1 + FLIPS)
+
+
+def holm(comparisons: Sequence[Comparison]) -> list[Comparison]:
+    """Adds Holm's step-down correction over all comparisons that have a p.
+
+    The k-th least p is multiplied by m − k + 1, and none is less than one before it.
+    """
+    tested = [i for i, one in enumerate(comparisons) if one.p is not None]
+    found = list(comparisons)
+    reached = 0.0
+    for step, i in enumerate(sorted(tested, key=lambda i: comparisons[i].p or 0.0)):
+        reached = max(reached, min(1.0, (comparisons[i].p or 0.0) * (len(tested) - step)))
+        found[i] = replace(found[i], p_holm=reached, family=len(tested))
+    return found

@@ -1,0 +1,113 @@
+"""The one form that every table has before it becomes CSV, LaTeX, JSON or HTML."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from ssp_eval.score.aggregate import Mean
+from ssp_eval.score.show import DISCLAIMER, NULL, format_response
+
+# text: words; count: a whole number; ratio: three decimals; seconds: two decimals and a unit in
+# the title; change: a relative difference, shown in percent; billions: parameters; p: a p-value.
+Kind = Literal["text", "count", "ratio", "seconds", "change", "billions", "response", "p"]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A risk response (METHOD 6.9): rsr is 1 or 0, rl_s the latency in s, None without one."""
+
+    rsr: float | None
+    rl_s: float | None
+
+
+Value = str | int | float | Mean | Outcome | None
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column.
+
+    Args:
+        key: in JSON and CSV.
+        title: for people; with the unit where there is one.
+        kind: how its values are written. A Mean may stand in any column of numbers.
+    """
+
+    key: str
+    title: str
+    kind: Kind = "ratio"
+
+    @property
+    def is_number(self) -> bool:
+        """Whether it is set to the right."""
+        return self.kind != "text"
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table with all its digits.
+
+    Args:
+        name: of its files.
+        title: one line.
+        columns: of each row.
+        rows: values in the order of the columns; None is null, shown as ``–``.
+        notes: what a reader must know, one sentence each.
+    """
+
+    name: str
+    title: str
+    columns: tuple[Column, ...]
+    rows: tuple[tuple[Value, ...], ...]
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for row in self.rows:
+            if len(row) != len(self.columns):
+                raise ValueError(f"table {self.name}: a row of {len(row)} values")
+
+    @property
+    def all_notes(self) -> tuple[str, ...]:
+        """The notes, the last of them the one that stands under every table."""
+        return (*self.notes, DISCLAIMER)
+
+
+def texts(table: Table, row: Sequence[Value]) -> list[str]:
+    """The values of a row as people read them; a mean shows its n where the row's n differs."""
+    usual = next(
+        (v for c, v in zip(table.columns, row, strict=True) if c.key == "n" and isinstance(v, int)),
+        None,
+    )
+    return [shown(c, v, usual) for c, v in zip(table.columns, row, strict=True)]
+
+
+def shown(column: Column, value: Value, usual_n: int | None = None) -> str:
+    """A value as people read it (METHOD 6.11).
+
+    Args:
+        column: that it stands in.
+        value: unrounded.
+        usual_n: the n that the row shows; a mean over another number of cells shows its own.
+    """
+    if isinstance(value, Mean):
+        text = shown(column, value.value)
+        return text if value.n == usual_n else f"{text} (n={value.n})"
+    if isinstance(value, Outcome):
+        if value.rsr is None:
+            return NULL
+        return format_response(round(value.rsr), value.rl_s)
+    if value is None:
+        return NULL
+    if isinstance(value, str):
+        return value
+    if column.kind == "ratio":
+        return f"{value:.3f}"
+    if column.kind == "seconds":
+        return f"{value:.2f}"
+    if column.kind == "change":
+        return f"{value:+.1%}"
+    if column.kind == "p":
+        return f"{value:.3f}" if value >= 0.001 else f"{value:.1e}"
+    return f"{value:g}"

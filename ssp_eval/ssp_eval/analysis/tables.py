@@ -1,0 +1,298 @@
+"""The tables of METHOD 6.13: the full matrix, means, strata, foundation models and ranks."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+
+from ssp_core.errors import InputError
+from ssp_core.vocab import DOMAINS
+from ssp_eval.analysis.row import OK, CellRow, entering, repeated
+from ssp_eval.analysis.table import Column, Outcome, Table, Value
+from ssp_eval.score.aggregate import (
+    BY_DOMAIN,
+    BY_MODEL,
+    BY_SCENARIO_DOMAIN,
+    BY_SCENARIO_MODEL,
+    Cell,
+    Mean,
+    Ranking,
+    means,
+    ranking,
+    relative_difference,
+)
+
+BY_DOMAIN_MODEL = ("domain", "model")
+SCORES = (
+    Column("jovr", "JOVR"),
+    Column("sem_cov", "SemCov"),
+    Column("sem_acc_eff", "SemAcc"),
+    Column("cia_eff", "CIA"),
+    Column("tqsr", "TQSR"),
+    Column("ivcs", "IVCS"),
+    Column("act_acc_eff", "ActAcc"),
+    Column("stfr", "STFR"),
+    Column("atc_eff", "ATC"),
+)
+MEANS = (
+    *SCORES[:5],
+    Column("rsr", "RSR"),
+    Column("rl_s", "RL (s)", "seconds"),
+    *SCORES[5:],
+)
+COMPARED = ("jovr", "sem_acc_eff", "cia_eff", "tqsr", "rsr", "ivcs")
+_TITLES = {column.key: column.title for column in MEANS}
+_N = Column("n", "n", "count")
+_GROUPINGS = (
+    ("by_domain", "Means by domain", BY_DOMAIN),
+    ("by_model", "Means by model", BY_MODEL),
+    ("by_scenario_domain", "Means by scenario and domain", BY_SCENARIO_DOMAIN),
+    ("by_scenario_model", "Means by scenario and model", BY_SCENARIO_MODEL),
+    ("by_domain_model", "Means by domain and model", BY_DOMAIN_MODEL),
+)
+
+
+def all_tables(rows: Sequence[CellRow], reference: str | None = None) -> list[Table]:
+    """Every table that a set of cells has.
+
+    Args:
+        rows: of one or several runs.
+        reference: model that the foundation models are compared with.
+
+    Raises:
+        InputError: no cell is of that model.
+    """
+    chosen = entering(rows)
+    cells = [row.cell() for row in chosen]
+    notes = run_notes(rows)
+    found = [matrix_table(rows)]
+    found += [mean_table(cells, name, title, by, notes) for name, title, by in _GROUPINGS]
+    found.append(strata_table(cells, notes))
+    found.append(foundation_table(chosen, reference, notes))
+    found += [rank_table(cells, subject, notes) for subject in ("model", "domain")]
+    return found
+
+
+def run_notes(rows: Sequence[CellRow]) -> tuple[str, ...]:
+    """What a mean leaves out, and what it takes together."""
+    lost = [row for row in rows if row.status != OK and not row.control]
+    notes = []
+    if repeated(rows):
+        notes.append("A cell with several runs enters as the mean over its runs.")
+    if lost:
+        notes.append(f"{_cells(len(lost))} without a score left out; see the matrix for reasons.")
+    controls = sorted({row.model for row in rows if row.control})
+    if controls:
+        notes.append(f"Controls left out: {', '.join(controls)}.")
+    return tuple(notes)
+
+
+def _cells(count: int) -> str:
+    return f"{count} cell{'' if count == 1 else 's'}"
+
+
+def in_order(group: Iterable[str]) -> list[tuple[int, str]]:
+    """Key that sorts domains in their own order and everything else by name."""
+    return [(DOMAINS.index(key) if key in DOMAINS else len(DOMAINS), key) for key in group]
+
+
+def matrix_table(rows: Sequence[CellRow]) -> Table:
+    """Every run of every cell, controls and lost ones too (METHOD 6.13)."""
+    runs = any(row.run or row.seed is not None for row in rows)
+    columns = (
+        *(Column(key, key, "text") for key in ("scenario", "domain", "model")),
+        *((Column("run", "run", "text"),) if runs else ()),
+        _N,
+        *SCORES[:5],
+        Column("response", "risk", "response"),
+        *SCORES[5:],
+        Column("remark", "remark", "text"),
+    )
+
+    def key(row: CellRow) -> tuple[object, ...]:
+        return row.scenario, in_order([row.domain]), row.control, row.model, row.run, row.seed or 0
+
+    table_rows: list[tuple[Value, ...]] = []
+    for row in sorted(rows, key=key):
+        name = " ".join([row.run, *([] if row.seed is None else [f"seed {row.seed}"])]).strip()
+        scores = [getattr(row, column.key) for column in SCORES]
+        table_rows.append(
+            (
+                row.scenario, row.domain, row.model, *((name,) if runs else ()), row.n,
+                *scores[:5], Outcome(row.rsr, row.rl_s), *scores[5:], _remark(row),
+            )
+        )  # fmt: skip
+    notes = ["n counts labels."]
+    if any(row.ivcs_nulls for row in rows):
+        notes.append("A component without a denominator counts as 0 in IVCS.")
+    return Table("matrix", "Scores per cell", columns, tuple(table_rows), tuple(notes))
+
+
+def _remark(row: CellRow) -> str:
+    parts = []
+    if row.control:
+        parts.append("control")
+    if row.status != OK:
+        parts.append(f"{row.status}: {row.reason}" if row.reason else row.status)
+    elif not row.admitted:
+        parts.append("not admitted")
+    if row.ivcs_nulls:
+        parts.append("null: " + ", ".join(_TITLES[name] for name in row.ivcs_nulls))
+    return "; ".join(parts)
+
+
+def _key_columns(by: Iterable[str]) -> tuple[Column, ...]:
+    return tuple(Column(key, key, "text") for key in by)
+
+
+def mean_table(
+    cells: Sequence[Cell], name: str, title: str, by: Sequence[str], notes: Sequence[str]
+) -> Table:
+    """One grouping of METHOD 6.13, n with each mean."""
+    groups = sorted(means(cells, by).items(), key=lambda one: in_order(one[0]))
+    rows: list[tuple[Value, ...]] = [
+        (*key, found["ivcs"].n, *(found[column.key] for column in MEANS)) for key, found in groups
+    ]
+    said = ["Unweighted means over cells; n counts cells. RL is the mean over responses only."]
+    return Table(
+        name,
+        title,
+        (*_key_columns(by), _N, *MEANS),
+        tuple(rows),
+        (*said, *_left_out(cells, by), *notes),
+    )
+
+
+def _left_out(cells: Sequence[Cell], by: Sequence[str]) -> list[str]:
+    count = sum(not cell.admitted for cell in cells) if "domain" in by else 0
+    if not count:
+        return []
+    return [f"{_cells(count)} left out: the transfer audit did not admit the recording."]
+
+
+def strata_table(cells: Sequence[Cell], notes: Sequence[str]) -> Table:
+    """IVCS within each scenario and domain: how far the models lie apart, and which leads."""
+    groups: dict[tuple[str, str], list[Cell]] = {}
+    for cell in cells:
+        if cell.admitted:
+            groups.setdefault((cell.scenario, cell.domain), []).append(cell)
+    rows = []
+    for (scenario, domain), group in sorted(groups.items(), key=lambda one: in_order(one[0])):
+        values = {cell.model: cell.score["ivcs"] or 0.0 for cell in group}
+        low, high = min(values.values()), max(values.values())
+        best = ", ".join(sorted(model for model, value in values.items() if value == high))
+        mean = math.fsum(values.values()) / len(values)
+        rows.append((scenario, domain, len(values), mean, sd(values.values()), low, high, best))
+    columns = (
+        *_key_columns(BY_SCENARIO_DOMAIN), _N, Column("mean", "mean"), Column("sd", "sd"),
+        Column("min", "min"), Column("max", "max"), Column("best", "best", "text"),
+    )  # fmt: skip
+    said = ("n counts models; sd is that of a sample, and null for one model.",)
+    left_out = _left_out(cells, BY_SCENARIO_DOMAIN)
+    return Table("strata", "IVCS within strata", columns, tuple(rows), (*said, *left_out, *notes))
+
+
+def sd(values: Iterable[float]) -> float | None:
+    """The standard deviation of a sample (n − 1); None of fewer than two values."""
+    present = list(values)
+    if len(present) < 2:
+        return None
+    centre = math.fsum(present) / len(present)
+    return math.sqrt(math.fsum((v - centre) ** 2 for v in present) / (len(present) - 1))
+
+
+def foundation_table(
+    rows: Sequence[CellRow], reference: str | None, notes: Sequence[str] = ()
+) -> Table:
+    """Models with their parameters and the relative difference to a reference (METHOD 6.13).
+
+    Args:
+        rows: that enter means.
+        reference: name of the model that the others are compared with; None compares nothing.
+        notes: to stand under it.
+
+    Raises:
+        InputError: no row is of the reference.
+    """
+    found = {key[0]: value for key, value in means([r.cell() for r in rows], BY_MODEL).items()}
+    if reference is not None and reference not in found:
+        raise InputError(
+            "is no model with a valid cell",
+            field="--reference",
+            value=reference,
+            remedy=f"known are {', '.join(sorted(found)) or 'none'}",
+        )
+    facts = {row.model: row for row in rows}
+    base = found[reference] if reference is not None else None
+    table_rows = []
+    for model in sorted(found, key=lambda name: (-(found[name]["ivcs"].value or 0.0), name)):
+        row, values = facts[model], found[model]
+        table_rows.append(
+            (
+                model, row.architecture or None, row.total_b, row.active_b, values["ivcs"].n,
+                *(values[key] for key in COMPARED), *_differences(values, base),
+            )
+        )  # fmt: skip
+    columns = (
+        Column("model", "model", "text"),
+        Column("architecture", "architecture", "text"),
+        Column("total_b", "total (B)", "billions"),
+        Column("active_b", "active (B)", "billions"),
+        _N,
+        *(Column(key, _TITLES[key]) for key in COMPARED),
+        *(Column(f"d_{key}", f"Δ {_TITLES[key]}", "change") for key in COMPARED if base),
+    )
+    said = ["Unweighted means over cells; n counts cells. B: billions of parameters."]
+    if base is not None:
+        said.append(f"Δ: relative difference to {reference}, from unrounded values.")
+    if len({values["ivcs"].n for values in found.values()}) > 1:
+        said.append("The models were not scored on the same number of cells.")
+    return Table(
+        "foundation_models", "Foundation models", columns, tuple(table_rows), (*said, *notes)
+    )
+
+
+def _differences(values: Mapping[str, Mean], base: Mapping[str, Mean] | None) -> list[float | None]:
+    if base is None:
+        return []
+    return [relative_difference(values[key].value, base[key].value) for key in COMPARED]
+
+
+def rank_table(cells: Sequence[Cell], subject: str, notes: Sequence[str]) -> Table:
+    """Ranks by IVCS per scenario and over all, every change of rank pointed out."""
+    found = ranking(cells, subject)
+    scenarios = sorted(found.scenarios)
+    values = {key[0]: value["ivcs"] for key, value in means(cells, (subject,)).items()}
+    rows = tuple(
+        (
+            name,
+            *(found.scenarios[scenario].get(name) for scenario in scenarios),
+            found.macro[name],
+            values[name],
+            _changes(found, name),
+        )
+        for name in sorted(found.macro, key=lambda n: (found.macro[n] or len(values), n))
+    )
+    columns = (
+        Column(subject, subject, "text"),
+        *(Column(f"rank_{name}", name.replace("_", " "), "count") for name in scenarios),
+        Column("rank_all", "all", "count"),
+        Column("ivcs", "mean IVCS"),
+        Column("changes", "changes of rank", "text"),
+    )
+    said = ["Rank 1 is the largest mean IVCS, from unrounded values; equal ones share a rank."]
+    if not found.changes and len(scenarios) > 1:
+        said.append("No rank changes between scenarios.")
+    left_out = _left_out(cells, (subject,))
+    return Table(
+        f"ranks_{subject}", f"Ranks of {subject}s", columns, rows, (*said, *left_out, *notes)
+    )
+
+
+def _changes(found: Ranking, name: str) -> str:
+    """``2 in cut_in, 1 in vru_crossing`` for each pair of scenarios between which it changes."""
+    return "; ".join(
+        f"{change.ranks[0]} in {change.scenarios[0]}, {change.ranks[1]} in {change.scenarios[1]}"
+        for change in found.changes
+        if change.subject == name
+    )
