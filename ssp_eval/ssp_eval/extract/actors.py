@@ -202,5 +202,5 @@ def _finite(hits: list[Hit], index: int, stop: int) -> bool:
     for after in range(index + 1, min(index + MAX_PHRASE, stop)):
         hit = hits[after]
         if hit.kind not in (Kind.PLACE, Kind.SIDE, Kind.IN_LANE):
-            return hit.kind is Kind.AUX or hit.kind is Kind.VERB and hit.form == "s"
+            return hit.kind is Kind.AUX or (hit.kind is Kind.VERB and hit.form == "s")
     return False

@@ -22,7 +22,10 @@ def decide(world: World) -> dict[str, Found]:
         names = tuple(name for name in OBJECTS if any(a.name == name for a in objects))
         support = tuple(next(a.mentions[0] for a in objects if a.name == name) for name in names)
         found["objects"] = names, support
-    elif world.nobody is not None and not any(actor.mentions for actor in world.actors):
+    elif world.nobody is not None and not (
+        any(not (a.gone or a.background) for a in world.actors if a.mentions)
+        or (world.nobody.value and any(actor.mentions for actor in world.actors))
+    ):
         found["objects"] = (), (world.nobody,)
     critical = _critical(objects)
     about = [world.loose] if critical is None else [critical, world.loose]
@@ -76,7 +79,7 @@ def _told_before(
 def _objects(world: World) -> list[Actor]:
     """Who is present and matters: marked as such, or all where the text marks nobody."""
     present = [actor for actor in world.actors if actor.mentions]
-    present = [a for a in present if not (a.gone or a.background and not _partner(a))]
+    present = [a for a in present if not (a.gone or (a.background and not _partner(a)))]
     present = [a for a in present if not a.parked or _marked(a)]
     if not any(_marked(actor) for actor in present):
         return present
@@ -103,8 +106,10 @@ def _critical(objects: list[Actor]) -> Actor | None:
         objects,
         key=lambda a: (
             max((_PARTNER.get(said.value, 0) for said in a.conflicts[-1:]), default=0),
-            a.reaction == 2,
+            a.reaction == 2 and not a.parked,
             a.intruding and a.reaction > 0,
+            a.critical and not a.parked,
+            a.reaction == 2,
             a.reaction,
             a.intruding,
             a.critical,
@@ -131,7 +136,7 @@ def _motion(actor: Actor) -> Found | None:
     values: dict[str, Statement] = {}
     for said in actor.motions:
         value = _complete(said.value, actor)
-        weak = said.value == MOVING_BESIDE and set(values) - {"stationary", "same_direction"}
+        weak = said.value == MOVING_BESIDE and set(values) - {"same_direction"}
         if value is not None and not weak:
             values.pop(value, None)
             values[value] = said

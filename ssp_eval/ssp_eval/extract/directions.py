@@ -70,7 +70,10 @@ _OPPOSITE = {
     "r": ("l", "left"),
 }
 SIDES = {
-    **{"left": "left", "right": "right", "l": "left", "r": "right"},
+    "left": "left",
+    "right": "right",
+    "l": "left",
+    "r": "right",
     **{f"{side}ward{ending}": side for side in ("left", "right") for ending in ("", "s")},
 }
 _TO = frozenset(phrases("to, >, towards, toward, into, 2"))

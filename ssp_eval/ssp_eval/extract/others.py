@@ -6,11 +6,10 @@ from ssp_eval.extract import conflicts
 from ssp_eval.extract.hits import Hit, Kind
 from ssp_eval.extract.lexicon import phrases
 from ssp_eval.extract.motions import COMES_FROM, FINISHED_STANDING, INTRUSIONS, motion_of
+from ssp_eval.extract.movements import CLEARING, ENDANGERING
 from ssp_eval.extract.scope import Scope
 from ssp_eval.extract.talk import CONNECTS, EGO, NOT_NOW, REACH, SCENE, Talk
-from ssp_eval.extract.movements import CLEARING, ENDANGERING
 from ssp_eval.extract.world import Actor, Statement
-
 
 _LINES = frozenset({"line", "lines", "marking", "markings", "dashed", "solid", "boundary"})
 

@@ -29,7 +29,7 @@ _OPENERS = frozenset(
 def read_place(talk: Talk, index: int, hit: Hit) -> None:
     if talk.subject is SCENE and talk.near is None:
         return
-    if hit.form == "car" and any(actor.name == "car" for actor in talk.world.actors):
+    if hit.form == "car" and any(actor.name == "car" for actor in talk.world.actors[-12:]):
         return  # in front of the car: of the one that was named before
     actor = talk.near or (talk.subject if isinstance(talk.subject, Actor) else None)
     if talk.key == "position":

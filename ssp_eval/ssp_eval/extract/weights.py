@@ -11,6 +11,8 @@ from ssp_eval.extract.world import Actor, Statement
 _DOES = {"waiting": "stationary", "overtaking": "same_direction", "following": "moving"}
 _GONE_ON = frozenset({"back", "into", "to", "through", "on", "onto", "over", "up", "down"})
 _DROPS = frozenset({"ignore", "ignoring", "skip", "disregard"})
+# No critical objects: there may be others.
+_WEIGHED = frozenset({"critical", "relevant", "notable", "important", "key"})
 _CONFLICT_WORDS = {
     "potential": "potential",
     "possible": "potential",
@@ -89,11 +91,12 @@ def read_nobody(talk: Talk, index: int, hit: Hit) -> None:
         return
     for after in range(index + 1, min(index + REACH, talk.stop)):
         kind = talk.hits[after].kind
-        if kind is Kind.VERB:
+        if kind is Kind.VERB or (kind is Kind.RELATIVE and after == index + 1):
             return
         if kind in (Kind.MARK, Kind.JOIN):
             break
-    talk.world.nobody = talk.said("", hit)
+    weighed = bool(_WEIGHED & set(talk.words[hit.first : hit.stop]))
+    talk.world.nobody = talk.said("weighed" if weighed else "", hit)
 
 
 def read_key(talk: Talk, index: int, hit: Hit) -> None:
