@@ -175,3 +175,11 @@ def test_the_thresholds_are_those_of_the_method():
         "weight_tqsr": 0.3,
         "weight_rsr": 0.1,
     }
+
+
+def test_the_details_name_the_records_that_no_label_takes():
+    label = Label(0.0, "approach", True, (), "front", None, None, ("maintain",), ("straight",))
+    labels = Labels("s", "physical", "v", None, True, (label,))
+    details = score_cell(labels, [BehaviourRecord(0.2, "a"), BehaviourRecord(0.3, "b")]).details
+    assert details.to_json()["unmatched_records"] == [0, 1]
+    assert details.to_json()["record_labels"] == (None, None)

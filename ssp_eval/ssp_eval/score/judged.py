@@ -64,7 +64,6 @@ def _values(slot: str) -> list[Value]:
     ]
 
 
-@lru_cache(maxsize=8)
 def score_tables(soft_credit: float) -> tuple[tuple[Numbers, Numbers], ...]:
     """h and s of METHOD 6.3 per slot of SLOTS, by the codes of answer and truth.
 
@@ -80,6 +79,9 @@ def score_tables(soft_credit: float) -> tuple[tuple[Numbers, Numbers], ...]:
             soft[i, j] = soft_score(answer, truth, soft_credit)
         tables.append((hard, soft))
     return tuple(tables)
+
+
+_score_tables = lru_cache(maxsize=8)(score_tables)
 
 
 def semantics(
@@ -99,7 +101,7 @@ def semantics(
     evaluable[masked[:, None], _DYNAMIC] = False
     given = evaluable & (answer[:, : len(SLOTS)] != NOTHING)
     hard, soft = np.zeros(truth.shape), np.zeros(truth.shape)
-    for slot, (hard_table, soft_table) in enumerate(score_tables(thresholds.soft_credit)):
+    for slot, (hard_table, soft_table) in enumerate(_score_tables(thresholds.soft_credit)):
         index = (answer[:, slot], truth[:, slot])
         hard[:, slot] = np.where(evaluable[:, slot], hard_table[index], 0.0)
         soft[:, slot] = np.where(evaluable[:, slot], soft_table[index], 0.0)
