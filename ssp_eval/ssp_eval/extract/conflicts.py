@@ -64,9 +64,12 @@ def read_risk(talk: Talk, index: int, hit: Hit) -> None:
     (named or _conflicted(talk)).conflicts.append(said)
 
 
-def _may(talk: Talk, index: int, hit: Hit) -> bool:
-    """A conflict may develop; collision possible."""
+def _stands(talk: Talk, hit: Hit) -> bool:
+    """A risk; a conflict only where it may develop; not risks in general."""
     after = talk.words[hit.stop : hit.stop + 2]
+    if hit.value == "alone":
+        general = talk.words[hit.stop - 1].endswith("s") and after[:1] in (["must"], ["should"])
+        return not general
     return bool(after) and (after[0] in _DOUBTFUL or "possible" in after)
 
 

@@ -76,24 +76,25 @@ KINDS: dict[Kind, Table] = {
     Kind.READY: {
         "": phrases(
             """
-            inclined to, tempted to, prepare to, preparing to, prepared to, ready to, be ready for, prepare
-            for, preparing for, about to, trying to, tries to, try to, wishing to,
-            signaling to, signalling to, in a position to,
-            appears to, seems to, ready for, attempting to, looking to, able to, allowed
-            to, preparing, signaling, signalling, signals, indicating, poised to, set to,
-            due to turn, has the option to, reserve,
-            allow, allowing, allows, let, letting, lets, enable, enabling, hoping to,
-            prepares to, consider, considering, considered
+            inclined to, tempted to, prepare to, preparing to, prepared to, ready to, be ready
+            for, prepare for, preparing for, about to, trying to, tries to, try to, wishing to,
+            signaling to, signalling to, in a position to, appears to, seems to, ready for,
+            attempting to, looking to, able to, allowed to, preparing, signaling, signalling,
+            signals, indicating, poised to, set to, due to turn, has the option to, reserve,
+            allow, allowing, allows, let, letting, lets, enable, enabling, hoping to, prepares to,
+            consider, considering, considered
+
             """
         ),
         # Of the ego this is a plan; of anybody else it hasn't happened.
         "intend": phrases(
             """
-            likely to, expected to, intends to, intend to, wants to, want to, wanna, planning to, intending to,
-            wanting to, intention to, plans to, plan to, aims to, aim to, intention is to,
-            plan is to, decides to, decide to, opts to, opt to, chooses to, choose to,
-            intent is to, goal is to, aiming to, intended to, elects to, decided to, has
-            decided to, have decided to, choosing to
+            likely to, expected to, intends to, intend to, wants to, want to, wanna, planning to,
+            intending to, wanting to, intention to, plans to, plan to, aims to, aim to, intention
+            is to, plan is to, decides to, decide to, opts to, opt to, chooses to, choose to,
+            intent is to, goal is to, aiming to, intended to, elects to, decided to, has decided
+            to, have decided to, choosing to
+
             """
         ),
     },
@@ -158,16 +159,19 @@ KINDS: dict[Kind, Table] = {
     Kind.BACKGROUND: {
         "it": phrases(
             """
-            skip it, leave it out, leave them out, leave him out, leave her out, skip them, not count
-            it, not count them, not list it, not list them, drop it, ignore it, ignore them, skip
-            him, skip her, disregard it, disregard them, leave it aside
+            skip it, leave it out, leave them out, leave him out, leave her out, skip them, not
+            count it, not count them, not list it, not list them, drop it, ignore it, ignore them,
+            skip him, skip her, disregard it, disregard them, leave it aside
+
             """
         ),
         "gone": phrases(
             """
-            gone, is gone, are gone, out of view, out of sight, out of the picture, no longer visible,
-            no longer in view, no longer in sight, not be seen anymore, has left at, left the scene,
-            disappeared from view, vanished, nowhere to be seen, has gone, driven past us already
+            gone, is gone, are gone, out of view, out of sight, out of the picture, no longer
+            visible, no longer in view, no longer in sight, not be seen anymore, has left at, left
+            the scene, disappeared from view, vanished, nowhere to be seen, has gone, driven past
+            us already
+
             """
         ),
         "": phrases(

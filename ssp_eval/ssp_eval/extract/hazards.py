@@ -27,9 +27,11 @@ _US = phrases(
     """
     us, me, our path, our lane, our motion, our driving, our plan, our trajectory, my path, my
     lane, our way, our progress, the ego, ego, the ego vehicle, the vut, our course, our route,
-    our travel, the ego path, our vehicle, our car, our driving path, our decision, our speed, our movement,
-    the ego vehicle path, the ego lane, our planned path, the ego car, my plan, my driving, ours,
-    you, your path, your lane, its path, our intended path, our own path, our future path
+    our travel, the ego path, our vehicle, our car, our driving path, our decision, our speed, our
+    movement, the ego vehicle path, the ego lane, our planned path, the ego car, my plan, my
+    driving, ours, you, your path, your lane, its path, our intended path, our own path, our
+    future path
+
     """
 )
 AFFECTS = tuple(f"{verb} {whom}" for verb, whom in product(_AFFECTING, _US))
@@ -37,8 +39,9 @@ AFFECTS = tuple(f"{verb} {whom}" for verb, whom in product(_AFFECTING, _US))
 _SUBJECTS = frozenset(
     phrases(
         """
-        crossing, conflict, risk, danger, threat, hazard, criticality, situation, interaction, encounter,
-        issue, problem, conflicts, incident
+        crossing, conflict, risk, danger, threat, hazard, criticality, situation, interaction,
+        encounter, issue, problem, conflicts, incident
+
         """
     )
 )
@@ -57,8 +60,10 @@ _BETWEEN = frozenset(
 _SETTLED = frozenset(
     phrases(
         """
-        over, resolved, past, passed, ended, gone, cleared, settled, defused, disappeared, vanished,
-        dissolved, finished, done, completed, averted, subsided, eliminated, removed, dissipated, behind
+        over, resolved, past, passed, ended, gone, cleared, settled, defused, disappeared,
+        vanished, dissolved, finished, done, completed, averted, subsided, eliminated, removed,
+        dissipated, behind
+
         """
     )
 )
@@ -139,7 +144,11 @@ def averted(words: list[str], first: int, stop: int) -> tuple[int, int] | None:
         word = words[at]
         if word in _CRASHES:
             run = word in ("run", "runs")
-            risked = words[at - 1] == "of" and words[at - 2] in ("risk", "danger", "chance")
+            risked = words[at - 1] == "of" and words[at - 2] in (
+                "risk",
+                "danger",
+                "chance",
+            )
             if not risked and (not run or words[at + 1 : at + 2] in _INTO):
                 crash = at
         elif word in _EXCEPT and _except(words, at, stop):
@@ -239,6 +248,8 @@ def threat(words: list[str], at: int) -> int | None:
     needed = _COMPLETED.get(word)
     after = words[here + 1] if here + 1 < count else ""
     if needed is not None and after not in needed:
+        return None
+    if word in ("block", "obstruct") and "view" in words[here : here + 4]:
         return None
     if word == "go" and after in ("yellow", "red", "green", "amber"):
         return None

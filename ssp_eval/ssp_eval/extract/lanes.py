@@ -34,8 +34,9 @@ _HELD = frozenset(
 _NO_STEERING = frozenset(
     phrases(
         """
-        steer, evasive, active, further, additional, extra, lateral, steering, any, sudden, more, need,
-        of, for, a, sideways, correction, corrections, sharp
+        steer, evasive, active, further, additional, extra, lateral, steering, any, sudden, more,
+        need, of, for, a, sideways, correction, corrections, sharp
+
         """
     )
 )

@@ -76,7 +76,8 @@ _FILLERS = frozenset(
         the, a, an, my, our, its, your, this, that, ego, vehicle, car, own, set, target, normal,
         original, former, previous, travel, travelling, traveling, cruise, cruising, driving,
         desired, usual, initial, old, lost, full, regular, forward, general, some, little, bit,
-        walking, crawling, low, high, moderate, slow, of, exactly, about, around, roughly, approximately, slightly, gently, smoothly, gradually,
+        walking, crawling, low, high, moderate, slow, of, exactly, about, around, roughly,
+        approximately, slightly, gently, smoothly, gradually,
         down, back, up, all, overall, longitudinal, moderate, planned, earlier, reference, legal,
         permitted, allowed, standard, nearly, right, more, no, vut, host
         """

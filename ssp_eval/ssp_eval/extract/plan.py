@@ -6,32 +6,16 @@ from ssp_eval.extract.echoes import opens_item
 from ssp_eval.extract.hits import Hit, Kind
 from ssp_eval.extract.lexicon import phrases
 from ssp_eval.extract.scope import Scope
+from ssp_eval.extract.topics import is_only_named
 from ssp_eval.extract.verbs import LAT_ACTIONS, LON_ACTIONS, STEERING
 from ssp_eval.extract.world import Commitment, World
 
 _BETWEEN = frozenset({Kind.PURPOSE, Kind.SCENE, Kind.IN_LANE, Kind.AUX})
 _LINKS = frozenset({Kind.JOIN, Kind.PURPOSE, Kind.THEN, Kind.CONDITION})
 _ORDERS = frozenset({",", ":", ";", "\n", "[", '"', "("})
-_CLAUSE_ENDS = frozenset(
-    {Kind.MARK, Kind.JOIN, Kind.EGO, Kind.OBJECT, Kind.RELATIVE, Kind.CONDITION, Kind.THEN}
-)
-_AUXILIARIES = frozenset({Kind.MODAL, Kind.AUX})
-# Braking is … : the action is chosen after all.
-_ADVISED = frozenset(
-    phrases(
-        """
-        needed, required, necessary, right, best, appropriate, advisable, advised, called,
-        recommended, safest, wise, only, reasonable, prudent, mandatory, essential, correct, chosen, sensible, due, indicated, planned, selected, warranted
-        """
-    )
-)
 _ADVISING = frozenset(phrases("recommend, suggest, propose, advise, favour, favor, prefer"))
 _FIRST_PERSON = frozenset(phrases("i, i'd"))
 _LIGHT = frozenset({Kind.MARK, Kind.PURPOSE})
-_KEPT_NOUNS = frozenset(phrases("speed, velocity, pace, lane, steering, wheel"))
-# The reason for braking: named, not chosen; but the intention of braking is one.
-_ABOUT = frozenset(phrases("for, of, about, from, than, like, between, against"))
-_MEANT = frozenset(phrases("intention, plan, decision, favour, favor, purpose, action, goal"))
 REACH = 5
 MAX_WORDS = 6
 
@@ -111,7 +95,10 @@ class Planner:
         elif hit.kind is Kind.THEN:
             self._then(index, hit)
         elif hit.kind is Kind.REVISE:
-            if self.last is None or self.words[hit.first] not in ("instead", "actually"):
+            if self.last is None or self.words[hit.first] not in (
+                "instead",
+                "actually",
+            ):
                 self._unit()
             self.world.revised.append(self.unit)
 
@@ -177,7 +164,9 @@ class Planner:
             longitudinal = "accelerate"
         if hit.form == "ed" or (hit.form == "s" and not named):
             return
-        if (lateral is None and longitudinal is None) or self._gerund_subject(index):
+        if lateral is None and longitudinal is None:
+            return
+        if is_only_named(self.words, self.hits, index, self.start, self.stop):
             return
         flags = self.flags[index] & ~Scope.AHEAD
         if flags:
@@ -232,68 +221,6 @@ class Planner:
             return False
         word = self.words[previous.first]
         return word == "i'd" or (word == "would" and self.words[previous.first - 1] == "i")
-
-    def _gerund_subject(self, index: int) -> bool:
-        """Braking would be wrong: an action that is talked about, and not chosen."""
-        hit = self.hits[index]
-        named = hit.form == "noun" and self.words[hit.first] not in _KEPT_NOUNS
-        if named and hit.first and self.words[hit.first - 1] in ("the", "this"):
-            near = self.hits[index + 1 : min(index + 4, self.stop)]
-            described = any(one.kind is Kind.RELATIVE for one in near)
-            return described or (hit.value in LON_ACTIONS and hit.value != "keep_speed")
-        if hit.form == "ing" and hit.first > 1 and self.words[hit.first - 1] in _ABOUT:
-            return self.words[hit.first - 2] not in _MEANT
-        if hit.form not in ("ing", "noun") or not self._opens(index):
-            return False
-        if index == self.start and hit.form == "ing" and self._is_topic(index):
-            return True
-        if self.hits[index + 1 : index + 2] and self.hits[index + 1].kind is Kind.NOT:
-            return True
-        for after in range(index + 1, min(index + REACH, self.stop)):
-            one = self.hits[after]
-            if one.kind is Kind.NOT:
-                return True
-            if one.kind in _CLAUSE_ENDS:
-                return False
-            if one.kind is Kind.MODAL or (one.kind is Kind.AUX and one.form != "ing"):
-                beyond = self.words[one.stop : one.stop + 4]
-                return not _ADVISED & set(beyond)
-            if one.kind is Kind.VERB and one.form == "s":
-                return True
-        return False
-
-    def _is_topic(self, index: int) -> bool:
-        """Stopping for someone who may be waiting isn't proportionate: up to its own verb."""
-        relative = False  # in a clause such as "who may be waiting", before its verb
-        for after in range(index + 1, min(index + 2 * REACH, self.stop)):
-            one, before = self.hits[after], self.hits[after - 1]
-            if one.kind is Kind.RELATIVE:
-                relative = True
-            elif one.kind in _AUXILIARIES:
-                if before.kind in _AUXILIARIES:
-                    continue
-                if not relative:
-                    return not _ADVISED & set(self.words[one.stop : one.stop + 4])
-                relative = False
-            elif one.kind is Kind.VERB and one.form in ("s", "ed", "base") and relative:
-                relative = False
-            elif one.value == "," and after + 1 < self.stop:
-                following = self.hits[after + 1]
-                if following.kind is Kind.MODAL and following.value == "may":
-                    return True  # Evading to the right, i.e. …, would be wrong
-                relative = relative or following.kind in _CLAUSE_ENDS
-                if following.kind in (Kind.EGO, Kind.OBJECT, Kind.VERB):
-                    return False
-            elif one.kind is Kind.JOIN and self.words[one.first] == "for":
-                continue
-            elif one.kind in (Kind.MARK, Kind.JOIN, Kind.CONDITION, Kind.THEN, Kind.EGO):
-                return False
-        return False
-
-    def _opens(self, index: int) -> bool:
-        """Whether a verb opens its clause, so that it can be its subject."""
-        previous = self.hits[index - 1] if index > self.start else None
-        return previous is None or previous.kind in (Kind.MARK, Kind.JOIN, Kind.THEN)
 
     def _lateral(self, index: int, hit: Hit) -> tuple[str, int] | None:
         value = LAT_ACTIONS.get(hit.value)
