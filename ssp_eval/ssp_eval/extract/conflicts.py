@@ -50,11 +50,7 @@ def read_risk(talk: Talk, index: int, hit: Hit) -> None:
         beyond = talk.words[max(hit.first - 3, 0) : hit.stop + 4]
         if value == "no_conflict" and (talk.subject is SCENE or _SPECIFIC & set(beyond)):
             return
-    elif (
-        (not flags and hit.value != "alone" and _may(talk, index, hit))
-        or flags == Scope.POSSIBLE
-        or (not flags and hit.value == "alone")
-    ):
+    elif flags == Scope.POSSIBLE or (not flags and _stands(talk, hit)):
         value = "potential"
     else:
         return
