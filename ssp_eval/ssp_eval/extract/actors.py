@@ -53,8 +53,9 @@ _KINDS = frozenset(
 _PARTITIVES = frozenset(
     phrases(
         """
-        pack, group, row, couple, number, pair, lot, lots, line, queue, stream, bunch, series, crowd,
-        column, class, file, cluster, plenty, handful, platoon, convoy, one, two, three, both, some
+        pack, group, row, couple, number, pair, lot, lots, line, queue, stream, bunch, series,
+        crowd, column, class, file, cluster, plenty, handful, platoon, convoy, one, two, three,
+        both, some
         """
     )
 )
@@ -93,9 +94,10 @@ def resolve(
                 return actor
     elif hit.form != "indefinite" and not _OTHERS & set(words[max(hit.first - 3, 0) : hit.first]):
         for actor in reversed(recent):
-            if actor.name == hit.value and _fits(actor, place) and _same(actor, *named):
-                if not (fresh and actor.critical) and not (ahead and not _is_ahead(actor)):
-                    return actor
+            known = actor.name == hit.value and _fits(actor, place) and _same(actor, *named)
+            another = (fresh and actor.critical) or (ahead and not _is_ahead(actor))
+            if known and not another:
+                return actor
         if words[hit.stop - 1] in _GENERIC and hit.form == "definite":
             for actor in reversed(recent):
                 if actor.name in _MOTORISED and _fits(actor, place):
@@ -173,11 +175,15 @@ def governed(hits: list[Hit], index: int, start: int, stop: int, words: list[str
     hit = hits[index]
     first = max(hit.first - MAX_PHRASE, 0)
     previous = hits[index - 1] if index > start else None
-    if previous is not None and previous.stop > first:
-        if previous.kind in _UNGOVERNING or (
-            previous.kind is Kind.JOIN and _finite(hits, index, stop)
-        ):
-            first = previous.stop  # due to pedestrian is crossing
+    if (
+        previous is not None
+        and previous.stop > first
+        and (
+            previous.kind in _UNGOVERNING
+            or (previous.kind is Kind.JOIN and _finite(hits, index, stop))
+        )
+    ):
+        first = previous.stop  # due to pedestrian is crossing
     for before in range(hit.first - 1, first - 1, -1):
         word = words[before]
         if word in PREPOSITIONS:

@@ -48,10 +48,10 @@ _SINGULAR: Table = {
     ),
     "cyclist": phrases(
         """
-        cyclist, cyclest, bycicle, bicycle, bike, bicyclist, bicycle rider, bike rider, cycle rider, e bike,
-        ebike, pushbike, push bike, cargo bike, racing bike, racing cyclist, road bike, mountain
-        bike, tricycle, pedal cyclist, pedal cycle, bike courier, bicycle courier, cycle courier,
-        bicycle messenger, handcyclist
+        cyclist, cyclest, bycicle, bicycle, bike, bicyclist, bicycle rider, bike rider,
+        cycle rider, e bike, ebike, pushbike, push bike, cargo bike, racing bike, racing cyclist,
+        road bike, mountain bike, tricycle, pedal cyclist, pedal cycle, bike courier,
+        bicycle courier, cycle courier, bicycle messenger, handcyclist
         """
     ),
     "pedestrian": phrases(

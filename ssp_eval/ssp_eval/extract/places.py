@@ -47,10 +47,8 @@ def read_place(talk: Talk, index: int, hit: Hit) -> None:
 
 
 def read_side(talk: Talk, index: int, hit: Hit) -> None:
-    if hit.form == "from" and talk.near is not None and not talk.busy and not talk.flags[index]:
-        if passes(talk.words, hit, talk.near.name) and talk.subject is not EGO:
-            motion = f"crossing_from_{hit.value}"  # pedestrian ahead, left to right
-            talk.near.motions.append(talk.said(motion, hit))
+    if hit.form == "from":
+        _read_passing(talk, index, hit)
     if hit.form in ("from", "into"):
         return
     if talk.planner.takes_side(index):
@@ -74,6 +72,15 @@ def read_side(talk: Talk, index: int, hit: Hit) -> None:
     if hit.form == "to" and _moving_to(talk, index):
         return
     read_place(talk, index, hit)
+
+
+def _read_passing(talk: Talk, index: int, hit: Hit) -> None:
+    """pedestrian ahead, left to right"""
+    actor = talk.near
+    if actor is None or talk.busy or talk.flags[index] or talk.subject is EGO:
+        return
+    if passes(talk.words, hit, actor.name):
+        actor.motions.append(talk.said(f"crossing_from_{hit.value}", hit))
 
 
 def read_value(talk: Talk, index: int, hit: Hit) -> bool:
@@ -135,9 +142,10 @@ def _beside_place(talk: Talk, index: int) -> bool:
 def _moving_to(talk: Talk, index: int) -> bool:
     previous = talk.hits[index - 1] if index > talk.start else None
     hit = talk.hits[index]
-    if previous is not None and previous.stop < hit.first and previous.kind is not Kind.IN_LANE:
-        if not _OURS & set(talk.words[hit.first : hit.stop]):
-            return True  # behind a verb that the rules don't know: he leaves to the left
+    ours = _OURS & set(talk.words[hit.first : hit.stop])
+    loose = previous is not None and previous.stop < hit.first
+    if loose and not ours and previous is not None and previous.kind is not Kind.IN_LANE:
+        return True  # behind a verb that the rules don't know: he leaves to the left
     return previous is not None and (
         previous.kind is Kind.VERB or (previous.kind is Kind.SIDE and previous.form == "from")
     )

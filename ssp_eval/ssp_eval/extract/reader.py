@@ -132,9 +132,9 @@ def _carry(talk: Talk, index: int) -> None:
     """After "and" the subject goes on; a noun for a participle doesn't."""
     following = talk.hits[index + 1] if index + 1 < talk.stop else None
     before = talk.hits[index - 1] if index > talk.start else None
-    if following is not None and following.kind is Kind.SCENE and before is not None:
-        if before.kind is Kind.OBJECT:
-            return  # a worker and cones on the right
+    scene = following is not None and following.kind is Kind.SCENE
+    if scene and before is not None and before.kind is Kind.OBJECT:
+        return  # a worker and cones on the right
     if following is None or following.kind is not Kind.OBJECT:
         talk.near = talk.subject if isinstance(talk.subject, Actor) else None
     talk.busy = False

@@ -274,8 +274,10 @@ def _ego_role(talk: Talk, index: int, hit: Hit) -> str:
     if following.kind is Kind.MODAL and following.value == "may" and _acts(talk, index):
         return SCENE  # the car may slow down or keep its speed: the VUT or another
     before = talk.hits[index - 1] if index > talk.start else None
-    if before is not None and before.kind is Kind.VERB and before.stop == hit.first - 1:
-        if before.value in LON_ACTIONS or talk.planner.steers(before):
+    ordered = before is not None and before.kind is Kind.VERB and before.stop == hit.first - 1
+    if ordered and before is not None:
+        acts = before.value in LON_ACTIONS or talk.planner.steers(before)
+        if acts:
             return EGO  # stop the car
     if following.kind is Kind.AUX and index + 2 < talk.stop:
         following = talk.hits[index + 2]

@@ -50,8 +50,8 @@ class Commitment(NamedTuple):
 class Actor:
     """A road user of the text.
 
-    ``label`` is the A of "Vehicle A"; ``noun`` is what it was called first, in the singular; ``reaction`` is 0 for none, 1 for one named in a sentence
-    with a plan, 2 for the plan's object.
+    ``label`` is the A of "Vehicle A"; ``noun`` is what it was called first, in the singular;
+    ``reaction`` is 0 for none, 1 for one named in a sentence with a plan, 2 for the plan's object.
     """
 
     name: str
