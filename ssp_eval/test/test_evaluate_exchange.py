@@ -149,3 +149,15 @@ def test_placeholders_of_a_bridge_s_options() -> None:
     assert bridge_spec(f'm={{"a": 1, "b": "{LABELS_FILE}"}}').options["a"] == 1
     with pytest.raises(InputError, match="not valid JSON"):
         bridge_spec("m={")
+
+
+def test_a_store_outlives_two_kills_in_the_middle_of_a_line(tmp_path: Path) -> None:
+    raw = tmp_path / "raw.jsonl"
+    for number in range(3):
+        store = RawStore(tmp_path)
+        store.append(replace(ANSWER, request_id=f"key{number}-1"))
+        with raw.open("a") as stream:
+            stream.write('{"schema": "ssp.resp')
+    found = RawStore(tmp_path)
+    assert all(found.find(f"key{number}") is not None for number in range(3))
+    assert raw.read_text().count("\n") == 3

@@ -23,7 +23,8 @@ from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.cli import evaluate as evaluate_command
 from ssp_eval.evaluate.cli import model_specs
 from ssp_eval.evaluate.models import bridge_spec
-from ssp_eval.evaluate.topics import BRIDGE_MODULE, PROFILE, TopicAsker, TopicAskers
+from ssp_eval.evaluate.topic_asker import Timeouts
+from ssp_eval.evaluate.topics import BRIDGE_MODULE, PROFILE, TopicAsker, TopicAskers, _in_time
 from ssp_eval.evaluate.truth import truth_from_bag
 from ssp_eval.labels.proposal_file import write_proposal
 from ssp_eval.labels.propose import propose
@@ -178,3 +179,45 @@ def test_the_evaluator_s_node_takes_a_models_file(make_bag: BagMaker, tmp_path: 
     cell = json.loads((out / "cells" / "cut_in__simulation__mine" / "cell.json").read_text())
     assert (cell["preprocessing"]["frames"], cell["model_facts"]["total_b"]) == (2, 1.5)
     assert cell["answers"]["missing"] == []
+
+
+_STUCK = """
+import time
+from pathlib import Path
+
+def once(request, options):
+    mark = Path(options["mark"])
+    before = len(mark.read_text()) if mark.exists() else 0
+    mark.write_text("." * (before + 1))
+    if before == 2:
+        time.sleep(1000.0)
+    return "I keep my speed."
+
+def always(request):
+    time.sleep(1000.0)
+"""
+
+
+@pytest.mark.ros
+def test_a_request_that_hangs_costs_its_own_answer_only(make_bag: BagMaker, tmp_path: Path) -> None:
+    (tmp_path / "stuck.py").write_text(_STUCK)
+    common = {"backend": "python", "folder": str(tmp_path), "timeout_s": 0.6}
+    once = {**common, "function": "stuck:once", "options": {"mark": str(tmp_path / "mark")}}
+    models = [
+        bridge_spec(f"once={json.dumps(once)}"),
+        bridge_spec(f"always={json.dumps({**common, 'function': 'stuck:always'})}"),
+    ]
+    with TopicAskers(tmp_path / "logs", 20.0, attached=False) as askers:
+        results = run_campaign(
+            [(make_bag(), None)], models, askers, tmp_path / "out", CellOptions(), True
+        )
+    assert [(result.status, result.missing) for result in results] == [("ok", 1), ("failed", 9)]
+    assert dict(results[0].losses) == {"no answer in time": 1}
+
+
+def test_a_backend_gives_up_before_its_bridge_whatever_its_options_say() -> None:
+    timeouts = Timeouts(10.0)
+    spec = bridge_spec('m={"backend": "openai"}')
+    assert _in_time(spec, {}, timeouts)["timeout_s"] == 9.5
+    assert _in_time(spec, {"timeout_s": 300}, timeouts)["timeout_s"] == 9.5
+    assert _in_time(spec, {"timeout_s": 2}, timeouts)["timeout_s"] == 2

@@ -143,11 +143,13 @@ class RawStore:
         self._path = cell / RAW_FILE
         self._requests_path = cell / REQUESTS_FILE
         self._by_key: dict[str, Response] = {}
+        self._unfinished_at: int | None = None  # where a line begins that a kill cut off
         if self._path.exists():
             self._load()
 
     def _load(self) -> None:
-        lines = self._path.read_bytes().split(b"\n")
+        content = self._path.read_bytes()
+        lines = content.split(b"\n")
         for number, line in enumerate(lines, start=1):
             if not line.strip():
                 continue
@@ -155,7 +157,9 @@ class RawStore:
                 value = json.loads(line)
             except ValueError as error:
                 if number == len(lines):
-                    return  # a run was killed while it wrote this line; it is asked again
+                    # A run was killed while it wrote this line; it is asked again.
+                    self._unfinished_at = len(content) - len(line)
+                    return
                 raise InputError(f"is no JSON: {error}", file=self._path, line=number) from error
             response = response_from_json(value, file=str(self._path), line=number)
             if not response.error_code:
@@ -178,6 +182,11 @@ class RawStore:
         line = json.dumps(response_to_json(response), allow_nan=False) + "\n"
         try:
             with open(self._path, "ab+") as stream:
+                if self._unfinished_at is not None:
+                    # It would be a fault in the middle of the file for the run after the next kill.
+                    stream.truncate(self._unfinished_at)
+                    stream.seek(0, os.SEEK_END)
+                    self._unfinished_at = None
                 if stream.tell() and not _ends_with_newline(stream):
                     stream.write(b"\n")
                 stream.write(line.encode())

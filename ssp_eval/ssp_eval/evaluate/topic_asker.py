@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ from ssp_core.processes import NodeProcess
 from ssp_eval.evaluate.asker import Ignored, Loss, Reply
 from ssp_eval.evaluate.exchange import Exchange
 from ssp_vla_bridge.core.request import Request
+from ssp_vla_bridge.core.response import ErrorCode
 
 # A bridge has this long to appear on the topics unless the user says otherwise: it loads its
 # model before it subscribes.
@@ -20,6 +22,7 @@ _SPIN_S = 0.05
 # The bridge's own timeout comes first, so that its numbered error is what is recorded.
 _GRACE_S = 2.0
 _MAX_RESTARTS = 2
+_STOP_S = 10.0
 
 
 class Link(Protocol):
@@ -87,6 +90,8 @@ class TopicAsker:
         self._start = start
         self.process: NodeProcess | None = None
         self._deaths = 0
+        self._out_of_time = False
+        self._freed = 0  # restarts since the last answer
         self._connected = self._waited_in_vain = False
 
     @property
@@ -128,8 +133,40 @@ class TopicAsker:
                 self._transport.spin(_SPIN_S)
         self._connected, self._waited_in_vain = True, False
 
+    def stop(self) -> None:
+        """Ends the bridge if it was started here; the next request starts it again."""
+        if self.process is None:
+            return
+        self.process.expected_to_stop = True
+        self.process.process.terminate()
+        try:
+            self.process.process.wait(_STOP_S)
+        except subprocess.TimeoutExpired:
+            self.process.process.kill()
+            self.process.process.wait()
+        self._link.forget()
+
     def ask(self, request: Request) -> Reply:
-        """The reply to one request; whatever the bridge does costs this reply only."""
+        """The reply to one request; whatever the bridge does costs this reply only.
+
+        A model that doesn't come back from one request would cost all those after it, too. So when
+        two in a row have no answer in time, a bridge that was started here is started again and
+        asked the second one once more. One alone may have been slow, as first requests are.
+        """
+        reply = self._ask(request)
+        if self._out_of_time and _no_time(reply) and self._may_free():
+            self._freed += 1
+            self.stop()
+            reply = self._ask(request)
+        self._out_of_time = _no_time(reply)
+        if not self._out_of_time:
+            self._freed = 0
+        return reply
+
+    def _may_free(self) -> bool:
+        return self.process is not None and self._freed < _MAX_RESTARTS
+
+    def _ask(self, request: Request) -> Reply:
         if not self._alive():
             if self._start is not None and self._deaths > _MAX_RESTARTS:
                 gone = f"the bridge died {self._deaths} times and was given up"
@@ -167,3 +204,9 @@ class TopicAsker:
         tail = self.process.log_tail(3).strip().replace("\n", " | ")
         how = f"the bridge {what} ({self.process.describe_exit()})"
         return f"{how}: {tail}" if tail else how
+
+
+def _no_time(reply: Reply) -> bool:
+    if reply.response is None:
+        return reply.loss is Loss.SILENT
+    return reply.response.error_code == ErrorCode.TIMEOUT

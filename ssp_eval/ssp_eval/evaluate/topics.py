@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib
 import json
 import os
-import subprocess
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
@@ -65,7 +64,6 @@ class TopicAskers:
         self._group: ProcessGroup | None = None
         self._askers: dict[str, tuple[str, TopicAsker]] = {}
         self._exchanges: dict[str, tuple[Exchange, Link]] = {}
-        self._running: dict[str, NodeProcess] = {}
 
     def __enter__(self) -> Self:
         return self
@@ -104,7 +102,7 @@ class TopicAskers:
         exchange.ignored = Ignored()
         start = None if model.attached else lambda: self._start(model, text, timeouts.answer_s)
         if known is not None:
-            self._stop(model.name, link)
+            known[1].stop()
         asker = TopicAsker(model.name, transport, exchange, link, timeouts, start)
         self._askers[model.name] = text, asker
         asker.connect()
@@ -141,23 +139,7 @@ class TopicAskers:
         if options != "{}":
             # Parameter values are read as YAML; the quoted text stays one string.
             parameters["backend_options"] = json.dumps(options)
-        process = self._group.start_node(f"bridge_{model.name}", BRIDGE_MODULE, parameters)
-        self._running[model.name] = process
-        return process
-
-    def _stop(self, model: str, link: Link) -> None:
-        """Ends a bridge whose options change."""
-        process = self._running.get(model)
-        if process is None:
-            return
-        process.expected_to_stop = True
-        process.process.terminate()
-        try:
-            process.process.wait(10.0)
-        except subprocess.TimeoutExpired:
-            process.process.kill()
-            process.process.wait()
-        link.forget()
+        return self._group.start_node(f"bridge_{model.name}", BRIDGE_MODULE, parameters)
 
 
 def _in_time(model: ModelSpec, options: Mapping[str, Any], timeouts: Timeouts) -> dict[str, Any]:
@@ -166,11 +148,15 @@ def _in_time(model: ModelSpec, options: Mapping[str, Any], timeouts: Timeouts) -
     if model.attached:
         return dict(options)
     if model.backend_name in OPTION_TIMEOUT:
-        times["timeout_s"] = timeouts.answer_s * _SHARE_OF_BACKEND
-    if model.backend_name in OPTION_START:
+        # Also where the options give a longer time: a backend that goes on after its bridge gave up
+        # keeps the next requests waiting.
+        share_s = timeouts.answer_s * _SHARE_OF_BACKEND
+        given_s = options.get("timeout_s")
+        times["timeout_s"] = share_s if given_s is None else min(given_s, share_s)
+    if model.backend_name in OPTION_START and "start_s" not in options:
         # The rest is for the process to start and to be found.
         times["start_s"] = timeouts.start_s * _SHARE_OF_SERVICE
-    return {**times, **options}
+    return {**options, **times}
 
 
 @contextmanager
