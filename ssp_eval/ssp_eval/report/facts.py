@@ -113,6 +113,10 @@ class CellFacts(_Part):
     # Empty in cells of an earlier version, and the backend of a bridge that was attached.
     backend: str = ""
     interface: str = ""
+    # A blinded or disordered ask of a model, and a bridge that checks the harness.
+    condition: str = ""
+    control: bool = False
+    task_version: str | None = None
     model_facts: ModelFactsRead = ModelFactsRead()
     adapter: str
     # Null where a recording has no such part: an imported video has no verdict.

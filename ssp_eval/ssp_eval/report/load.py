@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -76,7 +77,9 @@ class CellData:
     @property
     def is_control(self) -> bool:
         """True for a bridge that checks the harness."""
-        return self.model in CONTROLS or self.facts.backend in NEVER_MODELS
+        facts = self.facts
+        named = self.model in CONTROLS or facts.backend in NEVER_MODELS
+        return named or facts.control or bool(facts.condition)
 
     @property
     def id(self) -> str:
@@ -90,6 +93,15 @@ def load_cells(out: Path) -> list[CellData]:
     Raises:
         InputError: it is no campaign folder, or a file in it is damaged.
     """
+    return in_order([load_cell(file) for file in cell_files(out)])
+
+
+def cell_files(out: Path) -> list[Path]:
+    """The cell.json of each cell of a campaign.
+
+    Raises:
+        InputError: it is no campaign folder.
+    """
     files = sorted((out / CELLS).glob(f"*/{CELL_FILE}"))
     if not files:
         raise InputError(
@@ -97,7 +109,11 @@ def load_cells(out: Path) -> list[CellData]:
             file=out,
             remedy="give the --out folder of `ssp evaluate`",
         )
-    cells = [_load(file) for file in files]
+    return files
+
+
+def in_order(cells: Iterable[CellData]) -> list[CellData]:
+    """By scenario, domain and model, controls last."""
     return sorted(cells, key=lambda c: (c.scenario, _domain_order(c.domain), c.is_control, c.model))
 
 
@@ -105,7 +121,15 @@ def _domain_order(domain: str) -> int:
     return DOMAINS.index(domain) if domain in DOMAINS else len(DOMAINS)
 
 
-def _load(file: Path) -> CellData:
+def load_cell(file: Path) -> CellData:
+    """One cell, scored again.
+
+    Args:
+        file: its cell.json.
+
+    Raises:
+        InputError: a file of the cell is damaged.
+    """
     facts = load_facts(file)
     folder = file.parent
     labels = load_labels(folder / LABELS_FILE)
@@ -114,7 +138,7 @@ def _load(file: Path) -> CellData:
     records = load_records(folder / RECORDS_FILE)
     score = score_cell(labels, records)
     notes = []
-    stored = _json(read_text(folder / SCORE_FILE), folder / SCORE_FILE)
+    stored = json_object(read_text(folder / SCORE_FILE), folder / SCORE_FILE)
     if stored != score.to_json():
         notes.append(
             "The stored score differs from what its records and labels give now; this page shows "
@@ -136,7 +160,7 @@ def load_requests(file: Path) -> tuple[dict[str, Any], ...]:
     """
     found = []
     for number, line in enumerate(read_text(file).splitlines(), start=1):
-        value = _json(line, file, number)
+        value = json_object(line, file, number)
         try:
             parse_model(RequestFacts, value, file)
         except InputError as error:
@@ -147,7 +171,12 @@ def load_requests(file: Path) -> tuple[dict[str, Any], ...]:
     return tuple(found)
 
 
-def _json(text: str, file: Path, line: int | None = None) -> dict[str, Any]:
+def json_object(text: str, file: Path, line: int | None = None) -> dict[str, Any]:
+    """The JSON object that a file or a line of it is.
+
+    Raises:
+        InputError: it is none.
+    """
     value = parse_json(text, Place(file, line))
     if not isinstance(value, dict):
         raise InputError("must be a JSON object", file=file, line=line, value=value)

@@ -1,9 +1,11 @@
-"""Puts the page together: data, figures, pictures, template, style and script in one file."""
+"""Puts the page together: one file with its pictures, or a large one with files beside it."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
+from itertools import count
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -18,40 +20,62 @@ from ssp_eval.audit.model import AUDIT_FILE
 from ssp_eval.audit.model import PAGE_FILE as AUDIT_PAGE
 from ssp_eval.evaluate.admission import ADMITTED
 from ssp_eval.evaluate.cell_file import frame_path
-from ssp_eval.report.load import CellData, load_cells
+from ssp_eval.report.blinded import COLUMNS as BLINDED_COLUMNS
+from ssp_eval.report.blinded import blinded_rows, control_cells
+from ssp_eval.report.facts import CellFacts, load_facts
+from ssp_eval.report.large import DetailFiles, load_lightly, rows
+from ssp_eval.report.load import CellData, cell_files, in_order, load_cell
 from ssp_eval.report.matrix import matrix
 from ssp_eval.report.pictures import data_uri
 from ssp_eval.report.tables import (
     MEAN_COLUMNS,
     STAGE_NAMES,
     failure_rows,
+    failures_by_model,
+    mean_rows,
     mean_tables,
     rank_tables,
     scored,
 )
 from ssp_eval.report.view import RecordView, record_views, tolerated
+from ssp_eval.score.aggregate import BY_MODEL
+from ssp_eval.score.show import NULL
 
 PAGE = "index.html"
 # Where a campaign keeps its audits, if it does.
 AUDIT_PATTERN = f"audits/*/{AUDIT_FILE}"
+# Up to here a page holds all details and pictures; beyond, a browser would choke on them.
+MOST_IN_ONE_FILE = 24
+# Notices of single cells, and names of missing ones, that a page shows before it only counts.
+_MOST_NOTICES = 12
 _HERE = Path(__file__).parent
 SLOTS = ("objects", "position", "motion", "conflict", "lon_action", "lat_action")
 
 
-def write_report(out: Path, on_picture: Callable[[int, int], None] = lambda done, of: None) -> Path:
-    """Writes ``index.html`` into a campaign folder.
+def write_report(
+    out: Path, on_step: Callable[[int, int], None] = lambda done, of: None, most: int | None = None
+) -> Path:
+    """Writes ``index.html`` into a campaign folder, and for a large one files beside it.
 
     Args:
         out: campaign folder.
-        on_picture: told how many pictures are done, and of how many.
+        on_step: told how many pictures or cells are done, and of how many.
+        most: cells up to which everything goes into the one file; None: MOST_IN_ONE_FILE.
 
     Returns:
-        The file.
+        The page.
 
     Raises:
         InputError: it is no campaign folder, or a file in it is damaged.
     """
-    cells = load_cells(out)
+    files = cell_files(out)
+    if len(files) <= (MOST_IN_ONE_FILE if most is None else most):
+        cells = in_order(load_cell(file) for file in files)
+        return _write_one(out, cells, on_step)
+    return _write_large(out, files, on_step)
+
+
+def _write_one(out: Path, cells: list[CellData], on_step: Callable[[int, int], None]) -> Path:
     views = {cell.id: record_views(cell) for cell in cells}
     used = sorted({v.frame for of_cell in views.values() for v in of_cell if v.frame is not None})
     pictures: dict[str, str] = {}
@@ -59,20 +83,39 @@ def write_report(out: Path, on_picture: Callable[[int, int], None] = lambda done
         path = frame_path(out, frame)
         if path.exists():
             pictures[frame] = data_uri(path)
-        on_picture(done, len(used))
+        on_step(done, len(used))
     target = make_folder(out) / PAGE
-    write_text(target, render(cells, views, pictures, audit_pages(out, cells)))
+    write_text(
+        target, render(cells, views, pictures, audit_pages(out, (cell.facts for cell in cells)))
+    )
     return target
 
 
-def audit_pages(out: Path, cells: list[CellData]) -> dict[str, str]:
+def _write_large(out: Path, files: list[Path], on_step: Callable[[int, int], None]) -> Path:
+    """Details of one cell after the other, so that memory holds one cell's pictures of words."""
+    audits = audit_pages(out, (load_facts(file) for file in files))
+    details = DetailFiles(out, _environment(), audits)
+    done = count(1)
+
+    def write(cell: CellData) -> None:
+        details.write(cell)
+        on_step(next(done), len(files))
+
+    cells = in_order(load_lightly(files, write))
+    target = make_folder(out) / PAGE
+    write_text(target, render_large(cells, audits))
+    details.remove_others()
+    return target
+
+
+def audit_pages(out: Path, cells: Iterable[CellFacts]) -> dict[str, str]:
     """Pages of the audits that the cells go by, where they lie in the campaign folder.
 
     Returns:
         Path from the report by hash of the audit, those of the first scenario first.
     """
     found = {}
-    named = dict.fromkeys(cell.audit_sha256 for cell in cells)
+    named = dict.fromkeys(cell.admission.audit_sha256 for cell in cells)
     there = {
         sha256_file(file): file.with_name(AUDIT_PAGE) for file in sorted(out.glob(AUDIT_PATTERN))
     }
@@ -96,6 +139,59 @@ def render(
         pictures: data URIs by frame hash.
         audits: path of an audit's page by the audit's hash.
     """
+    drawn = {
+        "views": views,
+        "tolerated": {cell.id: tolerated(cell) for cell in cells},
+        "matrix": Markup(matrix(cells)),
+        "failures": failure_rows(cells),
+        "data": Markup(_script_json(pictures)),
+        "script": _source("page.js"),
+    }
+    return _page(cells, audits, browse=False, **drawn)
+
+
+def render_large(cells: list[CellData], audits: Mapping[str, str] = MappingProxyType({})) -> str:
+    """The page of a large campaign as HTML; details lie in files beside it.
+
+    Args:
+        cells: in the order in which they are shown; without records and questions.
+        audits: path of an audit's page by the audit's hash.
+    """
+    drawn = {
+        "failures_by_model": failures_by_model(cells),
+        "data": Markup(_script_json(rows(cells))),
+        "script": _source("browse.js"),
+    }
+    return _page(cells, audits, browse=True, **drawn)
+
+
+def _page(cells: list[CellData], audits: Mapping[str, str], **drawn: Any) -> str:
+    entering, controls = scored(cells), control_cells(cells)
+    return (
+        _environment()
+        .get_template("page.html.j2")
+        .render(
+            cells=cells,
+            audits=audits,
+            audit_links=_audit_links(cells, audits),
+            style=_source("style.css"),
+            means=mean_tables(entering),
+            mean_columns=MEAN_COLUMNS,
+            ranks=rank_tables(entering) if entering else [],
+            blinded=blinded_rows(cells),
+            blinded_columns=BLINDED_COLUMNS,
+            controls=mean_rows(controls, BY_MODEL),
+            stages=STAGE_NAMES,
+            slots=SLOTS,
+            facts=_facts(cells),
+            most=_MOST_NOTICES,
+            version=__version__,
+            **drawn,
+        )
+    )
+
+
+def _environment() -> jinja2.Environment:
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(_HERE),
         autoescape=True,
@@ -106,28 +202,13 @@ def render(
     environment.filters["svg"] = Markup
     environment.filters["words"] = lambda text: str(text).replace("_", " ")
     environment.filters["short"] = _short
+    environment.filters["score"] = lambda value: NULL if value is None else f"{value:.3f}"
     environment.filters["json"] = lambda value: json.dumps(value, sort_keys=True)
-    entering = scored(cells)
-    template = environment.get_template("page.html.j2")
-    return template.render(
-        cells=cells,
-        views=views,
-        pictures=Markup(_script_json(pictures)),
-        audits=audits,
-        audit_links=_audit_links(cells, audits),
-        style=Markup((_HERE / "style.css").read_text("utf-8")),
-        script=Markup((_HERE / "page.js").read_text("utf-8")),
-        matrix=Markup(matrix(cells)),
-        means=mean_tables(entering),
-        mean_columns=MEAN_COLUMNS,
-        ranks=rank_tables(entering) if entering else [],
-        failures=failure_rows(cells),
-        stages=STAGE_NAMES,
-        slots=SLOTS,
-        tolerated={cell.id: tolerated(cell) for cell in cells},
-        facts=_facts(cells, views),
-        version=__version__,
-    )
+    return environment
+
+
+def _source(name: str) -> Markup:
+    return Markup((_HERE / name).read_text("utf-8"))
 
 
 def _audit_links(cells: list[CellData], audits: Mapping[str, str]) -> list[tuple[str, str]]:
@@ -169,7 +250,21 @@ def _outside(cells: list[CellData]) -> list[tuple[str, str]]:
     return [(status, ", ".join(sorted(names))) for status, names in sorted(found.items())]
 
 
-def _facts(cells: list[CellData], views: dict[str, list[RecordView]]) -> dict[str, Any]:
+def _absent(cells: list[CellData]) -> list[str]:
+    """Models that weren't asked about a recording that another was asked about.
+
+    A condition is a control of its own, and is given to all models or none.
+    """
+    there = {(cell.scenario, cell.domain, cell.model) for cell in cells}
+    clips = dict.fromkeys((cell.scenario, cell.domain) for cell in cells)
+    models = dict.fromkeys(cell.model for cell in cells)
+    return [
+        " / ".join((*clip, model)) for clip in clips for model in models
+        if (*clip, model) not in there
+    ]  # fmt: skip
+
+
+def _facts(cells: list[CellData]) -> dict[str, Any]:
     ok = [cell for cell in cells if cell.score is not None]
     driven = list(dict.fromkeys(c.model for c in cells if not c.is_control))
     scenarios = sorted({cell.scenario for cell in cells})
@@ -179,7 +274,10 @@ def _facts(cells: list[CellData], views: dict[str, list[RecordView]]) -> dict[st
         "domains": list(dict.fromkeys(cell.domain for cell in cells)),
         "models": list(dict.fromkeys(cell.model for cell in cells)),
         "driven": len(driven),
-        "records": sum(len(of_cell) for of_cell in views.values()),
+        "records": sum(cell.score.n for cell in cells if cell.score is not None),
+        "statuses": dict(sorted(Counter(c.facts.status for c in cells if not c.score).items())),
+        "absent": _absent(cells),
+        "admissions": sorted({cell.admission for cell in cells}),
         "scored": len(ok),
         "out": [cell for cell in cells if cell.score is None],
         "outside": _outside(cells),

@@ -16,6 +16,7 @@ from ssp_eval.score.aggregate import (
     BY_SCENARIO_MODEL,
     Cell,
     Mean,
+    Ranking,
     means,
     ranking,
 )
@@ -39,6 +40,8 @@ _GROUPINGS = (
     ("By scenario and domain", BY_SCENARIO_DOMAIN),
     ("By scenario and model", BY_SCENARIO_MODEL),
 )
+# Of more scenarios than these there are too many pairs to read.
+_MOST_PAIRED = 6
 STAGE_NAMES = dict(
     zip(
         STAGES,
@@ -95,14 +98,19 @@ def mean_tables(cells: Sequence[Cell]) -> list[MeanTable]:
     """The groupings of METHOD 6.13, n with each mean."""
     tables = []
     for title, keys in _GROUPINGS:
-        rows = []
-        for group, by_metric in sorted(means(cells, keys).items(), key=lambda g: _order(g[0])):
-            n = by_metric["ivcs"].n
-            values = tuple(_mean_cell(by_metric[key], n, key) for key, _ in MEAN_COLUMNS)
-            rows.append(MeanRow(group, n, values))
         left_out = sum(not cell.admitted for cell in cells) if "domain" in keys else 0
-        tables.append(MeanTable(title, keys, tuple(rows), left_out))
+        tables.append(MeanTable(title, keys, mean_rows(cells, keys), left_out))
     return tables
+
+
+def mean_rows(cells: Sequence[Cell], keys: Sequence[str]) -> tuple[MeanRow, ...]:
+    """One grouping as rows."""
+    rows = []
+    for group, by_metric in sorted(means(cells, keys).items(), key=lambda g: _order(g[0])):
+        n = by_metric["ivcs"].n
+        values = tuple(_mean_cell(by_metric[key], n, key) for key, _ in MEAN_COLUMNS)
+        rows.append(MeanRow(group, n, values))
+    return tuple(rows)
 
 
 def _order(group: tuple[str, ...]) -> list[tuple[int, str]]:
@@ -142,13 +150,57 @@ def rank_tables(cells: Sequence[Cell]) -> list[RankTable]:
             columns = [found.scenarios[scenario].get(name) for scenario in scenarios]
             ranks = tuple(NULL if r is None else str(r) for r in (*columns, found.macro[name]))
             rows.append((name, ranks))
-        changes = tuple(
+        changes = _change_lines(found)
+        tables.append(RankTable(title, subject, scenarios, tuple(rows), changes))
+    return tables
+
+
+def _change_lines(found: Ranking) -> tuple[str, ...]:
+    """Every change of rank between two scenarios; of many scenarios the range of each subject."""
+    if len(found.scenarios) <= _MOST_PAIRED:
+        return tuple(
             f"{change.subject}: rank {change.ranks[0]} in {change.scenarios[0]}, "
             f"{change.ranks[1]} in {change.scenarios[1]}"
             for change in found.changes
         )
-        tables.append(RankTable(title, subject, scenarios, tuple(rows), changes))
-    return tables
+    lines = []
+    for name in dict.fromkeys(change.subject for change in found.changes):
+        ranks = [
+            (rank, scenario)
+            for scenario in sorted(found.scenarios)
+            if (rank := found.scenarios[scenario].get(name)) is not None
+        ]
+        best, worst = min(ranks), max(ranks, key=lambda pair: pair[0])
+        lines.append(
+            f"{name}: from rank {best[0]} in {best[1]} to {worst[0]} in {worst[1]}, "
+            f"{len({rank for rank, _ in ranks})} different ranks in {len(ranks)} scenarios"
+        )
+    return tuple(lines)
+
+
+@dataclass(frozen=True)
+class ModelFailures:
+    """First failures of all records of one model: count and share per stage, and without one."""
+
+    model: str
+    cells: int
+    counts: tuple[tuple[int, float], ...]
+    clean: tuple[int, float]
+
+
+def failures_by_model(cells: Sequence[CellData]) -> list[ModelFailures]:
+    """Per model, how many labels fail first at which stage (METHOD 6.12)."""
+    groups: dict[str, list[FailureRow]] = {}
+    for row in failure_rows(cells):
+        groups.setdefault(row.cell.model, []).append(row)
+    found = []
+    for model, rows in sorted(groups.items()):
+        counts = [sum(row.counts[k][0] for row in rows) for k in range(len(STAGES))]
+        clean = sum(row.clean[0] for row in rows)
+        total = sum(counts) + clean
+        shares = tuple((number, number / total) for number in counts)
+        found.append(ModelFailures(model, len(rows), shares, (clean, clean / total)))
+    return found
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from ssp_eval.evaluate.cell_file import frame_path
 from ssp_eval.labels.model import Label
 from ssp_eval.records import SLOT_NAMES, BehaviourRecord
 from ssp_eval.report.load import CellData
@@ -14,6 +15,7 @@ from ssp_eval.report.projection import overlay
 from ssp_eval.report.spans import Segment, segments
 from ssp_eval.report.tables import STAGE_NAMES
 from ssp_eval.report.topview import top_view
+from ssp_eval.report.walk import Walks, WalkStep
 from ssp_eval.score import Judgement
 from ssp_eval.score.semantics import SlotScore
 from ssp_eval.score.show import NULL
@@ -65,6 +67,8 @@ class RecordView:
         candidate: it counts for the risk response.
         overlay: SVG over the picture.
         plan: SVG of the plan.
+        picture: path of that newest frame in the campaign folder, empty where it wasn't kept.
+        walk: from the score back to K*.
     """
 
     anchor: str
@@ -84,6 +88,8 @@ class RecordView:
     candidate: bool
     overlay: str
     plan: str
+    picture: str
+    walk: tuple[WalkStep, ...]
 
 
 def record_views(cell: CellData) -> list[RecordView]:
@@ -91,8 +97,9 @@ def record_views(cell: CellData) -> list[RecordView]:
     if cell.score is None:
         return []
     details = cell.score.details
+    walks = Walks(cell)
     return [
-        _view(cell, index, label, judgement, details.response_record)
+        _view(cell, index, label, judgement, walks.of(index, judgement))
         for index, (label, judgement) in enumerate(
             zip(cell.labels.labels, details.judgements, strict=True)
         )
@@ -100,8 +107,13 @@ def record_views(cell: CellData) -> list[RecordView]:
 
 
 def _view(
-    cell: CellData, index: int, label: Label, judgement: Judgement, response: int | None
+    cell: CellData,
+    index: int,
+    label: Label,
+    judgement: Judgement,
+    walk: tuple[WalkStep, ...],
 ) -> RecordView:
+    response = None if cell.score is None else cell.score.details.response_record
     record = None if judgement.record is None else cell.records[judgement.record]
     request = _request(cell.requests, label.t_s)
     frames: Sequence[dict[str, Any]] = request.get("frames", [])
@@ -140,11 +152,19 @@ def _view(
         candidate=judgement.candidate,
         overlay=drawn,
         plan=top_view(trajectory, request.get("history", [])),
+        picture=_picture(cell, frames),
+        walk=walk,
     )
 
 
 def _request(requests: Sequence[dict[str, Any]], label_t_s: float) -> dict[str, Any]:
     return next((r for r in requests if r.get("label_t_s") == label_t_s), {})
+
+
+def _picture(cell: CellData, frames: Sequence[dict[str, Any]]) -> str:
+    out = cell.folder.parents[1]
+    path = frame_path(out, frames[-1]["sha256"]) if frames else None
+    return path.relative_to(out).as_posix() if path is not None and path.is_file() else ""
 
 
 def _missing(request: Mapping[str, Any]) -> str:
