@@ -335,3 +335,47 @@ def test_an_error_is_a_missing_answer(cases):
     adapted = cases.read("openemma", cases.pairs(PLAN), error_code=2)
     assert adapted.invalid == ("missing",)
     assert adapted.trajectory is None
+
+
+def limited(text, *names):
+    """Decoding that says of these stages that they ended at the limit of tokens."""
+    spans = [("intent", 0, 0), ("motion", 0, len(text))]
+    return {
+        "stages": [
+            {"name": name, "start": start, "end": end,
+             "finish_reason": "length" if name in names else "stop"}
+            for name, start, end in spans
+        ]
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("tail", ["", " ", "\n", ","])
+def test_a_list_at_the_limit_of_tokens_is_cut_wherever_the_limit_fell(cases, tail):
+    text = "Future: [4.0, 0.0], [4.1, 0.0], [4.2, 0.0], [4.3, 0.0]" + tail
+    adapted = cases.read("openemma", text, decoding=limited(text, "motion"))
+    assert adapted.invalid == ("shape",)
+    assert "motion: cut off at the limit of tokens" in adapted.info.notes
+    whole = cases.read("openemma", text, decoding={"finish_reason": "length"})
+    assert whole.invalid == ("shape",)
+    assert "answer: cut off at the limit of tokens" in whole.info.notes
+
+
+@pytest.mark.parametrize(
+    ("text", "points"),
+    [
+        ("[4.0, 0.0], [4.0, 0.0], [4.0, 0.0], [4.0, 0.0]\nSo I keep", 5),  # ended by its author
+        ("[[4.0, 0.0], [4.0, 0.0], [4.0, 0.0], [4.0, 0.0]]", 5),
+        (", ".join(["[4.0, 0.0]"] * 10), 11),
+    ],
+)
+def test_a_list_that_ended_before_the_limit_of_tokens_is_read(cases, text, points):
+    adapted = cases.read("openemma", text, decoding=limited(text, "motion"))
+    assert (adapted.invalid, len(adapted.trajectory.t_s)) == ((), points)
+    assert "motion: cut off at the limit of tokens" in adapted.info.notes
+
+
+def test_a_stage_before_the_motion_that_was_cut_off_is_noted(cases):
+    text = ", ".join(["[4.0, 0.0]"] * 10)
+    adapted = cases.read("openemma", text, decoding=limited(text, "intent"))
+    assert adapted.invalid == ()
+    assert adapted.info.notes == ("intent: cut off at the limit of tokens",)

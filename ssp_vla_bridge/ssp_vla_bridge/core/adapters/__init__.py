@@ -5,13 +5,14 @@ An adapter parses and converts coordinates; it repairs nothing and never raises 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 from ssp_core.errors import InputError
 from ssp_vla_bridge.core.adapters.alpamayo import MODE as ALPAMAYO_MODE
 from ssp_vla_bridge.core.adapters.alpamayo import adapt_alpamayo
 from ssp_vla_bridge.core.adapters.lightemma import adapt_lightemma
+from ssp_vla_bridge.core.adapters.limit import cut_parts
 from ssp_vla_bridge.core.adapters.llavida import NATIVE as LLAVIDA_MODE
 from ssp_vla_bridge.core.adapters.llavida import adapt_llavida
 from ssp_vla_bridge.core.adapters.openemma import CORRECTED, NATIVE, adapt_openemma
@@ -63,7 +64,10 @@ def adapt(adapter_name: str, response: Response, request: Request | None = None)
         InputError: there is no adapter or mode of that name.
     """
     name, mode = check_adapter(adapter_name)
-    return ADAPTERS[name].read(response, request, mode)
+    adapted = ADAPTERS[name].read(response, request, mode)
+    notes = tuple(f"{part}: cut off at the limit of tokens" for part in cut_parts(response))
+    info = replace(adapted.info, notes=(*adapted.info.notes, *notes))
+    return replace(adapted, info=info) if notes else adapted
 
 
 def check_adapter(adapter_name: str) -> tuple[str, str]:

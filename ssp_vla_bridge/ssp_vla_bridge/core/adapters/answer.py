@@ -10,7 +10,8 @@ The rules, in this order:
 4. The last list with the number of rows that the interface defines is the answer. If there is
    none: the last one, if the text ends before it does; else the longest, the last of equals.
 5. A list with a fault, with rows of another width or under other names has the wrong shape. Fewer
-   rows are read as they are, and more, too: whether they suffice is a matter of coverage.
+   rows are read as they are, and more, too: whether they suffice is a matter of coverage. But a
+   text that was cut off ends no list: one with fewer rows at its end is cut off, too.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from ssp_vla_bridge.core.adapters.numbers import CUT, NumberList, scan_lists
+from ssp_vla_bridge.core.adapters.numbers import CUT, NESTED, NumberList, scan_lists
 
 _THINK_BEGIN, _THINK_END = "<think>", "</think>"
 _LABEL_LENGTH = 200
@@ -70,16 +71,20 @@ class Choice:
     notes: tuple[str, ...]
 
 
-def choose_answer(text: str, form: Form, history: Rows | None) -> Choice:
+def choose_answer(text: str, form: Form, history: Rows | None, text_is_cut: bool = False) -> Choice:
     """The list of a text that answers, by the rules above; takes time linear in its length.
 
     Args:
         text: of the answer.
         form: of the interface.
         history: as the prompt printed it, None when the request isn't at hand.
+        text_is_cut: whether it is known to end at the limit of tokens.
     """
     notes: list[str] = []
-    lists = _after_thinking(text, scan_lists(text), notes)
+    lists: Sequence[NumberList] = scan_lists(text)
+    if text_is_cut:
+        lists = _with_cut_end(text, lists, form.rows)
+    lists = _after_thinking(text, lists, notes)
     lists = [part for one in lists for part in _parts(one, form.rows, history, notes)]
     answers = []
     end = 0
@@ -95,6 +100,17 @@ def choose_answer(text: str, form: Form, history: Rows | None) -> Choice:
         what = "no list but the echo of the history" if lists else "no list of numbers"
         return Choice((), "missing", (*_unique(notes), f"the text holds {what}"))
     return _read(*_pick(answers, form, notes), form, history, notes)
+
+
+def _with_cut_end(text: str, lists: Sequence[NumberList], count: int) -> Sequence[NumberList]:
+    """The lists, the last one of them cut where nothing says that it ended."""
+    if not lists:
+        return lists
+    last = lists[-1]
+    ended = last.fault or len(last.rows) >= count or not NESTED.isdisjoint(last.marks)
+    if ended or any(character.isalnum() for character in text[last.end :]):
+        return lists
+    return (*lists[:-1], replace(last, cut=True, fault=CUT))
 
 
 def _label(before: str) -> str:

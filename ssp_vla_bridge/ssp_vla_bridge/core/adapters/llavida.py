@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from ssp_vla_bridge.core.adapters.answer import Form, choose_answer
+from ssp_vla_bridge.core.adapters.limit import motion_is_cut
 from ssp_vla_bridge.core.adapters.points import adapt_points
 from ssp_vla_bridge.core.adapters.types import Adapted, AdapterInfo, without_trajectory
 from ssp_vla_bridge.core.native_history import LLAVIDA_POINTS, STEP_S, llavida_history
@@ -41,7 +42,7 @@ def adapt_llavida(
     if response.error_code:
         return without_trajectory(response, info, "missing")
     history = None if request is None else llavida_history(request).rows
-    choice = choose_answer(response.text, _FORM, history)
+    choice = choose_answer(response.text, _FORM, history, motion_is_cut(response))
     info = replace(info, notes=choice.notes)
     if choice.reason:
         return Adapted(response.text, None, (choice.reason,), info)

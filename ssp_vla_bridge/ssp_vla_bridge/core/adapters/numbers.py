@@ -36,7 +36,7 @@ _LABELS = frozenset(
     | {"pairs", "at", "future", "and", "then", "wp", "p"}
 )
 _NO_NAMES: frozenset[str] = frozenset()
-_NESTED = frozenset({"a nested list"})
+NESTED = frozenset({"a nested list"})
 _LABELLED = frozenset({"labels between rows"})
 _names_of = attrgetter("names")
 # More of a text than this between two rows is no label.
@@ -127,7 +127,7 @@ def _finish(rows: list[Row], gaps: list[_Gap], after: _Gap, cut: bool = False) -
         fault = CUT
     marks = _joined(tuple({row.marks for row in rows}))
     if gaps[0].opened >= 0:
-        marks |= _NESTED
+        marks |= NESTED
     if any(gap.label for gap in gaps[1:]):
         marks |= _LABELLED
     return [

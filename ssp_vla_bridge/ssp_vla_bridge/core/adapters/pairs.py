@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from ssp_vla_bridge.core.adapters.answer import Form, Rows, choose_answer
+from ssp_vla_bridge.core.adapters.limit import MOTION, motion_is_cut
 from ssp_vla_bridge.core.adapters.types import Adapted, AdapterInfo, without_trajectory
 from ssp_vla_bridge.core.previous import stage_text
 from ssp_vla_bridge.core.response import Response
@@ -45,7 +46,7 @@ def adapt_pairs(
     if response.error_code:
         return without_trajectory(response, info, "missing")
     motion, stage_notes = motion_text(response)
-    choice = choose_answer(motion, form, history)
+    choice = choose_answer(motion, form, history, motion_is_cut(response))
     info = replace(info, notes=(*stage_notes, *choice.notes))
     if choice.reason:
         return Adapted(response.text, None, (choice.reason,), info)
@@ -67,7 +68,7 @@ def motion_text(response: Response) -> tuple[str, tuple[str, ...]]:
     """
     if response.decoding.get("stages") is None:
         return response.text, ()
-    text = stage_text(response, "motion")
+    text = stage_text(response, MOTION)
     if text is not None:
         return text, ()
     return response.text, ("no span of the motion stage is given, so the whole text was read",)

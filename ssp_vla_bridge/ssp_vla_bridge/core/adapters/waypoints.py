@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 
 from ssp_vla_bridge.core.adapters.answer import Form, choose_answer
+from ssp_vla_bridge.core.adapters.limit import motion_is_cut
 from ssp_vla_bridge.core.adapters.points import adapt_points
 from ssp_vla_bridge.core.adapters.types import Adapted, AdapterInfo, without_trajectory
 from ssp_vla_bridge.core.request import Request
@@ -73,7 +74,7 @@ def _read_text(response: Response, task: DrivingTask) -> Adapted:
     if not (math.isfinite(horizon_s) and _SHORTEST_STEP_S <= step_s <= horizon_s):
         return _without(response, "timestamps", "the task's trajectory step is no time")
     form = replace(_FORM, rows=math.floor(horizon_s / step_s + TOLERANCE_S))
-    choice = choose_answer(response.text, form, ())
+    choice = choose_answer(response.text, form, (), motion_is_cut(response))
     if choice.reason:
         note = f"no array is named {ARRAY_NAME}"
         return replace(
