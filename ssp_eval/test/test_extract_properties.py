@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 
 from ssp_eval.extract import extract, extractor_hash
 from ssp_eval.extract.checks import check
-from ssp_eval.extract.match import ENTRIES
 from ssp_eval.extract.tokens import tokenise
+from ssp_eval.extract.vocabulary import ENTRIES
 from ssp_eval.records import (
     SLOT_NAMES,
     VOCABULARIES,

@@ -2,87 +2,17 @@
 
 from __future__ import annotations
 
-from itertools import product
-from typing import Any
-
-from ssp_eval.extract import grammar, hazards, lanes, lexicon, movements, nouns, verbs
+from ssp_eval.extract import lanes, nouns
 from ssp_eval.extract.directions import SIDES, own_end, place_stop, side
+from ssp_eval.extract.frames import FRAMES, frame
 from ssp_eval.extract.free import RULES
+from ssp_eval.extract.headings import field_name, heads_line
 from ssp_eval.extract.hits import MARKS, Hit, Kind
-
-Entry = tuple[Kind, str, str]
-_ENTRY = ""  # the key of a node's own entry; no word is empty
+from ssp_eval.extract.vocabulary import ENTRIES, TREE, Entry, longest
 
 _PRONE_TO_NOUN = frozenset({"the", "a", "this", "that", "at", "zebra", "an", "marked"})
 
 
-def _entries() -> dict[str, Entry]:
-    """Every phrase with what it is; a phrase stands for one thing only."""
-    table: dict[str, Entry] = {}
-
-    def add(phrase: str, kind: Kind, value: str, form: str = "") -> None:
-        table.setdefault(phrase, (kind, value, form))
-
-    for phrase in lexicon.SKIPPED:
-        add(phrase, Kind.SKIP, "")
-    for phrase in lexicon.EGO:
-        add(phrase, Kind.EGO, "")
-    for name, listed in nouns.OBJECT_NOUNS.items():
-        for noun in listed:
-            add(noun, Kind.OBJECT, name)
-    for value, listed in lexicon.STATES.items():
-        for phrase in listed:
-            add(phrase, Kind.STATE, value)
-    for value, listed in lexicon.CONFLICTS.items():
-        for phrase in listed:
-            add(phrase, Kind.CONFLICT, value)
-    for phrase in hazards.AFFECTS:
-        add(phrase, Kind.RISK, "")
-    for phrase in lexicon.RISK:
-        add(phrase, Kind.RISK, "alone" if phrase in lexicon.RISK_ALONE else "")
-    for kind, values in grammar.KINDS.items():
-        for value, listed in values.items():
-            for phrase in listed:
-                add(phrase, kind, value)
-    for value, listed in lexicon.PLACES.items():
-        for phrase in listed:
-            add(phrase, Kind.PLACE, value)
-    for lemma, listed in (*verbs.VERBS.items(), *movements.MOVEMENTS.items()):
-        for phrase in listed:
-            for words, form in verbs.inflect(phrase):
-                add(words, Kind.VERB, lemma, form)
-    for lemma, forms in verbs.EXTRA_FORMS.items():
-        for words, form in forms:
-            add(words, Kind.VERB, lemma, form)
-    for prep, owner in product(("in", "within", "inside", "on"), lanes.OWN_LANE):
-        value = "own" if {"our", "my", "ego"} & set(owner.split()) else ""
-        add(f"{prep} {owner} lane".replace("  ", " "), Kind.IN_LANE, value)
-    for prep, owner in product(("in", "within", "inside"), ("our", "my", "its", "the ego")):
-        add(f"{prep} {owner} path", Kind.IN_LANE, "path")
-    for phrase in lanes.IN_PATH:
-        add(phrase, Kind.IN_LANE, "path")
-    for phrase in lanes.SAME_LANE:
-        add(phrase, Kind.IN_LANE, "")
-    for scene in lexicon.SCENE:
-        add(scene, Kind.SCENE, "")
-    return table
-
-
-ENTRIES = _entries()
-_KEYS = {phrase: slot for slot, listed in lexicon.KEYS.items() for phrase in listed}
-
-
-def _trie() -> dict[str, Any]:
-    root: dict[str, Any] = {}
-    for phrase, entry in ENTRIES.items():
-        node = root
-        for word in phrase.split():
-            node = node.setdefault(word, {})
-        node[_ENTRY] = entry
-    return root
-
-
-_ROOT = _trie()
 _DEFINITE = frozenset({"the", "this", "that", "these", "those", "same", "said"})
 _INDEFINITE = frozenset(
     {
@@ -165,35 +95,11 @@ _NOUNY = frozenset(
         "nudge",
     }
 )
-_FRAMES = {"frame", "image", "picture", "timestep"}
-_ORDINALS = {
-    "first": 1,
-    "second": 2,
-    "third": 3,
-    "fourth": 4,
-    "fifth": 5,
-    "last": 10**6,
-    "final": 10**6,
-    "current": 10**6,
-    "latest": 10**6,
-    "newest": 10**6,
-    "previous": 0,
-    "earlier": 0,
-    "past": 0,
-    "initial": 0,
-    "oldest": 0,
-    "one": 1,
-    "two": 2,
-    "three": 3,
-    "four": 4,
-    "five": 5,
-}
-
-
 _ADVERBS = frozenset({"still", "yet", "though", "therefore", "thus", "hence", "however"})
 _OVERTAKING = frozenset({"overtaking", "passing"})
 _ARTICLES = frozenset({"a", "an", "the", "this", "another"})
 _VERB, _OBJECT, _PLACE, _SKIP = Kind.VERB, Kind.OBJECT, Kind.PLACE, Kind.SKIP
+_MARK = Kind.MARK
 _AS_LISTED = frozenset(Kind) - {
     _VERB,
     _OBJECT,
@@ -208,48 +114,42 @@ _AFTER_SIDES = frozenset({"in", "behind", "after", "now", "next", "here", "there
 _RIDERS = frozenset({"pedestrian", "rider"})
 
 # Words with which a rule can begin; the rest is passed over at once.
-_FREE = frozenset(RULES) | frozenset(SIDES) | frozenset(_FRAMES)
-_STARTS = frozenset(_ROOT) | MARKS | _FREE
+_FREE = frozenset(RULES) | frozenset(SIDES) | frozenset(FRAMES)
+_STARTS = frozenset(TREE) | MARKS | _FREE
 
 
 def find(words: list[str]) -> list[Hit]:
     """The hits of a text in order, not overlapping but for a verb that keeps two things."""
     hits: list[Hit] = []
-    count = len(words)
-    at = 0
-    while at < count:
-        word = words[at]
-        if word not in _STARTS:
-            at += 1
+    past = 0  # the word after what has been taken already
+    for at, word in enumerate(words):
+        if at < past or word not in _STARTS:
             continue
         if word in MARKS:
-            named = word in ":=" or (word == "[" and _heads_line(words, at))
-            slot = _key(words, at, hits) if named else ""
-            hits.append(Hit(Kind.MARK, "," if word == ">" else word, "", at, at + 1))
-            at += 1
-            if slot:
-                value = lanes.field_value(words, at, slot)
-                if value is not None:
-                    hits.append(Hit(Kind.VERB, *value))
-                    at = value[3]
+            past = _mark(words, at, hits)
             continue
         if word in _FREE:
-            after = _free(words, at, hits)
-            if after:
-                at = after
+            past = _free(words, at, hits)
+            if past:
                 continue
-        node: Any = _ROOT.get(word, {})
-        entry: Entry | None = node.get(_ENTRY)
-        here = stop = at + 1
-        while here < count:
-            node = node.get(words[here])
-            if node is None:
-                break
-            here += 1
-            if _ENTRY in node:
-                entry, stop = node[_ENTRY], here
-        at = _add(words, at, stop, entry, hits) if entry is not None else at + 1
+        entry, stop = longest(words, at)
+        if entry is not None:
+            past = _add(words, at, stop, entry, hits)
     return hits
+
+
+def _mark(words: list[str], at: int, hits: list[Hit]) -> int:
+    """Adds a mark, with the field that it names and that field's value; the word after them."""
+    word = words[at]
+    slot = ""
+    if word in ":=" or (word == "[" and heads_line(words, at)):
+        slot = field_name(words, at, hits)
+    hits.append(Hit(_MARK, "," if word == ">" else word, "", at, at + 1))
+    value = lanes.field_value(words, at + 1, slot) if slot else None
+    if value is None:
+        return at + 1
+    hits.append(Hit(_VERB, *value))
+    return value[3]
 
 
 def _free(words: list[str], at: int, hits: list[Hit]) -> int:
@@ -261,7 +161,7 @@ def _free(words: list[str], at: int, hits: list[Hit]) -> int:
             return after
     if word in SIDES:
         return _side(words, at, hits)
-    return _frame(words, at, hits) if word in _FRAMES else 0
+    return frame(words, at, hits) if word in FRAMES else 0
 
 
 def _add(words: list[str], at: int, stop: int, entry: Entry, hits: list[Hit]) -> int:
@@ -324,14 +224,6 @@ def _add_object(words: list[str], at: int, stop: int, entry: Entry, hits: list[H
     return stop
 
 
-def _heads_line(words: list[str], at: int) -> bool:
-    """[Intent] at the start of a line: whether a bracket closes there."""
-    for first in range(at - 2, max(at - 6, -1), -1):
-        if words[first] == "[":
-            return first == 0 or words[first - 1] == "\n"
-    return False
-
-
 def _parenthetic(words: list[str], at: int, stop: int) -> bool:
     """Whether an adverb stands inside its clause: is still crossing; the SUV, however, waits."""
     if not at:
@@ -369,13 +261,7 @@ def _is_noun(words: list[str], at: int) -> bool:
 
 
 def _side(words: list[str], at: int, hits: list[Hit]) -> int:
-    node: Any = _ROOT.get(words[at], {})
-    entry: Entry | None = None
-    here = stop = at + 1
-    while here < len(words) and (node := node.get(words[here])) is not None:
-        here += 1
-        if _ENTRY in node:
-            entry, stop = node[_ENTRY], here
+    entry, stop = longest(words, at)
     named = at > 0 and words[at - 1] in (
         "the",
         "our",
@@ -397,52 +283,3 @@ def _side(words: list[str], at: int, hits: list[Hit]) -> int:
         hits.pop()  # "to", "on" and "by" belong to the direction now
     hits.append(Hit(Kind.SIDE, value, form, first, stop))
     return stop
-
-
-def _frame(words: list[str], at: int, hits: list[Hit]) -> int:
-    number: int | None = None
-    stop = at + 1
-    if at and words[at - 1] in _ORDINALS:
-        number = _ORDINALS[words[at - 1]]
-    elif stop < len(words):
-        after = words[stop]
-        number = (
-            int(after)
-            if after.isascii() and after.isdigit() and len(after) < 6
-            else (_ORDINALS.get(after))
-        )
-        stop += number is not None
-    if number is None:
-        hits.append(Hit(Kind.SCENE, "", "", at, at + 1))
-    else:
-        hits.append(Hit(Kind.FRAME, str(number), "", at, stop))
-    return stop
-
-
-def _key(words: list[str], colon: int, hits: list[Hit]) -> str:
-    """Turns the words before a colon into a field name, if they are one and stand alone.
-
-    Returns:
-        The field: a slot of KEYS, or one of the looser names of lanes.py; "" if there is none.
-    """
-    stop = colon
-    while stop and words[stop - 1] in ('"', ")", "|"):
-        stop -= 1
-    if stop > 2 and words[stop - 1].isdigit():
-        stop -= 1  # Critical object 1:
-    for length in (4, 3, 2, 1):
-        first = stop - length
-        before = words[first - 1] if first > 0 else "."
-        if first < 0 or not (before in MARKS or "0" <= before[0] <= "9"):
-            continue
-        name = " ".join(words[first:stop])
-        slot = _KEYS.get(name)
-        if slot:
-            while hits and hits[-1].stop > first:
-                hits.pop()
-            hits.append(Hit(Kind.KEY, slot, "", first, stop))
-            return slot
-        loose = lanes.FIELDS.get(name)
-        if loose:
-            return loose
-    return ""

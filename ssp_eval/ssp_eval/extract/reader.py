@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from ssp_eval.extract import conflicts, moves, others, places, subjects, weights
+from ssp_eval.extract import conflicts, egos, moves, others, places, subjects, weights
 from ssp_eval.extract.hits import Hit, Kind
 from ssp_eval.extract.talk import EGO, Talk
 from ssp_eval.extract.world import Actor, Statement, World
@@ -170,7 +170,7 @@ def _labels(talk: Talk, index: int) -> bool:
 
 _HANDLERS: dict[Kind, Callable[[Talk, int, Hit], None]] = {
     Kind.OBJECT: subjects.read_object,
-    Kind.EGO: subjects.read_ego,
+    Kind.EGO: egos.read_ego,
     Kind.PRONOUN: subjects.read_pronoun,
     Kind.RELATIVE: subjects.read_relative,
     Kind.SCENE: subjects.read_scene,

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from ssp_eval.extract import actors, others
+from ssp_eval.extract import actors, egos, others
 from ssp_eval.extract.hits import Hit, Kind
 from ssp_eval.extract.scope import Scope
 from ssp_eval.extract.talk import EGO, SCENE, Talk
-from ssp_eval.extract.verbs import LAT_ACTIONS, LON_ACTIONS
 from ssp_eval.extract.world import Actor, Statement
 
 MAX_GROUP = 6
@@ -24,7 +23,6 @@ _FITTING = {
     "rider": frozenset({"cyclist", "motorcycle"}),
 }
 _NONE = frozenset({"none", "nobody", "no", "nil", "zero", "nothing"})
-_EITHER = frozenset({"turn", "change_left", "change_right", "keep_lane", "keep_speed", "change"})
 
 
 def read_object(talk: Talk, index: int, hit: Hit) -> None:
@@ -39,7 +37,7 @@ def read_object(talk: Talk, index: int, hit: Hit) -> None:
         talk.denied.add(hit.value)
         talk.subject, talk.near = SCENE, None
         return
-    role = _ego_role(talk, index, hit)
+    role = egos.ego_role(talk, index, hit)
     if role:
         talk.subject, talk.near, talk.busy = role, None, False
         return
@@ -164,29 +162,9 @@ def _governed(talk: Talk, index: int) -> bool:
     return actors.governed(talk.hits, index, talk.start, talk.stop, talk.words)
 
 
-def read_ego(talk: Talk, index: int, hit: Hit) -> None:
-    if talk.words[hit.first - 1 : hit.first + 2 : 2] == ["(", ")"]:
-        return  # (i)
-    if index > talk.start and talk.hits[index - 1].kind is Kind.REACT:
-        return
-    if (
-        talk.busy
-        and talk.subject is not None
-        and hit.stop - hit.first == 1
-        and (talk.words[hit.first] in ("us", "me"))
-    ):
-        return
-    if talk.words[hit.first] not in ("us", "me"):
-        talk.subject = EGO
-        talk.ego_named = talk.ego_named or talk.words[hit.first] not in ("i", "we", "you")
-        talk.busy = False
-        talk.near = None
-        talk.pending = []
-
-
 def read_pronoun(talk: Talk, index: int, hit: Hit) -> None:
     actor = _referent(talk, hit.value)
-    if hit.value == "it" and _after_ego(talk, index) and _acts(talk, index):
+    if hit.value == "it" and egos.after_ego(talk, index) and egos.acts(talk, index):
         talk.subject = EGO  # The ego car slows down. It stays in its lane.
         return
     named = hit.first > 1 and talk.words[hit.first - 1] == "the"  # behind the rider
@@ -255,65 +233,3 @@ def read_scene(talk: Talk, index: int, hit: Hit) -> None:
     if opens and not talk.busy and not _governed(talk, index):
         talk.subject = SCENE
         talk.pending = []
-
-
-def _ego_role(talk: Talk, index: int, hit: Hit) -> str:
-    """What an unmodified "the car" is that nobody introduced: some texts call the VUT so.
-
-    With "should" it is the VUT; with a turn or a lane keeping it may be either and counts for none.
-    """
-    known = any(actor.name == hit.value for actor in talk.world.actors)
-    bare = hit.first > 0 and talk.words[hit.first - 1] == "the"
-    if bare and hit.value == "car" and _ought(talk, index):
-        return EGO
-    if known or not bare or hit.value != "car" or index + 1 >= talk.stop:
-        return ""
-    following = talk.hits[index + 1]
-    if following.kind is Kind.MODAL and following.value == "must":
-        return EGO
-    if following.kind is Kind.MODAL and following.value == "may" and _acts(talk, index):
-        return SCENE  # the car may slow down or keep its speed: the VUT or another
-    before = talk.hits[index - 1] if index > talk.start else None
-    ordered = before is not None and before.kind is Kind.VERB and before.stop == hit.first - 1
-    if ordered and before is not None:
-        acts = before.value in LON_ACTIONS or talk.planner.steers(before)
-        if acts:
-            return EGO  # stop the car
-    if following.kind is Kind.AUX and index + 2 < talk.stop:
-        following = talk.hits[index + 2]
-    if following.kind is Kind.VERB and following.value in _EITHER:
-        talk.ego_is_car = True
-    if talk.ego_is_car and following.kind not in (Kind.PLACE, Kind.SIDE):
-        return SCENE
-    return ""
-
-
-def _ought(talk: Talk, index: int) -> bool:
-    """The car should slow down, and the car that an action field speaks of: both are the VUT."""
-    if index + 1 >= talk.stop:
-        return False
-    following = talk.hits[index + 1]
-    known = any(actor.name == "car" for actor in talk.world.actors)
-    opens = index > talk.start and talk.hits[index - 1].value in (":", "[")
-    if talk.key == "action" and (opens or not known):
-        return following.kind not in (Kind.PLACE, Kind.SIDE, Kind.STATE)
-    ordered = following.value == "must" or talk.words[following.first] == "shall"
-    return following.kind is Kind.MODAL and ordered and _acts(talk, index)
-
-
-def _after_ego(talk: Talk, index: int) -> bool:
-    if index == talk.start or (index == talk.start + 1 and talk.hits[index - 1].kind is Kind.THEN):
-        return talk.after_ego()
-    planned = talk.planner.first is not None and talk.ego_named
-    return planned and talk.hits[index - 1].value in (";", ":")
-
-
-def _acts(talk: Talk, index: int) -> bool:
-    """Whether one of the ego's actions follows: it stays in its lane, it should slow down."""
-    for after in range(index + 1, min(index + 4, talk.stop)):
-        hit = talk.hits[after]
-        if hit.kind is Kind.VERB:
-            return hit.value in LON_ACTIONS or hit.value in LAT_ACTIONS
-        if hit.kind not in (Kind.MODAL, Kind.AUX, Kind.THEN, Kind.READY):
-            return False
-    return False
