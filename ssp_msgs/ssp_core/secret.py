@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import html
 import json
+import re
 from urllib.parse import quote, urlsplit
 
 from ssp_core.errors import InputError
 
 _SHOWN = "[key]"
 _PART = 8  # so many characters of a key in a row are taken for a piece of it
+# An ASCII character as JSON may also write it; some encoders write "+" and "&" so.
+_ESCAPED = re.compile(rb"\\u00([2-7][0-9a-fA-F])")
 _PLACEHOLDER = 8  # a shorter key is a word such as "none" or "EMPTY" and no secret
 
 
@@ -46,7 +49,8 @@ def gives_away(body: bytes, key: str | None) -> bool:
     """True where a reply holds the whole key; a placeholder such as "none" is no secret."""
     if not key or len(key) < _PLACEHOLDER:
         return False
-    return any(form.encode() in body for form in _forms(key))
+    plain = _ESCAPED.sub(lambda match: bytes([int(match[1], 16)]), body)
+    return any(form.encode() in text for form in _forms(key) for text in (body, plain))
 
 
 def without_userinfo(url: str) -> str:

@@ -140,6 +140,9 @@ def test_what_is_and_what_is_not_taken_out(key, text, shown):
         (b"anything", None, False),
         (b'{"k": "sk-4f\\/9a\\"7<b>+2&d8"}', KEY, True),
         (b"\xff\xfe abcdefgh", "abcdefgh", True),
+        (b'{"k": "sk-4f/9a\\u00227\\u003Cb\\u003e\\u002b2\\u0026d8"}', KEY, True),
+        ("".join(f"\\u{ord(c):04x}" for c in KEY).encode(), KEY, True),
+        (b"\\u0061bcdefg", "abcdefgh", False),
     ],
 )
 def test_a_body_gives_a_key_away(body, key, given_away):

@@ -133,6 +133,10 @@ def test_options_are_a_json_object():
     for text in ("[1]", "{", "nul", "[" * 100_000):
         with pytest.raises(InputError, match="backend_options"):
             parse_options(text)
+    for text in ('{"api_key": "a-key-of-mine",', '"a-key-of-mine"'):
+        with pytest.raises(InputError) as caught:
+            parse_options(text)
+        assert "a-key-of-mine" not in str(caught.value)
 
 
 def test_option_types():

@@ -334,6 +334,7 @@ def test_a_key_goes_to_the_service_and_nowhere_else(make_request, monkeypatch):
         body({"schema": "z" * 100 + KEY}),
         body({"text": f"my key is {KEY}"}),
         body({"model_id": KEY}),
+        raw("401 No", f"you sent {KEY[:12]}…"),
         body({"decoding": {"headers": {"auth": KEY}}}),
     ],
 )

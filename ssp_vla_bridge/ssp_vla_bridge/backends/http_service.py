@@ -13,6 +13,7 @@ import time
 from dataclasses import dataclass
 
 from ssp_core.errors import InputError, PeerError
+from ssp_core.secret import gives_away, redact
 from ssp_vla_bridge.backends.http_line import BrokenError, Line, RefusedError, Reply
 from ssp_vla_bridge.core.backend import NotTakenError
 from ssp_vla_bridge.core.http_form import (
@@ -215,25 +216,21 @@ class HttpService:
 
     def _refuse_key(self, model_id: str, answer: Answer) -> None:
         """A key must not get into what is stored, also not by way of the service."""
-        if self._key is None:
-            return
-        names = [f"{a.name} {a.frame} {a.unit}" for a in answer.arrays]
-        facts = json.dumps(dict(answer.decoding), ensure_ascii=False)
-        if any(self._key in text for text in (model_id, answer.text, facts, *names)):
+        names = [(array.name, array.frame, array.unit) for array in answer.arrays]
+        kept = json.dumps([model_id, answer.text, dict(answer.decoding), names])
+        if gives_away(kept.encode(), self._key):
             raise self._error("the answer repeats the key, and isn't kept")
 
     def _error(self, reason: str) -> PeerError:
         return PeerError(self._text(reason))
 
     def _text(self, reason: str) -> str:
-        text = f"{self._line.url}: {reason}"
-        return text if self._key is None else text.replace(self._key, "(key)")
+        return redact(f"{self._line.url}: {reason}", self._key)
 
     def _short(self, text: str) -> str:
-        """One printable line without the key, cut after the key went out of it."""
-        if self._key is not None:
-            text = text.replace(self._key, "(key)")
-        line = "".join(c if c.isprintable() else " " for c in text[: 4 * _SHOWN])
+        """One printable line without the key; cut before, as a text may be large, and after."""
+        text = redact(text[: 4 * _SHOWN], self._key)
+        line = "".join(c if c.isprintable() else " " for c in text)
         line = " ".join(line.split())
         return line if len(line) <= _SHOWN else line[: _SHOWN - 1] + "…"
 

@@ -79,7 +79,8 @@ def parse_options(text: str) -> dict[str, Any]:
     """The options in a JSON object; blank text has none.
 
     Raises:
-        InputError: the text is no JSON object.
+        InputError: the text is no JSON object. It doesn't quote the text, in which somebody may
+            have put a key that can't be told from the rest.
     """
     if not text.strip():
         return {}
@@ -89,11 +90,14 @@ def parse_options(text: str) -> dict[str, Any]:
         raise InputError(
             f"is not valid JSON: {error}",
             field="backend_options",
-            value=text,
             remedy='give an object such as {"frames": 10}',
         ) from error
     if not isinstance(value, dict):
-        raise InputError("must be a JSON object", field="backend_options", value=text)
+        raise InputError(
+            f"must be a JSON object, not {type(value).__name__}",
+            field="backend_options",
+            remedy='give such as {"frames": 10}',
+        )
     return value
 
 
