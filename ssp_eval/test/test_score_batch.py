@@ -13,10 +13,12 @@ from hypothesis import strategies as st
 
 from ssp_eval.labels.model import load_labels
 from ssp_eval.records import Slot, load_records
-from ssp_eval.score import Thresholds, score_cell
+from ssp_eval.score import Thresholds, pairing, score_cell
 from ssp_eval.score.batch import batch_terms, score_cells, score_columns
 from ssp_eval.score.encode import encode
+from ssp_eval.score.matching import match
 from ssp_eval.score.terms import RecordTerms, record_terms
+from ssp_vla_bridge.core.trajectory import Trajectory
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -125,6 +127,69 @@ def test_columns_are_made_once_for_any_thresholds():
     columns = encode(golden_cells())
     for thresholds in OTHERS:
         assert score_columns(columns, thresholds).cells() == score_cells(golden_cells(), thresholds)
+
+
+@pytest.mark.parametrize("thresholds", OTHERS)
+def test_golden_cells_under_other_thresholds(thresholds):
+    cells = golden_cells()
+    terms = batch_terms(encode(cells), thresholds)
+    batch = score_cells(cells, thresholds)
+    for number, (labels, records) in enumerate(cells):
+        alone = score_cell(labels, records, thresholds)
+        same(batch[number].to_json(), alone.to_json())
+        same_terms(terms.cell(number), record_terms(alone))
+
+
+def test_a_path_is_read_between_its_samples():
+    """6 m/s all the way, sampled every 0.4 s: x is 0, 3 and 6 m at 0, 0.5 and 1 s (METHOD 6.6)."""
+    labels, records = golden_cells()[0]
+    path = Trajectory((0.0, 0.4, 0.8, 1.2), (0.0, 2.4, 4.8, 7.2), (0.0, 0.4, 0.8, 1.2))
+    label = replace(labels.labels[0], lon_actions=("maintain",), lat_actions=("left",))
+    cell = replace(labels, labels=(label,)), [replace(records[0], t_s=label.t_s, trajectory=path)]
+    assert [score.tqsr for score in score_cells([cell])] == [1.0]
+    assert score_cell(*cell).tqsr == 1.0
+
+
+def test_overflow_inside_is_nobody_s_error():
+    huge = [cell for cell, case in zip(golden_cells(), GOLDEN, strict=True) if "huge" in case.name]
+    assert len(huge) == 1
+    with np.errstate(all="raise"):
+        assert score_cells(huge)[0].stfr == 0
+
+
+def overlapping(cell):
+    """The same with a second record 1 ms after the first."""
+    labels, records = cell
+    return labels, [records[0], replace(records[0], t_s=records[0].t_s + 0.001), *records[2:]]
+
+
+def test_only_overlapping_windows_need_the_exact_matcher(monkeypatch):
+    calls = []
+
+    def counted(labels_s, records_s, thresholds):
+        calls.append(len(labels_s))
+        return match(labels_s, records_s, thresholds)
+
+    monkeypatch.setattr(pairing, "match", counted)
+    (nine,) = [
+        cell
+        for cell, case in zip(golden_cells(), GOLDEN, strict=True)
+        if case.name == "nine_labels"
+    ]
+    scores = score_cells([nine, overlapping(nine), nine])
+    assert calls == [9]
+    assert scores[0] == scores[2] == score_cells([nine])[0]
+    same(scores[1].to_json(), score_cell(*overlapping(nine)).to_json())
+    close = replace(nine[0], labels=(nine[0].labels[0], replace(nine[0].labels[1], t_s=0.01)))
+    score_cells([(close, nine[1][:1])])
+    assert calls == [9, 2]
+
+
+def test_many_cells_of_a_shape_are_matched_in_portions(monkeypatch):
+    cells = golden_cells()
+    expected = score_cells(cells)
+    monkeypatch.setattr(pairing, "_TABLE", 1)
+    assert score_cells(cells) == expected
 
 
 def test_no_cells_have_no_scores():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ssp_core.vocab import CONFLICTS, LON_ACTIONS, MOTIONS, OBJECTS, POSITIONS
-from ssp_eval.score import DEFAULT, ivcs, ivcs_terms
+from ssp_eval.score import DEFAULT, Thresholds, ivcs, ivcs_terms
 from ssp_eval.score.columns import NOTHING
 from ssp_eval.score.encode import Codes
 from ssp_eval.score.judged import allowed, risky, score_tables, slows_down
@@ -25,10 +25,10 @@ def test_sets_are_the_bits_of_their_words():
 
 
 @pytest.mark.parametrize("bits", [False, True])
-@pytest.mark.parametrize("value", ["tram", ("tram",), ("car", "tram"), "car"])
+@pytest.mark.parametrize("value", ["tram", ("tram",), ("car",), ("car", "tram"), "car"])
 def test_what_no_vocabulary_holds_is_refused(value, bits):
-    if value == "car" and not bits:
-        assert Codes(OBJECTS, bits)[value] == 0
+    if value == ("car" if not bits else ("car",)):
+        assert Codes(OBJECTS, bits)[value] == (0 if not bits else 1)
         return
     with pytest.raises(ValueError, match="of the vocabulary car, truck, bus, motorcycle, cyclist"):
         Codes(OBJECTS, bits)[value]
@@ -95,3 +95,8 @@ def test_a_null_component_adds_nothing():
         "rsr": 0.1,
     }
     assert ivcs(components, DEFAULT) == pytest.approx(0.35, abs=1e-15)
+
+
+def test_other_weights_can_be_asked_for():
+    components = dict.fromkeys(("jovr", "sem_acc_eff", "cia_eff", "tqsr", "rsr"), 1.0)
+    assert ivcs(components, Thresholds(weight_rsr=0.6)) == pytest.approx(1.5, abs=1e-15)

@@ -24,7 +24,7 @@ def match_columns(columns: Columns, thresholds: Thresholds) -> Whole:
     """
     result = np.full(len(columns.labels.t_s), NOTHING)
     labels, records = np.diff(columns.label_start), np.diff(columns.record_start)
-    base = int(records.max(initial=0)) + 1
+    base = int(records.max()) + 1
     shapes = labels * base + records
     for shape in np.unique(shapes).tolist():
         rows, width = divmod(shape, base)
