@@ -26,6 +26,7 @@ BENCHMARKS = (
     "recording",
     "replay",
     "scoring",
+    "analysis",
     "extraction",
     "page",
 )

@@ -17,6 +17,7 @@ import math
 from bisect import bisect_right
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 from ssp_eval.score.motion import Motion, lat_action, step_of
@@ -65,39 +66,46 @@ def curves(requests: Sequence[Mapping[str, Any]]) -> list[Curve]:
         requests: lines of requests.jsonl in time order. Each one that was asked has the VUT's
             path before it; they are laid end to end by the time that two of them share.
     """
-    path = recorded_path(requests)
+    paths = recorded_paths(requests)
     found = []
     for request in requests:
-        label_t_s = float(request["label_t_s"])
-        stamp_ns = request.get("stamp_ns")
-        found.append(
-            Curve(label_t_s) if stamp_ns is None else curve_at(path, stamp_ns * _NS, label_t_s)
-        )
+        label_t_s, stamp_ns = float(request["label_t_s"]), request.get("stamp_ns")
+        curve = Curve(label_t_s)
+        if stamp_ns is not None:
+            t_s = stamp_ns * _NS
+            path = next((path for path in paths if path[-1].t_s >= t_s - _SAME_S), [])
+            curve = curve_at(path, t_s, label_t_s)
+        found.append(curve)
     return found
 
 
-def recorded_path(requests: Iterable[Mapping[str, Any]]) -> list[Pose]:
-    """The VUT's path over a cell's requests, in the frame of the last part that hangs together.
+def recorded_paths(requests: Iterable[Mapping[str, Any]]) -> list[list[Pose]]:
+    """The VUT's path over a cell's requests, in parts where histories don't reach each other.
 
     Args:
         requests: see curves; poses are by the time of their stamps, s.
+
+    Returns:
+        In time order, each part in the frame of its first request.
     """
-    path: list[Pose] = []
+    paths: list[list[Pose]] = []
     for request in requests:
         stamp_ns, history = request.get("stamp_ns"), request.get("history") or []
         if stamp_ns is None or len(history) < 2:
             continue
         now_s = stamp_ns * _NS
-        own = [Pose(now_s + one["t_s"], one["x_m"], one["y_m"], one["yaw_rad"]) for one in history]
-        own.sort(key=lambda pose: pose.t_s)
-        if path and own[0].t_s <= path[-1].t_s + _SAME_S:
-            there = pose_at(own, path[-1].t_s)
-            before = [_moved(pose, path[-1], there) for pose in path[:-1]] if there else []
-            path = [pose for pose in before if pose.t_s < own[0].t_s - _SAME_S]
+        own = sorted(
+            (Pose(now_s + h["t_s"], h["x_m"], h["y_m"], h["yaw_rad"]) for h in history),
+            key=lambda pose: pose.t_s,
+        )
+        last = paths[-1][-1] if paths else None
+        there = None if last is None else pose_at(own, last.t_s)
+        if last is None or there is None:
+            paths.append(own)
         else:
-            path = []
-        path += own
-    return path
+            new = (pose for pose in own if pose.t_s > last.t_s + _SAME_S)
+            paths[-1] += [_moved(pose, there, last) for pose in new]
+    return paths
 
 
 def _moved(pose: Pose, origin: Pose, onto: Pose) -> Pose:
@@ -145,10 +153,7 @@ def curve_at(path: Sequence[Pose], t_s: float, label_t_s: float) -> Curve:
         return Curve(label_t_s, shift_m)
     ahead = _between(path, now, end)
     whole = [*_between(path, start, now), *ahead[1:]]
-    turned = math.fsum(
-        math.remainder(b.yaw_rad - a.yaw_rad, math.tau)
-        for a, b in zip(whole, whole[1:], strict=False)
-    )
+    turned = math.fsum(math.remainder(b.yaw_rad - a.yaw_rad, math.tau) for a, b in pairwise(whole))
     length_m, distance_m = _length_m(whole), _length_m(ahead)
     curvature_per_m = turned / length_m if length_m > 0 else 0.0
     curve_m = arc_shift_m(curvature_per_m, distance_m)
@@ -162,9 +167,7 @@ def _between(path: Sequence[Pose], first: Pose, last: Pose) -> list[Pose]:
 
 
 def _length_m(path: Sequence[Pose]) -> float:
-    return math.fsum(
-        math.hypot(b.x_m - a.x_m, b.y_m - a.y_m) for a, b in zip(path, path[1:], strict=False)
-    )
+    return math.fsum(math.hypot(b.x_m - a.x_m, b.y_m - a.y_m) for a, b in pairwise(path))
 
 
 def arc_shift_m(curvature_per_m: float, distance_m: float) -> float:

@@ -127,6 +127,10 @@ def to_latex(table: Table) -> str:
     return "\n".join([*lines, r"\end{table}", ""])
 
 
+def _latex_field(column: Column, text: str) -> str:
+    return latex_text(text.replace("-", "−") if column.is_number else text)
+
+
 def to_html(table: Table) -> str:
     """A fragment: a figure with the table and its notes, no style of its own."""
     return str(Markup("").join(_html_parts(table)))

@@ -1,21 +1,173 @@
-"""``ssp report``: the page of a campaign."""
+"""``ssp report``: the page of a campaign, and tables and statistics of any set of cells."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import click
 
 from ssp_core import console
+from ssp_core.errors import InputError
+from ssp_eval.analysis.bootstrap import RESAMPLES, SEED
+from ssp_eval.analysis.formats import FORMATS
+from ssp_eval.analysis.row import CellRow
+from ssp_eval.analysis.rows import rows_from_cells, rows_from_csv
+from ssp_eval.analysis.statistics import Options, compute, steps_of
+from ssp_eval.analysis.statistics_tables import statistics_tables
+from ssp_eval.analysis.tables import all_tables
+from ssp_eval.analysis.write import write_statistics, write_tables
+from ssp_eval.report.load import CellData, load_cells
 from ssp_eval.report.page import write_report
+
+TABLES = "tables"
+
+
+class _Formats(click.ParamType[tuple[str, ...]]):
+    """``csv,latex``: names of formats, separated by commas."""
+
+    name = "formats"
+
+    def convert(
+        self, value: str | tuple[str, ...], param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, ...]:
+        if isinstance(value, tuple):
+            return value
+        names = tuple(dict.fromkeys(part.strip() for part in value.split(",")))
+        for name in names:
+            if name not in FORMATS:
+                self.fail(f"{name!r} is no format; known are {', '.join(FORMATS)}", param, ctx)
+        return names
+
+
+@dataclass(frozen=True)
+class _Wanted:
+    """What is to be written beside the page."""
+
+    folder: Path
+    formats: Sequence[str]
+    reference: str | None
+    options: Options
 
 
 @click.command()
-@click.argument("out_dir", type=click.Path(path_type=Path))
-def report(out_dir: Path) -> None:
-    """Writes OUT_DIR/index.html: one file with the pictures in it, readable offline."""
+@click.argument("out_dir", type=click.Path(path_type=Path), required=False)
+@click.option(
+    "--from-cells",
+    type=click.Path(path_type=Path),
+    metavar="FILE.csv",
+    help="Component scores instead of a campaign; needs --out.",
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Where the analysis of --from-cells goes.",
+)
+@click.option(
+    "--repeat",
+    "repeats",
+    type=click.Path(path_type=Path),
+    multiple=True,
+    metavar="DIR",
+    help="Another campaign with repetitions of the same cells; any number.",
+)
+@click.option(
+    "--tables",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Write all tables and statistics.json into DIR.",
+)
+@click.option(
+    "--format",
+    "formats",
+    type=_Formats(),
+    default=",".join(FORMATS),
+    show_default=True,
+    help="Of the tables.",
+)
+@click.option("--reference", metavar="NAME", help="Model that the others are compared with.")
+@click.option(
+    "--resamples",
+    type=click.IntRange(min=100, max=1_000_000),
+    default=RESAMPLES,
+    show_default=True,
+    help="Of the bootstrap, and sets of weights that are tried.",
+)
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=SEED,
+    show_default=True,
+    help="Of all random numbers; the same one gives the same files.",
+)
+def report(
+    out_dir: Path | None,
+    from_cells: Path | None,
+    out: Path | None,
+    repeats: tuple[Path, ...],
+    tables: Path | None,
+    formats: tuple[str, ...],
+    reference: str | None,
+    resamples: int,
+    seed: int,
+) -> None:
+    """Writes OUT_DIR/index.html: one file with the pictures in it, readable offline.
+
+    With --tables it also writes tables and statistics; with --from-cells and --out only these,
+    from a CSV file of component scores.
+    """  # fmt: skip
+    options = Options(resamples, seed)
+    if from_cells is not None:
+        if out_dir is not None or repeats:
+            raise click.UsageError("--from-cells stands alone: give no campaign beside it")
+        if out is None:
+            raise click.UsageError("--from-cells needs --out DIR")
+        wanted = _Wanted(tables or out / TABLES, formats, reference, options)
+        _analyse(rows_from_csv(from_cells), (), wanted, statistics=out)
+        return
+    if out_dir is None:
+        raise click.UsageError("give the folder of a campaign, or --from-cells FILE.csv")
+    if out is not None:
+        raise click.UsageError("--out belongs to --from-cells; use --tables DIR")
+    if tables is None and (reference is not None or repeats):
+        raise click.UsageError("--reference and --repeat need --tables DIR")
+    if tables is not None:
+        data, rows = _runs((out_dir, *repeats))
+        wanted = _Wanted(tables, formats, reference, options)
+        _analyse(rows, data, wanted, statistics=tables)
     with console.progress("pictures", None) as bar:
         task = bar.task_ids[0]
         target = write_report(out_dir, lambda done, of: bar.update(task, completed=done, total=of))
     size_mb = target.stat().st_size / 1e6
     click.echo(f"{target} ({size_mb:.1f} MB)")
+
+
+def _runs(folders: Iterable[Path]) -> tuple[list[CellData], list[CellRow]]:
+    """The cells of one or several campaigns; several are runs that are told apart by folder."""
+    given = list(folders)
+    data: list[CellData] = []
+    rows: list[CellRow] = []
+    for folder in given:
+        if sum(other.resolve() == folder.resolve() for other in given) > 1:
+            raise InputError("is given twice", file=folder, remedy="give each campaign once")
+        cells = load_cells(folder)
+        data += cells
+        rows += rows_from_cells(cells, str(folder) if len(given) > 1 else "")
+    return data, rows
+
+
+def _analyse(
+    rows: Sequence[CellRow], data: Sequence[CellData], wanted: _Wanted, statistics: Path
+) -> None:
+    """Computes everything before anything is written."""
+    plain = all_tables(rows, wanted.reference)
+    with console.progress("statistics", steps_of(rows, bool(data))) as bar:
+        task = bar.task_ids[0]
+        found = compute(rows, data, wanted.options, lambda: bar.advance(task))
+    shown = statistics_tables(found, wanted.options.resamples)
+    written = write_tables(wanted.folder, [*plain, *shown], wanted.formats)
+    target = write_statistics(statistics, shown, wanted.options)
+    click.echo(f"{wanted.folder} ({len(written)} files)")
+    click.echo(f"{target}")

@@ -1,0 +1,148 @@
+"""Intervals as tables: over records, over cells, over runs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from ssp_eval.analysis.bootstrap import Estimate, Group
+from ssp_eval.analysis.stability import Spread, Stability
+from ssp_eval.analysis.table import Column, Table, Value
+from ssp_eval.analysis.tables import in_order
+
+# Below this many items an interval says little; the tables point it out.
+FEW = 6
+SHOWN = ("ivcs", "jovr", "sem_acc_eff", "cia_eff", "tqsr", "rsr")
+_N = Column("n", "n", "count")
+_INTERVAL = (
+    Column("value", "value"),
+    Column("low", "95 % low"),
+    Column("high", "95 % high"),
+    Column("bca_low", "BCa low"),
+    Column("bca_high", "BCa high"),
+    Column("bias", "bias"),
+    Column("null_share", "null"),
+    _N,
+)
+_FEW_NOTE = (
+    f"With fewer than {FEW} items a bootstrap interval is too narrow; take it as a description."
+)
+
+
+def words(*keys: str) -> tuple[Column, ...]:
+    """Columns of text with these keys."""
+    return tuple(Column(key, key.replace("_", " "), "text") for key in keys)
+
+
+def _interval(found: Estimate) -> tuple[Value, ...]:
+    return (
+        found.value, found.percentile.low, found.percentile.high, found.bca.low, found.bca.high,
+        found.bias, found.null_share, found.n,
+    )  # fmt: skip
+
+
+def _few(counts: Iterable[int]) -> list[str]:
+    return [_FEW_NOTE] if any(0 < count < FEW for count in counts) else []
+
+
+def cells_over_records(
+    cells: Mapping[tuple[str, ...], Mapping[str, Estimate]], resamples: int
+) -> Table:
+    """Every cell, metric by metric."""
+    rows = [
+        (*key, metric, *_interval(estimates[metric]))
+        for key, estimates in cells.items()
+        for metric in SHOWN
+    ]
+    return Table(
+        "intervals_cells",
+        "Scores of cells with intervals over their records",
+        (*words("scenario", "domain", "model", "run", "metric"), *_INTERVAL),
+        tuple(rows),
+        (
+            f"{resamples} resamples of the labels of a cell; n counts labels.",
+            "A label keeps the response that begins with it. A cell without a response has none "
+            "in any resample, so its interval for RSR is a point and says nothing.",
+            "bias: mean of the resamples less the value. null: resamples without a denominator.",
+            *_few(estimates["ivcs"].n for estimates in cells.values()),
+        ),
+    )
+
+
+def _named(by: Group, key: Group) -> tuple[str, str]:
+    return " × ".join(by), " / ".join(key)
+
+
+def groups_over_records(
+    groups: Mapping[Group, Mapping[Group, Mapping[str, Estimate]]], resamples: int
+) -> Table:
+    """Means by group, each cell's labels resampled."""
+    rows = [
+        (*_named(by, key), metric, *_interval(one)[:3], one.bias, one.n)
+        for by, found in groups.items()
+        for key, estimates in sorted(found.items(), key=lambda g: in_order(g[0]))
+        for metric in SHOWN
+        for one in [estimates[metric]]
+    ]
+    return Table(
+        "intervals_groups",
+        "Means over cells with intervals over records",
+        (*words("grouping", "group", "metric"), *_INTERVAL[:3], _INTERVAL[5], _N),
+        tuple(rows),
+        (
+            f"{resamples} resamples of the labels within each cell; n counts cells.",
+            "The cells stay as they are: the interval says how far the mean depends on which "
+            "label times were taken, not what other scenarios or runs would give.",
+        ),
+    )
+
+
+def over_cells(groups: Mapping[Group, Mapping[Group, Estimate]], resamples: int) -> Table:
+    """Mean IVCS by group, the cells resampled."""
+    found = [
+        (*_named(by, key), *_interval(one)[:5], one.n)
+        for by, estimates in groups.items()
+        for key, one in sorted(estimates.items(), key=lambda g: in_order(g[0]))
+    ]
+    return Table(
+        "intervals_over_cells",
+        "Mean IVCS with intervals over cells",
+        (*words("grouping", "group"), *_INTERVAL[:5], _N),
+        tuple(found),
+        (
+            f"{resamples} resamples of the cells of a group; n counts cells.",
+            "It takes the cells for a sample of such cells. Scenarios that were chosen by hand "
+            "are no such sample.",
+            *_few(one.n for estimates in groups.values() for one in estimates.values()),
+        ),
+    )
+
+
+def runs_table(found: Stability) -> Table:
+    """Scores over K runs: macro means first, then cells."""
+
+    def row(kind: str, spread: Spread) -> tuple[Value, ...]:
+        return (
+            kind, " / ".join(spread.names), spread.metric, spread.k, spread.value, spread.sd,
+            spread.low, spread.high, spread.interval.low, spread.interval.high,
+            spread.bootstrap.percentile.low, spread.bootstrap.percentile.high,
+        )  # fmt: skip
+
+    columns = (
+        *words("of", "name", "metric"), Column("k", "K", "count"), Column("mean", "mean"),
+        Column("sd", "sd"), Column("min", "min"), Column("max", "max"), Column("low", "95 % low"),
+        Column("high", "95 % high"), Column("bootstrap_low", "bootstrap low"),
+        Column("bootstrap_high", "bootstrap high"),
+    )  # fmt: skip
+    notes = [
+        "K: runs. 95 %: Student's interval of the mean over runs, which may reach beyond 0 to 1; "
+        "bootstrap: percentile interval over the runs.",
+        f"Macro means and ranks are of the {len(found.runs)} runs with the most cells.",
+        *_few(spread.k for spread in found.cells),
+    ]
+    if found.tau is not None and found.same_order is not None:
+        notes.append(
+            f"Ranks of models between two runs: Kendall's τ {found.tau:.3f} on average; the same "
+            f"order in {found.same_order:.0%} of the pairs of runs."
+        )
+    rows = [row("macro", one) for one in found.macro] + [row("cell", one) for one in found.cells]
+    return Table("stability", "Stability over runs", columns, tuple(rows), tuple(notes))

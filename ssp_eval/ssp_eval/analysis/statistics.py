@@ -1,0 +1,153 @@
+"""All statistics of a set of cells: from rows alone, and from records where there are any."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from ssp_eval.analysis.bootstrap import (
+    RESAMPLES,
+    SEED,
+    Bootstrap,
+    Estimate,
+    Group,
+    bootstrap_mean,
+    bootstrap_records,
+)
+from ssp_eval.analysis.compare import Comparison, compare
+from ssp_eval.analysis.curvature import Curve, curves
+from ssp_eval.analysis.row import OK, CellRow, entering
+from ssp_eval.analysis.sensitivity import (
+    GRID,
+    Variation,
+    WeightSamples,
+    sample_weights,
+    vary_thresholds,
+    vary_weights,
+)
+from ssp_eval.analysis.stability import Stability, stability
+from ssp_eval.report.load import CellData
+from ssp_eval.score.aggregate import BY_DOMAIN, BY_MODEL, BY_SCENARIO_DOMAIN, BY_SCENARIO_MODEL
+from ssp_eval.score.encode import encode
+from ssp_eval.score.terms import record_terms
+
+SUBJECTS = ("model", "domain")
+GROUPINGS = (BY_DOMAIN, BY_MODEL, BY_SCENARIO_DOMAIN, BY_SCENARIO_MODEL)
+
+
+@dataclass(frozen=True)
+class Options:
+    """What random numbers depend on."""
+
+    resamples: int = RESAMPLES
+    seed: int = SEED
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """What ``statistics.json`` holds.
+
+    Args:
+        records: intervals over records; None where only component scores are known.
+        over_cells: mean IVCS by grouping and group, its interval over the cells.
+        comparisons: of domains, then of models.
+        weights: ranks under random weights, per subject that has at least two names.
+        variations: one number changed at a time; thresholds only where records are known.
+        runs: how repetitions differ; None without any.
+        curves: per scenario, domain and run the curvature diagnostic of each label.
+    """
+
+    records: Bootstrap | None
+    over_cells: dict[Group, dict[Group, Estimate]]
+    comparisons: tuple[Comparison, ...]
+    weights: tuple[WeightSamples, ...]
+    variations: tuple[Variation, ...]
+    runs: Stability | None
+    curves: dict[tuple[str, ...], tuple[Curve, ...]]
+
+
+def steps_of(rows: Sequence[CellRow], has_records: bool) -> int:
+    """How often compute calls on_step."""
+    valid = [row for row in rows if row.status == OK and not row.control]
+    from_records = len(valid) + sum(map(len, GRID.values())) if has_records and valid else 0
+    return from_records + len(SUBJECTS)
+
+
+def compute(
+    rows: Sequence[CellRow],
+    data: Sequence[CellData] = (),
+    options: Options = Options(),
+    on_step: Callable[[], None] = lambda: None,
+) -> Statistics:
+    """Everything that the cells allow.
+
+    Args:
+        rows: of one or several runs.
+        data: the cells themselves in the order of the rows, none where they aren't known.
+        options: seed and resamples.
+        on_step: called steps_of times.
+    """
+    chosen = entering(rows)
+    pairs = [
+        (row, cell)
+        for row, cell in zip(rows, data, strict=bool(data))
+        if row.status == OK and not row.control
+    ]
+    comparisons: list[Comparison] = []
+    weights: list[WeightSamples] = []
+    variations: list[Variation] = []
+    for subject in SUBJECTS:
+        comparisons += compare(chosen, subject, options.seed)
+        sampled = sample_weights(chosen, subject, options.seed, options.resamples)
+        if sampled is not None:
+            weights.append(sampled)
+            variations += vary_weights(chosen, subject)
+        on_step()
+    records = None
+    if pairs:
+        with_terms = [(row, record_terms(cell.score)) for row, cell in pairs if cell.score]
+        records = bootstrap_records(with_terms, GROUPINGS, options.resamples, options.seed, on_step)
+        first = _first_runs(pairs)
+        columns = encode([(cell.labels, cell.records) for _, cell in first])
+        variations += vary_thresholds([row for row, _ in first], columns, SUBJECTS, on_step)
+    return Statistics(
+        records,
+        {by: _over_cells(chosen, by, options) for by in GROUPINGS},
+        tuple(comparisons),
+        tuple(weights),
+        tuple(variations),
+        stability(rows, options.resamples, options.seed),
+        _curves(rows, data),
+    )
+
+
+def _first_runs(pairs: Sequence[tuple[CellRow, CellData]]) -> list[tuple[CellRow, CellData]]:
+    """One run of each cell, the first by name."""
+    found: dict[tuple[str, str, str], tuple[CellRow, CellData]] = {}
+    for row, cell in sorted(pairs, key=lambda one: (*one[0].key, one[0].run)):
+        found.setdefault(row.key, (row, cell))
+    return list(found.values())
+
+
+def _over_cells(rows: Sequence[CellRow], by: Group, options: Options) -> dict[Group, Estimate]:
+    groups: dict[Group, list[float]] = {}
+    for row in rows:
+        if row.ivcs is not None and (row.admitted or "domain" not in by):
+            groups.setdefault(tuple(getattr(row, name) for name in by), []).append(row.ivcs)
+    return {
+        key: bootstrap_mean(values, options.resamples, options.seed, "cells", *by, *key)
+        for key, values in sorted(groups.items())
+    }
+
+
+def _curves(
+    rows: Sequence[CellRow], data: Sequence[CellData]
+) -> dict[tuple[str, ...], tuple[Curve, ...]]:
+    """Of each recording, from the first cell that was shown it and has its path."""
+    found: dict[tuple[str, ...], tuple[Curve, ...]] = {}
+    for row, cell in sorted(zip(rows, data, strict=bool(data)), key=lambda one: one[0].model):
+        key = (row.scenario, row.domain, row.run)
+        known = found.get(key, ())
+        if row.status == OK and not any(one.shift_m is not None for one in known):
+            found[key] = tuple(curves(cell.requests))
+    return found

@@ -1,0 +1,55 @@
+"""10,000 resamples of a matrix of 18 cells with nine labels each: all scores, cells and means."""
+
+from __future__ import annotations
+
+import random
+
+from measure import report
+from scoring import a_cell, best_s
+
+from ssp_core.vocab import DOMAINS
+from ssp_eval.analysis.bootstrap import RESAMPLES, SEED, bootstrap_records
+from ssp_eval.analysis.resample import draws, generator
+from ssp_eval.analysis.row import CellRow
+from ssp_eval.analysis.statistics import GROUPINGS
+from ssp_eval.score import score_cell
+from ssp_eval.score.terms import RecordTerms, record_terms
+
+LIMIT_S = 2.0
+
+
+def matrix() -> list[tuple[CellRow, RecordTerms]]:
+    """Two scenarios, three domains, three models."""
+    rng = random.Random(7)
+    found = []
+    for scenario in ("cut_in", "vru_crossing"):
+        for domain in DOMAINS:
+            for model in ("a", "b", "c"):
+                score = score_cell(*a_cell(rng))
+                scores = score.to_json()
+                names = ("jovr", "sem_acc_eff", "cia_eff", "act_acc_eff", "tqsr", "atc_eff")
+                values = {name: scores[name] for name in (*names, "rsr", "rl_s")}
+                found.append((CellRow(scenario, domain, model, **values), record_terms(score)))
+    return found
+
+
+def main() -> None:
+    cells = matrix()
+
+    def bare() -> None:
+        for row, terms in cells:
+            draws(len(terms), RESAMPLES, generator(SEED, "records", *row.key, row.run))
+
+    report(
+        "bootstrap",
+        best_s(lambda: bootstrap_records(cells, GROUPINGS)),
+        best_s(bare),
+        "s",
+        f"{len(cells)} cells, {RESAMPLES} resamples, percentile and BCa; bound: drawing alone",
+        lower=True,
+        limit=LIMIT_S,
+    )
+
+
+if __name__ == "__main__":
+    main()
