@@ -136,9 +136,10 @@
       }
       return;
     }
-    const inside = make("tr", "", "inside"), place = make("td", "loading …");
-    place.colSpan = COLUMNS;
-    inside.append(place);
+    const inside = make("tr", "", "inside"), whole = make("td"), place = make("div", "loading …");
+    whole.colSpan = COLUMNS;
+    whole.append(place);
+    inside.append(whole);
     line.after(inside);
     line.setAttribute("aria-expanded", "true");
     const id = line.dataset.id;

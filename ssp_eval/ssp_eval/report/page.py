@@ -247,7 +247,14 @@ def _outside(cells: list[CellData]) -> list[tuple[str, str]]:
     for cell in cells:
         if cell.score is not None and cell.admission != ADMITTED:
             found.setdefault(cell.admission, set()).add(f"{cell.scenario} / {cell.domain}")
-    return [(status, ", ".join(sorted(names))) for status, names in sorted(found.items())]
+    return [(status, _some(sorted(names))) for status, names in sorted(found.items())]
+
+
+def _some(names: list[str], separator: str = ", ") -> str:
+    """The first of many names, and how many more there are."""
+    shown = separator.join(names[:_MOST_NOTICES])
+    more = len(names) - _MOST_NOTICES
+    return f"{shown}{separator}and {more} more" if more > 0 else shown
 
 
 def _absent(cells: list[CellData]) -> list[str]:
@@ -281,19 +288,24 @@ def _facts(cells: list[CellData]) -> dict[str, Any]:
         "scored": len(ok),
         "out": [cell for cell in cells if cell.score is None],
         "outside": _outside(cells),
-        "stand_in": sorted({f"{c.scenario} / {c.domain}" for c in cells if c.facts.stand_in}),
+        "stand_in": _some(
+            sorted({f"{c.scenario} / {c.domain}" for c in cells if c.facts.stand_in})
+        ),
         "proposed": any(cell.facts.labels_proposed for cell in cells),
         "controls": sorted({cell.model for cell in cells if cell.is_control}),
         "nulls": [cell for cell in ok if cell.score and cell.score.details.ivcs_nulls],
         "unmatched": [cell for cell in ok if cell.score and cell.score.details.unmatched_records],
         "notes": [cell for cell in cells if cell.notes],
-        "assumed": sorted(
-            {
-                f"{c.scenario} / {c.domain}: ego motion {c.facts.clip.ego}, camera "
-                f"{c.facts.clip.camera}"
-                for c in cells
-                if (c.facts.clip.ego, c.facts.clip.camera) != ("measured", "measured")
-            }
+        "assumed": _some(
+            sorted(
+                {
+                    f"{c.scenario} / {c.domain}: ego motion {c.facts.clip.ego}, camera "
+                    f"{c.facts.clip.camera}"
+                    for c in cells
+                    if (c.facts.clip.ego, c.facts.clip.camera) != ("measured", "measured")
+                }
+            ),
+            "; ",
         ),
         "missing": sum(len(cell.facts.answers.missing) for cell in ok),
     }
