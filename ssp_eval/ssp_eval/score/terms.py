@@ -1,7 +1,7 @@
 """What the means of METHOD 6.2 to 6.9 are taken of, label by label, as arrays.
 
 A bootstrap over records, a sensitivity analysis or a diagram by phase recomputes metrics from
-these without judging any output again (see ssp_eval.score.resample).
+these without judging any output again; ssp_eval.score.batch makes them for many cells at once.
 """
 
 from __future__ import annotations
