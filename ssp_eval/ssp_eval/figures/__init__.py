@@ -1,0 +1,1 @@
+"""Figures for print (METHOD 7); matplotlib is imported only where one is drawn."""

@@ -1,0 +1,180 @@
+"""Models as points with labels: names beside them, or numbers and a list where there are many."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Mapping, Sequence
+from itertools import pairwise
+
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+
+from ssp_eval.figures.legend import legend_height_in, mark_legend
+from ssp_eval.figures.place import Box, Point, ambiguous, around, place_labels
+from ssp_eval.figures.style import (
+    COLUMN_IN,
+    GREY,
+    INK,
+    LINE_IN,
+    PAGE_IN,
+    Look,
+    Sheet,
+    names_in,
+    text_width_in,
+    widest_in,
+)
+
+MOST_POINTS = 60
+# With more points than this, a number stands for a name.
+_MOST_NAMED = 12
+_PLOT_IN, _LEFT_IN, _FOOT_IN = 2.75, 0.5, 0.4
+_MARKER_IN, _TEXT_IN = 0.085, 0.105
+_NAME_IN = 1.25
+_FAR_IN = 0.12  # a label farther off than this is led to its point
+
+
+def cloud(
+    points: Mapping[str, Point],
+    looks: Mapping[str, Look],
+    kinds: Mapping[str, str],
+    set_up: Callable[[Axes], None],
+    thick: Collection[str] = (),
+) -> tuple[Sheet, dict[str, str]] | None:
+    """A square plot of named points.
+
+    Args:
+        points: by model, in the axes' units; numbers follow this order.
+        looks: by kind, in the order of the legend; one kind alone needs none.
+        kinds: of each model.
+        set_up: gives the axes limits, names and what lies under the points.
+        thick: models whose marks get a thick border.
+
+    Returns:
+        The sheet and the models' names as shown; None where labels would lie on one another.
+    """
+    names = names_in(points, _NAME_IN)
+    for numbered in (False, True):
+        if not numbered and len(points) > _MOST_NAMED:
+            continue
+        texts = [str(k) for k in range(1, len(points) + 1)] if numbered else list(names.values())
+        sheet, axes = _sheet(names, looks, numbered)
+        set_up(axes)
+        spots = [_inches(axes, sheet, point) for point in points.values()]
+        sizes = [(text_width_in(text) + 0.01, _TEXT_IN) for text in texts]
+        bounds = Box(0.02, 0.02, _PLOT_IN + 0.14, _PLOT_IN)
+        places = place_labels(spots, sizes, bounds, _MARKER_IN)
+        if places is None:
+            continue
+        for model, point in points.items():
+            look = looks[kinds[model]]
+            axes.plot(
+                [point[0]], [point[1]], look.marker, color=look.colour, markeredgecolor=INK,
+                markeredgewidth=1.2 if model in thick else 0.4, markersize=5.5, zorder=3,
+                clip_on=False, gid=f"point-{model}",
+            )  # fmt: skip
+        page = sheet.page()
+        for model, text, spot, place in zip(points, texts, spots, places, strict=True):
+            led = ambiguous(spot, spots, around(place, text_width_in(text), _TEXT_IN))
+            _label(page, sheet, model, text, spot, place, led)
+        if numbered:
+            _list(page, sheet, names)
+        return sheet, names
+    return None
+
+
+def _sheet(
+    names: Mapping[str, str], looks: Mapping[str, Look], numbered: bool
+) -> tuple[Sheet, Axes]:
+    """A sheet of one column, or a wider one with room for a list beside the plot."""
+    width_in = COLUMN_IN
+    if numbered:
+        columns = -(-len(names) // _per_column())
+        width_in = min(PAGE_IN, COLUMN_IN + 0.1 + columns * _list_column_in(names))
+    legend = list(looks) if len(looks) > 1 else []
+    head_in = (legend_height_in(legend, width_in) if legend else 0.0) + 0.08
+    sheet = Sheet(width_in, head_in + _PLOT_IN + _FOOT_IN)
+    if legend:
+        mark_legend(sheet, looks, 0.11)
+    return sheet, sheet.axes(_LEFT_IN, head_in, _PLOT_IN, _PLOT_IN)
+
+
+def _per_column() -> int:
+    return int(_PLOT_IN / LINE_IN)
+
+
+def _list_column_in(names: Mapping[str, str]) -> float:
+    return widest_in(names.values()) + text_width_in("00 ") + 0.12
+
+
+def _inches(axes: Axes, sheet: Sheet, point: Point) -> Point:
+    """Where a point lies within the axes' frame, from its lower left corner."""
+    dpi = sheet.figure.dpi
+    frame = axes.get_window_extent()
+    u, v = axes.transData.transform(point)
+    return float(u - frame.x0) / dpi, float(v - frame.y0) / dpi
+
+
+def _label(
+    page: Axes, sheet: Sheet, model: str, text: str, spot: Point, place: Point, led: bool
+) -> None:
+    def on_page(at: Point) -> Point:
+        return _LEFT_IN + at[0], sheet.height_in - _FOOT_IN - at[1]
+
+    half = text_width_in(text) / 2
+    near = (
+        min(max(spot[0], place[0] - half), place[0] + half),
+        min(max(spot[1], place[1] - _TEXT_IN / 2), place[1] + _TEXT_IN / 2),
+    )
+    if led or max(abs(near[0] - spot[0]), abs(near[1] - spot[1])) > _FAR_IN:
+        ends = [on_page(spot), on_page(near)]
+        page.plot(*zip(*ends, strict=True), color=GREY, linewidth=0.4, zorder=2)
+    page.text(*on_page(place), text, ha="center", va="center", gid=f"label-{model}", zorder=4)
+
+
+def _list(page: Axes, sheet: Sheet, names: Mapping[str, str]) -> None:
+    top_in = sheet.height_in - _FOOT_IN - _PLOT_IN + LINE_IN / 2
+    for index, (model, name) in enumerate(names.items()):
+        column, row = divmod(index, _per_column())
+        x = COLUMN_IN + 0.1 + column * _list_column_in(names) + text_width_in("00")
+        y = top_in + row * LINE_IN
+        page.text(x, y, str(index + 1), ha="right", va="center_baseline", color=GREY)
+        page.text(x + 0.06, y, name, va="center_baseline", gid=f"name-{model}")
+
+
+def numbers_used(sheet: Sheet) -> bool:
+    """True where numbers stand for names, which the caption must say."""
+    return sheet.width_in > COLUMN_IN
+
+
+def share_limits(values: Sequence[float]) -> tuple[float, float]:
+    """Ends of an axis that shows scores as large as can be, in whole tenths within 0 to 1."""
+    low = max(0.0, math.floor(min(values) * 10 - 0.5) / 10)
+    high = min(1.0, math.ceil(max(values) * 10 + 0.5) / 10)
+    while high - low < 0.4 - 1e-9:
+        low, high = max(0.0, low - 0.1), min(1.0, high + 0.1)
+    return round(low, 1), round(high, 1)
+
+
+def share_axes(axis: Axis, name: str, values: Sequence[float]) -> None:
+    """An axis of a score, on the part of 0 to 1 where the values lie."""
+    low, high = share_limits(values)
+    step = 0.1 if high - low <= 0.6 + 1e-9 else 0.2
+    ticks = [round(low + step * k, 1) for k in range(int((high - low) / step + 1e-9) + 1)]
+    axis.set_view_interval(low - 0.012, high + 0.012, ignore=True)
+    axis.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks])
+    axis.set_label_text(name)
+    axis.labelpad = 2
+    axis.grid(True)
+
+
+def steps_of(front: Sequence[Point], low: Point) -> list[Point]:
+    """The border of what a front leaves open: right and above of it lies no point.
+
+    Args:
+        front: from left to right.
+        low: where the border begins at the left and ends at the bottom.
+    """
+    corners: list[Point] = [(low[0], front[0][1])]
+    for before, after in pairwise(front):
+        corners += [before, (before[0], after[1])]
+    return [*corners, front[-1], (front[-1][0], low[1])]

@@ -1,0 +1,210 @@
+"""Domains (METHOD 7.2): components, ranks from scenario to scenario, contributions to IVCS."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from matplotlib.axes import Axes
+from matplotlib.patches import Rectangle
+
+from ssp_eval.figures.drawing import ONLY_ENTERING, UNITS, Drawing, LeftOut, caption, shown_mean
+from ssp_eval.figures.ranks import rank_slopes
+from ssp_eval.figures.scores import Scores, words
+from ssp_eval.figures.style import (
+    COLUMN_IN,
+    COMPONENT_LOOKS,
+    COMPONENT_NAMES,
+    DOMAIN_LOOKS,
+    FAINT,
+    INK,
+    Sheet,
+    fitted,
+    share_axis,
+    text_width_in,
+)
+from ssp_eval.score.aggregate import Cell, Mean, mean
+from ssp_eval.score.ivcs import ivcs_terms, ivcs_weights
+
+NONE_ADMITTED = "no cell is admitted to domain means"
+COMPONENTS = tuple(ivcs_weights())
+
+
+def domains(scores: Scores) -> Iterator[Drawing | LeftOut]:
+    """The three figures about domains."""
+    yield _components(scores)
+    yield rank_slopes(scores, "domain", "domains_ranks")
+    yield _contributions(scores)
+
+
+def _admitted(scores: Scores) -> list[Cell]:
+    return [cell for cell in scores.cells if cell.admitted]
+
+
+def _left_out(scores: Scores) -> str:
+    count = len(scores.cells) - len(_admitted(scores))
+    return f"{count} cells that the audit didn't admit are left out." if count else ""
+
+
+def _components(scores: Scores) -> Drawing | LeftOut:
+    name = "domains_components"
+    groups = scores.by_domain
+    if not groups:
+        return LeftOut(name, NONE_ADMITTED)
+    lane_in, left_in, head_in = 0.13, 0.52, 0.12 + 0.16
+    row_in = lane_in * len(groups) + 0.1
+    height_in = row_in * len(COMPONENTS)
+    sheet = Sheet(COLUMN_IN, head_in + height_in + 0.42)
+    axes = sheet.axes(left_in, head_in, COLUMN_IN - left_in - 0.1, height_in)
+    axes.set_ylim(height_in, 0.0)
+    admitted = _admitted(scores)
+    for row, key in enumerate(COMPONENTS):
+        if row:
+            axes.axhline(row * row_in, color=FAINT, linewidth=0.5)
+        for lane, (domain, group) in enumerate(groups.items()):
+            look = DOMAIN_LOOKS[domain]
+            y = row * row_in + 0.05 + lane_in * (lane + 0.5)
+            values = [cell.score[key] for cell in admitted if cell.domain == domain]
+            known = [value for value in values if value is not None]
+            if known:
+                axes.plot([min(known), max(known)], [y, y], color=look.colour, linewidth=0.7)
+            axes.plot(
+                known, [y] * len(known), "|", color=look.colour, markersize=4, markeredgewidth=0.6,
+                clip_on=False, gid=f"cells-{key}-{domain}",
+            )  # fmt: skip
+            value = group[key].value
+            if value is not None:
+                axes.plot(
+                    [value], [y], look.marker, color=look.colour, markeredgecolor=INK,
+                    markeredgewidth=0.4, clip_on=False, gid=f"mean-{key}-{domain}", zorder=4,
+                )  # fmt: skip
+    axes.set_yticks(
+        [(row + 0.5) * row_in for row in range(len(COMPONENTS))],
+        [COMPONENT_NAMES[key] for key in COMPONENTS],
+    )
+    axes.tick_params(axis="y", length=0)
+    share_axis(axes, "score, mean over cells (ticks: single cells)")
+    _legend(sheet, {domain: group["ivcs"] for domain, group in groups.items()})
+    cells = ", ".join(f"{domain} {group['ivcs'].n}" for domain, group in groups.items())
+    fewer = [
+        f"{COMPONENT_NAMES[key]} in {domain}: {group[key].n}"
+        for domain, group in groups.items()
+        for key in COMPONENTS
+        if group[key].n != group["ivcs"].n
+    ]
+    return Drawing(
+        name,
+        sheet.figure,
+        caption(
+            "The five components of IVCS by domain: the large mark is the unweighted mean over "
+            "admitted cells, a tick is one cell, the line spans them. "
+            f"Cells: {cells}.",
+            f"With fewer values, since others have no denominator: {'; '.join(fewer)}."
+            if fewer
+            else "",
+            _left_out(scores),
+            ONLY_ENTERING,
+            UNITS,
+        ),
+    )
+
+
+def _legend(sheet: Sheet, groups: Mapping[str, Mean]) -> None:
+    page = sheet.page()
+    texts = [f"{domain} (n = {group.n})" for domain, group in groups.items()]
+    step = [0.16 + text_width_in(text) for text in texts]
+    gap = (sheet.width_in - 0.1 - sum(step)) / max(1, len(texts))
+    x = 0.12
+    for domain, text, width in zip(groups, texts, step, strict=True):
+        look = DOMAIN_LOOKS[domain]
+        page.plot(
+            [x], [0.11], look.marker, color=look.colour, markeredgecolor=INK, markeredgewidth=0.4
+        )
+        page.text(x + 0.08, 0.11, text, va="center_baseline")
+        x += width + min(gap, 0.2)
+
+
+def _component_legend(page: Axes) -> None:
+    x = 0.06
+    for key in COMPONENTS:
+        look = COMPONENT_LOOKS[key]
+        box = Rectangle(
+            (x, 0.06), 0.17, 0.1, facecolor=look.colour, edgecolor=INK, linewidth=0.4,
+            hatch=look.hatch,
+        )  # fmt: skip
+        page.add_patch(box)
+        text = COMPONENT_NAMES[key]
+        page.text(x + 0.21, 0.11, text, va="center_baseline")
+        x += 0.32 + text_width_in(text)
+
+
+def _contributions(scores: Scores) -> Drawing | LeftOut:
+    name = "domains_contributions"
+    admitted = _admitted(scores)
+    if not admitted:
+        return LeftOut(name, NONE_ADMITTED)
+    groups: list[tuple[str, str, list[Cell]]] = []
+    for scenario in scores.scenarios:
+        for domain in scores.by_domain:
+            cells = [c for c in admitted if (c.scenario, c.domain) == (scenario, domain)]
+            if cells:
+                groups.append((words(scenario), domain, cells))
+    if len({scenario for scenario, _, _ in groups}) > 1:
+        groups += [
+            ("all scenarios", domain, [c for c in admitted if c.domain == domain])
+            for domain in scores.by_domain
+        ]
+    return _stacks(name, groups, scores)
+
+
+def _stacks(
+    name: str, groups: list[tuple[str, str, list[Cell]]], scores: Scores
+) -> Drawing | LeftOut:
+    bar_in, band_in, left_in, head_in = 0.17, 0.19, 0.8, 0.3
+    bands = len({scenario for scenario, _, _ in groups})
+    height_in = bar_in * len(groups) + band_in * bands + 0.05
+    sheet = Sheet(COLUMN_IN, head_in + height_in + 0.42)
+    axes = sheet.axes(left_in, head_in, COLUMN_IN - left_in - 0.36, height_in)
+    axes.set_ylim(height_in, 0.0)
+    page = sheet.page()
+    y, before = 0.0, ""
+    ticks, labels = [], []
+    for scenario, domain, cells in groups:
+        if scenario != before:
+            page.text(
+                0.05, head_in + y + band_in - 0.05, fitted(scenario, COLUMN_IN - 0.2), weight="bold"
+            )
+            y, before = y + band_in, scenario
+        terms = [ivcs_terms(cell.score) for cell in cells]
+        left = 0.0
+        for key in COMPONENTS:
+            width = mean(term[key] for term in terms).value or 0.0
+            look = COMPONENT_LOOKS[key]
+            axes.barh(
+                y + bar_in / 2, width, bar_in * 0.78, left, color=look.colour, edgecolor=INK,
+                linewidth=0.4, hatch=look.hatch, gid=f"part-{scenario}-{domain}-{key}",
+            )  # fmt: skip
+            left += width
+        axes.text(left + 0.015, y + bar_in / 2, shown_mean(left), va="center_baseline")
+        ticks.append(y + bar_in / 2)
+        labels.append(domain)
+        y += bar_in
+    axes.set_yticks(ticks, labels)
+    axes.tick_params(axis="y", length=0)
+    share_axis(axes, "IVCS, mean over cells")
+    axes.set_xlim(0.0, 1.0)
+    _component_legend(page)
+    counts = "; ".join(f"{scenario} {domain} {len(cells)}" for scenario, domain, cells in groups)
+    weights = ", ".join(f"{w:.2f} {COMPONENT_NAMES[key]}" for key, w in ivcs_weights().items())
+    nulls = [row for row in scores.entering if row.admitted and row.ivcs_nulls]
+    return Drawing(
+        name,
+        sheet.figure,
+        caption(
+            f"What the components add to IVCS ({weights}), by scenario and domain, as unweighted "
+            f"means over admitted cells; the number is their sum. Cells: {counts}.",
+            f"A component without denominator adds 0, in {len(nulls)} cells." if nulls else "",
+            _left_out(scores),
+            ONLY_ENTERING,
+            UNITS,
+        ),
+    )

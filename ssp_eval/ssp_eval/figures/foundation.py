@@ -1,0 +1,306 @@
+"""Foundation models (METHOD 7.4): what scores cost in parameters, architectures, ranking."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+
+from matplotlib.axes import Axes
+from matplotlib.ticker import NullLocator
+
+from ssp_eval.figures.cloud import MOST_POINTS, cloud, numbers_used, share_axes, steps_of
+from ssp_eval.figures.drawing import (
+    ONLY_ENTERING,
+    UNITS,
+    Drawing,
+    LeftOut,
+    caption,
+    page_name,
+    pages_of,
+    renamed,
+    shown_mean,
+)
+from ssp_eval.figures.legend import legend_height_in, mark_legend
+from ssp_eval.figures.place import Point
+from ssp_eval.figures.scores import Scores, listed, pareto_front
+from ssp_eval.figures.style import (
+    BLUE,
+    COLUMN_IN,
+    COMPONENT_NAMES,
+    FAINT,
+    GREY,
+    INK,
+    LOOKS,
+    NAMES_IN,
+    ORANGE,
+    Look,
+    Sheet,
+    fitted,
+    names_in,
+    row_width_in,
+    share_axis,
+    widest_in,
+)
+from ssp_eval.score.aggregate import Mean, mean, ranks
+
+UNKNOWN = "architecture not given"
+NO_MODEL = "no cell of a model may enter means"
+COMPARED = ("jovr", "sem_acc_eff", "cia_eff", "tqsr", "rsr", "ivcs")
+_NUMBERS = "Numbers stand for the models in the list, which is in the order of IVCS."
+_MOST_ROWS = 46
+
+
+def foundation(scores: Scores) -> Iterator[Drawing | LeftOut]:
+    """The four figures about foundation models."""
+    yield _semantics_trajectory(scores)
+    yield _parameters(scores)
+    yield _architectures(scores)
+    yield from _ranking(scores)
+
+
+def _architecture(scores: Scores, model: str) -> str:
+    return scores.facts[model].architecture or UNKNOWN
+
+
+def _kinds(scores: Scores, models: Sequence[str]) -> tuple[dict[str, Look], dict[str, str]]:
+    """Looks by architecture, those without one last and in grey; and the kind of each model."""
+    kinds = {model: _architecture(scores, model) for model in models}
+    known = sorted({row.architecture for row in scores.facts.values() if row.architecture})
+    looks = {name: LOOKS[k % len(LOOKS)] for k, name in enumerate(known)}
+    looks[UNKNOWN] = Look("#bdbdbd", "o", "")
+    return {name: look for name, look in looks.items() if name in set(kinds.values())}, kinds
+
+
+def _points(scores: Scores, name: str, points: Mapping[str, Point]) -> LeftOut | None:
+    if not points:
+        return LeftOut(name, NO_MODEL)
+    if len(points) > MOST_POINTS:
+        return LeftOut(name, f"{len(points)} points can't be told apart; at most {MOST_POINTS}")
+    return None
+
+
+def _semantics_trajectory(scores: Scores) -> Drawing | LeftOut:
+    name = "foundation_semantics_trajectory"
+    points: dict[str, Point] = {
+        model: (x, y)
+        for model, group in scores.by_model.items()
+        if (x := group["sem_acc_eff"].value) is not None and (y := group["tqsr"].value) is not None
+    }
+    if refusal := _points(scores, name, points):
+        return refusal
+    front = pareto_front(points)
+
+    def set_up(axes: Axes) -> None:
+        share_axes(axes.xaxis, "SemAcc, mean over cells", [x for x, _ in points.values()])
+        share_axes(axes.yaxis, "TQSR, mean over cells", [y for _, y in points.values()])
+        low = (axes.get_xlim()[0], axes.get_ylim()[0])
+        border = steps_of([points[model] for model in front], low)
+        axes.plot(*zip(*border, strict=True), "--", color=INK, linewidth=0.8, zorder=1, gid="front")
+
+    drawn = cloud(points, *_kinds(scores, list(points)), set_up, set(front))
+    if drawn is None:
+        return LeftOut(name, "the points lie too close for labels")
+    sheet, names = drawn
+    missing = [model for model in scores.by_model if model not in points]
+    return Drawing(
+        name,
+        sheet.figure,
+        caption(
+            "Semantics (SemAcc) against trajectory quality (TQSR), unweighted means over all cells "
+            f"of a model; {scores.n_text()}. Right of and above the dashed line, the Pareto front, "
+            f"is no model; on it, with a thick border, {_are(front)}.",
+            _NUMBERS if numbers_used(sheet) else "",
+            f"Without a value, and not shown: {listed(missing)}." if missing else "",
+            ONLY_ENTERING,
+            UNITS,
+            renamed(names),
+        ),
+    )
+
+
+def _are(names: Sequence[str]) -> str:
+    return f"{'is' if len(names) == 1 else 'are'} {listed(names)}"
+
+
+def _parameters(scores: Scores) -> Drawing | LeftOut:
+    name = "foundation_parameters"
+    points: dict[str, Point] = {
+        model: (active, y)
+        for model, group in scores.by_model.items()
+        if (active := scores.facts[model].active_b) is not None
+        and (y := group["tqsr"].value) is not None
+    }
+    others = [model for model in scores.by_model if model not in points]
+    if not points and others:
+        return LeftOut(name, "no model's number of active parameters is known")
+    if refusal := _points(scores, name, points):
+        return refusal
+    low = min(x for x, _ in points.values())
+    high = max(x for x, _ in points.values())
+
+    def set_up(axes: Axes) -> None:
+        axes.set_xscale("log")
+        axes.set_xlim(low / 1.6, high * 1.6)
+        ticks = _log_ticks(low / 1.6, high * 1.6)
+        axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+        axes.xaxis.set_minor_locator(NullLocator())
+        axes.set_xlabel("active parameters (billions, log scale)", labelpad=2)
+        axes.grid(axis="x")
+        share_axes(axes.yaxis, "TQSR, mean over cells", [y for _, y in points.values()])
+
+    drawn = cloud(points, *_kinds(scores, list(points)), set_up)
+    if drawn is None:
+        return LeftOut(name, "the points lie too close for labels")
+    sheet, names = drawn
+    if others:
+        text = f"not shown, since unknown: {listed(others)}"
+        sheet.figure.text(
+            0.05 / sheet.width_in, 0.03 / sheet.height_in, fitted(text, sheet.width_in - 0.1),
+            color=GREY,
+        )  # fmt: skip
+    return Drawing(
+        name,
+        sheet.figure,
+        caption(
+            "Trajectory quality (TQSR, unweighted mean over all cells of a model) against the "
+            f"number of active parameters, for the {len(points)} of {len(scores.by_model)} models "
+            f"where it is known and so comparable; {scores.n_text()}.",
+            f"Not known, and not shown: {listed(others)}." if others else "",
+            _NUMBERS if numbers_used(sheet) else "",
+            ONLY_ENTERING,
+            renamed(names),
+        ),
+    )
+
+
+def _log_ticks(low: float, high: float) -> list[float]:
+    """1, 2 and 5 of each decade between the limits; only 1 where these are too many."""
+    decades = [10.0**k for k in range(-6, 9)]
+    found = [m * d for d in decades for m in (1, 2, 5) if low <= m * d <= high]
+    return found if len(found) <= 8 else [tick for tick in decades if low <= tick <= high]
+
+
+def _architectures(scores: Scores) -> Drawing | LeftOut:
+    name = "foundation_architectures"
+    members: dict[str, list[str]] = {}
+    for model in scores.by_model:
+        if scores.facts[model].architecture:
+            members.setdefault(_architecture(scores, model), []).append(model)
+    order = sorted(members, key=lambda a: (-len(members[a]), a))
+    if len(order) < 2:
+        return LeftOut(name, "two architectures are not known")
+    first, second = sorted(order[:2])
+    found: dict[str, dict[str, Mean]] = {
+        one: {
+            key: mean(c.score[key] for c in scores.cells if c.model in members[one])
+            for key in COMPARED
+        }
+        for one in (first, second)
+    }
+    looks = {first: Look(BLUE, "o", ""), second: Look(ORANGE, "s", "")}
+    titles = names_in(looks, 1.9)
+    legend = {f"{titles[one]} (models: {len(members[one])})": look for one, look in looks.items()}
+    head_in = legend_height_in(list(legend), COLUMN_IN) + 0.05
+    row_in, left_in = 0.22, 0.52
+    sheet = Sheet(COLUMN_IN, head_in + row_in * len(COMPARED) + 0.42)
+    mark_legend(sheet, legend, 0.11)
+    axes = sheet.axes(left_in, head_in, COLUMN_IN - left_in - 0.4, row_in * len(COMPARED))
+    axes.set_ylim(len(COMPARED) - 0.5, -0.5)
+    axes.axhline(len(COMPARED) - 1.5, color=FAINT, linewidth=0.6)
+    for row, key in enumerate(COMPARED):
+        ends = {one: found[one][key].value for one in looks}
+        known = [value for value in ends.values() if value is not None]
+        if len(known) == 2:
+            axes.plot(known, [row, row], color=GREY, linewidth=1.4, zorder=2, gid=f"bar-{key}")
+            text = f"{known[1] - known[0]:+.2f}".replace("-", "−")
+            axes.text(1.05, row, text, va="center_baseline", clip_on=False)
+        for one, value in ends.items():
+            if value is not None:
+                axes.plot(
+                    [value], [row], looks[one].marker, color=looks[one].colour, clip_on=False,
+                    markeredgecolor=INK, markeredgewidth=0.4, zorder=3, gid=f"end-{key}-{one}",
+                )  # fmt: skip
+    axes.set_yticks(range(len(COMPARED)), [COMPONENT_NAMES[key] for key in COMPARED])
+    axes.tick_params(axis="y", length=0)
+    share_axis(axes, "score, mean over cells")
+    counts = "; ".join(
+        f"{one}: {found[one]['ivcs'].n} cells of {listed(members[one])}" for one in looks
+    )
+    return Drawing(
+        name,
+        sheet.figure,
+        caption(
+            f"Two architectures: unweighted means over all cells of their models ({counts}); the "
+            f"number at the right is {second} minus {first}.",
+            f"Architectures with fewer models, not shown: {listed(order[2:])}."
+            if order[2:]
+            else "",
+            "The models differ in more than their architecture, and so the difference isn't its "
+            "effect alone.",
+            ONLY_ENTERING,
+            UNITS,
+        ),
+    )
+
+
+def _ranking(scores: Scores) -> Iterator[Drawing | LeftOut]:
+    name = "foundation_ranking"
+    if not scores.by_model:
+        yield LeftOut(name, NO_MODEL)
+        return
+    places = ranks({model: group["ivcs"].value for model, group in scores.by_model.items()})
+    looks, kinds = _kinds(scores, list(scores.by_model))
+    counts = Counter(kinds.values())
+    width_in = row_width_in(scores.by_model)
+    names = names_in(scores.by_model, NAMES_IN[width_in])
+    labels = {model: f"{places[model]}  {names[model]}" for model in scores.by_model}
+    size = {model: _size(scores, model) for model in scores.by_model}
+    right_in = max(0.12, widest_in(size.values()) + 0.15)
+    row_in = 0.17
+    pages = pages_of(list(scores.by_model), _MOST_ROWS)
+    for number, members in enumerate(pages, start=1):
+        legend = looks if len(looks) > 1 else {}
+        head_in = (legend_height_in(list(legend), width_in) if legend else 0.0) + 0.08
+        left_in = widest_in(labels[m] for m in members) + 0.12
+        sheet = Sheet(width_in, head_in + row_in * len(members) + 0.42)
+        mark_legend(sheet, {a: Look(k.colour, "s", "") for a, k in legend.items()}, 0.11)
+        axes = sheet.axes(left_in, head_in, width_in - left_in - right_in, row_in * len(members))
+        axes.set_ylim(len(members) - 0.5, -0.5)
+        for row, model in enumerate(members):
+            value, look = scores.by_model[model]["ivcs"].value or 0.0, looks[kinds[model]]
+            axes.barh(
+                row, value, 0.68, color=look.colour, edgecolor=INK, linewidth=0.4, hatch=look.hatch,
+                gid=f"bar-{model}",
+            )  # fmt: skip
+            axes.text(value + 0.02, row, shown_mean(value), va="center_baseline")
+            axes.text(1.06, row, size[model], va="center_baseline", color=GREY, clip_on=False)
+        axes.set_yticks(range(len(members)), [labels[m] for m in members])
+        axes.tick_params(axis="y", length=0)
+        share_axis(axes, "IVCS, mean over cells")
+        axes.set_xlim(0.0, 1.02)
+        known = any(size.values())
+        yield Drawing(
+            page_name(name, number, len(pages)),
+            sheet.figure,
+            caption(
+                "Models by IVCS, the unweighted mean over all their cells, with their rank; equal "
+                f"ones share a rank. {scores.n_text()}.",
+                "At the right total / active parameters in billions, ? where not known."
+                if known
+                else "",
+                f"Architectures: {', '.join(f'{a} {n}' for a, n in sorted(counts.items()))}.",
+                "Ranks per scenario are in models_ranks.",
+                ONLY_ENTERING,
+                renamed({m: names[m] for m in members}),
+            ),
+        )
+
+
+def _size(scores: Scores, model: str) -> str:
+    row = scores.facts[model]
+    if row.total_b is None and row.active_b is None:
+        return ""
+    total, active = (
+        "?" if value is None else f"{value:g}" for value in (row.total_b, row.active_b)
+    )
+    return f"{total} / {active}"

@@ -1,0 +1,186 @@
+"""Slope plots: scenario – macro average – scenario, with changes of rank pointed out."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+
+from matplotlib.axes import Axes
+
+from ssp_eval.figures.drawing import (
+    ONLY_ENTERING,
+    Drawing,
+    LeftOut,
+    caption,
+    renamed,
+    shown_mean,
+)
+from ssp_eval.figures.place import spread
+from ssp_eval.figures.scores import Scores, words
+from ssp_eval.figures.style import (
+    BLUE,
+    COLUMN_IN,
+    GREY,
+    INK,
+    LINE_IN,
+    PAGE_IN,
+    RED,
+    Sheet,
+    fitted,
+    names_in,
+    text_width_in,
+    widest_in,
+)
+from ssp_eval.score.aggregate import ranking
+
+MACRO = "macro"
+MOST = 60
+_UP, _DOWN, _OTHER, _SAME = ("-", BLUE), ("--", RED), ("-.", INK), (":", GREY)
+
+
+def rank_slopes(scores: Scores, subject: str, name: str) -> Drawing | LeftOut:
+    """IVCS of every model or domain per scenario, with the macro average in the middle.
+
+    Args:
+        scores: what is shown.
+        subject: ``model`` or ``domain``.
+        name: of the figure's files.
+    """
+    found = ranking(scores.cells, subject)
+    groups = scores.by_domain if subject == "domain" else scores.by_model
+    per_scenario = scores.by_scenario_domain if subject == "domain" else scores.by_scenario_model
+    scenarios = sorted(found.scenarios)
+    if not groups or not scenarios:
+        return LeftOut(name, f"no cell gives a mean by {subject}")
+    if len(groups) > MOST:
+        return LeftOut(name, f"{len(groups)} lines can't be told apart; the limit is {MOST}")
+    columns: list[str | None] = [*scenarios]
+    if len(scenarios) > 1:
+        columns.insert((len(scenarios) + 1) // 2, None)
+    values = {
+        one: [
+            group["ivcs"].value
+            if column is None
+            else (cell["ivcs"].value if (cell := per_scenario.get((column, one))) else None)
+            for column in columns
+        ]
+        for one, group in groups.items()
+    }
+    ranks = {
+        one: [(found.macro if c is None else found.scenarios[c]).get(one) for c in columns]
+        for one in groups
+    }
+    sheet, names = _draw(columns, values, ranks, {c.subject for c in found.changes})
+    changes = "; ".join(
+        f"{c.subject} is {c.ranks[0]} in {words(c.scenarios[0])} and {c.ranks[1]} in "
+        f"{words(c.scenarios[1])}"
+        for c in found.changes
+    )
+    admission = "admitted cells" if subject == "domain" else "cells"
+    counts = ", ".join(f"{one} {group['ivcs'].n}" for one, group in groups.items())
+    return Drawing(
+        name,
+        sheet.figure,
+        caption(
+            f"IVCS by {subject} per scenario"
+            + (" and over all of them (macro average)" if len(scenarios) > 1 else "")
+            + f", unweighted means over {admission}; the whole number at a line's end is its "
+            f"rank, beside it the score. Cells: {counts}.",
+            "A solid line ends on a better rank than it began, a dashed one on a worse, a dash-dot "
+            "one changes its rank in between only, a dotted one never."
+            if len(scenarios) > 1
+            else "With one scenario there is no change of rank to be seen.",
+            f"Changes of rank between scenarios: {changes}."
+            if changes
+            else ("No rank changes between scenarios." if len(scenarios) > 1 else ""),
+            ONLY_ENTERING,
+            renamed(names),
+        ),
+    )
+
+
+def _draw(
+    columns: Sequence[str | None],
+    values: Mapping[str, Sequence[float | None]],
+    ranks: Mapping[str, Sequence[int | None]],
+    changed: Collection[str],
+) -> tuple[Sheet, dict[str, str]]:
+    plain_in, lead_in = text_width_in("0.88 00"), 0.24
+    names = names_in(values, 2.3 if len(columns) > 3 or len(values) > 12 else 1.0)
+    named_in = widest_in(names.values()) + plain_in + text_width_in(" ") + lead_in
+    starts = {one for one, line in values.items() if line[-1] is None}
+    left_in = (named_in if starts else plain_in + lead_in) + 0.05
+    wide = len(columns) > 3 or COLUMN_IN - left_in - named_in < 1.2
+    width_in = PAGE_IN if wide else COLUMN_IN
+    height_in, top_in = max(1.5, LINE_IN * len(values) + 0.2), 0.3
+    sheet = Sheet(width_in, top_in + height_in + 0.1)
+    page = sheet.page()
+    span_in = width_in - left_in - named_in - 0.05
+    step_in = span_in / max(1, len(columns) - 1)
+    xs = [left_in + step_in * k for k in range(len(columns))]
+    present = [value for line in values.values() for value in line if value is not None]
+    middle, half = (min(present) + max(present)) / 2, max(max(present) - min(present), 0.05) / 2
+
+    def y_of(value: float) -> float:
+        share = (value - middle) / (2 * half) + 0.5
+        return top_in + 0.1 + (height_in - 0.2) * (1.0 - share)
+
+    for column, x in zip(columns, xs, strict=True):
+        page.plot([x, x], [top_in, top_in + height_in], color=GREY, linewidth=0.5)
+        text = MACRO if column is None else words(column)
+        page.text(
+            x, top_in - 0.08, fitted(text, step_in - 0.05), ha="center",
+            style="italic" if column is None else "normal",
+        )  # fmt: skip
+    for one, line in values.items():
+        style, colour = _style(ranks[one], columns, one in changed)
+        known = [(x, y_of(v)) for x, v in zip(xs, line, strict=True) if v is not None]
+        page.plot(
+            [x for x, _ in known], [y for _, y in known], style, color=colour, marker="o",
+            markersize=3.2, markerfacecolor="white" if colour == GREY else colour,
+            markeredgewidth=0.7, linewidth=1.2 if one in changed else 0.9, gid=f"line-{one}",
+        )  # fmt: skip
+    bounds = (top_in + 0.05, top_in + height_in - 0.05)
+    for index, side in ((0, -1), (len(columns) - 1, 1)) if len(columns) > 1 else ((0, 1),):
+        ends = {
+            one: (y_of(value), _end_text(side, names[one], value, ranks[one][index], one in starts))
+            for one, line in values.items()
+            if (value := line[index]) is not None
+        }
+        _end_labels(page, xs[index], side, ends, bounds)
+    return sheet, names
+
+
+def _style(
+    ranks: Sequence[int | None], columns: Sequence[str | None], changed: bool
+) -> tuple[str, str]:
+    if not changed:
+        return _SAME
+    known = [r for r, column in zip(ranks, columns, strict=True) if column and r is not None]
+    if known[-1] == known[0]:
+        return _OTHER
+    return _UP if known[-1] < known[0] else _DOWN
+
+
+def _end_text(side: int, name: str, value: float, rank: int | None, starts: bool) -> str:
+    """Rank and value next to a line's end, with its name at the right, where all lines go."""
+    if side > 0:
+        return f"{rank} {shown_mean(value)} {name}"
+    return f"{name} {shown_mean(value)} {rank}" if starts else f"{shown_mean(value)} {rank}"
+
+
+def _end_labels(
+    page: Axes,
+    x: float,
+    side: int,
+    ends: Mapping[str, tuple[float, str]],
+    bounds: tuple[float, float],
+) -> None:
+    """Texts at one end, moved apart and led to their points."""
+    wanted = [y for y, _ in ends.values()]
+    places = spread(wanted, LINE_IN - 0.02, *bounds)
+    for (one, (y, text)), at in zip(ends.items(), places, strict=True):
+        page.plot([x + side * 0.05, x + side * 0.16], [y, at], color=GREY, linewidth=0.4)
+        page.text(
+            x + side * 0.19, at, text, ha="left" if side > 0 else "right", va="center",
+            gid=f"label-{'right' if side > 0 else 'left'}-{one}",
+        )  # fmt: skip

@@ -1,0 +1,139 @@
+"""What figures read out of rows: cells, groups of them, and names in the order of drawing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from ssp_core.vocab import DOMAINS
+from ssp_eval.analysis.row import OK, CellRow, entering, merged
+from ssp_eval.score.aggregate import (
+    BY_DOMAIN,
+    BY_MODEL,
+    BY_SCENARIO_DOMAIN,
+    BY_SCENARIO_MODEL,
+    Cell,
+    Mean,
+    means,
+)
+
+Group = Mapping[str, Mean]
+
+
+def domain_order(domain: str) -> tuple[int, str]:
+    """Sorts domains as METHOD names them."""
+    return (DOMAINS.index(domain) if domain in DOMAINS else len(DOMAINS), domain)
+
+
+@dataclass(frozen=True)
+class Scores:
+    """The rows of a report, and what is computed from those that may enter means.
+
+    Args:
+        rows: all, in any order; no figure depends on it.
+    """
+
+    rows: tuple[CellRow, ...]
+
+    @cached_property
+    def shown(self) -> tuple[CellRow, ...]:
+        """One row per cell for the matrix: runs together, controls and what has no scores too."""
+        scored = merged(sorted((r for r in self.rows if r.status == OK), key=_run_order))
+        keys = {row.key for row in scored}
+        others = {row.key: row for row in sorted(self.rows, key=_run_order) if row.key not in keys}
+        return tuple(
+            sorted(
+                (*scored, *others.values()),
+                key=lambda r: (r.scenario, domain_order(r.domain), r.control, r.model.casefold()),
+            )
+        )
+
+    @cached_property
+    def entering(self) -> tuple[CellRow, ...]:
+        """One row per cell that may enter means and ranks."""
+        return tuple(sorted(entering(sorted(self.rows, key=_run_order)), key=lambda r: r.key))
+
+    @cached_property
+    def cells(self) -> tuple[Cell, ...]:
+        """The same for ssp_eval.score.aggregate."""
+        return tuple(row.cell() for row in self.entering)
+
+    @cached_property
+    def by_domain(self) -> dict[str, Group]:
+        """Means per domain, over admitted cells."""
+        found = {domain: group for (domain,), group in means(self.cells, BY_DOMAIN).items()}
+        return {domain: found[domain] for domain in sorted(found, key=domain_order)}
+
+    @cached_property
+    def by_scenario_domain(self) -> dict[tuple[str, str], Group]:
+        """Means per scenario and domain, over admitted cells."""
+        return {(s, d): group for (s, d), group in means(self.cells, BY_SCENARIO_DOMAIN).items()}
+
+    @cached_property
+    def by_scenario_model(self) -> dict[tuple[str, str], Group]:
+        """Means per scenario and model."""
+        return {(s, m): group for (s, m), group in means(self.cells, BY_SCENARIO_MODEL).items()}
+
+    @cached_property
+    def by_model(self) -> dict[str, Group]:
+        """Means per model, the best by IVCS first."""
+        found = {model: group for (model,), group in means(self.cells, BY_MODEL).items()}
+        order = sorted(found, key=lambda m: (-(found[m]["ivcs"].value or 0.0), m.casefold(), m))
+        return {model: found[model] for model in order}
+
+    @cached_property
+    def scenarios(self) -> tuple[str, ...]:
+        """Of the cells that enter means."""
+        return tuple(sorted({row.scenario for row in self.entering}))
+
+    @cached_property
+    def facts(self) -> dict[str, CellRow]:
+        """By model, a row that tells its parameters and architecture."""
+        return {row.model: row for row in reversed(self.entering)}
+
+    def n_text(self, rows: Sequence[CellRow] | None = None) -> str:
+        """How many cells, scenarios, domains and models stand behind a figure."""
+        rows = self.entering if rows is None else rows
+        counts = (
+            (len(rows), "cell"),
+            (len({r.scenario for r in rows}), "scenario"),
+            (len({r.domain for r in rows}), "domain"),
+            (len({r.model for r in rows}), "model"),
+        )
+        return ", ".join(f"{count} {word}{'' if count == 1 else 's'}" for count, word in counts)
+
+
+def _run_order(row: CellRow) -> tuple[tuple[str, str, str], str, int]:
+    return row.key, row.run, -1 if row.seed is None else row.seed
+
+
+def pareto_front(points: Mapping[str, tuple[float, float]]) -> list[str]:
+    """Names of the points that no other is at least as good as in both and better in one.
+
+    Args:
+        points: by name, larger is better in both.
+
+    Returns:
+        From left to right; equal points are all in it.
+    """
+    front: list[str] = []
+    best = float("-inf")
+    # From the right: a point is in front when it is higher than all to its right.
+    order = sorted(points, key=lambda name: (-points[name][0], -points[name][1], name))
+    for name in order:
+        y = points[name][1]
+        if y > best or (front and points[name] == points[front[-1]]):
+            front.append(name)
+            best = y
+    return front[::-1]
+
+
+def words(name: str) -> str:
+    """A name of the vocabulary as it stands in a figure."""
+    return name.replace("_", " ")
+
+
+def listed(names: Iterable[str]) -> str:
+    """Names as a list in a sentence."""
+    return ", ".join(names) or "none"

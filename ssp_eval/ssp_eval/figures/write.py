@@ -1,0 +1,113 @@
+"""Writes the figures of METHOD 7.1 to 7.4: SVG, PDF and PNG each, with a caption beside them."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Collection, Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ssp_core.errors import InputError
+from ssp_core.files import make_folder, write_bytes, write_text
+from ssp_eval.analysis.row import CellRow
+from ssp_eval.figures.scores import Scores
+
+if TYPE_CHECKING:
+    from ssp_eval.figures.drawing import Drawing, LeftOut
+
+GROUPS = ("matrix", "domains", "models", "foundation")
+DPI = 300
+# No date and no version in a file: the same rows give the same bytes.
+_METADATA: dict[str, dict[str, str | None]] = {
+    "svg": {"Date": None, "Creator": None},
+    "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+    "png": {"Software": None},
+}
+
+
+@dataclass(frozen=True)
+class Written:
+    """What became of the figures.
+
+    Args:
+        files: written, in order.
+        left_out: name of a figure, and why these rows don't give it.
+    """
+
+    files: tuple[Path, ...]
+    left_out: tuple[tuple[str, str], ...]
+
+
+def write_figures(
+    rows: Iterable[CellRow],
+    out: Path,
+    reference: str | None = None,
+    only: Collection[str] = (),
+    progress: Callable[[str], None] = lambda name: None,
+) -> Written:
+    """Writes every figure that the rows give.
+
+    Args:
+        rows: of a campaign or a file of component scores; their order doesn't matter.
+        out: folder, made where it isn't there.
+        reference: the model that others are compared to; None: the best by IVCS.
+        only: groups (GROUPS) that are wanted; empty: all.
+        progress: called with a figure's name once it is written.
+
+    Raises:
+        InputError: the reference is no model that enters means, or the folder can't be written.
+    """
+    scores = Scores(tuple(rows))
+    if reference is not None and reference not in scores.by_model:
+        raise InputError(
+            "is no model with scores of its own",
+            field="--reference",
+            value=reference,
+            remedy=f"name one of {', '.join(scores.by_model) or 'none, since there is no score'}",
+        )
+    make_folder(out)
+    return written_drawings(_drawings(scores, reference, only or GROUPS), out, progress)
+
+
+def _drawings(
+    scores: Scores, reference: str | None, wanted: Collection[str]
+) -> Iterator[Drawing | LeftOut]:
+    from ssp_eval.figures.domains import domains
+    from ssp_eval.figures.foundation import foundation
+    from ssp_eval.figures.matrix import matrix
+    from ssp_eval.figures.models import models
+
+    if "matrix" in wanted:
+        yield from matrix(scores)
+    if "domains" in wanted:
+        yield from domains(scores)
+    if "models" in wanted:
+        yield from models(scores, reference)
+    if "foundation" in wanted:
+        yield from foundation(scores)
+
+
+def written_drawings(
+    drawings: Iterable[Drawing | LeftOut], out: Path, progress: Callable[[str], None]
+) -> Written:
+    """Writes drawings one by one, so that only one is in memory."""
+    from ssp_eval.figures.drawing import LeftOut
+    from ssp_eval.figures.style import drawing
+
+    files: list[Path] = []
+    left_out: list[tuple[str, str]] = []
+    with drawing():
+        for item in drawings:
+            if isinstance(item, LeftOut):
+                left_out.append((item.name, item.reason))
+                continue
+            for kind, metadata in _METADATA.items():
+                stream = io.BytesIO()
+                item.figure.savefig(stream, format=kind, dpi=DPI, metadata=metadata)
+                files.append(out / f"{item.name}.{kind}")
+                write_bytes(files[-1], stream.getvalue())
+            files.append(out / f"{item.name}.txt")
+            write_text(files[-1], item.caption)
+            progress(item.name)
+    return Written(tuple(files), tuple(left_out))
