@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 
 from ssp_core.vocab import CONFLICTS, LON_ACTIONS, MOTIONS, OBJECTS, POSITIONS
-from ssp_eval.score import DEFAULT, Thresholds, ivcs, ivcs_terms
+from ssp_eval.labels.model import Label, Labels
+from ssp_eval.records import BehaviourRecord, Slot, Slots
+from ssp_eval.score import DEFAULT, Thresholds, ivcs, ivcs_terms, score_cell
+from ssp_eval.score.batch import score_cells
 from ssp_eval.score.columns import NOTHING
 from ssp_eval.score.encode import Codes
 from ssp_eval.score.judged import allowed, risky, score_tables, slows_down
@@ -100,3 +103,19 @@ def test_a_null_component_adds_nothing():
 def test_other_weights_can_be_asked_for():
     components = dict.fromkeys(("jovr", "sem_acc_eff", "cia_eff", "tqsr", "rsr"), 1.0)
     assert ivcs(components, Thresholds(weight_rsr=0.6)) == pytest.approx(1.5, abs=1e-15)
+
+
+def test_evidence_beyond_any_text_supports_nothing():
+    """Places that don't fit into 64 bits are as far outside as any (METHOD 5.3)."""
+    label = Label(1.0, "conflict", True, ("car",), *[None] * 3, ("stop",), ("straight",))
+    labels = Labels("s", "physical", "v", 1.0, True, (label,))
+    far = 10**30
+    for evidence, given in (
+        (((0, far),), 0),
+        (((-far, 3),), 0),
+        (((0, far), (0, 3)), 1),
+        (((-far, far), (far, far + 1)), 0),
+    ):
+        record = BehaviourRecord(1.0, "car", Slots(objects=Slot(("car",), evidence)))
+        assert [score.sem_cov for score in score_cells([(labels, [record])])] == [given]
+        assert score_cell(labels, [record]).sem_cov == given
