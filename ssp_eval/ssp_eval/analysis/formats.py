@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import unicodedata
 from collections.abc import Callable, Iterator, Mapping
 from types import MappingProxyType
 from typing import Any
@@ -98,8 +99,9 @@ def to_json(table: Table) -> str:
 
 
 def latex_text(text: str) -> str:
-    """Words as LaTeX sets them literally; line breaks become spaces."""
-    return "".join(_LATEX.get(c, c) for c in " ".join(text.split()))
+    """Words as LaTeX sets them literally; line breaks become spaces, other controls go."""
+    words = " ".join(text.split())
+    return "".join(_LATEX.get(c, c) for c in words if unicodedata.category(c) != "Cc")
 
 
 def to_latex(table: Table) -> str:
@@ -121,7 +123,9 @@ def to_latex(table: Table) -> str:
         rf"{head} \\",
         r"\midrule",
     ]
-    lines += [rf"{' & '.join(map(latex_text, texts(table, row)))} \\" for row in table.rows]
+    for row in table.rows:
+        fields = zip(table.columns, texts(table, row), strict=True)
+        lines.append(rf"{' & '.join(_latex_field(*field) for field in fields)} \\")
     lines += [r"\bottomrule", r"\end{tabular}"]
     lines += [rf"\par\smallskip{{\footnotesize {latex_text(note)}}}" for note in table.all_notes]
     return "\n".join([*lines, r"\end{table}", ""])
