@@ -94,6 +94,18 @@ def test_a_clock_that_goes_back_begins_anew() -> None:
     assert (len(again[0].frames), again[0].previous) == (1, None)
 
 
+def test_an_answer_that_comes_after_the_clock_went_back_is_not_carried() -> None:
+    one = follower(carries_previous=True)
+    (before,) = drive(one, 1, start_ns=2 * NS_PER_S)
+    drive(one, 6)
+    assert one.answered(answer(before)).decoding["input"]["frames_ns"] == [2 * NS_PER_S]
+    (later,) = drive(one, 1, start_ns=3 * NS_PER_S)
+    assert later.previous is None
+    one.answered(answer(later))
+    (last,) = drive(one, 1, start_ns=4 * NS_PER_S)
+    assert last.previous == answer(later)
+
+
 def test_the_previous_answer_is_carried_where_the_interface_wants_it() -> None:
     one = follower(carries_previous=True)
     first = drive(one, 1)[0]

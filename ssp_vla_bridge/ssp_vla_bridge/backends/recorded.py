@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError, PeerError
 from ssp_vla_bridge.core.backend import check_options
 from ssp_vla_bridge.core.interfaces import find_interface
@@ -37,8 +38,10 @@ class Recorded:
         """Raises PeerError: none is stored, several differ, or an error is stored."""
         fitting = self._by_id.get(request.request_id) or self._by_stamp.get(request.stamp_ns)
         if not fitting:
+            away_s = ns_to_seconds(min(abs(stamp - request.stamp_ns) for stamp in self._by_stamp))
             raise PeerError(
-                f"no answer is stored for id {request.request_id!r} or stamp {request.stamp_ns} ns"
+                "no answer is stored about the frame that is asked about; the nearest one is "
+                f"about a frame {away_s:.3f} s away"
             )
         stored = _the_one(fitting, f"id {request.request_id!r}, stamp {request.stamp_ns} ns")
         if stored.error_code != ErrorCode.NONE:

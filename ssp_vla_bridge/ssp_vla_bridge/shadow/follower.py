@@ -41,6 +41,7 @@ class Follower:
     _asked_ns: int | None = None
     _previous: Response | None = None
     _open: dict[str, Request] = field(default_factory=dict)
+    _of_before: set[str] = field(default_factory=set)  # open ones from before time began anew
 
     def state(self, state: ObjectState) -> None:
         """A state of the VUT came, in whatever order."""
@@ -104,7 +105,10 @@ class Follower:
         request = self._open.pop(response.request_id, None)
         if request is None:
             return response
-        self._previous = None if response.error_code else response
+        if response.request_id in self._of_before:
+            self._of_before.discard(response.request_id)
+        else:
+            self._previous = None if response.error_code else response
         return replace(response, decoding={**response.decoding, "input": _sight(request)})
 
     def _begin_anew(self, stamp_ns: int, newest_ns: int | None) -> None:
@@ -113,6 +117,7 @@ class Follower:
         self._frames.clear()
         self._states.clear()
         self._asked_ns = self._previous = None
+        self._of_before.update(self._open)
 
 
 def _sight(request: Request) -> dict[str, object]:
