@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from itertools import pairwise
+from typing import Literal
 
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 
 from ssp_eval.figures.legend import legend_height_in, mark_legend
 from ssp_eval.figures.place import Box, Point, ambiguous, around, place_labels
@@ -155,12 +155,26 @@ def share_limits(values: Sequence[float]) -> tuple[float, float]:
     return round(low, 1), round(high, 1)
 
 
-def share_axes(axis: Axis, name: str, values: Sequence[float]) -> None:
-    """An axis of a score, on the part of 0 to 1 where the values lie."""
+def share_axis_near(
+    axes: Axes, side: Literal["x", "y"], name: str, values: Sequence[float]
+) -> None:
+    """An axis of a score, on the part of 0 to 1 where the values lie.
+
+    Args:
+        axes: to set up.
+        side: horizontal or vertical.
+        name: what it says.
+        values: of the points.
+    """
     low, high = share_limits(values)
     step = 0.1 if high - low <= 0.6 + 1e-9 else 0.2
     ticks = [round(low + step * k, 1) for k in range(int((high - low) / step + 1e-9) + 1)]
-    axis.set_view_interval(low - 0.012, high + 0.012, ignore=True)
+    limits = (low - 0.012, high + 0.012)
+    if side == "x":
+        axes.set_xlim(limits)
+    else:
+        axes.set_ylim(limits)
+    axis = axes.xaxis if side == "x" else axes.yaxis
     axis.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks])
     axis.set_label_text(name)
     axis.labelpad = 2

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from matplotlib.axes import Axes
 from matplotlib.ticker import NullLocator
 
-from ssp_eval.figures.cloud import MOST_POINTS, cloud, numbers_used, share_axes, steps_of
+from ssp_eval.figures.cloud import MOST_POINTS, cloud, numbers_used, share_axis_near, steps_of
 from ssp_eval.figures.drawing import (
     ONLY_ENTERING,
     UNITS,
@@ -91,8 +91,8 @@ def _semantics_trajectory(scores: Scores) -> Drawing | LeftOut:
     front = pareto_front(points)
 
     def set_up(axes: Axes) -> None:
-        share_axes(axes.xaxis, "SemAcc, mean over cells", [x for x, _ in points.values()])
-        share_axes(axes.yaxis, "TQSR, mean over cells", [y for _, y in points.values()])
+        share_axis_near(axes, "x", "SemAcc, mean over cells", [x for x, _ in points.values()])
+        share_axis_near(axes, "y", "TQSR, mean over cells", [y for _, y in points.values()])
         low = (axes.get_xlim()[0], axes.get_ylim()[0])
         border = steps_of([points[model] for model in front], low)
         axes.plot(*zip(*border, strict=True), "--", color=INK, linewidth=0.8, zorder=1, gid="front")
@@ -146,7 +146,7 @@ def _parameters(scores: Scores) -> Drawing | LeftOut:
         axes.xaxis.set_minor_locator(NullLocator())
         axes.set_xlabel("active parameters (billions, log scale)", labelpad=2)
         axes.grid(axis="x")
-        share_axes(axes.yaxis, "TQSR, mean over cells", [y for _, y in points.values()])
+        share_axis_near(axes, "y", "TQSR, mean over cells", [y for _, y in points.values()])
 
     drawn = cloud(points, *_kinds(scores, list(points)), set_up)
     if drawn is None:
@@ -273,7 +273,11 @@ def _ranking(scores: Scores) -> Iterator[Drawing | LeftOut]:
                 gid=f"bar-{model}",
             )  # fmt: skip
             axes.text(value + 0.02, row, shown_mean(value), va="center_baseline")
-            axes.text(1.06, row, size[model], va="center_baseline", color=GREY, clip_on=False)
+            sheet.figure.text(
+                1.0 - 0.05 / width_in,
+                1.0 - (head_in + row_in * (row + 0.5)) / sheet.height_in,
+                size[model], va="center_baseline", ha="right", color=GREY,
+            )  # fmt: skip
         axes.set_yticks(range(len(members)), [labels[m] for m in members])
         axes.tick_params(axis="y", length=0)
         share_axis(axes, "IVCS, mean over cells")
@@ -301,6 +305,6 @@ def _size(scores: Scores, model: str) -> str:
     if row.total_b is None and row.active_b is None:
         return ""
     total, active = (
-        "?" if value is None else f"{value:g}" for value in (row.total_b, row.active_b)
+        "?" if value is None else f"{value:.3g}" for value in (row.total_b, row.active_b)
     )
     return f"{total} / {active}"

@@ -83,8 +83,8 @@ def rank_slopes(scores: Scores, subject: str, name: str) -> Drawing | LeftOut:
         caption(
             f"IVCS by {subject} per scenario"
             + (" and over all of them (macro average)" if len(scenarios) > 1 else "")
-            + f", unweighted means over {admission}; the whole number at a line's end is its "
-            f"rank, beside it the score. Cells: {counts}.",
+            + f", unweighted means over {admission}; # stands before a rank, beside it "
+            f"the score. Cells: {counts}.",
             "A solid line ends on a better rank than it began, a dashed one on a worse, a dash-dot "
             "one changes its rank in between only, a dotted one never."
             if len(scenarios) > 1
@@ -104,7 +104,7 @@ def _draw(
     ranks: Mapping[str, Sequence[int | None]],
     changed: Collection[str],
 ) -> tuple[Sheet, dict[str, str]]:
-    plain_in, lead_in = text_width_in("0.88 00"), 0.24
+    plain_in, lead_in = text_width_in("0.88 #00"), 0.24
     names = names_in(values, 2.3 if len(columns) > 3 or len(values) > 12 else 1.0)
     named_in = widest_in(names.values()) + plain_in + text_width_in(" ") + lead_in
     starts = {one for one, line in values.items() if line[-1] is None}
@@ -164,8 +164,8 @@ def _style(
 def _end_text(side: int, name: str, value: float, rank: int | None, starts: bool) -> str:
     """Rank and value next to a line's end, with its name at the right, where all lines go."""
     if side > 0:
-        return f"{rank} {shown_mean(value)} {name}"
-    return f"{name} {shown_mean(value)} {rank}" if starts else f"{shown_mean(value)} {rank}"
+        return f"#{rank} {shown_mean(value)} {name}"
+    return f"{name} {shown_mean(value)} #{rank}" if starts else f"{shown_mean(value)} #{rank}"
 
 
 def _end_labels(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from typing import Any
 
 from ssp_core import camera
@@ -49,13 +49,34 @@ def project(
     return float(seen.u_px[0]), float(seen.v_px[0])
 
 
-def overlay(
+@dataclass(frozen=True)
+class Ribbon:
+    """A path on the ground as the picture shows it, in px; only what lies ahead of the camera.
+
+    Args:
+        left, right: borders of what the VUT would cover.
+        middle: between them, where its reference point goes.
+        dots: places of it at every half second.
+    """
+
+    left: tuple[tuple[float, float], ...]
+    right: tuple[tuple[float, float], ...]
+    middle: tuple[tuple[float, float], ...]
+    dots: tuple[tuple[float, float], ...]
+
+    @property
+    def outline(self) -> tuple[tuple[float, float], ...]:
+        """Around what the VUT would cover."""
+        return self.left + self.right[::-1]
+
+
+def ribbon(
     trajectory: Trajectory,
     geometry: dict[str, Any] | None,
     mount_forward_m: float | None,
     mount_turn: tuple[float, float, float] = (0.0, 0.0, 0.0),
-) -> str:
-    """SVG over the picture: the ribbon that the VUT would cover, with a dot every half second.
+) -> Ribbon | None:
+    """The ribbon that the VUT would cover.
 
     Args:
         trajectory: a valid one.
@@ -64,12 +85,12 @@ def overlay(
         mount_turn: see project.
 
     Returns:
-        Empty where the camera's pose isn't known or nothing of the path lies in front of it.
+        None where the camera's pose isn't known or nothing of the path lies in front of it.
     """
     if geometry is None or mount_forward_m is None:
-        return ""
+        return None
     if geometry.get("height_m") is None or geometry.get("pitch_down_rad") is None:
-        return ""
+        return None
     start_s, end_s = trajectory.t_s[0], trajectory.t_s[-1]
     count = max(2, math.ceil((end_s - start_s) / _STEP_S))
     times = [start_s + (end_s - start_s) * k / count for k in range(count + 1)]
@@ -96,11 +117,29 @@ def overlay(
             *interpolate(trajectory, min(t_s, end_s)), geometry, mount_forward_m, mount_turn
         )
         if spot:
-            dots.append(svg.element("circle", cx=spot[0], cy=spot[1], r=geometry["width_px"] / 160))
+            dots.append(spot)
     if len(middle) < 2 and not dots:
+        return None
+    return Ribbon(tuple(left), tuple(right), tuple(middle), tuple(dots))
+
+
+def overlay(
+    trajectory: Trajectory,
+    geometry: dict[str, Any] | None,
+    mount_forward_m: float | None,
+    mount_turn: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> str:
+    """SVG over the picture: the ribbon with a dot every half second; empty where there is none.
+
+    Args: see ribbon.
+    """
+    found = ribbon(trajectory, geometry, mount_forward_m, mount_turn)
+    if found is None or geometry is None:
         return ""
-    ribbon = svg.element("polygon", points=svg.points(left + right[::-1]), class_="ribbon")
-    line = svg.element("polyline", points=svg.points(middle), class_="path")
-    body = (ribbon + line if len(middle) >= 2 else "") + "".join(dots)
+    radius = geometry["width_px"] / 160
+    dots = [svg.element("circle", cx=x, cy=y, r=radius) for x, y in found.dots]
+    surface = svg.element("polygon", points=svg.points(list(found.outline)), class_="ribbon")
+    line = svg.element("polyline", points=svg.points(list(found.middle)), class_="path")
+    body = (surface + line if len(found.middle) >= 2 else "") + "".join(dots)
     box = f"0 0 {geometry['width_px']} {geometry['height_px']}"
     return svg.element("svg", body, class_="overlay", viewBox=box, preserveAspectRatio="none")
