@@ -1,0 +1,223 @@
+"""``ssp report`` with tables and statistics: from component scores and from campaigns."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ssp_core.cli import main
+from ssp_eval.analysis.rows import rows_from_campaign
+from ssp_eval.analysis.sensitivity import GRID, vary_thresholds
+from ssp_eval.analysis.statistics import Options, compute, steps_of
+from ssp_eval.evaluate.asker import DirectAskers
+from ssp_eval.evaluate.campaign import run_campaign
+from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.models import bridge_spec
+from ssp_eval.report.load import load_cells
+from ssp_eval.score import score_cell
+from ssp_eval.score.encode import encode
+from ssp_eval.score.thresholds import Thresholds
+
+HEAD = "scenario,domain,model,jovr,sem_acc_eff,cia_eff,act_acc_eff,tqsr,atc_eff,risk,active_b"
+LINES = [
+    f"{s},{d},{m},1,{0.3 + 0.1 * i + 0.02 * j},0.5,0.5,{0.2 + 0.03 * k},0.4,{r},{b}"
+    for i, (s, r) in enumerate((("cut_in", "S@1.50"), ("vru", "F")))
+    for j, d in enumerate(("synthetic", "simulation", "physical"))
+    for k, (m, b) in enumerate((("a", 3), ("b", 7), ("c", "")))
+]
+FEW = ["--resamples", "200"]
+
+
+@pytest.fixture
+def cells(tmp_path: Path) -> Path:
+    path = tmp_path / "cells.csv"
+    path.write_text("\n".join([HEAD, *LINES, ""]), encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def campaign(bag_writer: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("campaign")
+    bags = [
+        bag_writer(folder / "a"),
+        bag_writer(folder / "b", domain="physical", stand_in=True),
+        bag_writer(folder / "c", scenario="vru_crossing"),
+    ]
+    models = [bridge_spec(name) for name in ("constant_velocity", "perfect", "silent")]
+    out = folder / "out"
+    run_campaign([(bag, None) for bag in bags], models, DirectAskers(), out, CellOptions(), True)
+    return out
+
+
+def call(*args: object) -> int:
+    return main(["report", *map(str, args)])
+
+
+def table(file: Path) -> list[dict[str, Any]]:
+    text = "".join(
+        line
+        for line in file.read_text("utf-8").splitlines(keepends=True)
+        if not line.startswith(("#", '"#'))
+    )
+    return list(csv.DictReader(io.StringIO(text)))
+
+
+def test_component_scores_alone_give_all_tables_and_statistics(cells: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert call("--from-cells", cells, "--out", out, "--reference", "b", *FEW) == 0
+    names = {path.stem for path in (out / "tables").iterdir()}
+    assert {
+        "matrix", "by_domain", "by_model", "by_scenario_domain", "by_scenario_model", "strata",
+        "foundation_models", "ranks_model", "ranks_domain", "comparisons", "sensitivity",
+        "intervals_over_cells", "weights_model_order",
+    } <= names  # fmt: skip
+    # Without records there are no intervals over them, and no thresholds to vary.
+    assert not {"intervals_cells", "intervals_groups", "curvature", "stability"} & names
+    for suffix in (".csv", ".tex", ".json", ".html"):
+        assert {path.stem for path in (out / "tables").glob(f"*{suffix}")} == names
+    first = next(one for one in table(out / "tables/matrix.csv") if one["model"] == "a")
+    assert float(first["ivcs"]) == pytest.approx(0.1 + 0.3 * 0.3 + 0.2 * 0.5 + 0.3 * 0.2 + 0.1)
+    statistics = json.loads((out / "statistics.json").read_text())
+    assert statistics["schema"] == "ssp.statistics/1"
+    assert statistics["resamples"] == 200
+    assert "no safety certificate" in statistics["note"]
+    pairs = next(t for t in statistics["tables"] if t["name"] == "comparisons")["rows"]
+    (tested,) = [p for p in pairs if (p["first"], p["second"], p["metric"]) == ("a", "b", "ivcs")]
+    assert tested["n"] == 6
+    assert tested["difference"] == pytest.approx(-0.3 * 0.03)
+    # All six differences have one sign: 2 of 64 patterns reach it.
+    assert tested["p"] == 2 / 64
+    assert tested["p_holm"] == 6 / 64
+
+
+def test_the_same_seed_gives_the_same_bytes_whatever_the_order(cells: Path, tmp_path: Path) -> None:
+    mixed = tmp_path / "mixed.csv"
+    mixed.write_text("\n".join([HEAD, *reversed(LINES), ""]), encoding="utf-8")
+    for name, file in (("one", cells), ("two", mixed)):
+        assert call("--from-cells", file, "--out", tmp_path / name, *FEW, "--seed", 3) == 0
+    assert call("--from-cells", cells, "--out", tmp_path / "other", *FEW, "--seed", 4) == 0
+    files = sorted(p.relative_to(tmp_path / "one") for p in (tmp_path / "one").rglob("*.*"))
+    assert len(files) > 40
+    for file in files:
+        assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "two" / file).read_bytes()
+    assert (tmp_path / "one/statistics.json").read_bytes() != (
+        tmp_path / "other/statistics.json"
+    ).read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("args", "status", "told"),
+    [
+        (("--from-cells", "{cells}"), 2, "--from-cells needs --out DIR"),
+        (("{campaign}", "--from-cells", "{cells}", "--out", "{out}"), 2, "stands alone"),
+        ((), 2, "give the folder of a campaign"),
+        (("{campaign}", "--out", "{out}"), 2, "--out belongs to --from-cells"),
+        (("{campaign}", "--reference", "a"), 2, "need --tables DIR"),
+        (("--from-cells", "{cells}", "--out", "{out}", "--format", "csv,pdf"), 2, "is no format"),
+        (("--from-cells", "{cells}", "--out", "{out}", "--resamples", "1"), 2, "resamples"),
+        (("--from-cells", "{cells}", "--out", "{out}", "--seed", "-1"), 2, "seed"),
+        (
+            ("--from-cells", "{cells}", "--out", "{out}", "--reference", "z", *FEW), 1,
+            "--reference: is no model with a valid cell (got 'z'); known are a, b, c",
+        ),
+        (("--from-cells", "{missing}", "--out", "{out}"), 1, "none.csv: can't be read"),
+        (("--from-cells", "{cells}", "--out", "{cells}/x", *FEW), 1, "is no folder"),
+        (
+            ("{campaign}", "--repeat", "{campaign}", "--tables", "{out}"), 1,
+            "is given twice; give each campaign once",
+        ),
+    ],
+)  # fmt: skip
+def test_wrong_options_say_what_is_right_and_write_nothing(
+    cells: Path,
+    campaign: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    args: tuple[str, ...],
+    status: int,
+    told: str,
+) -> None:
+    places = {
+        "cells": cells, "campaign": campaign, "out": tmp_path / "out",
+        "missing": tmp_path / "none.csv",
+    }  # fmt: skip
+    assert call(*(arg.format(**places) for arg in args)) == status
+    assert told in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_campaign_gives_intervals_over_records_and_the_diagnostic(
+    campaign: Path, tmp_path: Path
+) -> None:
+    assert call(campaign, "--tables", tmp_path, "--format", "csv", *FEW) == 0
+    assert (campaign / "index.html").is_file()
+    matrix = table(tmp_path / "matrix.csv")
+    assert len(matrix) == 9
+    cells_of = table(tmp_path / "intervals_cells.csv")
+    assert {one["model"] for one in cells_of} == {"constant_velocity"}
+    stored = {tuple(p.parent.name.split("__")): p for p in campaign.glob("cells/*/score.json")}
+    for one in cells_of:
+        path = next(
+            p for names, p in stored.items() if {one["scenario"], one["domain"]} <= set(names)
+            and one["model"] in names
+        )  # fmt: skip
+        value = json.loads(path.read_text())[one["metric"]]
+        assert one["value"] == "" if value is None else math.isclose(float(one["value"]), value)
+        if one["low"]:
+            assert float(one["low"]) <= float(one["high"])
+    # The VUT of these recordings drives straight on.
+    shifts = [one for one in table(tmp_path / "curvature.csv") if one["curve_m"]]
+    assert shifts
+    assert all(abs(float(one["curve_m"])) < 1e-6 for one in shifts)
+    assert {one["reads_as"] for one in shifts} == {"straight"}
+    varied = {one["parameter"] for one in table(tmp_path / "sensitivity.csv")}
+    assert varied >= {"match_window_s", "stop_speed_mps", "accel_mps2", "lateral_shift_m"}
+
+
+def test_repeated_campaigns_are_runs_of_the_same_cells(campaign: Path, tmp_path: Path) -> None:
+    again = shutil.copytree(campaign, tmp_path / "again")
+    args = ("--repeat", again, "--tables", tmp_path / "t", "--format", "csv", *FEW)
+    assert call(campaign, *args) == 0
+    runs = table(tmp_path / "t/stability.csv")
+    assert {one["k"] for one in runs} == {"2"}
+    assert {float(one["sd"]) for one in runs} == {0.0}
+    assert len(table(tmp_path / "t/matrix.csv")) == 18
+    # A cell counts once, whatever its runs.
+    (model,) = table(tmp_path / "t/by_model.csv")
+    assert model["n"] == "3"
+
+
+def test_thresholds_are_varied_one_at_a_time_from_the_records(campaign: Path) -> None:
+    """Each variation is what scoring every cell under that threshold gives."""
+    data = [cell for cell in load_cells(campaign) if cell.score is not None]
+    rows = [row for row in rows_from_campaign(campaign) if row.status == "ok"]
+    columns = encode([(cell.labels, cell.records) for cell in data])
+    found = vary_thresholds(rows, columns, ("model",))
+    assert len(found) == sum(map(len, GRID.values()))
+    for one in found:
+        changed = Thresholds(**{one.parameter: one.value})
+        scores = [score_cell(cell.labels, cell.records, changed).ivcs for cell in data]
+        largest = max(abs(a - (b.ivcs or 0.0)) for a, b in zip(scores, rows, strict=True))
+        assert one.largest == pytest.approx(largest, abs=1e-12)
+        for model, value in one.means.items():
+            own = [s for s, r in zip(scores, rows, strict=True) if r.model == model]
+            assert value == pytest.approx(sum(own) / len(own), abs=1e-12)
+        assert one.defined == getattr(Thresholds(), one.parameter)
+
+
+def test_progress_is_told_as_often_as_announced(campaign: Path) -> None:
+    rows, data = rows_from_campaign(campaign), load_cells(campaign)
+    steps: list[int] = []
+    compute(rows, data, Options(100, 1), lambda: steps.append(1))
+    assert len(steps) == steps_of(rows, True)
+    steps.clear()
+    compute(rows, (), Options(100, 1), lambda: steps.append(1))
+    assert len(steps) == steps_of(rows, False)
