@@ -15,6 +15,11 @@ ACTIVE = [
     "A cyclist is in our path now, we must react.",
     "We have to react: a cyclist is now in our path.",
     "A car is on a collision course with us. It may still swerve.",
+    "If we carry on like this we will run him over.",
+    "The ego has to swerve, it scrapes the van on the right otherwise.",
+    "A man walks ahead of us: unless the car brakes at once it runs him over.",
+    "A bus stands ahead, and only hard braking prevents the impact.",
+    "I would say a crash with the truck ahead is imminent.",
 ]
 POTENTIAL = [
     "A boy on the right might step out.",
@@ -27,6 +32,16 @@ POTENTIAL = [
     "A truck is ahead; a conflict may develop.",
     "A truck is ahead; we could run into it.",
     "If a child ran out there'd be no time, so this is a potential hazard.",
+    "The truck on the right could sideswipe us.",
+    "The car in the driveway ahead might back out.",
+    "A contact with the bus on the left is possible.",
+    "A tram is ahead, a collision might occur.",
+    "A girl waits on the right. Perhaps she runs.",
+    "A toddler waits on the left, one may run after him.",
+    "A van is ahead; it could get tight.",
+    "The lorry on the left leaves room, but there's a risk of touching its mirror.",
+    "I wouldn't call the bus ahead an active conflict, but a potential one.",
+    "| car | front | same direction | potential | decelerate | straight |",
 ]
 NO_CONFLICT = [
     "The bus on the left doesn't really affect us.",
@@ -34,6 +49,7 @@ NO_CONFLICT = [
     "A cyclist is on the right; I don't see any risk.",
     "The car behind poses no danger.",
     "A lorry is oncoming. Risk: none",
+    "A lorry is oncoming; the risk is nil.",
     "The truck on the left does not interfere with our motion.",
 ]
 RESOLVED = [
@@ -45,6 +61,10 @@ RESOLVED = [
     "The taxi that cut in a moment ago is no longer a risk.",
     "The pedestrian has left the road.",
     "There is no further risk from the truck ahead.",
+    "The cyclist ahead is not in conflict with us anymore.",
+    "The cut-in by the van is complete. No danger remains.",
+    "The cyclist has passed, the path is clear again.",
+    "The tractor has cleared our lane.",
 ]
 NONE = [
     "A cyclist is crossing ahead, so yield.",

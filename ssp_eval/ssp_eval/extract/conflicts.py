@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
-from ssp_eval.extract import actors, hazards
-from ssp_eval.extract.hits import Hit, Kind
+from ssp_eval.extract import actors, hazards, threats
+from ssp_eval.extract.hits import MARKS, Hit, Kind
 from ssp_eval.extract.lexicon import phrases
-from ssp_eval.extract.movements import ENDANGERING
 from ssp_eval.extract.scope import Scope
 from ssp_eval.extract.talk import EGO, SCENE, Talk
 from ssp_eval.extract.world import Actor, Statement
 
 _ANYMORE = frozenset(phrases("anymore, more, longer"))
+_REMAINS = frozenset(phrases("remains, remain, remaining, persists"))
 _ITS = frozenset(phrases("it, he, she, they"))
-_CRASHING = frozenset(phrases("hitting, colliding, crashing, being, running, ramming"))
+_CRASHING = frozenset(
+    phrases(
+        """
+        hitting, colliding, crashing, being, running, ramming, brushing, touching, scraping,
+        clipping, sideswiping, grazing, bumping, getting, losing, closing, rear, striking, knocking,
+        overlapping, sliding, falling, contacting
+        """
+    )
+)
 _NONE = frozenset(phrases("none, no, nil, zero, negligible"))
 _DOUBTFUL = frozenset(phrases("may, might, could"))
-_SELF = frozenset(phrases("we, i, you, ego, what, one"))
 _REACT = frozenset(phrases("react, act, respond, reaction, intervene"))
 _MUST = frozenset(phrases("must, need, needs, have, required, immediately, requires, now"))
 _DENIABLE = Scope.DENIED | Scope.AHEAD | Scope.POSSIBLE
@@ -57,7 +64,7 @@ def read_risk(talk: Talk, index: int, hit: Hit) -> None:
     following = talk.hits[index + 1] if index + 1 < talk.stop else None
     named = _about(talk, index, following)
     said = Statement(value, first, hit.stop, talk.number)
-    (named or _conflicted(talk)).conflicts.append(said)
+    (named or talk.conflicted()).conflicts.append(said)
 
 
 def _stands(talk: Talk, hit: Hit) -> bool:
@@ -73,9 +80,9 @@ def _tabled(talk: Talk, hit: Hit) -> bool:
     """Risk: none; the field's name where it doesn't open a line, or a cell beside it."""
     after = talk.words[hit.stop : hit.stop + 7]
     for at, word in enumerate(after[:5]):
-        if word in (":", "|", "="):
+        if word in (":", "|", "=", "is"):
             value = after[at + 1 : at + 2]
-            if not value or value[0] not in _NONE:
+            if not value or value[0] not in _NONE or (word == "is" and value[0] == "no"):
                 return False
             gone = bool(
                 {"longer", "anymore"} & set(after) or after[at + 2 : at + 4] == ["any", "more"]
@@ -93,6 +100,12 @@ def _any_more(talk: Talk, first: int, hit: Hit) -> bool:
     """no further risk, no risk any more: there was one before."""
     words = talk.words
     inside = words[first : hit.first]
+    ends = words[hit.stop + 1 : hit.stop + 2]
+    left = words[hit.stop : hit.stop + 1] == ["left"] and (not ends or ends[0] in MARKS)
+    if left or not _REMAINS.isdisjoint(
+        (*words[max(first - 1, 0) : first], *words[hit.stop : hit.stop + 1])
+    ):
+        return True
     if "further" in inside or "more" in inside or "longer" in inside:
         return True
     after = words[hit.stop : hit.stop + 5]
@@ -133,39 +146,22 @@ def _about(talk: Talk, index: int, following: Hit | None) -> Actor | None:
     return None
 
 
-def _conflicted(talk: Talk) -> Actor:
-    if isinstance(talk.subject, Actor):
-        return talk.subject
-    return talk.near or talk.world.loose
-
-
 def read_conflict(talk: Talk, index: int, hit: Hit) -> None:
     ignored = {"no_conflict": Scope.AHEAD, "resolved": Scope.PAST}.get(hit.value, 0)
     flags = talk.flags[index] & ~ignored
     if hit.value == "no_conflict" and talk.subject is SCENE:
         return
-    if not flags:
-        _conflicted(talk).conflicts.append(talk.said(hit.value, hit))
+    if flags:
+        return
+    value = hit.value
+    if value == "no_conflict" and _any_more(talk, hit.first, hit):
+        value = "resolved"  # isn't in conflict with us anymore
+    talk.conflicted().conflicts.append(talk.said(value, hit))
 
 
 def read_possible(talk: Talk, index: int, hit: Hit) -> None:
     talk.planner.other(index, hit)
-    _possibly(talk, index, hit)
-
-
-def _possibly(talk: Talk, index: int, hit: Hit) -> None:
-    """A possible cut-in, a potential crossing."""
-    following = talk.hits[index + 1] if index + 1 < talk.stop else None
-    if (
-        following is not None
-        and not talk.flags[index]
-        and talk.words[hit.first] in ("possible", "potential")
-        and following.kind is Kind.VERB
-        and following.value in ENDANGERING
-        and following.first <= hit.stop + 1
-    ):
-        said = Statement("potential", hit.first, following.stop, talk.number)
-        talk.world.loose.conflicts.append(said)
+    threats.possibly(talk, index, hit)
 
 
 def read_in_lane(talk: Talk, index: int, hit: Hit) -> None:
@@ -192,61 +188,13 @@ def read_modal(talk: Talk, index: int, hit: Hit) -> None:
         talk.subject, talk.near, talk.busy = EGO, None, False
         return
     if hit.value == "may":
-        _possibly(talk, index, hit)
-        _threaten(talk, index, hit)
+        threats.possibly(talk, index, hit)
+        threats.threaten(talk, index, hit)
         return
     if hit.value == "must" and talk.in_path and talk.subject is EGO and not talk.flags[index]:
         actor, where = talk.in_path
         first = talk.hits[where].first
         actor.conflicts.append(Statement("active", first, hit.stop, talk.number))
-
-
-def _threaten(talk: Talk, index: int, hit: Hit) -> None:
-    """Somebody may, might or could do what endangers us."""
-    words = talk.words
-    if words[hit.first] not in _DOUBTFUL or talk.flags[index] or hit.stop >= len(words):
-        return
-    subject = talk.subject
-    if is_general(talk, index):
-        return
-    if subject is EGO and hazards.crashes(words, hit.stop):
-        said = Statement("potential", hit.first, hit.stop + 1, talk.number)
-        (talk.last or talk.world.loose).conflicts.append(said)
-        return
-    if subject is EGO or subject is SCENE or (hit.first and words[hit.first - 1] in _SELF):
-        return
-    stop = hazards.threat(words, hit.stop)
-    if stop is None:
-        stop = _might_be(talk, index, hit)
-    if stop is None:
-        return
-    actor = _conflicted(talk)
-    if not actor.mentions:
-        actor = talk.world.loose
-    actor.conflicts.append(Statement("potential", hit.first, stop, talk.number))
-
-
-def is_general(talk: Talk, modal: int) -> bool:
-    """Cyclists may swerve: about all of them, not about one that is there."""
-    noun = talk.hits[modal - 1] if modal > talk.start else None
-    if noun is None or noun.kind is not Kind.OBJECT or noun.form == "definite":
-        return False
-    other = noun.first > 0 and talk.words[noun.first - 1] == "other"
-    word = talk.words[noun.stop - 1]
-    return word.endswith("s") and not word.endswith("bus") and (not noun.form or other)
-
-
-def _might_be(talk: Talk, index: int, hit: Hit) -> int | None:
-    """There might be a cut-in."""
-    if talk.words[hit.stop - 1 : hit.stop + 1].count("be") != 1:
-        return None
-    for after in range(index + 1, min(index + 3, talk.stop)):
-        one = talk.hits[after]
-        if one.kind is Kind.VERB:
-            return one.stop if one.value in ENDANGERING and one.form != "ing" else None
-        if one.kind is not Kind.AUX:
-            return None
-    return None
 
 
 def end(talk: Talk) -> None:

@@ -156,8 +156,8 @@ def _after_colon(hits: list[Hit], opener: int | None, index: int, start: int) ->
     """Whether a hit follows "Prompt:" or "Option A:" in its own sentence."""
     if opener is None or index <= opener:
         return False
-    if opener > start and hits[opener - 1].kind is not Kind.MARK:
-        return False
+    if opener > start and hits[opener - 1].kind not in (Kind.MARK, Kind.QUOTE):
+        return False  # Example from the prompt: …
     after = hits[opener + 1]
     return after.kind is Kind.MARK and after.value in (":", ")", '"', "=")
 

@@ -20,6 +20,9 @@ _BARE_VALUES = {
     "keep": "keep_speed",
 }
 _PACED = frozenset({"decelerate", "maintain", "accelerate", "stop", "brake", "slow", "cruise"})
+_STATUSES = {"potential": "potential", "possible": "potential", "active": "active"}
+_CELL_OPENS = (["|"], [";"])
+_CELL_CLOSES = (["|"], [";"], ["}"])
 _INITIALS = {"l": "left", "r": "right"}
 
 
@@ -32,6 +35,15 @@ def _value(words: list[str], at: int, hits: list[Hit]) -> int:
     ):
         return 0
     hits.append(Hit(Kind.VERB, _BARE_VALUES[words[at]], "value", at, at + 1))
+    return at + 1
+
+
+def _status(words: list[str], at: int, hits: list[Hit]) -> int:
+    """A status that stands alone in a cell: | front | potential | stop |."""
+    before, after = words[at - 1 : at], words[at + 1 : at + 2]
+    if before not in _CELL_OPENS or after not in _CELL_CLOSES:
+        return 0
+    hits.append(Hit(Kind.CONFLICT, _STATUSES[words[at]], "", at, at + 1))
     return at + 1
 
 
@@ -75,6 +87,7 @@ def _initial(words: list[str], at: int, hits: list[Hit]) -> int:
 
 _ORDER: tuple[tuple[Iterable[str], Rule], ...] = (
     (_BARE_VALUES, _value),
+    (_STATUSES, _status),
     (keeping.HEADS, _keeping),
     (hazards.HEADS, _settling),
     (halts.HEADS, _verb(halts.halt)),

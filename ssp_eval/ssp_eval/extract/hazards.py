@@ -99,7 +99,8 @@ _CRASHES = frozenset(
     phrases(
         """
         hit, hits, crash, crashes, collide, collides, collision, strike, strikes, contact, impact,
-        ram, run, runs, bump, meet, accident, overrun
+        ram, rams, run, runs, bump, meet, accident, overrun, sideswipe, sideswipes, touch, touches,
+        scrape, scrapes, graze, smash, knock
         """
     )
 )
@@ -112,20 +113,26 @@ _WARDED = frozenset(
     )
 )
 _OR_WE = frozenset(phrases("we, it, i, ego, the, there"))
-_INTO = (["into"], ["over"], ["onto"])
-_EXCEPT = frozenset(phrases("unless, without, if, otherwise, or"))
-_DOUBTS = frozenset(phrases("may, might, could, possibly, potentially, not, no, avoid, avoids"))
+_INTO = frozenset(phrases("into, over, onto"))
+_AVOID = frozenset(phrases("avoid, avoids, prevent, prevents, avert, averts"))
+# If we go on like this, we will hit him.
+_GO_ON = frozenset(
+    phrases("carry, continue, keep, proceed, go, drive, maintain, hold, stay, persist, remain")
+)
+_EXCEPT = frozenset(phrases("unless, without, if, otherwise, or, only"))
+_DOUBTS = frozenset(phrases("may, might, could, possibly, potentially, not, no"))
 _ACTS = frozenset(
     phrases(
         """
         brake, act, react, stop, slow, respond, do, does, yield, intervene, evade, decelerate,
-        something, anything, steer, swerve, braked, stopped, reacted, acted, done
+        something, anything, steer, swerve, braked, stopped, reacted, acted, done, brakes, acts,
+        reacts, stops, slows, responds, yields, intervenes, evades, decelerates, steers, swerves
         """
     )
 )
 # A sentence without one of these says nothing of the kind.
 WARD = frozenset(
-    phrases("or, otherwise, unless, without, if, react, act, respond, reaction, intervene")
+    phrases("or, otherwise, unless, without, if, react, act, respond, reaction, intervene, only")
 )
 _WE = frozenset(phrases("we, i, ego, you, vehicle, car, nothing, something, it, vut"))
 
@@ -149,8 +156,12 @@ def averted(words: list[str], first: int, stop: int) -> tuple[int, int] | None:
                 "danger",
                 "chance",
             )
-            if not risked and (not run or words[at + 1 : at + 2] in _INTO):
+            if not risked and (not run or not _INTO.isdisjoint(words[at + 1 : at + 4])):
                 crash = at
+        elif word in _AVOID:
+            averting = warded is not None and words[warded] == "only"
+            if not averting and not _CRASHES.isdisjoint(words[at + 1 : at + 4]):
+                return None
         elif word in _EXCEPT and _except(words, at, stop):
             warded = at
         elif word in _DOUBTS and not (word in ("not", "no") and warded is not None):
@@ -163,7 +174,8 @@ def averted(words: list[str], first: int, stop: int) -> tuple[int, int] | None:
 def crashes(words: list[str], at: int) -> bool:
     """Whether a crash follows may or could: we could run into it."""
     word = words[at] if at < len(words) else ""
-    return word in _CRASHES and (word not in ("run", "meet") or words[at + 1 : at + 2] in _INTO)
+    into = words[at + 1 : at + 2]
+    return word in _CRASHES and (word not in ("run", "meet") or not _INTO.isdisjoint(into))
 
 
 def _except(words: list[str], at: int, stop: int) -> bool:
@@ -172,6 +184,9 @@ def _except(words: list[str], at: int, stop: int) -> bool:
     if words[at] == "or":  # or it will hit him
         near = words[at + 1 : min(at + 5, stop)]
         return bool(near) and near[0] in _OR_WE and bool({"will", "would", "shall"} & set(near))
+    if words[at] == "only":
+        near = words[at + 1 : min(at + 8, stop)]
+        return not _WARDED.isdisjoint(near) and not _AVOID.isdisjoint(near)
     if words[at] == "without":
         return not _WARDED.isdisjoint(words[at + 1 : min(at + 4, stop)])
     return _we_act(words, at + 1, stop, negated=words[at] == "if")
@@ -180,9 +195,11 @@ def _except(words: list[str], at: int, stop: int) -> bool:
 def _we_act(words: list[str], at: int, stop: int, negated: bool) -> bool:
     """unless we brake; if we do nothing, if nothing is done, if we don't stop."""
     near = words[at : min(at + 6, stop)]
-    if not near or not _WE & set(near[:3]) or not _ACTS & set(near):
+    if not near or not _WE & set(near[:3]):
         return False
-    return not negated or "not" in near or "nothing" in near
+    if negated and near[0] in _WE and not _GO_ON.isdisjoint(near[:4]):
+        return True
+    return bool(_ACTS & set(near)) and (not negated or "not" in near or "nothing" in near)
 
 
 _THREATS = frozenset(
@@ -196,26 +213,38 @@ _THREATS = frozenset(
         stray, hide, conceal, mask, obscure, shift, edge, lurch, slide, spring, surprise, burst,
         nip, bolt, hurry, sprint, rear, reverse, endanger, conflict, interfere, cause,
         pose, become, slow, decelerate, leave, steer, tip, topple, u, lane, overtake, try, decide,
-        want, begin, suddenly, attempt, block, obstruct, cover, occlude, re, get
+        want, begin, suddenly, attempt, block, obstruct, cover, occlude, re, get, sideswipe, clip,
+        scrape, graze, brush, touch, squash, crush, back, follow, knock, meet, trap, crowd, pinch
         """
     )
 )
 # What needs more to be a threat: get into, leave its lane, become a hazard.
 _COMPLETED = {
-    "get": frozenset(phrases("into, in, out, onto, off, closer, across, too")),
-    "become": frozenset(phrases("a, critical, dangerous, relevant, hazardous, an")),
+    "get": frozenset(
+        phrases(
+            "into, in, out, onto, off, closer, across, too, tight, critical, dangerous, hit, worse"
+        )
+    ),
+    "back": frozenset(phrases("out, into, up, onto, across")),
+    "follow": frozenset(phrases("it, him, her, them")),
+    "meet": frozenset(phrases("us, me, in")),
+    "become": frozenset(
+        phrases("a, critical, dangerous, relevant, hazardous, an, tight, one, risky")
+    ),
     "pose": frozenset(phrases("a, risk, danger, risks, hazard")),
     "cause": frozenset(phrases("a, an, conflict, danger")),
     "drive": frozenset(phrases("into, out, off, across, in, onto, over")),
     "ride": frozenset(phrases("into, out, off, across, in, onto, over")),
     "re": frozenset(phrases("enter, appear, emerge")),
     "set": frozenset(phrases("off, out")),
-    "leave": frozenset(phrases("its, the, his, her, their")),
+    "leave": frozenset(phrases("its, the, his, her, their, too, little, no, insufficient")),
     "u": frozenset(phrases("turn")),
     "lane": frozenset(phrases("change")),
     "cover": frozenset(phrases("somebody, a, someone, people, pedestrians, anybody, anyone")),
     "block": frozenset(phrases("our, the, us, my")),
 }
+# What somebody runs after.
+_LURES = frozenset(phrases("ball, balls, dog, toy, pet, others, friends, friend, group, balloon"))
 _HIDING = frozenset(phrases("hide, conceal, mask, obscure, occlude, cover"))
 _ADVERBS = frozenset(
     phrases(
@@ -247,6 +276,8 @@ def threat(words: list[str], at: int) -> int | None:
         return here if here > at and words[here - 1] in ("start", "begin") else None
     needed = _COMPLETED.get(word)
     after = words[here + 1] if here + 1 < count else ""
+    if word == "follow" and not _LURES.isdisjoint(words[here + 2 : here + 4]):
+        return here + 1
     if needed is not None and after not in needed:
         return None
     if word in ("block", "obstruct") and "view" in words[here : here + 4]:

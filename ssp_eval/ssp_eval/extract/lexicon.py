@@ -64,6 +64,12 @@ SKIPPED = phrases(
     left bend, right bend, bend to the left, bend to the right, curving left, curving right,
     curving to the left, curving to the right, turns yellow, turns red, turns green, turned green,
     turned red, turning red, turning yellow, turning green, turn red, turn green, turn yellow,
+    after about, after roughly, after approximately, after around, i'd say, i would say,
+    i'd conclude, i would conclude, i'd call it, i would call it, i'd call this, i'd rate it,
+    i'd judge, i would judge, i'd estimate, i'd describe, i'd classify, i'd regard, i'd guess,
+    strongly as possible, hard as possible, gently as possible, smoothly as possible,
+    quickly as possible, fast as possible, soon as possible, far as possible, much as possible,
+    early as possible, only possible, best possible, maximum possible, as possible,
     will be fine, can be seen, can see, could see, may i, moving forward, move forward,
     moves forward
     """
@@ -148,14 +154,23 @@ STATES: Table = {
         """
         stationary, motionless, at a standstill, at rest, not moving, immobile, broken down,
         disabled, at a stop, at a halt, standing still, stands still, not move, not moved, unmoving,
-        stock still, standstill, not moving at all, sitting still, stuck, engine off, not yet moving
+        stock still, standstill, not moving at all, sitting still, stuck, engine off, not yet moving,
+        boarding passengers, loading, unloading, picking up passengers, taking on passengers,
+        letting passengers off, dropping off passengers, letting passengers out, still boarding,
+        not going anywhere, going nowhere, rooted to the spot, no movement, without moving,
+        without movement, not in motion, zero speed, lying on the road, stranded, immobilised,
+        immobilized, frozen, come to rest, come to a standstill, come to a halt, come to a stop
         """
     ),
     "oncoming": phrases(
         """
         oncoming, in the opposite direction, in opposite direction, from the opposite
         direction, in the oncoming direction, in the opposing direction, opposite direction, facing
-        us, from the oncoming direction, opposing
+        us, from the oncoming direction, opposing, going the opposite way, the other way towards us,
+        going the other way, against our direction, against our direction of travel, wrong way,
+        driving the wrong way, in the wrong direction, against traffic, against the traffic,
+        in the other direction, from the other direction, coming the other way, head on towards us,
+        contraflow, on the wrong side of the road
         """
     ),
     "same_direction": phrases(
@@ -164,7 +179,13 @@ STATES: Table = {
         in our direction, moving in parallel, in parallel, parallel, parallel to us,
         parallel with us, parallel to the ego, same way, same way as us, same dir,
         same direction as us, in our driving direction, slower moving, moving parallel,
-        along with us, same heading
+        along with us, same heading, at our speed, at about our speed, at roughly our speed,
+        at the same speed as us, at the same speed as we do, at a similar speed, at similar speed,
+        same speed as us, at our pace, at the same pace as us, keeping pace with us, keeps pace with
+        us, keeping pace, keeps pace, matching our speed, matches our speed, at nearly our speed,
+        at the same speed as ours, at approximately our speed, same direction of travel, at almost
+        our speed, at the speed of the ego, moving with us, parallel with the ego,
+        parallel to our lane, in the direction of travel
         """
     ),
     "parked": phrases(
@@ -217,6 +238,7 @@ CONFLICTS: Table = {
         collision, imminent conflict, immediate collision risk
         """
     ),
+    "potential": phrases("potential one, possible one"),
     "no_conflict": phrases(
         """
         harmless, not affect us, not affect our, not affect the ego, not interfere with
@@ -234,7 +256,13 @@ CONFLICTS: Table = {
         passed, threat has passed, conflict has passed, resolved, conflict has ended, risk
         has ended, out of danger, conflict has been cleared, conflict has cleared, clear
         of our lane, clear of our path, clear of the road, clear of my lane, clear of my
-        path, out of our lane now, out of our path now
+        path, out of our lane now, out of our path now, path clear again, path is clear again,
+        path is free again, path free again, road is clear again, road is free again,
+        road clear again, lane is free again, lane is clear again, lane clear again,
+        way is clear again, way is free again, lane free again, way clear again, cleared our lane,
+        cleared our path, cleared our way, cleared my lane, cleared my path, cleared the road,
+        cleared the lane, cleared the crosswalk, cleared the crossing, cleared the carriageway,
+        cleared the roadway, cleared the ego lane, cleared the ego path
         """
     ),
 }
@@ -245,11 +273,28 @@ KEYS: Table = {
         """
         objects, object, critical objects, critical object, road users, object class,
         class, agents, critical road users, relevant objects, actors, actor, agent,
-        critical agent, type, road user
+        critical agent, type, road user, object list, list of objects, traffic participants,
+        traffic participant, most critical, most critical object, critical participant,
+        critical participants, vru, key object, key objects, participants, participant, hazard,
+        object category, category, main object, who, what, relevant object, relevant road users,
+        relevant road user, detected objects, main actor, key actor, critical actor, most relevant
         """
     ),
-    "position": phrases("position, location, relative position, where, object position"),
-    "motion": phrases("motion, movement, motion state, behavior, behaviour, object motion"),
+    "position": phrases(
+        """
+        position, location, relative position, where, object position, pos, loc, where is it,
+        relative location, placement, whereabouts, bearing, rel pos, object location, where it is,
+        position relative to ego, position relative to us, position relative to the ego
+        """
+    ),
+    "motion": phrases(
+        """
+        motion, movement, motion state, behavior, behaviour, object motion, how it moves,
+        movement state, doing what, what it does, what is it doing, how does it move, dynamics,
+        object movement, motion status, moves, doing, kinematics, object behavior,
+        object behaviour, what it is doing, its motion, relative motion, motion pattern
+        """
+    ),
     "conflict": phrases(
         """
         potential conflict, potential conflicts, conflicts, potential risk, potential

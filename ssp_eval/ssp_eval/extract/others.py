@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ssp_eval.extract import conflicts
+from ssp_eval.extract import threats
 from ssp_eval.extract.hits import Hit, Kind
 from ssp_eval.extract.lexicon import phrases
 from ssp_eval.extract.motions import COMES_FROM, FINISHED_STANDING, INTRUSIONS, motion_of
@@ -135,7 +135,7 @@ def _is_general(talk: Talk, word: int) -> bool:
     if talk.words[word] not in ("may", "might", "could"):
         return True
     hits = range(talk.start, talk.stop)
-    return any(talk.hits[at].first == word and conflicts.is_general(talk, at) for at in hits)
+    return any(talk.hits[at].first == word and threats.is_general(talk, at) for at in hits)
 
 
 def _modal_before(talk: Talk, index: int) -> int | None:

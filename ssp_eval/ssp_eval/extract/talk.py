@@ -164,6 +164,12 @@ class Talk:
         if not actor.mentions and actor.first_named is not None and not self.flags[index]:
             actor.mentions.append(actor.first_named)
 
+    def conflicted(self) -> Actor:
+        """With whom a conflict is that is spoken of: the subject, or whom the clause named."""
+        if isinstance(self.subject, Actor):
+            return self.subject
+        return self.near or self.world.loose
+
     def said(self, value: str, hit: Hit, stop: int | None = None) -> Statement:
         return Statement(value, hit.first, stop or hit.stop, self.number)
 
