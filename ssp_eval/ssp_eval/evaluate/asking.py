@@ -13,6 +13,8 @@ from ssp_core.hashing import sha256_bytes, sha256_json
 from ssp_eval.evaluate.asker import PASSING, Asker, Askers, Ignored, Loss, loss_of
 from ssp_eval.evaluate.cell_file import LABELS_FILE, CellPlace, frame_path
 from ssp_eval.evaluate.clip import NoQuestion, Question
+from ssp_eval.evaluate.conditions import other_label_time, under
+from ssp_eval.evaluate.controls import SHUFFLED
 from ssp_eval.evaluate.store import Asked, RawStore, new_request_id, request_key
 from ssp_eval.labels.model import labels_to_json
 from ssp_vla_bridge.core.response import Response
@@ -81,7 +83,7 @@ class _Conversation:
 
     def question(self, label_t_s: float) -> Question | NoQuestion:
         """What is asked about a label time, with the model's previous answer if it takes one."""
-        question = self._place.labelled.clip.question(label_t_s, self._place.model.rules)
+        question = self._put(label_t_s)
         if isinstance(question, NoQuestion):
             return question
         if any(one.t_s == question.t_s for one in self._asked):
@@ -89,6 +91,19 @@ class _Conversation:
             return NoQuestion(label_t_s, reason)
         previous, _ = self._previous()
         return replace(question, request=replace(question.request, previous=previous))
+
+    def _put(self, label_t_s: float) -> Question | NoQuestion:
+        """What the clip gives to ask, under the model's condition."""
+        clip, model = self._place.labelled.clip, self._place.model
+        question = clip.question(label_t_s, model.rules)
+        if not model.condition or isinstance(question, NoQuestion):
+            return question
+        another = None
+        if model.condition == SHUFFLED and len(question.request.frames) == 1:
+            times = [label.t_s for label in self._place.labelled.labels.labels]
+            other_t_s = other_label_time(times, times.index(label_t_s))
+            another = None if other_t_s is None else clip.question(other_t_s, model.rules)
+        return under(model.condition, question, another)
 
     def _previous(self) -> tuple[Response | None, str]:
         """The last answer, or why there is none although something was asked."""

@@ -161,6 +161,31 @@ def _check_once(clips: Sequence[Clip]) -> None:
         seen[digest] = clip.path
 
 
+def open_clips(
+    stack: ExitStack,
+    bags: Sequence[tuple[Path, Path | None]],
+    propose_labels: bool = False,
+    admissions: Mapping[str, Admission] | None = None,
+) -> list[LabelledClip]:
+    """The clips of a campaign with their labels, checked all together.
+
+    Args:
+        stack: closes them.
+        bags, propose_labels, admissions: see run_campaign.
+
+    Raises:
+        InputError: a bag or its labels are wrong.
+    """
+    opened = [stack.enter_context(Clip(bag)) for bag, _ in bags]
+    _check_once(opened)
+    clips = []
+    for clip, (_, labels) in zip(opened, bags, strict=True):
+        admission = (admissions or {}).get(clip.provenance.bag_sha256, NO_AUDIT)
+        clips.append(labelled_clip(clip, labels, propose_labels, admission))
+    check_distinct(clips)
+    return clips
+
+
 def run_campaign(
     bags: Sequence[tuple[Path, Path | None]],
     models: Sequence[ModelSpec],
@@ -192,13 +217,7 @@ def run_campaign(
         model.read_by(options.adapter)
     results = []
     with ExitStack() as stack:
-        opened = [stack.enter_context(Clip(bag)) for bag, _ in bags]
-        _check_once(opened)
-        clips = []
-        for clip, (_, labels) in zip(opened, bags, strict=True):
-            admission = (admissions or {}).get(clip.provenance.bag_sha256, NO_AUDIT)
-            clips.append(labelled_clip(clip, labels, propose_labels, admission))
-        check_distinct(clips)
+        clips = open_clips(stack, bags, propose_labels, admissions)
         make_folder(out)
         on_total(sum(len(c.labels.labels) for c in clips) * len(models))
         for labelled in clips:

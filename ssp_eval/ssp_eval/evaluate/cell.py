@@ -51,6 +51,29 @@ class CellOptions:
         return Repeats(self.fresh, self.retry_errors, self.retry_pause_s)
 
 
+def fail_cell(
+    labelled: LabelledClip, model: ModelSpec, out: Path, options: CellOptions, reason: str
+) -> CellResult:
+    """Leaves the folder of a cell whose worker died; answers that are stored there stay.
+
+    Args:
+        labelled, model, out, options: see evaluate_cell.
+        reason: how it died.
+    """
+    place = _place(labelled, model, out, options)
+    for stale in (SCORE_FILE, RECORDS_FILE):
+        (place.folder / stale).unlink(missing_ok=True)
+    return write_cell(place, "failed", [reason])
+
+
+def _place(labelled: LabelledClip, model: ModelSpec, out: Path, options: CellOptions) -> CellPlace:
+    folder = out / CELLS / f"{labelled.name}__{model.shown}"
+    folder.mkdir(parents=True, exist_ok=True)
+    write_json(folder / LABELS_FILE, labels_to_json(labelled.labels))
+    options.extractor.counts.clear()
+    return CellPlace(folder, labelled, model, model.read_by(options.adapter), options.extractor)
+
+
 def evaluate_cell(
     labelled: LabelledClip,
     model: ModelSpec,
@@ -72,12 +95,8 @@ def evaluate_cell(
     Raises:
         InputError: the adapter or the model's options are wrong.
     """
-    folder = out / CELLS / f"{labelled.name}__{model.name}"
-    folder.mkdir(parents=True, exist_ok=True)
-    write_json(folder / LABELS_FILE, labels_to_json(labelled.labels))
-    options.extractor.counts.clear()
-    adapter = model.read_by(options.adapter)
-    place = CellPlace(folder, labelled, model, adapter, options.extractor)
+    place = _place(labelled, model, out, options)
+    folder = place.folder
     refusal = labelled.refusal
     if refusal is not None:
         for stale in (SCORE_FILE, RECORDS_FILE):

@@ -13,6 +13,7 @@ from ssp_core import __version__
 from ssp_core.files import write_json
 from ssp_core.hashing import sha256_file, sha256_json
 from ssp_eval.evaluate.asker import Ignored
+from ssp_eval.evaluate.controls import CONDITION_SEED
 from ssp_eval.evaluate.labelled import LabelledClip
 from ssp_eval.evaluate.model_spec import ModelSpec
 from ssp_eval.evaluate.store import RAW_FILE, REQUESTS_FILE, Asked
@@ -142,7 +143,10 @@ def write_cell(
         "schema": CELL_SCHEMA,
         "scenario": labelled.labels.scenario,
         "domain": labelled.labels.domain,
-        "model": model.name,
+        "model": model.shown,
+        "condition": model.condition,
+        "condition_seed": CONDITION_SEED if model.condition else None,
+        "control": model.control,
         "model_ids": sorted({answer.model_id for answer in answers if answer.model_id}),
         "model_facts": asdict(model.facts),
         "status": status,
@@ -190,7 +194,7 @@ def write_cell(
         folder=place.folder,
         scenario=labelled.labels.scenario,
         domain=labelled.labels.domain,
-        model=model.name,
+        model=model.shown,
         status=status,
         reasons=tuple(reasons),
         score=score,

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +24,16 @@ from ssp_eval.evaluate.admission import (
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.cell_file import CellResult, losses_text
+from ssp_eval.evaluate.job import Settings
 from ssp_eval.evaluate.model_spec import ModelSpec
-from ssp_eval.evaluate.models import attached_spec, bridge_spec, check_bridge, load_models
+from ssp_eval.evaluate.models import (
+    attached_spec,
+    bridge_spec,
+    check_bridge,
+    load_models,
+    with_controls,
+)
+from ssp_eval.evaluate.parallel import ENGINES, run_parallel
 from ssp_eval.evaluate.topic_asker import CONNECT_S
 from ssp_eval.evaluate.topics import TopicAskers
 from ssp_eval.extract.llm.options import extractor_of, llm_options
@@ -99,6 +109,26 @@ _COLUMNS = (("JOVR", "jovr"), ("Sem", "sem_acc_eff"), ("CIA", "cia_eff"), ("TQSR
 )
 @llm_options("llm-")
 @click.option("--fresh", is_flag=True, help="Ask again even where an answer is stored.")
+@click.option(
+    "--controls",
+    is_flag=True,
+    help="Add the harness's own answerers, and each model once more with black and with shuffled "
+    "frames; none of them enters a mean.",
+)
+@click.option(
+    "--workers",
+    type=click.IntRange(1, 1024),
+    default=None,
+    help="Evaluate that many cells at a time, each in a process with bridges of its own.",
+)
+@click.option(
+    "--engine",
+    type=click.Choice(tuple(ENGINES)),
+    default="processes",
+    show_default=True,
+    help="Where workers run: on this machine, or on the Ray cluster that RAY_ADDRESS names "
+    "(without one, a local one is started).",
+)
 @click.option("--json", "as_json", is_flag=True, help="One line per cell, for programs.")
 def evaluate(
     bags: tuple[Path, ...],
@@ -114,6 +144,9 @@ def evaluate(
     start_timeout_s: float,
     retry_errors: int,
     fresh: bool,
+    controls: bool,
+    workers: int | None,
+    engine: str,
     as_json: bool,
     **llm: Any,
 ) -> int:
@@ -131,20 +164,47 @@ def evaluate(
             "bag or not at all"
         )
     models = model_specs(bridges, attached, models_files)
+    if controls:
+        models = with_controls(models)
     paired: list[tuple[Path, Path | None]] = [(bag, None) for bag in bags]
     if labels_files:
         paired = list(zip(bags, labels_files, strict=True))
-    extractor = extractor_of(**llm, default_cache=out / "extraction")
-    results = evaluate_bags(
-        paired,
-        models,
-        out,
-        CellOptions(adapter, fresh, retry_errors, extractor=extractor),
-        timeout_s,
-        propose_labels,
-        load_admissions(audits),
-        start_timeout_s,
-    )
+    make_extractor = partial(extractor_of, **llm, default_cache=out / "extraction")
+    extractor = make_extractor()
+    if workers is None and engine == "processes":
+        results = evaluate_bags(
+            paired,
+            models,
+            out,
+            CellOptions(adapter, fresh, retry_errors, extractor=extractor),
+            timeout_s,
+            propose_labels,
+            load_admissions(audits),
+            start_timeout_s,
+        )
+    else:
+        settings = Settings(
+            out=out.absolute(),
+            make_extractor=make_extractor,
+            adapter=adapter,
+            fresh=fresh,
+            retry_errors=retry_errors,
+            timeout_s=timeout_s,
+            start_timeout_s=start_timeout_s,
+        )
+        with console.progress("asking", None) as bar:
+            task = bar.task_ids[0]
+            results = run_parallel(
+                paired,
+                models,
+                settings,
+                workers or os.cpu_count() or 1,
+                engine,
+                propose_labels,
+                load_admissions(audits),
+                on_total=lambda total: bar.update(task, total=total),
+                on_record=lambda: bar.advance(task),
+            )
     if as_json:
         for result in results:
             click.echo(json.dumps(_to_json(result), sort_keys=True))

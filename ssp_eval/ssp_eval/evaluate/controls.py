@@ -15,3 +15,11 @@ CONTROLS: dict[str, dict[str, Any]] = {
 }
 # Whatever such a bridge is called, it is no model; a recording may be of one.
 NEVER_MODELS = frozenset({"perfect", "silent"})
+
+# What --controls adds: answerers, and conditions under which each model is asked once more.
+ANSWERERS = ("constant_velocity", "copy_history", "perfect", "silent")
+BLACK = "black"
+SHUFFLED = "shuffled"
+CONDITIONS = (BLACK, SHUFFLED)
+# Of the order into which frames are put; one for all campaigns, so that they can be compared.
+CONDITION_SEED = 1

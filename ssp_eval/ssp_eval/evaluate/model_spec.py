@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ssp_core.hashing import sha256_file, sha256_json
-from ssp_eval.evaluate.controls import CLIP_START_NS, LABELS_FILE
+from ssp_eval.evaluate.controls import CLIP_START_NS, CONDITION_SEED, LABELS_FILE
 from ssp_vla_bridge.core.adapters import check_adapter
 from ssp_vla_bridge.core.backend import interface_of
 from ssp_vla_bridge.core.interfaces import Interface, find_interface
@@ -47,6 +47,8 @@ class ModelSpec:
         timeout_s: for one answer; None: the campaign's.
         preprocessing: what differs from the interface's, by field of Preprocessing.
         facts: for reports.
+        condition: under which it is asked (conditions.py); empty: as it is meant to be.
+        control: it was added to check the harness, whatever it is; it enters no mean and no rank.
     """
 
     name: str
@@ -58,6 +60,13 @@ class ModelSpec:
     timeout_s: float | None = None
     preprocessing: Mapping[str, Any] = field(default_factory=dict)
     facts: ModelFacts = ModelFacts()
+    condition: str = ""
+    control: bool = False
+
+    @property
+    def shown(self) -> str:
+        """Its name in results, such as ``mine+black``: under a condition it is another cell."""
+        return f"{self.name}+{self.condition}" if self.condition else self.name
 
     @property
     def backend_name(self) -> str:
@@ -104,7 +113,9 @@ class ModelSpec:
         options = _filled(self.options, {LABELS_FILE: labels_sha256})
         if self.backend_name == "recorded" and "file" in options:
             options["file"] = _content(Path(str(options["file"])))
+        condition = {"condition": [self.condition, CONDITION_SEED]} if self.condition else {}
         return {
+            **condition,
             "model": self.name,
             "backend": self.backend_name,
             "interface": self.spoken.name,

@@ -12,7 +12,7 @@ from pydantic import ConfigDict, Field
 from ssp_core.errors import InputError
 from ssp_core.files import parse_model, read_mapping
 from ssp_core.run_spec import Strict
-from ssp_eval.evaluate.controls import CONTROLS
+from ssp_eval.evaluate.controls import ANSWERERS, CONDITIONS, CONTROLS
 from ssp_eval.evaluate.model_spec import ModelFacts, ModelSpec
 from ssp_eval.evaluate.secret_options import refuse_secrets
 from ssp_vla_bridge.core.backend import (
@@ -222,6 +222,23 @@ def as_attached(specs: list[ModelSpec]) -> list[ModelSpec]:
         replace(spec, attached=True, interface=spec.spoken.name, backend="", options={})
         for spec in specs
     ]
+
+
+def with_controls(specs: list[ModelSpec]) -> list[ModelSpec]:
+    """The models, each followed by itself under every condition, and the harness's own answerers.
+
+    Models that check the harness already get no conditions, and none is added that is there. To
+    attached bridges, which live in a ROS domain that isn't ours, no answerers are added.
+    """
+    checks = {*CONTROLS, *ANSWERERS}
+    found = []
+    for spec in specs:
+        conditions = () if spec.backend_name in checks else CONDITIONS
+        found += [spec, *(replace(spec, condition=name, control=True) for name in conditions)]
+    if not any(spec.attached for spec in specs):
+        names = {spec.name for spec in specs}
+        found += [replace(bridge_spec(n), control=True) for n in ANSWERERS if n not in names]
+    return found
 
 
 def check_bridge(model: ModelSpec) -> None:

@@ -1,0 +1,122 @@
+"""One cell as a piece of work for another process: all that it takes, and what does it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from ssp_eval.evaluate.admission import NO_AUDIT, Admission
+from ssp_eval.evaluate.asker import Askers
+from ssp_eval.evaluate.campaign import labelled_clip
+from ssp_eval.evaluate.cell import CellOptions, evaluate_cell
+from ssp_eval.evaluate.cell_file import CellResult
+from ssp_eval.evaluate.clip import Clip
+from ssp_eval.evaluate.model_spec import ModelSpec
+from ssp_eval.evaluate.topics import TopicAskers
+from ssp_eval.extract.llm import Extractor
+
+ExtractorMaker = Callable[[], Extractor]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What all cells of a campaign have in common; it can be sent to another process.
+
+    Args:
+        out: campaign folder.
+        adapter, fresh, retry_errors, retry_pause_s: see CellOptions.
+        make_extractor: a client of a service can't be sent, so each process makes its own.
+        timeout_s: for one answer.
+        start_timeout_s: until a bridge is on its topics.
+        direct: models answer in the worker itself, without ROS; None: over topics.
+    """
+
+    out: Path
+    make_extractor: ExtractorMaker
+    adapter: str = ""
+    fresh: bool = False
+    retry_errors: int = 0
+    retry_pause_s: float = 1.0
+    timeout_s: float = 60.0
+    start_timeout_s: float = 60.0
+    direct: Callable[[], Askers] | None = None
+
+
+@dataclass(frozen=True)
+class Job:
+    """One cell.
+
+    Args:
+        number: its place in the campaign.
+        bag: path of the recording.
+        labels: path of its labels.
+        admission: what the audit says of the recording.
+        model: who is asked.
+    """
+
+    number: int
+    bag: Path
+    labels: Path
+    model: ModelSpec
+    admission: Admission = NO_AUDIT
+
+
+class JobRunner:
+    """Does jobs one after the other; bridges are kept until the block ends.
+
+    Args:
+        settings: of the campaign.
+        name: of the worker, for its bridges' output.
+    """
+
+    def __init__(self, settings: Settings, name: str) -> None:
+        self._settings = settings
+        self._stack = ExitStack()
+        if settings.direct is not None:
+            self._askers: Askers = settings.direct()
+        else:
+            logs = settings.out / "logs" / name
+            topics = TopicAskers(logs, settings.timeout_s, False, settings.start_timeout_s)
+            self._askers = self._stack.enter_context(topics)
+        self._options = CellOptions(
+            settings.adapter,
+            settings.fresh,
+            settings.retry_errors,
+            settings.retry_pause_s,
+            settings.make_extractor(),
+        )
+
+    def run(self, job: Job, on_record: Callable[[], None] = lambda: None) -> CellResult:
+        """Evaluates a cell as a campaign of one process does.
+
+        Args:
+            job: the cell.
+            on_record: called once per label time.
+
+        Raises:
+            InputError: the recording or its labels were changed since the campaign began.
+        """
+        with Clip(job.bag) as clip:
+            labelled = labelled_clip(clip, job.labels, False, job.admission)
+            return evaluate_cell(
+                labelled, job.model, self._askers, self._settings.out, self._options, on_record
+            )
+
+    def close(self) -> None:
+        """Ends the bridges."""
+        self._stack.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()

@@ -1,0 +1,95 @@
+"""A campaign over several processes: the same cells as one process gives, byte for byte.
+
+Only ids and latencies differ, as they do between any two runs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Protocol
+
+from ssp_core.errors import InputError
+from ssp_core.files import make_folder
+from ssp_eval.evaluate.admission import Admission
+from ssp_eval.evaluate.campaign import find_labels, open_clips
+from ssp_eval.evaluate.cell import CellOptions, fail_cell
+from ssp_eval.evaluate.cell_file import CellResult
+from ssp_eval.evaluate.job import Job, Settings
+from ssp_eval.evaluate.labelled import LabelledClip
+from ssp_eval.evaluate.model_spec import ModelSpec
+from ssp_eval.evaluate.pool import run_pool
+from ssp_eval.evaluate.ray_engine import import_ray, run_ray
+
+
+class Engine(Protocol):
+    """Does jobs in other processes; see pool.run_pool."""
+
+    def __call__(
+        self,
+        jobs: Sequence[Job],
+        settings: Settings,
+        workers: int,
+        on_dead: Callable[[Job, str], CellResult],
+        on_record: Callable[[], None],
+    ) -> list[CellResult]: ...
+
+
+ENGINES: dict[str, Engine] = {"processes": run_pool, "ray": run_ray}
+
+
+def run_parallel(
+    bags: Sequence[tuple[Path, Path | None]],
+    models: Sequence[ModelSpec],
+    settings: Settings,
+    workers: int,
+    engine: str = "processes",
+    propose_labels: bool = False,
+    admissions: Mapping[str, Admission] | None = None,
+    on_total: Callable[[int], None] = lambda _: None,
+    on_record: Callable[[], None] = lambda: None,
+) -> list[CellResult]:
+    """Evaluates every bag with every model, several cells at a time.
+
+    Args:
+        bags, models, propose_labels, admissions, on_total, on_record: see campaign.run_campaign.
+        settings: what all cells have in common.
+        workers: how many processes.
+        engine: one of ENGINES.
+
+    Raises:
+        InputError: a bag, its labels or an option is wrong, or a bridge is attached.
+        HostError: the engine isn't installed.
+    """
+    for model in models:
+        model.read_by(settings.adapter)
+        if model.attached:
+            raise InputError(
+                "an attached bridge is one, and can't be asked by several workers",
+                field="attach",
+                value=model.name,
+                remedy="leave out --workers and --engine, or let the bridge be started here",
+            )
+    if engine == "ray":
+        import_ray()
+    with ExitStack() as stack:
+        clips = open_clips(stack, bags, propose_labels, admissions)
+        make_folder(settings.out)
+        on_total(sum(len(clip.labels.labels) for clip in clips) * len(models))
+        jobs: list[Job] = []
+        clip_of: list[LabelledClip] = []
+        for labelled, (bag, labels) in zip(clips, bags, strict=True):
+            path = labels or find_labels(bag)
+            if path is None:
+                raise InputError("has lost its labels file", file=bag)
+            for model in models:
+                number = len(jobs)
+                jobs.append(Job(number, bag.absolute(), path.absolute(), model, labelled.admission))
+                clip_of.append(labelled)
+
+        def on_dead(job: Job, reason: str) -> CellResult:
+            options = CellOptions(settings.adapter, extractor=settings.make_extractor())
+            return fail_cell(clip_of[job.number], job.model, settings.out, options, reason)
+
+        return ENGINES[engine](jobs, settings, workers, on_dead, on_record)
