@@ -16,12 +16,15 @@ from ssp_eval.analysis.row import CellRow
 from ssp_eval.analysis.rows import rows_from_cells, rows_from_csv
 from ssp_eval.analysis.statistics import Options, compute, steps_of
 from ssp_eval.analysis.statistics_tables import statistics_tables
+from ssp_eval.analysis.table import Table
 from ssp_eval.analysis.tables import all_tables
 from ssp_eval.analysis.write import write_statistics, write_tables
-from ssp_eval.report.load import CellData, load_cells
+from ssp_eval.report.load import CellData, cell_files, load_cells
 from ssp_eval.report.page import write_report
 
 TABLES = "tables"
+# Up to here a page has its statistics without being asked; of more cells they take minutes.
+MOST_ANALYSED = 500
 
 
 class _Formats(click.ParamType[tuple[str, ...]]):
@@ -115,8 +118,9 @@ def report(
 ) -> None:
     """Writes OUT_DIR/index.html: one file with the pictures in it, readable offline.
 
-    With --tables it also writes tables and statistics; with --from-cells and --out only these,
-    from a CSV file of component scores.
+    With --tables it also writes tables and statistics as files; with --from-cells and --out only
+    these, from a CSV file of component scores. The page of more than 500 cells shows statistics
+    only with --tables.
     """  # fmt: skip
     options = Options(resamples, seed)
     if from_cells is not None:
@@ -133,13 +137,21 @@ def report(
         raise click.UsageError("--out belongs to --from-cells; use --tables DIR")
     if tables is None and (reference is not None or repeats):
         raise click.UsageError("--reference and --repeat need --tables DIR")
+    analysis: Sequence[Table] = ()
     if tables is not None:
         data, rows = _runs((out_dir, *repeats))
         wanted = _Wanted(tables, formats, reference, options)
-        _analyse(rows, data, wanted, statistics=tables)
-    with console.progress("pictures", None) as bar:
+        analysis = _analyse(rows, data, wanted, statistics=tables)
+    elif len(cell_files(out_dir)) <= MOST_ANALYSED:
+        data, rows = _runs((out_dir,))
+        analysis = _statistics(rows, data, options)
+    with console.progress("report", None) as bar:
         task = bar.task_ids[0]
-        target = write_report(out_dir, lambda done, of: bar.update(task, completed=done, total=of))
+        target = write_report(
+            out_dir,
+            lambda done, of: bar.update(task, completed=done, total=of),
+            analysis=analysis,
+        )
     size_mb = target.stat().st_size / 1e6
     click.echo(f"{target} ({size_mb:.1f} MB)")
 
@@ -158,16 +170,21 @@ def _runs(folders: Iterable[Path]) -> tuple[list[CellData], list[CellRow]]:
     return data, rows
 
 
-def _analyse(
-    rows: Sequence[CellRow], data: Sequence[CellData], wanted: _Wanted, statistics: Path
-) -> None:
-    """Computes everything before anything is written."""
-    plain = all_tables(rows, wanted.reference)
+def _statistics(rows: Sequence[CellRow], data: Sequence[CellData], options: Options) -> list[Table]:
     with console.progress("statistics", steps_of(rows, bool(data))) as bar:
         task = bar.task_ids[0]
-        found = compute(rows, data, wanted.options, lambda: bar.advance(task))
-    shown = statistics_tables(found, wanted.options.resamples)
+        found = compute(rows, data, options, lambda: bar.advance(task))
+    return statistics_tables(found, options.resamples)
+
+
+def _analyse(
+    rows: Sequence[CellRow], data: Sequence[CellData], wanted: _Wanted, statistics: Path
+) -> list[Table]:
+    """Computes everything before anything is written."""
+    plain = all_tables(rows, wanted.reference)
+    shown = _statistics(rows, data, wanted.options)
     written = write_tables(wanted.folder, [*plain, *shown], wanted.formats)
     target = write_statistics(statistics, shown, wanted.options)
     click.echo(f"{wanted.folder} ({len(written)} files)")
     click.echo(f"{target}")
+    return shown

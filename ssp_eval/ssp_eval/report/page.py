@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import count
 from pathlib import Path
 from types import MappingProxyType
@@ -16,6 +16,8 @@ from markupsafe import Markup
 from ssp_core import __version__
 from ssp_core.files import make_folder, write_text
 from ssp_core.hashing import sha256_file
+from ssp_eval.analysis.sections import page_parts
+from ssp_eval.analysis.table import Table
 from ssp_eval.audit.model import AUDIT_FILE
 from ssp_eval.audit.model import PAGE_FILE as AUDIT_PAGE
 from ssp_eval.evaluate.admission import ADMITTED
@@ -53,7 +55,10 @@ SLOTS = ("objects", "position", "motion", "conflict", "lon_action", "lat_action"
 
 
 def write_report(
-    out: Path, on_step: Callable[[int, int], None] = lambda done, of: None, most: int | None = None
+    out: Path,
+    on_step: Callable[[int, int], None] = lambda done, of: None,
+    most: int | None = None,
+    analysis: Sequence[Table] = (),
 ) -> Path:
     """Writes ``index.html`` into a campaign folder, and for a large one files beside it.
 
@@ -61,6 +66,7 @@ def write_report(
         out: campaign folder.
         on_step: told how many pictures or cells are done, and of how many.
         most: cells up to which everything goes into the one file; None: MOST_IN_ONE_FILE.
+        analysis: statistics to show.
 
     Returns:
         The page.
@@ -71,11 +77,16 @@ def write_report(
     files = cell_files(out)
     if len(files) <= (MOST_IN_ONE_FILE if most is None else most):
         cells = in_order(load_cell(file) for file in files)
-        return _write_one(out, cells, on_step)
-    return _write_large(out, files, on_step)
+        return _write_one(out, cells, on_step, analysis)
+    return _write_large(out, files, on_step, analysis)
 
 
-def _write_one(out: Path, cells: list[CellData], on_step: Callable[[int, int], None]) -> Path:
+def _write_one(
+    out: Path,
+    cells: list[CellData],
+    on_step: Callable[[int, int], None],
+    analysis: Sequence[Table],
+) -> Path:
     views = {cell.id: record_views(cell) for cell in cells}
     used = sorted({v.frame for of_cell in views.values() for v in of_cell if v.frame is not None})
     pictures: dict[str, str] = {}
@@ -85,13 +96,17 @@ def _write_one(out: Path, cells: list[CellData], on_step: Callable[[int, int], N
             pictures[frame] = data_uri(path)
         on_step(done, len(used))
     target = make_folder(out) / PAGE
-    write_text(
-        target, render(cells, views, pictures, audit_pages(out, (cell.facts for cell in cells)))
-    )
+    audits = audit_pages(out, (cell.facts for cell in cells))
+    write_text(target, render(cells, views, pictures, audits, analysis))
     return target
 
 
-def _write_large(out: Path, files: list[Path], on_step: Callable[[int, int], None]) -> Path:
+def _write_large(
+    out: Path,
+    files: list[Path],
+    on_step: Callable[[int, int], None],
+    analysis: Sequence[Table],
+) -> Path:
     """Details of one cell after the other, so that memory holds one cell's pictures of words."""
     audits = audit_pages(out, (load_facts(file) for file in files))
     details = DetailFiles(out, _environment(), audits)
@@ -103,7 +118,7 @@ def _write_large(out: Path, files: list[Path], on_step: Callable[[int, int], Non
 
     cells = in_order(load_lightly(files, write))
     target = make_folder(out) / PAGE
-    write_text(target, render_large(cells, audits))
+    write_text(target, render_large(cells, audits, analysis))
     details.remove_others()
     return target
 
@@ -130,6 +145,7 @@ def render(
     views: dict[str, list[RecordView]],
     pictures: dict[str, str],
     audits: Mapping[str, str] = MappingProxyType({}),
+    analysis: Sequence[Table] = (),
 ) -> str:
     """The page as HTML.
 
@@ -138,6 +154,7 @@ def render(
         views: by cell id, its label times.
         pictures: data URIs by frame hash.
         audits: path of an audit's page by the audit's hash.
+        analysis: statistics to show.
     """
     drawn = {
         "views": views,
@@ -147,22 +164,27 @@ def render(
         "data": Markup(_script_json(pictures)),
         "script": _source("page.js"),
     }
-    return _page(cells, audits, browse=False, **drawn)
+    return _page(cells, audits, browse=False, analysis=page_parts(analysis), **drawn)
 
 
-def render_large(cells: list[CellData], audits: Mapping[str, str] = MappingProxyType({})) -> str:
+def render_large(
+    cells: list[CellData],
+    audits: Mapping[str, str] = MappingProxyType({}),
+    analysis: Sequence[Table] = (),
+) -> str:
     """The page of a large campaign as HTML; details lie in files beside it.
 
     Args:
         cells: in the order in which they are shown; without records and questions.
         audits: path of an audit's page by the audit's hash.
+        analysis: statistics to show.
     """
     drawn = {
         "failures_by_model": failures_by_model(cells),
         "data": Markup(_script_json(rows(cells))),
         "script": _source("browse.js"),
     }
-    return _page(cells, audits, browse=True, **drawn)
+    return _page(cells, audits, browse=True, analysis=page_parts(analysis), **drawn)
 
 
 def _page(cells: list[CellData], audits: Mapping[str, str], **drawn: Any) -> str:
