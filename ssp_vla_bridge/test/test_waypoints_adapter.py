@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from ssp_core.errors import InputError
 from ssp_vla_bridge.core.adapters import adapt
+from ssp_vla_bridge.core.request import EgoSample, Request
 from ssp_vla_bridge.core.response import NativeArray, Response
 from ssp_vla_bridge.core.task import TASK
 from ssp_vla_bridge.core.trajectory import check_trajectory
@@ -170,3 +171,22 @@ def test_every_native_point_is_kept_as_it_is(rows, late):
     trajectory = adapt("waypoints", Response("r", 0, "m", "m/1", "", (array,))).trajectory
     skipped = 1 if late else 0
     assert list(zip(trajectory.x_m, trajectory.y_m, strict=True))[skipped:] == rows
+
+
+def test_the_echo_of_past_positions_is_no_answer():
+    history = tuple(EgoSample(0.5 * (i - 7), 4.0 * (i - 7), 0.0, 0.0, 8.0, 0.0) for i in range(8))
+    request = Request("r1", 10**9, (), None, history, "measured")
+
+    def read(rows):
+        text = ", ".join(f"[{x:.2f}, {y:.2f}]" for x, y in rows)
+        return adapt(
+            "waypoints", Response("r1", 10**9, "m", "m/1", f"Trajectory: [{text}]"), request
+        )
+
+    past = [(sample.x_m, sample.y_m) for sample in history]
+    for echo in (past, past[-4:]):
+        adapted = read(echo)
+        assert (adapted.trajectory, adapted.invalid) == (None, ("missing",))
+    assert read([(4.0 * k, 0.0) for k in range(1, 5)]).invalid == ()
+    both = read([*past, *((4.0 * k, 0.0) for k in range(1, 5))])
+    assert both.trajectory.x_m == (0.0, 4.0, 8.0, 12.0, 16.0)

@@ -143,6 +143,16 @@ def _curvature_pm(samples: Sequence[EgoSample]) -> float:
     return 2.0 * (into[0] * out[1] - into[1] * out[0]) / (into_m * out_m * across_m)
 
 
+def waypoints_history(request: Request) -> NativeHistory:
+    """All past positions (x forward, y left), which the prompt of ``waypoints`` prints in its rows.
+
+    Args:
+        request: no history is known from one whose ego_provenance is unknown.
+    """
+    rows = [(sample.x_m, sample.y_m) for sample in request.history] if request.ego_known else []
+    return _rounded(rows, 2)
+
+
 def _rounded(rows: Sequence[tuple[float, float]], decimals: int) -> NativeHistory:
     # The sum turns −0.0 into 0.0, which would print its sign.
     rounded = [(round(a, decimals) + 0.0, round(b, decimals) + 0.0) for a, b in rows]

@@ -7,6 +7,8 @@ import math
 import numpy as np
 import pytest
 
+from ssp_vla_bridge.core.native_history import lightemma_history
+
 FORM = "({}, {})"
 
 
@@ -77,3 +79,16 @@ def test_names_why_there_is_no_trajectory(cases, text, reason):
 def test_pairs_in_square_brackets_are_noted(cases):
     adapted = cases.read("lightemma", cases.pairs([(10.0, 0.0)] * 6))
     assert adapted.info.notes == ("square brackets",)
+
+
+def test_the_echo_with_fewer_decimals_is_no_answer(cases):
+    request = cases.asked(cases.straight_history([2.61, 2.78, 2.94, 3.13, 3.31, 3.47]))
+    past = lightemma_history(request).rows
+    echo = cases.pairs([[f"{v:.1f}", f"{c:.1f}"] for v, c in past], "({}, {})")
+    adapted = cases.read("lightemma", f"[{echo}]", request)
+    assert (adapted.trajectory, adapted.invalid) == (None, ("missing",))
+    assert "the echo of the history, rounded, was left out" in adapted.info.notes
+    plan = cases.pairs([[f"{v + 0.1:.1f}", "0.0"] for v, _ in past], "({}, {})")
+    assert cases.read("lightemma", f"[{plan}]", request).invalid == ()
+    steady = cases.asked(cases.straight_history([2.61, 2.62, 2.60, 2.61, 2.59, 2.61]))
+    assert cases.read("lightemma", f"[{', '.join(['(5.2, 0.0)'] * 6)}]", steady).invalid == ()

@@ -3,9 +3,9 @@
 The rules, in this order:
 1. After reasoning that ends with ``</think>``, what follows is the answer, if a list is there.
    Reasoning that begins with ``<think>`` and doesn't end holds no answer.
-2. A list that gives back the history, or a run of it, is no answer; a list that begins with the
-   whole history is read without it. A history of one repeated row can't be told from a plan that
-   keeps on: a list equal to it is read, and a note says so.
+2. A list that gives back the history, or a run of it, or all of it with fewer decimals, is no
+   answer; a list that begins with the whole history is read without it. A history of one repeated
+   row can't be told from a plan that keeps on: a list equal to it is read, and a note says so.
 3. A list given twice is one list.
 4. The last list with the number of rows that the interface defines is the answer. If there is
    none: the last one, if the text ends before it does; else the longest, the last of equals.
@@ -33,6 +33,8 @@ _FUTURE = ("future", "predict", "next", "final", "answer", "output", "plan", "fo
 # So many rows of the history in their order are its echo, fewer may be chance.
 _LEAST_ECHO = 3
 _EQUAL = 1e-9
+# An echo may have fewer decimals than the prompt; whole numbers would be met by chance.
+_ECHO_DECIMALS = (1, 2)
 
 Rows = tuple[tuple[float, ...], ...]
 
@@ -196,12 +198,30 @@ def _is_echo(rows: Rows, history: Rows, of_past: bool, notes: list[str]) -> bool
         if told:
             notes.append("the echo of the history was left out")
         return told
+    if _is_rounded(rows, history):
+        notes.append("the echo of the history, rounded, was left out")
+        return True
     for start in range(len(history) - run + 1):
         if _equal(rows, history[start : start + run]):
             part = "" if run == len(history) else " of a part"
             notes.append(f"the echo{part} of the history was left out")
             return True
     return False
+
+
+def _is_rounded(rows: Rows, history: Rows) -> bool:
+    """Whether rows are the whole history with fewer decimals, and vary enough to be no chance."""
+    if len(rows) != len(history) or len(set(rows)) < _LEAST_ECHO or _equal(rows, history):
+        return False
+    pairs = [
+        (a, b)
+        for row, other in zip(rows, history, strict=True)
+        for a, b in zip(row, other, strict=False)
+    ]
+    return len(rows[0]) == len(history[0]) and any(
+        all(a == round(a, n) and abs(a - b) <= 0.5 * 10**-n + _EQUAL for a, b in pairs)
+        for n in _ECHO_DECIMALS
+    )
 
 
 def _pick(

@@ -9,9 +9,10 @@ from ssp_vla_bridge.core.adapters.answer import Form, choose_answer
 from ssp_vla_bridge.core.adapters.limit import motion_is_cut
 from ssp_vla_bridge.core.adapters.points import adapt_points
 from ssp_vla_bridge.core.adapters.types import Adapted, AdapterInfo, without_trajectory
+from ssp_vla_bridge.core.native_history import waypoints_history
 from ssp_vla_bridge.core.request import Request
 from ssp_vla_bridge.core.response import NativeArray, Response
-from ssp_vla_bridge.core.task import TASK, DrivingTask
+from ssp_vla_bridge.core.task import TASK
 from ssp_vla_bridge.core.trajectory import TOLERANCE_S
 
 ARRAY_NAME = "trajectory"
@@ -47,7 +48,7 @@ def adapt_waypoints(
     if response.error_code:
         return _without(response, "missing", "")
     if not arrays:
-        return _read_text(response, TASK if request is None else request.task)
+        return _read_text(response, request)
     if len(arrays) > 1:
         return _without(response, "shape", f"{len(arrays)} arrays are named {ARRAY_NAME}")
     return _read(response, arrays[0])
@@ -67,14 +68,16 @@ def _read(response: Response, array: NativeArray) -> Adapted:
     return adapt_points(response, _INFO, xs, ys, array.step_s, array.first_time_s)
 
 
-def _read_text(response: Response, task: DrivingTask) -> Adapted:
+def _read_text(response: Response, request: Request | None) -> Adapted:
     """The list behind ``Trajectory:``, whose step and first time the task declares."""
+    task = TASK if request is None else request.task
+    history = () if request is None else waypoints_history(request).rows
     step_s = task.trajectory_step_s
     horizon_s = task.trajectory_horizon_s
     if not (math.isfinite(horizon_s) and _SHORTEST_STEP_S <= step_s <= horizon_s):
         return _without(response, "timestamps", "the task's trajectory step is no time")
     form = replace(_FORM, rows=math.floor(horizon_s / step_s + TOLERANCE_S))
-    choice = choose_answer(response.text, form, (), motion_is_cut(response))
+    choice = choose_answer(response.text, form, history, motion_is_cut(response))
     if choice.reason:
         note = f"no array is named {ARRAY_NAME}"
         return replace(
