@@ -1,0 +1,183 @@
+"""What overlays show: for each label time of a cell its frame, plan, recorded path and words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ssp_core.errors import InputError
+from ssp_eval.evaluate.cell_file import frame_path
+from ssp_eval.figures.ego_path import EgoPath, ego_path
+from ssp_eval.labels.model import Label
+from ssp_eval.records import BehaviourRecord
+from ssp_eval.report.load import CellData
+from ssp_eval.report.projection import Ribbon, ribbon
+from ssp_eval.score import Judgement
+from ssp_eval.score.show import NULL
+from ssp_vla_bridge.core.trajectory import Trajectory
+
+Image = NDArray[np.uint8]
+
+_HORIZON_S = 3.0
+RIGHT, WRONG = "✓", "✗"
+
+
+@dataclass(frozen=True)
+class Moment:
+    """One label time of a cell.
+
+    Args:
+        label: what is true.
+        judgement: of the answer.
+        stamp_ns: of the request, None where nothing was asked.
+        frames: stamp and hash of each frame sent, oldest first.
+        record: the answer, None where there is none.
+        plan: the valid trajectory, None: there is none.
+    """
+
+    label: Label
+    judgement: Judgement
+    stamp_ns: int | None
+    frames: tuple[tuple[int, str], ...]
+    record: BehaviourRecord | None
+    plan: Trajectory | None
+
+    @property
+    def says(self) -> str:
+        """The actions that the text commits to, marked right or wrong."""
+        found = self.judgement
+        return _actions(found.text_lon, found.text_lat, self.label)
+
+    @property
+    def plans(self) -> str:
+        """The actions that the trajectory makes, marked right or wrong."""
+        found = self.judgement
+        return _actions(found.trajectory_lon, found.trajectory_lat, self.label)
+
+    @property
+    def allowed(self) -> str:
+        """The actions that are right here."""
+        return f"{'/'.join(self.label.lon_actions)}, {'/'.join(self.label.lat_actions)}"
+
+
+def _actions(lon: str | None, lat: str | None, label: Label) -> str:
+    if lon is None and lat is None:
+        return NULL
+    mark = RIGHT if lon in label.lon_actions and lat in label.lat_actions else WRONG
+    return f"{lon or NULL}, {lat or NULL} {mark}"
+
+
+@dataclass(frozen=True)
+class Story:
+    """A scored cell as overlays tell it.
+
+    Args:
+        cell: as it lies in its folder.
+        out: the campaign.
+        moments: one per label.
+    """
+
+    cell: CellData
+    out: Path
+    moments: tuple[Moment, ...]
+
+    @cached_property
+    def path(self) -> EgoPath:
+        """Where the VUT was, as far as the requests tell."""
+        known = [r for r in self.cell.requests if r.get("ego_provenance") != "unknown"]
+        return ego_path(known)
+
+    @property
+    def ego_provenance(self) -> str:
+        """How the recorded path is known: measured, declared or unknown."""
+        return self.cell.facts.clip.ego
+
+    @property
+    def sees_ground(self) -> bool:
+        """True where the camera's pose is known, so that a path can be drawn on the picture."""
+        geometry = self.cell.facts.clip.geometry
+        return (
+            geometry is not None
+            and geometry.height_m is not None
+            and geometry.pitch_down_rad is not None
+            and self.cell.facts.clip.mount_forward_m is not None
+        )
+
+    def drawn(self, path: Trajectory | None) -> Ribbon | None:
+        """A path in the ego frame as the camera shows it."""
+        clip = self.cell.facts.clip
+        if path is None or clip.geometry is None:
+            return None
+        turn = (clip.mount_left_m, clip.mount_yaw_left_rad, clip.mount_roll_right_rad)
+        return ribbon(path, clip.geometry.model_dump(), clip.mount_forward_m, turn)
+
+    def recorded(self, at_ns: int) -> Trajectory | None:
+        """What was driven from a time on."""
+        return self.path.after(at_ns, _HORIZON_S)
+
+    def keeps(self, sha256: str) -> bool:
+        """True for a frame that lies in the campaign, which keeps the newest of each request."""
+        return frame_path(self.out, sha256).is_file()
+
+    def picture(self, sha256: str) -> Image:
+        """A frame that was sent, BGR, at the size that the camera's geometry is for.
+
+        Raises:
+            InputError: it isn't there or is no picture.
+        """
+        file = frame_path(self.out, sha256)
+        try:
+            data = np.frombuffer(file.read_bytes(), np.uint8)
+        except OSError as error:
+            raise InputError(f"can't be read: {error.strerror}", file=file) from error
+        image = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
+        if image is None:
+            raise InputError("is no picture", file=file)
+        geometry = self.cell.facts.clip.geometry
+        if geometry is not None and image.shape[:2] != (geometry.height_px, geometry.width_px):
+            image = cv2.resize(image, (geometry.width_px, geometry.height_px))
+        return np.asarray(image, np.uint8)
+
+
+def story_of(cell: CellData, out: Path) -> Story | None:
+    """The story of a cell; None unless it has scores."""
+    if cell.score is None:
+        return None
+    return Story(
+        cell,
+        out,
+        tuple(
+            _moment(cell, label, judgement)
+            for label, judgement in zip(
+                cell.labels.labels, cell.score.details.judgements, strict=True
+            )
+        ),
+    )
+
+
+def _moment(cell: CellData, label: Label, judgement: Judgement) -> Moment:
+    record = None if judgement.record is None else cell.records[judgement.record]
+    request = _request(cell.requests, label.t_s)
+    valid = record is not None and judgement.trajectory_valid
+    stamp = request.get("stamp_ns")
+    return Moment(
+        label=label,
+        judgement=judgement,
+        stamp_ns=None if stamp is None else int(stamp),
+        frames=tuple(
+            (int(frame["stamp_ns"]), str(frame["sha256"])) for frame in request.get("frames", ())
+        ),
+        record=record,
+        plan=record.trajectory if record is not None and valid else None,
+    )
+
+
+def _request(requests: Sequence[Mapping[str, Any]], label_t_s: float) -> Mapping[str, Any]:
+    return next((r for r in requests if r.get("label_t_s") == label_t_s), {})

@@ -1,0 +1,171 @@
+"""Phase-aligned frames of the domains with plans and actions on them (METHOD 7.5)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import cv2
+from matplotlib.axes import Axes
+from matplotlib.patches import Polygon
+
+from ssp_core.vocab import DOMAINS, PHASES
+from ssp_eval.figures.drawing import Drawing, caption
+from ssp_eval.figures.moments import RIGHT, WRONG, Moment, Story
+from ssp_eval.figures.scores import words
+from ssp_eval.figures.style import (
+    GREY,
+    INK,
+    ORANGE,
+    PAGE_IN,
+    SKY,
+    Sheet,
+    fitted,
+    text_width_in,
+)
+
+_LEFT_IN, _GAP_IN, _HEAD_IN, _FOOT_IN = 0.22, 0.06, 0.22, 0.24
+_LINE_IN = 0.125
+_TEXT_IN = 3 * _LINE_IN + 0.09
+_DPI = 300
+
+
+def phase_frames(scenario: str, model: str, stories: Sequence[Story]) -> Drawing:
+    """The frames of one scenario and model: a row per domain, a column per phase.
+
+    Args:
+        scenario: name.
+        model: name.
+        stories: of its cells with scores, at most one per domain.
+    """
+    by_domain = {story.cell.domain: story for story in stories}
+    width_in = (PAGE_IN - _LEFT_IN - 0.05 - _GAP_IN * (len(PHASES) - 1)) / len(PHASES)
+    shape = max((_aspect(story) for story in stories), default=9 / 16)
+    height_in = width_in * shape
+    row_in = height_in + _TEXT_IN
+    sheet = Sheet(PAGE_IN, _HEAD_IN + row_in * len(DOMAINS) + _FOOT_IN)
+    page = sheet.page()
+    page.set_zorder(3)
+    for column, phase in enumerate(PHASES):
+        left = _LEFT_IN + column * (width_in + _GAP_IN)
+        page.text(left + width_in / 2, 0.14, phase, ha="center", weight="bold")
+    for row, domain in enumerate(DOMAINS):
+        top = _HEAD_IN + row * row_in
+        page.text(
+            0.1, top + height_in / 2, domain, rotation=90, ha="center", va="center", weight="bold"
+        )
+        story = by_domain.get(domain)
+        for column, phase in enumerate(PHASES):
+            left = _LEFT_IN + column * (width_in + _GAP_IN)
+            axes = sheet.axes(left, top, width_in, height_in)
+            axes.set_axis_off()
+            moment = None if story is None else _first(story, phase)
+            if story is None or moment is None:
+                why = "no scores" if story is None else "no frame in this phase"
+                page.text(
+                    left + width_in / 2, top + height_in / 2, why, ha="center", va="center",
+                    color=GREY,
+                )  # fmt: skip
+                continue
+            _panel(axes, story, moment, width_in, f"{domain}-{phase}")
+            lines = (
+                f"{moment.label.t_s:g} s: says {moment.says}",
+                f"plans {moment.plans}",
+                f"right: {moment.allowed}",
+            )
+            for number, line in enumerate(lines):
+                page.text(
+                    left, top + height_in + 0.06 + _LINE_IN * (number + 0.5),
+                    fitted(line, width_in), va="center", color=GREY if number == 2 else INK,
+                )  # fmt: skip
+    _legend(page, sheet.height_in - 0.1)
+    return Drawing(f"phases_{scenario}_{model}", sheet.figure, _caption(scenario, model, by_domain))
+
+
+def _aspect(story: Story) -> float:
+    geometry = story.cell.facts.clip.geometry
+    return 9 / 16 if geometry is None else geometry.height_px / geometry.width_px
+
+
+def _first(story: Story, phase: str) -> Moment | None:
+    """The first moment of a phase of which there is a frame."""
+    return next((m for m in story.moments if m.label.phase == phase and m.frames), None)
+
+
+def _panel(axes: Axes, story: Story, moment: Moment, width_in: float, gid: str) -> None:
+    image = story.picture(moment.frames[-1][1])
+    height_px, width_px = image.shape[:2]
+    small_px = min(width_px, round(width_in * _DPI))
+    size = (small_px, max(1, round(height_px * small_px / width_px)))
+    small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    axes.imshow(
+        cv2.cvtColor(small, cv2.COLOR_BGR2RGB), extent=(-0.5, width_px - 0.5, height_px - 0.5, -0.5)
+    )
+    axes.set_xlim(-0.5, width_px - 0.5)
+    axes.set_ylim(height_px - 0.5, -0.5)
+    if moment.stamp_ns is not None:
+        driven = story.drawn(story.recorded(moment.stamp_ns))
+        if driven is not None and len(driven.middle) > 1:
+            for colour, width in ((INK, 2.4), (ORANGE, 1.4)):
+                axes.plot(
+                    *zip(*driven.middle, strict=True), "--", color=colour, linewidth=width,
+                    zorder=4, gid=f"recorded-{gid}" if colour == ORANGE else None,
+                )  # fmt: skip
+    plan = story.drawn(moment.plan)
+    if plan is not None:
+        surface = Polygon(
+            plan.outline, facecolor=SKY, alpha=0.45, edgecolor="white", linewidth=0.8, zorder=2
+        )
+        surface.set_gid(f"plan-{gid}")
+        axes.add_patch(surface)
+        if plan.dots:
+            axes.plot(
+                *zip(*plan.dots, strict=True), "o", color="white", markeredgecolor=INK,
+                markersize=2.6, markeredgewidth=0.5, zorder=5,
+            )  # fmt: skip
+
+
+def _legend(page: Axes, y: float) -> None:
+    x = _LEFT_IN
+    corners = [(x, y + 0.04), (x + 0.25, y + 0.04), (x + 0.2, y - 0.05), (x + 0.05, y - 0.05)]
+    page.add_patch(Polygon(corners, facecolor=SKY, edgecolor=GREY, linewidth=0.5))
+    entries = (
+        "plan, a dot every 0.5 s", "recorded path", f"{RIGHT} allowed   {WRONG} not allowed",
+    )  # fmt: skip
+    x += 0.32
+    page.text(x, y, entries[0], va="center")
+    x += text_width_in(entries[0]) + 0.25
+    for colour, width in ((INK, 2.4), (ORANGE, 1.4)):
+        page.plot([x, x + 0.3], [y, y], "--", color=colour, linewidth=width)
+    x += 0.37
+    page.text(x, y, entries[1], va="center")
+    page.text(x + text_width_in(entries[1]) + 0.25, y, entries[2], va="center")
+
+
+def _caption(scenario: str, model: str, by_domain: dict[str, Story]) -> str:
+    missing = [domain for domain in DOMAINS if domain not in by_domain]
+    blind = [domain for domain, story in by_domain.items() if not story.sees_ground]
+    ego = [f"{domain} {story.ego_provenance}" for domain, story in by_domain.items()]
+    counts = [f"{domain} {len(story.moments)}" for domain, story in by_domain.items()]
+    return caption(
+        f"{words(scenario)}, {model}: the first frame with a label in each phase, by domain. The "
+        "ribbon is what the VUT would cover on the predicted trajectory, a dot every 0.5 s; the "
+        "dashed line is the path that was driven, as far as later requests tell it "
+        f"(motion of the VUT: {', '.join(ego)}). Both were drawn after the fact and were in no "
+        "input of a model.",
+        "Below a frame: clip time, the actions that the text commits to and those that the "
+        "trajectory makes, each marked as allowed or not, and what is allowed; – is none.",
+        f"Labels: {', '.join(counts)}; n = 1 answer per frame.",
+        f"Without scores: {', '.join(missing)}." if missing else "",
+        f"Without a known pose of the camera, and so without paths: {', '.join(blind)}."
+        if blind
+        else "",
+    )
+
+
+def all_phase_frames(stories: Sequence[Story]) -> Iterator[Drawing]:
+    """One figure per scenario and model, in the order of their names."""
+    groups: dict[tuple[str, str], list[Story]] = {}
+    for story in stories:
+        groups.setdefault((story.cell.scenario, story.cell.model), []).append(story)
+    for (scenario, model), members in sorted(groups.items()):
+        yield phase_frames(scenario, model, members)
