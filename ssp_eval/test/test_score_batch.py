@@ -15,6 +15,7 @@ from ssp_eval.labels.model import load_labels
 from ssp_eval.records import Slot, load_records
 from ssp_eval.score import Thresholds, pairing, score_cell
 from ssp_eval.score.batch import batch_terms, score_cells, score_columns
+from ssp_eval.score.cell import CellMetrics
 from ssp_eval.score.encode import encode
 from ssp_eval.score.matching import match
 from ssp_eval.score.terms import RecordTerms, record_terms
@@ -150,11 +151,33 @@ def test_a_path_is_read_between_its_samples():
     assert score_cell(*cell).tqsr == 1.0
 
 
-def test_overflow_inside_is_nobody_s_error():
-    huge = [cell for cell, case in zip(golden_cells(), GOLDEN, strict=True) if "huge" in case.name]
-    assert len(huge) == 1
+def test_overflow_and_empty_denominators_are_nobody_s_error():
     with np.errstate(all="raise"):
-        assert score_cells(huge)[0].stfr == 0
+        scores = dict(zip((case.name for case in GOLDEN), score_cells(golden_cells()), strict=True))
+    assert scores["huge_numbers"].stfr == 0
+    assert scores["null_denominators"].cia_eff is None
+
+
+def test_scores_are_named_and_typed_as_those_of_a_cell():
+    scores = score_columns(encode(golden_cells()))
+    assert list(scores.values) == [item.name for item in fields(CellMetrics)]
+    whole = ("n", "matched", "rsr", "semantic_denominator", "cia_denominator")
+    for cell in scores.cells():
+        for name, value in vars(cell).items():
+            assert value is None or type(value) is (int if name in whole else float), name
+    assert math.isnan(batch_terms(encode(golden_cells())).rows.risk_onset_s)
+
+
+def test_whole_numbers_are_numbers():
+    labels, records = golden_cells()[0]
+    label = replace(labels.labels[0], t_s=1, lon_actions=("maintain",), lat_actions=("straight",))
+    path = Trajectory((0, 1), (0, 5), (0, 0))
+    cell = (
+        replace(labels, labels=(label, replace(label, t_s=3)), risk_time_s=1),
+        [replace(records[0], t_s=1, trajectory=path)],
+    )
+    same(score_cells([cell])[0].to_json(), score_cell(*cell).to_json())
+    assert score_cell(*cell).tqsr == 0.5
 
 
 def overlapping(cell):
@@ -198,7 +221,7 @@ def test_no_cells_have_no_scores():
 
 def test_a_cell_without_labels_is_refused():
     labels, records = golden_cells()[0]
-    with pytest.raises(ValueError, match="without labels"):
+    with pytest.raises(ValueError, match=r"^a cell without labels has no scores$"):
         score_cells([(replace(labels, labels=()), records)])
 
 

@@ -7,7 +7,7 @@ import pytest
 from ssp_core.vocab import CONFLICTS, MOTIONS, POSITIONS
 from ssp_eval.labels.model import Label
 from ssp_eval.records import BehaviourRecord, Slot, Slots
-from ssp_eval.score.semantics import SlotScore, object_f1, score_slots, soft_score
+from ssp_eval.score.semantics import SlotScore, hard_score, object_f1, score_slots, soft_score
 
 LABEL = Label(
     t_s=1.0,
@@ -72,3 +72,7 @@ def test_f1_of_sets():
     assert object_f1(["car"], []) == 0.0
     assert object_f1(["car", "car"], ["car"]) == 1.0
     assert object_f1(["car", "bus"], ["car", "truck", "bus", "cyclist"]) == 2 / 3
+
+
+def test_a_word_is_never_a_set():
+    assert hard_score("car", ("car",)) == hard_score(("car",), "car") == 0.0

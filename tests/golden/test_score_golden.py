@@ -1,13 +1,14 @@
 """Every folder beside this file: scores worked out by hand (see README.md)."""
 
 import json
+from collections import Counter
 from pathlib import Path
 
 import pytest
 
 from ssp_eval.labels.model import load_labels
 from ssp_eval.records import load_records
-from ssp_eval.score import CellScore, score_cell
+from ssp_eval.score import STAGES, CellScore, score_cell
 
 CASES = sorted(path.parent for path in Path(__file__).parent.glob("*/expected.json"))
 KEYS = [
@@ -59,3 +60,40 @@ def test_judgements_are_as_worked_out_by_hand(case):
     judgements = scored(case).details.judgements
     for name, want in expected(case)["per_label"].items():
         assert [getattr(item, name) for item in judgements] == want, name
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+def test_first_failures_are_counted(case):
+    details = scored(case).details
+    found = Counter(item.first_failure for item in details.judgements)
+    assert details.first_failures == {stage: found[stage] for stage in STAGES}
+    assert list(details.first_failures) == list(STAGES)
+
+
+def test_the_details_lead_back_to_the_outputs():
+    """The case says: nine labels, none for 4.0, a stray record at 2.25, the response at 3.0."""
+    cell = scored(Path(__file__).parent / "nine_labels")
+    details = cell.details
+    assert details.record_labels == (0, 1, 2, 3, 4, None, 5, 6, 7)
+    assert details.response_record == 7
+    assert details.risk_onset_s == 2.0
+    assert details.ivcs_terms == pytest.approx(
+        {
+            "jovr": 0.1 * 8 / 9,
+            "sem_acc_eff": 0.3 * 30 / 34,
+            "cia_eff": 0.2 * 7 / 8,
+            "tqsr": 0.3 * 6 / 9,
+            "rsr": 0.1,
+        },
+        abs=1e-12,
+    )
+    first, last = details.judgements[0], details.judgements[8]
+    assert (first.label_t_s, first.record_t_s) == (0.0, 0.0)
+    assert (first.text_lon, first.text_lat) == ("maintain", "straight")
+    assert (first.trajectory_lon, first.trajectory_lat) == ("maintain", "straight")
+    assert (last.label_t_s, last.record, last.text_lon, last.trajectory_lon) == (
+        4.0,
+        None,
+        None,
+        None,
+    )

@@ -27,6 +27,7 @@ TESTS = (
     "properties",
     "risk",
     "semantics",
+    "thresholds",
 )
 # What people see: the command's texts and the table. Its own tests look at the content.
 LEFT_OUT = ("ssp_eval/score/cli.py", "ssp_eval/score/show.py")

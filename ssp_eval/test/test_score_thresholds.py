@@ -1,0 +1,31 @@
+"""Comparisons with their tolerance (METHOD 6.11), for one number and for many."""
+
+import math
+
+import numpy as np
+import pytest
+
+from ssp_eval.score import Thresholds
+
+QUARTER = Thresholds(tolerance=0.25)
+
+
+@pytest.mark.parametrize(
+    ("value", "most", "least"),
+    [
+        (0.5, True, False),
+        (0.75, True, True),
+        (1.0, True, True),
+        (1.25, True, True),
+        (1.5, False, True),
+        (math.nan, False, False),
+        (math.inf, False, True),
+        (-math.inf, True, False),
+    ],
+)
+def test_both_ends_of_the_tolerance_are_inside(value, most, least):
+    assert QUARTER.at_most(value, 1.0) is most
+    assert QUARTER.at_least(value, 1.0) is least
+    many = np.array([value, value])
+    assert QUARTER.at_most(many, 1.0).tolist() == [most, most]
+    assert QUARTER.at_least(many, 1.0).tolist() == [least, least]
