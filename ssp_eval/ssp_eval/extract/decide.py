@@ -20,7 +20,7 @@ def decide(world: World) -> dict[str, Found]:
     objects = _objects(world)
     if objects:
         names = tuple(name for name in OBJECTS if any(a.name == name for a in objects))
-        support = tuple(next(a.mentions[0] for a in objects if a.name == name) for name in names)
+        support = tuple(next(_mention(a) for a in objects if a.name == name) for name in names)
         found["objects"] = names, support
     elif world.nobody is not None and not (
         any(not (a.gone or a.background) for a in world.actors if a.mentions)
@@ -78,12 +78,17 @@ def _told_before(
 
 def _objects(world: World) -> list[Actor]:
     """Who is present and matters: marked as such, or all where the text marks nobody."""
-    present = [actor for actor in world.actors if actor.mentions]
+    present = [a for a in world.actors if a.mentions or (a.first_named and _is_over(a))]
     present = [a for a in present if not (a.gone or (a.background and not _partner(a)))]
     present = [a for a in present if not a.parked or _marked(a)]
     if not any(_marked(actor) for actor in present):
         return present
     return [a for a in present if _marked(a) or (a.motions and a.places and not a.parked)]
+
+
+def _mention(actor: Actor) -> Statement:
+    """The words that name an actor as present, or those that name whom a conflict was with."""
+    return next(iter(actor.mentions), actor.first_named or actor.conflicts[0])
 
 
 def _marked(actor: Actor) -> bool:
@@ -92,6 +97,10 @@ def _marked(actor: Actor) -> bool:
     return bool(
         actor.critical or actor.matters or actor.reaction or actor.intruding or _partner(actor)
     )
+
+
+def _is_over(actor: Actor) -> bool:
+    return any(said.value == "resolved" for said in actor.conflicts)
 
 
 def _partner(actor: Actor) -> bool:

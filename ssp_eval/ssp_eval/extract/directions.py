@@ -127,7 +127,7 @@ def side(words: list[str], at: int) -> tuple[str, str, int, int] | None:
     across = _across(words, at)
     if across is not None:
         return word, "from", *across
-    if len(words[at]) == 1:
+    if len(words[at]) == 1 and not _initial(words, at):
         return None
     first = at
     form = "bare"
@@ -159,6 +159,11 @@ def side(words: list[str], at: int) -> tuple[str, str, int, int] | None:
         stop = end
         form = "at" if form == "to" else form
     return word, form, first, stop
+
+
+def _initial(words: list[str], at: int) -> bool:
+    """from R, on L: a letter that stands for a side."""
+    return at > 0 and words[at - 1] in _FORMS
 
 
 def _across(words: list[str], at: int) -> tuple[int, int] | None:

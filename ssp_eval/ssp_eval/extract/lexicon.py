@@ -26,7 +26,8 @@ SKIPPED = phrases(
     than us, as us, like us, like we do, hazard lights, hazard light, hazard flashers, hazards on,
     hazard flasher, hazard signs, hazard warning lights, risk assessment, conflict zone,
     danger sign, danger zone, conflict point, hazard warning, either way, in either case,
-    on either side, either side, stop arm, bicycle symbol, bike symbol, pedestrian sign,
+    on either side, either side, stop arm, bicycle symbol, bike symbol, bike stand, bike stands,
+    bicycle stand, bicycle stands, cycle stand, cycle stands, motorcycle stand, pedestrian sign,
     bicycle sign, cyclist sign, cycle crossing, red light runner, red light runners,
     taken from a vehicle, taken from a car, taken from inside a car, seen from a car,
     seen from a vehicle, captured from a vehicle, captured from a car, recorded from a car,
@@ -154,7 +155,8 @@ STATES: Table = {
         """
         stationary, motionless, at a standstill, at rest, not moving, immobile, broken down,
         disabled, at a stop, at a halt, standing still, stands still, not move, not moved, unmoving,
-        stock still, standstill, not moving at all, sitting still, stuck, engine off, not yet moving,
+        stock still, standstill, not moving at all, sitting still, stuck, engine off,
+        not yet moving,
         boarding passengers, loading, unloading, picking up passengers, taking on passengers,
         letting passengers off, dropping off passengers, letting passengers out, still boarding,
         not going anywhere, going nowhere, rooted to the spot, no movement, without moving,
@@ -326,7 +328,8 @@ KEYS: Table = {
         action now, intent of the ego, driving intention, ego behavior, ego behaviour, new
         decision, new plan, new action, our plan, our action, selected, chosen, planned action,
         command to the vehicle, driving decision, ego decision, meta driving action, verdict,
-        recommended maneuver, recommended manoeuvre, instruction to the vehicle
+        recommended maneuver, recommended manoeuvre, selection, current plan, present plan,
+        current decision, current action, present decision, choice, response, our decision, instruction to the vehicle
         """
     ),
 }

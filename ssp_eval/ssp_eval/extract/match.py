@@ -215,7 +215,7 @@ def _add_object(words: list[str], at: int, stop: int, entry: Entry, hits: list[H
     if ridden is not None:
         kind = _OBJECT
         value, stop = ridden
-    if nouns.vague(words, at):
+    if nouns.vague(words, at) or nouns.is_part(words, at, stop):
         return stop
     form = _article(words, at)
     if kind is _OBJECT and hits and hits[-1].stop == at and hits[-1].kind is _OBJECT:

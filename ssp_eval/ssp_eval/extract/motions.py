@@ -22,12 +22,14 @@ _INSIDE = frozenset(phrases("in, within, inside, on, along, of, from, outside, b
 _GOES_ON = (["into"], ["onto"], ["from"])
 _ENDS = frozenset(phrases("to, >, towards, toward"))
 _ONTO_WORDS = frozenset(phrases("into, onto, in, on"))
+_OVER = frozenset(phrases("across, over, through"))
 _TOWARDS = frozenset(phrases("towards, toward, at"))
 _NOT_US = frozenset(phrases("lane, path, side, speed, pace, left, right"))
 _OPPOSITE = frozenset(phrases("opposite, oncoming, opposing"))
 _STRAIGHT = frozenset(phrases("straight, directly, quickly, fast, slowly, right, head, on"))
 _PEOPLE = frozenset({"pedestrian"})
 _LIGHT = frozenset({"pedestrian", "cyclist"})
+_OUR = EGO_WORDS | {"ours", "mine"}
 REACH = 8
 
 # The reader's own words for decide.py, which makes motions of them with what else is known.
@@ -37,7 +39,7 @@ CROSSING = "crossing"  # direction open
 COMES_FROM = "comes_from_"  # where it came from, for an open direction
 INTRUSIONS = ("crossing", "cutting_in")
 # What has stopped stands still: the only finished movements that last.
-FINISHED_STANDING = frozenset({"stop", "park", "stall"})
+FINISHED_STANDING = frozenset({"stop", "park", "stall", "queue"})
 
 
 def motion_of(
@@ -94,6 +96,8 @@ def motion_of(
         else:
             lemma = "cut_in"
     into_ours = lemma in INTO_LANE and _into_ours(words, verb.stop)
+    if into_ours and name in _LIGHT and _OVER & set(words[verb.stop : verb.stop + 2]):
+        return (f"crossing_from_{origin[0]}", origin[1]) if origin else (CROSSING, None)
     if lemma == "cut_in" or into_ours:
         kind = "crossing" if name in _PEOPLE else "cutting_in"
         return (f"{kind}_from_{origin[0]}", origin[1]) if origin else (kind, None)
@@ -140,7 +144,7 @@ def passes(words: list[str], side: Hit, name: str) -> bool:
 
 
 def _ours(words: list[str], at: int) -> bool:
-    return any(word in EGO_WORDS or word == "front" for word in words[at : at + 2])
+    return any(word in _OUR or word == "front" for word in words[at : at + 2])
 
 
 def _into_ours(words: list[str], at: int) -> bool:

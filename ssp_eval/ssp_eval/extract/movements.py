@@ -10,7 +10,7 @@ _US = phrases("us, me, the ego, the ego vehicle, the ego car, our vehicle, our c
 _OUR_LANES = phrases(
     """
     our lane, my lane, the ego lane, the lane of the ego, our path, my path, the ego path, our
-    own lane, the ego vehicle lane, the lane of travel, ego lane
+    own lane, the ego vehicle lane, the lane of travel, ego lane, our driving lane, ours, mine
     """
 )
 
@@ -24,10 +24,18 @@ MOVEMENTS: dict[str, tuple[str, ...]] = {
     "step": phrases(
         """
         step, walk, run, dart, rush, stride, jog, jump, sprint, emerge, wander, stroll, roll,
-        hurry, skip, limp, hobble, dash, race, push, wheel, skate, march, totter, shuffle, amble
+        hurry, skip, limp, hobble, dash, race, push, wheel, skate, march, totter, shuffle, amble,
+        shoot, bolt, scurry, scamper, trot, saunter, stumble, stagger, toddle, hop, leap, charge,
+        burst, storm, plod, trudge, tiptoe, crawl out, spring, pop out, come running, come walking,
+        come shooting, come flying, come racing, come rushing, come dashing, come darting
         """
     ),
-    "pedal": phrases("pedal, cycle, crawl, creep, trundle, trail, bike, filter, glide"),
+    "pedal": phrases(
+        """
+        pedal, cycle, crawl, creep, trundle, trail, bike, filter, glide, zoom, fly, whizz, blast,
+        barrel, plough, plow, chug, coast along, weave, zip
+        """
+    ),
     "cross": phrases("cross, traverse, cross over, xings|xings|xing|xinged"),
     "enter": phrases("enter, encroach, intrude"),
     "cut_in": (
@@ -43,8 +51,14 @@ MOVEMENTS: dict[str, tuple[str, ...]] = {
         ),
         *_with("enter, invade, change into, change to, change lane into, come into, come onto",
                _OUR_LANES),
-        *_with("change lanes into, change lanes to, drive into, encroach on, cross into",
-               _OUR_LANES),
+        *_with("change lanes into, change lanes to, drive into, encroach on, cross into, turn into,"
+               "swing into, nudge into, slip into, cross over into, come across into, pull over"
+               " into, move over into, come over into, lean into, roll into, creep into, inch into,"
+               "steer over into, pull out into, emerge into, pull to, merge to, squeeze to,"
+               "merge onto, ease into, dive into, dart into, cut to, jump into, stray into,"
+               "wander into, spill into, back into, reverse into", _OUR_LANES),
+        *_with("turn out in front of, pull out in front of, swing in front of, slide in front of,"
+               "cut across in front of, drift in front of", _US),
     ),
     "cut_out": (
         *phrases("cut out, leave the lane"),
@@ -101,10 +115,17 @@ MOVEMENTS: dict[str, tuple[str, ...]] = {
         get across
         """
     ),
-    "queue": phrases("queue, sit, stay put, pause, linger, loiter, hesitate, squat"),
+    "queue": phrases(
+        """
+        queue, stay put, pause, linger, loiter, hesitate, squat, freeze, lie, halt, sit still,
+        come to a stop, come to a halt, come to rest, come to a standstill, stand still, break down
+        """
+    ),
+    "serve": phrases("unload, load, board"),
+    "sit": phrases("sit"),
 }  # fmt: skip
 # What a movement of somebody else is; some need a side or company, see motions.py.
-STANDING = frozenset({"stop", "wait", "park", "stall", "queue", "rest"})
+STANDING = frozenset({"stop", "wait", "park", "stall", "queue", "sit", "rest", "serve"})
 MOVING = frozenset(
     {
         "slow",

@@ -133,6 +133,41 @@ _LEADING = frozenset(phrases("pushing, pushes, walking, wheeling, walks, wheels,
 _ARTICLES = frozenset(phrases("a, an, the, his, her, their, its, two"))
 _BREAKS = frozenset(phrases("and, or, from, in, at, to, ahead, is, are, who, has, of"))
 MAX_ADJECTIVES = 3
+# A noun before one of these names a thing: bike rack, car dealership.
+_THINGS = frozenset(
+    phrases(
+        """
+        rack, racks, shop, shops, dealership, depot, terminal, garage, rental, symbol, symbols,
+        pictogram, pictograms, logo, marking, markings, shelter, shelters, platform, seat, seats,
+        width, route, routes, facility, infrastructure, storage, charger, noise, insurance, model,
+        manufacturer, sensor, sensors, camera, cameras, interior, simulator, dashboard, tracks
+        """
+    )
+)
+# What a picture is taken from: the windscreen of a car.
+_VIEWS = frozenset(
+    phrases(
+        """
+        windshield, windscreen, hood, bonnet, dashboard, dashcam, camera, view, perspective,
+        viewpoint, cockpit, taken, recorded, mounted, filmed, captured, shot, seen, footage, seat,
+        inside, interior, driver, image, picture, pictures, images, video
+        """
+    )
+)
+_VIEWED_FROM = frozenset(phrases("of, from, in, inside, on, within"))
+
+
+def is_part(words: list[str], at: int, stop: int) -> bool:
+    """Whether a noun only says of what kind a thing is, or from where the picture was taken."""
+    if stop < len(words) and words[stop] in _THINGS:
+        return True
+    if at < 3 or words[at] not in ("car", "vehicle", "van", "truck"):
+        return False
+    first = next((b for b in range(at - 1, at - 4, -1) if words[b] in _VIEWED_FROM), None)
+    if first is None or words[first + 1] not in ("a", "the", "moving"):
+        return False
+    near = words[max(first - 3, 0) : first]
+    return words[first + 1] != "the" and not _VIEWS.isdisjoint(near)
 
 
 def vague(words: list[str], at: int) -> bool:

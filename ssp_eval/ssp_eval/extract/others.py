@@ -103,6 +103,8 @@ def move(talk: Talk, index: int, hit: Hit) -> None:
     if found is None:
         return
     value, side = found
+    if hit.value == "keep_lane" and not actor.places:
+        _put_in_lane(talk, actor, hit)
     if value.startswith(INTRUSIONS):
         actor.intruding = True
     stop = side.stop if side is not None and side.first >= hit.stop else hit.stop
@@ -111,6 +113,14 @@ def move(talk: Talk, index: int, hit: Hit) -> None:
         talk.show(one, index)
     if actor is talk.world.loose:
         actor.motions.append(talk.said(value, hit, stop))
+
+
+def _put_in_lane(talk: Talk, actor: Actor, hit: Hit) -> None:
+    """travels in the left lane: the verb's words say where."""
+    for at in range(hit.first + 2, hit.stop):
+        if talk.words[at] in ("left", "right") and talk.words[at - 1] == "the":
+            lane = Hit(Kind.SIDE, talk.words[at], "at", at - 2, hit.stop)
+            actor.places.append(talk.said(lane.value, lane))
 
 
 def _auxiliary(talk: Talk, index: int) -> str:

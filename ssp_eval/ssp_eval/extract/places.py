@@ -20,9 +20,30 @@ _MEASURES = frozenset(
     )
 )
 _UNSURE = Scope.POSSIBLE | Scope.AHEAD | Scope.DENIED  # where it may pull out to
+_AT = frozenset(phrases("on, in, at, along, inside, within"))
+_SPOTS = frozenset(
+    phrases(
+        """
+        path, lane, road, pavement, sidewalk, kerb, curb, side, street, ramp, driveway, shoulder,
+        track, verge, exit, row, bay, island, corner, crosswalk, junction, entrance, footpath,
+        carriageway, strip, field, slip, alley, arm, stop, line, cycleway, crossing, gutter, yard,
+        space, pocket, walkway, refuge, roadside, intersection, lot, gateway, doorway
+        """
+    )
+)
 _OURS = frozenset(phrases("our, my, us, ours, ego, me, of"))
 _OPENERS = frozenset(
-    {Kind.MARK, Kind.JOIN, Kind.AUX, Kind.PLACE, Kind.SIDE, Kind.KEY, Kind.THEN, Kind.IN_LANE}
+    {
+        Kind.MARK,
+        Kind.JOIN,
+        Kind.AUX,
+        Kind.PLACE,
+        Kind.SIDE,
+        Kind.KEY,
+        Kind.THEN,
+        Kind.IN_LANE,
+        Kind.SCENE,
+    }
 )
 
 
@@ -66,7 +87,13 @@ def read_side(talk: Talk, index: int, hit: Hit) -> None:
         hit.form == "bare"
         and talk.key != "position"
         and not _beside_place(talk, index)
-        and not (talk.near is not None and _alone(talk, index, hit))
+        and not (
+            talk.near is not None
+            and (
+                _alone(talk, index, hit)
+                or (_behind_noun(talk, index, hit) and not _goes_on(talk, hit))
+            )
+        )
     ):
         return
     if hit.form == "to" and _moving_to(talk, index):
@@ -129,9 +156,15 @@ def _alone(talk: Talk, index: int, hit: Hit) -> bool:
 
 
 def _behind_noun(talk: Talk, index: int, hit: Hit) -> bool:
-    """ped left kerb waiting"""
+    """ped left kerb waiting; van left, parallel"""
     before = talk.hits[index - 1]
     return before.kind is Kind.OBJECT and before.stop == hit.first and not talk.busy
+
+
+def _goes_on(talk: Talk, hit: Hit) -> bool:
+    """Whether a word follows: the car left the lane."""
+    after = talk.words[hit.stop] if hit.stop < len(talk.words) else "."
+    return after[0].isalnum()
 
 
 def _beside_place(talk: Talk, index: int) -> bool:
@@ -139,10 +172,19 @@ def _beside_place(talk: Talk, index: int) -> bool:
     return any(hit.kind is Kind.PLACE for hit in near)
 
 
+def _in_a_place(words: list[str], at: int) -> bool:
+    """Whether the words before a side are a preposition of place and its noun."""
+    if words[at - 1] not in _SPOTS:
+        return False
+    return any(word in _AT for word in words[max(at - 5, 0) : at - 1])
+
+
 def _moving_to(talk: Talk, index: int) -> bool:
     previous = talk.hits[index - 1] if index > talk.start else None
     hit = talk.hits[index]
     ours = _OURS & set(talk.words[hit.first : hit.stop])
+    if hit.first > 1 and _in_a_place(talk.words, hit.first):
+        return False  # on the cycle path to the right
     loose = previous is not None and previous.stop < hit.first
     if loose and not ours and previous is not None and previous.kind is not Kind.IN_LANE:
         return True  # behind a verb that the rules don't know: he leaves to the left

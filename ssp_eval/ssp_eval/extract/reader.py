@@ -135,9 +135,23 @@ def _carry(talk: Talk, index: int) -> None:
     scene = following is not None and following.kind is Kind.SCENE
     if scene and before is not None and before.kind is Kind.OBJECT:
         return  # a worker and cones on the right
+    if scene and _has_clause(talk, index + 1):
+        talk.clear()  # the taxi keeps its distance and the lane in front is empty
+        return
     if following is None or following.kind is not Kind.OBJECT:
         talk.near = talk.subject if isinstance(talk.subject, Actor) else None
     talk.busy = False
+
+
+def _has_clause(talk: Talk, index: int) -> bool:
+    """Whether a noun that is no road user has a verb of its own."""
+    for after in range(index + 1, min(index + 4, talk.stop)):
+        hit = talk.hits[after]
+        if hit.kind is Kind.AUX:
+            return True
+        if hit.kind not in (Kind.PLACE, Kind.SIDE, Kind.SCENE):
+            return hit.kind is Kind.VERB and hit.form == "s"
+    return False
 
 
 def _mark(talk: Talk, index: int, hit: Hit) -> None:

@@ -25,6 +25,12 @@ KINDS: dict[Kind, Table] = {
             main concern, primary concern, my concern is, of concern, biggest concern, must watch,
             key road user, key road users, primary object, most relevant, that matters,
             that matter, of note, noteworthy, the hazard is, key agent, key agents,
+            object of attention, objects of attention, needs watching, worth watching,
+            bears watching, be monitored, be observed, kept in mind, stands out, main actor,
+            deserve our attention, merits attention, calls for attention, most dangerous,
+            object to watch, objects to watch, matters most, the one that counts, vital,
+            of relevance, safety critical, most important, decisive, object to be careful about,
+            keep track of, keeping track of, main threat, biggest threat, most pressing,
             critical agent, critical agents
             """
         ),
@@ -80,7 +86,8 @@ KINDS: dict[Kind, Table] = {
         ),
         "": phrases(
             """
-            obstacle, obstacles, obstruct, obstructs, obstructing, obstruction, block, blocks,
+            obstacle, obstacles, obstruct, obstructs, obstructing, obstruction, block, blocks, hid,
+            has hid, has hidden,
             blocking, hide, hides, hiding, conceal, conceals, concealing, occlude, occludes,
             occluding, obscures, obscuring, screens, masks, narrows, narrowing, encroaches,
             encroaching, squeezes, reduces our clearance, protrudes, protruding, limits our view,

@@ -134,8 +134,6 @@ class _Sentence:
         elif kind is Kind.READY:
             self.local |= Scope.READY
         elif kind is Kind.REJECT:
-            if index > self.start and self.hits[index - 1].value == ",":
-                self._reject_item(index - 1)
             self.local |= Scope.REJECTED
         elif kind is Kind.REJECTED:
             if index > self.start and self.hits[index - 1].value == ",":
@@ -304,15 +302,18 @@ class _Sentence:
         return bool(self.local & Scope.DENIED) and Kind.MODAL not in kinds
 
     def _turned(self, index: int) -> bool:
-        """Whether the ego's clause stands between the last verb and a condition behind it."""
+        """Whether another clause stands between the last verb and a condition behind it."""
         between = self.hits[(self.verb or 0) + 1 : index][-REACH:]
         kinds = [hit.kind for hit in between]
+        if any(hit.kind is Kind.JOIN and hit.value == "because" for hit in between):
+            return True  # reduce the speed, as he will hit us unless …
         return Kind.EGO in kinds and Kind.JOIN in kinds[: kinds.index(Kind.EGO)]
 
     def _condition(self, index: int, value: str) -> None:
         previous = self.hits[index - 1] if index > self.start else None
         opens = previous is None or previous.kind in (Kind.MARK, Kind.JOIN)
-        trailing = self.verb is not None and (value == "needed" or not opens)
+        near = self.verb is not None and (self.verb >= self.clause or not self.predicate)
+        trailing = near and (value == "needed" or not opens)
         following = self.hits[index + 1] if index + 1 < self.stop else None
         if value == "else" or (value == "case" and trailing):  # slow down in case he runs
             self.wide |= Scope.IMAGINED

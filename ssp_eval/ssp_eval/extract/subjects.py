@@ -22,6 +22,16 @@ _FITTING = {
     "he": frozenset({"pedestrian", "cyclist", "motorcycle"}),
     "rider": frozenset({"cyclist", "motorcycle"}),
 }
+_MEN = frozenset(
+    {"man", "boy", "gentleman", "guy", "dude", "lad", "father", "dad", "grandfather", "schoolboy"}
+)
+_WOMEN = frozenset(
+    {"woman", "girl", "lady", "mother", "mum", "granny", "grandmother", "schoolgirl"}
+)
+_UNLIKE = {
+    **dict.fromkeys(("he", "him", "his"), _WOMEN),
+    **dict.fromkeys(("she", "her", "hers"), _MEN),
+}
 _NONE = frozenset({"none", "nobody", "no", "nil", "zero", "nothing"})
 
 
@@ -65,8 +75,8 @@ def read_object(talk: Talk, index: int, hit: Hit) -> None:
     talk.group = [*talk.group[-MAX_GROUP:], actor] if coordinated else [actor]
     talk.named.append((index, actor))
     following = talk.hits[index + 1] if index + 1 < talk.stop else None
-    doubtful = (  # a car could come over the crest: there is none yet
-        hit.form == "indefinite"
+    doubtful = (  # a car could come over the crest, people may step out: there is none yet
+        (hit.form == "indefinite" or (actor.plural and not hit.form and not actor.mentions))
         and following is not None
         and following.kind is Kind.MODAL
         and following.value == "may"
@@ -74,7 +84,8 @@ def read_object(talk: Talk, index: int, hit: Hit) -> None:
     if not flags and not doubtful:
         actor.mentions.append(talk.said(hit.value, hit))
     if talk.key == "objects":
-        talk.record = None if talk.record is not None or talk.named[1:] else actor
+        alone = talk.record is None and len(talk.named) - talk.keyed == 1
+        talk.record = actor if alone else None
     listed = talk.under and len(talk.named) == 1 and not _governed(talk, index)
     actor.critical = actor.critical or talk.listing or listed or talk.key == "objects"
     actor.matters = actor.matters or talk.revealing
@@ -163,13 +174,14 @@ def _governed(talk: Talk, index: int) -> bool:
 
 
 def read_pronoun(talk: Talk, index: int, hit: Hit) -> None:
-    actor = _referent(talk, hit.value)
+    actor = _referent(talk, hit.value, talk.words[hit.first])
     if hit.value == "it" and egos.after_ego(talk, index) and egos.acts(talk, index):
         talk.subject = EGO  # The ego car slows down. It stays in its lane.
         return
     named = hit.first > 1 and talk.words[hit.first - 1] == "the"  # behind the rider
     governed = hit.first > 0 and talk.words[hit.first - 1 - named] in actors.PREPOSITIONS
-    if talk.words[hit.first] in _POSSESSIVE and index == talk.start and actor is not None:
+    opens = index == talk.start or (talk.hits[index - 1].value == ";" and not talk.named[1:])
+    if talk.words[hit.first] in _POSSESSIVE and opens and actor is not None:
         talk.subject = talk.near = talk.last = actor  # its trailer moves into our lane
         talk.group, talk.busy = [actor], False
         return
@@ -193,22 +205,23 @@ def read_pronoun(talk: Talk, index: int, hit: Hit) -> None:
     talk.busy = False
 
 
-def _referent(talk: Talk, pronoun: str) -> Actor | None:
+def _referent(talk: Talk, pronoun: str, word: str) -> Actor | None:
     """Whom a pronoun means: what was talked about before what was only named, and a fit one."""
     fits = _FITTING.get(pronoun)
+    unlike = _UNLIKE.get(word, frozenset())
     many = pronoun == "they"
     here = talk.named[-1][1] if talk.named else None
     subject = talk.subject if isinstance(talk.subject, Actor) else None
     for actor in (subject, here, talk.topic, talk.last):
         if actor is None or (many and not (actor.plural or actor.name in _PEOPLE)):
             continue
-        if fits is None or actor.name in fits:
+        if (fits is None or actor.name in fits) and actor.noun not in unlike:
             return actor
     if many:
         return None
     if fits is not None:
         for actor in reversed(talk.world.actors[-REACH:]):
-            if actor.name in fits:
+            if actor.name in fits and actor.noun not in unlike:
                 return actor
     return None if pronoun == "rider" else talk.last
 

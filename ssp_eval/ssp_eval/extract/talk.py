@@ -32,6 +32,7 @@ class Talk:
         "in_path",
         "is_background",
         "key",
+        "keyed",
         "last",
         "last_sentence",
         "listed",
@@ -85,6 +86,7 @@ class Talk:
         self.pending: list[int] = []  # places before their noun
         self.adjectives: list[int] = []  # states before their noun
         self.named = []
+        self.keyed = 0  # how many had been named when a record began
         self.denied: set[str] = set()
         self.busy = False  # the clause has its verb
         self.reacted = False  # and has been named

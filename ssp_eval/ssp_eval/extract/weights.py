@@ -9,7 +9,10 @@ from ssp_eval.extract.world import Actor, Statement
 
 # What somebody else does with these, in the words of motions.py.
 _DOES = {"waiting": "stationary", "overtaking": "same_direction", "following": "moving"}
-_GONE_ON = frozenset({"back", "into", "to", "through", "on", "onto", "over", "up", "down"})
+_GONE_ON = frozenset(
+    {"back", "into", "to", "through", "on", "onto", "over", "up", "down", "past", "across"}
+)
+_HAVE = frozenset({"has", "have", "had", "having"})
 _DROPS = frozenset({"ignore", "ignoring", "skip", "disregard"})
 # No critical objects: there may be others.
 _WEIGHED = frozenset({"critical", "relevant", "notable", "important", "key"})
@@ -55,6 +58,8 @@ def read_background(talk: Talk, index: int, hit: Hit) -> None:
         return
     if hit.value == "gone" and _GONE_ON & set(talk.words[hit.stop : hit.stop + 1]):
         return
+    if hit.first and talk.words[hit.first - 1] in _HAVE and hit.value == "":
+        return  # she has ignored her red light
     if talk.words[hit.first] in _DROPS and hit.value == "":
         talk.is_background = True  # ignore the truck
         return
@@ -106,7 +111,7 @@ def read_key(talk: Talk, index: int, hit: Hit) -> None:
     talk.busy = False
     talk.listing = talk.under = hit.value == "objects"
     if hit.value == "objects":
-        talk.record = None
+        talk.record, talk.keyed = None, len(talk.named)
     talk.planner.key(index, hit)
     if hit.value == "conflict":
         for at in range(hit.stop, min(hit.stop + 4, len(talk.words))):
@@ -129,6 +134,6 @@ def _empty_list(talk: Talk, hit: Hit) -> None:
                 talk.world.nobody = Statement("", hit.first, at + 1, talk.number)
             return
         if word.isalpha():
-            if word in ("none", "nobody"):
-                talk.world.nobody = Statement("", hit.first, at + 1, talk.number)
+            if word in ("none", "nobody", "nil"):
+                talk.world.nobody = Statement("listed", hit.first, at + 1, talk.number)
             return
