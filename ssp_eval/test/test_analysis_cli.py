@@ -221,3 +221,15 @@ def test_progress_is_told_as_often_as_announced(campaign: Path) -> None:
     steps.clear()
     compute(rows, (), Options(100, 1), lambda: steps.append(1))
     assert len(steps) == steps_of(rows, False)
+
+
+def test_the_page_has_its_statistics_and_no_control_in_them(campaign: Path) -> None:
+    assert call(campaign, *FEW) == 0
+    page = (campaign / "index.html").read_text("utf-8")
+    section = page.split('<section id="statistics">')[1].split("</section>")[0]
+    for title in ("Intervals", "Sensitivity", "Curvature of the path"):
+        assert f"<h3>{title}</h3>" in section
+    assert "constant_velocity" in section
+    assert "perfect" not in section
+    assert "silent" not in section
+    assert section.count("IVCS is no safety certificate.") == section.count("<details")

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from ssp_core.errors import InputError
 from ssp_eval.analysis.formats import FORMATS, latex_text, to_csv, to_html, to_json, to_latex
 from ssp_eval.analysis.row import CellRow
+from ssp_eval.analysis.sections import MOST_ROWS, page_parts
 from ssp_eval.analysis.table import Column, Outcome, Table
 from ssp_eval.analysis.tables import all_tables, sd
 from ssp_eval.score.aggregate import Mean
@@ -239,3 +240,22 @@ def test_html_is_a_fragment_of_whole_tags_with_text_as_text():
 def test_a_row_that_does_not_fit_is_a_bug():
     with pytest.raises(ValueError, match="a row of 2 values"):
         Table("t", "t", (Column("a", "a"),), ((1.0, 2.0),))
+
+
+def test_what_rounds_to_0_has_no_sign():
+    table = Table("t", "t", (Column("a", "a"), Column("d", "d", "change")), ((-1e-9, -1e-9),))
+    assert "<td" in to_html(table)
+    assert "-0.000" not in to_html(table)
+    assert ">+0.0%<" in to_html(table)
+    assert json.loads(to_json(table))["rows"] == [{"a": -1e-9, "d": -1e-9}]
+
+
+def test_a_page_shows_the_beginning_of_a_long_table_and_says_so():
+    rows = tuple((f"row {k}",) for k in range(MOST_ROWS + 1))
+    long = Table("intervals_cells", "long", (Column("a", "a", "text"),), rows)
+    empty = Table("comparisons", "empty", (Column("a", "a", "text"),), ())
+    (part,) = page_parts([empty, long])
+    assert (part.title, [title for title, _ in part.tables]) == ("Intervals", ["long"])
+    html = part.tables[0][1]
+    assert html.count("<tr>") == MOST_ROWS + 1
+    assert f"The first {MOST_ROWS} of {MOST_ROWS + 1} rows" in html

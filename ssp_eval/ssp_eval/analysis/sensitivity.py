@@ -247,7 +247,7 @@ def vary_thresholds(
             changed = replace(DEFAULT, **{parameter: value})  # type: ignore[arg-type]
             scores = score_columns(columns, changed).values["ivcs"]
             largest = float(np.max(np.abs(scores - defined)))
-            for subject in subjects:
+            for subject in (name for name in subjects if before[name]):
                 after = _macro(rows, scores, subject)
                 at = float(getattr(DEFAULT, parameter))
                 found.append(

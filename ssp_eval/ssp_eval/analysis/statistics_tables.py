@@ -166,7 +166,7 @@ def _curves(curves: Mapping[tuple[str, ...], Iterable[Curve]]) -> Table:
             Column("label_t_s", "t (s)", "seconds"),
             Column("shift_m", "shift (m)"),
             Column("curve_m", "from the curve (m)"),
-            Column("curvature_per_m", "curvature (1/m)"),
+            Column("curvature_per_m", "curvature (1/m)", "curvature"),
             *words("reads_as"),
         ),
         tuple(rows),

@@ -9,9 +9,12 @@ from typing import Literal
 from ssp_eval.score.aggregate import Mean
 from ssp_eval.score.show import DISCLAIMER, NULL, format_response
 
-# text: words; count: a whole number; ratio: three decimals; seconds: two decimals and a unit in
-# the title; change: a relative difference, shown in percent; billions: parameters; p: a p-value.
-Kind = Literal["text", "count", "ratio", "seconds", "change", "billions", "response", "p"]
+# text: words; count: a whole number; ratio, seconds, curvature: three, two and five decimals;
+# change: a relative difference, shown in percent; billions: parameters; p: a p-value.
+Kind = Literal[
+    "text", "count", "ratio", "seconds", "curvature", "change", "billions", "response", "p"
+]
+_DIGITS = {"ratio": 3, "seconds": 2, "curvature": 5}
 
 
 @dataclass(frozen=True)
@@ -102,12 +105,10 @@ def shown(column: Column, value: Value, usual_n: int | None = None) -> str:
         return NULL
     if isinstance(value, str):
         return value
-    if column.kind == "ratio":
-        return f"{value:.3f}"
-    if column.kind == "seconds":
-        return f"{value:.2f}"
+    if column.kind in _DIGITS:
+        return f"{value:z.{_DIGITS[column.kind]}f}"
     if column.kind == "change":
-        return f"{value:+.1%}"
+        return f"{value:+z.1%}"
     if column.kind == "p":
         return f"{value:.3f}" if value >= 0.001 else f"{value:.1e}"
     return f"{value:g}"
