@@ -15,6 +15,8 @@ _ANSWERS = frozenset(
         """
     )
 )
+# A question with such an answer says what it asks. Brake? Slightly.
+_YES = tuple([word] for word in phrases("yes, yeah, yep, slightly, gently, hard, firmly, strongly"))
 _TAKES = frozenset({"with", "for"})
 _CLOSERS = frozenset({".", ",", ";", "\n", "[", '"', "|", "?", ")"})
 _LABELS = frozenset("abcdefgh12345678")
@@ -50,6 +52,7 @@ def _mark_quotes(
     for start, stop in ranges:
         opener: int | None = None
         question = hits[stop - 1].kind is Kind.MARK and hits[stop - 1].value == "?"
+        question = question and words[hits[stop - 1].stop : hits[stop - 1].stop + 1] not in _YES
         if not (any_opener or question):
             continue
         first = hits[start - 1].stop if start else 0

@@ -20,6 +20,8 @@ _BARE_VALUES = {
     "keep": "keep_speed",
 }
 _PACED = frozenset({"decelerate", "maintain", "accelerate", "stop", "brake", "slow", "cruise"})
+_INSIDE = (["in"], ["within"], ["inside"])
+_SLIGHTLY = frozenset({"slightly", "a", "bit", "little", "gently", "somewhat"})
 _STATUSES = {"potential": "potential", "possible": "potential", "active": "active"}
 _CELL_OPENS = (["|"], [";"])
 _CELL_CLOSES = (["|"], [";"], ["}"])
@@ -35,6 +37,18 @@ def _value(words: list[str], at: int, hits: list[Hit]) -> int:
     ):
         return 0
     hits.append(Hit(Kind.VERB, _BARE_VALUES[words[at]], "value", at, at + 1))
+    return at + 1
+
+
+def _turned(words: list[str], at: int, hits: list[Hit]) -> int:
+    """Shift right in the lane: behind a steering verb it is a direction."""
+    last = hits[-1] if hits else None
+    ours = words[at + 1 : at + 2] in _INSIDE and words[at + 2 : at + 3] not in (["front"], ["time"])
+    if last is None or last.kind is not Kind.VERB or last.value != "steer" or not ours:
+        return 0
+    if any(word not in _SLIGHTLY for word in words[last.stop : at]):
+        return 0
+    hits.append(Hit(Kind.SIDE, words[at], "bare", at, at + 1))
     return at + 1
 
 
@@ -88,6 +102,7 @@ def _initial(words: list[str], at: int, hits: list[Hit]) -> int:
 _ORDER: tuple[tuple[Iterable[str], Rule], ...] = (
     (_BARE_VALUES, _value),
     (_STATUSES, _status),
+    (("left", "right"), _turned),
     (keeping.HEADS, _keeping),
     (hazards.HEADS, _settling),
     (halts.HEADS, _verb(halts.halt)),

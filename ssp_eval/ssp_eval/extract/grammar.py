@@ -99,15 +99,16 @@ KINDS: dict[Kind, Table] = {
         ),
     },
     Kind.REJECT: {
+        # Also of the item before it: lane change to the left, rejected.
+        "item": phrases("rejected, reject, rejecting, ruled out, rule out, discard"),
         "": phrases(
             """
-            instead of, rather than, without, avoid, avoids, avoiding, no need to, no need for,
-            not need to, no reason to, unnecessary to, not necessary to, unsafe to, refrain from,
-            refraining from, against, it would be, opposed to, as opposed to, rejected, reject,
-            rejecting, ruled out, rule out, discard, cancel, cancelling, canceling, abort,
-            aborting, abandon, abandoning, postpone, postponing, call off, hold off, not have to,
-            not required to, too risky to, not safe to, could also, alternative is,
-            alternative would be, other option is, prevent, preventing, prevents
+            instead of, rather than, without, avoid, avoids, avoiding, no need to, no need for, not
+            need to, no reason to, unnecessary to, not necessary to, unsafe to, refrain from,
+            refraining from, against, it would be, opposed to, as opposed to, cancel, cancelling,
+            canceling, abort, aborting, abandon, abandoning, postpone, postponing, call off, hold
+            off, not have to, not required to, too risky to, not safe to, could also, alternative
+            is, alternative would be, other option is, prevent, preventing, prevents
             """
         ),
     },

@@ -18,6 +18,7 @@ _COMING = frozenset(
         """
     )
 )
+_OURS = (["we"], ["i"], ["ego"])
 _STAYING = frozenset(
     phrases(
         """
@@ -42,7 +43,9 @@ _STILL = frozenset(
 )
 _PLACES = frozenset(phrases("at, a, the, in, our, safely, completely, fully, on, firmly, where"))
 _SIGNS = frozenset(phrases("sign, signs, line, lines, light, bar, and"))
-HEADS = _COMING | _STAYING | {"to", "all"}
+_WAITING = frozenset(phrases("wait, stay, stop, remain"))
+_UNTIL = frozenset(phrases("until, till"))
+HEADS = _COMING | _STAYING | _UNTIL | {"to", "all", "wait"}
 MAX_FILLERS = 7
 
 
@@ -55,6 +58,8 @@ def halt(words: list[str], at: int) -> Found | None:
     if word == "to" or word == "all":
         stop = _to_rest(words, at, bare=True)
         return ("stop", "noun", at, stop) if stop else None
+    if word in _UNTIL:
+        return _until(words, at)
     if word in _COMING:
         stop = _to_rest(words, at + 1, bare=False)
         if stop:
@@ -92,12 +97,32 @@ def _to_rest(words: list[str], here: int, bare: bool) -> int | None:
     return None
 
 
+def _until(words: list[str], at: int) -> Found | None:
+    """brake hard until standstill, till a full stop, until we stand."""
+    here = at + 1
+    ours = words[here : here + 1] in _OURS
+    if ours:
+        here += 1 + (words[here] == "the")
+    while here < min(at + 5, len(words)) and words[here] in _FILLERS:
+        here += 1
+    if here >= len(words):
+        return None
+    word = words[here]
+    after = words[here + 1] if here + 1 < len(words) else ""
+    if word in _REST or (ours and word in ("stand", "stands", "stopped", "stops", "halt")):
+        return ("stop", "noun", at, here + 1) if after not in _SIGNS else None
+    bare = here == at + 1 and word in ("stopped", "stationary", "standing")
+    return ("stop", "noun", at, here + 1) if bare else None
+
+
 def _stays(words: list[str], at: int, form: str) -> Found | None:
     here = at + 1
     while here < min(at + 4, len(words)) and words[here] in _PLACES:
         here += 1
     if here >= len(words):
         return None
+    if words[at] in _WAITING and words[here] in ("here", "there"):
+        return "rest", form, at, here + 1  # wait here, stay put
     held = words[here] in _STILL or (words[here] in _REST and words[here - 1] in ("at", "a", "the"))
     if not held or words[here] in ("waiting",):
         return None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ssp_eval.extract.lexicon import phrases
-from ssp_eval.extract.paces import number
+from ssp_eval.extract.speeds import number
 
 _KEEP = frozenset(
     phrases("keep, keeps, keeping, maintain, maintains, maintaining, hold, holds, holding")
@@ -47,7 +47,7 @@ _NOT_KEPT = frozenset(
         """
     )
 )
-_IN = frozenset(phrases("in, within, inside, to, on, of"))
+_IN = frozenset(phrases("in, within, inside, to, on, of, along"))
 _POSED = frozenset(phrases("centered, centred, positioned, centrally, firmly, safely, well"))
 _SIDES = frozenset(
     phrases(
@@ -85,8 +85,11 @@ def keep(words: list[str], at: int) -> tuple[Found, ...]:
     return _speed(words, at, form) or _lane(words, at, form)
 
 
+_SOMEWHAT = frozenset(phrases("a, little, bit, slightly, well, far, further, more, to, the, hard"))
+
+
 def _keep_side(words: list[str], at: int, here: int) -> tuple[str, int] | None:
-    if words[here] == "the" and words[here - 1] == "to":
+    while here < len(words) and words[here] in _SOMEWHAT and here < at + 5:
         here += 1
     if here < len(words) and words[here] in ("left", "right"):
         stop = here + 1
@@ -100,7 +103,14 @@ def _speed(words: list[str], at: int, form: str) -> tuple[Found, ...]:
     here = at + 1
     count = len(words)
     steady = words[at] in _KEEP
-    if not steady:
+    if steady and words[here] in _ON:  # keep going at the same speed
+        here += 1
+        if words[here : here + 1] == ["on"]:
+            here += 1
+        if here >= count or words[here] not in ("at", "with"):
+            return ()
+        here, steady = here + 1, False
+    elif not steady:
         if here < count and words[here] in ("straight", "forward", "ahead", "on"):
             here += 1
         if here >= count or words[here] not in ("at", "with"):

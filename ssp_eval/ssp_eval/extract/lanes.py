@@ -51,6 +51,7 @@ _UNCHANGED = frozenset(phrases("unchanged, unaltered, same"))
 _PASSIVE = frozenset(phrases("is, will, should, be, can, must, to, being, shall, also, then"))
 _COURSES = frozenset(phrases("direction, heading, course, steering"))
 _THROUGH = frozenset(phrases("on, through"))
+_COURSE = tuple([word] for word in sorted(_COURSES))
 HEADS = _WHEELS | frozenset(phrases("straight, no, zero, lane, direction, heading, course"))
 _MARKS = frozenset({".", "?", "\n", ",", ";", ":", '"', "|", "[", "=", "("})
 
@@ -92,7 +93,8 @@ _LANE_VALUES = frozenset(
         before, stays the same, leave as is, maintain, neutral, zero, no change needed, nil, held,
         no steering, no input, stays as it is, not needed, none needed, none required, straight on,
         straight ahead, centered, centred, center, centre, own, current, same lane, own lane,
-        current lane, no, not changed
+        current lane, no, not changed, leave straight, keep straight, hold straight,
+        leave it straight, leave it, stay straight, stays straight, leave unchanged
         """
     )
 )
@@ -137,13 +139,22 @@ def straight(words: list[str], at: int) -> Found | None:
         ends = at + 2 >= count or words[at + 2] in _MARKS
         if words[at + 1 : at + 3] == ["it", "is"]:
             return "keep_lane", "value", at, at + 3
-        named = before in _COURSES and after == "ahead"
+        named = (before in _COURSES or words[at - 2 : at - 1] in _COURSE) and after in (
+            "ahead",
+            "on",
+        )
+        if (before in _COURSES or words[at - 2 : at - 1] in _COURSE) and (
+            before in _COURSES or before in ("is", "remains", "stays", "leave", "kept")
+        ):
+            return "keep_lane", "value", at, at + 1 + named
         if named or (after in _THROUGH and alone and ends):
             return "keep_lane", "value", at, at + 2
         return None
     if word == "no" or word == "zero":
         return _no_steering(words, at)
     if word in _COURSES or word == "lane":
+        if words[at + 1 : at + 4] == ["stays", "the", "same"]:
+            return "keep_lane", "noun", at, at + 4
         if after in _UNCHANGED and (at == 0 or words[at - 1] in _MARKS or words[at - 1] == "and"):
             return "keep_lane", "noun", at, at + 2
         if word == "lane":

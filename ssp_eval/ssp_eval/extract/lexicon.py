@@ -329,7 +329,8 @@ KEYS: Table = {
         decision, new plan, new action, our plan, our action, selected, chosen, planned action,
         command to the vehicle, driving decision, ego decision, meta driving action, verdict,
         recommended maneuver, recommended manoeuvre, selection, current plan, present plan,
-        current decision, current action, present decision, choice, response, our decision, instruction to the vehicle
+        current decision, current action, present decision, choice, response, our decision,
+        instruction to the vehicle
         """
     ),
 }

@@ -56,7 +56,8 @@ def _followed(talk: Talk, index: int) -> bool:
     """follow the lorry at constant speed: the pace is the ego's."""
     noun = talk.named[-1][0] if talk.named else talk.start
     reacts = noun > talk.start and talk.hits[noun - 1].kind is Kind.REACT
-    return reacts and (index == noun + 1 or not isinstance(talk.subject, Actor))
+    near = index == noun + 1 or (index == noun + 2 and talk.hits[noun + 1].value == ",")
+    return reacts and (near or not isinstance(talk.subject, Actor))
 
 
 def _inverted(talk: Talk, index: int) -> bool:

@@ -5,7 +5,18 @@ They are too free for a list: verb, articles, adjectives and then a speed, as a 
 
 from __future__ import annotations
 
+from ssp_eval.extract import pedals
 from ssp_eval.extract.lexicon import phrases
+from ssp_eval.extract.speeds import (
+    ENDS,
+    FILLERS,
+    SPEEDS,
+    STEADY,
+    bare_number,
+    number,
+    speed_stop,
+    steady_stop,
+)
 
 Found = tuple[str, str, int, int]
 
@@ -32,16 +43,10 @@ _RAISE = frozenset(
 _BACK = frozenset(
     phrases("return, returns, returning, back, accelerate, accelerates, accelerating, resume")
 )
-_RELEASE = frozenset(
-    phrases(
-        """
-        take, takes, taking, lift, lifts, lifting, ease, eases, easing, let, lets, letting, come,
-        coming, get, getting, release, releases, releasing, off, apply, applies, applying, press,
-        presses, pressing, hit, tap, taps, tapping, squeeze, squeezing, slam, touch, use, using
-        """
-    )
+_BRING = frozenset(
+    phrases("bring, brings, bringing, take, takes, taking, get, build, make, makes, making")
 )
-_BRING = frozenset(phrases("bring, brings, bringing, take, takes, taking, get, build"))
+_FALL = frozenset(phrases("down, off, drop, fall, decay, bleed, lower, slower, smaller, less"))
 _LET = frozenset(phrases("let, lets, letting, allow, allows, allowing"))
 _KEPT = frozenset(
     phrases(
@@ -52,39 +57,8 @@ _KEPT = frozenset(
     )
 )
 _AT = frozenset(phrases("at, with"))
-_STEADY = frozenset(
-    phrases(
-        """
-        constant, const, steady, unchanged, same, current, present, existing, unaltered, uniform,
-        stable, unvarying, consistent, cruising, unmodified
-        """
-    )
-)
 _UNCHANGED = frozenset(phrases("constant, const, steady, unchanged, stable, same, unaltered"))
-_SPEEDS = frozenset(phrases("speed, velocity, pace, speeds, tempo, v"))
-_FORCES = frozenset(phrases("firm, hard, on, light, strong, gentle, soft, emergency"))
-_SOFTLY = frozenset(phrases("smoothly, gently, back, slowly, up"))
-_AFTER_BARE = frozenset(phrases("and, with, in"))
-_PEDALS = frozenset(phrases("gas, accelerator, throttle, foot, brakes, brake, pedal"))
-_GO_FORCES = frozenset(phrases("firm, hard, on, light, strong, gentle, soft, emergency"))
-_SOFTLY = frozenset(phrases("smoothly, gently, back, slowly, up"))
-_AFTER_BARE = frozenset(phrases("and, with, in"))
-_PEDALS = frozenset(phrases("gas, accelerator, throttle, gas pedal"))
-_FILLERS = frozenset(
-    phrases(
-        """
-        the, a, an, my, our, its, your, this, that, ego, vehicle, car, own, set, target, normal,
-        original, former, previous, travel, travelling, traveling, cruise, cruising, driving,
-        desired, usual, initial, old, lost, full, regular, forward, general, some, little, bit,
-        walking, crawling, low, high, moderate, slow, of, exactly, about, around, roughly,
-        approximately, slightly, gently, smoothly, gradually,
-        down, back, up, all, overall, longitudinal, moderate, planned, earlier, reference, legal,
-        permitted, allowed, standard, nearly, right, more, no, vut, host
-        """
-    )
-)
-_UNITS = frozenset(phrases("km, kmh, kph, m, ms, mph, mps, kilometers, kilometres, meters, metres"))
-_PER = frozenset(phrases("h, s, per, hour, second"))
+_OWN_CAR = frozenset(phrases("the, our, my, car, vehicle, ego, vut, it"))
 _BE = frozenset(
     phrases("is, are, be, to, should, must, needs, need, will, shall, being, has, gets, stays, "
             "remains, stay, remain, staying, remaining, now, can, simply, just")
@@ -103,15 +77,24 @@ _DONE = {
         "keep_speed",
     ),
 }
+_AS_IT_IS = (["as", "is"], ["as", "before"], ["as", "now"], ["as", "it"])
 _OWNERS = frozenset(
     phrases("the, our, my, ego, own, its, your, vehicle, travel, driving, cruising, car, and")
 )
-_MARKS = frozenset({".", "?", "\n", ",", ";", ":", '"', "|", "[", "("})
 _OF_EGO = frozenset(phrases("of, the, ego, car, vehicle, our, vut"))
 HEADS = (
-    _GOING | _LOWER | _RAISE | _BACK | _RELEASE | _BRING | _LET | _KEPT | _AT | _UNCHANGED | _SPEEDS
+    _GOING
+    | _LOWER
+    | _RAISE
+    | _BACK
+    | pedals.HEADS
+    | _BRING
+    | _LET
+    | _KEPT
+    | _AT
+    | _UNCHANGED
+    | SPEEDS
 )
-MAX_FILLERS = 6
 
 
 def pace(words: list[str], at: int) -> Found | None:
@@ -123,16 +106,17 @@ def pace(words: list[str], at: int) -> Found | None:
     form = "ing" if word.endswith("ing") and word != "bring" else "base"
     if word.endswith("s") and word != "pass":
         form = "s"
-    if word in _SPEEDS:
+    if word in SPEEDS:
         return _passive(words, at)
     if word in _GOING:
         return _down(words, at, form)
     if word in _LOWER:
-        stop = _speed(words, at + 1, numbers=False)
+        stop = speed_stop(words, at + 1, numbers=False)
         if stop:
             return "reduce", form, at, stop
+        return _down(words, at, form)
     if word in _RAISE:
-        stop = _speed(words, at + 1, numbers=word.startswith(("res", "reg", "rec")))
+        stop = speed_stop(words, at + 1, numbers=word.startswith(("res", "reg", "rec")))
         if stop:
             return "accelerate", form, at, stop
     if word in _KEPT:
@@ -141,70 +125,16 @@ def pace(words: list[str], at: int) -> Found | None:
         found = _brought(words, at, form)
         if found:
             return found
-    if word in _RELEASE:
-        return _pedal(words, at, form)
+    if word in pedals.HEADS:
+        return pedals.pedal(words, at, form)
     if word in _BACK:
         return _back(words, at, form)
     if word in _AT:
-        stop = _steady(words, at + 1)
+        stop = steady_stop(words, at + 1)
         return ("keep_speed", "noun", at, stop) if stop else None
     if word in _UNCHANGED:
-        stop = _steady(words, at)
+        stop = steady_stop(words, at)
         return ("keep_speed", "noun", at, stop) if stop else None
-    return None
-
-
-def number(words: list[str], at: int) -> int | None:
-    """The word after a speed in figures: 25 km/h, 7.5 m/s, 40 mph; None if there is none."""
-    if at >= len(words) or not words[at][0].isdigit():
-        return None
-    here = at + 1
-    if here >= len(words) or words[here] not in _UNITS:
-        return None
-    unit = words[here]
-    here += 1
-    if unit in ("km", "m", "meters", "metres", "kilometers", "kilometres"):
-        stop = here
-        while stop < min(here + 2, len(words)) and words[stop] in _PER:
-            stop += 1
-        return stop if stop > here else None
-    return here
-
-
-def _speed(words: list[str], here: int, numbers: bool) -> int | None:
-    """The word after an optional article, adjectives and a speed."""
-    for _ in range(MAX_FILLERS):
-        if here >= len(words):
-            return None
-        word = words[here]
-        if word in _SPEEDS:
-            return here + 1
-        if numbers and word[0].isdigit():
-            return number(words, here)
-        if word not in _FILLERS and word not in _STEADY:
-            return None
-        here += 1
-    return None
-
-
-def _steady(words: list[str], here: int) -> int | None:
-    """The word after "an unchanged speed" or "the same 25 km/h"."""
-    steady = False
-    for _ in range(MAX_FILLERS):
-        if here >= len(words):
-            return None
-        word = words[here]
-        if word in _STEADY:
-            steady = True
-        elif word in _SPEEDS:
-            compared = words[here + 1 : here + 2] == ["as"] and "same" in words[here - 2 : here]
-            limit = words[here + 1 : here + 2] == ["limit"]
-            return here + 1 if steady and not compared and not limit else None
-        elif word[0].isdigit():
-            return number(words, here) if steady else None
-        elif word not in _FILLERS:
-            return None
-        here += 1
     return None
 
 
@@ -213,35 +143,35 @@ def _down(words: list[str], at: int, form: str) -> Found | None:
     here = at + 1
     if words[here : here + 1] == ["down"]:
         here += 1
-    if words[here : here + 1] != ["to"] or (here == at + 1 and words[at] not in ("drop", "drops")):
+    if words[here : here + 1] != ["to"] or (here == at + 1 and words[at] not in _LOWER):
         return None
-    stop = _speed(words, here + 1, numbers=True)
+    stop = speed_stop(words, here + 1, numbers=True) or bare_number(words, here + 1)
     return ("reduce", form, at, stop) if stop else None
 
 
 def _kept(words: list[str], at: int, form: str) -> Found | None:
     """keep 45 km/h, hold our 49 km/h, leave the speed as it is, keep speed constant."""
     here = at + 1
-    while here < min(at + 5, len(words)) and (words[here] in _FILLERS or words[here] in _STEADY):
+    while here < min(at + 5, len(words)) and (words[here] in FILLERS or words[here] in STEADY):
         here += 1
-    stop = number(words, here)
+    stop = number(words, here) or bare_number(words, here)
     if stop:
         return "keep_speed", form, at, stop
-    if words[at].startswith("leav") and here < len(words) and words[here] in _SPEEDS:
+    if words[at].startswith("leav") and here < len(words) and words[here] in SPEEDS:
         return "keep_speed", form, at, here + 1
     return None
 
 
 def _brought(words: list[str], at: int, form: str) -> Found | None:
     """bring the speed back up, take some speed off, let the speed drop."""
-    noun = _speed(words, at + 1, numbers=False)
+    noun = speed_stop(words, at + 1, numbers=False)
     if noun is None:
-        return None
+        return _rolling(words, at, form) if words[at] in _LET else None
     for here in range(noun, min(noun + 3, len(words))):
         word = words[here]
-        if word == "up":
+        if word in ("up", "higher", "faster"):
             return "accelerate", form, at, here + 1
-        if word in ("down", "off", "drop", "fall", "decay", "bleed"):
+        if word in _FALL:
             return "reduce", form, at, here + 1
     between = words[at + 1 : noun]
     if "off" in between or "down" in between:
@@ -249,35 +179,13 @@ def _brought(words: list[str], at: int, form: str) -> Found | None:
     return ("accelerate", form, at, noun) if "up" in between else None
 
 
-def _pedal(words: list[str], at: int, form: str) -> Found | None:
-    """off the gas, lift the foot, take the foot off the accelerator, apply the brakes gently."""
-    off = words[at] in ("off", "release", "releases", "releasing", "lift", "lifts", "lifting")
-    braking = words[at].startswith(("appl", "press", "hit", "tap", "squeez", "slam", "us", "touch"))
-    if words[at + 1 : at + 2] == ["of"]:
-        return None  # the release of the accelerator
-    for here in range(at + 1, min(at + 8, len(words))):
-        word = words[here]
-        if word in ("off", "from"):
-            off = True
-        elif word in ("gas", "accelerator", "throttle"):
-            return ("slow", form, at, here + 1) if off else None
-        elif word in ("brake", "brakes", "braking"):
-            return ("brake", form, at, here + 1) if braking else None
-        elif word in ("foot", "right"):
-            if words[at].startswith("lift") and word == "foot":
-                off = True
-        elif word not in _FILLERS and word not in (
-            "firm",
-            "hard",
-            "on",
-            "light",
-            "strong",
-            "gentle",
-        ):
-            break
-    if words[at].startswith("lift") and "foot" in words[at + 1 : at + 4]:
-        return "slow", form, at, words.index("foot", at) + 1
-    return None
+def _rolling(words: list[str], at: int, form: str) -> Found | None:
+    """let the car coast, let it roll out."""
+    here = at + 1
+    while here < min(at + 5, len(words)) and words[here] in _OWN_CAR:
+        here += 1
+    coasts = at + 1 < here < len(words) and words[here] in ("coast", "roll", "slow", "decelerate")
+    return ("slow", form, at, here + 1) if coasts else None
 
 
 def _back(words: list[str], at: int, form: str) -> Found | None:
@@ -293,14 +201,14 @@ def _back(words: list[str], at: int, form: str) -> Found | None:
         here += 1
     if here >= len(words) or words[here] != "to":
         return None
-    stop = _speed(words, here + 1, numbers=True)
+    stop = speed_stop(words, here + 1, numbers=True)
     return ("accelerate", form, at, stop) if stop else None
 
 
 def _passive(words: list[str], at: int) -> Found | None:
     """speed should be reduced, speed stays constant; but not what the speed of somebody is."""
     before = words[at - 1] if at else "."
-    if before not in _OWNERS and before not in _MARKS:
+    if before not in _OWNERS and before not in ENDS:
         return None
     here = at + 1
     ought = False
@@ -313,14 +221,16 @@ def _passive(words: list[str], at: int) -> Found | None:
     if ought and words[here : here + 1] == ["at"] and words[here - 1] in _STAYS:
         stop = number(words, here + 1)
         return ("keep_speed", "noun", at, stop) if stop else None
+    if here == at + 1 and before in ENDS and words[here : here + 2] in _AS_IT_IS:
+        return "keep_speed", "noun", at, here + 2
     lemma = _DONE.get(words[here]) if here < len(words) else None
     if lemma is None:
         return None
     after = words[here + 1] if here + 1 < len(words) else "."
     bare = (
         here == at + 1
-        and (before in _MARKS or before == "and")
-        and (after in _MARKS or after in ("and", "with", "in"))
+        and (before in ENDS or before == "and")
+        and (after in ENDS or after in ("and", "with", "in"))
     )
     done = words[here].endswith("ed") or words[here] in ("kept", "held")
     if not ought and not bare and not (done and words[here - 1] in ("is", "now")):

@@ -12,10 +12,15 @@ from ssp_eval.extract.world import Commitment, World
 
 _BETWEEN = frozenset({Kind.PURPOSE, Kind.SCENE, Kind.IN_LANE, Kind.AUX})
 _LINKS = frozenset({Kind.JOIN, Kind.PURPOSE, Kind.THEN, Kind.CONDITION})
-_ORDERS = frozenset({",", ":", ";", "\n", "[", '"', "("})
+_ORDERS = frozenset({",", ":", ";", "\n", "[", '"', "(", "|"})
 _ADVISING = frozenset(phrases("recommend, suggest, propose, advise, favour, favor, prefer"))
 _FIRST_PERSON = frozenset(phrases("i, i'd"))
+_ADVERBIAL = frozenset({Kind.JOIN, Kind.THEN})
 _LIGHT = frozenset({Kind.MARK, Kind.PURPOSE})
+# Stop for cars or bikes: no choice between actions.
+_NOUNS = frozenset({Kind.OBJECT, Kind.PLACE, Kind.PRONOUN, Kind.SCENE})
+_UNTIL = frozenset(phrases("until, till, to"))
+_BARS = frozenset({"|", ";", "}"})
 REACH = 5
 MAX_WORDS = 6
 
@@ -24,6 +29,7 @@ class Planner:
     """Collects commitments; the reader tells it which verbs are the ego's."""
 
     __slots__ = (
+        "advised",
         "bar",
         "barred",
         "either",
@@ -46,6 +52,7 @@ class Planner:
     def __init__(self, words: list[str], hits: list[Hit], flags: list[int], world: World) -> None:
         self.words, self.hits, self.flags, self.world = words, hits, flags, world
         self.unit = 0
+        self.advised = 0  # the unit in which the first person says what it would do
         self.final = False
         self.start = self.stop = 0
         self.meta = False  # in a list of meta actions, of which the first is the present one
@@ -117,7 +124,11 @@ class Planner:
     def join(self, index: int, hit: Hit) -> None:
         """``but`` opens a unit; ``or`` between two actions takes both back."""
         if hit.value == "or":
-            self.either = self.last is not None
+            after = self.hits[index + 1 : min(index + 2, self.stop)]
+            nouns = bool(after) and (
+                after[0].kind in _NOUNS or self.words[after[0].first] in ("us", "me")
+            )
+            self.either = self.last is not None and not nouns
         elif hit.value == "but":
             self._unit()
 
@@ -153,8 +164,18 @@ class Planner:
         return (
             hit.form == "base"
             and acts
-            and (previous.value in (",", ":", "\n") or previous.kind is Kind.THEN)
+            and (
+                previous.value in (",", ":", "\n")
+                or previous.kind is Kind.THEN
+                or self._cell(index)
+            )
         )
+
+    def _cell(self, index: int) -> bool:
+        """Whether an action fills a cell of a table or a record: | front | brake |."""
+        if self.hits[index - 1].value not in _BARS or self.hits[index].stop >= len(self.words):
+            return False
+        return self.words[self.hits[index].stop] in _BARS
 
     def verb(self, index: int, hit: Hit, named: bool) -> None:
         """A verb whose subject is the ego (``named``) or nobody: an order or a heading."""
@@ -190,9 +211,23 @@ class Planner:
             self._commit("lon_action", longitudinal, hit.first, hit.stop, linked)
         if lateral is not None:
             self._commit("lat_action", lateral[0], hit.first, lateral[1], linked)
+        ahead = None if lateral else self._straight_ahead(index)
+        if ahead is not None:
+            self._commit("lat_action", "straight", ahead.first, ahead.stop, True)
         self.last = (index, hit.first, lateral[1] if lateral else hit.stop)
         if self.first is None:
             self.first = index
+
+    def _straight_ahead(self, index: int) -> Hit | None:
+        """Accelerate gently, straight ahead."""
+        for after in range(index + 1, min(index + 3, self.stop)):
+            hit = self.hits[after]
+            if hit.kind is Kind.PLACE and self.words[hit.first] == "straight":
+                ends = after + 1 == self.stop or self.hits[after + 1].kind is Kind.MARK
+                return hit if ends and self.hits[index].form != "noun" else None
+            if hit.value != ",":
+                return None
+        return None
 
     def _sets_off(self, hit: Hit) -> bool:
         """The ego pulls away, but not from somebody."""
@@ -216,11 +251,18 @@ class Planner:
         if hit.form == "ing":  # I would recommend slowing down
             advised = self.words[hit.first - 1] in _ADVISING
             return advised and not _FIRST_PERSON.isdisjoint(self.words[hit.first - 4 : hit.first])
-        previous = self.hits[index - 1] if index > self.start else None
+        before = index - 1
+        while before > self.start and self.hits[before].kind in _ADVERBIAL:
+            before -= 1  # I'd therefore brake
+        previous = self.hits[before] if index > self.start else None
         if previous is None or previous.kind is not Kind.MODAL:
-            return False
+            goes_on = self.hits[index - 1].value in ("and", ",") and self.last is not None
+            return goes_on and self.advised == self.unit
         word = self.words[previous.first]
-        return word == "i'd" or (word == "would" and self.words[previous.first - 1] == "i")
+        if word == "i'd" or (word == "would" and self.words[previous.first - 1] == "i"):
+            self.advised = self.unit
+            return True
+        return False
 
     def _lateral(self, index: int, hit: Hit) -> tuple[str, int] | None:
         value = LAT_ACTIONS.get(hit.value)
@@ -280,7 +322,15 @@ class Planner:
         between = self.hits[self.last[0] + 1 : index][:8]
         joined = any(h.kind in _LINKS and h.value != "or" for h in between)
         listed = any(h.kind is Kind.MARK and h.value in ('"', "[", ";") for h in between)
-        return joined and not listed
+        if self.words[self.hits[index].first] in _UNTIL:
+            return True  # hard braking until standstill
+        before = self.hits[self.last[0]]
+        comma = (  # brake firmly, come to a halt
+            self.hits[index].form == before.form == "base"
+            and LON_ACTIONS.get(before.value) == "decelerate"
+            and any(h.value == "," for h in between)
+        )
+        return (joined or comma) and not listed
 
     def _take_back(self) -> None:
         """brake or change lanes: neither is a commitment."""

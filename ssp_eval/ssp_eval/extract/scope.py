@@ -134,6 +134,8 @@ class _Sentence:
         elif kind is Kind.READY:
             self.local |= Scope.READY
         elif kind is Kind.REJECT:
+            if value == "item" and index > self.start and self.hits[index - 1].value == ",":
+                self._reject_item(index - 1)
             self.local |= Scope.REJECTED
         elif kind is Kind.REJECTED:
             if index > self.start and self.hits[index - 1].value == ",":

@@ -32,7 +32,7 @@ _PLAIN = {
 
 # Alternatives are disjoint in their first character, except for the tag, whose length is bounded.
 _TOKEN = re.compile(
-    r"(?:i\.e|e\.g)\b\.?|[a-z]+(?:'[a-z]+)*|[0-9]+(?:\.[0-9]+)*|</?[a-z_|]{1,24}>|[.!?]+|\n\s*"
+    r"(?:i\.e|e\.g)\b\.?|(?:const|approx|resp|incl|veh|ped)\.|[a-z]+(?:'[a-z]+)*|[0-9]+(?:\.[0-9]+)*|</?[a-z_|]{1,24}>|[.!?]+|\n\s*"
     r"|,+|;+|:+|\"+|=+|\|+|\[[x ]\]|[()\[\]{}<>][()\[\]{}<> ]*|(?<=\s)[-*]+(?=\s)|[^\x00-\x7f]+"
 )
 
@@ -43,6 +43,12 @@ _TICKS = {
 }
 _FIXED = {
     **dict.fromkeys(("cannot", "cant", "dont", "doesnt", "isnt", "wont"), "not"),
+    "const.": "constant",
+    "veh.": "vehicle",
+    "ped.": "pedestrian",
+    "approx.": "about",
+    "incl.": "with",
+    "resp.": "or",
     **dict.fromkeys(("i.e", "i.e.", "e.g", "e.g."), ","),
 }
 _OTHERS = frozenset({"he", "she", "it", "they", "that", "who", "which"})
@@ -103,7 +109,7 @@ def plain(text: str) -> str:
 
 def tokenise(text: str) -> Tokens:
     """The words of a text with their offsets."""
-    lower = plain(text)
+    lower = _without_struck(plain(text))
     found = list(_TOKEN.finditer(lower))
     words = [match.group() for match in found]
     for index, word in enumerate(words):
@@ -129,6 +135,16 @@ def tokenise(text: str) -> Tokens:
         found = [match for match, word in zip(found, words, strict=True) if word]
         words = [word for word in words if word]
     return Tokens(words, found)
+
+
+def _without_struck(text: str) -> str:
+    """Blanks what is struck out, ~~so~~, character for character."""
+    if "~~" not in text:
+        return text
+    parts = text.split("~~")
+    for at in range(1, len(parts) - 1, 2):
+        parts[at] = " " * len(parts[at])
+    return "  ".join(parts)
 
 
 def _numbers_item(words: list[str], index: int) -> bool:

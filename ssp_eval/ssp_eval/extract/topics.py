@@ -25,7 +25,8 @@ _ADVISED = frozenset(
         """
         needed, required, necessary, right, best, appropriate, advisable, advised, called,
         recommended, safest, wise, only, reasonable, prudent, mandatory, essential, correct,
-        chosen, sensible, due, indicated, planned, selected, warranted
+        chosen, sensible, due, indicated, planned, selected, warranted, do, enough, sufficient,
+        suffice
         """
     )
 )
@@ -48,6 +49,8 @@ def is_only_named(words: list[str], hits: list[Hit], index: int, start: int, sto
     """
     hit = hits[index]
     before = words[hit.first - 1] if hit.first else ""
+    if _left_behind(words, hit):
+        return True
     if hit.form == "noun" and before in ("the", "this") and words[hit.first] not in _KEPT_NOUNS:
         described = any(one.kind is Kind.RELATIVE for one in hits[index + 1 : index + 4])
         return described or (hit.value in LON_ACTIONS and hit.value != "keep_speed")
@@ -71,6 +74,16 @@ def is_only_named(words: list[str], hits: list[Hit], index: int, start: int, sto
         if one.kind is Kind.VERB and one.form == "s":
             return True
     return False
+
+
+def _left_behind(words: list[str], hit: Hit) -> bool:
+    """A change from "maintain" to "brake": the first is no longer the plan."""
+    at = hit.first - 1
+    after = hit.stop
+    if at > 0 and words[at] == '"':
+        at -= 1
+        after += 1
+    return at > 0 and words[at] == "from" and words[after : after + 1] == ["to"]
 
 
 def _is_subject(words: list[str], hits: list[Hit], index: int, stop: int) -> bool:
