@@ -1,0 +1,172 @@
+"""Control conditions: what is spoilt, what stays, and that they enter no mean."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ssp_core.errors import InputError
+from ssp_eval.evaluate.asker import Asker, DirectAskers, Ignored, Reply
+from ssp_eval.evaluate.campaign import run_campaign
+from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.clip import NoQuestion, Question
+from ssp_eval.evaluate.conditions import (
+    blackened,
+    derangement,
+    other_label_time,
+    shuffled,
+    under,
+)
+from ssp_eval.evaluate.controls import ANSWERERS, BLACK, CONDITION_SEED, SHUFFLED
+from ssp_eval.evaluate.model_spec import ModelSpec
+from ssp_eval.evaluate.models import attached_spec, bridge_spec, with_controls
+from ssp_eval.report.load import load_cells
+from ssp_eval.report.page import write_report
+from ssp_eval.report.tables import scored
+from ssp_vla_bridge.core.request import Frame, Request
+from ssp_vla_bridge.core.response import Response
+
+BagMaker = Callable[..., Path]
+
+
+def jpeg(grey: int, width: int = 32, height: int = 24) -> bytes:
+    done, data = cv2.imencode(".jpg", np.full((height, width, 3), grey, np.uint8))
+    assert done
+    return data.tobytes()
+
+
+def request(count: int) -> Request:
+    frames = tuple(Frame(k * 100, jpeg(40 + 20 * k)) for k in range(1, count + 1))
+    return Request("id", count * 100, frames)
+
+
+def test_black_frames_have_the_sizes_and_stamps_of_the_others() -> None:
+    before = request(3)
+    odd = replace(before, frames=(*before.frames[:2], Frame(300, jpeg(9, 50, 20))))
+    after = blackened(odd)
+    assert [f.stamp_ns for f in after.frames] == [100, 200, 300]
+    shapes = []
+    for frame in after.frames:
+        image = cv2.imdecode(np.frombuffer(frame.jpeg, np.uint8), cv2.IMREAD_COLOR)
+        assert image is not None
+        assert image.max() == 0
+        shapes.append(image.shape)
+    assert shapes == [(24, 32, 3), (24, 32, 3), (20, 50, 3)]
+    assert replace(after, frames=odd.frames) == odd
+    with pytest.raises(InputError, match="no picture"):
+        blackened(replace(before, frames=(Frame(1, b"no jpeg"),)))
+
+
+@given(count=st.integers(2, 40), seed=st.integers(0, 1000), salt=st.integers(0, 2**62))
+def test_no_picture_keeps_its_time_and_none_is_lost(count: int, seed: int, salt: int) -> None:
+    order = derangement(count, seed, salt)
+    assert sorted(order) == list(range(count))
+    assert all(place != index for index, place in enumerate(order))
+    assert order == derangement(count, seed, salt)
+
+
+def test_shuffled_frames_are_the_same_pictures_at_other_times() -> None:
+    before = request(8)
+    after = shuffled(before)
+    assert sorted(f.jpeg for f in after.frames) == sorted(f.jpeg for f in before.frames)
+    assert [f.stamp_ns for f in after.frames] == [f.stamp_ns for f in before.frames]
+    for old, new in zip(before.frames, after.frames, strict=True):
+        assert old.jpeg != new.jpeg
+    assert shuffled(before) == after
+    assert shuffled(before, seed=2) != after
+    with pytest.raises(ValueError, match="single frame"):
+        shuffled(request(1))
+
+
+def test_a_single_frame_is_replaced_by_that_of_another_label_time() -> None:
+    question = Question(0.0, 0.0, request(1))
+    other = Question(1.0, 1.0, Request("", 900, (Frame(900, jpeg(200)),)))
+    found = under(SHUFFLED, question, other)
+    assert isinstance(found, Question)
+    assert found.request.frames == (Frame(100, jpeg(200)),)
+    nothing = under(SHUFFLED, question, None)
+    assert isinstance(nothing, NoQuestion)
+    assert under("", question, None) is question
+    times = [0.0, 0.5, 1.0]
+    chosen = [other_label_time(times, k) for k in range(3)]
+    assert sorted(t for t in chosen if t is not None) == times
+    assert all(a != b for a, b in zip(times, chosen, strict=True))
+    assert other_label_time([0.0], 0) is None
+
+
+def test_controls_are_added_once_and_checks_get_no_conditions() -> None:
+    mine = ModelSpec("mine", backend="opencv_baseline")
+    specs = with_controls([mine, bridge_spec("perfect")])
+    names = [spec.shown for spec in specs]
+    assert names == [
+        "mine", "mine+black", "mine+shuffled", "perfect", "constant_velocity", "copy_history",
+        "silent",
+    ]  # fmt: skip
+    assert [spec.control for spec in specs] == [False, True, True, False, True, True, True]
+    attached = with_controls([attached_spec("far")])
+    assert [spec.shown for spec in attached] == ["far", "far+black", "far+shuffled"]
+    assert set(ANSWERERS) <= set(names)
+
+
+class Seeing(DirectAskers):
+    """Says how bright the newest frame is, and remembers what it was asked."""
+
+    ignored = Ignored()
+
+    def __init__(self) -> None:
+        self.requests: list[Request] = []
+
+    def asker(self, model: ModelSpec, options: Mapping[str, Any]) -> Asker:
+        return self if model.name == "seeing" else super().asker(model, options)
+
+    def ask(self, request: Request) -> Reply:
+        self.requests.append(request)
+        data = np.frombuffer(request.frames[-1].jpeg, np.uint8)
+        image = cv2.imdecode(data, cv2.IMREAD_COLOR)
+        assert image is not None
+        text = "I keep my speed and stay in my lane." if image.max() > 0 else "I see nothing."
+        return Reply(Response(request.request_id, request.stamp_ns, "seeing", "s/1", text))
+
+
+def test_a_campaign_with_controls(make_bag: BagMaker, tmp_path: Path) -> None:
+    asker = Seeing()
+    seeing = ModelSpec("seeing", backend="opencv_baseline")
+    models = with_controls([seeing])
+    bags: list[tuple[Path, Path | None]] = [(make_bag(), None)]
+    results = run_campaign(bags, models, asker, tmp_path, CellOptions(), True)
+    assert all(result.status == "ok" or result.model == "silent" for result in results)
+    black = json.loads((tmp_path / "cells/cut_in__simulation__seeing+black/cell.json").read_text())
+    assert (black["model"], black["condition"], black["condition_seed"], black["control"]) == (
+        "seeing+black", BLACK, CONDITION_SEED, True,
+    )  # fmt: skip
+    keys = {request.request_id.split("-")[0] for request in asker.requests}
+    assert len(keys) == len(asker.requests) == 27
+    raw = (tmp_path / "cells/cut_in__simulation__seeing+black/raw.jsonl").read_text()
+    assert raw.count("I see nothing.") == 9
+    cells = load_cells(tmp_path)
+    assert {cell.model for cell in scored(cells)} == {"seeing"}
+    page = write_report(tmp_path).read_text()
+    section = page.split('<section id="controls">')[1].split("</section>")[0]
+    assert "does the harness measure seeing?" in section
+    assert section.count("<td>seeing</td>") == 2
+    assert "constant_velocity" in section
+    again = run_campaign(bags, models, asker, tmp_path, CellOptions())
+    assert sum(result.asked for result in again) == 0
+    assert len(asker.requests) == 27
+
+
+def test_a_condition_is_a_part_of_what_an_answer_depends_on() -> None:
+    plain = ModelSpec("mine", backend="opencv_baseline")
+    facts = [replace(plain, condition=c).key_facts("x") for c in ("", BLACK, SHUFFLED)]
+    assert "condition" not in facts[0]
+    assert facts[1]["condition"] == [BLACK, CONDITION_SEED]
+    assert facts[1] != facts[2]
