@@ -98,6 +98,10 @@ def resolve(
             another = (fresh and actor.critical) or (ahead and not _is_ahead(actor))
             if known and not another:
                 return actor
+        if words[hit.stop - 1] in ("bike", "rider") and hit.form == "definite":
+            for actor in reversed(recent):
+                if actor.name in ("motorcycle", "cyclist"):
+                    return actor
         if words[hit.stop - 1] in _GENERIC and hit.form == "definite":
             for actor in reversed(recent):
                 if actor.name in _MOTORISED and _fits(actor, place):
@@ -125,6 +129,8 @@ def _same(actor: Actor, noun: str, colour: str, plural: bool) -> bool:
     """Whether a description doesn't contradict the one that an actor was introduced with."""
     if actor.plural != plural or (colour and actor.colour and colour != actor.colour):
         return False
+    if actor.parked and colour and not actor.colour and actor.noun != noun:
+        return False  # the parked van, and the white car
     return actor.noun == noun or not (actor.noun in _KINDS and noun in _KINDS)
 
 

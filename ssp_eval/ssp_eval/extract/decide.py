@@ -18,10 +18,14 @@ def decide(world: World) -> dict[str, Found]:
     """The value of each slot that the text fills, with its support in words (LABELLING.md)."""
     found: dict[str, Found] = {}
     objects = _objects(world)
+    if world.nobody is not None and world.nobody.value == "listed":
+        objects = []
     if objects:
         names = tuple(name for name in OBJECTS if any(a.name == name for a in objects))
         support = tuple(next(_mention(a) for a in objects if a.name == name) for name in names)
         found["objects"] = names, support
+    elif world.nobody is not None and world.nobody.value == "listed":
+        found["objects"] = (), (world.nobody,)
     elif world.nobody is not None and not (
         any(not (a.gone or a.background) for a in world.actors if a.mentions)
         or (world.nobody.value and any(actor.mentions for actor in world.actors))
@@ -71,9 +75,18 @@ def _told_before(
         and actor.plural == critical.plural
         and not (actor.gone or actor.background or actor.parked)
         and not (actor.colour and critical.colour and actor.colour != critical.colour)
+        and not _apart(actor, critical)
     ]
     told = [found for found in map(read, others) if found is not None]
     return told[0] if len(told) == 1 and len(others) == 1 else None
+
+
+def _apart(one: Actor, other: Actor) -> bool:
+    """Whether two are in places that exclude each other."""
+    if not one.places or not other.places:
+        return False
+    parts = set(f"{one.places[-1].value}_{other.places[-1].value}".split("_"))
+    return {"left", "right"} <= parts or {"front", "rear"} <= parts
 
 
 def _objects(world: World) -> list[Actor]:

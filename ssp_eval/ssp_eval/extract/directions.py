@@ -12,7 +12,7 @@ _FILLERS = frozenset(
         near, neighbouring, neighboring, other, outer, inner, immediately, directly,
         extreme, opposite, a, slightly, very, host, ego, adjoining, parallel, just,
         straight, hard, slight, gently, far, one, opposing, same, both, second, first, outermost,
-        innermost, more, little, bit, somewhat, roughly, about, well, current
+        innermost, more, little, bit, somewhat, roughly, about, well, current, vut, vehicle, car
         """
     )
 )
@@ -109,6 +109,7 @@ _PLACED_PARTS = frozenset(
 _ENDS = frozenset(phrases("side, hand, edge, kerb, curb"))
 _ARTICLES_OF_SIDES = frozenset(phrases("the, our, my"))
 _SIDED = frozenset(phrases("on, in, ahead, that, which, at, to, behind"))
+_VEHICLES = frozenset(phrases("vehicle, car"))
 MAX_BACK = 4
 MAX_HEADS = 4
 MAX_OF = 5
@@ -149,7 +150,10 @@ def side(words: list[str], at: int) -> tuple[str, str, int, int] | None:
         form = "lane"
     if form == "to" and first and words[first - 1] in _CLOSE:
         form = "at"
-    whose = _OTHERS & set(words[first:at])
+    between = set(words[first:at])
+    if not _VEHICLES.isdisjoint(between) and EGO_WORDS.isdisjoint(between):
+        return None  # on the car's left
+    whose = _OTHERS & between
     if whose and (form == "at" or (form == "to" and whose != {"its"})):
         return None
     if stop < count and words[stop] == "of":

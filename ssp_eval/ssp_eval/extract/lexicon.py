@@ -123,7 +123,10 @@ PLACES: Table = {
         front, right ahead, immediately ahead, immediately in front, straight in front, up front,
         front, at the front, to the front, further ahead, farther ahead, dead ahead, in
         the front, straight ahead, at front, on front, at the front side, front side, infront,
-        in the front side, before us, down the road, in front side
+        in the front side, before us, down the road, in front side, in our front, just before us,
+        before our car, just before our car, before our vehicle, just before our vehicle, before
+        the ego vehicle, just before the ego vehicle, before our bumper, in front of our bumper,
+        before our bonnet, right before us, right before our car, before the ego car
         """
     ),
     "rear": phrases(

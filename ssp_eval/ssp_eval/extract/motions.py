@@ -104,7 +104,7 @@ def motion_of(
     if lemma == "merge":
         return (f"cutting_in_from_{origin[0]}", origin[1]) if origin else None
     if lemma in ACROSS:
-        if origin and (_over_road(words, verb.stop, name) or passes(words, origin[1], name)):
+        if origin and (_over_road(words, verb.stop - 1, name) or passes(words, origin[1], name)):
             return f"crossing_from_{origin[0]}", origin[1]
         if origin is None and name in _LIGHT and "across" in words[verb.stop : verb.stop + 3]:
             return CROSSING, None
@@ -177,11 +177,11 @@ def _over_line(words: list[str], at: int) -> bool:
 
 
 def _over_road(words: list[str], at: int, name: str) -> bool:
-    near = words[at : at + 9]
+    near = words[at : at + 10]
     if name not in _LIGHT:
         return "across" in near and bool(_ROADS & set(near))
     if "across" in near or "over" in near:
-        return "across" in near[:2] or bool(_ROADS & set(near)) or "lane" in near or "us" in near
+        return "across" in near[:3] or bool(_ROADS & set(near)) or "lane" in near or "us" in near
     return bool(_ONTO_WORDS & set(near)) and ("lane" in near or bool(_ROADS & set(near)))
 
 

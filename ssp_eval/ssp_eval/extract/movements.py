@@ -123,6 +123,7 @@ MOVEMENTS: dict[str, tuple[str, ...]] = {
     ),
     "serve": phrases("unload, load, board"),
     "sit": phrases("sit"),
+    "reach": phrases("reach, arrive at, arrive on, gain, step onto, step up onto, end up on"),
 }  # fmt: skip
 # What a movement of somebody else is; some need a side or company, see motions.py.
 STANDING = frozenset({"stop", "wait", "park", "stall", "queue", "sit", "rest", "serve"})

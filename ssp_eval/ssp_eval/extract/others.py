@@ -13,6 +13,7 @@ from ssp_eval.extract.world import Actor, Statement
 
 _LINES = frozenset({"line", "lines", "marking", "markings", "dashed", "solid", "boundary"})
 
+_LINKS = frozenset(phrases("to, with, and, or, in, on, at, ahead, is, one, ones"))
 _TO = frozenset(phrases("to, into, over, towards, toward, out, across, onto, away"))
 
 
@@ -27,6 +28,8 @@ def read_state(talk: Talk, index: int, hit: Hit) -> None:
         return  # not moving into our lane
     if following is not None and following.kind is Kind.SCENE and following.first <= hit.stop + 1:
         return  # an oncoming tram
+    if _describes_thing(talk, hit, following):
+        return
     if before_noun and following is not None and following.kind is Kind.OBJECT:
         talk.adjectives.append(index)
     elif hit.value == "receding":
@@ -42,6 +45,23 @@ def read_state(talk: Talk, index: int, hit: Hit) -> None:
             be(talk, actor, index, talk.flags_at(index))
         elif before_noun and not predicate and talk.subject is not EGO:
             talk.adjectives.append(index)
+
+
+def _describes_thing(talk: Talk, hit: Hit, following: Hit | None) -> bool:
+    """of the opposite direction, the parallel crossing: said of something else."""
+    before = talk.words[hit.first - 1] if hit.first else ""
+    if before == "the" and hit.first > 1 and talk.words[hit.first - 2] == "of":
+        return talk.words[hit.stop - 1] == "direction"
+    if before not in ("a", "an", "the") or hit.stop - hit.first > 1:
+        return False
+    after = talk.words[hit.stop] if hit.stop < len(talk.words) else "."
+    known = following is not None and following.first == hit.stop
+    return after.isalpha() and not known and after not in _LINKS and not _names(talk, following)
+
+
+def _names(talk: Talk, following: Hit | None) -> bool:
+    """Whether the next phrase is a road user that the words before it describe."""
+    return following is not None and following.kind in (Kind.OBJECT, Kind.STATE, Kind.VERB)
 
 
 def be(talk: Talk, actor: Actor, index: int, flags: int) -> None:

@@ -70,6 +70,9 @@ def read_place(talk: Talk, index: int, hit: Hit) -> None:
 def read_side(talk: Talk, index: int, hit: Hit) -> None:
     if hit.form == "from":
         _read_passing(talk, index, hit)
+    if _arrived(talk, index, hit):
+        read_place(talk, index, hit)
+        return
     if hit.form in ("from", "into"):
         return
     if talk.planner.takes_side(index):
@@ -124,6 +127,15 @@ def read_value(talk: Talk, index: int, hit: Hit) -> bool:
     return True
 
 
+def _arrived(talk: Talk, index: int, hit: Hit) -> bool:
+    """has reached the left pavement, stepped onto the right kerb"""
+    before = talk.hits[index - 1] if index > talk.start else None
+    if before is None or before.value != "reach" or before.form not in ("ed", "s"):
+        return False
+    near = hit.first - before.stop < 3 and not talk.flags[index - 1]
+    return near and not _SPOTS.isdisjoint(talk.words[hit.first : hit.stop])
+
+
 def _finished(talk: Talk, index: int) -> bool:
     """Whether a place belongs to a movement that is over: crossed well before us."""
     verb = talk.hits[index - 1] if index > talk.start else None
@@ -131,7 +143,7 @@ def _finished(talk: Talk, index: int) -> bool:
         return False
     before = talk.hits[index - 2] if index - 2 >= talk.start else None
     passive = before is not None and before.kind is Kind.AUX and before.value == "be"
-    return verb.value not in FINISHED_STANDING and not passive
+    return verb.value not in FINISHED_STANDING and verb.value != "reach" and not passive
 
 
 def _opens_clause(talk: Talk, index: int, hit: Hit) -> bool:

@@ -115,7 +115,8 @@ def _apposition(talk: Talk, index: int, hit: Hit) -> bool:
     """Whether a noun says again who was just named: the vehicle to our right, a tanker truck."""
     if hit.form == "definite" or index - 2 < talk.start or talk.near is None:
         return False
-    if talk.hits[index - 1].value not in (",", "("):
+    labelled = talk.hits[index - 1].value == ":" and bool(talk.near.label)
+    if talk.hits[index - 1].value not in (",", "(") and not labelled:
         return False
     after = talk.words[hit.stop : hit.stop + 1]
     if after and after[0].isalnum():

@@ -60,6 +60,10 @@ def read_background(talk: Talk, index: int, hit: Hit) -> None:
         return
     if hit.first and talk.words[hit.first - 1] in _HAVE and hit.value == "":
         return  # she has ignored her red light
+    if talk.near is not None and talk.words[hit.first - 1] == "(" and hit.value == "":
+        beside = talk.subject if isinstance(talk.subject, Actor) else talk.near
+        beside.background = True  # a car behind (ignore)
+        return
     if talk.words[hit.first] in _DROPS and hit.value == "":
         talk.is_background = True  # ignore the truck
         return
