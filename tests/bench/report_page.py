@@ -1,0 +1,106 @@
+"""The report of a campaign of 5,000 cells of nine records, in a browser without a window.
+
+Written from cloned cells of a real campaign. What a reader waits for: until the page is painted,
+until a filter or a search shows its rows, until a cell's records are there; and the memory that the
+page takes. The page is held against times that a person takes for at once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[2]))
+
+from measure import report
+from replay import make_bag
+
+from ssp_eval.evaluate.asker import DirectAskers
+from ssp_eval.evaluate.campaign import run_campaign
+from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.models import bridge_spec
+from ssp_eval.report.page import write_report
+from tests.large_campaign import clone_campaign
+from tests.system.browser import Browser
+
+CELLS = 5000
+PAINT_MS, FILTER_MS, OPEN_MS, HEAP_MB = 3000.0, 200.0, 1000.0, 200.0
+PAINT = "performance.getEntriesByType('paint').find((e) => e.name.startsWith('first-c'))?.startTime"
+# From the change of a control until the browser has drawn what it does.
+TIMED = """new Promise((done) => {{
+  const began = performance.now();
+  {act};
+  const drawn = () => ({ready}) ? requestAnimationFrame(() => setTimeout(
+    () => done(performance.now() - began))) : setTimeout(drawn, 1);
+  drawn();
+}})"""
+
+
+def write_campaign(folder: Path, cells: int) -> Path:
+    """A campaign of so many cells, with its page."""
+    make_bag(folder)
+    run_campaign(
+        [(folder / "bag", folder / "labels.json")],
+        [bridge_spec(name) for name in ("constant_velocity", "perfect")],
+        DirectAskers(),
+        folder / "source",
+        CellOptions(),
+    )
+    clone_campaign(folder / "source", folder / "campaign", cells)
+    return folder / "campaign"
+
+
+def choose(name: str, value: str) -> str:
+    """Script that sets a filter."""
+    return (
+        f"const s = document.querySelector('select[data-filter={name}]'); s.value = '{value}'; "
+        "s.dispatchEvent(new Event('change'))"
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--cells", type=int, default=CELLS)
+    parser.add_argument("--shots", type=Path, help="folder for screenshots")
+    given = parser.parse_args()
+    with tempfile.TemporaryDirectory() as name, Browser(dark=False) as browser:
+        campaign = write_campaign(Path(name), given.cells)
+        began = time.perf_counter()
+        page = write_report(campaign)
+        note = f"{given.cells} cells, page of {page.stat().st_size / 1e6:.1f} MB"
+        written_s = time.perf_counter() - began
+        report("report: written", written_s, given.cells * 0.04, "s", note, lower=True)
+        browser.go(page.as_uri())
+        painted = browser.wait(PAINT)
+        report("report: first paint", painted, PAINT_MS, "ms", note, lower=True)
+        filtered = browser.evaluate(TIMED.format(act=choose("model", "model_03"), ready="true"))
+        report("report: filter", filtered, FILTER_MS, "ms", note, lower=True)
+        search = "const s = document.getElementById('search'); s.value = 'killed'; " + (
+            "s.dispatchEvent(new Event('input'))"
+        )
+        searched = browser.evaluate(TIMED.format(act=search, ready="true"))
+        report("report: search", searched, FILTER_MS, "ms", note, lower=True)
+        browser.click("#reset")
+        order = "document.querySelector('button[data-sort=ivcs]').click()"
+        ordered = browser.evaluate(TIMED.format(act=order, ready="true"))
+        report("report: sort", ordered, FILTER_MS, "ms", note, lower=True)
+        if given.shots is not None:
+            browser.screenshot(given.shots / "page.png")
+        opened = browser.evaluate(
+            TIMED.format(
+                act="document.querySelector('tr.cell').click()",
+                ready="document.querySelector('details.record')",
+            )
+        )
+        report("report: open a cell", opened, OPEN_MS, "ms", note, lower=True)
+        heap = browser.ask("Runtime.getHeapUsage")["usedSize"] / 1e6
+        report("report: memory of the page's script", heap, HEAP_MB, "MB", note, lower=True)
+        if browser.console:
+            raise SystemExit(f"the console says: {browser.console}")
+
+
+if __name__ == "__main__":
+    main()
