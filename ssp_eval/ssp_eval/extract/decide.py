@@ -17,20 +17,14 @@ _NEVER_ALONG = frozenset({"pedestrian"})
 def decide(world: World) -> dict[str, Found]:
     """The value of each slot that the text fills, with its support in words (LABELLING.md)."""
     found: dict[str, Found] = {}
-    objects = _objects(world)
-    if world.nobody is not None and world.nobody.value == "listed":
-        objects = []
+    nobody = _nobody(world)
+    objects = _objects(world) if nobody is None else []
     if objects:
         names = tuple(name for name in OBJECTS if any(a.name == name for a in objects))
         support = tuple(next(_mention(a) for a in objects if a.name == name) for name in names)
         found["objects"] = names, support
-    elif world.nobody is not None and world.nobody.value == "listed":
-        found["objects"] = (), (world.nobody,)
-    elif world.nobody is not None and not (
-        any(not (a.gone or a.background) for a in world.actors if a.mentions)
-        or (world.nobody.value and any(actor.mentions for actor in world.actors))
-    ):
-        found["objects"] = (), (world.nobody,)
+    elif nobody is not None:
+        found["objects"] = (), (nobody,)
     critical = _critical(objects)
     about = [world.loose] if critical is None else [critical, world.loose]
     readers: dict[str, Callable[[Actor], Found | None]] = {
@@ -79,6 +73,17 @@ def _told_before(
     ]
     told = [found for found in map(read, others) if found is not None]
     return told[0] if len(told) == 1 and len(others) == 1 else None
+
+
+def _nobody(world: World) -> Statement | None:
+    """The words that say that nobody is there, if nothing else speaks of anybody."""
+    said = world.nobody
+    if said is None or said.value == "listed":
+        return said
+    named = [actor for actor in world.actors if actor.mentions]
+    if (said.value and named) or not all(a.gone or a.background for a in named):
+        return None
+    return said
 
 
 def _apart(one: Actor, other: Actor) -> bool:

@@ -98,7 +98,7 @@ def _blank(talk: Talk, hit: Hit) -> None:
 def _carry_list(talk: Talk, ego: bool) -> None:
     """A list of critical objects goes on over its items and ends with prose or the plan."""
     broken = talk.hits[talk.stop - 1].value == "\n" and talk.stop - talk.start > 3
-    talk.under = (talk.under or talk.listing) and not ego and not broken
+    talk.under = (talk.under or talk.heading) and not ego and not broken
     talk.listed = talk.listing and not ego
     talk.listing = talk.listed and talk.hits[talk.stop - 1].value == "\n"
 

@@ -28,6 +28,7 @@ class Talk:
         "ego_named",
         "flags",
         "group",
+        "heading",
         "hits",
         "in_path",
         "is_background",
@@ -86,6 +87,7 @@ class Talk:
         self.pending: list[int] = []  # places before their noun
         self.adjectives: list[int] = []  # states before their noun
         self.named = []
+        self.heading = False  # the sentence has a heading for those who matter
         self.keyed = 0  # how many had been named when a record began
         self.denied: set[str] = set()
         self.busy = False  # the clause has its verb

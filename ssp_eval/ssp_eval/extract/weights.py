@@ -39,6 +39,8 @@ def read_critical(talk: Talk, index: int, hit: Hit) -> None:
         talk.subject.critical = True
         return
     talk.listing = True
+    after = talk.hits[index + 1] if index + 1 < talk.stop else None
+    talk.heading = talk.heading or (after is not None and after.value in (":", "\n", '"', "["))
     if talk.subject is not EGO:
         talk.subject = None
 
