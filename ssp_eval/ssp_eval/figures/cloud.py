@@ -19,6 +19,7 @@ from ssp_eval.figures.style import (
     PAGE_IN,
     Look,
     Sheet,
+    fitted,
     names_in,
     text_width_in,
     widest_in,
@@ -28,7 +29,7 @@ MOST_POINTS = 60
 # With more points than this, a number stands for a name.
 _MOST_NAMED = 12
 _PLOT_IN, _LEFT_IN, _FOOT_IN = 2.75, 0.5, 0.4
-_MARKER_IN, _TEXT_IN = 0.085, 0.105
+_MARKER_IN, _TEXT_IN, _NOTE_IN = 0.085, 0.105, 0.16
 _NAME_IN = 1.25
 _FAR_IN = 0.12  # a label farther off than this is led to its point
 
@@ -37,8 +38,9 @@ def cloud(
     points: Mapping[str, Point],
     looks: Mapping[str, Look],
     kinds: Mapping[str, str],
-    set_up: Callable[[Axes], None],
+    set_up: Callable[[Axes], Sequence[Point]],
     thick: Collection[str] = (),
+    note: str = "",
 ) -> tuple[Sheet, dict[str, str]] | None:
     """A square plot of named points.
 
@@ -46,8 +48,10 @@ def cloud(
         points: by model, in the axes' units; numbers follow this order.
         looks: by kind, in the order of the legend; one kind alone needs none.
         kinds: of each model.
-        set_up: gives the axes limits, names and what lies under the points.
+        set_up: gives the axes limits, names and what lies under the points; returns the corners of
+            a line, upright and level in turn, that labels keep off.
         thick: models whose marks get a thick border.
+        note: a line below the plot.
 
     Returns:
         The sheet and the models' names as shown; None where labels would lie on one another.
@@ -57,12 +61,14 @@ def cloud(
         if not numbered and len(points) > _MOST_NAMED:
             continue
         texts = [str(k) for k in range(1, len(points) + 1)] if numbered else list(names.values())
-        sheet, axes = _sheet(names, looks, numbered)
-        set_up(axes)
+        sheet, axes = _sheet(names, looks, numbered, note)
+        line = [_inches(axes, sheet, corner) for corner in set_up(axes)]
         spots = [_inches(axes, sheet, point) for point in points.values()]
         sizes = [(text_width_in(text) + 0.01, _TEXT_IN) for text in texts]
         bounds = Box(0.02, 0.02, _PLOT_IN + 0.14, _PLOT_IN)
-        places = place_labels(spots, sizes, bounds, _MARKER_IN)
+        places = place_labels(
+            spots, sizes, bounds, _MARKER_IN, [_around_line(a, b) for a, b in pairwise(line)]
+        )
         if places is None:
             continue
         for model, point in points.items():
@@ -75,15 +81,15 @@ def cloud(
         page = sheet.page()
         for model, text, spot, place in zip(points, texts, spots, places, strict=True):
             led = ambiguous(spot, spots, around(place, text_width_in(text), _TEXT_IN))
-            _label(page, sheet, model, text, spot, place, led)
+            _label(page, _top_in(axes, sheet), model, text, spot, place, led)
         if numbered:
-            _list(page, sheet, names)
+            _list(page, _top_in(axes, sheet), names)
         return sheet, names
     return None
 
 
 def _sheet(
-    names: Mapping[str, str], looks: Mapping[str, Look], numbered: bool
+    names: Mapping[str, str], looks: Mapping[str, Look], numbered: bool, note: str
 ) -> tuple[Sheet, Axes]:
     """A sheet of one column, or a wider one with room for a list beside the plot."""
     width_in = COLUMN_IN
@@ -92,10 +98,26 @@ def _sheet(
         width_in = min(PAGE_IN, COLUMN_IN + 0.1 + columns * _list_column_in(names))
     legend = list(looks) if len(looks) > 1 else []
     head_in = (legend_height_in(legend, width_in) if legend else 0.0) + 0.08
-    sheet = Sheet(width_in, head_in + _PLOT_IN + _FOOT_IN)
+    sheet = Sheet(width_in, head_in + _PLOT_IN + _FOOT_IN + (_NOTE_IN if note else 0.0))
+    if note:
+        text = fitted(note, width_in - 0.1)
+        sheet.page().text(0.05, sheet.height_in - 0.06, text, color=GREY)
     if legend:
         mark_legend(sheet, looks, 0.11)
     return sheet, sheet.axes(_LEFT_IN, head_in, _PLOT_IN, _PLOT_IN)
+
+
+def _top_in(axes: Axes, sheet: Sheet) -> float:
+    """Where the plot begins below the sheet's upper border."""
+    return float(sheet.height_in * (1.0 - axes.get_position().y1))
+
+
+def _around_line(a: Point, b: Point) -> Box:
+    half = 0.01
+    return Box(
+        min(a[0], b[0]) - half, min(a[1], b[1]) - half,
+        max(a[0], b[0]) + half, max(a[1], b[1]) + half,
+    )  # fmt: skip
 
 
 def _per_column() -> int:
@@ -115,10 +137,10 @@ def _inches(axes: Axes, sheet: Sheet, point: Point) -> Point:
 
 
 def _label(
-    page: Axes, sheet: Sheet, model: str, text: str, spot: Point, place: Point, led: bool
+    page: Axes, top_in: float, model: str, text: str, spot: Point, place: Point, led: bool
 ) -> None:
     def on_page(at: Point) -> Point:
-        return _LEFT_IN + at[0], sheet.height_in - _FOOT_IN - at[1]
+        return _LEFT_IN + at[0], top_in + _PLOT_IN - at[1]
 
     half = text_width_in(text) / 2
     near = (
@@ -131,12 +153,11 @@ def _label(
     page.text(*on_page(place), text, ha="center", va="center", gid=f"label-{model}", zorder=4)
 
 
-def _list(page: Axes, sheet: Sheet, names: Mapping[str, str]) -> None:
-    top_in = sheet.height_in - _FOOT_IN - _PLOT_IN + LINE_IN / 2
+def _list(page: Axes, top_in: float, names: Mapping[str, str]) -> None:
     for index, (model, name) in enumerate(names.items()):
         column, row = divmod(index, _per_column())
         x = COLUMN_IN + 0.1 + column * _list_column_in(names) + text_width_in("00")
-        y = top_in + row * LINE_IN
+        y = top_in + (row + 0.5) * LINE_IN
         page.text(x, y, str(index + 1), ha="right", va="center_baseline", color=GREY)
         page.text(x + 0.06, y, name, va="center_baseline", gid=f"name-{model}")
 

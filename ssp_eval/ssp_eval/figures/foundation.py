@@ -35,7 +35,6 @@ from ssp_eval.figures.style import (
     ORANGE,
     Look,
     Sheet,
-    fitted,
     names_in,
     row_width_in,
     share_axis,
@@ -90,12 +89,13 @@ def _semantics_trajectory(scores: Scores) -> Drawing | LeftOut:
         return refusal
     front = pareto_front(points)
 
-    def set_up(axes: Axes) -> None:
+    def set_up(axes: Axes) -> Sequence[Point]:
         share_axis_near(axes, "x", "SemAcc, mean over cells", [x for x, _ in points.values()])
         share_axis_near(axes, "y", "TQSR, mean over cells", [y for _, y in points.values()])
         low = (axes.get_xlim()[0], axes.get_ylim()[0])
         border = steps_of([points[model] for model in front], low)
         axes.plot(*zip(*border, strict=True), "--", color=INK, linewidth=0.8, zorder=1, gid="front")
+        return border
 
     drawn = cloud(points, *_kinds(scores, list(points)), set_up, set(front))
     if drawn is None:
@@ -138,7 +138,7 @@ def _parameters(scores: Scores) -> Drawing | LeftOut:
     low = min(x for x, _ in points.values())
     high = max(x for x, _ in points.values())
 
-    def set_up(axes: Axes) -> None:
+    def set_up(axes: Axes) -> Sequence[Point]:
         axes.set_xscale("log")
         axes.set_xlim(low / 1.6, high * 1.6)
         ticks = _log_ticks(low / 1.6, high * 1.6)
@@ -147,17 +147,13 @@ def _parameters(scores: Scores) -> Drawing | LeftOut:
         axes.set_xlabel("active parameters (billions, log scale)", labelpad=2)
         axes.grid(axis="x")
         share_axis_near(axes, "y", "TQSR, mean over cells", [y for _, y in points.values()])
+        return ()
 
-    drawn = cloud(points, *_kinds(scores, list(points)), set_up)
+    text = f"not shown, since unknown: {listed(others)}" if others else ""
+    drawn = cloud(points, *_kinds(scores, list(points)), set_up, note=text)
     if drawn is None:
         return LeftOut(name, "the points lie too close for labels")
     sheet, names = drawn
-    if others:
-        text = f"not shown, since unknown: {listed(others)}"
-        sheet.figure.text(
-            0.05 / sheet.width_in, 0.03 / sheet.height_in, fitted(text, sheet.width_in - 0.1),
-            color=GREY,
-        )  # fmt: skip
     return Drawing(
         name,
         sheet.figure,

@@ -13,6 +13,7 @@ from ssp_eval.figures.drawing import Drawing, caption
 from ssp_eval.figures.moments import RIGHT, WRONG, Moment, Story
 from ssp_eval.figures.scores import words
 from ssp_eval.figures.style import (
+    COLUMN_IN,
     GREY,
     INK,
     ORANGE,
@@ -25,7 +26,7 @@ from ssp_eval.figures.style import (
 
 _LEFT_IN, _GAP_IN, _HEAD_IN, _FOOT_IN = 0.22, 0.06, 0.22, 0.24
 _LINE_IN = 0.125
-_TEXT_IN = 3 * _LINE_IN + 0.09
+_TEXT_IN = 4 * _LINE_IN + 0.09
 _DPI = 300
 
 
@@ -42,10 +43,14 @@ def phase_frames(scenario: str, model: str, stories: Sequence[Story]) -> Drawing
     shape = max((_aspect(story) for story in stories), default=9 / 16)
     height_in = width_in * shape
     row_in = height_in + _TEXT_IN
-    sheet = Sheet(PAGE_IN, _HEAD_IN + row_in * len(DOMAINS) + _FOOT_IN)
+    phases = [p for p in PHASES if any(_first(story, p) is not None for story in stories)]
+    room_in = _LEFT_IN + len(phases) * (width_in + _GAP_IN)
+    sheet_in = max(COLUMN_IN, room_in)
+    foot_in = _FOOT_IN + _LINE_IN * (_legend_lines(sheet_in) - 1)
+    sheet = Sheet(sheet_in, _HEAD_IN + row_in * len(DOMAINS) + foot_in)
     page = sheet.page()
     page.set_zorder(3)
-    for column, phase in enumerate(PHASES):
+    for column, phase in enumerate(phases):
         left = _LEFT_IN + column * (width_in + _GAP_IN)
         page.text(left + width_in / 2, 0.14, phase, ha="center", weight="bold")
     for row, domain in enumerate(DOMAINS):
@@ -54,31 +59,40 @@ def phase_frames(scenario: str, model: str, stories: Sequence[Story]) -> Drawing
             0.1, top + height_in / 2, domain, rotation=90, ha="center", va="center", weight="bold"
         )
         story = by_domain.get(domain)
-        for column, phase in enumerate(PHASES):
+        for column, phase in enumerate(phases):
             left = _LEFT_IN + column * (width_in + _GAP_IN)
             axes = sheet.axes(left, top, width_in, height_in)
             axes.set_axis_off()
             moment = None if story is None else _first(story, phase)
             if story is None or moment is None:
-                why = "no scores" if story is None else "no frame in this phase"
+                why = "no scores" if story is None else "no label in this phase"
                 page.text(
                     left + width_in / 2, top + height_in / 2, why, ha="center", va="center",
                     color=GREY,
                 )  # fmt: skip
                 continue
             _panel(axes, story, moment, width_in, f"{domain}-{phase}")
+            clock = f"{moment.label.t_s:g} s"
+            page.text(
+                left + 0.04, top + 0.09, clock, va="center_baseline",
+                bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.2},
+            )  # fmt: skip
+            lon, lat = moment.label.lon_actions, moment.label.lat_actions
             lines = (
-                f"{moment.label.t_s:g} s: says {moment.says}",
+                f"says {moment.says}",
                 f"plans {moment.plans}",
-                f"right: {moment.allowed}",
+                f"right: {' / '.join(lon)},",
+                f"{' / '.join(lat)}",
             )
             for number, line in enumerate(lines):
                 page.text(
                     left, top + height_in + 0.06 + _LINE_IN * (number + 0.5),
-                    fitted(line, width_in), va="center", color=GREY if number == 2 else INK,
+                    fitted(line, width_in), va="center", color=INK if number < 2 else GREY,
                 )  # fmt: skip
-    _legend(page, sheet.height_in - 0.1)
-    return Drawing(f"phases_{scenario}_{model}", sheet.figure, _caption(scenario, model, by_domain))
+    _legend(page, sheet)
+    return Drawing(
+        f"phases_{scenario}_{model}", sheet.figure, _caption(scenario, model, by_domain, phases)
+    )
 
 
 def _aspect(story: Story) -> float:
@@ -124,24 +138,36 @@ def _panel(axes: Axes, story: Story, moment: Moment, width_in: float, gid: str) 
             )  # fmt: skip
 
 
-def _legend(page: Axes, y: float) -> None:
+_ENTRIES = ("plan, a dot every 0.5 s", "recorded path", f"{RIGHT} allowed   {WRONG} not allowed")
+
+
+def _legend_lines(width_in: float) -> int:
+    """One line, or two where the words about actions need one of their own."""
+    needed = _LEFT_IN + 1.25 + sum(text_width_in(entry) for entry in _ENTRIES)
+    return 1 if needed <= width_in else 2
+
+
+def _legend(page: Axes, sheet: Sheet) -> None:
+    lines = _legend_lines(sheet.width_in)
+    y = sheet.height_in - 0.1 - _LINE_IN * (lines - 1)
     x = _LEFT_IN
     corners = [(x, y + 0.04), (x + 0.25, y + 0.04), (x + 0.2, y - 0.05), (x + 0.05, y - 0.05)]
     page.add_patch(Polygon(corners, facecolor=SKY, edgecolor=GREY, linewidth=0.5))
-    entries = (
-        "plan, a dot every 0.5 s", "recorded path", f"{RIGHT} allowed   {WRONG} not allowed",
-    )  # fmt: skip
     x += 0.32
-    page.text(x, y, entries[0], va="center")
-    x += text_width_in(entries[0]) + 0.25
+    page.text(x, y, _ENTRIES[0], va="center")
+    x += text_width_in(_ENTRIES[0]) + 0.25
     for colour, width in ((INK, 2.4), (ORANGE, 1.4)):
         page.plot([x, x + 0.3], [y, y], "--", color=colour, linewidth=width)
     x += 0.37
-    page.text(x, y, entries[1], va="center")
-    page.text(x + text_width_in(entries[1]) + 0.25, y, entries[2], va="center")
+    page.text(x, y, _ENTRIES[1], va="center")
+    x += text_width_in(_ENTRIES[1]) + 0.25
+    if lines == 1:
+        page.text(x, y, _ENTRIES[2], va="center")
+    else:
+        page.text(_LEFT_IN, y + _LINE_IN, _ENTRIES[2], va="center")
 
 
-def _caption(scenario: str, model: str, by_domain: dict[str, Story]) -> str:
+def _caption(scenario: str, model: str, by_domain: dict[str, Story], phases: Sequence[str]) -> str:
     missing = [domain for domain in DOMAINS if domain not in by_domain]
     blind = [domain for domain, story in by_domain.items() if not story.sees_ground]
     ego = [f"{domain} {story.ego_provenance}" for domain, story in by_domain.items()]
@@ -155,6 +181,9 @@ def _caption(scenario: str, model: str, by_domain: dict[str, Story]) -> str:
         "Below a frame: clip time, the actions that the text commits to and those that the "
         "trajectory makes, each marked as allowed or not, and what is allowed; – is none.",
         f"Labels: {', '.join(counts)}; n = 1 answer per frame.",
+        f"No label falls in: {', '.join(p for p in PHASES if p not in phases)}."
+        if len(phases) < len(PHASES)
+        else "",
         f"Without scores: {', '.join(missing)}." if missing else "",
         f"Without a known pose of the camera, and so without paths: {', '.join(blind)}."
         if blind

@@ -48,7 +48,11 @@ def around(centre: Point, width: float, height: float) -> Box:
 
 
 def place_labels(
-    points: Sequence[Point], sizes: Sequence[Point], bounds: Box, marker_in: float
+    points: Sequence[Point],
+    sizes: Sequence[Point],
+    bounds: Box,
+    marker_in: float,
+    obstacles: Sequence[Box] = (),
 ) -> list[Point] | None:
     """Middles of labels beside their points: off every marker, off each other, within bounds.
 
@@ -59,6 +63,7 @@ def place_labels(
         sizes: width and height of each label, in.
         bounds: that labels must stay in.
         marker_in: diameter of a point's marker.
+        obstacles: that labels must not cover either.
 
     Returns:
         None where not all find a place.
@@ -69,7 +74,7 @@ def place_labels(
         return -sum(1.0 / (0.02 + math.hypot(x - u, y - v)) for u, v in points)
 
     placed: dict[int, Point] = {}
-    taken: list[Box] = []
+    taken = list(obstacles)
     for index in sorted(range(len(points)), key=lambda i: (crowd(i), i)):
         found = _free(points[index], sizes[index], bounds, points, marker_in, taken)
         if found is None:

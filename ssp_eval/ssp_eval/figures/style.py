@@ -101,6 +101,8 @@ _SETTINGS: dict[Any, Any] = {
     "legend.frameon": False,
     "lines.linewidth": 1.0,
     "lines.markersize": 5.0,
+    # So that a border of a dashed line has the line's dashes.
+    "lines.scale_dashes": False,
     "hatch.linewidth": 0.5,
     "grid.color": FAINT,
     "grid.linewidth": 0.5,

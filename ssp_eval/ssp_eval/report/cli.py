@@ -19,6 +19,7 @@ from ssp_eval.analysis.statistics_tables import statistics_tables
 from ssp_eval.analysis.table import Table
 from ssp_eval.analysis.tables import all_tables
 from ssp_eval.analysis.write import write_statistics, write_tables
+from ssp_eval.figures.command import CHOICES, OVERLAYS, WantedFigures, draw_figures
 from ssp_eval.report.load import CellData, cell_files, load_cells
 from ssp_eval.report.page import write_report
 
@@ -90,6 +91,18 @@ class _Wanted:
     show_default=True,
     help="Of the tables.",
 )
+@click.option(
+    "--figures",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Draw all figures into DIR: SVG, PDF and PNG with a caption each, and overlays.",
+)
+@click.option(
+    "--only",
+    type=click.Choice(CHOICES),
+    multiple=True,
+    help="Of the figures, only these; any number.",
+)
 @click.option("--reference", metavar="NAME", help="Model that the others are compared with.")
 @click.option(
     "--resamples",
@@ -112,6 +125,8 @@ def report(
     repeats: tuple[Path, ...],
     tables: Path | None,
     formats: tuple[str, ...],
+    figures: Path | None,
+    only: tuple[str, ...],
     reference: str | None,
     resamples: int,
     seed: int,
@@ -123,20 +138,34 @@ def report(
     only with --tables.
     """  # fmt: skip
     options = Options(resamples, seed)
+    if only and figures is None:
+        raise click.UsageError("--only needs --figures DIR")
+    drawn = None if figures is None else WantedFigures(figures, reference, only)
     if from_cells is not None:
         if out_dir is not None or repeats:
             raise click.UsageError("--from-cells stands alone: give no campaign beside it")
+        if OVERLAYS in only:
+            raise click.UsageError("overlays need the frames of a campaign, not --from-cells")
+        if out is None and drawn is None:
+            raise click.UsageError("--from-cells needs --out DIR or --figures DIR")
+        rows = rows_from_csv(from_cells)
+        if drawn is not None:
+            draw_figures(drawn, rows)
         if out is None:
-            raise click.UsageError("--from-cells needs --out DIR")
+            return
         wanted = _Wanted(tables or out / TABLES, formats, reference, options)
-        _analyse(rows_from_csv(from_cells), (), wanted, statistics=out)
+        _analyse(rows, (), wanted, statistics=out)
         return
     if out_dir is None:
         raise click.UsageError("give the folder of a campaign, or --from-cells FILE.csv")
     if out is not None:
         raise click.UsageError("--out belongs to --from-cells; use --tables DIR")
-    if tables is None and (reference is not None or repeats):
-        raise click.UsageError("--reference and --repeat need --tables DIR")
+    if tables is None and figures is None and (reference is not None or repeats):
+        raise click.UsageError("--reference and --repeat need --tables DIR or --figures DIR")
+    if drawn is not None:
+        data, rows = _runs((out_dir, *repeats))
+        own = load_cells(out_dir) if repeats else data
+        draw_figures(drawn, rows, out_dir, own)
     analysis: Sequence[Table] = ()
     if tables is not None:
         data, rows = _runs((out_dir, *repeats))
