@@ -66,7 +66,7 @@ def same_terms(first, second):
         np.testing.assert_allclose(one, other, rtol=0, atol=1e-12, err_msg=item.name)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(cells=st.lists(cell, min_size=1, max_size=3), thresholds=st.sampled_from(OTHERS))
 def test_many_cells_at_once_score_what_each_scores_alone(cells, thresholds):
     batch = score_cells(cells, thresholds)
@@ -75,7 +75,7 @@ def test_many_cells_at_once_score_what_each_scores_alone(cells, thresholds):
         same(scores.to_json(), score_cell(labels, records, thresholds).to_json())
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(cells=st.lists(cell, min_size=1, max_size=3), thresholds=st.sampled_from(OTHERS))
 def test_their_terms_are_the_same_too(cells, thresholds):
     terms = batch_terms(encode(cells), thresholds)
@@ -83,7 +83,7 @@ def test_their_terms_are_the_same_too(cells, thresholds):
         same_terms(terms.cell(number), record_terms(score_cell(labels, records, thresholds)))
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(cell=cell)
 def test_both_agree_with_the_method_read_aloud(naive, cell):
     same(score_cell(*cell).to_json(), naive.score(*cell))

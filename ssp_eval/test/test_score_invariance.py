@@ -82,14 +82,14 @@ def mirrored_record(record):
     )
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(labels=any_labels(), records=any_records())
 def test_a_world_in_the_mirror_scores_the_same(labels, records):
     other = replace(labels, labels=tuple(map(mirrored_label, labels.labels)))
     assert outputs(other, list(map(mirrored_record, records))) == outputs(labels, records)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(labels=any_labels(), records=any_records(), by=st.integers(-64, 64))
 def test_the_zero_of_the_clip_s_clock_doesn_t_matter(labels, records, by):
     def shifted(by_s):
@@ -106,7 +106,7 @@ def test_the_zero_of_the_clip_s_clock_doesn_t_matter(labels, records, by):
     close(outputs(*shifted(by / 8)), outputs(*shifted(0.0)))
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(labels=any_labels(), records=any_records())
 def test_the_same_clip_twice_over_has_the_same_ratios(labels, records):
     """Doubling the protocol doubles the counts alone; what asks for the first label is off."""
@@ -119,7 +119,7 @@ def test_the_same_clip_twice_over_has_the_same_ratios(labels, records):
         assert two[key] == 2 * one[key]
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(labels=any_labels(), records=any_records(1))
 def test_more_text_after_the_evidence_changes_nothing(labels, records):
     """Spans that lie inside stay inside; the random ones may reach beyond and are left out."""
@@ -144,7 +144,7 @@ def paired(labels, records):
     return [replace(record, t_s=label.t_s, text="said") for label, record in pairs]
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(labels=any_labels(), records=any_records(1), data=st.data())
 def test_a_right_word_in_place_of_any_never_lowers_semantics(labels, records, data):
     records = paired(labels, records)
@@ -163,7 +163,7 @@ def test_a_right_word_in_place_of_any_never_lowers_semantics(labels, records, da
     assert {key: after[key] for key in untouched} == {key: before[key] for key in untouched}
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(labels=any_labels(), records=any_records(1), data=st.data())
 def test_a_right_trajectory_in_place_of_any_never_lowers_its_scores(labels, records, data):
     records = paired(labels, records)
@@ -179,7 +179,7 @@ def test_a_right_trajectory_in_place_of_any_never_lowers_its_scores(labels, reco
     assert {key: after[key] for key in same} == {key: before[key] for key in same}
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(labels=any_labels(), records=any_records(1), data=st.data())
 def test_losing_an_output_never_raises_what_it_can_only_feed(labels, records, data):
     records = paired(labels, records)
@@ -193,7 +193,7 @@ def test_losing_an_output_never_raises_what_it_can_only_feed(labels, records, da
     assert (after["semantic"], after["cia"]) == (before["semantic"], before["cia"])
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(labels=any_labels(), records=any_records(), data=st.data())
 def test_a_record_between_the_labels_changes_nothing_but_the_count(labels, records, data):
     stray = data.draw(any_records(1))[0]

@@ -33,7 +33,7 @@ RATIOS = (
 )
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=50, deadline=None)
 @given(labels=any_labels(), records=any_records())
 def test_every_score_is_in_its_range(labels, records):
     cell = score_cell(labels, records)
@@ -49,7 +49,7 @@ def test_every_score_is_in_its_range(labels, records):
     json.dumps(cell.details.to_json(), allow_nan=False)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=50, deadline=None)
 @given(labels=any_labels(), records=any_records())
 def test_what_is_contained_in_what(labels, records):
     """A conjunction never scores more than its parts (METHOD 6.2 to 6.8)."""
@@ -65,7 +65,7 @@ def test_what_is_contained_in_what(labels, records):
         assert not item.candidate or item.record is not None
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(labels=any_labels(), records=any_records(1), data=st.data())
 def test_a_record_far_from_every_label_changes_nothing_but_the_count(labels, records, data):
     stray = replace(data.draw(st.sampled_from(records)), t_s=100.0)
@@ -75,7 +75,7 @@ def test_a_record_far_from_every_label_changes_nothing_but_the_count(labels, rec
     assert after.details.unmatched_records == (*before.details.unmatched_records, len(records))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(labels=any_labels(), records=any_records())
 def test_inputs_are_not_changed(labels, records):
     before = repr(records), repr(labels)
@@ -106,7 +106,7 @@ def right_answer(label):
     )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(labels=any_labels())
 def test_a_perfect_answer_scores_one_everywhere(labels):
     items = [
@@ -126,7 +126,7 @@ def test_a_perfect_answer_scores_one_everywhere(labels):
     assert set(cell.details.first_failures.values()) == {0}
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(labels=any_labels())
 def test_silence_scores_zero_or_null(labels):
     score = score_cell(labels, []).to_json()
