@@ -183,6 +183,10 @@ class Chains:
     ) -> dict[int, list[SentFrame]]:
         """The frames of each request, by its line, each found in the recording."""
         recording = self._index.recordings.get(str(facts["hashes"].get("bag")))
+        if facts.get("condition"):
+            # Blackened frames are in no recording, and shuffled ones stand at other stamps.
+            self.notes.append(f"{entry.path}: a control, its frames are {facts['condition']}")
+            recording = None
         found: dict[int, list[SentFrame]] = {}
         for ref, request in requests:
             frames = found[ref.line] = []

@@ -8,7 +8,8 @@ from collections.abc import Sequence
 from ssp_eval.evaluate.admission import UNAUDITED, UNPAIRED
 from ssp_eval.report import svg
 from ssp_eval.report.load import CellData
-from ssp_eval.score import CellScore
+from ssp_eval.report.tables import STAGE_NAMES
+from ssp_eval.score import STAGES, CellScore
 from ssp_eval.score.show import NULL, format_response
 
 COLUMNS = (
@@ -32,7 +33,8 @@ _BAND = 30.0
 _LABELS = 250.0
 _COLUMN = 88.0
 _RADIUS = 14.0
-_SIDE = 262.0
+_SIDE = 402.0
+_SQUARE = 13.0
 WIDTH = _LABELS + _COLUMN * len(COLUMNS) + _SIDE
 
 
@@ -98,6 +100,9 @@ def _header() -> str:
         parts.append(head)
     parts.append(svg.text(_side_x() + 30, 46, "risk response", class_="head", text_anchor="middle"))
     parts.append(svg.text(_side_x() + 100, 46, "IVCS", class_="head"))
+    meaning = "per label time, the first stage that fails; light: none does"
+    head = svg.title(meaning) + "first failures"
+    parts.append(svg.element("text", head, x=_side_x() + 226, y=46, class_="head"))
     return "".join(parts)
 
 
@@ -146,8 +151,33 @@ def _outcome(score: CellScore, y: float) -> str:
                 fill=shade(score.ivcs),
             ),
             svg.text(x + 177, y + 4, f"{score.ivcs:.3f}{flag}", class_="ivcs"),
+            _failures(score, x + 226, y),
         )
     )  # fmt: skip
+
+
+def _failures(score: CellScore, x: float, y: float) -> str:
+    """A square per label time with the number of the first stage that fails (METHOD 6.12)."""
+    judgements = score.details.judgements
+    step = min(_SQUARE + 2, 150 / len(judgements))
+    parts = []
+    for index, judgement in enumerate(judgements):
+        stage = judgement.first_failure
+        left = x + step * index
+        tip = svg.title(STAGE_NAMES[stage] if stage else "passes all stages")
+        parts.append(
+            svg.element(
+                "rect", tip, x=left, y=y - _SQUARE / 2, width=max(step - 2, 1.0), height=_SQUARE,
+                rx=3, class_="stage fail" if stage else "stage pass",
+            )
+        )  # fmt: skip
+        if stage and step > _SQUARE:
+            number = str(STAGES.index(stage) + 1)
+            middle = left + (step - 2) / 2
+            parts.append(
+                svg.text(middle, y + 3.5, number, class_="stagenumber", text_anchor="middle")
+            )
+    return "".join(parts)
 
 
 def _legend(y: float) -> str:
