@@ -158,6 +158,18 @@ def test_overflow_and_empty_denominators_are_nobody_s_error():
     assert scores["null_denominators"].cia_eff is None
 
 
+def test_an_acceleration_that_is_no_number_is_no_action_and_not_feasible():
+    """Both speeds are infinite, and their difference has no value (METHOD 6.6)."""
+    labels, records = golden_cells()[0]
+    path = Trajectory((0.0, 0.5, 1.0), (-8e307, 2e307, 1.2e308), (0.0, 0.0, 0.0))
+    label = replace(labels.labels[0], lon_actions=("maintain",), lat_actions=("straight",))
+    cell = replace(labels, labels=(label,)), [replace(records[0], t_s=label.t_s, trajectory=path)]
+    with np.errstate(all="raise"):
+        same(score_cells([cell])[0].to_json(), score_cell(*cell).to_json())
+    assert score_cell(*cell).stfr == 0
+    assert score_cell(*cell).details.judgements[0].trajectory_lon == "maintain"
+
+
 def test_scores_are_named_and_typed_as_those_of_a_cell():
     scores = score_columns(encode(golden_cells()))
     assert list(scores.values) == [item.name for item in fields(CellMetrics)]
@@ -204,7 +216,8 @@ def test_only_overlapping_windows_need_the_exact_matcher(monkeypatch):
     assert scores[0] == scores[2] == score_cells([nine])[0]
     same(scores[1].to_json(), score_cell(*overlapping(nine)).to_json())
     close = replace(nine[0], labels=(nine[0].labels[0], replace(nine[0].labels[1], t_s=0.01)))
-    score_cells([(close, nine[1][:1])])
+    far = replace(close, labels=(close.labels[0], replace(close.labels[1], t_s=5.0)))
+    score_cells([(close, nine[1][:1]), (far, nine[1][:1])])
     assert calls == [9, 2]
 
 
