@@ -6,6 +6,10 @@ from ssp_eval.extract.hits import Hit, Kind
 from ssp_eval.extract.talk import EGO, SCENE, Talk
 from ssp_eval.extract.verbs import LAT_ACTIONS, LON_ACTIONS
 
+_PERCEIVE = frozenset(
+    {"see", "notice", "observe", "spot", "detect", "perceive", "recognise", "recognize", "find"}
+    | {"make", "count", "note", "identify", "can", "have"}
+)
 _EITHER = frozenset({"turn", "change_left", "change_right", "keep_lane", "keep_speed", "change"})
 
 
@@ -21,6 +25,8 @@ def read_ego(talk: Talk, index: int, hit: Hit) -> None:
         and (talk.words[hit.first] in ("us", "me"))
     ):
         return
+    if hit.stop < len(talk.words) and talk.words[hit.stop] in _PERCEIVE and talk.pending:
+        return  # in front I notice a van
     if talk.words[hit.first] not in ("us", "me"):
         talk.subject = EGO
         talk.ego_named = talk.ego_named or talk.words[hit.first] not in ("i", "we", "you")

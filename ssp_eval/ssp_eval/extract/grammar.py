@@ -34,7 +34,7 @@ KINDS: dict[Kind, Table] = {
             appear, probable, possible
             """
         ),
-        "will": phrases("will, going to, gonna, shall"),
+        "will": phrases("will, going to, gonna, shall, by then, by that time, by that point"),
         "must": phrases("should, must, need to, needs to, have to, has to, ought to"),
     },
     Kind.CONDITION: {

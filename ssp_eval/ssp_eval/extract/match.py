@@ -93,9 +93,25 @@ _NOUNY = frozenset(
         "idle",
         "head",
         "nudge",
+        "exit",
+        "approach",
+        "step",
+        "steps",
+        "trail",
+        "cycle",
+        "queue",
+        "pause",
+        "halt",
+        "rest",
+        "load",
     }
 )
 _ADVERBS = frozenset({"still", "yet", "though", "therefore", "thus", "hence", "however"})
+_HEDGES = frozenset({"maybe", "perhaps", "probably", "possibly", "likely"})
+_FIGURES = frozenset(
+    {"two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "twelve", "fifteen"}
+    | {"twenty", "thirty", "forty", "fifty", "sixty", "about", "around", "half"}
+)
 _OVERTAKING = frozenset({"overtaking", "passing"})
 _ARTICLES = frozenset({"a", "an", "the", "this", "another"})
 _VERB, _OBJECT, _PLACE, _SKIP = Kind.VERB, Kind.OBJECT, Kind.PLACE, Kind.SKIP
@@ -108,6 +124,7 @@ _AS_LISTED = frozenset(Kind) - {
     Kind.PRONOUN,
     Kind.JOIN,
     Kind.REACT,
+    Kind.MODAL,
 }
 _OTHERS = frozenset({"its", "their", "his", "her"})  # its rear is no place of its own
 _AFTER_SIDES = frozenset({"in", "behind", "after", "now", "next", "here", "there"})
@@ -185,6 +202,9 @@ def _add(words: list[str], at: int, stop: int, entry: Entry, hits: list[Hit]) ->
         if crossed and words[at:stop] == ["pedestrian", "crossing"]:
             return _add(words, at, at + 1, ENTRIES["pedestrian"], hits)
         return stop
+    elif kind is Kind.MODAL:
+        if words[at] in _HEDGES and stop < len(words) and _counts(words[stop]):
+            return stop  # at maybe 40 km/h
     elif words[at] in _ADVERBS:
         if _parenthetic(words, at, stop):
             return stop  # is still crossing, has not yet stopped
@@ -192,6 +212,10 @@ def _add(words: list[str], at: int, stop: int, entry: Entry, hits: list[Hit]) ->
         kind, value = Kind.STATE, "same_direction"  # an overtaking motorbike
     hits.append(Hit(kind, value, form, at, stop))
     return stop
+
+
+def _counts(word: str) -> bool:
+    return "0" <= word[0] <= "9" or word in _FIGURES
 
 
 def _add_verb(words: list[str], at: int, stop: int, entry: Entry, hits: list[Hit]) -> int:

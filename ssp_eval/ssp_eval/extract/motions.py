@@ -23,6 +23,9 @@ _GOES_ON = (["into"], ["onto"], ["from"])
 _ENDS = frozenset(phrases("to, >, towards, toward"))
 _ONTO_WORDS = frozenset(phrases("into, onto, in, on"))
 _OVER = frozenset(phrases("across, over, through"))
+_STILL = frozenset(
+    phrases("still, at, by, parked, stopped, stationary, idle, there, waiting, beside, on")
+)
 _TOWARDS = frozenset(phrases("towards, toward, at"))
 _NOT_US = frozenset(phrases("lane, path, side, speed, pace, left, right"))
 _OPPOSITE = frozenset(phrases("opposite, oncoming, opposing"))
@@ -61,6 +64,8 @@ def motion_of(
     """
     verb = hits[index]
     lemma = verb.value
+    if lemma == "sit" and not _STILL & set(words[verb.stop : verb.stop + 2]):
+        return None  # it sits in front of us by now
     if lemma in STANDING:
         if lemma == "stop" and verb.form == "ing":
             return MOVING_BESIDE, None
@@ -178,6 +183,8 @@ def _over_line(words: list[str], at: int) -> bool:
 
 def _over_road(words: list[str], at: int, name: str) -> bool:
     near = words[at : at + 10]
+    if "across" in near[:3] and "from" in near[:4]:
+        return True
     if name not in _LIGHT:
         return "across" in near and bool(_ROADS & set(near))
     if "across" in near or "over" in near:

@@ -9,6 +9,9 @@ from ssp_eval.extract.talk import EGO, SCENE, Talk
 from ssp_eval.extract.verbs import STEERING
 from ssp_eval.extract.world import Actor
 
+# What the ego's plan has no use for.
+_FOREIGN = frozenset({"cross", "step", "cut_in", "pedal", "approach", "wait", "recede", "overtake"})
+
 
 def read_verb(talk: Talk, index: int, hit: Hit) -> None:
     if hit.form == "value" and places.read_value(talk, index, hit):
@@ -31,6 +34,8 @@ def read_verb(talk: Talk, index: int, hit: Hit) -> None:
     if hit.form == "ing" and _inverted(talk, index):
         talk.adjectives.append(index)
         return
+    if hit.form == "s" and hit.value in _FOREIGN and _opens(talk, index):
+        talk.subject = talk.topic or talk.spoken_of()  # Crosses from right to left.
     other = isinstance(talk.subject, Actor) or talk.subject is SCENE
     if talk.key in ("motion", "position") and talk.near is None:
         others.move(talk, index, hit)
@@ -50,6 +55,16 @@ def read_verb(talk: Talk, index: int, hit: Hit) -> None:
     else:
         others.move(talk, index, hit)
     talk.busy = True
+
+
+def _opens(talk: Talk, index: int) -> bool:
+    """Whether a verb opens its sentence and nobody has been named in it."""
+    if talk.subject is not None or talk.near is not None:
+        return False
+    hit = talk.hits[index]
+    if hit.first and talk.words[hit.first - 1][0].isalnum():
+        return False  # an excavator stands there
+    return all(one.kind is Kind.MARK for one in talk.hits[talk.start : index])
 
 
 def _followed(talk: Talk, index: int) -> bool:

@@ -14,6 +14,7 @@ from ssp_eval.extract.world import Actor, Statement
 _LINES = frozenset({"line", "lines", "marking", "markings", "dashed", "solid", "boundary"})
 
 _LINKS = frozenset(phrases("to, with, and, or, in, on, at, ahead, is, one, ones"))
+_POSSESSIVE = frozenset(phrases("his, her, its, their"))
 _TO = frozenset(phrases("to, into, over, towards, toward, out, across, onto, away"))
 
 
@@ -85,7 +86,7 @@ def be(talk: Talk, actor: Actor, index: int, flags: int) -> None:
 def move(talk: Talk, index: int, hit: Hit) -> None:
     """A verb whose subject is a road user: a motion, a possible conflict or its end."""
     actor = talk.target(index, hit)
-    if actor is None:
+    if actor is None or _of_his(talk, index, hit):
         return
     flags = talk.flags_at(index) if hit.form == "ing" else talk.flags[index]
     if flags & Scope.DENIED:
@@ -133,6 +134,15 @@ def move(talk: Talk, index: int, hit: Hit) -> None:
         talk.show(one, index)
     if actor is talk.world.loose:
         actor.motions.append(talk.said(value, hit, stop))
+
+
+def _of_his(talk: Talk, index: int, hit: Hit) -> bool:
+    """where her friends stand: a plural that the rules don't know acts."""
+    before = talk.hits[index - 1] if index > talk.start else None
+    if before is None or before.kind is not Kind.PRONOUN or hit.form != "base":
+        return False
+    many = before.stop < hit.first and talk.words[hit.first - 1].endswith("s")
+    return many and talk.words[before.first] in _POSSESSIVE
 
 
 def _put_in_lane(talk: Talk, actor: Actor, hit: Hit) -> None:

@@ -20,6 +20,7 @@ _MEASURES = frozenset(
     )
 )
 _UNSURE = Scope.POSSIBLE | Scope.AHEAD | Scope.DENIED  # where it may pull out to
+_PASSING = frozenset(phrases("around, round, past, pass, overtake, by"))
 _AT = frozenset(phrases("on, in, at, along, inside, within"))
 _SPOTS = frozenset(
     phrases(
@@ -70,6 +71,8 @@ def read_place(talk: Talk, index: int, hit: Hit) -> None:
 def read_side(talk: Talk, index: int, hit: Hit) -> None:
     if hit.form == "from":
         _read_passing(talk, index, hit)
+    if _around(talk, index):
+        return
     if _arrived(talk, index, hit):
         read_place(talk, index, hit)
         return
@@ -125,6 +128,14 @@ def read_value(talk: Talk, index: int, hit: Hit) -> bool:
     if not talk.flags[index]:
         talk.near.places.append(talk.said(side.value, side))
     return True
+
+
+def _around(talk: Talk, index: int) -> bool:
+    """go around her on the left: our way, not her place."""
+    before = talk.hits[index - 1] if index > talk.start else None
+    if before is None or before.kind is not Kind.PRONOUN or before.first == 0:
+        return False
+    return talk.words[before.first - 1] in _PASSING
 
 
 def _arrived(talk: Talk, index: int, hit: Hit) -> bool:

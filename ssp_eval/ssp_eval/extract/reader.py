@@ -46,9 +46,13 @@ def _end(talk: Talk) -> None:
         first, stop = talk.hits[talk.start].first, talk.hits[talk.stop - 1].stop
         talk.world.nobody = Statement("", first, stop, talk.number)
     if talk.pending and not talk.named and talk.last is not None and _places_only(talk):
+        whose = talk.spoken_of()
         for index in talk.pending:  # Child. In front.
-            talk.put(talk.last, index, talk.flags[index])
+            if whose is not None:
+                talk.put(whose, index, talk.flags[index])
     last = talk.hits[talk.stop - 1]
+    asks = last.value == "?" and not talk.named and talk.subject is not EGO
+    talk.asked = [talk.said(talk.hits[at].value, talk.hits[at]) for at in talk.pending if asks]
     before = talk.hits[talk.stop - 2] if talk.stop - 2 >= talk.start else None
     if not (before is not None and before.value == ":" and last.value == "\n"):
         talk.key = ""
@@ -154,9 +158,17 @@ def _has_clause(talk: Talk, index: int) -> bool:
     return False
 
 
+def _side(talk: Talk, index: int, hit: Hit) -> None:
+    if talk.key == "lat_action" and talk.planner.side(index, hit):
+        return
+    places.read_side(talk, index, hit)
+
+
 def _mark(talk: Talk, index: int, hit: Hit) -> None:
     talk.planner.mark(index, hit)
-    if hit.value == ":" and _labels(talk, index):
+    if hit.value == ":" and index > talk.start and talk.hits[index - 1].kind is Kind.EGO:
+        talk.busy = False  # Ego: slows down.
+    elif hit.value == ":" and _labels(talk, index):
         talk.busy = False  # Truck: at the kerb. Front: a pedestrian.
     elif hit.value in (";", ":", "["):
         talk.clear()
@@ -189,7 +201,7 @@ _HANDLERS: dict[Kind, Callable[[Talk, int, Hit], None]] = {
     Kind.RELATIVE: subjects.read_relative,
     Kind.SCENE: subjects.read_scene,
     Kind.PLACE: places.read_place,
-    Kind.SIDE: places.read_side,
+    Kind.SIDE: _side,
     Kind.VERB: moves.read_verb,
     Kind.STATE: others.read_state,
     Kind.RISK: conflicts.read_risk,

@@ -107,6 +107,9 @@ def read_object(talk: Talk, index: int, hit: Hit) -> None:
     for before in talk.adjectives:
         others.be(talk, actor, before, flags)
     talk.pending, talk.adjectives = [], []
+    if talk.asked and not flags:  # What is on the left? A cyclist.
+        actor.places.extend(talk.asked)
+        talk.asked = []
     if actor.parked and actors.preposition(talk.words, hit) in _AROUND:
         actor.matters = True  # from behind the parked van
 
@@ -115,7 +118,8 @@ def _apposition(talk: Talk, index: int, hit: Hit) -> bool:
     """Whether a noun says again who was just named: the vehicle to our right, a tanker truck."""
     if hit.form == "definite" or index - 2 < talk.start or talk.near is None:
         return False
-    labelled = talk.hits[index - 1].value == ":" and bool(talk.near.label)
+    named = bool(talk.near.label) or talk.near.noun in ("vehicle", "car")
+    labelled = talk.hits[index - 1].value == ":" and named
     if talk.hits[index - 1].value not in (",", "(") and not labelled:
         return False
     after = talk.words[hit.stop : hit.stop + 1]
@@ -216,6 +220,8 @@ def _referent(talk: Talk, pronoun: str, word: str) -> Actor | None:
     for actor in (subject, here, talk.topic, talk.last):
         if actor is None or (many and not (actor.plural or actor.name in _PEOPLE)):
             continue
+        if actor.background and talk.world.actors[0] is not actor:
+            continue
         if (fits is None or actor.name in fits) and actor.noun not in unlike:
             return actor
     if many:
@@ -224,7 +230,7 @@ def _referent(talk: Talk, pronoun: str, word: str) -> Actor | None:
         for actor in reversed(talk.world.actors[-REACH:]):
             if actor.name in fits and actor.noun not in unlike:
                 return actor
-    return None if pronoun == "rider" else talk.last
+    return None if pronoun == "rider" else talk.spoken_of()
 
 
 def read_relative(talk: Talk, index: int, hit: Hit) -> None:

@@ -22,6 +22,7 @@ class Talk:
 
     __slots__ = (
         "adjectives",
+        "asked",
         "busy",
         "denied",
         "ego_is_car",
@@ -60,6 +61,7 @@ class Talk:
         self.words, self.hits, self.flags = words, hits, flags
         self.world = World()
         self.planner = Planner(words, hits, flags, self.world)
+        self.asked: list[Statement] = []  # places that a question was about
         self.last: Actor | None = None  # for pronouns: who was named last
         self.topic: Actor | None = None  # whom the sentence before was about
         self.ego_named = False
@@ -155,6 +157,13 @@ class Talk:
         if self.near is not None and self.named and self.attached(index):
             return self.flags[index] & self.flags[self.named[-1][0]]
         return self.flags[index]
+
+    def spoken_of(self) -> Actor | None:
+        """Who was named last and not put aside."""
+        if self.last is None or not self.last.background:
+            return self.last
+        recent = reversed(self.world.actors[-REACH:])
+        return next((one for one in recent if one.mentions and not one.background), self.last)
 
     def put(self, actor: Actor, index: int, flags: int) -> None:
         if flags & NOT_NOW or (flags and actor is not self.near):
