@@ -6,6 +6,7 @@ it is built, so that the memory used doesn't grow with the recording.
 
 from __future__ import annotations
 
+from array import array
 from bisect import bisect_right
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -53,9 +54,25 @@ class NoQuestion:
     reason: str
 
 
-class _FrameEntry(NamedTuple):
+class _Entry(NamedTuple):
     stamp_ns: int
     log_time_ns: int
+
+
+class _Entries:
+    """Where the messages of a topic lie, by their stamps; sixteen bytes a message.
+
+    Args:
+        entries: in any order.
+    """
+
+    def __init__(self, entries: list[_Entry]) -> None:
+        entries.sort()
+        self.stamps_ns = array("q", (entry.stamp_ns for entry in entries))
+        self._log_times_ns = array("q", (entry.log_time_ns for entry in entries))
+
+    def __getitem__(self, index: int) -> _Entry:
+        return _Entry(self.stamps_ns[index], self._log_times_ns[index])
 
 
 class Clip:
@@ -82,8 +99,8 @@ class Clip:
         except BaseException:
             self._stack.close()
             raise
-        self._state_stamps = [stamp for stamp, _ in self._states]
-        self._frame_stamps = [frame.stamp_ns for frame in self._frames]
+        self._state_stamps = self._states.stamps_ns
+        self._frame_stamps = self._frames.stamps_ns
         start_ns = self.provenance.session_start_ns
         self.start_ns = self._frame_stamps[0] if start_ns is None else start_ns
 
@@ -103,9 +120,9 @@ class Clip:
                 value=info.msgtype,
             )
 
-    def _index(self) -> tuple[list[_FrameEntry], list[tuple[int, BagMessage]]]:
-        frames: list[_FrameEntry] = []
-        states: list[tuple[int, BagMessage]] = []
+    def _index(self) -> tuple[_Entries, _Entries]:
+        frames: list[_Entry] = []
+        states: list[_Entry] = []
         for message in self._bag.messages([_IMAGE, _VUT_STATE]):
             try:
                 stamp = peek_stamp_ns(message.data)
@@ -115,13 +132,9 @@ class Clip:
                     file=self.path,
                     field=message.topic,
                 ) from error
-            if message.topic == _IMAGE:
-                frames.append(_FrameEntry(stamp, message.log_time_ns))
-            else:
-                states.append((stamp, message))
-        frames.sort()
-        states.sort(key=lambda entry: entry[0])
-        return frames, states
+            entries = frames if message.topic == _IMAGE else states
+            entries.append(_Entry(stamp, message.log_time_ns))
+        return _Entries(frames), _Entries(states)
 
     def _camera(self) -> tuple[CameraGeometry | None, Mounting | None]:
         if self.provenance.camera == "unknown":
@@ -183,7 +196,7 @@ class Clip:
         )
         return Question(label_t_s, ns_to_seconds(stamp - self.start_ns), request)
 
-    def _fetch(self, chosen: list[_FrameEntry]) -> tuple[Frame, ...]:
+    def _fetch(self, chosen: list[_Entry]) -> tuple[Frame, ...]:
         wanted = {frame.stamp_ns for frame in chosen}
         start_ns = min(frame.log_time_ns for frame in chosen)
         stop_ns = max(frame.log_time_ns for frame in chosen) + 1
@@ -196,10 +209,23 @@ class Clip:
         """Ego samples up to a time, oldest first; empty when there is no state recent enough."""
         if self.provenance.ego == "unknown":
             return ()
-        return ego_history(self._state_stamps, self._state, now_ns, rules)
+        newest = bisect_right(self._state_stamps, now_ns) - 1
+        if newest < 0:
+            return ()
+        reach_ns = seconds_to_ns(rules.history_s + rules.history_spacing_s)
+        first = max(0, bisect_right(self._state_stamps, now_ns - reach_ns) - 1)
+        found = self._fetch_states(first, newest)
 
-    def _state(self, index: int) -> ObjectState:
-        return object_state(self._bag.decode(self._states[index][1]))
+        def state(index: int) -> ObjectState:
+            return object_state(self._bag.decode(found[self._states[index]]))
+
+        return ego_history(self._state_stamps, state, now_ns, rules)
+
+    def _fetch_states(self, first: int, newest: int) -> dict[_Entry, BagMessage]:
+        """The messages of these states and of those received between them."""
+        log_times_ns = [self._states[index].log_time_ns for index in range(first, newest + 1)]
+        messages = self._bag.messages([_VUT_STATE], min(log_times_ns), max(log_times_ns) + 1)
+        return {_Entry(peek_stamp_ns(m.data), m.log_time_ns): m for m in messages}
 
     def close(self) -> None:
         self._stack.close()

@@ -9,6 +9,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from ssp_core.errors import HostError
 from ssp_eval.evaluate.admission import NO_AUDIT, Admission
 from ssp_eval.evaluate.asker import Askers
 from ssp_eval.evaluate.campaign import labelled_clip
@@ -33,6 +34,7 @@ class Settings:
         timeout_s: for one answer.
         start_timeout_s: until a bridge is on its topics.
         direct: models answer in the worker itself, without ROS; None: over topics.
+        extractor_sha256: of the extractor that all workers must have; empty: any.
     """
 
     out: Path
@@ -44,6 +46,7 @@ class Settings:
     timeout_s: float = 60.0
     start_timeout_s: float = 60.0
     direct: Callable[[], Askers] | None = None
+    extractor_sha256: str = ""
 
 
 @dataclass(frozen=True)
@@ -71,10 +74,19 @@ class JobRunner:
     Args:
         settings: of the campaign.
         name: of the worker, for its bridges' output.
+
+    Raises:
+        HostError: the worker has another version of the software.
     """
 
     def __init__(self, settings: Settings, name: str) -> None:
         self._settings = settings
+        extractor = settings.make_extractor()
+        if settings.extractor_sha256 not in ("", extractor.sha256):
+            raise HostError(
+                f"{name} extracts by other rules than the campaign ({extractor.sha256}, not "
+                f"{settings.extractor_sha256}); install the same version everywhere"
+            )
         self._stack = ExitStack()
         if settings.direct is not None:
             self._askers: Askers = settings.direct()
@@ -87,7 +99,7 @@ class JobRunner:
             settings.fresh,
             settings.retry_errors,
             settings.retry_pause_s,
-            settings.make_extractor(),
+            extractor,
         )
 
     def run(self, job: Job, on_record: Callable[[], None] = lambda: None) -> CellResult:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Protocol
 
@@ -60,7 +61,7 @@ def run_parallel(
 
     Raises:
         InputError: a bag, its labels or an option is wrong, or a bridge is attached.
-        HostError: the engine isn't installed.
+        HostError: the engine isn't installed, or a worker has another version of the software.
     """
     for model in models:
         model.read_by(settings.adapter)
@@ -92,4 +93,5 @@ def run_parallel(
             options = CellOptions(settings.adapter, extractor=settings.make_extractor())
             return fail_cell(clip_of[job.number], job.model, settings.out, options, reason)
 
-        return ENGINES[engine](jobs, settings, workers, on_dead, on_record)
+        same = replace(settings, extractor_sha256=settings.make_extractor().sha256)
+        return ENGINES[engine](jobs, same, workers, on_dead, on_record)

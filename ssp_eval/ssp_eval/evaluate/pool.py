@@ -161,7 +161,13 @@ def _work(settings: Settings, name: str, pipe: Connection[Any, Any]) -> None:
     # Ctrl-C reaches the whole group; who leads it ends us in order, and our bridges with us.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
-    with JobRunner(settings, name) as runner:
+    try:
+        runner = JobRunner(settings, name)
+    except SspError as error:
+        pipe.recv()
+        pipe.send((ERROR, error))
+        return
+    with runner:
         while True:
             try:
                 job = pipe.recv()

@@ -21,10 +21,14 @@ class _Actor:
     """What runs on the cluster: a JobRunner with a way to end it."""
 
     def __init__(self, settings: Settings, name: str) -> None:
-        self._runner = JobRunner(settings, name)
+        self._settings, self._name = settings, name
+        self._runner: JobRunner | None = None
 
     def run(self, job: Job) -> tuple[CellResult, int]:
         """The cell, and how many label times it had."""
+        if self._runner is None:
+            # Here, not at the start: what it raises then is this call's error.
+            self._runner = JobRunner(self._settings, self._name)
         count = 0
 
         def on_record() -> None:
@@ -35,7 +39,8 @@ class _Actor:
 
     def close(self) -> None:
         """Ends the bridges."""
-        self._runner.close()
+        if self._runner is not None:
+            self._runner.close()
 
 
 def import_ray() -> Any:
