@@ -1,0 +1,260 @@
+"""Campaigns over several processes: the same cells, and no cell is ever left out."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from ssp_core.errors import HostError, InputError
+from ssp_eval.evaluate import ray_engine
+from ssp_eval.evaluate.asker import DirectAskers
+from ssp_eval.evaluate.campaign import run_campaign
+from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.cell_file import CellResult
+from ssp_eval.evaluate.cli import evaluate
+from ssp_eval.evaluate.job import Settings
+from ssp_eval.evaluate.model_spec import ModelSpec
+from ssp_eval.evaluate.models import attached_spec, bridge_spec, with_controls
+from ssp_eval.evaluate.parallel import run_parallel
+from ssp_eval.extract.llm import make_extractor
+from ssp_eval.report.page import write_report
+
+BagMaker = Callable[..., Path]
+MODELS = ("constant_velocity", "perfect")
+DEADLINE_S = 60.0
+
+
+@pytest.fixture(autouse=True)
+def doubles(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lets workers import what stands in for models here."""
+    folder = str(Path(__file__).parent)
+    monkeypatch.syspath_prepend(folder)
+    monkeypatch.setenv(
+        "PYTHONPATH", os.pathsep.join(filter(None, (folder, os.environ.get("PYTHONPATH"))))
+    )
+
+
+def double(name: str) -> Any:
+    return getattr(importlib.import_module("campaign_doubles"), name)
+
+
+@pytest.fixture
+def bags(make_bag: BagMaker) -> list[tuple[Path, Path | None]]:
+    return [(make_bag(), None), (make_bag("track", domain="physical"), None)]
+
+
+def settings(out: Path, direct: Any = DirectAskers) -> Settings:
+    return Settings(out=out, make_extractor=make_extractor, direct=direct)
+
+
+def content(out: Path) -> dict[str, Any]:
+    """All files of the cells, without ids, latencies and the hashes of what holds these."""
+    found: dict[str, Any] = {}
+    for file in sorted((out / "cells").rglob("*")):
+        name = str(file.relative_to(out))
+        if file.name in ("raw.jsonl", "requests.jsonl"):
+            found[name] = [_bare(json.loads(line)) for line in file.read_text().splitlines()]
+        elif file.name == "cell.json":
+            facts = json.loads(file.read_text())
+            del facts["hashes"]["raw"], facts["hashes"]["requests"]
+            found[name] = facts
+        elif file.is_file():
+            found[name] = file.read_bytes()
+    found["frames"] = sorted(file.name for file in (out / "frames").iterdir())
+    return found
+
+
+def _bare(value: dict[str, Any]) -> dict[str, Any]:
+    previous = value.get("previous")
+    if isinstance(previous, dict):
+        value["previous"] = {k: v for k, v in previous.items() if k != "request_id"}
+    return {k: v for k, v in value.items() if k not in ("request_id", "latency_s")}
+
+
+@pytest.mark.parametrize("engine", ["processes", pytest.param("ray", marks=pytest.mark.system)])
+def test_workers_give_what_one_process_gives(
+    bags: list[tuple[Path, Path | None]], tmp_path: Path, engine: str
+) -> None:
+    models = with_controls([bridge_spec(name) for name in (*MODELS, "opencv_baseline")])
+    one, many = tmp_path / "one", tmp_path / "many"
+    first = run_campaign(bags, models, DirectAskers(), one, CellOptions(), True)
+    told, records = [], []
+    second = run_parallel(
+        bags, models, settings(many), 2, engine,
+        on_total=told.append, on_record=lambda: records.append(1),
+    )  # fmt: skip
+    alone, together = content(one), content(many)
+    assert alone.keys() == together.keys()
+    for name, value in alone.items():
+        assert value == together[name], name
+    assert [r.folder.name for r in first] == [r.folder.name for r in second]
+    assert [r.score for r in first] == [r.score for r in second]
+    assert told == [len(records)]
+    again = run_parallel(bags, models, settings(many), 2, engine)
+    assert sum(result.asked for result in again) == 0
+
+
+@pytest.mark.parametrize("engine", ["processes", pytest.param("ray", marks=pytest.mark.system)])
+def test_a_worker_that_dies_is_a_failed_cell(
+    bags: list[tuple[Path, Path | None]], tmp_path: Path, engine: str
+) -> None:
+    models = [ModelSpec("deadly", backend="constant_velocity"), bridge_spec("constant_velocity")]
+    results = run_parallel(bags, models, settings(tmp_path, double("Deadly")), 2, engine, True)
+    status = [(result.model, result.status) for result in results]
+    assert status == [("deadly", "failed"), ("constant_velocity", "ok")] * 2
+    for result in results[::2]:
+        assert result.reasons[0].startswith("the worker died: ")
+        if engine == "processes":
+            assert result.reasons == ("the worker died: killed by SIGKILL",)
+        assert json.loads((result.folder / "cell.json").read_text())["status"] == "failed"
+        assert not (result.folder / "score.json").exists()
+    page = write_report(tmp_path).read_text()
+    assert "the worker died" in page
+    assert "<dt>failed</dt><dd>2</dd>" in page
+
+
+def test_a_wrong_option_ends_the_campaign_as_in_one_process(
+    bags: list[tuple[Path, Path | None]], tmp_path: Path
+) -> None:
+    models = [bridge_spec("constant_velocity")]
+    with pytest.raises(InputError, match=r"speed: is wrong \(got 3\)") as caught:
+        run_parallel(bags, models, settings(tmp_path, double("Wrong")), 2, propose_labels=True)
+    assert caught.value.field == "speed"
+
+
+@pytest.mark.parametrize("engine", ["processes", pytest.param("ray", marks=pytest.mark.system)])
+def test_a_worker_of_another_version_is_refused(
+    bags: list[tuple[Path, Path | None]], tmp_path: Path, engine: str
+) -> None:
+    changed = replace(settings(tmp_path), make_extractor=double("another_each_time"))
+    with pytest.raises(HostError, match="install the same version everywhere"):
+        run_parallel(bags, [bridge_spec("constant_velocity")], changed, 1, engine, True)
+    assert not list(tmp_path.rglob("score.json"))
+
+
+def test_a_bug_in_a_worker_shows_its_traceback(
+    bags: list[tuple[Path, Path | None]], tmp_path: Path
+) -> None:
+    models = [bridge_spec("constant_velocity")]
+    with pytest.raises(RuntimeError, match="ZeroDivisionError: on purpose"):
+        run_parallel(bags, models, settings(tmp_path, double("Faulty")), 1, propose_labels=True)
+
+
+def test_attached_bridges_have_one_worker(
+    bags: list[tuple[Path, Path | None]], tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match="can't be asked by several workers"):
+        run_parallel(bags, [attached_spec("mine")], settings(tmp_path), 2)
+
+
+def test_without_ray_the_remedy_is_named(
+    bags: list[tuple[Path, Path | None]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "ray", None)
+    with pytest.raises(HostError, match=r"pip install 'ssp\[ray\]'"):
+        run_parallel(bags, [bridge_spec("silent")], settings(tmp_path), 2, "ray")
+    assert not (tmp_path / "cells").exists()
+    with pytest.raises(HostError):
+        ray_engine.import_ray()
+
+
+@pytest.mark.ros
+@pytest.mark.system
+def test_each_worker_has_bridges_of_its_own(
+    bags: list[tuple[Path, Path | None]], tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    run = CliRunner().invoke(
+        evaluate,
+        [*(str(bag) for bag, _ in bags), "--bridge", "constant_velocity", "--propose-labels",
+         "--out", str(out), "--workers", "2", "--json"],
+    )  # fmt: skip
+    assert run.exit_code == 0, run.output
+    cells = [json.loads(line) for line in run.output.splitlines() if line.startswith("{")]
+    assert [cell["status"] for cell in cells] == ["ok", "ok"]
+    logs = {file.parent.name for file in (out / "logs").rglob("*constant_velocity*")}
+    assert logs == {"worker_0", "worker_1"}
+
+
+@pytest.mark.system
+def test_ctrl_c_ends_every_worker(bags: list[tuple[Path, Path | None]], tmp_path: Path) -> None:
+    out, script = tmp_path / "out", tmp_path / "campaign.py"
+    script.write_text(SLOW)
+    process = subprocess.Popen(
+        [sys.executable, str(script), str(out), *(str(bag) for bag, _ in bags)],
+        start_new_session=True, stderr=subprocess.PIPE,
+    )  # fmt: skip
+    group = process.pid
+    try:
+        deadline = time.monotonic() + DEADLINE_S
+        while len(list(tmp_path.glob("out/asked_*"))) < 2:
+            assert process.poll() is None, process.communicate()[1].decode()
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        os.killpg(group, signal.SIGINT)
+        _, error = process.communicate(timeout=DEADLINE_S)
+    finally:
+        if process.poll() is None:
+            os.killpg(group, signal.SIGKILL)
+            process.wait()
+    assert process.returncode != 0
+    assert error.decode().count("KeyboardInterrupt") == 1, error.decode()
+    deadline = time.monotonic() + DEADLINE_S
+    while _there(group):
+        assert time.monotonic() < deadline, "a worker is left"
+        time.sleep(0.05)
+
+
+def _there(group: int) -> bool:
+    try:
+        os.killpg(group, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+SLOW = """
+import sys, time
+from pathlib import Path
+from ssp_eval.evaluate.asker import DirectAskers
+from ssp_eval.evaluate.job import Settings
+from ssp_eval.evaluate.models import bridge_spec
+from ssp_eval.evaluate.parallel import run_parallel
+from ssp_eval.extract.llm import make_extractor
+
+out = Path(sys.argv[1])
+
+class Slow(DirectAskers):
+    def asker(self, model, options):
+        import os
+        (out / f"asked_{os.getpid()}").touch()
+        time.sleep(600.0)
+
+if __name__ == "__main__":
+    bags = [(Path(bag), None) for bag in sys.argv[2:]]
+    settings = Settings(out=out, make_extractor=make_extractor, direct=Slow)
+    run_parallel(bags, [bridge_spec("constant_velocity")], settings, 2, propose_labels=True)
+"""
+
+
+def test_results_are_in_the_order_of_bags_and_models(
+    bags: list[tuple[Path, Path | None]], tmp_path: Path
+) -> None:
+    models = [bridge_spec(name) for name in reversed(MODELS)]
+    results: list[CellResult] = run_parallel(bags, models, settings(tmp_path), 3,
+                                             propose_labels=True)  # fmt: skip
+    assert [(r.domain, r.model) for r in results] == [
+        (domain, model.name) for domain in ("simulation", "physical") for model in models
+    ]
