@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
-from ssp_eval.extract import halts, hazards, keeping, lanes, paces, verbs
+from ssp_eval.extract import halts, hazards, keeping, lanes, paces, speeds, verbs
 from ssp_eval.extract.hits import MARKS, Hit, Kind
 
 Rule = Callable[[list[str], int, list[Hit]], int]
@@ -19,6 +19,7 @@ _BARE_VALUES = {
     "right": "change_right",
     "keep": "keep_speed",
 }
+_BOXES = frozenset({"ticked", "unticked"})
 _PACED = frozenset({"decelerate", "maintain", "accelerate", "stop", "brake", "slow", "cruise"})
 _INSIDE = (["in"], ["within"], ["inside"])
 _SLIGHTLY = frozenset({"slightly", "a", "bit", "little", "gently", "somewhat"})
@@ -31,9 +32,11 @@ _INITIALS = {"l": "left", "r": "right"}
 def _value(words: list[str], at: int, hits: list[Hit]) -> int:
     """A value that stands alone between marks, as in ['STRAIGHT', 'MAINTAIN']."""
     before = words[at - 1] if at else "."
+    if before == ">" or words[at + 1 : at + 2] == [">"]:
+        return 0  # from left > right
     joined = before == "and" and words[at] == "straight" and at > 1 and words[at - 2] in _PACED
     if not (joined or before in MARKS or before == "ticked") or (
-        at + 1 < len(words) and words[at + 1] not in MARKS
+        at + 1 < len(words) and words[at + 1] not in MARKS and words[at + 1] not in _BOXES
     ):
         return 0
     hits.append(Hit(Kind.VERB, _BARE_VALUES[words[at]], "value", at, at + 1))
@@ -107,6 +110,7 @@ _ORDER: tuple[tuple[Iterable[str], Rule], ...] = (
     (hazards.HEADS, _settling),
     (halts.HEADS, _verb(halts.halt)),
     (paces.HEADS, _verb(paces.pace)),
+    (speeds.HEADS, _verb(speeds.unchanged)),
     (lanes.HEADS, _verb(lanes.straight)),
     (_INITIALS, _initial),
 )

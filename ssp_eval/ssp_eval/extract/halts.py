@@ -44,6 +44,7 @@ _STILL = frozenset(
 _PLACES = frozenset(phrases("at, a, the, in, our, safely, completely, fully, on, firmly, where"))
 _SIGNS = frozenset(phrases("sign, signs, line, lines, light, bar, and"))
 _WAITING = frozenset(phrases("wait, stay, stop, remain"))
+_DOWN = (["down"], ["way"], ["braking"], ["brake"], ["deceleration"], ["decelerate"])
 _UNTIL = frozenset(phrases("until, till"))
 HEADS = _COMING | _STAYING | _UNTIL | {"to", "all", "wait"}
 MAX_FILLERS = 7
@@ -84,11 +85,7 @@ def _to_rest(words: list[str], here: int, bare: bool) -> int | None:
                 return None
             if bare and word in ("stop", "rest"):
                 return None
-            if (
-                bare
-                and word in ("zero", "0")
-                and words[here - 2 : here - 1] not in (["down"], ["way"])
-            ):
+            if bare and word in ("zero", "0") and words[here - 2 : here - 1] not in _DOWN:
                 return None
             return here + 1
         elif word not in _FILLERS:

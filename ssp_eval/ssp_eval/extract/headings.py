@@ -41,5 +41,7 @@ def field_name(words: list[str], colon: int, hits: list[Hit]) -> str:
             return slot
         loose = lanes.FIELDS.get(name)
         if loose:
+            while loose == "pace" and hits and hits[-1].stop > first:
+                hits.pop()  # Acceleration: negative
             return loose
     return ""

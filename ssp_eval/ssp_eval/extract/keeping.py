@@ -14,7 +14,8 @@ _GO = frozenset(
         """
         continue, continues, continuing, drive, drives, driving, proceed, proceeds,
         proceeding, go, goes, going, travel, travels, traveling, travelling, head, heads,
-        heading, move, moves, moving, cruise, cruises, cruising, steer, steers, steering
+        heading, move, moves, moving, cruise, cruises, cruising, steer, steers, steering,
+        carry, carries, carrying, roll, rolls, rolling
         """
     )
 )
@@ -48,7 +49,7 @@ _NOT_KEPT = frozenset(
     )
 )
 _IN = frozenset(phrases("in, within, inside, to, on, of, along"))
-_POSED = frozenset(phrases("centered, centred, positioned, centrally, firmly, safely, well"))
+_POSED = frozenset(phrases("put, centered, centred, positioned, centrally, firmly, safely, well"))
 _SIDES = frozenset(
     phrases(
         """
@@ -74,7 +75,7 @@ def keep(words: list[str], at: int) -> tuple[Found, ...]:
     count = len(words)
     if here < count and words[here] in _ON:
         here += 1
-    if here >= count:
+    if here >= count or (head.startswith("carr") and words[at + 1] != "on"):
         return ()
     if words[here] == "straight":
         return (("keep_lane", form, at, here + 1),)

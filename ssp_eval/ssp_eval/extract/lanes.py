@@ -27,10 +27,11 @@ _HELD = frozenset(
     phrases(
         """
         wheel, held, kept, is, stays, remains, be, should, stay, as, it, the, a, at, dead, all,
-        completely, to, must, input, angle, command, pointed, pointing, neutral, set, of, remain
+        completely, to, must, input, angle, command, pointed, pointing, set, of, remain
         """
     )
 )
+_NEUTRAL = frozenset(phrases("straight, neutral, centered, centred"))
 _NO_STEERING = frozenset(
     phrases(
         """
@@ -51,6 +52,7 @@ _UNCHANGED = frozenset(phrases("unchanged, unaltered, same"))
 _PASSIVE = frozenset(phrases("is, will, should, be, can, must, to, being, shall, also, then"))
 _COURSES = frozenset(phrases("direction, heading, course, steering"))
 _THROUGH = frozenset(phrases("on, through"))
+_DIRECTIONS = (["direction"], ["heading"], ["course"], ["steering"])
 _COURSE = tuple([word] for word in sorted(_COURSES))
 HEADS = _WHEELS | frozenset(phrases("straight, no, zero, lane, direction, heading, course"))
 _MARKS = frozenset({".", "?", "\n", ",", ";", ":", '"', "|", "[", "=", "("})
@@ -61,17 +63,22 @@ FIELDS = {
         phrases(
             """
             speed, velocity, v, throttle, pace, longitudinal control, speed command, lon,
-            speed action, target speed, ego speed, speed change, acceleration, our speed
+            speed action, target speed, ego speed, our speed, v target, target velocity,
+            speed target, desired speed, speed plan, speed decision
             """
         ),
         "speed",
+    ),
+    **dict.fromkeys(
+        phrases("speed change, acceleration, change of speed, change in speed"), "pace"
     ),
     **dict.fromkeys(
         phrases(
             """
             lane, steering, steer, steering command, path, heading, lane decision, lane action,
             lane choice, lateral control, lateral motion, our lane, steering wheel, lane keeping,
-            lateral command, lane command, lane change, wheel
+            lateral command, lane command, lane change, wheel, steering angle, wheel angle,
+            steering input, steer angle, steering change, lateral offset, lateral shift
             """
         ),
         "lane",
@@ -82,7 +89,8 @@ _SPEED_VALUES = frozenset(
         """
         keep, hold, unchanged, maintain, no change, as is, keep it, hold it, kept, maintained, same,
         same as before, stays the same, stays as it is, leave as is, keep as is, held, unaltered,
-        no change needed, same as now, stays, as it is, remains the same
+        no change needed, same as now, stays, as it is, remains the same, const, constant, steady,
+        stable, current, keep current
         """
     )
 )
@@ -94,10 +102,24 @@ _LANE_VALUES = frozenset(
         no steering, no input, stays as it is, not needed, none needed, none required, straight on,
         straight ahead, centered, centred, center, centre, own, current, same lane, own lane,
         current lane, no, not changed, leave straight, keep straight, hold straight,
-        leave it straight, leave it, stay straight, stays straight, leave unchanged
+        leave it straight, 0, 0 deg, 0 degrees, zero degrees, leave it,
+        stay straight, stays straight, leave unchanged
         """
     )
 )
+_KEEPS = (["keep"], ["hold"], ["maintain"])
+_CHANGES = {
+    **dict.fromkeys(
+        phrases(
+            "reduce, reduced, lower, slower, down, negative, decrease, reducing, slowing, less"
+        ),
+        "slow",
+    ),
+    **dict.fromkeys(
+        phrases("increase, increased, higher, faster, up, positive, raise, increasing, more"),
+        "accelerate",
+    ),
+}
 _LONGEST = 4
 
 
@@ -111,6 +133,10 @@ def field_value(words: list[str], at: int, field: str) -> Found | None:
     """
     while at < len(words) and words[at] in ('"', "[", ",", "|"):
         at += 1
+    if field == "pace" or (field in ("speed", "lon_action") and words[at : at + 1] not in _KEEPS):
+        found = _change(words, at, field)
+        if found is not None:
+            return found
     speed = field in ("speed", "lon_action")
     if not speed and field not in ("lane", "lat_action"):
         return None
@@ -121,6 +147,21 @@ def field_value(words: list[str], at: int, field: str) -> Found | None:
         if ends and " ".join(words[at:stop]) in values:
             return lemma, "value", at, stop
     return None
+
+
+def _change(words: list[str], at: int, field: str) -> Found | None:
+    """Speed: lower. Acceleration: negative. Target speed: 0 m/s."""
+    word = words[at] if at < len(words) else ""
+    after = words[at + 1] if at + 1 < len(words) else "."
+    ends = after in _MARKS
+    if word in ("0", "zero") and (ends or after in ("m", "km", "kmh", "mph")):
+        return ("keep_speed" if field == "pace" else "stop"), "value", at, at + 1
+    if not ends:
+        return None
+    if field == "pace" and word in ("none", "no", "nil"):
+        return "keep_speed", "value", at, at + 1
+    lemma = _CHANGES.get(word)
+    return (lemma, "value", at, at + 1) if lemma else None
 
 
 def straight(words: list[str], at: int) -> Found | None:
@@ -164,7 +205,7 @@ def straight(words: list[str], at: int) -> Found | None:
     here = at + 1
     while here < min(at + 6, count) and words[here] in _HELD:
         here += 1
-    if here < count and words[here] == "straight":
+    if here < count and words[here] in _NEUTRAL:
         return "keep_lane", "noun", at, here + 1
     return None
 
@@ -181,6 +222,9 @@ def _lane_kept(words: list[str], at: int) -> Found | None:
 def _no_steering(words: list[str], at: int) -> Found | None:
     here = at + 1
     count = len(words)
+    if words[here : here + 1] == ["change"] and words[here + 1 : here + 2] in (["of"], ["in"]):
+        named = words[here + 2 : here + 3] in _DIRECTIONS
+        return ("keep_lane", "noun", at, here + 3) if named else None
     sideways = False
     while here < min(at + 5, count):
         word = words[here]

@@ -15,11 +15,20 @@ def phrases(text: str) -> tuple[str, ...]:
     return tuple(" ".join(phrase.split()) for phrase in text.split(","))
 
 
-# Look like road users or actions and are none.
-SKIPPED = phrases(
+_SENSIBLE = phrases(
     """
-    it is necessary to, it is best to, it is advisable to, it is required to,
-    it is appropriate to, it is sensible to, it is safest to, release the brake,
+    necessary, best, advisable, required, appropriate, sensible, safest, safer, prudent, wise,
+    reasonable, better, right, recommended, advised, essential, enough, sufficient, important,
+    mandatory, correct, preferable, imperative, time, smart, fine, good, wisest, smarter
+    """
+)
+# Look like road users or actions and are none.
+SKIPPED = (
+    *(f"it {be}{adjective} to" for adjective in _SENSIBLE for be in ("is ", "")),
+    *phrases(
+        """
+    it makes sense to, makes sense to, it pays to, it suffices to,
+    release the brake,
     release the brakes, releasing the brake, releasing the brakes, off the brake, off the brakes,
     brake pulse, brake pedal, the next, for next, next seconds, next few seconds, until then,
     till then, at once, all at once, as we are, as we do, than we are, than we do, as i am,
@@ -65,6 +74,7 @@ SKIPPED = phrases(
     left bend, right bend, bend to the left, bend to the right, curving left, curving right,
     curving to the left, curving to the right, turns yellow, turns red, turns green, turned green,
     turned red, turning red, turning yellow, turning green, turn red, turn green, turn yellow,
+    had better, d better, trajectory correction, course correction,
     after about, after roughly, after approximately, after around, i'd say, i would say,
     i'd conclude, i would conclude, i'd call it, i would call it, i'd call this, i'd rate it,
     i'd judge, i would judge, i'd estimate, i'd describe, i'd classify, i'd regard, i'd guess,
@@ -74,6 +84,7 @@ SKIPPED = phrases(
     will be fine, can be seen, can see, could see, may i, moving forward, move forward,
     moves forward
     """
+    ),
 )
 
 EGO = phrases(
@@ -246,12 +257,8 @@ CONFLICTS: Table = {
     "potential": phrases("potential one, possible one"),
     "no_conflict": phrases(
         """
-        harmless, not affect us, not affect our, not affect the ego, not interfere with
-        us, not interfere with our, no conflict, not in conflict, not affect me, not
-        affect my, not a concern, not conflict with us, not conflict with our, not
-        affecting us, not affecting our, not interfering with our, conflict free, not
-        endanger us, not concern us, no impact on our, no impact on us, no effect on us,
-        no effect on our, not dangerous, risk free
+        harmless, no conflict, not in conflict, not a concern, conflict free, not concern us, no
+        impact on our, no impact on us, no effect on us, no effect on our, not dangerous, risk free
         """
     ),
     "resolved": phrases(

@@ -27,7 +27,7 @@ _LOWER = frozenset(
         reduce, reduces, reducing, lower, lowers, lowering, decrease, decreases, decreasing,
         cut, cuts, cutting, drop, drops, dropping, lessen, lessens, lessening, shed, sheds,
         shedding, moderate, moderates, moderating, scrub, lose, loses, losing, trim, trims,
-        trimming, slacken
+        trimming, slacken, scrubs, scrubbing
         """
     )
 )
@@ -104,14 +104,15 @@ def pace(words: list[str], at: int) -> Found | None:
     """
     word = words[at]
     form = "ing" if word.endswith("ing") and word != "bring" else "base"
-    if word.endswith("s") and word != "pass":
+    if word.endswith("s") and word not in ("pass", "press"):
         form = "s"
     if word in SPEEDS:
         return _passive(words, at)
     if word in _GOING:
         return _down(words, at, form)
     if word in _LOWER:
-        stop = speed_stop(words, at + 1, numbers=False)
+        off = words[at + 1 : at + 2] == ["off"]  # scrub off some speed
+        stop = speed_stop(words, at + 1 + off, numbers=False)
         if stop:
             return "reduce", form, at, stop
         return _down(words, at, form)

@@ -29,6 +29,8 @@ def pedal(words: list[str], at: int, form: str) -> Found | None:
         if word in ("off", "from"):
             off = True
         elif word in ("gas", "accelerator", "throttle"):
+            if braking and not off:
+                return "accelerate", form, at, here + 1  # press the accelerator gently
             return ("slow", form, at, here + 1) if off else None
         elif word in ("brake", "brakes", "braking"):
             return ("brake", form, at, here + 1) if braking else None

@@ -282,9 +282,19 @@ class Planner:
                     return None
                 self.sides.add(after)
                 return following.value, following.stop
-            if following.kind not in _BETWEEN:
+            if following.kind not in _BETWEEN and self.words[following.first] != "around":
                 return None
         return None
+
+    def side(self, index: int, hit: Hit) -> bool:
+        """A direction that is the value of a lateral field: 0.5 m to the left, slightly left."""
+        if self.flags[index] or hit.form not in ("bare", "to", "into") or self.bar:
+            return False
+        if index == self.start or self.hits[index - 1].value not in (":", "=", '"', "|"):
+            return False
+        self._commit("lat_action", hit.value, hit.first, hit.stop, False)
+        self.last = (index, hit.first, hit.stop)
+        return True
 
     def in_lane(self, index: int, hit: Hit, own: bool) -> None:
         """brake in my lane: the braking is the commitment, the lane rides on it."""

@@ -29,6 +29,8 @@ FILLERS = frozenset(
 _UNITS = frozenset(phrases("km, kmh, kph, m, ms, mph, mps, kilometers, kilometres, meters, metres"))
 _PER = frozenset(phrases("h, s, per, hour, second"))
 _AS_BEFORE = (["before"], ["now"], ["so"], ["usual"], ["earlier"], ["until"], ["currently"])
+HEADS = frozenset({"not"})
+_CHANGE = (["change"], ["alter"], ["modify"], ["adjust"], ["touch"], ["vary"])
 ENDS = frozenset({".", "?", "\n", ",", ";", ":", '"', "|", "[", "("})
 MAX_FILLERS = 6
 
@@ -56,6 +58,14 @@ def bare_number(words: list[str], at: int) -> int | None:
         return None
     after = words[at + 1] if at + 1 < len(words) else "."
     return at + 1 if after in ENDS or after in ("and", "for", "now") else None
+
+
+def unchanged(words: list[str], at: int) -> tuple[str, str, int, int] | None:
+    """Not change the speed."""
+    if words[at + 1 : at + 2] not in _CHANGE:
+        return None
+    stop = speed_stop(words, at + 2, numbers=False)
+    return ("keep_speed", "base", at, stop) if stop else None
 
 
 def speed_stop(words: list[str], here: int, numbers: bool) -> int | None:
@@ -92,7 +102,7 @@ def steady_stop(words: list[str], here: int) -> int | None:
             limit = words[here + 1 : here + 2] == ["limit"]
             return here + 1 if steady and not compared and not limit else None
         elif word[0].isdigit():
-            return number(words, here) if steady else None
+            return (number(words, here) or bare_number(words, here)) if steady else None
         elif word not in FILLERS:
             return None
         here += 1

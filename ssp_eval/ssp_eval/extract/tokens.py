@@ -43,6 +43,7 @@ _TICKS = {
 }
 _FIXED = {
     **dict.fromkeys(("cannot", "cant", "dont", "doesnt", "isnt", "wont"), "not"),
+    "let's": "we",
     "const.": "constant",
     "veh.": "vehicle",
     "ped.": "pedestrian",

@@ -51,7 +51,7 @@ def is_only_named(words: list[str], hits: list[Hit], index: int, start: int, sto
     before = words[hit.first - 1] if hit.first else ""
     if _left_behind(words, hit):
         return True
-    if hit.form == "noun" and before in ("the", "this") and words[hit.first] not in _KEPT_NOUNS:
+    if hit.form == "noun" and before in ("the", "this") and not _kept(words, hit):
         described = any(one.kind is Kind.RELATIVE for one in hits[index + 1 : index + 4])
         return described or (hit.value in LON_ACTIONS and hit.value != "keep_speed")
     if hit.form == "ing" and hit.first > 1 and before in _ABOUT:
@@ -74,6 +74,11 @@ def is_only_named(words: list[str], hits: list[Hit], index: int, start: int, sto
         if one.kind is Kind.VERB and one.form == "s":
             return True
     return False
+
+
+def _kept(words: list[str], hit: Hit) -> bool:
+    """The speed is held; but not: the lane change."""
+    return words[hit.first] in _KEPT_NOUNS and words[hit.stop - 1] != "change"
 
 
 def _left_behind(words: list[str], hit: Hit) -> bool:

@@ -2,7 +2,32 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 from ssp_eval.extract.lexicon import phrases
+
+_STICKING = "stick to, adhere to, preserve, retain"
+_OWN = (
+    "our, the, my, its, our current, the current, the same, its current, the present, our own, own"
+)
+
+
+def _sideways(side: str) -> tuple[tuple[str, str], ...]:
+    """A leftward offset, a left correction; take the left lane."""
+    nouns = "offset, nudge, shift, move, movement, deviation, correction, displacement, adjustment"
+    lanes = (f"{verb} the {side} lane" for verb in ("take", "use", "choose", "occupy"))
+    return (
+        *((f"{kind} {noun}", "noun") for kind in (side, f"{side}ward", f"{side}wards")
+          for noun in phrases(nouns)),
+        *((phrase, "base") for phrase in lanes),
+    )  # fmt: skip
+
+
+def _to_keep(things: str) -> tuple[str, ...]:
+    """Stick to our lane, preserve the current speed."""
+    parts = product(phrases(_STICKING), phrases(_OWN), phrases(things))
+    return tuple(" ".join(words) for words in parts)
+
 
 # lemma: verbs that mean it, as "base particle" with irregular forms given as base|s|ing|ed.
 VERBS: dict[str, tuple[str, ...]] = {
@@ -12,6 +37,19 @@ VERBS: dict[str, tuple[str, ...]] = {
         decel, lift off, ease up, drop back, fall back, go slower, drive slower, deaccelerate,
         hang back, slack off, ease back, throttle back, let off, freewheel
         """
+    ),
+    "keep_speed": _to_keep("speed, pace, velocity"),
+    "keep_lane": (
+        *_to_keep("lane, line, course, heading"),
+        *phrases(
+            """
+            stay on course, hold course, keep course, maintain course, stay on our course, keep our
+            line, hold our line, keep our course, hold our course, keep heading, keep our heading,
+            maintain heading, hold heading, keep the heading, keep direction, maintain direction,
+            keep the direction, maintain the direction, hold the direction, maintain our heading,
+            stay on our line, keep the course, maintain the heading, hold the heading
+            """
+        ),
     ),
     "brake": phrases("brake, brakes|brakes|braking|braked"),
     "yield": phrases("yield"),
@@ -27,15 +65,15 @@ VERBS: dict[str, tuple[str, ...]] = {
     ),
     "stop": phrases(
         """
-        stop, halt, come to a stop, come to a halt, come to a full stop, come to a
-        complete stop, come to a complete halt, make a full stop, make a complete stop,
-        brake to a stop, slow to a stop, decelerate to a stop, hold pos, hold position, hold our
-        position, hold my position, hold its position, remain stopped, stay stopped,
-        remain stationary, stay stationary, brake to a halt, brake to a standstill, bring
-        the car to a stop, slow to a halt, bring the vehicle to a stop, perform an
-        emergency stop, make an emergency stop, come to a standstill, decelerate to a full
-        stop, brake to a full stop, stand still, remain at a standstill, come to a
-        controlled stop, come to a smooth stop
+        pull to a stop, pull up behind, pull up before, pull up at, stop, halt, come to a stop, come
+        to a halt, come to a full stop, come to a complete stop, come to a complete halt, make a
+        full stop, make a complete stop, brake to a stop, slow to a stop, decelerate to a stop, hold
+        pos, hold position, hold our position, hold my position, hold its position, remain stopped,
+        stay stopped, remain stationary, stay stationary, brake to a halt, brake to a standstill,
+        bring the car to a stop, slow to a halt, bring the vehicle to a stop, perform an emergency
+        stop, make an emergency stop, come to a standstill, decelerate to a full stop, brake to a
+        full stop, stand still, remain at a standstill, come to a controlled stop, come to a smooth
+        stop
         """
     ),
     "rest": phrases("remain in place, stay in place, sit tight, wait in place"),
@@ -51,7 +89,12 @@ VERBS: dict[str, tuple[str, ...]] = {
         speed, gain speed, move off, start moving, resume its speed, speed back up, resume
         cruising speed, regain speed, increase the speed, increase its speed, resume our
         normal speed, resume the speed, resume the original speed, resume the previous
-        speed, resume target speed
+        speed, resume target speed, resume driving, resume motion, resume movement, resume our
+        journey, resume travel, restart, get back up to speed, get back to speed, come back up to
+        speed, get rolling, start rolling, start driving, start to move, begin to move, begin
+        moving, start again, get under way, start from standstill, start from rest, step on the gas,
+        put the foot down, put our foot down, put my foot down, give gas, give some gas, add speed,
+        resume the journey, start to drive, begin to drive, begin driving, begin to roll
         """
     ),
     "cruise": phrases("cruise"),
@@ -123,6 +166,9 @@ IRREGULAR: dict[str, tuple[str, str, str]] = {
     "drop": ("drops", "dropping", "dropped"),
     "step": ("steps", "stepping", "stepped"),
     "hold": ("holds", "holding", "held"),
+    "keep": ("keeps", "keeping", "kept"),
+    "stick": ("sticks", "sticking", "stuck"),
+    "put": ("puts", "putting", "put"),
     "drive": ("drives", "driving", "drove"),
     "ride": ("rides", "riding", "rode"),
     "leave": ("leaves", "leaving", "left"),
@@ -181,6 +227,7 @@ EXTRA_FORMS: dict[str, tuple[tuple[str, str], ...]] = {
         ("lane change left", "noun"),
         ("left lane change", "noun"),
         ("left turn", "noun"),
+        *_sideways("left"),
         ("left turns", "noun"),
         ("left merge", "noun"),
         ("left nudge", "noun"),
@@ -203,6 +250,7 @@ EXTRA_FORMS: dict[str, tuple[tuple[str, str], ...]] = {
         ("lane change right", "noun"),
         ("right lane change", "noun"),
         ("right turn", "noun"),
+        *_sideways("right"),
         ("right turns", "noun"),
         ("right merge", "noun"),
         ("right nudge", "noun"),
