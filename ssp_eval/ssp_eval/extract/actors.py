@@ -161,6 +161,9 @@ def own_place(hits: list[Hit], index: int, stop: int) -> str | None:
     following = hits[index + 1] if index + 1 < stop else None
     if following is None or following.first != hits[index].stop:
         return None
+    part = hits[index].form == "definite" and following.stop - following.first == 1
+    if part and following.value in ("front", "rear"):
+        return None  # the taxi's rear
     if following.kind is Kind.PLACE or (following.kind is Kind.SIDE and following.form == "at"):
         return following.value
     return None

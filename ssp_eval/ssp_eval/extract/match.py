@@ -107,6 +107,12 @@ _NOUNY = frozenset(
     }
 )
 _ADVERBS = frozenset({"still", "yet", "though", "therefore", "thus", "hence", "however"})
+# A place where one parks or waits: the verb before it only says what it is for.
+_PLACES_FOR = frozenset({"park", "serve", "wait", "step", "rest", "turn", "cross", "stop", "merge"})
+_SPOTS = frozenset(
+    {"bay", "bays", "space", "spaces", "spot", "spots", "lot", "lots", "area", "areas", "zone"}
+    | {"zones", "place", "places", "garage", "pocket", "strip", "island", "islands", "pace"}
+)
 _HEDGES = frozenset({"maybe", "perhaps", "probably", "possibly", "likely"})
 _FIGURES = frozenset(
     {"two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "twelve", "fifteen"}
@@ -221,7 +227,7 @@ def _counts(word: str) -> bool:
 def _add_verb(words: list[str], at: int, stop: int, entry: Entry, hits: list[Hit]) -> int:
     kind, value, form = entry
     if stop == at + 1:
-        if _is_noun(words, at):
+        if _is_noun(words, at, value):
             return stop
         if value == "wait" and words[at : stop + 1] == ["wait", ","]:
             kind = Kind.REVISE
@@ -269,7 +275,7 @@ def _article(words: list[str], at: int) -> str:
     return ""
 
 
-def _is_noun(words: list[str], at: int) -> bool:
+def _is_noun(words: list[str], at: int, value: str) -> bool:
     """The stop, a turn, slow traffic: words that look like verbs and aren't."""
     word = words[at]
     before = words[at - 1] if at else ""
@@ -281,6 +287,8 @@ def _is_noun(words: list[str], at: int) -> bool:
             or after in ("speed", "moving", "pace")
             or (entry is not None and entry[0] in (Kind.OBJECT, Kind.SCENE))
         )
+    if value in _PLACES_FOR and after in _SPOTS:
+        return True  # out of a parking bay
     return word in _NOUNY and before in _NOUN_MARKERS
 
 

@@ -51,6 +51,8 @@ _OPENERS = frozenset(
 def read_place(talk: Talk, index: int, hit: Hit) -> None:
     if talk.subject is SCENE and talk.near is None:
         return
+    if hit.stop - hit.first == 1 and _is_part(talk, index, hit):
+        return  # behind the taxi's rear
     if hit.form == "car" and any(actor.name == "car" for actor in talk.world.actors[-12:]):
         return  # in front of the car: of the one that was named before
     actor = talk.near or (talk.subject if isinstance(talk.subject, Actor) else None)
@@ -66,6 +68,14 @@ def read_place(talk: Talk, index: int, hit: Hit) -> None:
         together = talk.group if actor in talk.group else [actor]
         for one in together:
             talk.put(one, index, talk.flags[index])
+
+
+def _is_part(talk: Talk, index: int, hit: Hit) -> bool:
+    """Whether front or rear is a part of the noun before it."""
+    before = talk.hits[index - 1] if index > talk.start else None
+    if before is None or talk.words[hit.first] not in ("rear", "front"):
+        return False
+    return before.kind is Kind.OBJECT and before.form == "definite" and before.stop == hit.first
 
 
 def read_side(talk: Talk, index: int, hit: Hit) -> None:
@@ -208,6 +218,8 @@ def _moving_to(talk: Talk, index: int) -> bool:
     ours = _OURS & set(talk.words[hit.first : hit.stop])
     if hit.first > 1 and _in_a_place(talk.words, hit.first):
         return False  # on the cycle path to the right
+    if previous is not None and previous.kind is Kind.SCENE and index - 2 >= talk.start:
+        return talk.hits[index - 2].kind is Kind.VERB  # runs across the road to the left
     loose = previous is not None and previous.stop < hit.first
     if loose and not ours and previous is not None and previous.kind is not Kind.IN_LANE:
         return True  # behind a verb that the rules don't know: he leaves to the left
