@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping
 from types import MappingProxyType
 from typing import Any
 
-from markupsafe import Markup, escape
+from markupsafe import escape
 
 from ssp_eval.analysis.table import Column, Outcome, Table, Value, texts
 from ssp_eval.score.aggregate import Mean
@@ -35,33 +35,36 @@ def to_csv(table: Table) -> str:
     """
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow([name for i, c in enumerate(table.columns) for name in _csv_names(table, i, c)])
+    kinds = [_csv_kind(table, index) for index in range(len(table.columns))]
+    names = zip(table.columns, kinds, strict=True)
+    writer.writerow([name for column, kind in names for name in _csv_names(column, kind)])
     for row in table.rows:
-        writer.writerow([field for i, v in enumerate(row) for field in _csv_fields(table, i, v)])
+        values = zip(row, kinds, strict=True)
+        writer.writerow([field for value, kind in values for field in _csv_fields(value, kind)])
     for note in table.all_notes:
         writer.writerow([f"# {note}"])
     return stream.getvalue()
 
 
-def _holds(table: Table, index: int, kind: type) -> bool:
-    return any(isinstance(row[index], kind) for row in table.rows)
-
-
-def _csv_names(table: Table, index: int, column: Column) -> list[str]:
-    if column.kind == "response":
-        return ["rsr", "rl_s"]
-    return [column.key, f"{column.key}_n"] if _holds(table, index, Mean) else [column.key]
-
-
-def _csv_fields(table: Table, index: int, value: Value) -> list[str]:
+def _csv_kind(table: Table, index: int) -> type | None:
+    """Mean or Outcome where a column needs two in CSV."""
     if table.columns[index].kind == "response":
-        outcome = value if isinstance(value, Outcome) else Outcome(None, None)
-        return [_plain(outcome.rsr), _plain(outcome.rl_s)]
+        return Outcome
+    return Mean if any(isinstance(row[index], Mean) for row in table.rows) else None
+
+
+def _csv_names(column: Column, kind: type | None) -> list[str]:
+    if kind is Outcome:
+        return ["rsr", "rl_s"]
+    return [column.key, f"{column.key}_n"] if kind is Mean else [column.key]
+
+
+def _csv_fields(value: Value, kind: type | None) -> list[str]:
+    if isinstance(value, Outcome):
+        return [_plain(value.rsr), _plain(value.rl_s)]
     if isinstance(value, Mean):
         return [_plain(value.value), str(value.n)]
-    if isinstance(value, Outcome):
-        raise TypeError(f"a risk response in column {table.columns[index].key}")
-    return [_plain(value), ""] if _holds(table, index, Mean) else [_plain(value)]
+    return [_plain(value)] if kind is None else [_plain(value), ""]
 
 
 def _plain(value: str | float | None) -> str:
@@ -137,29 +140,25 @@ def _latex_field(column: Column, text: str) -> str:
 
 def to_html(table: Table) -> str:
     """A fragment: a figure with the table and its notes, no style of its own."""
-    return str(Markup("").join(_html_parts(table)))
+    return "".join(_html_parts(table))
 
 
-def _html_parts(table: Table) -> Iterator[Markup]:
-    yield Markup('<figure class="table" id="table-{}">\n<figcaption>{}</figcaption>\n').format(
-        table.name, table.title
-    )
-    yield Markup('<div class="scroll"><table>\n<thead><tr>')
-    for column in table.columns:
-        yield Markup("<th{}>{}</th>").format(_css(column), column.title)
-    yield Markup("</tr></thead>\n<tbody>\n")
+def _html_parts(table: Table) -> Iterator[str]:
+    styles = [' class="num"' if column.is_number else "" for column in table.columns]
+    heads = zip(styles, table.columns, strict=True)
+    yield f'<figure class="table" id="table-{escape(table.name)}">\n'
+    yield f"<figcaption>{escape(table.title)}</figcaption>\n"
+    yield '<div class="scroll"><table>\n<thead><tr>'
+    yield "".join(f"<th{style}>{escape(column.title)}</th>" for style, column in heads)
+    yield "</tr></thead>\n<tbody>\n"
     for row in table.rows:
-        cells = zip(table.columns, texts(table, row), strict=True)
-        fields = (Markup("<td{}>{}</td>").format(_css(column), text) for column, text in cells)
-        yield Markup("<tr>") + Markup("").join(fields) + Markup("</tr>\n")
-    yield Markup("</tbody></table></div>\n")
+        fields = zip(styles, texts(table, row), strict=True)
+        cells = "".join(f"<td{style}>{escape(text)}</td>" for style, text in fields)
+        yield f"<tr>{cells}</tr>\n"
+    yield "</tbody></table></div>\n"
     for note in table.all_notes:
-        yield Markup('<p class="sub">{}</p>\n').format(escape(note))
-    yield Markup("</figure>\n")
-
-
-def _css(column: Column) -> Markup:
-    return Markup(' class="num"') if column.is_number else Markup("")
+        yield f'<p class="sub">{escape(note)}</p>\n'
+    yield "</figure>\n"
 
 
 FORMATS: Mapping[str, tuple[str, Callable[[Table], str]]] = MappingProxyType(
