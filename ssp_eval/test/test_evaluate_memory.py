@@ -1,0 +1,43 @@
+"""Memory of an evaluation doesn't grow with the recording (stamps apart)."""
+
+from __future__ import annotations
+
+import tracemalloc
+from collections.abc import Callable
+from pathlib import Path
+
+from ssp_eval.evaluate.asker import DirectAskers
+from ssp_eval.evaluate.campaign import find_labels, run_campaign
+from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.models import bridge_spec
+
+BagMaker = Callable[..., Path]
+SHORT_S, LONG_S = 10.0, 100.0
+# Of the memory at the shorter one: for stamps, and what differs from run to run. Keeping the states
+# themselves would take a fifth.
+MOST_MORE = 0.05
+
+
+def peak_bytes(bag: Path, labels: Path | None, out: Path) -> int:
+    """The most that Python held at once while a bag was evaluated."""
+    tracemalloc.start()
+    try:
+        (result,) = run_campaign(
+            [(bag, labels)], [bridge_spec("copy_history")], DirectAskers(), out, CellOptions(),
+            labels is None,
+        )  # fmt: skip
+        assert result.status == "ok"
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+def test_a_recording_ten_times_as_long_takes_no_more_memory(
+    make_bag: BagMaker, tmp_path: Path
+) -> None:
+    short, long = make_bag("short", duration_s=SHORT_S), make_bag("long", duration_s=LONG_S)
+    peak_bytes(short, None, tmp_path / "warm")
+    labels = find_labels(short)
+    one = peak_bytes(short, labels, tmp_path / "one")
+    ten = peak_bytes(long, labels, tmp_path / "ten")
+    assert ten <= (1.0 + MOST_MORE) * one
