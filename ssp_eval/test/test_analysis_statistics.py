@@ -1,7 +1,6 @@
 """Intervals, comparisons, sensitivity and stability, against scipy, closed forms and by hand."""
 
 import itertools
-import math
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from scipy import stats
 
 from ssp_core.vocab import DOMAINS
 from ssp_eval.analysis.bootstrap import bootstrap_mean, bootstrap_records
-from ssp_eval.analysis.compare import Comparison, compare, holm, sign_flip_p, t_interval
+from ssp_eval.analysis.compare import compare
 from ssp_eval.analysis.drawn import resampled_scores, response_begins
 from ssp_eval.analysis.resample import (
     NO_INTERVAL,
@@ -24,18 +23,11 @@ from ssp_eval.analysis.resample import (
     weighted_sums,
 )
 from ssp_eval.analysis.row import CellRow
-from ssp_eval.analysis.sensitivity import kendall_tau, sample_weights, signs, vary_weights
-from ssp_eval.analysis.stability import stability
+from ssp_eval.analysis.sensitivity import sample_weights, vary_weights
 from ssp_eval.score.aggregate import METRICS, means
 from ssp_eval.score.terms import RecordTerms
 
-NAMES = ("jovr", "sem_acc_eff", "cia_eff", "act_acc_eff", "tqsr", "atc_eff")
 SEED = 5
-
-
-def row(scenario, domain, model, value, **others):
-    fields = dict.fromkeys(NAMES, value) | {"rsr": 0, "rl_s": None} | others
-    return CellRow(scenario, domain, model, **fields)
 
 
 def terms(count=9, seed=0, *, defensive=None, candidate=None):
@@ -219,114 +211,3 @@ def test_unadmitted_cells_stay_out_of_domain_means():
     assert found.groups[("model",)][("a",)]["ivcs"].n == 6
     pairs = {(c.first, c.second) for c in compare([r for r, _ in given_cells], "domain", SEED)}
     assert pairs == {("synthetic", "simulation")}
-
-
-@pytest.mark.parametrize("count", [2, 5, 9])
-def test_exact_sign_flips_are_those_of_scipy(count):
-    d = np.random.default_rng(count).normal(0.3, 1, count)
-    expected = stats.permutation_test(
-        (d,), np.mean, permutation_type="samples", n_resamples=np.inf, alternative="two-sided"
-    )
-    assert sign_flip_p(d) == pytest.approx(expected.pvalue, abs=1e-12)
-
-
-def test_sign_flips_by_hand():
-    # Of 8 patterns only +++ and −−− have a sum of at least 6.
-    assert sign_flip_p(np.array([1.0, 2.0, 3.0])) == 2 / 8
-    # |1 − 2 + 3| = 2: all but those of |sum| 0 (1 + 2 − 3 and its opposite) reach it.
-    assert sign_flip_p(np.array([1.0, -2.0, 3.0])) == 6 / 8
-    assert sign_flip_p(np.zeros(4)) == 1.0
-    # 0.1 + 0.2 and 0.3 are equal but for rounding.
-    assert sign_flip_p(np.array([0.1, 0.2, -0.3])) == 1.0
-
-
-def test_drawn_signs_come_near_the_exact_p_and_are_never_0():
-    d = np.random.default_rng(3).normal(0.5, 1, 12)
-    assert sign_flip_p(d, generator(SEED)) == pytest.approx(sign_flip_p(d), abs=0.015)
-    assert sign_flip_p(np.ones(40), generator(SEED)) == 1 / 20_001
-
-
-def test_students_interval_is_that_of_scipy():
-    values = [0.1, 0.4, 0.35, 0.8]
-    expected = stats.ttest_1samp(values, 0).confidence_interval(0.95)
-    mine = t_interval(values)
-    assert (mine.low, mine.high) == pytest.approx((expected.low, expected.high), abs=1e-12)
-    assert t_interval([0.3]) == NO_INTERVAL
-
-
-def test_holm_by_hand():
-    ps = [0.01, 0.04, 0.03, None, 0.005]
-    given_ps = [Comparison("model", "a", "b", "ivcs", 5, 0.1, p=p) for p in ps]
-    # Sorted: 0.005 × 4, 0.01 × 3, 0.03 × 2, then 0.04 × 1, which may not be less than 0.06.
-    corrected = [one.p_holm for one in holm(given_ps)]
-    assert corrected == [0.03, 0.06, 0.06, None, 0.02]
-    assert [one.family for one in holm(given_ps)] == [4, 4, 4, 0, 4]
-
-
-def test_pairs_are_of_the_same_scenario_and_other_factor():
-    rows = [
-        row("s", "synthetic", "a", 0.5), row("s", "physical", "a", 0.3),
-        row("t", "synthetic", "a", 0.9), row("t", "physical", "b", 0.1),
-        row("s", "synthetic", "b", 0.4), row("s", "physical", "b", 0.4),
-    ]  # fmt: skip
-    found = {c.metric: c for c in compare(rows, "domain", SEED)}
-    jovr, ivcs = found["jovr"], found["ivcs"]
-    assert (jovr.n, jovr.difference, jovr.favour) == (2, pytest.approx(0.1), 0.75)
-    assert jovr.p is None
-    assert (ivcs.p, ivcs.p_least, ivcs.family) == (1.0, 0.5, 1)
-    (alone,) = [c for c in compare(rows[:2], "domain", SEED) if c.metric == "ivcs"]
-    assert (alone.n, alone.p, alone.p_holm, alone.interval) == (1, None, None, NO_INTERVAL)
-
-
-@given(hnp.arrays(int, (2, 6), elements=st.integers(0, 4)))
-def test_kendalls_tau_is_that_of_scipy(values):
-    first, second = values.astype(float)
-    mine = float(kendall_tau(signs(first), signs(second)))
-    expected = stats.kendalltau(first, second).statistic
-    assert (math.isnan(mine) and math.isnan(expected)) or mine == pytest.approx(expected)
-
-
-def test_orders_under_random_weights_by_a_closed_form():
-    # a − b is w_jovr·1 − w_tqsr·1 (equal elsewhere): even weights are as often one as the other.
-    rows = [
-        row("s", "physical", "a", 0.0, jovr=1.0),
-        row("s", "physical", "b", 0.0, tqsr=1.0),
-        row("s", "physical", "c", 1.0, rsr=1),
-    ]
-    found = sample_weights(rows, "model", SEED, 8000)
-    orders = {(one.first, one.second): one.held for one in found.pairs}
-    assert orders[("b", "a")] == pytest.approx(0.5, abs=0.02)
-    # c is at least as good in everything: its order holds under whatever weights.
-    assert orders[("c", "a")] == orders[("c", "b")] == 1.0
-    assert found.first["c"] == 1.0
-    assert sample_weights(rows[:1], "model", SEED, 10) is None
-
-
-def test_one_weight_at_a_time_by_hand():
-    rows = [row("s", "physical", "a", 0.0, jovr=1.0), row("s", "physical", "b", 0.0, tqsr=0.4)]
-    # Defined: a 0.10, b 0.12. JOVR at 0.15 leaves TQSR 0.30 · 0.85 / 0.9: b 0.1133.
-    found = vary_weights(rows, "model")
-    (changed,) = [v for v in found if v.parameter == "jovr" and math.isclose(v.value, 0.15)]
-    assert changed.means["a"] == pytest.approx(0.15)
-    assert changed.means["b"] == pytest.approx(0.4 * 0.30 * 0.85 / 0.9)
-    assert (changed.changed, changed.tau) == ((("b", "a"),), -1.0)
-
-
-def test_stability_over_seeds_by_hand():
-    values = {1: (0.2, 0.5), 2: (0.4, 0.5), 3: (0.9, 0.6)}
-    rows = [
-        row("s", "physical", model, value, seed=seed)
-        for seed, both in values.items()
-        for model, value in zip("ab", both, strict=True)
-    ]
-    found = stability(rows, 500, SEED)
-    spread = next(x for x in found.cells if x.names[2] == "a" and x.metric == "jovr")
-    assert (spread.k, spread.value) == (3, pytest.approx(0.5))
-    assert spread.sd == pytest.approx(math.sqrt((0.09 + 0.01 + 0.16) / 2))
-    assert (spread.low, spread.high) == (0.2, 0.9)
-    over_runs = spread.bootstrap.percentile
-    assert (over_runs.low, over_runs.high) == pytest.approx((0.2, 0.9), abs=1e-12)
-    # Runs 1 and 2 agree on b before a, run 3 doesn't.
-    assert found.same_order == pytest.approx(1 / 3)
-    assert found.tau == pytest.approx((1 - 1 - 1) / 3)
-    assert stability(rows[:2], 500, SEED) is None
