@@ -177,7 +177,8 @@ def test_a_campaign_gives_intervals_over_records_and_the_diagnostic(
     shifts = [one for one in table(tmp_path / "curvature.csv") if one["curve_m"]]
     assert shifts
     assert all(abs(float(one["curve_m"])) < 1e-6 for one in shifts)
-    assert {one["reads_as"] for one in shifts} == {"straight"}
+    assert {(one["planned"], one["reads_as"]) for one in shifts} == {("straight", "straight")}
+    assert {one["model"] for one in shifts} == {"constant_velocity"}
     varied = {one["parameter"] for one in table(tmp_path / "sensitivity.csv")}
     assert varied >= {"match_window_s", "stop_speed_mps", "accel_mps2", "lateral_shift_m"}
 

@@ -44,6 +44,21 @@ class Options:
 
 
 @dataclass(frozen=True)
+class Beside:
+    """The curvature diagnostic at a label, beside the lateral action.
+
+    Args:
+        curve: of the recorded path.
+        allowed: lateral actions of the label.
+        planned: what METHOD 6.6 reads in the model's trajectory, None without a valid one.
+    """
+
+    curve: Curve
+    allowed: tuple[str, ...]
+    planned: str | None
+
+
+@dataclass(frozen=True)
 class Statistics:
     """What ``statistics.json`` holds.
 
@@ -54,7 +69,7 @@ class Statistics:
         weights: ranks under random weights, per subject that has at least two names.
         variations: one number changed at a time; thresholds only where records are known.
         runs: how repetitions differ; None without any.
-        curves: per scenario, domain and run the curvature diagnostic of each label.
+        curves: per cell and run the curvature diagnostic beside the lateral action.
     """
 
     records: Bootstrap | None
@@ -63,7 +78,7 @@ class Statistics:
     weights: tuple[WeightSamples, ...]
     variations: tuple[Variation, ...]
     runs: Stability | None
-    curves: dict[tuple[str, ...], tuple[Curve, ...]]
+    curves: dict[tuple[str, ...], tuple[Beside, ...]]
 
 
 def steps_of(rows: Sequence[CellRow], has_records: bool) -> int:
@@ -117,7 +132,7 @@ def compute(
         tuple(weights),
         tuple(variations),
         stability(rows, options.resamples, options.seed),
-        _curves(rows, data),
+        _curves(pairs),
     )
 
 
@@ -140,14 +155,17 @@ def _over_cells(rows: Sequence[CellRow], by: Group, options: Options) -> dict[Gr
     }
 
 
-def _curves(
-    rows: Sequence[CellRow], data: Sequence[CellData]
-) -> dict[tuple[str, ...], tuple[Curve, ...]]:
-    """Of each recording, from the first cell that was shown it and has its path."""
-    found: dict[tuple[str, ...], tuple[Curve, ...]] = {}
-    for row, cell in sorted(zip(rows, data, strict=bool(data)), key=lambda one: one[0].model):
-        key = (row.scenario, row.domain, row.run)
-        known = found.get(key, ())
-        if row.status == OK and not any(one.shift_m is not None for one in known):
-            found[key] = tuple(curves(cell.requests))
+def _curves(pairs: Sequence[tuple[CellRow, CellData]]) -> dict[tuple[str, ...], tuple[Beside, ...]]:
+    """Of each cell, by the time of the label."""
+    found: dict[tuple[str, ...], tuple[Beside, ...]] = {}
+    for row, cell in pairs:
+        if cell.score is None:
+            continue
+        by_time = {curve.label_t_s: curve for curve in curves(cell.requests)}
+        found[(*row.key, row.run)] = tuple(
+            Beside(
+                by_time.get(label.t_s, Curve(label.t_s)), label.lat_actions, judged.trajectory_lat
+            )
+            for label, judged in zip(cell.labels.labels, cell.score.details.judgements, strict=True)
+        )
     return found

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from ssp_eval.analysis.compare import FLIPS, Comparison
-from ssp_eval.analysis.curvature import Curve
 from ssp_eval.analysis.interval_tables import (
     cells_over_records,
     groups_over_records,
@@ -14,7 +13,7 @@ from ssp_eval.analysis.interval_tables import (
     words,
 )
 from ssp_eval.analysis.sensitivity import Variation, WeightSamples
-from ssp_eval.analysis.statistics import Statistics
+from ssp_eval.analysis.statistics import Beside, Statistics
 from ssp_eval.analysis.table import Column, Kind, Table
 
 
@@ -152,27 +151,31 @@ def _variations(variations: Iterable[Variation]) -> Table:
     )
 
 
-def _curves(curves: Mapping[tuple[str, ...], Iterable[Curve]]) -> Table:
+def _curves(found: Mapping[tuple[str, ...], Iterable[Beside]]) -> Table:
     rows = [
-        (*key, one.label_t_s, one.shift_m, one.curve_m, one.curvature_per_m, one.reads_as)
-        for key, of_cell in sorted(curves.items())
+        (
+            *key, one.curve.label_t_s, " / ".join(one.allowed), one.planned, one.curve.reads_as,
+            one.curve.shift_m, one.curve.curve_m, one.curve.curvature_per_m,
+        )
+        for key, of_cell in sorted(found.items())
         for one in of_cell
-    ]
+    ]  # fmt: skip
     return Table(
         "curvature",
         "Lateral shift of the recorded path that follows from the curve",
         (
-            *words("scenario", "domain", "run"),
+            *words("scenario", "domain", "model", "run"),
             Column("label_t_s", "t (s)", "seconds"),
+            *words("allowed", "planned", "reads_as"),
             Column("shift_m", "shift (m)"),
             Column("curve_m", "from the curve (m)"),
             Column("curvature_per_m", "curvature (1/m)", "curvature"),
-            *words("reads_as"),
         ),
         tuple(rows),
         (
-            "Within 1.0 s from the label, left positive. reads as: the lateral action that the "
-            "curve alone would be taken for. It changes no score.",
+            "shift: of the recorded path within 1.0 s, left positive. reads as: the lateral action "
+            "that the curve alone would be taken for, beside the allowed and the planned ones. It "
+            "changes no score.",
             "A part of a change of lane turns the heading like a curve does; a path alone can't "
             "tell them apart.",
         ),
