@@ -35,6 +35,10 @@ PREPOSITIONS = frozenset(
         "in",
     }
 )
+_CLAUSES = frozenset(
+    {"and", "but", "so", "because", "as", "that", "since", "while", "whereas", "though", "when"}
+    | {"although", "if", "until", "where", "is", "are", "was", "there", "then", "unless"}
+)
 _OTHERS = frozenset({"another", "other", "second", "additional"})
 _AFTER_LABEL = frozenset({"is", "has", "may", "might", "could", "will", ",", ":", ")", "(", "."})
 COLOURS = frozenset(
@@ -197,7 +201,7 @@ def governed(hits: list[Hit], index: int, start: int, stop: int, words: list[str
         word = words[before]
         if word in PREPOSITIONS:
             return not (word == "of" and before and words[before - 1] in _PARTITIVES)
-        if not word.isalpha() or word in ("and", "but", "so", "because", "as", "that"):
+        if not word.isalpha() or word in _CLAUSES:
             return False
     return False
 

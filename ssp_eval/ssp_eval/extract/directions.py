@@ -161,7 +161,8 @@ def side(words: list[str], at: int) -> tuple[str, str, int, int] | None:
         if end is None:
             return None
         stop = end
-        form = "at" if form == "to" else form
+        beside = form == "bare" and first and words[first - 1] in ("lane", "just", "slightly")
+        form = "at" if form == "to" or beside else form
     return word, form, first, stop
 
 

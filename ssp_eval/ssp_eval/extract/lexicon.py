@@ -195,7 +195,7 @@ STATES: Table = {
         in our direction, moving in parallel, in parallel, parallel, parallel to us,
         parallel with us, parallel to the ego, same way, same way as us, same dir,
         same direction as us, in our driving direction, slower moving, moving parallel,
-        along with us, same heading, at our speed, at about our speed, at roughly our speed,
+        along with us, same heading, at equal speed, at an equal speed, at our speed, at about our speed, at roughly our speed,
         at the same speed as us, at the same speed as we do, at a similar speed, at similar speed,
         same speed as us, at our pace, at the same pace as us, keeping pace with us, keeps pace with
         us, keeping pace, keeps pace, matching our speed, matches our speed, at nearly our speed,
@@ -250,15 +250,24 @@ RISK_ALONE = frozenset(
 CONFLICTS: Table = {
     "active": phrases(
         """
-        collision course, imminent, active conflict, conflict is active, imminent
-        collision, imminent conflict, immediate collision risk
+        collision course, course for a collision, heading for a collision, headed for a collision,
+        crash course, about to collide, going to collide, bound to collide, heading for a crash,
+        immediate danger, acute danger, immediate risk, acute risk, imminent danger, acute conflict,
+        immediate conflict, acute collision risk, imminent, active conflict, conflict is active,
+        imminent collision, imminent conflict, immediate collision risk
         """
     ),
-    "potential": phrases("potential one, possible one"),
+    "potential": phrases(
+        """
+        potential one, possible one, not be ruled out, not be excluded, not rule out, not exclude,
+        not be discounted
+        """
+    ),
     "no_conflict": phrases(
         """
-        harmless, no conflict, not in conflict, not a concern, conflict free, not concern us, no
-        impact on our, no impact on us, no effect on us, no effect on our, not dangerous, risk free
+        harmless, not get in our way, not in our way, not be in our way, not block our way, no
+        conflict, not in conflict, not a concern, conflict free, not concern us, no impact on our,
+        no impact on us, no effect on us, no effect on our, not dangerous, risk free
         """
     ),
     "resolved": phrases(

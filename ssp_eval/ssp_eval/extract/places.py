@@ -216,6 +216,10 @@ def _moving_to(talk: Talk, index: int) -> bool:
     previous = talk.hits[index - 1] if index > talk.start else None
     hit = talk.hits[index]
     ours = _OURS & set(talk.words[hit.first : hit.stop])
+    if "of" in talk.words[hit.first : hit.stop] and _OURS & set(
+        talk.words[hit.stop - 2 : hit.stop]
+    ):
+        return False  # drives to the right of us
     if hit.first > 1 and _in_a_place(talk.words, hit.first):
         return False  # on the cycle path to the right
     if previous is not None and previous.kind is Kind.SCENE and index - 2 >= talk.start:

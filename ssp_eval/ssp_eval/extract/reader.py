@@ -132,6 +132,20 @@ def _join(talk: Talk, index: int, hit: Hit) -> None:
     talk.clear()
 
 
+def _not(talk: Talk, index: int, hit: Hit) -> None:
+    """A cell of a table that only says no puts its row's road user aside."""
+    after = talk.hits[index + 1].value if index + 1 < talk.stop else "\n"
+    cell = hit.value == "no" and after in ("|", "\n")
+    if cell and talk.named and talk.hits[index - 1].value == "|" and _last_cell(talk, index + 1):
+        talk.named[0][1].background = True
+    _plan(talk, index, hit)
+
+
+def _last_cell(talk: Talk, index: int) -> bool:
+    """Whether nothing but marks follows in the row."""
+    return all(hit.kind is Kind.MARK for hit in talk.hits[index : min(index + 3, talk.stop)])
+
+
 def _carry(talk: Talk, index: int) -> None:
     """After "and" the subject goes on; a noun for a participle doesn't."""
     following = talk.hits[index + 1] if index + 1 < talk.stop else None
@@ -216,6 +230,7 @@ _HANDLERS: dict[Kind, Callable[[Talk, int, Hit], None]] = {
     Kind.MATTERS: weights.read_matters,
     Kind.NOBODY: weights.read_nobody,
     Kind.KEY: weights.read_key,
+    Kind.NOT: _not,
     Kind.JOIN: _join,
     Kind.MARK: _mark,
 }

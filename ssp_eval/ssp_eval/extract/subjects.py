@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ssp_eval.extract import actors, egos, others
-from ssp_eval.extract.hits import Hit, Kind
+from ssp_eval.extract.hits import MARKS, Hit, Kind
 from ssp_eval.extract.scope import Scope
 from ssp_eval.extract.talk import EGO, SCENE, Talk
 from ssp_eval.extract.world import Actor, Statement
@@ -16,6 +16,10 @@ _AROUND = frozenset({"behind", "between", "past", "around"})
 _SOME = frozenset({"both", "all", "two", "one", "each", "three"})
 _BEFORE_NOUN = frozenset(
     {"a", "an", "small", "large", "big", "young", "old", "elderly", "long", "tall", "single", "one"}
+)
+_ORDINALS = frozenset(
+    {"first", "second", "third", "fourth", "firstly", "secondly", "thirdly", "another", "one"}
+    | {"other", "finally", "lastly", "besides"}
 )
 _PEOPLE = frozenset({"pedestrian", "cyclist", "motorcycle"})
 _FITTING = {
@@ -87,6 +91,7 @@ def read_object(talk: Talk, index: int, hit: Hit) -> None:
         alone = talk.record is None and len(talk.named) - talk.keyed == 1
         talk.record = actor if alone else None
     listed = talk.under and len(talk.named) == 1 and not _governed(talk, index)
+    listed = listed or (talk.counted and len(talk.named) == 1 and _numbered(talk))
     actor.critical = actor.critical or talk.listing or listed or talk.key == "objects"
     actor.matters = actor.matters or talk.revealing
     if talk.reacting:
@@ -112,6 +117,12 @@ def read_object(talk: Talk, index: int, hit: Hit) -> None:
         talk.asked = []
     if actor.parked and actors.preposition(talk.words, hit) in _AROUND:
         actor.matters = True  # from behind the parked van
+
+
+def _numbered(talk: Talk) -> bool:
+    """First, a bus … The second is a scooter: items of a list in sentences of their own."""
+    first = talk.hits[talk.start - 1].stop if talk.start else 0
+    return not _ORDINALS.isdisjoint(talk.words[first : first + 2])
 
 
 def _apposition(talk: Talk, index: int, hit: Hit) -> bool:
@@ -167,8 +178,10 @@ def _none(talk: Talk, index: int) -> bool:
     for after in range(index + 1, min(index + 4, talk.stop - 1)):
         hit = talk.hits[after]
         if hit.kind is Kind.MARK and hit.value in (":", "=", "|", ","):
-            beyond = talk.words[hit.stop : hit.stop + 1]
-            return bool(_NONE & set(beyond))
+            beyond = talk.words[hit.stop : hit.stop + 2]
+            if beyond[:1] == ["no"]:  # Truck on the left: no conflict
+                return beyond[1:2] == [] or beyond[1] in MARKS
+            return bool(_NONE & set(beyond[:1]))
         if hit.kind not in (Kind.PLACE, Kind.SIDE, Kind.STATE):
             return False
     return False

@@ -24,6 +24,7 @@ class Talk:
         "adjectives",
         "asked",
         "busy",
+        "counted",
         "denied",
         "ego_is_car",
         "ego_named",
@@ -70,6 +71,7 @@ class Talk:
         self.record: Actor | None = None  # whom a record of a structured answer describes
         self.under = False  # in the paragraph of such a heading
         self.listed = False  # the sentence before stood under such a heading
+        self.counted = False  # several were announced: two of them deserve attention
         self.listing = False  # under a heading such as "Critical objects:"
         self.number = -1  # of the sentence
         self.start = self.stop = 0

@@ -12,6 +12,7 @@ _DOES = {"waiting": "stationary", "overtaking": "same_direction", "following": "
 _GONE_ON = frozenset(
     {"back", "into", "to", "through", "on", "onto", "over", "up", "down", "past", "across"}
 )
+_SEVERAL = frozenset({"two", "three", "four", "several", "both", "following", "users", "objects"})
 _HAVE = frozenset({"has", "have", "had", "having"})
 _DROPS = frozenset({"ignore", "ignoring", "skip", "disregard"})
 # No critical objects: there may be others.
@@ -39,10 +40,17 @@ def read_critical(talk: Talk, index: int, hit: Hit) -> None:
         talk.subject.critical = True
         return
     talk.listing = True
+    talk.counted = talk.counted or _announces(talk)
     after = talk.hits[index + 1] if index + 1 < talk.stop else None
     talk.heading = talk.heading or (after is not None and after.value in (":", "\n", '"', "["))
     if talk.subject is not EGO:
         talk.subject = None
+
+
+def _announces(talk: Talk) -> bool:
+    """Whether the sentence says how many matter: two of them deserve attention."""
+    first = talk.hits[talk.start - 1].stop if talk.start else 0
+    return not _SEVERAL.isdisjoint(talk.words[first : talk.hits[talk.stop - 1].stop][:12])
 
 
 def read_react(talk: Talk, index: int, hit: Hit) -> None:
