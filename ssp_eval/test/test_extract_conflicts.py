@@ -19,6 +19,10 @@ ACTIVE = [
     "The ego has to swerve, it scrapes the van on the right otherwise.",
     "A man walks ahead of us: unless the car brakes at once it runs him over.",
     "A bus stands ahead, and only hard braking prevents the impact.",
+    "The conflict with the jogger ahead is active.",
+    "There is an immediate danger of hitting the car ahead.",
+    "We are heading for a collision with the bus ahead.",
+    "The van cuts in from the left, we must react at once to avoid a collision.",
     "I would say a crash with the truck ahead is imminent.",
 ]
 POTENTIAL = [
@@ -33,6 +37,9 @@ POTENTIAL = [
     "A truck is ahead; we could run into it.",
     "If a child ran out there'd be no time, so this is a potential hazard.",
     "The truck on the right could sideswipe us.",
+    "A conflict with the tram and the bus ahead can't be ruled out.",
+    "There's a chance that the man on the right steps out.",
+    "A boy on the left who potentially runs onto the road.",
     "The car in the driveway ahead might back out.",
     "A contact with the bus on the left is possible.",
     "A tram is ahead, a collision might occur.",
@@ -50,6 +57,8 @@ NO_CONFLICT = [
     "The car behind poses no danger.",
     "A lorry is oncoming. Risk: none",
     "A lorry is oncoming; the risk is nil.",
+    "The lorry on the right: no conflict.",
+    "He waits at the kerb. The jogger does not affect the ego vehicle.",
     "The truck on the left does not interfere with our motion.",
 ]
 RESOLVED = [
@@ -65,12 +74,14 @@ RESOLVED = [
     "The cut-in by the van is complete. No danger remains.",
     "The cyclist has passed, the path is clear again.",
     "The tractor has cleared our lane.",
+    "The potential conflict with the jogger has dissolved.",
 ]
 NONE = [
     "A cyclist is crossing ahead, so yield.",
     "A truck ahead has its hazard lights on.",
     "The car on the right has crossed the lane line.",
     "In general cyclists may swerve.",
+    "Ice can't be excluded.",
     "A tram doesn't concern us.",
     "The car may slow down or keep its speed.",
     "We could slow down.",

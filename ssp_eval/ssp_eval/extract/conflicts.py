@@ -10,6 +10,11 @@ from ssp_eval.extract.talk import EGO, SCENE, Talk
 from ssp_eval.extract.world import Actor, Statement
 
 _ANYMORE = frozenset(phrases("anymore, more, longer"))
+_IGNORED = {
+    "no_conflict": Scope.AHEAD,
+    "resolved": Scope.PAST,
+    "potential": Scope.POSSIBLE,
+}
 _REMAINS = frozenset(phrases("remains, remain, remaining, persists"))
 _ITS = frozenset(phrases("it, he, she, they"))
 _CRASHING = frozenset(
@@ -41,6 +46,13 @@ def read_risk(talk: Talk, index: int, hit: Hit) -> None:
         of = talk.words[hit.stop + 1 : hit.stop + 2]
         if of and of[0].endswith("ing") and of[0] not in _CRASHING:
             return  # the danger of frightening the animal
+    over = hazards.settled(talk.words, hit.stop - 1) if flags == 0 else None
+    if over is not None and talk.words[hit.stop - 1] in hazards.HEADS:
+        named = _about(talk, index, talk.hits[index + 1] if index + 1 < talk.stop else None)
+        value = hazards.outcome(talk.words, over)
+        said = Statement(value, hit.first, over, talk.number)
+        (named or talk.conflicted()).conflicts.append(said)
+        return
     settle = talk.hits[index + 1 : min(index + 4, talk.stop)]
     if any(one.kind is Kind.CONFLICT for one in settle):
         return
@@ -147,16 +159,24 @@ def _about(talk: Talk, index: int, following: Hit | None) -> Actor | None:
 
 
 def read_conflict(talk: Talk, index: int, hit: Hit) -> None:
-    ignored = {"no_conflict": Scope.AHEAD, "resolved": Scope.PAST}.get(hit.value, 0)
+    ignored = _IGNORED.get(hit.value, 0)
     flags = talk.flags[index] & ~ignored
     if hit.value == "no_conflict" and talk.subject is SCENE:
         return
-    if flags:
+    if flags or (hit.value == "potential" and not _of_conflict(talk, index)):
         return
     value = hit.value
     if value == "no_conflict" and _any_more(talk, hit.first, hit):
         value = "resolved"  # isn't in conflict with us anymore
     talk.conflicted().conflicts.append(talk.said(value, hit))
+
+
+def _of_conflict(talk: Talk, index: int) -> bool:
+    """Whether what can't be excluded is a danger or what somebody does, not ice on the road."""
+    if talk.words[talk.hits[index].first] != "not":
+        return True
+    risked = any(one.kind is Kind.RISK for one in talk.hits[max(talk.start, index - 6) : index])
+    return risked or bool(talk.named)
 
 
 def read_possible(talk: Talk, index: int, hit: Hit) -> None:

@@ -76,7 +76,7 @@ def _settling(words: list[str], at: int, hits: list[Hit]) -> int:
     over = hazards.settled(words, at)
     if over is None:
         return 0
-    hits.append(Hit(Kind.CONFLICT, "resolved", "", at, over))
+    hits.append(Hit(Kind.CONFLICT, hazards.outcome(words, over), "", at, over))
     return at + 1 if "with" in words[at:over] else over  # the conflict with the jogger is over
 
 

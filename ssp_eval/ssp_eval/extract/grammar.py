@@ -30,6 +30,7 @@ KINDS: dict[Kind, Table] = {
         "may": phrases(
             """
             may, might, could, can, would, i'd, possibly, potentially, perhaps, maybe,
+            chance that, possibility that,
             likely, probably, may be, might be, could be, seems, appears, seem,
             appear, probable, possible
             """

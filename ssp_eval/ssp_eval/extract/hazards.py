@@ -62,7 +62,7 @@ _SETTLED = frozenset(
         """
         over, resolved, past, passed, ended, gone, cleared, settled, defused, disappeared,
         vanished, dissolved, finished, done, completed, averted, subsided, eliminated, removed,
-        dissipated, behind
+        dissipated, active, behind
 
         """
     )
@@ -95,6 +95,11 @@ def settled(words: list[str], at: int) -> int | None:
     return None
 
 
+def outcome(words: list[str], stop: int) -> str:
+    """What a phrase that settled() has found makes of the conflict."""
+    return "active" if words[stop - 1] == "active" else "resolved"
+
+
 _CRASHES = frozenset(
     phrases(
         """
@@ -114,6 +119,8 @@ _WARDED = frozenset(
 )
 _OR_WE = frozenset(phrases("we, it, i, ego, the, there"))
 _INTO = frozenset(phrases("into, over, onto"))
+_URGENT = frozenset(phrases("immediately, now, once, urgently, instantly"))
+_REACT = frozenset(phrases("react, respond, act, intervene"))
 _AVOID = frozenset(phrases("avoid, avoids, prevent, prevents, avert, averts"))
 # If we go on like this, we will hit him.
 _GO_ON = frozenset(
@@ -161,7 +168,9 @@ def averted(words: list[str], first: int, stop: int) -> tuple[int, int] | None:
         elif word in _AVOID:
             averting = warded is not None and words[warded] == "only"
             if not averting and not _CRASHES.isdisjoint(words[at + 1 : at + 4]):
-                return None
+                if _URGENT.isdisjoint(words[first:at]) or _REACT.isdisjoint(words[first:at]):
+                    return None
+                warded = at  # we must react at once to avoid a collision
         elif word in _EXCEPT and _except(words, at, stop):
             warded = at
         elif word in _DOUBTS and not (word in ("not", "no") and warded is not None):
@@ -175,6 +184,8 @@ def crashes(words: list[str], at: int) -> bool:
     """Whether a crash follows may or could: we could run into it."""
     word = words[at] if at < len(words) else ""
     into = words[at + 1 : at + 2]
+    if word == "rear":
+        return words[at + 1 : at + 2] == ["end"]
     return word in _CRASHES and (word not in ("run", "meet") or not _INTO.isdisjoint(into))
 
 

@@ -22,7 +22,7 @@ _CRASH = frozenset(
 )
 _HAPPEN = frozenset(phrases("occur, happen, arise, develop, result, ensue, follow, take"))
 _POSSIBLE = frozenset(phrases("possible, probable, likely, conceivable"))
-_MAYBE = frozenset(phrases("maybe, perhaps, possibly"))
+_MAYBE = frozenset(phrases("maybe, perhaps, possibly, potentially, chance, possibility"))
 _BE = frozenset(phrases("is, are, seems, remains, becomes, appears"))
 MAX_PARTNER = 9
 
@@ -47,7 +47,11 @@ def threaten(talk: Talk, index: int, hit: Hit) -> None:
     words = talk.words
     if _crash_possible(talk, index, hit) or _maybe(talk, index, hit):
         return
-    if words[hit.first] not in _DOUBTFUL or talk.flags[index] or hit.stop >= len(words):
+    if (
+        words[hit.first] not in _DOUBTFUL
+        or talk.flags[index] & ~Scope.POSSIBLE
+        or hit.stop >= len(words)
+    ):
         return
     subject = talk.subject
     if is_general(talk, index):
@@ -92,24 +96,27 @@ def _crash_possible(talk: Talk, index: int, hit: Hit) -> bool:
 
 
 def _maybe(talk: Talk, index: int, hit: Hit) -> bool:
-    """Maybe he runs; perhaps the van pulls out."""
+    """Maybe he runs; perhaps the van pulls out; a chance that the man on the left steps out."""
     words = talk.words
     if words[hit.first] not in _MAYBE or talk.flags[index]:
         return False
-    for after in range(index + 1, min(index + 4, talk.stop)):
+    noun: Hit | None = None
+    for after in range(index + 1, min(index + 5, talk.stop)):
         one = talk.hits[after]
         if one.kind is Kind.VERB:
-            noun = talk.hits[after - 1]
-            stop = hazards.threat([words[one.first].removesuffix("s"), *words[one.stop :][:2]], 0)
-            if one.form != "s" or stop is None or noun.first - hit.stop > 1:
+            ahead = [words[one.first].removesuffix("s"), *words[one.stop : one.stop + 2]]
+            late = (noun or one).first - hit.stop > 1
+            if one.form != "s" or late or hazards.threat(ahead, 0) is None:
                 return False
-            actor = (
-                actors.resolve(talk.world, words, noun, None) if noun.kind is Kind.OBJECT else None
-            )
-            actor = actor or talk.last or talk.world.loose
+            actor = talk.conflicted() if noun is None else talk.last
+            if noun is not None and noun.kind is Kind.OBJECT:
+                actor = actors.resolve(talk.world, words, noun, None)
+            actor = actor or talk.world.loose
             actor.conflicts.append(Statement("potential", hit.first, one.stop, talk.number))
             return True
-        if one.kind not in (Kind.PRONOUN, Kind.OBJECT):
+        if one.kind in (Kind.PRONOUN, Kind.OBJECT) and noun is None:
+            noun = one
+        elif one.kind not in (Kind.PLACE, Kind.SIDE):
             return False
     return False
 
