@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -87,6 +88,8 @@ _SETTINGS: dict[Any, Any] = {
     "text.color": INK,
     # A dollar in a model's name is a dollar.
     "text.parse_math": False,
+    # Widths that don't depend on the resolution.
+    "text.hinting": "no_hinting",
     "xtick.labelsize": SMALL_PT,
     "ytick.labelsize": SMALL_PT,
     "xtick.color": GREY,
@@ -206,12 +209,14 @@ def fitted(text: str, most_in: float, size_pt: float = SMALL_PT, head: float = 0
     text = drawable(text)
     if text_width_in(text, size_pt) <= most_in:
         return text
-    for keep in range(len(text) - 1, 0, -1):
+
+    def cut(keep: int) -> str:
         first = round(keep * head)
-        cut = text[:first] + "…" + text[len(text) - (keep - first) :]
-        if text_width_in(cut, size_pt) <= most_in:
-            return cut
-    return "…"
+        return text[:first] + "…" + text[len(text) - (keep - first) :]
+
+    # The most characters that fit; a longer cut is a wider one.
+    keep = bisect_right(range(len(text)), most_in, key=lambda k: text_width_in(cut(k), size_pt))
+    return cut(max(keep - 1, 0))
 
 
 def names_in(names: Iterable[str], most_in: float) -> dict[str, str]:

@@ -1,0 +1,237 @@
+"""The figures hold a mark for every number, and no text lies on another or is cut off."""
+
+from __future__ import annotations
+
+import itertools
+import sys
+import warnings
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from matplotlib.text import Text
+
+from ssp_core.vocab import DOMAINS
+from ssp_eval.analysis.row import CellRow
+from ssp_eval.figures.domains import domains
+from ssp_eval.figures.drawing import Drawing, LeftOut
+from ssp_eval.figures.foundation import foundation
+from ssp_eval.figures.matrix import matrix
+from ssp_eval.figures.models import models
+from ssp_eval.figures.scores import Scores, pareto_front
+from ssp_eval.figures.style import SMALL_PT, drawing
+from ssp_eval.score.aggregate import ranking
+from ssp_eval.score.ivcs import ivcs_weights
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from figure_rows import MANY, MODELS, rows_of
+
+KINDS = {
+    "matrix": matrix,
+    "domains": domains,
+    "models": lambda scores: models(scores, None),
+    "foundation": foundation,
+}
+CASES = {
+    "18 cells": rows_of(),
+    "30 models": rows_of(MANY),
+    "4 scenarios": rows_of(scenarios=("a", "b_much_longer_than_the_others", "c", "d")),
+    "one cell": rows_of(MODELS[:1], ("cut_in",))[:1],
+    "one domain": [row for row in rows_of() if row.domain == "physical"],
+    "none admitted": [replace(row, admitted=False) for row in rows_of()],
+    "all the same": [
+        replace(row, jovr=0.5, sem_acc_eff=0.5, cia_eff=0.5, tqsr=0.5, rsr=0.0, rl_s=None)
+        for row in rows_of()
+    ],
+    "odd names": [
+        replace(row, model=f"{row.model} $a_b$ 模型 <&>", scenario=f"{row.scenario} \\frac")
+        for row in rows_of()
+    ],
+}
+
+
+@pytest.fixture(autouse=True)
+def _strict() -> Iterator[None]:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with drawing():
+            yield
+
+
+def drawn(rows: list[CellRow], kind: str) -> dict[str, Drawing]:
+    """The drawings of one kind by name."""
+    found = KINDS[kind](Scores(tuple(rows)))
+    return {one.name: one for one in found if isinstance(one, Drawing)}
+
+
+def gids(figure: Drawing) -> Counter[str]:
+    """How many artists there are by the first word of their name."""
+    names = [artist.get_gid() for artist in figure.figure.findobj() if artist.get_gid()]
+    return Counter(name.split("-")[0] for name in names)
+
+
+def texts_of(figure: Drawing) -> list[tuple[str, tuple[float, float, float, float], float]]:
+    """Visible texts with their rectangles in px and size in pt."""
+    renderer = figure.figure.canvas.get_renderer()
+    figure.figure.draw_without_rendering()
+    return [
+        (text.get_text(), text.get_window_extent(renderer).extents, text.get_size())
+        for text in figure.figure.findobj(Text)
+        if text.get_visible() and text.get_text().strip()
+    ]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("case", CASES)
+def test_no_text_lies_on_another_is_cut_off_or_too_small(case: str, kind: str) -> None:
+    for name, figure in drawn(CASES[case], kind).items():
+        width, height = figure.figure.canvas.get_width_height()
+        texts = texts_of(figure)
+        assert texts
+        for text, (left, bottom, right, top), size in texts:
+            where = f"{name}: {text!r}"
+            assert size >= SMALL_PT, where
+            assert min(left, bottom) >= -1, where
+            assert right <= width + 1, where
+            assert top <= height + 1, where
+        for (a, one, _), (b, other, _) in itertools.combinations(texts, 2):
+            # Letters without descenders leave a px of air in their rectangles.
+            apart = (
+                one[2] <= other[0] + 1 or other[2] <= one[0] + 1
+                or one[3] <= other[1] + 2 or other[3] <= one[1] + 2
+            )  # fmt: skip
+            assert apart, f"{name}: {a!r} lies on {b!r}"
+
+
+def test_a_matrix_has_a_mark_for_every_score_and_says_what_was_refused() -> None:
+    rows = rows_of()
+    rows[0] = replace(rows[0], status="refused", reason="failed_safety: fence")
+    rows[1] = replace(rows[1], admitted=False)
+    rows[2] = replace(rows[2], control=True)
+    rows[3] = replace(rows[3], cia_eff=None)
+    figure = drawn(rows, "matrix")["matrix"]
+    assert gids(figure)["score"] == 17 * 6
+    assert gids(figure)["refused"] == 1
+    texts = [text for text, _, _ in texts_of(figure)]
+    assert "refused: failed_safety: fence" in texts
+    assert f"{rows[1].model} †" in texts
+    nulls = sum(row.cia_eff is None for row in rows[1:])
+    assert texts.count("–") == nulls > 0
+    for row in rows[1:]:
+        assert sum(text.startswith(f"{row.ivcs:.3f}") for text in texts) >= 1
+    assert "1 refused or failed" in figure.caption
+    assert "1 not admitted" in figure.caption
+
+
+def test_a_large_matrix_goes_over_pages_without_losing_a_cell() -> None:
+    rows = rows_of(MANY)
+    pages = drawn(rows, "matrix")
+    assert list(pages) == [f"matrix_{k}" for k in range(1, len(pages) + 1)]
+    assert len(pages) > 1
+    assert sum(gids(page)["score"] for page in pages.values()) == len(rows) * 6
+    assert all(page.figure.get_figheight() <= 9.0 for page in pages.values())
+
+
+def test_means_of_runs_are_one_row_and_a_share_of_responses() -> None:
+    (row,) = CASES["one cell"]
+    runs = [replace(row, seed=k, rsr=float(k > 0), rl_s=0.5 if k else None) for k in range(4)]
+    figure = drawn(runs, "matrix")["matrix"]
+    assert gids(figure)["score"] == 6
+    assert "75 %" in [text for text, _, _ in texts_of(figure)]
+    assert "several runs" in figure.caption
+
+
+def test_marks_of_domains_are_the_means_and_the_stacks_add_up_to_ivcs() -> None:
+    scores = Scores(tuple(CASES["18 cells"]))
+    figures = drawn(CASES["18 cells"], "domains")
+    marks = {
+        artist.get_gid(): artist.get_xdata()[0]
+        for artist in figures["domains_components"].figure.findobj()
+        if (artist.get_gid() or "").startswith("mean-")
+    }
+    assert marks == {
+        f"mean-{key}-{domain}": scores.by_domain[domain][key].value
+        for key in ivcs_weights()
+        for domain in DOMAINS
+    }
+    bars = {
+        artist.get_gid(): artist.get_width()
+        for artist in figures["domains_contributions"].figure.findobj()
+        if (artist.get_gid() or "").startswith("part-all scenarios-")
+    }
+    for domain in DOMAINS:
+        total = sum(width for gid, width in bars.items() if f"-{domain}-" in gid)
+        assert total == pytest.approx(scores.by_domain[domain]["ivcs"].value, abs=1e-12)
+
+
+def test_slopes_show_ranks_and_tell_every_change() -> None:
+    figure = drawn(CASES["18 cells"], "domains")["domains_ranks"]
+    found = ranking(Scores(tuple(CASES["18 cells"])).cells, "domain")
+    assert gids(figure)["line"] == 3
+    assert gids(figure)["label"] == 6
+    assert found.changes
+    for change in found.changes:
+        assert f"{change.subject} is {change.ranks[0]} in" in figure.caption
+    changed = {change.subject for change in found.changes}
+    for artist in figure.figure.findobj():
+        if (artist.get_gid() or "").startswith("line-"):
+            assert (artist.get_linestyle() == ":") == (artist.get_gid()[5:] not in changed)
+
+
+def test_models_have_a_mark_per_scenario_a_panel_and_a_difference() -> None:
+    rows = CASES["30 models"]
+    figures = drawn(rows, "models")
+    assert gids(figures["models_range"])["scenario"] == 60
+    assert gids(figures["models_range"])["macro"] == 30
+    assert gids(figures["models_profiles"])["bar"] == 30 * 7
+    assert gids(figures["models_difference"])["bar"] == 29 * 6
+    assert gids(figures["models_ranks"])["line"] == 30
+
+
+def test_differences_are_taken_over_what_both_models_have() -> None:
+    rows = [row for row in rows_of() if (row.model, row.scenario) != ("alpamayo", "vru_crossing")]
+    scores = Scores(tuple(rows))
+    (figure,) = (one for one in models(scores, "openemma") if one.name == "models_difference")
+    assert isinstance(figure, Drawing)
+    bars = {
+        artist.get_gid(): artist.get_width()
+        for artist in figure.figure.findobj()
+        if (artist.get_gid() or "").startswith("bar-")
+    }
+    mine, theirs = (
+        [row.ivcs for row in rows if row.model == model and row.scenario == "cut_in"]
+        for model in ("alpamayo", "openemma")
+    )
+    assert bars["bar-alpamayo-ivcs"] == pytest.approx((sum(mine) - sum(theirs)) / 3, abs=1e-12)
+    assert "openemma (as chosen)" in figure.caption
+
+
+def test_foundation_figures_show_only_what_is_known() -> None:
+    rows = CASES["30 models"]
+    scores = Scores(tuple(rows))
+    figures = drawn(rows, "foundation")
+    assert gids(figures["foundation_semantics_trajectory"])["point"] == 30
+    assert gids(figures["foundation_parameters"])["point"] == 20
+    unknown = {row.model for row in rows if row.active_b is None}
+    assert all(model in figures["foundation_parameters"].caption for model in unknown)
+    points = {
+        model: (group["sem_acc_eff"].value or 0.0, group["tqsr"].value or 0.0)
+        for model, group in scores.by_model.items()
+    }
+    caption = figures["foundation_semantics_trajectory"].caption
+    assert ", ".join(pareto_front(points)) in caption
+    assert gids(figures["foundation_architectures"])["end"] == 12
+    assert gids(figures["foundation_ranking"])["bar"] == 30
+
+
+def test_what_can_t_be_drawn_says_why() -> None:
+    refused = [replace(row, status="refused", reason="x") for row in rows_of()]
+    for kind, draw in KINDS.items():
+        for one in draw(Scores(tuple(refused))):
+            assert isinstance(one, Drawing if kind == "matrix" else LeftOut)
+            assert kind == "matrix" or one.reason
+    for draw in KINDS.values():
+        assert all(isinstance(one, LeftOut) and one.reason for one in draw(Scores(())))

@@ -1,0 +1,205 @@
+"""Overlays: the driven path from histories, plans seen from later, stills, videos and phases."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import av
+import cv2
+import numpy as np
+import pytest
+
+from ssp_core.geometry import Pose2
+from ssp_core.hashing import sha256_file
+from ssp_eval.evaluate.asker import DirectAskers
+from ssp_eval.evaluate.campaign import run_campaign
+from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.models import bridge_spec
+from ssp_eval.figures.annotate import Annotation, annotated, wrapped
+from ssp_eval.figures.command import WantedFigures, draw_figures
+from ssp_eval.figures.ego_path import ego_path
+from ssp_eval.figures.moments import Story, story_of
+from ssp_eval.figures.overlays import FOLDER, VIDEO, write_overlays
+from ssp_eval.figures.phases import phase_frames
+from ssp_eval.figures.style import drawing
+from ssp_eval.report.load import load_cells
+from ssp_eval.report.projection import Ribbon
+from ssp_vla_bridge.core.trajectory import Trajectory
+
+SPEED_MPS, RADIUS_M = 10.0, 40.0
+
+
+def pose_at(t_s: float) -> Pose2:
+    """On a circle to the left, from the origin along x."""
+    angle = SPEED_MPS * t_s / RADIUS_M
+    return Pose2(RADIUS_M * math.sin(angle), RADIUS_M * (1 - math.cos(angle)), angle)
+
+
+def request(t_s: float, history_s: float = 1.0) -> dict[str, Any]:
+    """What a request at this time says of the circle, in its own frame."""
+    now = pose_at(t_s)
+    samples = []
+    for k in range(round(history_s * 10), -1, -1):
+        then = pose_at(t_s - k / 10)
+        x_m, y_m = now.to_local(then.x_m, then.y_m)
+        samples.append(
+            {"t_s": -k / 10, "x_m": x_m, "y_m": y_m, "yaw_rad": then.yaw_rad - now.yaw_rad}
+        )
+    return {"stamp_ns": round(t_s * 1e9), "history": samples}
+
+
+def test_histories_join_to_the_path_that_was_driven() -> None:
+    path = ego_path([request(t_s) for t_s in (2.0, 1.0, 1.5, 2.9)])
+    assert len(path.pieces) == 1
+    found = path.after(1_000_000_000, 1.5)
+    assert found is not None
+    assert found.t_s == pytest.approx([k / 10 for k in range(16)])
+    start = pose_at(1.0)
+    for t_s, x_m, y_m in zip(found.t_s, found.x_m, found.y_m, strict=True):
+        true = pose_at(1.0 + t_s)
+        assert (x_m, y_m) == pytest.approx(start.to_local(true.x_m, true.y_m), abs=1e-9)
+
+
+def test_a_gap_between_histories_is_not_bridged() -> None:
+    path = ego_path([request(1.0), request(4.0)])
+    assert len(path.pieces) == 2
+    assert path.pose(2_000_000_000) is None
+    found = path.after(500_000_000, 3.0)
+    assert found is not None
+    assert found.t_s[-1] == pytest.approx(0.5)
+    assert path.after(1_000_000_000, 3.0) is None
+    plan = Trajectory((0.0, 1.0), (0.0, 1.0), (0.0, 0.0))
+    assert path.seen_from(plan, 1_000_000_000, 3_500_000_000) is None
+    assert ego_path([{"stamp_ns": 1, "history": []}, {"missing": "x"}]).pieces == ()
+
+
+def test_a_plan_is_where_it_was_planned_when_seen_from_later() -> None:
+    path = ego_path([request(1.0), request(1.5)])
+    plan = Trajectory((0.0, 1.0), (0.0, 10.0), (0.0, 1.0))
+    seen = path.seen_from(plan, 1_000_000_000, 1_300_000_000)
+    assert seen is not None
+    place = pose_at(1.3).to_local(*pose_at(1.0).to_parent(10.0, 1.0))
+    assert (seen.x_m[1], seen.y_m[1]) == pytest.approx(place, abs=1e-9)
+    assert path.seen_from(plan, 1_000_000_000, 1_000_000_000) is plan
+
+
+def test_an_annotation_leaves_the_picture_alone_and_draws_where_it_should() -> None:
+    picture = np.full((180, 320, 3), 90, np.uint8)
+    kept = picture.copy()
+    plan = Ribbon(
+        ((100.0, 170.0), (150.0, 90.0)), ((220.0, 170.0), (170.0, 90.0)),
+        ((160.0, 170.0), (160.0, 90.0)), ((160.0, 130.0),),
+    )  # fmt: skip
+    far = Ribbon((), (), ((160.0, 175.0), (1e9, -1e9)), ())
+    image = annotated(picture, Annotation(plan, None, "1 s", ("a", "b", "c", "d", "e")))
+    assert np.array_equal(picture, kept)
+    assert image.shape[0] > 180
+    assert image.shape[1] == 320
+    assert (image[130, 160] > 200).all()  # the dot
+    blue, _, red = image[160, 130].astype(int)
+    assert blue > red + 30  # the ribbon
+    assert np.array_equal(image[60:80, 200:300], kept[60:80, 200:300])
+    assert (image[180:] < 100).any()  # words
+    plain = annotated(picture, Annotation(None, far, "1 s", ()))
+    assert plain.shape == image.shape
+
+
+def test_words_of_a_model_are_wrapped_and_cut() -> None:
+    assert wrapped("", 960, 2) == []
+    assert wrapped("one two", 960, 2) == ["one two"]
+    lines = wrapped("word " * 200, 960, 2)
+    assert len(lines) == 2
+    assert lines[1].endswith("…")
+    assert len(wrapped("x" * 4000, 320, 2)) <= 2
+
+
+@pytest.fixture
+def campaign(make_bag: Callable[..., Path], tmp_path: Path) -> Path:
+    out = tmp_path / "out"
+    bags = [make_bag(), make_bag("track", domain="physical")]
+    models = [bridge_spec(name) for name in ("constant_velocity", "silent")]
+    run_campaign([(bag, None) for bag in bags], models, DirectAskers(), out, CellOptions(), True)
+    return out
+
+
+@pytest.fixture
+def stories(campaign: Path) -> list[Story]:
+    found = [story_of(cell, campaign) for cell in load_cells(campaign)]
+    return [story for story in found if story is not None and not story.cell.is_control]
+
+
+def test_every_cell_gets_stills_and_a_video_in_real_time(campaign: Path, tmp_path: Path) -> None:
+    out = tmp_path / "figures"
+    frames = {path: sha256_file(path) for path in (campaign / "frames").iterdir()}
+    seen: list[str] = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        done = write_overlays(campaign, out, seen.append)
+    assert {path: sha256_file(path) for path in frames} == frames
+    assert all(path.is_file() for path in done.files)
+    for cell in load_cells(campaign):
+        folder = out / FOLDER / cell.id
+        if cell.score is None:
+            assert (f"{FOLDER}/{cell.id}", f"the cell is {cell.facts.status}") in done.left_out
+            continue
+        assert f"{FOLDER}/{cell.id}" in seen
+        stills = sorted(folder.glob("*.jpg"))
+        assert len(stills) == len(cell.labels.labels)
+        assert stills[0].name.startswith(f"01_{cell.labels.labels[0].phase}_")
+        assert cv2.imread(str(stills[0])).shape[1] == 96
+        with av.open(str(folder / VIDEO)) as video:
+            times = [float(frame.time) for frame in video.decode(video=0)]
+        labels = [label.t_s for label in cell.labels.labels]
+        wanted = [t_s - labels[0] for t_s in labels]
+        assert times == pytest.approx([*wanted, wanted[-1] + 0.5], abs=0.06)
+    phases = sorted(out.glob("phases_*"))
+    assert [path.name for path in phases] == [
+        f"phases_cut_in_constant_velocity.{kind}" for kind in ("pdf", "png", "svg", "txt")
+    ]
+    again = tmp_path / "again"
+    write_overlays(campaign, again)
+    for path in done.files:
+        assert (again / path.relative_to(out)).read_bytes() == path.read_bytes(), path.name
+
+
+def test_phase_frames_have_a_plan_and_the_driven_path_on_them(stories: list[Story]) -> None:
+    with drawing():
+        figure = phase_frames("cut_in", "constant_velocity", stories)
+    shown = {(s.cell.domain, m.label.phase) for s in stories for m in s.moments if m.frames}
+    gids = {artist.get_gid() for artist in figure.figure.findobj() if artist.get_gid()}
+    assert {gid for gid in gids if gid.startswith("plan-")} == {
+        f"plan-{domain}-{phase}" for domain, phase in shown
+    }
+    assert any(gid.startswith("recorded-") for gid in gids)
+    assert "Without scores: synthetic." in figure.caption
+    assert "in no input of a model" in figure.caption
+
+
+def test_without_the_camera_s_pose_no_path_is_drawn_and_the_caption_says_so(
+    stories: list[Story],
+) -> None:
+    blind = []
+    for story in stories:
+        clip = story.cell.facts.clip.model_copy(update={"mount_forward_m": None})
+        facts = story.cell.facts.model_copy(update={"clip": clip})
+        blind.append(replace(story, cell=replace(story.cell, facts=facts)))
+    with drawing():
+        figure = phase_frames("cut_in", "constant_velocity", blind)
+    gids = {artist.get_gid() for artist in figure.figure.findobj() if artist.get_gid()}
+    assert not {gid for gid in gids if gid.startswith(("plan-", "recorded-"))}
+    assert "Without a known pose of the camera, and so without paths" in figure.caption
+
+
+def test_overlays_alone_write_no_other_figure(
+    campaign: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cells = [cell for cell in load_cells(campaign) if not cell.is_control][:1]
+    out = tmp_path / "figures"
+    draw_figures(WantedFigures(out, None, ("overlays",)), [], campaign, cells)
+    assert {path.name.split("_")[0] for path in out.iterdir()} == {FOLDER, "phases"}
+    assert f"{out} (" in capsys.readouterr().out
