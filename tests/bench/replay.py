@@ -1,4 +1,4 @@
-"""Bag → requests → trivial model → scores, against reading the frames that it needs."""
+"""Bag → requests → trivial model → scores, against reading the bag and decoding what it needs."""
 
 from __future__ import annotations
 
@@ -22,7 +22,9 @@ IMAGE = "/ssp/vut/front_camera/image/compressed"
 STATE = "/ssp/vut/state"
 SECONDS, FRAME_HZ, STATE_HZ = 60, 10, 50
 LABELS = 9
-ROUNDS = 3
+ROUNDS = 7
+# The evaluation must reach so much of the limit, which is reading and decoding alone.
+SHARE = 0.7
 
 
 def make_bag(folder: Path) -> list[float]:
@@ -146,15 +148,29 @@ def bare_read(folder: Path, times: list[float], decode: bool) -> float:
     return time.perf_counter() - started
 
 
+def whole_read(folder: Path) -> float:
+    """Every byte of the bag once, as whoever names it by its hash must read it."""
+    started = time.perf_counter()
+    for file in (folder / "bag").glob("*.mcap"):
+        with open(file, "rb", buffering=0) as stream:
+            while stream.read(1 << 20):
+                pass
+    return time.perf_counter() - started
+
+
 def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         times = make_bag(folder)
-        read = [bare_read(folder, times, decode=False) for _ in range(ROUNDS)]
-        decoded = [bare_read(folder, times, decode=True) for _ in range(ROUNDS)]
-        ours = [evaluate(folder, folder / f"out{k}") for k in range(ROUNDS)]
+        evaluate(folder, folder / "warm")
+        read, decoded, ours = [], [], []
+        for k in range(ROUNDS):  # in turn, so that a busy moment of the machine hits all
+            read.append(bare_read(folder, times, decode=False))
+            decoded.append(whole_read(folder) + bare_read(folder, times, decode=True))
+            ours.append(evaluate(folder, folder / f"out{k}"))
     note = f"{SECONDS} s bag, {LABELS} label times, trivial model, best of {ROUNDS}"
-    for name, bound in (("read and decode", decoded), ("bare read", read)):
+    bounds = (("read whole, and decode", decoded, 1.0 / SHARE), ("frames read", read, None))
+    for name, bound, limit in bounds:
         report(
             f"replay: bag to scores / {name}",
             min(ours) * 1e3,
@@ -162,6 +178,7 @@ def main() -> None:
             "ms",
             note,
             lower=True,
+            ratio_limit=limit,
         )
 
 

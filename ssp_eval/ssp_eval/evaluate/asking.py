@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ssp_core.errors import PeerError
 from ssp_core.files import write_bytes
-from ssp_core.hashing import sha256_bytes, sha256_json
+from ssp_core.hashing import sha256_json
 from ssp_eval.evaluate.asker import PASSING, Asker, Askers, Ignored, Loss, loss_of
 from ssp_eval.evaluate.cell_file import LABELS_FILE, CellPlace, frame_path
 from ssp_eval.evaluate.clip import NoQuestion, Question
@@ -17,6 +17,7 @@ from ssp_eval.evaluate.conditions import other_label_time, under
 from ssp_eval.evaluate.controls import SHUFFLED
 from ssp_eval.evaluate.store import Asked, RawStore, new_request_id, request_key
 from ssp_eval.labels.model import labels_to_json
+from ssp_vla_bridge.core.request import Frame
 from ssp_vla_bridge.core.response import Response
 
 Progress = Callable[[], None]
@@ -54,7 +55,7 @@ def ask_all(
     for label in place.labelled.labels.labels:
         question = cell.question(label.t_s)
         if isinstance(question, Question):
-            _keep_frame(out, question.request.frames[-1].jpeg)
+            _keep_frame(out, question.request.frames[-1])
         cell.about(question)
         on_record()
     return cell.finish()
@@ -166,8 +167,8 @@ class _Conversation:
         return self._asked, Ignored() if self._asker is None else self._asker.ignored
 
 
-def _keep_frame(out: Path, jpeg: bytes) -> None:
+def _keep_frame(out: Path, frame: Frame) -> None:
     """Keeps the newest frame of a request for the report, once for all models."""
-    path = frame_path(out, sha256_bytes(jpeg))
+    path = frame_path(out, frame.sha256)
     if not path.exists():
-        write_bytes(path, jpeg)
+        write_bytes(path, frame.jpeg)

@@ -12,7 +12,7 @@ from typing import Any
 
 from ssp_core.errors import HostError, InputError
 from ssp_core.files import write_text
-from ssp_core.hashing import sha256_bytes, sha256_json
+from ssp_core.hashing import sha256_json
 from ssp_eval.evaluate.asker import Loss
 from ssp_vla_bridge.core.request import CameraGeometry, EgoSample, Frame, Request
 from ssp_vla_bridge.core.response import Response, response_from_json, response_to_json
@@ -59,8 +59,7 @@ def request_to_json(request: Request) -> dict[str, Any]:
         "request_id": request.request_id,
         "stamp_ns": request.stamp_ns,
         "frames": [
-            {"stamp_ns": frame.stamp_ns, "sha256": sha256_bytes(frame.jpeg)}
-            for frame in request.frames
+            {"stamp_ns": frame.stamp_ns, "sha256": frame.sha256} for frame in request.frames
         ],
         "camera": None if request.camera is None else asdict(request.camera),
         "history": [asdict(sample) for sample in request.history],

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import astuple, dataclass, field
+from functools import cached_property
 from itertools import pairwise
 
 import cv2
 import numpy as np
 
+from ssp_core.hashing import sha256_bytes
 from ssp_vla_bridge.core.response import Response
 from ssp_vla_bridge.core.task import TASK, DrivingTask
 
@@ -27,6 +29,11 @@ class Frame:
 
     stamp_ns: int
     jpeg: bytes
+
+    @cached_property
+    def sha256(self) -> str:
+        """Hash of the picture, worked out once: it stands in keys, questions and file names."""
+        return sha256_bytes(self.jpeg)
 
 
 @dataclass(frozen=True)
