@@ -6,11 +6,11 @@ from ssp_eval.extract.echoes import opens_item
 from ssp_eval.extract.hits import Hit, Kind
 from ssp_eval.extract.lexicon import phrases
 from ssp_eval.extract.scope import Scope
+from ssp_eval.extract.steering import fills_cell, lateral, straight_ahead
 from ssp_eval.extract.topics import is_only_named
 from ssp_eval.extract.verbs import LAT_ACTIONS, LON_ACTIONS, STEERING
 from ssp_eval.extract.world import Commitment, World
 
-_BETWEEN = frozenset({Kind.PURPOSE, Kind.SCENE, Kind.IN_LANE, Kind.AUX})
 _LINKS = frozenset({Kind.JOIN, Kind.PURPOSE, Kind.THEN, Kind.CONDITION})
 _ORDERS = frozenset({",", ":", ";", "\n", "[", '"', "(", "|"})
 _ADVISING = frozenset(phrases("recommend, suggest, propose, advise, favour, favor, prefer"))
@@ -20,7 +20,6 @@ _LIGHT = frozenset({Kind.MARK, Kind.PURPOSE})
 # Stop for cars or bikes: no choice between actions.
 _NOUNS = frozenset({Kind.OBJECT, Kind.PLACE, Kind.PRONOUN, Kind.SCENE})
 _UNTIL = frozenset(phrases("until, till, to"))
-_BARS = frozenset({"|", ";", "}"})
 REACH = 5
 MAX_WORDS = 6
 
@@ -167,25 +166,21 @@ class Planner:
             and (
                 previous.value in (",", ":", "\n")
                 or previous.kind is Kind.THEN
-                or self._cell(index)
+                or fills_cell(self.words, self.hits, index)
             )
         )
 
-    def _cell(self, index: int) -> bool:
-        """Whether an action fills a cell of a table or a record: | front | brake |."""
-        if self.hits[index - 1].value not in _BARS or self.hits[index].stop >= len(self.words):
-            return False
-        return self.words[self.hits[index].stop] in _BARS
-
     def verb(self, index: int, hit: Hit, named: bool) -> None:
         """A verb whose subject is the ego (``named``) or nobody: an order or a heading."""
-        lateral = self._lateral(index, hit)
+        sideways = lateral(self.words, self.hits, index, self.stop)
+        if sideways is not None and sideways.side is not None:
+            self.sides.add(sideways.side)
         longitudinal = LON_ACTIONS.get(hit.value)
         if named and hit.value == "recede" and self._sets_off(hit):
             longitudinal = "accelerate"
         if hit.form == "ed" or (hit.form == "s" and not named):
             return
-        if lateral is None and longitudinal is None:
+        if sideways is None and longitudinal is None:
             return
         if is_only_named(self.words, self.hits, index, self.start, self.stop):
             return
@@ -209,25 +204,14 @@ class Planner:
         linked = self._linked(index)
         if longitudinal is not None:
             self._commit("lon_action", longitudinal, hit.first, hit.stop, linked)
-        if lateral is not None:
-            self._commit("lat_action", lateral[0], hit.first, lateral[1], linked)
-        ahead = None if lateral else self._straight_ahead(index)
+        if sideways is not None:
+            self._commit("lat_action", sideways.value, hit.first, sideways.stop, linked)
+        ahead = None if sideways else straight_ahead(self.words, self.hits, index, self.stop)
         if ahead is not None:
             self._commit("lat_action", "straight", ahead.first, ahead.stop, True)
-        self.last = (index, hit.first, lateral[1] if lateral else hit.stop)
+        self.last = (index, hit.first, sideways.stop if sideways else hit.stop)
         if self.first is None:
             self.first = index
-
-    def _straight_ahead(self, index: int) -> Hit | None:
-        """Accelerate gently, straight ahead."""
-        for after in range(index + 1, min(index + 3, self.stop)):
-            hit = self.hits[after]
-            if hit.kind is Kind.PLACE and self.words[hit.first] == "straight":
-                ends = after + 1 == self.stop or self.hits[after + 1].kind is Kind.MARK
-                return hit if ends and self.hits[index].form != "noun" else None
-            if hit.value != ",":
-                return None
-        return None
 
     def _sets_off(self, hit: Hit) -> bool:
         """The ego pulls away, but not from somebody."""
@@ -263,28 +247,6 @@ class Planner:
             self.advised = self.unit
             return True
         return False
-
-    def _lateral(self, index: int, hit: Hit) -> tuple[str, int] | None:
-        value = LAT_ACTIONS.get(hit.value)
-        if value is not None:
-            return value, hit.stop
-        if hit.value not in STEERING:
-            return None
-        for after in range(index + 1, min(index + REACH, self.stop)):
-            following = self.hits[after]
-            if following.first - hit.stop > MAX_WORDS:
-                return None
-            if following.kind is Kind.SIDE:
-                to = self.words[following.first] in ("to", "toward", "towards")
-                if following.form not in ("bare", "to", "into", "lane") and not to:
-                    return None
-                if hit.value == "cut_in" and following.form == "to":
-                    return None
-                self.sides.add(after)
-                return following.value, following.stop
-            if following.kind not in _BETWEEN and self.words[following.first] != "around":
-                return None
-        return None
 
     def side(self, index: int, hit: Hit) -> bool:
         """A direction that is the value of a lateral field: 0.5 m to the left, slightly left."""

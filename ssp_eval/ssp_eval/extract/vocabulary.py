@@ -5,7 +5,17 @@ from __future__ import annotations
 from itertools import product
 from typing import NamedTuple
 
-from ssp_eval.extract import grammar, hazards, lanes, lexicon, movements, nouns, salience, verbs
+from ssp_eval.extract import (
+    grammar,
+    hazards,
+    inflection,
+    lanes,
+    lexicon,
+    movements,
+    nouns,
+    salience,
+    verbs,
+)
 from ssp_eval.extract.hits import Kind
 
 Entry = tuple[Kind, str, str]
@@ -44,7 +54,7 @@ def _entries() -> dict[str, Entry]:
             add(phrase, Kind.PLACE, value)
     for lemma, listed in (*verbs.VERBS.items(), *movements.MOVEMENTS.items()):
         for phrase in listed:
-            for words, form in verbs.inflect(phrase):
+            for words, form in inflection.inflect(phrase):
                 add(words, Kind.VERB, lemma, form)
     for lemma, forms in verbs.EXTRA_FORMS.items():
         for words, form in forms:
