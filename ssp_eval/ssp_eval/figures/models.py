@@ -141,6 +141,8 @@ def _profiles(scores: Scores) -> Iterator[Drawing | LeftOut]:
         yield LeftOut(name, NO_MODEL)
         return
     middle = [_median(group[key].value for group in scores.by_model.values()) for key in PROFILE]
+    if len(scores.by_model) < 2:
+        middle = []
     pages = pages_of(list(scores.by_model), _PANEL_COLUMNS * _MOST_PANEL_ROWS)
     for number, members in enumerate(pages, start=1):
         sheet = _panels(scores, members, middle)
@@ -150,8 +152,8 @@ def _profiles(scores: Scores) -> Iterator[Drawing | LeftOut]:
             caption(
                 "Capability profiles: the mean of each component of IVCS (filled) and of the two "
                 "diagnostic scores (hatched) over all cells of a model, the best by IVCS first, "
-                "with its IVCS beside its name; the short line on a bar is the median over the "
-                "models, – a score without "
+                "with its IVCS beside its name; the short line on a bar is the median over two or "
+                "more models, – a score without "
                 f"denominator in every cell. {scores.n_text()}.",
                 _uneven(scores),
                 ONLY_ENTERING,

@@ -49,13 +49,12 @@ def rank_slopes(scores: Scores, subject: str, name: str) -> Drawing | LeftOut:
     groups = scores.by_domain if subject == "domain" else scores.by_model
     per_scenario = scores.by_scenario_domain if subject == "domain" else scores.by_scenario_model
     scenarios = sorted(found.scenarios)
-    if not groups or not scenarios:
-        return LeftOut(name, f"no cell gives a mean by {subject}")
+    if len(groups) < 2 or len(scenarios) < 2:
+        return LeftOut(name, f"ranks change among two scenarios and two {subject}s at least")
     if len(groups) > MOST:
         return LeftOut(name, f"{len(groups)} lines can't be told apart; the limit is {MOST}")
     columns: list[str | None] = [*scenarios]
-    if len(scenarios) > 1:
-        columns.insert((len(scenarios) + 1) // 2, None)
+    columns.insert((len(scenarios) + 1) // 2, None)
     values = {
         one: [
             group["ivcs"].value
@@ -81,17 +80,13 @@ def rank_slopes(scores: Scores, subject: str, name: str) -> Drawing | LeftOut:
         name,
         sheet.figure,
         caption(
-            f"IVCS by {subject} per scenario"
-            + (" and over all of them (macro average)" if len(scenarios) > 1 else "")
-            + f", unweighted means over {admission}; # stands before a rank, beside it "
+            f"IVCS by {subject} per scenario and over all of them (macro average), unweighted means over {admission}; # stands before a rank, beside it "
             f"the score. Cells: {counts}.",
             "A solid line ends on a better rank than it began, a dashed one on a worse, a dash-dot "
-            "one changes its rank in between only, a dotted one never."
-            if len(scenarios) > 1
-            else "With one scenario there is no change of rank to be seen.",
+            "one changes its rank in between only, a dotted one never.",
             f"Changes of rank between scenarios: {changes}."
             if changes
-            else ("No rank changes between scenarios." if len(scenarios) > 1 else ""),
+            else "No rank changes between scenarios.",
             ONLY_ENTERING,
             renamed(names),
         ),
@@ -115,7 +110,7 @@ def _draw(
     sheet = Sheet(width_in, top_in + height_in + 0.1)
     page = sheet.page()
     span_in = width_in - left_in - named_in - 0.05
-    step_in = span_in / max(1, len(columns) - 1)
+    step_in = span_in / (len(columns) - 1)
     xs = [left_in + step_in * k for k in range(len(columns))]
     present = [value for line in values.values() for value in line if value is not None]
     middle, half = (min(present) + max(present)) / 2, max(max(present) - min(present), 0.05) / 2
@@ -140,7 +135,7 @@ def _draw(
             markeredgewidth=0.7, linewidth=1.2 if one in changed else 0.9, gid=f"line-{one}",
         )  # fmt: skip
     bounds = (top_in + 0.05, top_in + height_in - 0.05)
-    for index, side in ((0, -1), (len(columns) - 1, 1)) if len(columns) > 1 else ((0, 1),):
+    for index, side in ((0, -1), (len(columns) - 1, 1)):
         ends = {
             one: (y_of(value), _end_text(side, names[one], value, ranks[one][index], one in starts))
             for one, line in values.items()
