@@ -117,6 +117,10 @@ def test_the_same_seed_gives_the_same_bytes_whatever_the_order(cells: Path, tmp_
     ("args", "status", "told"),
     [
         (("--from-cells", "{cells}"), 2, "--from-cells needs --out DIR"),
+        (
+            ("--from-cells", "{cells}", "--figures", "{out}", "--tables", "{out}"), 2,
+            "--from-cells needs --out DIR",
+        ),
         (("{campaign}", "--from-cells", "{cells}", "--out", "{out}"), 2, "stands alone"),
         ((), 2, "give the folder of a campaign"),
         (("{campaign}", "--out", "{out}"), 2, "--out belongs to --from-cells"),
@@ -190,7 +194,9 @@ def test_repeated_campaigns_are_runs_of_the_same_cells(campaign: Path, tmp_path:
     runs = table(tmp_path / "t/stability.csv")
     assert {one["k"] for one in runs} == {"2"}
     assert {float(one["sd"]) for one in runs} == {0.0}
-    assert len(table(tmp_path / "t/matrix.csv")) == 18
+    matrix = table(tmp_path / "t/matrix.csv")
+    assert len(matrix) == 18
+    assert {one["run"] for one in matrix} == {"out", "again"}
     # A cell counts once, whatever its runs.
     (model,) = table(tmp_path / "t/by_model.csv")
     assert model["n"] == "3"

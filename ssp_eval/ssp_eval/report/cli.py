@@ -146,8 +146,8 @@ def report(
             raise click.UsageError("--from-cells stands alone: give no campaign beside it")
         if OVERLAYS in only:
             raise click.UsageError("overlays need the frames of a campaign, not --from-cells")
-        if out is None and drawn is None:
-            raise click.UsageError("--from-cells needs --out DIR or --figures DIR")
+        if out is None and (drawn is None or tables is not None):
+            raise click.UsageError("--from-cells needs --out DIR, or --figures DIR alone")
         rows = rows_from_csv(from_cells)
         if drawn is not None:
             draw_figures(drawn, rows)
@@ -188,14 +188,16 @@ def report(
 def _runs(folders: Iterable[Path]) -> tuple[list[CellData], list[CellRow]]:
     """The cells of one or several campaigns; several are runs that are told apart by folder."""
     given = list(folders)
+    names = [folder.resolve().name for folder in given]
     data: list[CellData] = []
     rows: list[CellRow] = []
-    for folder in given:
+    for folder, name in zip(given, names, strict=True):
         if sum(other.resolve() == folder.resolve() for other in given) > 1:
             raise InputError("is given twice", file=folder, remedy="give each campaign once")
         cells = load_cells(folder)
         data += cells
-        rows += rows_from_cells(cells, str(folder) if len(given) > 1 else "")
+        run = name if names.count(name) == 1 else str(folder)
+        rows += rows_from_cells(cells, run if len(given) > 1 else "")
     return data, rows
 
 
