@@ -195,7 +195,8 @@ STATES: Table = {
         in our direction, moving in parallel, in parallel, parallel, parallel to us,
         parallel with us, parallel to the ego, same way, same way as us, same dir,
         same direction as us, in our driving direction, slower moving, moving parallel,
-        along with us, same heading, at equal speed, at an equal speed, at our speed, at about our speed, at roughly our speed,
+        along with us, same heading, at equal speed, at an equal speed, at our speed,
+        at about our speed, at roughly our speed,
         at the same speed as us, at the same speed as we do, at a similar speed, at similar speed,
         same speed as us, at our pace, at the same pace as us, keeping pace with us, keeps pace with
         us, keeping pace, keeps pace, matching our speed, matches our speed, at nearly our speed,

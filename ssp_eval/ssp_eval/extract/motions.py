@@ -26,7 +26,7 @@ _OVER = frozenset(phrases("across, over, through"))
 _STILL = frozenset(
     phrases("still, at, by, parked, stopped, stationary, idle, there, waiting, beside, on")
 )
-_TOWARDS = frozenset(phrases("towards, toward, at"))
+_TOWARDS = frozenset(phrases("towards, toward, at, for"))
 _NOT_US = frozenset(phrases("lane, path, side, speed, pace, left, right"))
 _OPPOSITE = frozenset(phrases("opposite, oncoming, opposing"))
 _STRAIGHT = frozenset(phrases("straight, directly, quickly, fast, slowly, right, head, on"))
@@ -197,7 +197,7 @@ def _towards_us(words: list[str], at: int) -> bool:
     for here in range(at, min(at + 3, len(words))):
         if words[here] in _TOWARDS:
             beyond = words[here + 1 : here + 4]
-            if words[here] == "at":
+            if words[here] != "towards" and words[here] != "toward":
                 return bool({"us", "me", "ego"} & set(beyond[:2]))
             return bool(EGO_WORDS & set(beyond[:2])) and not _NOT_US & set(beyond)
         if words[here] not in _STRAIGHT:

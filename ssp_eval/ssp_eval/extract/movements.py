@@ -23,6 +23,7 @@ def _with(verbs: str, objects: tuple[str, ...]) -> tuple[str, ...]:
 MOVEMENTS: dict[str, tuple[str, ...]] = {
     "step": phrases(
         """
+        make its way, make his way, make her way, make their way, make the way, set foot,
         step, walk, run, dart, rush, stride, jog, jump, sprint, emerge, wander, stroll, roll,
         hurry, skip, limp, hobble, dash, race, push, wheel, skate, march, totter, shuffle, amble,
         shoot, bolt, scurry, scamper, trot, saunter, stumble, stagger, toddle, hop, leap, charge,
@@ -66,7 +67,12 @@ MOVEMENTS: dict[str, tuple[str, ...]] = {
                _OUR_LANES),
         *_with("drift out of, swerve out of, steer out of, turn out of, quit", _OUR_LANES),
     ),
-    "overtake": _with("overtake, pass, undertake", _US),
+    "overtake": (
+        *_with("overtake, pass, undertake, catch up with, close in on, gain on, creep up on", _US),
+        *_with("come up behind, close up behind, pull alongside, draw alongside, draw level with",
+               _US),
+        *phrases("catch up, draw level, pull alongside, come alongside"),
+    ),
     "tailgate": (
         *phrases("tailgate, follow closely behind us, follow us closely, ride our bumper"),
         *_with("tailgate, follow, trail", _US),
@@ -79,7 +85,8 @@ MOVEMENTS: dict[str, tuple[str, ...]] = {
         """
     ),
     "approach": (
-        *_with("approach, face", _US),
+        *_with("approach, face, head for, head straight for, bear down on, drive straight at,"
+               "come straight at, head right at, rush at", _US),
         *phrases(
             """
             approach from ahead, approach from the front, come from ahead, approach head on, come

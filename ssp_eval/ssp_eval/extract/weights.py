@@ -55,6 +55,9 @@ def _announces(talk: Talk) -> bool:
 
 def read_react(talk: Talk, index: int, hit: Hit) -> None:
     motion = _DOES.get(talk.words[hit.first])
+    if motion and talk.key == "motion" and talk.subject is None and not talk.flags[index]:
+        (talk.record or talk.world.loose).motions.append(talk.said(motion, hit))
+        return  # Motion: overtaking
     if motion and isinstance(talk.subject, Actor) and not talk.flags[index]:
         previous = talk.hits[index - 1] if index > talk.start else None
         if previous is not None and previous.kind in (Kind.AUX, Kind.NOT, Kind.MARK, Kind.OBJECT):
