@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from ssp_eval.extract import lanes, lexicon
+from ssp_eval.extract import lanes
+from ssp_eval.extract.fieldnames import KEYS
 from ssp_eval.extract.hits import MARKS, Hit, Kind
 
-_KEYS = {phrase: slot for slot, listed in lexicon.KEYS.items() for phrase in listed}
+_KEYS = {phrase: slot for slot, listed in KEYS.items() for phrase in listed}
 
 
 def heads_line(words: list[str], at: int) -> bool:

@@ -8,6 +8,7 @@ from ssp_eval.extract.frames import FRAMES, frame
 from ssp_eval.extract.free import RULES
 from ssp_eval.extract.headings import field_name, heads_line
 from ssp_eval.extract.hits import MARKS, Hit, Kind
+from ssp_eval.extract.homonyms import is_noun
 from ssp_eval.extract.vocabulary import ENTRIES, TREE, Entry, longest
 
 _PRONE_TO_NOUN = frozenset({"the", "a", "this", "that", "at", "zebra", "an", "marked"})
@@ -51,68 +52,7 @@ _NP_ENDS = frozenset(
     }
 )
 _CROSSED = frozenset({"from", "the", "our", "my", "in", "left", "right", "a", "slowly", "quickly"})
-_NOUN_MARKERS = frozenset(
-    {
-        "the",
-        "a",
-        "an",
-        "this",
-        "that",
-        "next",
-        "bus",
-        "tram",
-        "at",
-        "very",
-        "sharp",
-        "of",
-        "its",
-    }
-    | {"their", "his", "her"}
-)
-_NOUNY = frozenset(
-    {
-        "stop",
-        "turn",
-        "turns",
-        "change",
-        "merge",
-        "walk",
-        "run",
-        "shift",
-        "start",
-        "pass",
-        "open",
-        "edge",
-        "bear",
-        "drive",
-        "ride",
-        "cross",
-        "offset",
-        "stand",
-        "park",
-        "idle",
-        "head",
-        "nudge",
-        "exit",
-        "approach",
-        "step",
-        "steps",
-        "trail",
-        "cycle",
-        "queue",
-        "pause",
-        "halt",
-        "rest",
-        "load",
-    }
-)
 _ADVERBS = frozenset({"still", "yet", "though", "therefore", "thus", "hence", "however"})
-# A place where one parks or waits: the verb before it only says what it is for.
-_PLACES_FOR = frozenset({"park", "serve", "wait", "step", "rest", "turn", "cross", "stop", "merge"})
-_SPOTS = frozenset(
-    {"bay", "bays", "space", "spaces", "spot", "spots", "lot", "lots", "area", "areas", "zone"}
-    | {"zones", "place", "places", "garage", "pocket", "strip", "island", "islands", "pace"}
-)
 _HEDGES = frozenset({"maybe", "perhaps", "probably", "possibly", "likely"})
 _FIGURES = frozenset(
     {"two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "twelve", "fifteen"}
@@ -227,7 +167,7 @@ def _counts(word: str) -> bool:
 def _add_verb(words: list[str], at: int, stop: int, entry: Entry, hits: list[Hit]) -> int:
     kind, value, form = entry
     if stop == at + 1:
-        if _is_noun(words, at, value):
+        if is_noun(words, at, value):
             return stop
         if value == "wait" and words[at : stop + 1] == ["wait", ","]:
             kind = Kind.REVISE
@@ -273,23 +213,6 @@ def _article(words: list[str], at: int) -> str:
         if word in MARKS or word in _NP_ENDS:
             return ""
     return ""
-
-
-def _is_noun(words: list[str], at: int, value: str) -> bool:
-    """The stop, a turn, slow traffic: words that look like verbs and aren't."""
-    word = words[at]
-    before = words[at - 1] if at else ""
-    after = words[at + 1] if at + 1 < len(words) else ""
-    if word == "slow":
-        entry = ENTRIES.get(after)
-        return (
-            before in _NOUN_MARKERS
-            or after in ("speed", "moving", "pace")
-            or (entry is not None and entry[0] in (Kind.OBJECT, Kind.SCENE))
-        )
-    if value in _PLACES_FOR and after in _SPOTS:
-        return True  # out of a parking bay
-    return word in _NOUNY and before in _NOUN_MARKERS
 
 
 def _side(words: list[str], at: int, hits: list[Hit]) -> int:
