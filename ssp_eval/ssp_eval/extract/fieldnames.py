@@ -59,7 +59,8 @@ KEYS: Table = {
         action, driving action, intent, intention, driving intent, intent description,
         driving intent description, intended action, future intent, intended behavior,
         intended behaviour, ego intent, plan of action, recommended action, recommendation,
-        recommended, command, commands, ego plan, next action, selected action, chosen action,
+        recommended, command, commands, ego plan, next action, next step, next move, ego response,
+        selected action, chosen action,
         action now, intent of the ego, driving intention, ego behavior, ego behaviour, new
         decision, new plan, new action, our plan, our action, selected, chosen, planned action,
         command to the vehicle, driving decision, ego decision, meta driving action, verdict,

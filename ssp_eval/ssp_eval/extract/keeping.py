@@ -58,6 +58,7 @@ _SIDES = frozenset(
         """
     )
 )
+_LINES = frozenset(phrases("lane, course, heading, direction, line"))
 MAX_SKIP = 5
 
 Found = tuple[str, str, int, int]
@@ -126,7 +127,7 @@ def _speed(words: list[str], at: int, form: str) -> tuple[Found, ...]:
         return ()
     if words[at] in _KEEP and words[here][0].isdigit():
         return _figure(words, at, here, form)
-    if words[here] == "lane" and words[here + 1 : here + 2] == ["and"]:
+    if words[here] in _LINES and words[here + 1 : here + 2] == ["and"]:
         rest = _after_and(words, here + 2, _SPEEDS)
         if rest and words[at] in _KEEP:
             return (("keep_lane", form, at, here + 1), ("keep_speed", form, at, rest))
@@ -142,7 +143,7 @@ def _speed(words: list[str], at: int, form: str) -> tuple[Found, ...]:
         return ()
     kept: Found = ("keep_speed", form, at, stop)
     if stop < count and words[stop] == "and" and words[at] in _KEEP:
-        lane = _after_and(words, stop + 1, frozenset({"lane"}))
+        lane = _after_and(words, stop + 1, _LINES)
         if lane:
             return (kept, ("keep_lane", form, at, lane))
     return (kept,)
@@ -155,7 +156,7 @@ def _figure(words: list[str], at: int, here: int, form: str) -> tuple[Found, ...
         return ()
     kept: Found = ("keep_speed", form, at, stop)
     if words[stop : stop + 1] == ["and"]:
-        lane = _after_and(words, stop + 1, frozenset({"lane"}))
+        lane = _after_and(words, stop + 1, _LINES)
         if lane:
             return (kept, ("keep_lane", form, at, lane))
     return (kept,)

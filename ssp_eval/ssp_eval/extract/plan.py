@@ -19,6 +19,7 @@ _ADVERBIAL = frozenset({Kind.JOIN, Kind.THEN})
 _LIGHT = frozenset({Kind.MARK, Kind.PURPOSE})
 # Stop for cars or bikes: no choice between actions.
 _NOUNS = frozenset({Kind.OBJECT, Kind.PLACE, Kind.PRONOUN, Kind.SCENE})
+_PURPOSES = frozenset(phrases("intent, intention, plan, goal"))
 _UNTIL = frozenset(phrases("until, till, to"))
 REACH = 5
 MAX_WORDS = 6
@@ -154,6 +155,10 @@ class Planner:
         previous = self.hits[index - 1] if index > self.start else None
         if previous is None:
             return not other
+        if previous.value == ")" and opens_item(self.words, self.hits[index].first):
+            return hit.form in ("base", "value")  # 3) slow down
+        if previous.kind is Kind.READY and self.words[previous.first] in _PURPOSES:
+            return hit.form == "base"  # given the rain the intent is to slow down
         if hit.form == "value":
             if previous.kind is Kind.QUOTE and previous.value == "on":
                 return True
@@ -181,6 +186,8 @@ class Planner:
         if hit.form == "ed" or (hit.form == "s" and not named):
             return
         if sideways is None and longitudinal is None:
+            if self.either and hit.value in STEERING:
+                self._take_back()  # brake or swerve
             return
         if is_only_named(self.words, self.hits, index, self.start, self.stop):
             return
