@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from array import array
 from bisect import bisect_right
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple, Self
@@ -23,7 +24,7 @@ from ssp_core.errors import InputError
 from ssp_core.messages import object_state, peek_stamp_ns
 from ssp_core.names import CAMERA_IMAGE, CAMERA_INFO, CAMERA_MOUNT, VUT_ID, absolute, state_topic
 from ssp_core.state import ObjectState
-from ssp_eval.evaluate.provenance import Provenance, read_provenance
+from ssp_eval.evaluate.provenance import Provenance, content_sha256, read_provenance
 from ssp_eval.score import DEFAULT
 from ssp_vla_bridge.core.camera import geometry_of, mounting_of
 from ssp_vla_bridge.core.request import CameraGeometry, EgoSample, Frame, Request
@@ -92,9 +93,13 @@ class Clip:
         self._stack = ExitStack()
         try:
             self._bag = self._stack.enter_context(BagReader(self.path))
-            self.provenance: Provenance = read_provenance(self._bag)
-            self._check_frames()
-            self._frames, self._states = self._index()
+            with ThreadPoolExecutor(1) as beside:
+                # Hashing gives the interpreter free: it costs no time where a processor is idle.
+                digest = beside.submit(content_sha256, self._bag)
+                provenance = read_provenance(self._bag, "")
+                self._check_frames()
+                self._frames, self._states = self._index()
+                self.provenance: Provenance = replace(provenance, bag_sha256=digest.result())
             self.camera, self.mount = self._camera()
         except BaseException:
             self._stack.close()

@@ -121,14 +121,23 @@ def bag_folder(bag: Path) -> Path:
     return bag.parent if (bag.parent / "metadata.yaml").is_file() and bag.is_file() else bag
 
 
-def read_provenance(bag: BagReader) -> Provenance:
+def content_sha256(bag: BagReader) -> str:
+    """Hash of the bag's MCAP file or files; it reads every byte of them."""
+    files = [sha256_file(file) for file in bag.files]
+    return files[0] if len(files) == 1 else sha256_json(files)
+
+
+def read_provenance(bag: BagReader, digest: str | None = None) -> Provenance:
     """What the bag's attachments and session states say.
+
+    Args:
+        bag: open.
+        digest: content_sha256 of it, for a caller who works it out meanwhile; None: here.
 
     Raises:
         InputError: it has neither attachment, or one that is not valid.
     """
-    files = [sha256_file(file) for file in bag.files]
-    digest = files[0] if len(files) == 1 else sha256_json(files)
+    digest = content_sha256(bag) if digest is None else digest
     run_data, import_data = bag.attachment(RUN_ATTACHMENT), bag.attachment(IMPORT_ATTACHMENT)
     if run_data is not None:
         return _session(bag, digest, run_data)
