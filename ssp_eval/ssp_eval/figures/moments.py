@@ -64,7 +64,7 @@ class Moment:
     @property
     def allowed(self) -> str:
         """The actions that are right here."""
-        return f"{'/'.join(self.label.lon_actions)}, {'/'.join(self.label.lat_actions)}"
+        return f"{' / '.join(self.label.lon_actions)}, {' / '.join(self.label.lat_actions)}"
 
 
 def _actions(lon: str | None, lat: str | None, label: Label) -> str:

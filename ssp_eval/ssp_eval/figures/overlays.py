@@ -135,7 +135,7 @@ def _drawn(story: Story, moment: Moment | None, stamp_ns: int, sha256: str) -> I
     if moment.plan is not None and moment.stamp_ns is not None:
         seen = story.path.seen_from(moment.plan, moment.stamp_ns, stamp_ns)
         plan = None if seen is None else story.drawn(seen)
-    actions = f"says {moment.says}   plans {moment.plans}   right: {moment.allowed}"
+    actions = f"says {moment.says}   plans {moment.plans}   ok: {moment.allowed}"
     text = moment.record.text if moment.record is not None else "no answer"
     lines = [
         f"{title} · answer at {moment.label.t_s:g} s · {_known(story)}",

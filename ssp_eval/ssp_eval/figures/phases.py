@@ -77,13 +77,8 @@ def phase_frames(scenario: str, model: str, stories: Sequence[Story]) -> Drawing
                 left + 0.04, top + 0.09, clock, va="center_baseline",
                 bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.2},
             )  # fmt: skip
-            lon, lat = moment.label.lon_actions, moment.label.lat_actions
-            lines = (
-                f"says {moment.says}",
-                f"plans {moment.plans}",
-                f"right: {' / '.join(lon)},",
-                f"{' / '.join(lat)}",
-            )
+            allowed = _wrapped(f"ok: {moment.allowed}", width_in)
+            lines = (f"says {moment.says}", f"plans {moment.plans}", *allowed)
             for number, line in enumerate(lines):
                 page.text(
                     left, top + height_in + 0.06 + _LINE_IN * (number + 0.5),
@@ -93,6 +88,14 @@ def phase_frames(scenario: str, model: str, stories: Sequence[Story]) -> Drawing
     return Drawing(
         f"phases_{scenario}_{model}", sheet.figure, _caption(scenario, model, by_domain, phases)
     )
+
+
+def _wrapped(text: str, width_in: float) -> list[str]:
+    """Text in two lines at most, broken at spaces; what is left stays on the second."""
+    first, rest = text.split(" "), list[str]()
+    while len(first) > 1 and text_width_in(" ".join(first)) > width_in:
+        rest.insert(0, first.pop())
+    return [" ".join(first), " ".join(rest)]
 
 
 def _aspect(story: Story) -> float:
@@ -179,7 +182,7 @@ def _caption(scenario: str, model: str, by_domain: dict[str, Story], phases: Seq
         f"(motion of the VUT: {', '.join(ego)}). Both were drawn after the fact and were in no "
         "input of a model.",
         "Below a frame: clip time, the actions that the text commits to and those that the "
-        "trajectory makes, each marked as allowed or not, and what is allowed; – is none.",
+        "trajectory makes, each marked as allowed or not, and after ok what is allowed; – is none.",
         f"Labels: {', '.join(counts)}; n = 1 answer per frame.",
         f"No label falls in: {', '.join(p for p in PHASES if p not in phases)}."
         if len(phases) < len(PHASES)

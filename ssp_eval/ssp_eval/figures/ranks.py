@@ -80,8 +80,9 @@ def rank_slopes(scores: Scores, subject: str, name: str) -> Drawing | LeftOut:
         name,
         sheet.figure,
         caption(
-            f"IVCS by {subject} per scenario and over all of them (macro average), unweighted means "
-            f"over {admission}; # stands before a rank, beside it the score. Cells: {counts}.",
+            f"IVCS by {subject} per scenario and over all of them (macro average), unweighted "
+            f"means over {admission}; # stands before a rank, beside it the score. "
+            f"Cells: {counts}.",
             "A solid line ends on a better rank than it began, a dashed one on a worse, a dash-dot "
             "one changes its rank in between only, a dotted one never.",
             f"Changes of rank between scenarios: {changes}."
