@@ -53,6 +53,7 @@ _NP_ENDS = frozenset(
 )
 _CROSSED = frozenset({"from", "the", "our", "my", "in", "left", "right", "a", "slowly", "quickly"})
 _ADVERBS = frozenset({"still", "yet", "though", "therefore", "thus", "hence", "however"})
+_ROADS = frozenset({"road", "street", "lane", "path", "traffic"})
 _HEDGES = frozenset({"maybe", "perhaps", "probably", "possibly", "likely"})
 _FIGURES = frozenset(
     {"two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "twelve", "fifteen"}
@@ -173,7 +174,7 @@ def _add_verb(words: list[str], at: int, stop: int, entry: Entry, hits: list[Hit
             kind = Kind.REVISE
         elif value == "cross" and form == "ing" and at and words[at - 1] in _PRONE_TO_NOUN:
             next_word = words[stop] if stop < len(words) else ""
-            if next_word not in ENTRIES:
+            if next_word not in ENTRIES or next_word in _ROADS:
                 return stop
     hits.append(Hit(kind, value, form, at, stop))
     return stop

@@ -71,7 +71,7 @@ MOVEMENTS: dict[str, tuple[str, ...]] = {
         *_with("overtake, pass, undertake, catch up with, close in on, gain on, creep up on", _US),
         *_with("come up behind, close up behind, pull alongside, draw alongside, draw level with",
                _US),
-        *phrases("catch up, draw level, pull alongside, come alongside"),
+        *phrases("catch up, closes in|closes in|closing in|closed in, draw level, pull alongside, come alongside"),
     ),
     "tailgate": (
         *phrases("tailgate, follow closely behind us, follow us closely, ride our bumper"),
@@ -130,7 +130,7 @@ MOVEMENTS: dict[str, tuple[str, ...]] = {
     ),
     "serve": phrases("unload, load, board"),
     "sit": phrases("sit"),
-    "reach": phrases("reach, arrive at, arrive on, gain, step onto, step up onto, end up on"),
+    "reach": phrases("reach, arrive at, arrive on, gain, end up on"),
 }  # fmt: skip
 # What a movement of somebody else is; some need a side or company, see motions.py.
 STANDING = frozenset({"stop", "wait", "park", "stall", "queue", "sit", "rest", "serve"})

@@ -20,6 +20,9 @@ _MEASURES = frozenset(
     )
 )
 _UNSURE = Scope.POSSIBLE | Scope.AHEAD | Scope.DENIED  # where it may pull out to
+_PAVEMENTS = frozenset(
+    phrases("pavement, sidewalk, kerb, curb, footpath, island, verge, shoulder, refuge, median")
+)
 _PASSING = frozenset(phrases("around, round, past, pass, overtake, by"))
 _AT = frozenset(phrases("on, in, at, along, inside, within"))
 _SPOTS = frozenset(
@@ -151,7 +154,12 @@ def _around(talk: Talk, index: int) -> bool:
 def _arrived(talk: Talk, index: int, hit: Hit) -> bool:
     """has reached the left pavement, stepped onto the right kerb"""
     before = talk.hits[index - 1] if index > talk.start else None
-    if before is None or before.value != "reach" or before.form not in ("ed", "s"):
+    if before is None or before.form not in ("ed", "s"):
+        return False
+    stepped = before.value == "step" and before.form == "ed" and hit.form == "into"
+    if stepped and _PAVEMENTS.isdisjoint(talk.words[hit.first : hit.stop]):
+        return False
+    if before.value != "reach" and not stepped:
         return False
     near = hit.first - before.stop < 3 and not talk.flags[index - 1]
     return near and not _SPOTS.isdisjoint(talk.words[hit.first : hit.stop])
@@ -164,7 +172,8 @@ def _finished(talk: Talk, index: int) -> bool:
         return False
     before = talk.hits[index - 2] if index - 2 >= talk.start else None
     passive = before is not None and before.kind is Kind.AUX and before.value == "be"
-    return verb.value not in FINISHED_STANDING and verb.value != "reach" and not passive
+    arrived = verb.value == "reach" or _arrived(talk, index, talk.hits[index])
+    return verb.value not in FINISHED_STANDING and not arrived and not passive
 
 
 def _opens_clause(talk: Talk, index: int, hit: Hit) -> bool:

@@ -125,7 +125,8 @@ KINDS: dict[Kind, Table] = {
                     no, no other, no visible, no relevant, no critical, zero, without, without any,
                     free of, free of other, not any, not any other, any other, no notable, devoid of
                     any, free of any, absence of, devoid of, no single, not a single, no nearby, no
-                    important, no active, no such
+                    important, no active, no such, not see any, not see any other, not detect any,
+                    not notice any, not observe any, not spot any, not identify any, are not any
                     """
                 )
                 for who in phrases(
