@@ -178,6 +178,8 @@ def _out_of_ours(words: list[str], at: int) -> bool:
 def _over_line(words: list[str], at: int) -> bool:
     """the lane marking, into our lane: what a vehicle crosses when it changes lanes."""
     near = words[at : at + 5]
+    if near and near[0] in _OUR:
+        return False  # crosses our lane
     return bool(_LINES & set(near)) or _into_ours(words, at)
 
 

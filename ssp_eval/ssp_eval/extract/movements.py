@@ -37,7 +37,9 @@ MOVEMENTS: dict[str, tuple[str, ...]] = {
         barrel, plough, plow, chug, coast along, weave, zip
         """
     ),
-    "cross": phrases("cross, traverse, cross over, xings|xings|xing|xinged"),
+    "cross": phrases(
+        "cross, traverse, cross over, cut across, slice across, xings|xings|xing|xinged"
+    ),
     "enter": phrases("enter, encroach, intrude"),
     "cut_in": (
         *phrases(
@@ -71,7 +73,8 @@ MOVEMENTS: dict[str, tuple[str, ...]] = {
         *_with("overtake, pass, undertake, catch up with, close in on, gain on, creep up on", _US),
         *_with("come up behind, close up behind, pull alongside, draw alongside, draw level with",
                _US),
-        *phrases("catch up, closes in|closes in|closing in|closed in, draw level, pull alongside, come alongside"),
+        *phrases("catch up, closes in|closes in|closing in|closed in, draw level"),
+        *phrases("pull alongside, come alongside"),
     ),
     "tailgate": (
         *phrases("tailgate, follow closely behind us, follow us closely, ride our bumper"),
