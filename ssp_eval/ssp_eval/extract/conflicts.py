@@ -15,6 +15,7 @@ _IGNORED = {
     "resolved": Scope.PAST,
     "potential": Scope.POSSIBLE,
 }
+_EXISTS = frozenset(phrases("exists, exist, present, there, applies, holds, given"))
 _REMAINS = frozenset(phrases("remains, remain, remaining, persists"))
 _ITS = frozenset(phrases("it, he, she, they"))
 _CRASHING = frozenset(
@@ -60,6 +61,8 @@ def read_risk(talk: Talk, index: int, hit: Hit) -> None:
     if flags & Scope.GONE and not flags & ~(Scope.GONE | _DENIABLE):
         value = "resolved"
         first = _back_to(talk, index, Kind.NO_LONGER)
+    elif not flags and _is_over(talk, index):
+        value = "resolved"
     elif not flags and "nothing" in talk.words[max(hit.first - 3, 0) : hit.first]:
         value = "no_conflict"
         first = talk.words.index("nothing", max(hit.first - 3, 0))
@@ -77,6 +80,17 @@ def read_risk(talk: Talk, index: int, hit: Hit) -> None:
     named = _about(talk, index, following)
     said = Statement(value, first, hit.stop, talk.number)
     (named or talk.conflicted()).conflicts.append(said)
+
+
+def _is_over(talk: Talk, index: int) -> bool:
+    """The hazard no longer exists."""
+    after = talk.hits[index + 1] if index + 1 < talk.stop else None
+    return (
+        after is not None
+        and after.kind is Kind.NO_LONGER
+        and after.first == talk.hits[index].stop
+        and not _EXISTS.isdisjoint(talk.words[after.stop : after.stop + 1])
+    )
 
 
 def _stands(talk: Talk, hit: Hit) -> bool:

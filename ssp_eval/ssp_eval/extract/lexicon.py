@@ -239,7 +239,8 @@ RISK = phrases(
     danger of collision, collision hazard, conflict risk, crash risk, risk of a collision,
     risk of conflict, potential collision risk, potentially dangerous, potentially hazardous,
     potentially conflicting, collision threat, collision danger, danger of a collision, risk
-    of hitting, risk of a conflict, potentially conflicts
+    of hitting, potential for conflict, potential for a conflict, potential for a collision,
+    potential for collision, risk of a conflict, potentially conflicts
     """
 )
 # Alone these say that a risk exists; of the rest ("collision", "conflict") only a denial counts.

@@ -50,7 +50,8 @@ def read_critical(talk: Talk, index: int, hit: Hit) -> None:
 def _announces(talk: Talk) -> bool:
     """Whether the sentence says how many matter: two of them deserve attention."""
     first = talk.hits[talk.start - 1].stop if talk.start else 0
-    return not _SEVERAL.isdisjoint(talk.words[first : talk.hits[talk.stop - 1].stop][:12])
+    stop = min(talk.hits[talk.stop - 1].stop, first + 12)
+    return not _SEVERAL.isdisjoint(talk.words[first:stop])
 
 
 def read_react(talk: Talk, index: int, hit: Hit) -> None:
