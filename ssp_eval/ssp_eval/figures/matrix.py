@@ -158,8 +158,8 @@ def _row(axes: Axes, index: int, cell: CellRow, y: float, names: dict[str, str])
         room = PAGE_IN - _column_x(0)
         text = f"{cell.status}: {cell.reason or 'no reason given'}"
         axes.text(
-            _column_x(0) - _RADIUS_IN, y, fitted(text, room), va="center_baseline", color=GREY,
-            gid=f"refused-{index}",
+            _column_x(0) - _RADIUS_IN, y, fitted(text, room, head=1.0), va="center_baseline",
+            color=GREY, gid=f"refused-{index}",
         )  # fmt: skip
         return
     for column, key in enumerate((*COMPONENTS, *DIAGNOSTIC)):
@@ -242,10 +242,21 @@ def _caption(cells: Sequence[CellRow], names: dict[str, str], scores: Scores) ->
         "Area and shade of a circle both grow with the score, and its number stands beside it; an "
         "open dot is 0.",
         "S@t is a risk response t seconds after the risk's onset, F none.",
-        f"{refused} refused or failed, with the reason in the row." if refused else "",
+        f"{refused} refused or failed: {_reasons(cells)}." if refused else "",
         f"{unpaired} not admitted by the transfer audit ({NOT_ADMITTED})." if unpaired else "",
-        "Where a cell has several runs, their means are shown." if runs else "",
+        "Where a cell has several runs, their means are shown, and the share that responded."
+        if runs
+        else "",
         UNITS,
         "ActAcc and ATC are diagnostic and not part of IVCS.",
         renamed(names),
+    )
+
+
+def _reasons(cells: Sequence[CellRow]) -> str:
+    """Each refused or failed cell with its whole reason."""
+    return "; ".join(
+        f"{' / '.join(cell.key)}: {cell.reason or 'no reason given'}"
+        for cell in cells
+        if cell.status != OK
     )
