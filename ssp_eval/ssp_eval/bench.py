@@ -29,6 +29,7 @@ BENCHMARKS = (
     "analysis",
     "extraction",
     "page",
+    "report_page",
 )
 
 
