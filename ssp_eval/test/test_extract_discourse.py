@@ -69,6 +69,8 @@ SIDES = [
     ("A car crosses our path from the left.", "o=car m=crossing_from_left"),
     ("A taxi crosses the line into our lane from the left.", "o=car m=cutting_in_from_left"),
     ("A scooter cuts across our lane from left to right.", "o=motorcycle m=crossing_from_left"),
+    ("No cyclists or other road users are visible.", "o=-"),
+    ("Someone may walk out from behind the bus ahead.", "o=bus p=front"),
     ("A van is heading straight for us.", "o=car m=oncoming"),
     ("A car at the rear left is catching up.", "o=car p=rear_left m=same_direction"),
     ("A moped ahead of us is lying on the road.", "o=motorcycle p=front m=stationary"),

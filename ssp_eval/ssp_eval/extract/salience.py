@@ -77,9 +77,7 @@ KINDS: dict[Kind, Table] = {
             """
             blocked by, hidden behind, occluded by, hidden by, obstructed by, concealed by,
             concealed behind, screened by, masked by, from behind a, from behind the,
-            from behind the bus, from behind the truck, from behind the lorry,
-            from behind the van, from behind the car, from behind the vehicle,
-            from behind the coach, from behind the stopped, from between, covered by, obscured by,
+            from behind the stopped, from between, covered by, obscured by,
             occluded behind, behind the parked, between the parked, behind a parked,
             between parked, behind parked
             """
@@ -139,6 +137,12 @@ KINDS: dict[Kind, Table] = {
                     """
                 )
                 if none != "any other"
+            ),
+            *(
+                f"no {who} {join} {others}"
+                for who in phrases("pedestrians, vehicles, cars, cyclists, people, persons")
+                for join in ("or", "and", "nor")
+                for others in phrases("other road users, other traffic participants, other agents")
             ),
         ),
     },

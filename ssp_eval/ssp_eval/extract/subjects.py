@@ -85,7 +85,8 @@ def read_object(talk: Talk, index: int, hit: Hit) -> None:
         and following.kind is Kind.MODAL
         and following.value == "may"
     )
-    if not flags and not doubtful:
+    hiding = talk.revealing and hit.form == "definite" and flags == Scope.POSSIBLE
+    if hiding or (not flags and not doubtful):  # somebody may come out from behind the bus
         actor.mentions.append(talk.said(hit.value, hit))
     if talk.key == "objects":
         alone = talk.record is None and len(talk.named) - talk.keyed == 1
