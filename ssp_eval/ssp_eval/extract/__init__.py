@@ -1,6 +1,6 @@
 """Text to slots with evidence (METHOD 5.5), stage by stage.
 
-text → tokens → match (phrases of lexicon and verbs, with directions and keeping) → scope (what is
+text → tokens → match (phrases of the vocabulary, and free rules) → scope (what is
 asserted) → reader (who does what: actors, motions, plan → world) → decide → checks.
 """
 
