@@ -66,6 +66,7 @@ _SPOTS = frozenset(
     {"bay", "bays", "space", "spaces", "spot", "spots", "lot", "lots", "area", "areas", "zone"}
     | {"zones", "place", "places", "garage", "pocket", "strip", "island", "islands", "pace"}
 )
+_MAKE_ADJECTIVES = frozenset({"is", "are", "too", "rather", "quite", "but", "be"})
 
 
 def is_noun(words: list[str], at: int, value: str) -> bool:
@@ -77,6 +78,7 @@ def is_noun(words: list[str], at: int, value: str) -> bool:
         entry = ENTRIES.get(after)
         return (
             before in _NOUN_MARKERS
+            or before in _MAKE_ADJECTIVES  # it is slow, safe but slow
             or after in ("speed", "moving", "pace")
             or (entry is not None and entry[0] in (Kind.OBJECT, Kind.SCENE))
         )
