@@ -364,7 +364,10 @@ WHOLE = [
         "o=bus,cyclist p=right",
     ),
     ("Vehicle A is ahead in our lane; vehicle B is in the left lane.", "o=car p=front"),
-    ("Turn left at the intersection after yielding to the truck.", "o=truck lon=decelerate lat=left"),
+    (
+        "Turn left at the intersection after yielding to the truck.",
+        "o=truck lon=decelerate lat=left",
+    ),
     (
         "Critical objects:\n• a cyclist on the right.\n• a bus.\n\nPlan: keep lane. A truck is "
         "there.",
