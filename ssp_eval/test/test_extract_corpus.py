@@ -1,4 +1,4 @@
-"""The labelled corpus: synthetic texts; its form, that its parts stay apart, that the rules keep up."""
+"""The labelled corpus: its form, that its parts stay apart, and that the rules keep up with it."""
 
 from __future__ import annotations
 
