@@ -53,6 +53,15 @@ def gives_away(body: bytes, key: str | None) -> bool:
     return any(form.encode() in text for form in _forms(key) for text in (body, plain))
 
 
+def is_http_address(url: str) -> bool:
+    """True for an address that a request over HTTP can go to: scheme, host and a possible port."""
+    try:
+        parts = urlsplit(url)
+        return parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port != 0
+    except ValueError:
+        return False
+
+
 def without_userinfo(url: str) -> str:
     """An address without the name and password that may stand in it."""
     try:

@@ -11,7 +11,7 @@ from urllib.parse import urlsplit
 
 from ssp_core.errors import InputError
 from ssp_core.hashing import canonical_json
-from ssp_core.secret import check_key, gives_away
+from ssp_core.secret import check_key, gives_away, is_http_address
 from ssp_vla_bridge.core.backend import check_options
 from ssp_vla_bridge.core.prompts import find_stages
 
@@ -150,17 +150,16 @@ def _within(given: Mapping[str, Any], name: str, default: float, low: float, hig
 def _address(url: str) -> str:
     try:
         parts = urlsplit(url)
-        fine = parts.scheme in ("http", "https") and parts.hostname and parts.port != 0
         clean = not (parts.username or parts.password or parts.query or parts.fragment)
     except ValueError:
-        fine, clean = False, True
+        clean = True
     if not clean:
         raise InputError(
             "holds a name, a password, a query or a fragment",  # which is not shown: it is a secret
             field="backend_options.base_url",
             remedy="name the environment variable that holds a key with api_key_env",
         )
-    if not fine:
+    if not is_http_address(url):
         raise InputError(
             "is no address",
             field="backend_options.base_url",

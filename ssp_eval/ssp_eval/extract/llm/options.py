@@ -6,14 +6,13 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
-from urllib.parse import urlsplit
 
 import click
 
 from ssp_core import console
 from ssp_core.chat import OpenAIChat, Policy
 from ssp_core.options import Number
-from ssp_core.secret import check_key
+from ssp_core.secret import check_key, is_http_address
 from ssp_eval.extract.llm.extractor import Extractor, make_extractor
 
 Command = TypeVar("Command", bound=Callable[..., Any])
@@ -103,12 +102,7 @@ def extractor_of(
 
 
 def _check_url(url: str) -> None:
-    try:
-        parts = urlsplit(url)
-        fine = parts.scheme in ("http", "https") and parts.hostname and parts.port != 0
-    except ValueError:
-        fine = False
-    if not fine:
+    if not is_http_address(url):
         raise click.UsageError(
             f"{url!r} is no address of a server; give one such as http://localhost:8000/v1"
         )

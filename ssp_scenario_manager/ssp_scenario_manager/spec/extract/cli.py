@@ -7,14 +7,13 @@ import os
 import re
 import shlex
 from pathlib import Path
-from urllib.parse import urlsplit
 
 import click
 
 from ssp_core import console
 from ssp_core.chat import OpenAIChat, Policy
 from ssp_core.options import Number
-from ssp_core.secret import check_key, without_userinfo
+from ssp_core.secret import check_key, is_http_address, without_userinfo
 from ssp_scenario_manager.interactions import KINDS
 from ssp_scenario_manager.spec.extract.candidate import Origin
 from ssp_scenario_manager.spec.extract.extraction import Extracted, Order, extract
@@ -139,12 +138,7 @@ def _event_name(name: str | None, video: Path) -> str:
 
 
 def _checked_url(url: str) -> str:
-    try:
-        parts = urlsplit(url)
-        fine = parts.scheme in ("http", "https") and parts.hostname and parts.port != 0
-    except ValueError:
-        fine = False
-    if not fine:
+    if not is_http_address(url):
         raise click.UsageError(
             f"--base-url {url!r} is no address; give one such as http://localhost:8000/v1"
         )
