@@ -6,8 +6,8 @@ import asyncio
 import json
 import socket
 from collections.abc import Awaitable, Callable, Iterator
-from contextlib import suppress
 from concurrent.futures import Future
+from contextlib import suppress
 from typing import Any
 
 import aiohttp
