@@ -1,6 +1,7 @@
 """Intervals, comparisons, sensitivity and stability, against scipy, closed forms and by hand."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -200,6 +201,24 @@ def test_the_order_of_cells_changes_no_digit(order):
 def test_another_seed_gives_other_digits():
     one = bootstrap_records(cells(), [("model",)], 200, 1)
     assert one != bootstrap_records(cells(), [("model",)], 200, 2)
+
+
+def test_repetitions_and_like_models_make_no_interval_narrower():
+    """Copies of a cell bring no new labels, so the mean is as uncertain as the cell."""
+    (row, of_cell), *_ = cells()
+    by = [("domain",), ("model",)]
+    alone = bootstrap_records([(row, of_cell)], by, 400, SEED)
+    runs = [(replace(row, run=str(k)), of_cell) for k in range(5)]
+    models = [(replace(row, model=name), of_cell) for name in "abcde"]
+    for copies in (runs, models):
+        found = bootstrap_records(copies, by, 400, SEED)
+        expected = alone.groups[("domain",)][(row.domain,)]
+        mine = found.groups[("domain",)][(row.domain,)]
+        for metric in METRICS:
+            if expected[metric].percentile.low is not None:
+                assert (mine[metric].percentile.low, mine[metric].percentile.high) == pytest.approx(
+                    (expected[metric].percentile.low, expected[metric].percentile.high)
+                )
 
 
 def test_unadmitted_cells_stay_out_of_domain_means():

@@ -8,8 +8,8 @@ from measure import report
 from scoring import a_cell, best_s
 
 from ssp_core.vocab import DOMAINS
-from ssp_eval.analysis.bootstrap import RESAMPLES, SEED, bootstrap_records
-from ssp_eval.analysis.resample import draws, generator
+from ssp_eval.analysis.bootstrap import RESAMPLES, SEED, bootstrap_records, clip_generator
+from ssp_eval.analysis.resample import draws
 from ssp_eval.analysis.row import CellRow
 from ssp_eval.analysis.statistics import GROUPINGS
 from ssp_eval.score import score_cell
@@ -38,7 +38,7 @@ def main() -> None:
 
     def bare() -> None:
         for row, terms in cells:
-            draws(len(terms), RESAMPLES, generator(SEED, "records", *row.key, row.run))
+            draws(len(terms), RESAMPLES, clip_generator(SEED, row, len(terms)))
 
     report(
         "bootstrap",

@@ -107,7 +107,10 @@ def bootstrap_records(
     seed: int = SEED,
     on_cell: Callable[[], None] = lambda: None,
 ) -> Bootstrap:
-    """Resamples the labels of every cell, each cell by itself, and averages the cells.
+    """Resamples the labels of every clip and averages the cells.
+
+    The cells of a scenario and domain with as many labels are drawn alike, whatever the model and
+    run: they share the label times, and a repetition brings no new ones.
 
     Args:
         cells: those that enter means, with their terms; the runs of a cell are averaged before
@@ -125,7 +128,7 @@ def bootstrap_records(
         runs = []
         rows = []
         for row, terms in group:
-            rng = generator(seed, "records", *key, row.run)
+            rng = clip_generator(seed, row, len(terms))
             samples = resampled_scores(terms, draws(len(terms), resamples, rng))
             estimates = cell_estimates(terms, samples)
             found[(*key, row.run)] = estimates
@@ -135,6 +138,11 @@ def bootstrap_records(
         for total in sums.values():
             total.add(rows, *_over_runs(runs))
     return Bootstrap(found, {by: total.estimates() for by, total in sums.items()})
+
+
+def clip_generator(seed: int, row: CellRow, count: int) -> np.random.Generator:
+    """Random numbers for drawing from the count labels of a cell, the same for all of a clip."""
+    return generator(seed, "records", row.scenario, row.domain, str(count))
 
 
 def _over_runs(

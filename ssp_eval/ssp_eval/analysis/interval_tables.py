@@ -89,7 +89,8 @@ def groups_over_records(
         (*words("grouping", "group", "metric"), *_INTERVAL[:3], _INTERVAL[5], _N),
         tuple(rows),
         (
-            f"{resamples} resamples of the labels within each cell; n counts cells.",
+            f"{resamples} resamples of the labels within each cell, the same ones for all models "
+            "and runs of a scenario and domain; n counts cells.",
             "The cells stay as they are: the interval says how far the mean depends on which "
             "label times were taken, not what other scenarios or runs would give.",
         ),
@@ -110,8 +111,8 @@ def over_cells(groups: Mapping[Group, Mapping[Group, Estimate]], resamples: int)
         tuple(found),
         (
             f"{resamples} resamples of the cells of a group; n counts cells.",
-            "It takes the cells for a sample of such cells. Scenarios that were chosen by hand "
-            "are no such sample.",
+            "It takes the cells for an independent sample of such cells. Scenarios that were "
+            "chosen by hand are no such sample, and cells of one scenario are not independent.",
             *_few(one.n for estimates in groups.values() for one in estimates.values()),
         ),
     )
@@ -136,7 +137,7 @@ def runs_table(found: Stability) -> Table:
     notes = [
         "K: runs. 95 %: Student's interval of the mean over runs, which may reach beyond 0 to 1; "
         "bootstrap: percentile interval over the runs.",
-        f"Macro means and ranks are of the {len(found.runs)} runs with the most cells.",
+        f"Macro means and ranks are of the {len(found.runs)} runs that have the same cells.",
         *_few(spread.k for spread in found.cells),
     ]
     if found.tau is not None and found.same_order is not None:
