@@ -81,6 +81,35 @@ def test_pairs_are_of_the_same_scenario_and_other_factor():
     assert (alone.n, alone.p, alone.p_holm, alone.interval) == (1, None, None, NO_INTERVAL)
 
 
+def test_pairs_of_a_scenario_can_be_flipped_together():
+    rows = [
+        row(s, d, m, 0.5 + 0.1 * (d == "physical") + 0.01 * k)
+        for s in "st"
+        for d in ("synthetic", "physical")
+        for k, m in enumerate("abcdef")
+    ]
+    (found,) = [c for c in compare(rows, "domain", SEED) if c.metric == "ivcs"]
+    # Twelve pairs of one sign, but two scenarios alone: all 4 patterns but +− and −+ reach it.
+    assert (found.n, found.scenarios) == (12, 2)
+    assert found.p == 2 / 2**12
+    assert found.p_scenarios == 2 / 4
+    one = [r for r in rows if r.scenario == "s"]
+    (found,) = [c for c in compare(one, "domain", SEED) if c.metric == "ivcs"]
+    assert (found.p, found.scenarios, found.p_scenarios) == (2 / 2**6, 1, None)
+
+
+def test_macro_means_over_runs_are_of_the_same_cells():
+    rows = [
+        row("s", "physical", "a", 0.2, run="1"), row("t", "physical", "a", 0.2, run="1"),
+        row("s", "physical", "a", 0.4, run="2"), row("t", "physical", "a", 0.4, run="2"),
+        row("s", "physical", "a", 0.3, run="3"), row("u", "physical", "a", 0.9, run="3"),
+    ]  # fmt: skip
+    found = stability(rows, 200, SEED)
+    assert found.runs == ("1", "2")
+    (macro,) = [x for x in found.macro if x.names[0] == "model" and x.metric == "jovr"]
+    assert (macro.k, macro.low, macro.high) == (2, pytest.approx(0.2), pytest.approx(0.4))
+
+
 @given(hnp.arrays(int, (2, 6), elements=st.integers(0, 4)))
 def test_kendalls_tau_is_that_of_scipy(values):
     first, second = values.astype(float)

@@ -98,7 +98,7 @@ def test_foundation_models_are_compared_with_the_reference():
     # The reference has no response, so no relative difference to it has a meaning.
     assert a["d_rsr"] is None
     notes = " ".join(tables(reference="b")["foundation_models"].notes)
-    assert "not scored on the same number of cells" in notes
+    assert "not scored on the same cells" in notes
     with pytest.raises(InputError, match=r"no model with a valid cell.*known are a, b"):
         tables(reference="perfect")
 
@@ -118,6 +118,20 @@ def test_runs_are_averaged_before_cells_are():
     assert found["jovr"] == Mean(pytest.approx((0.3 + 0.9) / 2), 2)
     assert any("mean over its runs" in note for note in tables(rows)["by_model"].notes)
     assert len(tables(rows)["matrix"].rows) == 3
+
+
+def test_a_lost_run_is_no_lost_cell():
+    rows = [
+        row("s", "physical", "a", 0.2, seed=0),
+        row("s", "physical", "a", None, seed=1, rsr=None, status="failed", reason="died"),
+        row("t", "physical", "a", 0.2, cia_eff=None),
+    ]
+    notes = tables(rows)["by_model"].notes
+    assert "1 run without a score left out of cells that have others; see the matrix for" in (
+        " ".join(notes)
+    )
+    assert not any("1 cell without a score" in note for note in notes)
+    assert "In 1 cell a component has no denominator: 0 in IVCS." in notes
 
 
 def test_no_cell_at_all_gives_empty_tables():

@@ -19,6 +19,7 @@ from ssp_eval.score.aggregate import (
     ranking,
     ranks,
     relative_difference,
+    same_places,
 )
 
 
@@ -99,7 +100,23 @@ def test_ranks_share_places_and_skip_the_next():
 
 
 def test_ranks_come_from_unrounded_values():
-    assert ranks({"a": 0.5, "b": 0.5 + 1e-15}) == {"a": 2, "b": 1}
+    assert ranks({"a": 0.5, "b": 0.5 + 1e-11}) == {"a": 2, "b": 1}
+
+
+def test_what_differs_by_rounding_alone_shares_a_rank():
+    # Three of nine plans right weigh as much in IVCS as a response: 0.3 · 3/9 and 0.1 · 1.
+    planned, responded = 0.3 * (3 / 9), 0.1 * 1
+    assert planned != responded
+    assert ranks({"a": planned, "b": responded, "c": 0.05}) == {"a": 1, "b": 1, "c": 3}
+
+
+def test_subjects_with_as_many_cells_need_not_have_the_same():
+    a, b = cell("s", "physical", "a"), cell("t", "physical", "b")
+    assert not same_places([a, b], "model")
+    assert same_places([a, cell("s", "physical", "b")], "model")
+    other = cell("t", "synthetic", "a", admitted=False)
+    assert same_places([a, other], "domain")
+    assert not same_places([a, cell("t", "synthetic", "a")], "domain")
 
 
 def test_a_change_of_rank_between_scenarios_is_pointed_out():

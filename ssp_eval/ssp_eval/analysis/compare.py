@@ -18,14 +18,13 @@ from scipy.special import stdtrit  # type: ignore[import-untyped]  # scipy has n
 from ssp_eval.analysis.resample import LEVEL, NO_INTERVAL, Interval, Numbers, generator
 from ssp_eval.analysis.row import CellRow
 from ssp_eval.analysis.tables import in_order, sd
+from ssp_eval.score.aggregate import EQUAL
 
 COMPARED = ("ivcs", "jovr", "sem_acc_eff", "cia_eff", "tqsr", "rsr")
 TESTED = "ivcs"
 # All 2^n signs are tried up to here.
 EXACT_PAIRS = 16
 FLIPS = 20_000
-# Sums that differ by less are equal: what is left is rounding.
-_EQUAL = 1e-12
 
 
 @dataclass(frozen=True)
@@ -46,6 +45,9 @@ class Comparison:
         p_least: the least that p can be with so many pairs; None where p is.
         family: number of comparisons that are corrected together.
         exact: all signs were tried; else drawn at random.
+        scenarios: of the pairs.
+        p_scenarios: as p, the signs of a scenario's pairs flipped together; None where p is, or
+            with fewer than two scenarios.
     """
 
     subject: str
@@ -62,6 +64,8 @@ class Comparison:
     p_least: float | None = None
     family: int = 0
     exact: bool = True
+    scenarios: int = 0
+    p_scenarios: float | None = None
 
 
 def compare(rows: Sequence[CellRow], subject: str, seed: int) -> list[Comparison]:
@@ -96,26 +100,36 @@ def _comparison(
     seed: int,
 ) -> Comparison:
     differences = []
+    of_scenario: dict[str, list[float]] = {}
     for place in sorted(values[first].keys() & values[second].keys()):
         a, b = getattr(values[first][place], metric), getattr(values[second][place], metric)
         if a is not None and b is not None:
             differences.append(a - b)
-    n = len(differences)
+            of_scenario.setdefault(place[0], []).append(a - b)
+    n, scenarios = len(differences), len(of_scenario)
     if n == 0:
         return Comparison(subject, first, second, metric, 0, None)
     mean, spread = math.fsum(differences) / n, sd(differences)
-    ahead = sum(0.5 if abs(d) <= _EQUAL else float(d > 0) for d in differences) / n
+    ahead = sum(0.5 if abs(d) <= EQUAL else float(d > 0) for d in differences) / n
     found = Comparison(
         subject, first, second, metric, n, mean, t_interval(differences),
-        mean / spread if spread is not None and spread > _EQUAL else None, ahead,
+        mean / spread if spread is not None and spread > EQUAL else None, ahead,
+        scenarios=scenarios,
     )  # fmt: skip
     if metric != TESTED or n < 2:
         return found
+    names = (subject, first, second, metric)
+    p = _flipped(differences, seed, "signs", *names)
     exact = n <= EXACT_PAIRS
-    rng = generator(seed, "signs", subject, first, second, metric)
-    p = sign_flip_p(np.array(differences), None if exact else rng)
     least = 2.0 ** (1 - n) if exact else 1 / (FLIPS + 1)
-    return replace(found, p=p, p_least=least, exact=exact)
+    together = [math.fsum(of_one) for of_one in of_scenario.values()]
+    p_scenarios = _flipped(together, seed, "scenarios", *names) if scenarios > 1 else None
+    return replace(found, p=p, p_least=least, exact=exact, p_scenarios=p_scenarios)
+
+
+def _flipped(differences: Sequence[float], seed: int, *names: str) -> float:
+    exact = len(differences) <= EXACT_PAIRS
+    return sign_flip_p(np.array(differences), None if exact else generator(seed, *names))
 
 
 def t_interval(values: Sequence[float], level: float = LEVEL) -> Interval:
@@ -139,7 +153,7 @@ def sign_flip_p(differences: Numbers, rng: np.random.Generator | None = None) ->
         rng: None tries all 2^n patterns.
     """
     n = len(differences)
-    observed = abs(math.fsum(differences)) - _EQUAL
+    observed = abs(math.fsum(differences)) - EQUAL
     if rng is None:
         sums = np.zeros(1)
         for value in differences:

@@ -11,7 +11,7 @@ import numpy as np
 
 from ssp_eval.analysis.resample import Numbers, generator
 from ssp_eval.analysis.row import CellRow
-from ssp_eval.score.aggregate import Cell, means
+from ssp_eval.score.aggregate import EQUAL, Cell, means
 from ssp_eval.score.batch import score_columns
 from ssp_eval.score.columns import Columns
 from ssp_eval.score.ivcs import ivcs_weights
@@ -19,8 +19,6 @@ from ssp_eval.score.thresholds import DEFAULT
 
 SAMPLES = 10_000
 _BLOCK = 1000
-# Values closer than this are equal; what is left is rounding.
-_EQUAL = 1e-12
 # By how much each weight is multiplied, one at a time; the others share what is left as before.
 WEIGHT_FACTORS = (0.0, 0.5, 1.5, 2.0)
 # Values to try for each threshold, one at a time; those of METHOD 6 lie between them.
@@ -122,7 +120,7 @@ def signs(values: Numbers) -> Numbers:
     """
     first, second = np.triu_indices(values.shape[-1], 1)
     d = values[..., first] - values[..., second]
-    return np.where(np.abs(d) <= _EQUAL, 0.0, np.sign(d))
+    return np.where(np.abs(d) <= EQUAL, 0.0, np.sign(d))
 
 
 def kendall_tau(first: Numbers, second: Numbers) -> Numbers:
@@ -162,7 +160,7 @@ def sample_weights(
         values = rng.dirichlet(np.ones(table.shape[1]), size=count) @ table.T
         order = signs(values)
         held += np.sum(order == base, axis=0)
-        first += np.sum(values >= values.max(axis=1, keepdims=True) - _EQUAL, axis=0)
+        first += np.sum(values >= values.max(axis=1, keepdims=True) - EQUAL, axis=0)
         taus.append(kendall_tau(order, base))
     tau = np.concatenate(taus)
     tau = tau[~np.isnan(tau)]

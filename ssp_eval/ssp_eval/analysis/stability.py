@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -51,7 +51,7 @@ class Stability:
 
     Args:
         cells: per cell with at least two runs, and metric.
-        macro: per domain and per model; a run counts where it has every cell of the others.
+        macro: per domain and per model, over runs that have the same cells.
         tau: mean Kendall's τ_b between the models' ranks of two runs; None where there are fewer
             than two models or runs.
         same_order: share of pairs of runs in which all models stand in the same order.
@@ -91,8 +91,7 @@ def stability(rows: Sequence[CellRow], resamples: int, seed: int) -> Stability |
         for metric in METRICS
         if (spread := _spread(key, metric, _values(group, metric), resamples, seed))
     ]
-    most = max(len(group) for group in by_run.values())
-    whole = sorted(name for name, group in by_run.items() if len(group) == most)
+    whole = _alike(by_run)
     macro, orders = [], []
     for by in (BY_DOMAIN, BY_MODEL):
         per_run = [means([row.cell() for row in by_run[name]], by) for name in whole]
@@ -118,6 +117,18 @@ def stability(rows: Sequence[CellRow], resamples: int, seed: int) -> Stability |
         mean(float(np.array_equal(a, b)) for a, b in pairs).value,
         tuple(whole),
     )
+
+
+def _alike(by_run: Mapping[str, Sequence[CellRow]]) -> list[str]:
+    """The runs that have the same cells, for the largest set of cells that several runs have."""
+    having: dict[frozenset[tuple[str, str, str]], list[str]] = {}
+    for name in sorted(by_run):
+        having.setdefault(frozenset(row.key for row in by_run[name]), []).append(name)
+
+    def worth(cells: frozenset[tuple[str, str, str]]) -> tuple[bool, int, int]:
+        return len(having[cells]) > 1, len(cells), len(having[cells])
+
+    return having[max(having, key=worth)]
 
 
 def _values(rows: Sequence[CellRow], metric: str) -> list[float]:

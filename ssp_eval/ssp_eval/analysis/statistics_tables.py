@@ -47,6 +47,7 @@ def comparison_table(comparisons: Iterable[Comparison]) -> Table:
         (
             c.subject, c.first, c.second, c.metric, c.n, c.difference, c.interval.low,
             c.interval.high, c.standardised, c.favour, c.p, c.p_holm, c.p_least,
+            c.family or None, c.scenarios, c.p_scenarios,
         )
         for c in listed
     ]  # fmt: skip
@@ -61,6 +62,9 @@ def comparison_table(comparisons: Iterable[Comparison]) -> Table:
         "ahead: share of pairs in which the first leads.",
         "p: two-sided sign flips of IVCS, Holm over all comparisons of domains, and over all of "
         "models; components are described and not tested. No p with fewer than two pairs.",
+        "family: how many comparisons are corrected together. Pairs of a scenario share its "
+        "event: p takes them for independent, and speaks of these recordings alone. p (scenarios): "
+        "all signs of a scenario flipped together, not corrected.",
         *_powerless(listed),
     ]
     if any(c.p is not None and not c.exact for c in listed):
@@ -72,6 +76,9 @@ def comparison_table(comparisons: Iterable[Comparison]) -> Table:
             *words("subject", "first", "second", "metric"),
             Column("n", "pairs", "count"),
             *(Column(key, title, kind) for key, title, kind in numbers),
+            Column("family", "family", "count"),
+            Column("scenarios", "scenarios", "count"),
+            Column("p_scenarios", "p (scenarios)", "p"),
         ),
         tuple(rows),
         tuple(notes),

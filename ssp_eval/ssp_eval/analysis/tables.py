@@ -14,12 +14,14 @@ from ssp_eval.score.aggregate import (
     BY_MODEL,
     BY_SCENARIO_DOMAIN,
     BY_SCENARIO_MODEL,
+    EQUAL,
     Cell,
     Mean,
     Ranking,
     means,
     ranking,
     relative_difference,
+    same_places,
 )
 
 BY_DOMAIN_MODEL = ("domain", "model")
@@ -75,12 +77,24 @@ def all_tables(rows: Sequence[CellRow], reference: str | None = None) -> list[Ta
 
 def run_notes(rows: Sequence[CellRow]) -> tuple[str, ...]:
     """What a mean leaves out, and what it takes together."""
-    lost = [row for row in rows if row.status != OK and not row.control]
+    models = [row for row in rows if not row.control]
+    scored = {row.key for row in models if row.status == OK}
+    lost = [row for row in models if row.status != OK]
+    cells = {row.key for row in lost} - scored
+    runs = sum(row.key in scored for row in lost)
+    nulls = {row.key for row in models if row.ivcs_nulls}
     notes = []
     if repeated(rows):
         notes.append("A cell with several runs enters as the mean over its runs.")
-    if lost:
-        notes.append(f"{_cells(len(lost))} without a score left out; see the matrix for reasons.")
+    if cells:
+        notes.append(f"{_cells(len(cells))} without a score left out; see the matrix for reasons.")
+    if runs:
+        notes.append(
+            f"{_counted(runs, 'run')} without a score left out of cells that have others; see the "
+            "matrix for reasons."
+        )
+    if nulls:
+        notes.append(f"In {_cells(len(nulls))} a component has no denominator: 0 in IVCS.")
     controls = sorted({row.model for row in rows if row.control})
     if controls:
         notes.append(f"Controls left out: {', '.join(controls)}.")
@@ -88,7 +102,11 @@ def run_notes(rows: Sequence[CellRow]) -> tuple[str, ...]:
 
 
 def _cells(count: int) -> str:
-    return f"{count} cell{'' if count == 1 else 's'}"
+    return _counted(count, "cell")
+
+
+def _counted(count: int, word: str) -> str:
+    return f"{count} {word}{'' if count == 1 else 's'}"
 
 
 def in_order(group: Iterable[str]) -> list[tuple[int, str]]:
@@ -154,6 +172,7 @@ def mean_table(
         (*key, found["ivcs"].n, *(found[column.key] for column in MEANS)) for key, found in groups
     ]
     said = ["Unweighted means over cells; n counts cells. RL is the mean over responses only."]
+    said += _uneven(cells, by[0]) if len(by) == 1 else []
     return Table(
         name,
         title,
@@ -167,7 +186,19 @@ def _left_out(cells: Sequence[Cell], by: Sequence[str]) -> list[str]:
     count = sum(not cell.admitted for cell in cells) if "domain" in by else 0
     if not count:
         return []
-    return [f"{_cells(count)} left out: the transfer audit did not admit the recording."]
+    return [
+        f"{_cells(count)} left out: the transfer audit did not admit the recording, or "
+        "there was none."
+    ]
+
+
+def _uneven(cells: Sequence[Cell], subject: str) -> list[str]:
+    if same_places(cells, subject):
+        return []
+    return [
+        f"The {subject}s were not scored on the same cells: a difference between two of them, or "
+        "in rank, may be one between cells."
+    ]
 
 
 def strata_table(cells: Sequence[Cell], notes: Sequence[str]) -> Table:
@@ -180,7 +211,7 @@ def strata_table(cells: Sequence[Cell], notes: Sequence[str]) -> Table:
     for (scenario, domain), group in sorted(groups.items(), key=lambda one: in_order(one[0])):
         values = {cell.model: cell.score["ivcs"] or 0.0 for cell in group}
         low, high = min(values.values()), max(values.values())
-        best = ", ".join(sorted(model for model, value in values.items() if value == high))
+        best = ", ".join(sorted(model for model, value in values.items() if value >= high - EQUAL))
         mean = math.fsum(values.values()) / len(values)
         rows.append((scenario, domain, len(values), mean, sd(values.values()), low, high, best))
     columns = (
@@ -245,8 +276,7 @@ def foundation_table(
     said = ["Unweighted means over cells; n counts cells. B: billions of parameters."]
     if base is not None:
         said.append(f"Δ: relative difference to {reference}, from unrounded values.")
-    if len({values["ivcs"].n for values in found.values()}) > 1:
-        said.append("The models were not scored on the same number of cells.")
+    said += _uneven([row.cell() for row in rows], "model")
     return Table(
         "foundation_models", "Foundation models", columns, tuple(table_rows), (*said, *notes)
     )
@@ -283,6 +313,7 @@ def rank_table(cells: Sequence[Cell], subject: str, notes: Sequence[str]) -> Tab
     said = ["Rank 1 is the largest mean IVCS, from unrounded values; equal ones share a rank."]
     if not found.changes and len(scenarios) > 1:
         said.append("No rank changes between scenarios.")
+    said += _uneven(cells, subject)
     left_out = _left_out(cells, (subject,))
     return Table(
         f"ranks_{subject}", f"Ranks of {subject}s", columns, rows, (*said, *left_out, *notes)

@@ -23,6 +23,10 @@ METRICS = (
     "ivcs",
 )
 
+# Values that differ by less are equal: what is left is rounding. Equal parts of IVCS need not have
+# the same last digit: 0.3 · 1/3 is less than 0.1 in floating point.
+EQUAL = 1e-12
+
 # The groupings of METHOD 6.13.
 BY_DOMAIN = ("domain",)
 BY_MODEL = ("model",)
@@ -104,10 +108,10 @@ def _refuse_duplicates(cells: Sequence[Cell]) -> None:
 
 
 def ranks(values: Mapping[str, float | None]) -> dict[str, int | None]:
-    """Rank per subject, 1 for the largest value; equal ones share a rank, null has none."""
+    """Rank per subject, 1 for the largest value; equal ones (EQUAL) share a rank, null has none."""
     present = [value for value in values.values() if value is not None]
     return {
-        subject: None if value is None else 1 + sum(other > value for other in present)
+        subject: None if value is None else 1 + sum(other > value + EQUAL for other in present)
         for subject, value in values.items()
     }
 
@@ -159,6 +163,25 @@ def ranking(cells: Sequence[Cell], subject: str, metric: str = "ivcs") -> Rankin
     macro = {name: group[metric].value for (name,), group in means(cells, (subject,)).items()}
     by_scenario = {scenario: ranks(values) for scenario, values in per_scenario.items()}
     return Ranking(by_scenario, ranks(macro), tuple(_changes(by_scenario, sorted(macro))))
+
+
+def same_places(cells: Sequence[Cell], subject: str) -> bool:
+    """Whether all models or domains have cells in the same places.
+
+    A place of a model is a scenario and domain, one of a domain a scenario and model. Where they
+    differ, means and ranks compare more than the subjects.
+
+    Args:
+        cells: see means; for domains those that aren't admitted don't count.
+        subject: ``model`` or ``domain``.
+    """
+    other = "model" if subject == "domain" else "domain"
+    places: dict[str, set[tuple[str, str]]] = {}
+    for cell in cells:
+        if cell.admitted or subject != "domain":
+            place = (cell.scenario, getattr(cell, other))
+            places.setdefault(getattr(cell, subject), set()).add(place)
+    return len({frozenset(found) for found in places.values()}) <= 1
 
 
 def _changes(
