@@ -45,6 +45,8 @@ from ssp_eval.strict import Place
 from ssp_vla_bridge.core.trajectory import INVALID_REASONS, Trajectory
 
 SCHEMA = "ssp.record/1"
+# An answer may have a mebibyte of text, and a cell any number of label times.
+MOST_BYTES = 1 << 28
 
 _REQUIRED = ("schema", "t_s", "text", "slots", "trajectory", "invalid")
 _ADAPTER_KEYS = ("name", "mode", "origin_added", "notes")
@@ -116,7 +118,7 @@ def load_records(path: str | Path) -> tuple[BehaviourRecord, ...]:
     Raises:
         InputError: see parse_records; or the file can't be read.
     """
-    return parse_records(read_text(path), path)
+    return parse_records(read_text(path, MOST_BYTES), path)
 
 
 def parse_records(text: str, file: str | Path) -> tuple[BehaviourRecord, ...]:

@@ -3,6 +3,7 @@
 import copy
 import json
 import math
+from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
@@ -353,3 +354,10 @@ def test_any_text_is_read_or_refused(text):
     except InputError as error:
         refusal = error
     assert refusal is None or refusal.file == "r.jsonl"
+
+
+def test_many_long_answers_are_no_error(tmp_path: Path) -> None:
+    file = tmp_path / "records.jsonl"
+    lines = [json.dumps({**GOOD, "t_s": t_s, "text": "z" * (1 << 20)}) for t_s in range(9)]
+    file.write_text("\n".join(lines))
+    assert [record.t_s for record in load_records(file)] == list(range(9))

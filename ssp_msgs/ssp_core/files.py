@@ -70,25 +70,29 @@ class _NoAliasLoader(yaml.SafeLoader):
 _NoAliasLoader.add_constructor("tag:yaml.org,2002:int", _NoAliasLoader.construct_whole)
 
 
-def read_text(path: str | Path) -> str:
+def read_text(path: str | Path, most_bytes: int = MAX_TEXT_BYTES) -> str:
     """The text of a UTF-8 file of at most 8 MiB.
+
+    Args:
+        path: of the file.
+        most_bytes: where it may be larger.
 
     Raises:
         InputError: it isn't there, is too large or isn't UTF-8.
     """
     try:
         with open(path, "rb") as stream:
-            data = stream.read(MAX_TEXT_BYTES + 1)
+            data = stream.read(most_bytes + 1)
     except OSError as error:
         raise InputError(f"can't be read: {error.strerror}", file=path) from error
     except ValueError as error:  # a name with a NUL byte
         raise InputError(f"can't be read: {error}", file=path) from error
-    return _text(data, path)
+    return _text(data, path, most_bytes)
 
 
-def _text(data: bytes, file: str | Path) -> str:
-    if len(data) > MAX_TEXT_BYTES:
-        raise InputError(f"is larger than {MAX_TEXT_BYTES >> 20} MiB", file=file)
+def _text(data: bytes, file: str | Path, most_bytes: int = MAX_TEXT_BYTES) -> str:
+    if len(data) > most_bytes:
+        raise InputError(f"is larger than {most_bytes >> 20} MiB", file=file)
     try:
         return data.decode("utf-8")
     except UnicodeDecodeError as error:

@@ -92,6 +92,7 @@ def test_size_limit_at_and_over(tmp_path: Path) -> None:
     path.write_bytes(b"x" * (MAX_TEXT_BYTES + 1))
     with pytest.raises(InputError, match="larger than 8 MiB"):
         read_text(path)
+    assert len(read_text(path, 2 * MAX_TEXT_BYTES)) == MAX_TEXT_BYTES + 1
 
 
 def test_an_endless_file_is_refused_without_reading_it() -> None:
