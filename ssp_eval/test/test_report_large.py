@@ -186,3 +186,24 @@ def choose(browser: Browser, name: str, value: str) -> None:
         f"(() => {{ const s = document.querySelector('select[data-filter={name}]');"
         f" s.value = '{value}'; s.dispatchEvent(new Event('change')); }})()"
     )
+
+
+def test_a_reason_can_t_break_the_data(source: Path) -> None:
+    file = source / "cells" / "cut_in__simulation__perfect" / "cell.json"
+    reason = "can't be read: <!--[if lt IE 7]> <script> </script>"
+    lost = {"status": "failed", "reasons": [reason]}
+    file.write_text(json.dumps({**json.loads(file.read_text()), **lost}))
+    page = write_report(source, most=0).read_text()
+    assert reason in [row[-1] for row in rows(page)["rows"]]
+    assert "<" not in page.split('id="rows">')[1].split("</script>")[0]
+
+
+def test_of_a_very_long_answer_the_page_shows_the_beginning(source: Path) -> None:
+    folder = source / "cells" / "cut_in__simulation__perfect"
+    raw = folder / "raw.jsonl"
+    first, *rest = raw.read_text().splitlines()
+    raw.write_text("\n".join([json.dumps({**json.loads(first), "text": "z" * 900_000}), *rest]))
+    write_report(source, most=0)
+    text = (source / "report" / "cells" / f"{folder.name}.js").read_text()
+    assert "more characters in the file" in text
+    assert text.count("z") < 25_000

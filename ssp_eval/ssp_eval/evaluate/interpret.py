@@ -12,6 +12,8 @@ from ssp_vla_bridge.core.adapters import adapt
 from ssp_vla_bridge.core.request import Request
 from ssp_vla_bridge.core.response import Response
 
+LLM_MISSING = "slots of the LLM are missing"
+
 
 def records_of(
     asked: Sequence[Asked], adapter: str, extractor: Extractor | None = None
@@ -78,5 +80,5 @@ def _llm_notes(found: Extracted) -> list[str]:
     if found.by_llm:
         notes.append(f"slots by the LLM: {', '.join(found.by_llm)}")
     if found.trouble:
-        notes.append(f"slots of the LLM are missing: {found.trouble}")
+        notes.append(f"{LLM_MISSING}: {found.trouble}")
     return notes

@@ -19,9 +19,10 @@ from ssp_eval.evaluate.cell_file import (
     losses_text,
 )
 from ssp_eval.evaluate.controls import CONTROLS, NEVER_MODELS
+from ssp_eval.evaluate.interpret import LLM_MISSING
 from ssp_eval.evaluate.store import REQUESTS_FILE
 from ssp_eval.labels.model import Labels, load_labels
-from ssp_eval.records import BehaviourRecord, load_records
+from ssp_eval.records import MOST_BYTES, BehaviourRecord, load_records
 from ssp_eval.report.facts import CellFacts, RequestFacts, load_facts
 from ssp_eval.score import CellScore, score_cell
 from ssp_eval.strict import Place, parse_json
@@ -148,8 +149,18 @@ def load_cell(file: Path) -> CellData:
         notes.append("It was evaluated with other thresholds than this page uses.")
     if losses := losses_text(facts.answers.missing_by_kind):
         notes.append(f"{losses}. They count as missing outputs.")
+    if lacking := sum(map(_lacks_llm, records)):
+        notes.append(
+            f"{lacking} of {len(records)} records lack what the LLM of the extraction would have "
+            "filled; their notes say why."
+        )
     requests = load_requests(folder / REQUESTS_FILE)
     return CellData(folder, facts, labels, records, requests, score, tuple(notes))
+
+
+def _lacks_llm(record: BehaviourRecord) -> bool:
+    notes = [] if record.adapter is None else record.adapter["notes"]
+    return any(note.startswith(LLM_MISSING) for note in notes)
 
 
 def load_requests(file: Path) -> tuple[dict[str, Any], ...]:
@@ -159,7 +170,7 @@ def load_requests(file: Path) -> tuple[dict[str, Any], ...]:
         InputError: a line is damaged; with its number.
     """
     found = []
-    for number, line in enumerate(read_text(file).splitlines(), start=1):
+    for number, line in enumerate(read_text(file, MOST_BYTES).splitlines(), start=1):
         value = json_object(line, file, number)
         try:
             parse_model(RequestFacts, value, file)

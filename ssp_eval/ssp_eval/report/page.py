@@ -248,8 +248,11 @@ def _short(digest: str) -> str:
 
 
 def _script_json(value: Any) -> str:
-    """JSON that can stand in a script element."""
-    return json.dumps(value, sort_keys=True).replace("</", "<\\/")
+    """JSON that can stand in a script element, whatever its texts hold.
+
+    A text could end the element, or open a comment and a script in it, so that its end isn't seen.
+    """
+    return json.dumps(value, sort_keys=True).replace("<", "\\u003c")
 
 
 def _title(models: list[str], scenarios: list[str]) -> str:
@@ -293,6 +296,17 @@ def _absent(cells: list[CellData]) -> list[str]:
     ]  # fmt: skip
 
 
+def _mixed(cells: list[CellData]) -> str:
+    """Recordings that were put in the place of others, or labels, when only some models had been
+    asked again: their cells can't be compared."""
+    found: dict[str, set[tuple[str | None, str | None]]] = {}
+    for cell in cells:
+        if cell.score is not None:
+            told = cell.facts.hashes.get("bag"), cell.facts.hashes.get("labels")
+            found.setdefault(f"{cell.scenario} / {cell.domain}", set()).add(told)
+    return _some(sorted(name for name, told in found.items() if len(told) > 1))
+
+
 def _facts(cells: list[CellData]) -> dict[str, Any]:
     ok = [cell for cell in cells if cell.score is not None]
     driven = list(dict.fromkeys(c.model for c in cells if not c.is_control))
@@ -310,6 +324,8 @@ def _facts(cells: list[CellData]) -> dict[str, Any]:
         "scored": len(ok),
         "out": [cell for cell in cells if cell.score is None],
         "outside": _outside(cells),
+        "mixed": _mixed(cells),
+        "extractors": len({cell.facts.hashes.get("extractor") for cell in ok}),
         "stand_in": _some(
             sorted({f"{c.scenario} / {c.domain}" for c in cells if c.facts.stand_in})
         ),

@@ -128,13 +128,14 @@ def _mean_cell(found: Mean, n: int, key: str) -> MeanCell:
 
 @dataclass(frozen=True)
 class RankTable:
-    """Ranks of models or domains by IVCS, per scenario and over all."""
+    """Ranks of models or domains by IVCS, per scenario and over all; who lacks which cells."""
 
     title: str
     subject: str
     scenarios: tuple[str, ...]
     rows: tuple[tuple[str, tuple[str, ...]], ...]
     changes: tuple[str, ...]
+    uneven: str
 
 
 def rank_tables(cells: Sequence[Cell]) -> list[RankTable]:
@@ -151,8 +152,25 @@ def rank_tables(cells: Sequence[Cell]) -> list[RankTable]:
             ranks = tuple(NULL if r is None else str(r) for r in (*columns, found.macro[name]))
             rows.append((name, ranks))
         changes = _change_lines(found)
-        tables.append(RankTable(title, subject, scenarios, tuple(rows), changes))
+        uneven = _uneven(cells, subject)
+        tables.append(RankTable(title, subject, scenarios, tuple(rows), changes, uneven))
     return tables
+
+
+def _uneven(cells: Sequence[Cell], subject: str) -> str:
+    """Who lacks cells that another has: ranks then compare means over different cells."""
+    other = "domain" if subject == "model" else "model"
+    over: dict[str, set[tuple[str, str]]] = {}
+    for cell in cells:
+        if cell.admitted or subject != "domain":
+            one = cell.scenario, getattr(cell, other)
+            over.setdefault(getattr(cell, subject), set()).add(one)
+    every = {one for found in over.values() for one in found}
+    return ", ".join(
+        f"{name} {len(found)} of {len(every)}"
+        for name, found in sorted(over.items())
+        if found != every
+    )
 
 
 def _change_lines(found: Ranking) -> tuple[str, ...]:

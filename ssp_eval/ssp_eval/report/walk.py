@@ -13,6 +13,8 @@ from ssp_eval.report.load import CellData, json_object
 from ssp_eval.score import Judgement
 
 _NO_RECORD = "no record"
+# Characters of a raw answer that a page shows; the file has them all.
+_MOST_SHOWN = 20_000
 
 
 @dataclass(frozen=True)
@@ -24,7 +26,7 @@ class WalkStep:
         sha256: of the file, the line or the content; empty where there is nothing.
         path: from the campaign folder, empty where it isn't in it.
         says: what is to be known of it.
-        content: the whole line, where reading it in the page helps.
+        content: the line, where reading it in the page helps; of a very long one its beginning.
     """
 
     what: str
@@ -112,9 +114,14 @@ class Walks:
             yield WalkStep("frame sent", digest, there, f"stamp {frame.get('stamp_ns')} ns")
 
     def _line(self, what: str, file: str, line: _Line, whole: bool = False) -> WalkStep:
-        content = line.text if whole else ""
+        content = _shown(line.text) if whole else ""
         place = f"{self._place}/{file}"
         return WalkStep(what, line.sha256, place, f"line {line.number} of {file}", content)
+
+
+def _shown(text: str) -> str:
+    more = len(text) - _MOST_SHOWN
+    return text if more <= 0 else f"{text[:_MOST_SHOWN]}… and {more} more characters in the file"
 
 
 def _lines(file: Path) -> list[_Line]:

@@ -1,0 +1,77 @@
+"""What a reader of the page must be told: cells and ranks that can't be compared."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from ssp_eval.evaluate.asker import DirectAskers
+from ssp_eval.evaluate.campaign import run_campaign
+from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.models import bridge_spec
+from ssp_eval.extract.llm import Extracted, Extractor
+from ssp_eval.report.page import write_report
+
+BagMaker = Callable[..., Path]
+MODELS = ("constant_velocity", "opencv_baseline")
+
+
+def evaluated(out: Path, bags: list[Path], *names: str, extractor: Extractor | None = None) -> None:
+    options = CellOptions() if extractor is None else CellOptions(extractor=extractor)
+    models = [bridge_spec(name) for name in names]
+    run_campaign([(bag, None) for bag in bags], models, DirectAskers(), out, options, True)
+
+
+@pytest.fixture
+def bags(make_bag: BagMaker) -> list[Path]:
+    return [make_bag(), make_bag("track", domain="physical")]
+
+
+@pytest.fixture
+def campaign(bags: list[Path], tmp_path: Path) -> Path:
+    out = tmp_path / "out"
+    evaluated(out, bags, *MODELS)
+    return out
+
+
+def test_a_whole_campaign_needs_none_of_it(campaign: Path) -> None:
+    page = write_report(campaign).read_text()
+    for words in ("Not comparable", "over different cells", "lack what the LLM"):
+        assert words not in page
+
+
+def test_cells_of_different_recordings_are_named(campaign: Path) -> None:
+    file = campaign / "cells" / "cut_in__physical__opencv_baseline" / "cell.json"
+    facts = json.loads(file.read_text())
+    facts["hashes"]["bag"] = "sha256:" + "9" * 64
+    file.write_text(json.dumps(facts))
+    page = write_report(campaign).read_text()
+    assert "Not comparable: the cells of cut in / physical are of different recordings" in page
+
+
+def test_ranks_over_different_cells_say_who_lacks_some(campaign: Path, bags: list[Path]) -> None:
+    evaluated(campaign, bags[:1], 'one={"backend": "constant_velocity"}')
+    page = write_report(campaign).read_text()
+    assert "means over different cells; scored are only: one 1 of 2." in page
+
+
+class Troubled(Extractor):
+    """With an LLM that is away."""
+
+    def __call__(self, text: str) -> Extracted:
+        return replace(super().__call__(text), trouble="no answer: it is away")
+
+    @property
+    def sha256(self) -> str:
+        return "sha256:" + "7" * 64
+
+
+def test_two_extractors_and_an_llm_that_is_away_are_said(campaign: Path, bags: list[Path]) -> None:
+    evaluated(campaign, bags[1:], MODELS[0], extractor=Troubled())
+    page = " ".join(write_report(campaign).read_text().split())
+    assert "were read by 2 different extractors" in page
+    assert "9 of 9 records lack what the LLM of the extraction would have filled" in page
