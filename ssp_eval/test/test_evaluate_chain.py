@@ -340,3 +340,24 @@ def test_labels_outside_the_clip_are_refused_before_asking(
     (tmp_path / "short.labels.json").write_text(path.read_text())
     (result,) = evaluate(short, out, "silent")
     assert result.status == "refused"
+
+
+def test_no_score_stays_beside_labels_that_it_isn_t_of(make_bag: BagMaker, tmp_path: Path) -> None:
+    bag, out = make_bag(), tmp_path / "out"
+    evaluate(bag, out, "perfect")
+    folder = out / "cells" / "cut_in__simulation__perfect"
+    assert (folder / "score.json").exists()
+
+    def stop(index: int, request: Request) -> Reply:
+        raise KeyboardInterrupt
+
+    labels = bag.parent / f"{bag.name}.labels.json"
+    value = json.loads(labels.read_text())
+    value["labels"][0]["lat_actions"] = ["left", "straight", "right"]
+    labels.write_text(json.dumps(value))
+    with pytest.raises(KeyboardInterrupt):
+        evaluate(bag, out, "perfect", askers=Scripted(stop))
+    there = {file.name for file in folder.iterdir()}
+    assert there == {"labels.json", "raw.jsonl", "requests.jsonl"}
+    (result,) = evaluate(bag, out, "perfect")
+    assert (result.status, result.asked) == ("ok", 9)

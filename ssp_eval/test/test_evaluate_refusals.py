@@ -28,6 +28,7 @@ BagMaker = Callable[..., Path]
         (("--bridge", 'perfect={"loud": 1}'), "is no option of perfect"),
         (("--bridge", 'perfect={"clip_start_ns": "now"}'), "must be of type int"),
         (("--bridge", "recorded"), "file"),
+        (("--bridge", "m" * 65), "a letter first, 64 at most"),
         (("--bridge", "silent", "--adapter", "nonsense"), "unknown adapter"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, tuple) else "",
@@ -71,3 +72,15 @@ def test_the_runners_verdict_holds_for_the_file_in_the_bag_too(make_bag: BagMake
         with BagReader(path) as reader:
             facts = read_provenance(reader)
         assert facts.refusal == "the run's verdict is invalid_harness: a node died"
+
+
+@pytest.mark.parametrize("scenario", ["../../elsewhere", "a/b", ".hidden", "x" * 65])
+def test_a_scenario_s_name_leads_nowhere_else(
+    scenario: str, make_bag: BagMaker, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    bag, out = make_bag(scenario=scenario), tmp_path / "deep" / "out"
+    before = sorted(tmp_path.rglob("*"))
+    arguments = ["evaluate", str(bag), "--propose-labels", "--bridge", "silent", "--out", str(out)]
+    assert main(arguments) == 1
+    assert "scenario: is no name that a cell's folder can have" in capfd.readouterr().err
+    assert sorted(tmp_path.rglob("*")) == before

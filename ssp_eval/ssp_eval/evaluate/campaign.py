@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
+import fcntl
+import os
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path, PurePosixPath
 from typing import TypeVar
 
@@ -16,7 +19,7 @@ from ssp_eval.evaluate.cell_file import CellResult
 from ssp_eval.evaluate.clip import Clip
 from ssp_eval.evaluate.labelled import LabelledClip
 from ssp_eval.evaluate.model_spec import ModelSpec
-from ssp_eval.evaluate.provenance import bag_folder
+from ssp_eval.evaluate.provenance import SAFE_NAME, bag_folder
 from ssp_eval.evaluate.truth import truth_from_bag
 from ssp_eval.labels.model import Labels, labels_version, load_labels
 from ssp_eval.labels.proposal_file import is_unreviewed, write_proposal
@@ -68,6 +71,7 @@ def labelled_clip(
     path = labels_path or find_labels(clip.path)
     if path is not None:
         labels = load_labels(path)
+        _check_name(labels, path)
         _check_belongs(clip, labels, path)
         labelled = _labelled(clip, labels, path.name, is_unreviewed(path), admission)
         if labelled.refusal is None:
@@ -81,6 +85,7 @@ def labelled_clip(
             remedy="give --labels FILE, or --propose-labels to make them from the ground truth",
         )
     proposal = propose(truth_from_bag(clip.path))
+    _check_name(proposal.labels, clip.path)
     target = _beside(bag_folder(clip.path))
     make_folder(target.parent)
     write_proposal(target, proposal, source=facts.bag_sha256)
@@ -92,6 +97,18 @@ def _labelled(
 ) -> LabelledClip:
     held = admission.held_against(labels_version(labels), clip.provenance.verdict_sha256)
     return LabelledClip(clip, labels, source, proposed, held)
+
+
+def _check_name(labels: Labels, file: Path) -> None:
+    """Refuses a scenario that is no part of a folder's name, such as one that leads out of it."""
+    if not re.fullmatch(SAFE_NAME, labels.scenario):
+        raise InputError(
+            "is no name that a cell's folder can have",
+            file=file,
+            field="scenario",
+            value=labels.scenario,
+            remedy="use letters, digits, _ - and ., a letter or digit first, 64 at most",
+        )
 
 
 def _check_belongs(clip: Clip, labels: Labels, path: Path) -> None:
@@ -186,6 +203,31 @@ def open_clips(
     return clips
 
 
+@contextmanager
+def campaign_folder(out: Path) -> Iterator[None]:
+    """Makes a campaign folder and holds it: two commands would ask, and pay for, the same twice.
+
+    Raises:
+        InputError: it can't be made, or another command evaluates into it.
+    """
+    folder = os.open(make_folder(out), os.O_RDONLY)
+    try:
+        fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        os.close(folder)
+        raise InputError(
+            "is what another command evaluates into just now",
+            file=out,
+            remedy="wait until that has ended, or name another folder",
+        ) from error
+    except OSError:  # some network file systems have no locks
+        pass
+    try:
+        yield
+    finally:
+        os.close(folder)
+
+
 def run_campaign(
     bags: Sequence[tuple[Path, Path | None]],
     models: Sequence[ModelSpec],
@@ -218,7 +260,7 @@ def run_campaign(
     results = []
     with ExitStack() as stack:
         clips = open_clips(stack, bags, propose_labels, admissions)
-        make_folder(out)
+        stack.enter_context(campaign_folder(out))
         on_total(sum(len(c.labels.labels) for c in clips) * len(models))
         for labelled in clips:
             for model in models:

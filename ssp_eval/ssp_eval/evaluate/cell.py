@@ -6,10 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ssp_core.files import write_json, write_text
+from ssp_core.files import make_folder, write_json, write_text
+from ssp_core.hashing import sha256_file
 from ssp_eval.evaluate.asker import Askers
 from ssp_eval.evaluate.asking import Repeats, ask_all
 from ssp_eval.evaluate.cell_file import (
+    CELL_FILE,
     CELLS,
     LABELS_FILE,
     RECORDS_FILE,
@@ -22,7 +24,7 @@ from ssp_eval.evaluate.interpret import records_of
 from ssp_eval.evaluate.labelled import LabelledClip
 from ssp_eval.evaluate.model_spec import ModelSpec
 from ssp_eval.extract.llm import Extractor, make_extractor
-from ssp_eval.labels.model import labels_to_json
+from ssp_eval.labels.model import Labels, labels_to_json
 from ssp_eval.records import record_to_json
 from ssp_eval.score import score_cell
 
@@ -68,10 +70,23 @@ def fail_cell(
 
 def _place(labelled: LabelledClip, model: ModelSpec, out: Path, options: CellOptions) -> CellPlace:
     folder = out / CELLS / f"{labelled.name}__{model.shown}"
-    folder.mkdir(parents=True, exist_ok=True)
-    write_json(folder / LABELS_FILE, labels_to_json(labelled.labels))
+    make_folder(folder)
+    _write_labels(folder, labelled.labels)
     options.extractor.counts.clear()
     return CellPlace(folder, labelled, model, model.read_by(options.adapter), options.extractor)
+
+
+def _write_labels(folder: Path, labels: Labels) -> None:
+    """Leaves the labels for a bridge that reads them, and no score that is of others.
+
+    A run that is interrupted from here on would otherwise leave one beside them.
+    """
+    file = folder / LABELS_FILE
+    before = sha256_file(file) if file.is_file() else None
+    write_json(file, labels_to_json(labels))
+    if before not in (None, sha256_file(file)):
+        for stale in (CELL_FILE, SCORE_FILE, RECORDS_FILE):
+            (folder / stale).unlink(missing_ok=True)
 
 
 def evaluate_cell(

@@ -29,7 +29,7 @@ from ssp_vla_bridge.core.window import Preprocessing
 
 SCHEMA = "ssp.models/1"
 # A model's name is a part of topics and of a cell's folder name.
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
 
 Seconds = Annotated[float, Field(ge=0.0, le=600.0)]
 
@@ -185,7 +185,7 @@ def check_model(spec: ModelSpec, file: str | None = None, field: str = "") -> No
             file=file,
             field="models" if file else "bridge",
             value=spec.name,
-            remedy="use letters, digits and underscores, a letter first",
+            remedy="use letters, digits and underscores, a letter first, 64 at most",
         )
     if spec.attached and (spec.backend or spec.options):
         raise InputError(
