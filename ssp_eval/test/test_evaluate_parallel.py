@@ -20,15 +20,17 @@ from click.testing import CliRunner
 from ssp_core.errors import HostError, InputError
 from ssp_eval.evaluate import ray_engine
 from ssp_eval.evaluate.asker import DirectAskers
-from ssp_eval.evaluate.campaign import run_campaign
+from ssp_eval.evaluate.campaign import campaign_folder, find_labels, run_campaign
 from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.cell_file import CellResult
 from ssp_eval.evaluate.cli import evaluate
-from ssp_eval.evaluate.job import Settings
+from ssp_eval.evaluate.clip import Clip
+from ssp_eval.evaluate.job import Job, JobRunner, Settings
 from ssp_eval.evaluate.model_spec import ModelSpec
 from ssp_eval.evaluate.models import attached_spec, bridge_spec, with_controls
 from ssp_eval.evaluate.parallel import run_parallel
 from ssp_eval.extract.llm import make_extractor
+from ssp_eval.labels.model import labels_version, load_labels
 from ssp_eval.report.page import write_report
 
 BagMaker = Callable[..., Path]
@@ -258,3 +260,48 @@ def test_results_are_in_the_order_of_bags_and_models(
     assert [(r.domain, r.model) for r in results] == [
         (domain, model.name) for domain in ("simulation", "physical") for model in models
     ]
+
+
+@pytest.mark.parametrize("changed", ["bag_sha256", "labels_sha256"])
+def test_a_worker_takes_only_the_files_that_the_campaign_began_with(
+    changed: str, bags: list[tuple[Path, Path | None]], tmp_path: Path
+) -> None:
+    model, bag = bridge_spec("constant_velocity"), bags[0][0]
+    run_campaign(bags[:1], [model], DirectAskers(), tmp_path / "one", CellOptions(), True)
+    labels = find_labels(bag)
+    assert labels is not None
+    with Clip(bag) as clip:
+        bag_sha256 = clip.provenance.bag_sha256
+    job = Job(0, bag, labels, model, bag_sha256, labels_version(load_labels(labels)))
+    out = tmp_path / "many"
+    with JobRunner(settings(out), "worker_0") as runner:
+        assert runner.run(job).status == "ok"
+        with pytest.raises(InputError, match="isn't what the campaign began with"):
+            runner.run(replace(job, **{changed: "sha256:other"}))
+
+
+@pytest.mark.system
+def test_a_cluster_with_room_for_fewer_workers_does_all_cells(
+    bags: list[tuple[Path, Path | None]], tmp_path: Path
+) -> None:
+    ray = ray_engine.import_ray()
+    ray.init(num_cpus=1, include_dashboard=False, log_to_driver=False, configure_logging=False)
+    try:
+        models = [bridge_spec(name) for name in MODELS]
+        results = run_parallel(bags, models, settings(tmp_path), 3, "ray", True)
+    finally:
+        ray.shutdown()
+    assert [result.status for result in results] == ["ok"] * 4
+
+
+def test_a_folder_has_one_command_at_a_time(
+    bags: list[tuple[Path, Path | None]], tmp_path: Path
+) -> None:
+    out, models = tmp_path / "out", [bridge_spec("constant_velocity")]
+    with campaign_folder(out):
+        with pytest.raises(InputError, match="another command evaluates into"):
+            run_campaign(bags, models, DirectAskers(), out, CellOptions(), True)
+        with pytest.raises(InputError, match="another command evaluates into"):
+            run_parallel(bags, models, settings(out), 2, propose_labels=True)
+        assert not list(out.iterdir())
+    assert run_campaign(bags[:1], models, DirectAskers(), out, CellOptions())[0].status == "ok"

@@ -169,7 +169,7 @@ def evaluate(
     paired: list[tuple[Path, Path | None]] = [(bag, None) for bag in bags]
     if labels_files:
         paired = list(zip(bags, labels_files, strict=True))
-    make_extractor = partial(extractor_of, **llm, default_cache=out / "extraction")
+    make_extractor = partial(extractor_of, **llm, default_cache=out.absolute() / "extraction")
     extractor = make_extractor()
     if workers is None and engine == "processes":
         results = evaluate_bags(

@@ -9,16 +9,18 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from ssp_core.errors import HostError
+from ssp_core.errors import HostError, InputError
 from ssp_eval.evaluate.admission import NO_AUDIT, Admission
 from ssp_eval.evaluate.asker import Askers
 from ssp_eval.evaluate.campaign import labelled_clip
 from ssp_eval.evaluate.cell import CellOptions, evaluate_cell
 from ssp_eval.evaluate.cell_file import CellResult
 from ssp_eval.evaluate.clip import Clip
+from ssp_eval.evaluate.labelled import LabelledClip
 from ssp_eval.evaluate.model_spec import ModelSpec
 from ssp_eval.evaluate.topics import TopicAskers
 from ssp_eval.extract.llm import Extractor
+from ssp_eval.labels.model import labels_version
 
 ExtractorMaker = Callable[[], Extractor]
 
@@ -57,14 +59,17 @@ class Job:
         number: its place in the campaign.
         bag: path of the recording.
         labels: path of its labels.
-        admission: what the audit says of the recording.
         model: who is asked.
+        bag_sha256, labels_sha256: of the recording, and of what its labels say (labels_version).
+        admission: what the audit says of the recording.
     """
 
     number: int
     bag: Path
     labels: Path
     model: ModelSpec
+    bag_sha256: str
+    labels_sha256: str
     admission: Admission = NO_AUDIT
 
 
@@ -110,10 +115,11 @@ class JobRunner:
             on_record: called once per label time.
 
         Raises:
-            InputError: the recording or its labels were changed since the campaign began.
+            InputError: the recording or its labels aren't those that the campaign began with.
         """
         with Clip(job.bag) as clip:
             labelled = labelled_clip(clip, job.labels, False, job.admission)
+            _check_same(job, labelled)
             return evaluate_cell(
                 labelled, job.model, self._askers, self._settings.out, self._options, on_record
             )
@@ -132,3 +138,18 @@ class JobRunner:
         trace: TracebackType | None,
     ) -> None:
         self.close()
+
+
+def _check_same(job: Job, labelled: LabelledClip) -> None:
+    """Another machine may hold another file at the same path, and a file may change meanwhile."""
+    bag_sha256 = labelled.clip.provenance.bag_sha256
+    for file, before, now in (
+        (job.bag, job.bag_sha256, bag_sha256),
+        (job.labels, job.labels_sha256, labels_version(labelled.labels)),
+    ):
+        if before != now:
+            raise InputError(
+                f"isn't what the campaign began with ({before}) but {now}",
+                file=file,
+                remedy="let it be while a campaign runs, and give all machines the same files",
+            )

@@ -12,9 +12,8 @@ from pathlib import Path
 from typing import Protocol
 
 from ssp_core.errors import InputError
-from ssp_core.files import make_folder
 from ssp_eval.evaluate.admission import Admission
-from ssp_eval.evaluate.campaign import find_labels, open_clips
+from ssp_eval.evaluate.campaign import campaign_folder, find_labels, open_clips
 from ssp_eval.evaluate.cell import CellOptions, fail_cell
 from ssp_eval.evaluate.cell_file import CellResult
 from ssp_eval.evaluate.job import Job, Settings
@@ -22,6 +21,7 @@ from ssp_eval.evaluate.labelled import LabelledClip
 from ssp_eval.evaluate.model_spec import ModelSpec
 from ssp_eval.evaluate.pool import run_pool
 from ssp_eval.evaluate.ray_engine import import_ray, run_ray
+from ssp_eval.labels.model import labels_version
 
 
 class Engine(Protocol):
@@ -76,7 +76,7 @@ def run_parallel(
         import_ray()
     with ExitStack() as stack:
         clips = open_clips(stack, bags, propose_labels, admissions)
-        make_folder(settings.out)
+        stack.enter_context(campaign_folder(settings.out))
         on_total(sum(len(clip.labels.labels) for clip in clips) * len(models))
         jobs: list[Job] = []
         clip_of: list[LabelledClip] = []
@@ -84,9 +84,10 @@ def run_parallel(
             path = labels or find_labels(bag)
             if path is None:
                 raise InputError("has lost its labels file", file=bag)
+            hashes = labelled.clip.provenance.bag_sha256, labels_version(labelled.labels)
+            places, admission = (bag.absolute(), path.absolute()), labelled.admission
             for model in models:
-                number = len(jobs)
-                jobs.append(Job(number, bag.absolute(), path.absolute(), model, labelled.admission))
+                jobs.append(Job(len(jobs), *places, model, *hashes, admission))
                 clip_of.append(labelled)
 
         def on_dead(job: Job, reason: str) -> CellResult:

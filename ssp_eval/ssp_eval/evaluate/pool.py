@@ -131,9 +131,11 @@ def _hear(
         kind, value = worker.pipe.recv()
     except (EOFError, OSError):
         worker.process.join(_LEAVE_S)
+        how = _how(worker.process.exitcode)
+        worker.process.kill()
         pool.workers.remove(worker)
         worker.pipe.close()
-        found[job.number] = on_dead(job, f"the worker died: {_how(worker.process.exitcode)}")
+        found[job.number] = on_dead(job, f"the worker died: {how}")
         if pool.waiting:
             pool.give(pool.start())
         return
@@ -160,7 +162,7 @@ def _work(settings: Settings, name: str, pipe: Connection[Any, Any]) -> None:
     die_with_parent()
     # Ctrl-C reaches the whole group; who leads it ends us in order, and our bridges with us.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+    signal.signal(signal.SIGTERM, _leave)
     try:
         runner = JobRunner(settings, name)
     except SspError as error:
@@ -172,6 +174,7 @@ def _work(settings: Settings, name: str, pipe: Connection[Any, Any]) -> None:
             try:
                 job = pipe.recv()
             except (EOFError, OSError):
+                signal.signal(signal.SIGTERM, signal.SIG_IGN)
                 return
             try:
                 pipe.send((DONE, runner.run(job, lambda: pipe.send((RECORD, None)))))
@@ -179,3 +182,9 @@ def _work(settings: Settings, name: str, pipe: Connection[Any, Any]) -> None:
                 pipe.send((ERROR, error))
             except Exception:  # it is raised again where somebody sees it
                 pipe.send((BUG, traceback.format_exc()))
+
+
+def _leave(*_: object) -> None:
+    """Ends the worker in order, once: a second signal would cut short how it ends its bridges."""
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    sys.exit(0)

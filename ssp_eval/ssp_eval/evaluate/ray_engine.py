@@ -10,11 +10,15 @@ import os
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from ssp_core import console
 from ssp_core.errors import HostError
 from ssp_eval.evaluate.cell_file import CellResult
 from ssp_eval.evaluate.job import Job, JobRunner, Settings
 
 ADDRESS = "RAY_ADDRESS"
+# How long a cluster may have no room for a worker before somebody is told.
+_NOTE_S = 30.0
+_LEAVE_S = 30.0
 
 
 class _Actor:
@@ -23,6 +27,9 @@ class _Actor:
     def __init__(self, settings: Settings, name: str) -> None:
         self._settings, self._name = settings, name
         self._runner: JobRunner | None = None
+
+    def hello(self) -> None:
+        """Answers as soon as the cluster has room for the actor."""
 
     def run(self, job: Job) -> tuple[CellResult, int]:
         """The cell, and how many label times it had."""
@@ -70,24 +77,37 @@ def run_ray(
     Args:
         jobs: the cells.
         settings: what they have in common.
-        workers: how many actors, one processor each.
+        workers: how many actors, one processor each; a cluster with fewer has fewer at a time.
         on_dead: writes a failed cell, given how its worker died.
         on_record: called once per label time, when its cell is done.
 
     Raises:
-        HostError: Ray isn't installed.
+        HostError: Ray isn't installed, or there is no cluster.
         InputError: of a cell, as in a campaign of one process.
     """
     ray = import_ray()
     own = not ray.is_initialized()
     if own:
-        size = {} if os.environ.get(ADDRESS) else {"num_cpus": workers}
-        ray.init(include_dashboard=False, log_to_driver=False, configure_logging=False, **size)
+        _join(ray, workers)
     try:
         return _run(ray, jobs, settings, workers, on_dead, on_record)
     finally:
         if own:
             ray.shutdown()
+
+
+def _join(ray: Any, workers: int) -> None:
+    """Joins the cluster that the environment names, or starts one here."""
+    address = os.environ.get(ADDRESS)
+    size = {} if address else {"num_cpus": workers}
+    try:
+        ray.init(include_dashboard=False, log_to_driver=False, configure_logging=False, **size)
+    except (OSError, RuntimeError, ValueError) as error:
+        what = f"no Ray cluster answers at {address}" if address else "Ray can't be started here"
+        raise HostError(
+            f"{what} ({_line(error)}); set {ADDRESS} to the address of one, or use "
+            "--engine processes"
+        ) from error
 
 
 def _run(
@@ -99,45 +119,60 @@ def _run(
     on_record: Callable[[], None],
 ) -> list[CellResult]:
     actor_class = ray.remote(num_cpus=1)(_Actor)
-    waiting, found = list(jobs), {}
+    waiting = list(jobs)
+    found: dict[int, CellResult] = {}
     actors: list[Any] = []
-    at_work: dict[Any, tuple[Any, Job]] = {}
+    there: list[Any] = []
+    at_work: dict[Any, tuple[Any, Job | None]] = {}
 
-    def start() -> Any:
-        actors.append(actor_class.remote(settings, f"worker_{len(actors)}"))
-        return actors[-1]
-
-    def give(actor: Any) -> None:
-        if waiting:
-            job = waiting.pop(0)
-            at_work[actor.run.remote(job)] = actor, job
+    def start() -> None:
+        # A cell is given to it once it is there: the cluster may never have room for it.
+        actor = actor_class.remote(settings, f"worker_{len(actors)}")
+        actors.append(actor)
+        at_work[actor.hello.remote()] = actor, None
 
     try:
         for _ in range(min(workers, len(jobs))):
-            give(start())
-        while at_work:
-            (ready,), _ = ray.wait(list(at_work), num_returns=1)
-            actor, job = at_work.pop(ready)
+            start()
+        while len(found) < len(jobs):
+            ready, _ = ray.wait(list(at_work), num_returns=1, timeout=_NOTE_S)
+            if not ready:
+                if not there:
+                    console.note("the Ray cluster has no free processor for a worker yet")
+                continue
+            actor, job = at_work.pop(ready[0])
             try:
-                found[job.number], records = ray.get(ready)
+                answer = ray.get(ready[0])
             except ray.exceptions.RayActorError as error:
-                found[job.number] = on_dead(job, f"the worker died: {_line(error)}")
-                give(start())
+                if actor in there:
+                    there.remove(actor)
+                lost = waiting.pop(0) if job is None and waiting else job
+                if lost is not None:
+                    found[lost.number] = on_dead(lost, f"the worker died: {_line(error)}")
+                if waiting:
+                    start()
                 continue
             except ray.exceptions.RayTaskError as error:
                 raise error.cause from error
-            for _ in range(records):
-                on_record()
-            give(actor)
+            if job is None:
+                there.append(actor)
+            else:
+                found[job.number], records = answer
+                for _ in range(records):
+                    on_record()
+            if waiting:
+                following = waiting.pop(0)
+                at_work[actor.run.remote(following)] = actor, following
     finally:
-        _end(ray, actors)
+        _end(ray, there, actors)
     return [found[job.number] for job in jobs]
 
 
-def _end(ray: Any, actors: Sequence[Any]) -> None:
-    """Lets the actors end their bridges; those that are dead or hang are removed."""
-    closing = [actor.close.remote() for actor in actors]
-    ray.wait(closing, num_returns=len(closing), timeout=30.0)
+def _end(ray: Any, there: Sequence[Any], actors: Sequence[Any]) -> None:
+    """Lets the actors that are there end their bridges; then all are removed."""
+    closing = [actor.close.remote() for actor in there]
+    if closing:
+        ray.wait(closing, num_returns=len(closing), timeout=_LEAVE_S)
     for actor in actors:
         ray.kill(actor)
 

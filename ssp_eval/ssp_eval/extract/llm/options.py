@@ -43,7 +43,7 @@ def llm_options(prefix: str = "") -> Callable[[Command], Command]:
         click.option(named("api-key-env"), "llm_api_key_env", metavar="VAR",
                      help="Environment variable that holds the key for it."),
         click.option(named("cache"), "llm_cache", metavar="DIR",
-                     type=click.Path(path_type=Path, file_okay=False),
+                     type=click.Path(path_type=Path, file_okay=False, resolve_path=True),
                      help="Folder that keeps the LLM's answers, so that none is asked for twice."),
         click.option("--llm-timeout", "llm_timeout_s",
                      type=Number(0.1), default=60.0, show_default=True,
