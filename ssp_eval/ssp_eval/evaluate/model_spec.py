@@ -113,6 +113,8 @@ class ModelSpec:
         options = _filled(self.options, {LABELS_FILE: labels_sha256})
         if self.backend_name == "recorded" and "file" in options:
             options["file"] = _content(Path(str(options["file"])))
+        if self.backend_name == "python" and "function" in options:
+            options["function"] = [options["function"], *_source(options)]
         condition = {"condition": [self.condition, CONDITION_SEED]} if self.condition else {}
         return {
             **condition,
@@ -129,6 +131,19 @@ def _content(path: Path) -> list[str]:
     patterns = ("*.jsonl", "*.mcap")
     files = [path] if path.is_file() else [f for p in patterns for f in path.rglob(p)]
     return sorted(sha256_file(file) for file in files)
+
+
+def _source(options: Mapping[str, Any]) -> list[str]:
+    """Hash of the file that a Python function stands in; none where it is an installed package.
+
+    Args:
+        options: of the backend python: ``function``, and the ``folder`` of its module.
+    """
+    name = str(options["function"])
+    module = name.partition(":")[0] if ":" in name else name.rpartition(".")[0]
+    place = Path(str(options.get("folder", ".")), *module.split("."))
+    files = (place.with_name(f"{place.name}.py"), place / "__init__.py")
+    return [sha256_file(file) for file in files if module and file.is_file()]
 
 
 def _filled(options: Mapping[str, Any], places: Mapping[str, Any]) -> dict[str, Any]:
