@@ -256,7 +256,6 @@ _COMPLETED = {
 }
 # What somebody runs after.
 _LURES = frozenset(phrases("ball, balls, dog, toy, pet, others, friends, friend, group, balloon"))
-_HIDING = frozenset(phrases("hide, conceal, mask, obscure, occlude, cover"))
 _ADVERBS = frozenset(
     phrases(
         """
