@@ -142,6 +142,12 @@ def test_means_of_runs_are_one_row_and_a_share_of_responses() -> None:
     assert gids(figure)["score"] == 6
     assert "75 %" in [text for text, _, _ in texts_of(figure)]
     assert "several runs" in figure.caption
+    lost = replace(row, seed=9, status="failed", reason="bridge died")
+    figure = drawn([*runs, lost], "matrix")["matrix"]
+    assert gids(figure)["score"] == 6
+    assert f"Runs without a score, which their cells leave out: {' / '.join(row.key)}: bridge" in (
+        figure.caption
+    )
 
 
 def test_marks_of_domains_are_the_means_and_the_stacks_add_up_to_ivcs() -> None:
@@ -207,6 +213,12 @@ def test_differences_are_taken_over_what_both_models_have() -> None:
     )
     assert bars["bar-alpamayo-ivcs"] == pytest.approx((sum(mine) - sum(theirs)) / 3, abs=1e-12)
     assert "openemma (as chosen)" in figure.caption
+    (ranks,) = (one for one in models(scores, None) if one.name == "models_ranks")
+    assert isinstance(ranks, Drawing)
+    assert "The models were not scored on the same cells" in ranks.caption
+    (ranks,) = (one for one in domains(scores) if one.name == "domains_ranks")
+    assert isinstance(ranks, Drawing)
+    assert "not scored on the same cells" not in ranks.caption
 
 
 def test_foundation_figures_show_only_what_is_known() -> None:

@@ -38,6 +38,11 @@ def test_the_pareto_front_is_that_of_brute_force(found):
     assert [points[name][0] for name in front] == sorted(points[name][0] for name in front)
 
 
+def test_a_last_digit_brings_nobody_to_the_front():
+    thirds = (1 / 9 + 5 / 9) / 2, (3 / 9 + 3 / 9) / 2
+    assert pareto_front({"a": (min(thirds), 0.9), "b": (max(thirds) + 1e-16, 0.1)}) == ["a"]
+
+
 @given(st.lists(st.floats(0.0, 10.0), min_size=1, max_size=20))
 def test_spread_keeps_order_gap_and_ends(places):
     gap = 0.3

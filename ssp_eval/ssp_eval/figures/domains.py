@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
-from ssp_eval.figures.drawing import ONLY_ENTERING, UNITS, Drawing, LeftOut, caption, shown_mean
+from ssp_eval.figures.drawing import UNITS, Drawing, LeftOut, caption, shown_mean
 from ssp_eval.figures.ranks import rank_slopes
 from ssp_eval.figures.scores import Scores, words
 from ssp_eval.figures.style import (
@@ -38,11 +38,6 @@ def domains(scores: Scores) -> Iterator[Drawing | LeftOut]:
 
 def _admitted(scores: Scores) -> list[Cell]:
     return [cell for cell in scores.cells if cell.admitted]
-
-
-def _left_out(scores: Scores) -> str:
-    count = len(scores.cells) - len(_admitted(scores))
-    return f"{count} cells that the audit didn't admit are left out." if count else ""
 
 
 def _components(scores: Scores) -> Drawing | LeftOut:
@@ -101,8 +96,8 @@ def _components(scores: Scores) -> Drawing | LeftOut:
             f"With fewer values, since others have no denominator: {'; '.join(fewer)}."
             if fewer
             else "",
-            _left_out(scores),
-            ONLY_ENTERING,
+            scores.unadmitted,
+            scores.left_out,
             UNITS,
         ),
     )
@@ -203,8 +198,8 @@ def _stacks(
             f"What the components add to IVCS ({weights}), by scenario and domain, as unweighted "
             f"means over admitted cells; the number is their sum. Cells: {counts}.",
             f"A component without denominator adds 0, in {len(nulls)} cells." if nulls else "",
-            _left_out(scores),
-            ONLY_ENTERING,
+            scores.unadmitted,
+            scores.left_out,
             UNITS,
         ),
     )

@@ -16,7 +16,6 @@ UNITS = (
     "critical interaction accuracy; TQSR: feasible trajectory with an admissible action; RSR: risk "
     "response; all from 0 to 1, more is better."
 )
-ONLY_ENTERING = "Refused and failed cells and controls of the harness enter no mean."
 
 
 Item = TypeVar("Item")

@@ -10,7 +10,6 @@ from matplotlib.ticker import NullLocator
 
 from ssp_eval.figures.cloud import MOST_POINTS, cloud, numbers_used, share_axis_near, steps_of
 from ssp_eval.figures.drawing import (
-    ONLY_ENTERING,
     UNITS,
     Drawing,
     LeftOut,
@@ -111,7 +110,8 @@ def _semantics_trajectory(scores: Scores) -> Drawing | LeftOut:
             f"is no model; on it, with a thick border, {_are(front)}.",
             _NUMBERS if numbers_used(sheet) else "",
             f"Without a value, and not shown: {listed(missing)}." if missing else "",
-            ONLY_ENTERING,
+            scores.uneven("model"),
+            scores.left_out,
             UNITS,
             renamed(names),
         ),
@@ -162,8 +162,9 @@ def _parameters(scores: Scores) -> Drawing | LeftOut:
             f"number of active parameters, for the {len(points)} of {len(scores.by_model)} models "
             f"where it is known and so comparable; {scores.n_text()}.",
             f"Not known, and not shown: {listed(others)}." if others else "",
+            scores.uneven("model"),
             _NUMBERS if numbers_used(sheet) else "",
-            ONLY_ENTERING,
+            scores.left_out,
             renamed(names),
         ),
     )
@@ -208,7 +209,7 @@ def _architectures(scores: Scores) -> Drawing | LeftOut:
         known = [value for value in ends.values() if value is not None]
         if len(known) == 2:
             axes.plot(known, [row, row], color=GREY, linewidth=1.4, zorder=2, gid=f"bar-{key}")
-            text = f"{known[1] - known[0]:+.2f}".replace("-", "−")
+            text = f"{known[1] - known[0]:+z.2f}".replace("-", "−")
             axes.text(1.05, row, text, va="center_baseline", clip_on=False)
         for one, value in ends.items():
             if value is not None:
@@ -233,7 +234,7 @@ def _architectures(scores: Scores) -> Drawing | LeftOut:
             else "",
             "The models differ in more than their architecture, and so the difference isn't its "
             "effect alone.",
-            ONLY_ENTERING,
+            scores.left_out,
             UNITS,
         ),
     )
@@ -290,7 +291,8 @@ def _ranking(scores: Scores) -> Iterator[Drawing | LeftOut]:
                 else "",
                 f"Architectures: {', '.join(f'{a} {n}' for a, n in sorted(counts.items()))}.",
                 "Ranks per scenario are in models_ranks.",
-                ONLY_ENTERING,
+                scores.uneven("model"),
+                scores.left_out,
                 renamed({m: names[m] for m in members}),
             ),
         )

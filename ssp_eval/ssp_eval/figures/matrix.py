@@ -236,6 +236,7 @@ def _caption(cells: Sequence[CellRow], names: dict[str, str], scores: Scores) ->
     counts = sorted({cell.n for cell in cells if cell.n is not None})
     labels = f" Labels per cell: {', '.join(map(str, counts))}." if counts else ""
     runs = any(cell.run.startswith("mean of") for cell in cells)
+    lost = scores.lost_runs([cell.key for cell in cells])
     return caption(
         f"Result matrix: scenario × domain × model against the scores of METHOD 6; {len(cells)} of "
         f"{scores.n_text(scores.shown)}.{labels}",
@@ -247,6 +248,7 @@ def _caption(cells: Sequence[CellRow], names: dict[str, str], scores: Scores) ->
         "Where a cell has several runs, their means are shown, and the share that responded."
         if runs
         else "",
+        f"Runs without a score, which their cells leave out: {_reasons(lost)}." if lost else "",
         UNITS,
         "ActAcc and ATC are diagnostic and not part of IVCS.",
         renamed(names),

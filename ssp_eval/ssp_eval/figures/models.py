@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from matplotlib.axes import Axes
 
 from ssp_eval.figures.drawing import (
-    ONLY_ENTERING,
     UNITS,
     Drawing,
     LeftOut,
@@ -120,19 +119,11 @@ def _range(scores: Scores) -> Iterator[Drawing | LeftOut]:
                 "IVCS of each model: a mark per scenario, the line is their range, the "
                 "upright stroke the macro average over all cells; the best by it comes first. "
                 f"{scores.n_text()}.",
-                _uneven(scores),
-                ONLY_ENTERING,
+                scores.uneven("model"),
+                scores.left_out,
                 renamed({m: names[m] for m in members}),
             ),
         )
-
-
-def _uneven(scores: Scores) -> str:
-    """A sentence where models don't have the same number of cells."""
-    counts = {model: group["ivcs"].n for model, group in scores.by_model.items()}
-    if len(set(counts.values())) < 2:
-        return ""
-    return f"Cells per model: {', '.join(f'{m} {n}' for m, n in counts.items())}."
 
 
 def _profiles(scores: Scores) -> Iterator[Drawing | LeftOut]:
@@ -155,8 +146,8 @@ def _profiles(scores: Scores) -> Iterator[Drawing | LeftOut]:
                 "with its IVCS beside its name; the short line on a bar is the median over two or "
                 "more models, – a score without "
                 f"denominator in every cell. {scores.n_text()}.",
-                _uneven(scores),
-                ONLY_ENTERING,
+                scores.uneven("model"),
+                scores.left_out,
                 UNITS,
             ),
         )
@@ -253,7 +244,7 @@ def _differences(scores: Scores, reference: str | None) -> Iterator[Drawing | Le
                 "difference of IVCS relative to the reference's. Filled bars are gains, hatched "
                 "ones losses, – is a score without denominator.",
                 f"Nothing in common with it: {listed(apart)}." if apart else "",
-                ONLY_ENTERING,
+                scores.left_out,
                 UNITS,
                 renamed({m: names[m] for m in (*members, base)}),
             ),
@@ -318,7 +309,7 @@ def _difference_panels(
     page.text(PAGE_IN - 0.05, head_in - 0.07, "rel. IVCS", ha="right")
     for row, model in enumerate(pairs):
         share = relative_difference(*found[model]["ivcs"])
-        text = "–" if share is None else f"{share:+.0%}".replace("-", "−").replace("%", " %")
+        text = "–" if share is None else f"{share:+z.0%}".replace("-", "−").replace("%", " %")
         page.text(
             PAGE_IN - 0.05, head_in + _ROW_IN * (row + 0.5), text, ha="right", va="center_baseline"
         )

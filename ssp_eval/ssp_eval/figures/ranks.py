@@ -7,7 +7,6 @@ from collections.abc import Collection, Mapping, Sequence
 from matplotlib.axes import Axes
 
 from ssp_eval.figures.drawing import (
-    ONLY_ENTERING,
     Drawing,
     LeftOut,
     caption,
@@ -88,7 +87,9 @@ def rank_slopes(scores: Scores, subject: str, name: str) -> Drawing | LeftOut:
             f"Changes of rank between scenarios: {changes}."
             if changes
             else "No rank changes between scenarios.",
-            ONLY_ENTERING,
+            scores.unadmitted if subject == "domain" else "",
+            scores.uneven(subject),
+            scores.left_out,
             renamed(names),
         ),
     )

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 from ssp_core.vocab import DOMAINS
 from ssp_eval.analysis.row import OK, CellRow, entering, merged
+from ssp_eval.analysis.tables import run_notes
 from ssp_eval.score.aggregate import (
     BY_DOMAIN,
     BY_MODEL,
@@ -16,6 +17,7 @@ from ssp_eval.score.aggregate import (
     Cell,
     Mean,
     means,
+    same_places,
 )
 
 Group = Mapping[str, Mean]
@@ -92,6 +94,40 @@ class Scores:
         """By model, a row that tells its parameters and architecture."""
         return {row.model: row for row in reversed(self.entering)}
 
+    def lost_runs(self, keys: Collection[tuple[str, str, str]]) -> list[CellRow]:
+        """Refused and failed runs of cells that other runs gave scores.
+
+        Args:
+            keys: of the cells that are asked for.
+        """
+        scored = {row.key for row in self.rows if row.status == OK} & set(keys)
+        lost = (row for row in self.rows if row.status != OK and row.key in scored)
+        return sorted(lost, key=_run_order)
+
+    @cached_property
+    def left_out(self) -> str:
+        """What the means leave out and take together, as the tables say it."""
+        return " ".join(run_notes(self.rows))
+
+    @cached_property
+    def unadmitted(self) -> str:
+        """A sentence where domain means leave out cells (METHOD 4)."""
+        count = sum(not cell.admitted for cell in self.cells)
+        if not count:
+            return ""
+        return f"Left out, since the audit didn't admit them or there was none: {count} cells."
+
+    def uneven(self, subject: str) -> str:
+        """A sentence where the models or domains don't have the same cells."""
+        if same_places(self.cells, subject):
+            return ""
+        groups = self.by_domain if subject == "domain" else self.by_model
+        counts = ", ".join(f"{name} {group['ivcs'].n}" for name, group in groups.items())
+        return (
+            f"The {subject}s were not scored on the same cells: a difference between two of them "
+            f"may be one between cells. Cells: {counts}."
+        )
+
     def n_text(self, rows: Sequence[CellRow] | None = None) -> str:
         """How many cells, scenarios, domains and models stand behind a figure."""
         rows = self.entering if rows is None else rows
@@ -117,6 +153,8 @@ def pareto_front(points: Mapping[str, tuple[float, float]]) -> list[str]:
     Returns:
         From left to right; equal points are all in it.
     """
+    # Means that are equal but for their last digit are equal points.
+    points = {name: (round(x, 12), round(y, 12)) for name, (x, y) in points.items()}
     front: list[str] = []
     best = float("-inf")
     # From the right: a point is in front when it is higher than all to its right.
