@@ -8,13 +8,14 @@ import json
 import math
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from ssp_core.cli import main
-from ssp_eval.analysis.rows import rows_from_campaign
+from ssp_eval.analysis.rows import rows_from_campaign, rows_from_csv
 from ssp_eval.analysis.sensitivity import GRID, vary_thresholds
 from ssp_eval.analysis.statistics import Options, compute, steps_of
 from ssp_eval.evaluate.asker import DirectAskers
@@ -218,6 +219,27 @@ def test_thresholds_are_varied_one_at_a_time_from_the_records(campaign: Path) ->
             own = [s for s, r in zip(scores, rows, strict=True) if r.model == model]
             assert value == pytest.approx(sum(own) / len(own), abs=1e-12)
         assert one.defined == getattr(Thresholds(), one.parameter)
+
+
+def test_cells_of_a_campaign_are_the_same_rows_from_their_component_scores(
+    campaign: Path, tmp_path: Path
+) -> None:
+    """So every table, figure and statistic of them is the same; a file knows of no audit."""
+    unknown = dict.fromkeys(("stfr", "sem_acc_cond", "sem_acc_soft", "n"))
+    rows = [
+        replace(row, admitted=True, **unknown)
+        for row in rows_from_campaign(campaign)
+        if row.status == "ok"
+    ]
+    assert {row.control for row in rows} == {True, False}
+    names = [*HEAD.split(",")[:9], "sem_cov"]
+    lines = [",".join([*names, "risk"])]
+    for row in rows:
+        values = ["" if (v := getattr(row, name)) is None else str(v) for name in names]
+        lines.append(",".join([*values, f"S@{row.rl_s}" if row.rsr else "F"]))
+    file = tmp_path / "cells.csv"
+    file.write_text("\n".join(lines), encoding="utf-8")
+    assert rows_from_csv(file) == rows
 
 
 def test_progress_is_told_as_often_as_announced(campaign: Path) -> None:

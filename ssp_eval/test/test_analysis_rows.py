@@ -173,6 +173,14 @@ def test_merging_does_not_depend_on_the_order(order):
     assert values == {one.key: (one.ivcs, one.jovr) for one in merged(rows)}
 
 
+def test_controls_are_known_by_their_names_as_in_a_campaign(tmp_path):
+    names = ("perfect", "silent", "recorded", "a+black", "a+shuffled", "a", "b+c")
+    lines = [replaced("model", name) for name in names]
+    rows = rows_from_csv(write(tmp_path, *lines))
+    assert [one.model for one in rows if one.control] == list(names[:5])
+    assert [one.model for one in entering(rows)] == ["a", "b+c"]
+
+
 def test_controls_and_invalid_cells_enter_nothing():
     rows = [
         row(),

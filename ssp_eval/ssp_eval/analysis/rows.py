@@ -14,6 +14,7 @@ from ssp_core.files import read_text
 from ssp_core.vocab import DOMAINS
 from ssp_eval.analysis.row import CellRow
 from ssp_eval.evaluate.admission import ADMITTED
+from ssp_eval.evaluate.controls import is_control_name
 from ssp_eval.report.load import CellData, load_cells
 from ssp_eval.score.show import NULL
 from ssp_eval.strict import Place
@@ -95,6 +96,8 @@ def _row_of(cell: CellData, run: str) -> CellRow:
 
 def rows_from_csv(path: Path) -> list[CellRow]:
     """The cells of a CSV file of component scores; IVCS is computed (METHOD 6.10).
+
+    Nothing in it tells of an audit, so all cells count as admitted.
 
     Args:
         path: with a header naming COLUMNS and any of OPTIONAL_COLUMNS in any order; separated by
@@ -221,6 +224,7 @@ def _parse(place: Place, fields: Mapping[str, str]) -> CellRow:
         total_b=total_b,
         active_b=active_b,
         architecture=fields.get("architecture", ""),
+        control=is_control_name(fields["model"]),
     )
 
 

@@ -23,3 +23,8 @@ SHUFFLED = "shuffled"
 CONDITIONS = (BLACK, SHUFFLED)
 # Of the order into which frames are put; one for all campaigns, so that they can be compared.
 CONDITION_SEED = 1
+
+
+def is_control_name(model: str) -> bool:
+    """Whether a name alone says that it is no model but a check of the harness."""
+    return model in CONTROLS or model.endswith(tuple(f"+{name}" for name in CONDITIONS))
