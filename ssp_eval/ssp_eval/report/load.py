@@ -18,7 +18,7 @@ from ssp_eval.evaluate.cell_file import (
     SCORE_FILE,
     losses_text,
 )
-from ssp_eval.evaluate.controls import CONTROLS, NEVER_MODELS
+from ssp_eval.evaluate.controls import NEVER_MODELS, is_control_name
 from ssp_eval.evaluate.interpret import LLM_MISSING
 from ssp_eval.evaluate.store import REQUESTS_FILE
 from ssp_eval.labels.model import Labels, load_labels
@@ -79,7 +79,7 @@ class CellData:
     def is_control(self) -> bool:
         """True for a bridge that checks the harness."""
         facts = self.facts
-        named = self.model in CONTROLS or facts.backend in NEVER_MODELS
+        named = is_control_name(self.model) or facts.backend in NEVER_MODELS
         return named or facts.control or bool(facts.condition)
 
     @property
