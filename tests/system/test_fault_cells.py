@@ -40,8 +40,12 @@ def scenes(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Mode], Scene]:
 
     @cache
     def scene(mode: Mode) -> Scene:
-        made = prepare_scene("cut_in", "boulevard", 1, mode, folder / mode, print, "in_process")
-        return replace(made, way="sessions")
+        # In one process there is no clock to follow; the times are of the session's own.
+        made = prepare_scene(
+            "cut_in", "boulevard", 1, "lockstep", folder / mode, print, "in_process"
+        )
+        run = made.run.model_copy(update={"mode": mode})
+        return replace(made, way="sessions", mode=mode, run=run)
 
     return scene
 
