@@ -305,3 +305,12 @@ def test_a_folder_has_one_command_at_a_time(
             run_parallel(bags, models, settings(out), 2, propose_labels=True)
         assert not list(out.iterdir())
     assert run_campaign(bags[:1], models, DirectAskers(), out, CellOptions())[0].status == "ok"
+
+
+@pytest.mark.system
+def test_a_cluster_that_isn_t_there_is_named(
+    bags: list[tuple[Path, Path | None]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(ray_engine.ADDRESS, "nowhere")
+    with pytest.raises(HostError, match="no Ray cluster answers at nowhere "):
+        run_parallel(bags, [bridge_spec("constant_velocity")], settings(tmp_path), 1, "ray", True)
