@@ -17,6 +17,7 @@ from ssp_core.bag import BagWriter
 from ssp_core.bag.types import serialize, typestore
 from ssp_core.files import write_json, write_text
 from ssp_core.vocab import ObjectClass, Role, SessionPhase, Verdict
+from ssp_eval.extract import extract
 from ssp_scenario_manager.compile.task import Task, sealed
 from ssp_scenario_manager.site import Site, find_shipped, site_version
 from ssp_scenario_manager.spec.load import load_event
@@ -377,3 +378,21 @@ def make_task(tmp_path: Path) -> Callable[..., Path]:
 def make_bag(tmp_path: Path) -> Callable[..., Path]:
     """write_bag into the test's folder."""
     return lambda name="bag", *given, **options: write_bag(tmp_path / name, *given, **options)
+
+
+@pytest.fixture(scope="session")
+def actors_in() -> Callable[[str], dict[str, str]]:
+    """What a text says of others, short: o(bjects), p(osition) and m(otion), where it says it."""
+
+    def read(text: str) -> dict[str, str]:
+        slots = extract(text)
+        found = {}
+        if slots.objects is not None:
+            found["o"] = ",".join(slots.objects.value) or "-"
+        if slots.position is not None:
+            found["p"] = str(slots.position.value)
+        if slots.motion is not None:
+            found["m"] = str(slots.motion.value)
+        return found
+
+    return read
