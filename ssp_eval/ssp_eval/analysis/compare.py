@@ -17,7 +17,8 @@ from scipy.special import stdtrit  # type: ignore[import-untyped]  # scipy has n
 
 from ssp_eval.analysis.resample import LEVEL, NO_INTERVAL, Interval, Numbers, generator
 from ssp_eval.analysis.row import CellRow
-from ssp_eval.analysis.tables import in_order, sd
+from ssp_eval.analysis.table_columns import in_order
+from ssp_eval.analysis.tables import sd
 from ssp_eval.score.aggregate import EQUAL
 
 COMPARED = ("ivcs", "jovr", "sem_acc_eff", "cia_eff", "tqsr", "rsr")

@@ -113,6 +113,7 @@ def to_latex(table: Table) -> str:
     It needs the packages booktabs, and fontenc with T1; text beyond Latin letters needs an engine
     that reads UTF-8 fonts.
     """
+    table = table.printed
     alignment = "".join("r" if column.is_number else "l" for column in table.columns)
     head = " & ".join(latex_text(column.title) for column in table.columns)
     lines = [
@@ -140,7 +141,7 @@ def _latex_field(column: Column, text: str) -> str:
 
 def to_html(table: Table) -> str:
     """A fragment: a figure with the table and its notes, no style of its own."""
-    return "".join(_html_parts(table))
+    return "".join(_html_parts(table.printed))
 
 
 def _html_parts(table: Table) -> Iterator[str]:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from ssp_eval.analysis.bootstrap import Estimate, Group
 from ssp_eval.analysis.stability import Spread, Stability
 from ssp_eval.analysis.table import Column, Table, Value
-from ssp_eval.analysis.tables import in_order
+from ssp_eval.analysis.table_columns import in_order
 
 # Below this many items an interval says little; the tables point it out.
 FEW = 6

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from ssp_eval.score.aggregate import Mean
@@ -36,11 +36,13 @@ class Column:
         key: in JSON and CSV.
         title: for people; with the unit where there is one.
         kind: how its values are written. A Mean may stand in any column of numbers.
+        printed: False: in CSV and JSON alone, for programs.
     """
 
     key: str
     title: str
     kind: Kind = "ratio"
+    printed: bool = True
 
     @property
     def is_number(self) -> bool:
@@ -70,6 +72,18 @@ class Table:
         for row in self.rows:
             if len(row) != len(self.columns):
                 raise ValueError(f"table {self.name}: a row of {len(row)} values")
+
+    @property
+    def printed(self) -> Table:
+        """The same without the columns that are for programs alone."""
+        if all(column.printed for column in self.columns):
+            return self
+        places = [k for k, column in enumerate(self.columns) if column.printed]
+        return replace(
+            self,
+            columns=tuple(self.columns[k] for k in places),
+            rows=tuple(tuple(row[k] for k in places) for row in self.rows),
+        )
 
     @property
     def all_notes(self) -> tuple[str, ...]:

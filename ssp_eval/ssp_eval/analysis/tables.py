@@ -6,9 +6,10 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 
 from ssp_core.errors import InputError
-from ssp_core.vocab import DOMAINS
+from ssp_eval.analysis.matrix_table import matrix_table
 from ssp_eval.analysis.row import OK, CellRow, entering, repeated
-from ssp_eval.analysis.table import Column, Outcome, Table, Value
+from ssp_eval.analysis.table import Column, Table, Value
+from ssp_eval.analysis.table_columns import COUNT, MEANS, TITLES, in_order
 from ssp_eval.score.aggregate import (
     BY_DOMAIN,
     BY_MODEL,
@@ -25,26 +26,7 @@ from ssp_eval.score.aggregate import (
 )
 
 BY_DOMAIN_MODEL = ("domain", "model")
-SCORES = (
-    Column("jovr", "JOVR"),
-    Column("sem_cov", "SemCov"),
-    Column("sem_acc_eff", "SemAcc"),
-    Column("cia_eff", "CIA"),
-    Column("tqsr", "TQSR"),
-    Column("ivcs", "IVCS"),
-    Column("act_acc_eff", "ActAcc"),
-    Column("stfr", "STFR"),
-    Column("atc_eff", "ATC"),
-)
-MEANS = (
-    *SCORES[:5],
-    Column("rsr", "RSR"),
-    Column("rl_s", "RL (s)", "seconds"),
-    *SCORES[5:],
-)
 COMPARED = ("jovr", "sem_acc_eff", "cia_eff", "tqsr", "rsr", "ivcs")
-_TITLES = {column.key: column.title for column in MEANS}
-_N = Column("n", "n", "count")
 _GROUPINGS = (
     ("by_domain", "Means by domain", BY_DOMAIN),
     ("by_model", "Means by model", BY_MODEL),
@@ -109,56 +91,6 @@ def _counted(count: int, word: str) -> str:
     return f"{count} {word}{'' if count == 1 else 's'}"
 
 
-def in_order(group: Iterable[str]) -> list[tuple[int, str]]:
-    """Key that sorts domains in their own order and everything else by name."""
-    return [(DOMAINS.index(key) if key in DOMAINS else len(DOMAINS), key) for key in group]
-
-
-def matrix_table(rows: Sequence[CellRow]) -> Table:
-    """Every run of every cell, controls and lost ones too (METHOD 6.13)."""
-    runs = any(row.run or row.seed is not None for row in rows)
-    columns = (
-        *(Column(key, key, "text") for key in ("scenario", "domain", "model")),
-        *((Column("run", "run", "text"),) if runs else ()),
-        _N,
-        *SCORES[:5],
-        Column("response", "risk", "response"),
-        *SCORES[5:],
-        Column("remark", "remark", "text"),
-    )
-
-    def key(row: CellRow) -> tuple[object, ...]:
-        return row.scenario, in_order([row.domain]), row.control, row.model, row.run, row.seed or 0
-
-    table_rows: list[tuple[Value, ...]] = []
-    for row in sorted(rows, key=key):
-        name = " ".join([row.run, *([] if row.seed is None else [f"seed {row.seed}"])]).strip()
-        scores = [getattr(row, column.key) for column in SCORES]
-        table_rows.append(
-            (
-                row.scenario, row.domain, row.model, *((name,) if runs else ()), row.n,
-                *scores[:5], Outcome(row.rsr, row.rl_s), *scores[5:], _remark(row),
-            )
-        )  # fmt: skip
-    notes = ["n counts labels."]
-    if any(row.ivcs_nulls for row in rows):
-        notes.append("A component without a denominator counts as 0 in IVCS.")
-    return Table("matrix", "Scores per cell", columns, tuple(table_rows), tuple(notes))
-
-
-def _remark(row: CellRow) -> str:
-    parts = []
-    if row.control:
-        parts.append("control")
-    if row.status != OK:
-        parts.append(f"{row.status}: {row.reason}" if row.reason else row.status)
-    elif not row.admitted:
-        parts.append("not admitted")
-    if row.ivcs_nulls:
-        parts.append("null: " + ", ".join(_TITLES[name] for name in row.ivcs_nulls))
-    return "; ".join(parts)
-
-
 def _key_columns(by: Iterable[str]) -> tuple[Column, ...]:
     return tuple(Column(key, key, "text") for key in by)
 
@@ -176,7 +108,7 @@ def mean_table(
     return Table(
         name,
         title,
-        (*_key_columns(by), _N, *MEANS),
+        (*_key_columns(by), COUNT, *MEANS),
         tuple(rows),
         (*said, *_left_out(cells, by), *notes),
     )
@@ -215,7 +147,7 @@ def strata_table(cells: Sequence[Cell], notes: Sequence[str]) -> Table:
         mean = math.fsum(values.values()) / len(values)
         rows.append((scenario, domain, len(values), mean, sd(values.values()), low, high, best))
     columns = (
-        *_key_columns(BY_SCENARIO_DOMAIN), _N, Column("mean", "mean"), Column("sd", "sd"),
+        *_key_columns(BY_SCENARIO_DOMAIN), COUNT, Column("mean", "mean"), Column("sd", "sd"),
         Column("min", "min"), Column("max", "max"), Column("best", "best", "text"),
     )  # fmt: skip
     said = ("n counts models; sd is that of a sample, and null for one model.",)
@@ -269,9 +201,9 @@ def foundation_table(
         Column("architecture", "architecture", "text"),
         Column("total_b", "total (B)", "billions"),
         Column("active_b", "active (B)", "billions"),
-        _N,
-        *(Column(key, _TITLES[key]) for key in COMPARED),
-        *(Column(f"d_{key}", f"Δ {_TITLES[key]}", "change") for key in COMPARED if base),
+        COUNT,
+        *(Column(key, TITLES[key]) for key in COMPARED),
+        *(Column(f"d_{key}", f"Δ {TITLES[key]}", "change") for key in COMPARED if base),
     )
     said = ["Unweighted means over cells; n counts cells. B: billions of parameters."]
     if base is not None:
