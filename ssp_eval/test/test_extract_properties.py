@@ -13,10 +13,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ssp_eval.extract import extract, extractor_hash
+from ssp_eval.extract import extract, extractor_hash, lexicon
 from ssp_eval.extract.checks import check
 from ssp_eval.extract.tokens import tokenise
-from ssp_eval.extract.vocabulary import ENTRIES
+from ssp_eval.extract.vocabulary import ENTRIES, entries
 from ssp_eval.records import (
     SLOT_NAMES,
     VOCABULARIES,
@@ -270,3 +270,11 @@ def test_the_hash_names_the_rules() -> None:
 )
 def test_what_fails_a_check_is_dropped(name: str, slot: Slot, kept: bool) -> None:
     assert (check("I stop.", name, slot) is not None) == kept
+
+
+def test_a_phrase_that_two_tables_explain_differently_is_refused(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(lexicon, "SCENE", (*lexicon.SCENE, "stationary"))
+    with pytest.raises(ValueError, match=r"'stationary' stands for .*STATE.* and for .*SCENE"):
+        entries()

@@ -141,7 +141,7 @@ KINDS: dict[Kind, Table] = {
     Kind.HYPOTHETICAL: {
         "": phrases(
             """
-            either, potential, possible, any, imaginary, mistaken for, taken for, mistook for,
+            either, potential, any, imaginary, mistaken for, taken for, mistook for,
             took it for, believed it to be, confused with, looked like, resembles, hypothetical,
             imagine, what if, unseen, unexpected, invisible, watch for, watch out for,
             look out for, alert for, alert to, vigilant for, on the lookout for, lookout for,
@@ -195,9 +195,7 @@ KINDS: dict[Kind, Table] = {
         "off": phrases("unticked"),
         "on": phrases("ticked"),
         # Also a denial of what stands before.
-        "not": phrases(
-            "not recommended, not advised, not chosen, not advisable, not an option, not selected"
-        ),
+        "not": phrases("not recommended, not advised, not chosen, not advisable, not selected"),
         "options": phrases(
             """
             options, alternatives, candidates, choices, candidate actions, possible actions,

@@ -57,11 +57,14 @@ IRREGULAR: dict[str, tuple[str, str, str]] = {
 
 
 def inflect(phrase: str) -> tuple[tuple[str, str], ...]:
-    """The forms of a verb phrase, as (words, form) with form base, s, ing or ed."""
+    """The forms of a verb phrase, as (words, form) with form base, s, ing or ed.
+
+    Forms that stand in the phrase itself, as base|s|ing|ed, are taken as they are; one that is
+    empty or left out isn't this verb's: another table says what these words are.
+    """
     if "|" in phrase:
-        words = phrase.split("|")
-        forms = ("base", "s", "ing", "ed")
-        return tuple(zip(words, forms, strict=False))
+        forms = zip(phrase.split("|"), ("base", "s", "ing", "ed"), strict=False)
+        return tuple((words, form) for words, form in forms if words)
     head, _, rest = phrase.partition(" ")
     third, ing, past = IRREGULAR.get(head) or _regular(head)
     tail = f" {rest}" if rest else ""

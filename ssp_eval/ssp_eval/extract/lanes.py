@@ -16,7 +16,7 @@ OWN_LANE = phrases(
 IN_PATH = phrases(
     """
     in the path of the ego, in the path of the ego car, in the path of the ego vehicle, in the
-    path of our car, in the path of our vehicle, in the ego vehicle path, in the ego path, in our
+    path of our car, in the path of our vehicle, in the ego vehicle path, in our
     driving path, in our driving corridor, inside our driving corridor, in our corridor, in my way
     """
 )

@@ -2,7 +2,7 @@
 
 Road users stand in nouns.py, grammar in grammar.py, verbs in verbs.py. Phrases are
 given in the words of stage 1: lower case, hyphens as spaces, ``not`` for n't. Of phrases that
-start at the same word the longest wins; a phrase that stands twice is what it was named first.
+start at the same word the longest wins; a phrase stands in one table only.
 """
 
 from __future__ import annotations
@@ -105,13 +105,13 @@ EGO_WORDS = frozenset(phrases("autonomous, ego, host, me, my, our, own, us, vut,
 # Nouns that can be the subject of a clause and are no road user.
 SCENE = phrases(
     """
-    road, lane, lanes, light, lights, signal, signals, crosswalk, intersection, street,
-    junction, path, curve, sign, signs, traffic, obstacle, cone, cones, speed, gap, distance,
+    road, lane, lanes, light, lights, signal, crosswalk, intersection, street,
+    junction, path, curve, sign, signs, traffic, cone, cones, speed, gap, distance,
     picture, image, weather, sun, sky, trees, buildings, building, tram, trams, animal, dog,
     cat, deer, debris, traffic light, traffic lights, lane markings, sidewalk, scene,
     environment, roadway, train, visibility, surface, trajectory, curvature, curvatures,
     oncoming lane, oncoming lanes, oncoming traffic, oncoming side, oncoming carriageway, opposing
-    traffic, opposing lane, opposing lanes, opposing carriageway, opposite lane, oncoming
+    traffic, opposing lane, opposing lanes, opposite lane, oncoming
     headlights, parallel street, parallel road, parallel track, parallel parking,
     speeds, driveway, corner, shoulder, barrier, barriers, construction, work zone, roundabout
     """
@@ -151,7 +151,12 @@ PLACES: Table = {
     ),
     **{
         f"{end}_{side}": (
-            *(f"{prep}{pair}" for prep in _CORNER_PREPS for pair in _corner(name, side)),
+            *(
+                f"{prep}{pair}"
+                for prep in _CORNER_PREPS
+                for pair in _corner(name, side)
+                if prep or pair != "right ahead"
+            ),  # which is straight ahead
             *(f"{name} {link} {side}" for name in names for link in ("and", "and to the")),
             *(f"{name} to the {side}" for name in names),
         )

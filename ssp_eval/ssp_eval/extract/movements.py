@@ -19,28 +19,27 @@ def _with(verbs: str, objects: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(f"{verb} {thing}" for verb, thing in product(phrases(verbs), objects))
 
 
-# lemma: verbs that mean it, as in verbs.py.
+# lemma: verbs that mean it, as in verbs.py; a form left out there is something else elsewhere.
 MOVEMENTS: dict[str, tuple[str, ...]] = {
     "step": phrases(
         """
-        make its way, make his way, make her way, make their way, make the way, set foot,
-        step, walk, run, dart, rush, stride, jog, jump, sprint, emerge, wander, stroll, roll,
-        hurry, skip, limp, hobble, dash, race, push, wheel, skate, march, totter, shuffle, amble,
-        shoot, bolt, scurry, scamper, trot, saunter, stumble, stagger, toddle, hop, leap, charge,
-        burst, storm, plod, trudge, tiptoe, crawl out, spring, pop out, come running, come walking,
-        come shooting, come flying, come racing, come rushing, come dashing, come darting
+        make its way, make his way, make her way, make their way, make the way, set foot, step,
+        walk, run, dart, rush, stride, jog, jump, sprint, emerge, wander, stroll, roll, hurry,
+        |skips|skipping|skipped, limp, hobble, dash, race, push, wheel, skate, march, totter,
+        shuffle, amble, shoot, bolt, scurry, scamper, trot, saunter, stumble, stagger, toddle, hop,
+        leap, charge, burst, storm, plod, trudge, tiptoe, crawl out, spring, pop out, come running,
+        come walking, come shooting, come flying, come racing, come rushing, come dashing, come
+        darting
         """
     ),
     "pedal": phrases(
         """
-        pedal, cycle, crawl, creep, trundle, trail, bike, filter, glide, zoom, fly, whizz, blast,
-        barrel, plough, plow, chug, coast along, weave, zip
+        pedal, cycle, crawl, creep, trundle, trail, ||biking|biked, filter, glide, zoom, fly, whizz,
+        blast, barrel, plough, plow, chug, coast along, weave, zip
         """
     ),
-    "cross": phrases(
-        "cross, traverse, cross over, cut across, slice across, xings|xings|xing|xinged"
-    ),
-    "enter": phrases("enter, encroach, intrude"),
+    "cross": phrases("cross, traverse, cut across, slice across, xings||xing|xinged"),
+    "enter": phrases("enter, encroach|||encroached, intrude"),
     "cut_in": (
         *phrases(
             """
@@ -73,7 +72,7 @@ MOVEMENTS: dict[str, tuple[str, ...]] = {
         *_with("overtake, pass, undertake, catch up with, close in on, gain on, creep up on", _US),
         *_with("come up behind, close up behind, pull alongside, draw alongside, draw level with",
                _US),
-        *phrases("catch up, closes in|closes in|closing in|closed in, draw level"),
+        *phrases("catch up, closes in||closing in|closed in, draw level"),
         *phrases("pull alongside, come alongside"),
     ),
     "tailgate": (
@@ -82,18 +81,21 @@ MOVEMENTS: dict[str, tuple[str, ...]] = {
     ),
     "recede": phrases(
         """
-        pull away, recede, drive away, move away, speed away, drive off, accelerate away, go away,
-        speed off, run away, gain distance, ride away, ride off, head away, pull ahead, draw away,
-        drift away, disappear, depart
+        pull away, recede|recedes||receded, drive away, move away, speed away, drive off, accelerate
+        away, go away, speed off, run away, gain distance, ride away, ride off, head away, pull
+        ahead, draw away, drift away, disappear, depart
         """
     ),
     "approach": (
-        *_with("approach, face, head for, head straight for, bear down on, drive straight at,"
+        *_with("approach, head for, head straight for, bear down on, drive straight at,"
                "come straight at, head right at, rush at", _US),
+        "face us|faces us||faced us",
+        *_with("face", _US[1:]),
         *phrases(
             """
             approach from ahead, approach from the front, come from ahead, approach head on, come
-            at us, come our way, head our way, come the other way, drive our way, approach in the
+            at us, come our way, head our way, drive our way,
+            come the other way|comes the other way||came the other way, approach in the
             opposite lane, approach in the oncoming lane, come the opposite way, meet us
             """
         ),
@@ -105,17 +107,20 @@ MOVEMENTS: dict[str, tuple[str, ...]] = {
     ),
     "near": phrases("approach, near, come closer, get closer, come up"),
     "come_over": phrases("come over, come across"),
-    "clear": phrases(
-        """
-        clear, clear our lane, clear our path, clear the road, clear the lane, clear the
-        crosswalk, clear my lane, clear my path, clear the intersection, exit
-        """
+    "clear": (
+        *phrases("clear, clear the intersection, exit"),
+        *(
+            f"clear {what}|clears {what}|clearing {what}"
+            for what in phrases("our lane, our path, my lane, my path, the road, the lane,"
+                                "the crosswalk")
+        ),
     ),
-    "pass_by": phrases("pass, pass by"),
+    "pass_by": phrases("|passes||passed, pass by"),
     "leave": phrases(
         """
-        leave the road, leave the crosswalk, leave the scene, leave the roadway, leave the
-        street, leave the intersection, leave the conflict zone
+        leave the road, leave the crosswalk, leave the roadway, leave the street,
+        leave the intersection, leave the conflict zone,
+        leave the scene|leaves the scene|leaving the scene
         """
     ),
     "finish": phrases(
@@ -127,11 +132,12 @@ MOVEMENTS: dict[str, tuple[str, ...]] = {
     ),
     "queue": phrases(
         """
-        queue, stay put, pause, linger, loiter, hesitate, squat, freeze, lie, halt, sit still,
-        come to a stop, come to a halt, come to rest, come to a standstill, stand still, break down
+        queue, stay put, pause, linger, loiter, hesitate, squat, freeze|freezes|freezing, lie,
+        sit still|sits still||sat still, break down|breaks down|breaking down,
+        |comes to rest|coming to rest|came to rest
         """
     ),
-    "serve": phrases("unload, load, board"),
+    "serve": phrases("unload|unloads||unloaded, load|loads||loaded, board"),
     "sit": phrases("sit"),
     "reach": phrases("reach, arrive at, arrive on, gain, end up on"),
 }  # fmt: skip

@@ -84,7 +84,7 @@ _UNCOMMON: Table = {
     "car": phrases("taxies"),
     "pedestrian": phrases(
         """
-        people, child, children, schoolchild, schoolchildren, passers by, persons, folks,
+        people, child, children, schoolchild, schoolchildren, passers by, folks,
         person in a wheelchair, man in a wheelchair, woman in a wheelchair, someone, somebody
         """
     ),

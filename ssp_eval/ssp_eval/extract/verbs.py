@@ -51,7 +51,7 @@ VERBS: dict[str, tuple[str, ...]] = {
             """
         ),
     ),
-    "brake": phrases("brake, brakes|brakes|braking|braked"),
+    "brake": phrases("brake"),
     "yield": phrases("yield"),
     "reduce": phrases(
         """
@@ -65,20 +65,21 @@ VERBS: dict[str, tuple[str, ...]] = {
     ),
     "stop": phrases(
         """
-        pull to a stop, pull up behind, pull up before, pull up at, stop, halt, come to a stop, come
-        to a halt, come to a full stop, come to a complete stop, come to a complete halt, make a
-        full stop, make a complete stop, brake to a stop, slow to a stop, decelerate to a stop, hold
-        pos, hold position, hold our position, hold my position, hold its position, remain stopped,
-        stay stopped, remain stationary, stay stationary, brake to a halt, brake to a standstill,
-        bring the car to a stop, slow to a halt, bring the vehicle to a stop, perform an emergency
-        stop, make an emergency stop, come to a standstill, decelerate to a full stop, brake to a
-        full stop, stand still, remain at a standstill, come to a controlled stop, come to a smooth
-        stop
+        pull to a stop, pull up behind, pull up before, pull up at, stop, halt, |comes to a
+        stop|coming to a stop|came to a stop, |comes to a halt|coming to a halt|came to a halt,
+        |comes to a standstill|coming to a standstill|came to a standstill, come to a full stop,
+        come to a complete stop, come to a complete halt, make a full stop, make a complete stop,
+        brake to a stop, slow to a stop, decelerate to a stop, hold pos, hold position, hold our
+        position, hold my position, hold its position, remain stopped, stay stopped, remain
+        stationary, stay stationary, brake to a halt, brake to a standstill, bring the car to a
+        stop, slow to a halt, bring the vehicle to a stop, perform an emergency stop, make an
+        emergency stop, decelerate to a full stop, brake to a full stop, stand still|||stood still,
+        remain at a standstill, come to a controlled stop, come to a smooth stop
         """
     ),
     "rest": phrases("remain in place, stay in place, sit tight, wait in place"),
     "wait": phrases("wait, stand"),
-    "park": phrases("park"),
+    "park": phrases("park|parks|parking"),
     "stall": phrases("stall, idle, be stuck|is stuck|being stuck|been stuck"),
     "accelerate": phrases(
         """
@@ -114,21 +115,23 @@ VERBS: dict[str, tuple[str, ...]] = {
     "merge": phrases("merge"),
     "change": phrases(
         """
-        change lane, change lanes, switch lane, switch lanes, change to, change into,
+        change lane, change lanes, switch lane, switch lanes, change into,
+        change to|changes to|changing to,
         switch to, switch into, change over, switch over
         """
     ),
     "move": phrases(
         """
-        move, pull over, pull, go, move over, shift over, squeeze, head, come, get over, pull out,
-        swing out, go over, move across, steer over, cross over, make room, give room, give space
+        move, pull over, pull, go, move over, shift over, squeeze||squeezing|squeezed, head, come,
+        get over, pull out, swing out, go over, move across, steer over, cross over, make room, give
+        room, give space
         """
     ),
     "drive": phrases("drive, travel, proceed, ride, progress"),
     "open": phrases(
         """
-        open, hit us, hit me, hit the ego, strike us, collide with us, collide with me,
-        collide, fall, appear, react, lose control
+        open, hit us, hit me, hit the ego, strike us, |||collided with us, |||collided with me,
+        collide, fall, ||appearing|appeared, react, lose control
         """
     ),
     "continue": phrases("start, begin, continue"),
@@ -196,16 +199,12 @@ EXTRA_FORMS: dict[str, tuple[tuple[str, str], ...]] = {
         *_sideways("left"),
         ("left turns", "noun"),
         ("left merge", "noun"),
-        ("left nudge", "noun"),
-        ("left shift", "noun"),
         ("turned left", "ed"),
         ("change left", "base"),
         ("changing left", "ing"),
-        ("leftward shift", "noun"),
         ("shift leftward", "base"),
         ("steer leftward", "base"),
         ("keep left", "base"),
-        ("leftward nudge", "noun"),
     ),
     "change_right": (
         ("change lanes right", "base"),
@@ -219,16 +218,12 @@ EXTRA_FORMS: dict[str, tuple[tuple[str, str], ...]] = {
         *_sideways("right"),
         ("right turns", "noun"),
         ("right merge", "noun"),
-        ("right nudge", "noun"),
-        ("right shift", "noun"),
         ("turned right", "ed"),
         ("change right", "base"),
         ("changing right", "ing"),
-        ("rightward shift", "noun"),
         ("shift rightward", "base"),
         ("steer rightward", "base"),
         ("keep right", "base"),
-        ("rightward nudge", "noun"),
     ),
     "keep_lane": (
         ("lane keeping", "noun"),

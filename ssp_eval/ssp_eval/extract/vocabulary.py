@@ -21,12 +21,19 @@ from ssp_eval.extract.hits import Kind
 Entry = tuple[Kind, str, str]
 
 
-def _entries() -> dict[str, Entry]:
-    """Every phrase with what it is; a phrase stands for one thing only."""
+def entries() -> dict[str, Entry]:
+    """Every phrase with what it is.
+
+    Raises:
+        ValueError: if two tables have the same phrase and say different things of it.
+    """
     table: dict[str, Entry] = {}
 
     def add(phrase: str, kind: Kind, value: str, form: str = "") -> None:
-        table.setdefault(phrase, (kind, value, form))
+        entry = (kind, value, form)
+        known = table.setdefault(phrase, entry)
+        if known != entry:
+            raise ValueError(f"{phrase!r} stands for {known} and for {entry}: leave one out")
 
     for phrase in lexicon.SKIPPED:
         add(phrase, Kind.SKIP, "")
@@ -73,7 +80,7 @@ def _entries() -> dict[str, Entry]:
     return table
 
 
-ENTRIES = _entries()
+ENTRIES = entries()
 
 
 class Node(NamedTuple):
