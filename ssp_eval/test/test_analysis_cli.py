@@ -8,14 +8,14 @@ import json
 import math
 import shutil
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from ssp_core.cli import main
-from ssp_eval.analysis.rows import rows_from_campaign, rows_from_csv
+from ssp_eval.analysis.cells_csv import rows_from_csv
+from ssp_eval.analysis.rows import rows_from_campaign
 from ssp_eval.analysis.sensitivity import GRID, vary_thresholds
 from ssp_eval.analysis.statistics import Options, compute, steps_of
 from ssp_eval.evaluate.asker import DirectAskers
@@ -221,25 +221,34 @@ def test_thresholds_are_varied_one_at_a_time_from_the_records(campaign: Path) ->
         assert one.defined == getattr(Thresholds(), one.parameter)
 
 
-def test_cells_of_a_campaign_are_the_same_rows_from_their_component_scores(
-    campaign: Path, tmp_path: Path
+def test_the_matrix_of_a_campaign_gives_its_tables_again(campaign: Path, tmp_path: Path) -> None:
+    """Byte for byte, but for what needs records: so figures, which are of the rows, as well."""
+    own, again = tmp_path / "own", tmp_path / "again"
+    assert call(campaign, "--tables", own, *FEW) == 0
+    file = own / "matrix.csv"
+    found = {row.key: row for row in rows_from_csv(file)}
+    assert found == {row.key: row for row in rows_from_campaign(campaign)}
+    assert {row.control for row in found.values()} == {True, False}
+    assert call("--from-cells", file, "--out", again, *FEW) == 0
+    tables = {path.name: path.read_bytes() for path in (again / "tables").iterdir()}
+    needs_records = {"intervals_groups", "intervals_cells", "curvature", "sensitivity"}
+    assert {path.stem for path in own.iterdir()} - needs_records == {
+        *(Path(name).stem for name in tables), "statistics",
+    } - needs_records  # fmt: skip
+    for name, content in tables.items():
+        if Path(name).stem not in needs_records:
+            assert (own / name).read_bytes() == content, name
+    assert len(tables) > 40
+
+
+def test_what_a_file_has_besides_is_told(
+    cells: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """So every table, figure and statistic of them is the same; a file knows of no audit."""
-    unknown = dict.fromkeys(("stfr", "sem_acc_cond", "sem_acc_soft", "n"))
-    rows = [
-        replace(row, admitted=True, **unknown)
-        for row in rows_from_campaign(campaign)
-        if row.status == "ok"
-    ]
-    assert {row.control for row in rows} == {True, False}
-    names = [*HEAD.split(",")[:9], "sem_cov"]
-    lines = [",".join([*names, "risk"])]
-    for row in rows:
-        values = ["" if (v := getattr(row, name)) is None else str(v) for name in names]
-        lines.append(",".join([*values, f"S@{row.rl_s}" if row.rsr else "F"]))
-    file = tmp_path / "cells.csv"
-    file.write_text("\n".join(lines), encoding="utf-8")
-    assert rows_from_csv(file) == rows
+    lines = cells.read_text("utf-8").splitlines()
+    file = tmp_path / "more.csv"
+    file.write_text("\n".join([f"{lines[0]},Venue", *(f"{x},ICRA" for x in lines[1:])]), "utf-8")
+    assert call("--from-cells", file, "--out", tmp_path / "out", *FEW) == 0
+    assert "columns that are ignored: Venue" in " ".join(capsys.readouterr().err.split())
 
 
 def test_progress_is_told_as_often_as_announced(campaign: Path) -> None:

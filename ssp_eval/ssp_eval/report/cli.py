@@ -11,9 +11,10 @@ import click
 from ssp_core import console
 from ssp_core.errors import InputError
 from ssp_eval.analysis.bootstrap import RESAMPLES, SEED
+from ssp_eval.analysis.cells_csv import rows_from_csv
 from ssp_eval.analysis.formats import FORMATS
 from ssp_eval.analysis.row import CellRow
-from ssp_eval.analysis.rows import rows_from_cells, rows_from_csv
+from ssp_eval.analysis.rows import rows_from_cells
 from ssp_eval.analysis.statistics import Options, compute, steps_of
 from ssp_eval.analysis.statistics_tables import statistics_tables
 from ssp_eval.analysis.table import Table
@@ -148,7 +149,7 @@ def report(
             raise click.UsageError("overlays need the frames of a campaign, not --from-cells")
         if out is None and (drawn is None or tables is not None):
             raise click.UsageError("--from-cells needs --out DIR, or --figures DIR alone")
-        rows = rows_from_csv(from_cells)
+        rows = rows_from_csv(from_cells, console.note)
         if drawn is not None:
             draw_figures(drawn, rows)
         if out is None:

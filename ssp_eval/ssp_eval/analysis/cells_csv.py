@@ -1,0 +1,174 @@
+"""Component scores from a CSV file: a matrix that was published, or the ``matrix.csv`` of ours."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+
+from ssp_core.errors import InputError
+from ssp_core.files import read_text
+from ssp_eval.analysis.cell_fields import parse_ivcs, parse_row
+from ssp_eval.analysis.row import CellRow
+from ssp_eval.strict import Place
+
+COLUMNS = (
+    "scenario",
+    "domain",
+    "model",
+    "jovr",
+    "sem_acc_eff",
+    "cia_eff",
+    "act_acc_eff",
+    "tqsr",
+    "atc_eff",
+    "risk",
+)
+OPTIONAL_COLUMNS = ("sem_cov", "total_b", "active_b", "architecture", "run", "seed")
+# What our own matrix.csv has besides. It gives the risk response as rsr and rl_s.
+OWN_COLUMNS = (
+    "rsr", "rl_s", "n", "sem_acc_cond", "sem_acc_soft", "stfr", "control", "admitted", "status",
+    "reason",
+)  # fmt: skip
+# Follows from the others, and is only compared; what our remark says stands in other columns too.
+_COMPUTED, _REMARK = "ivcs", "remark"
+_READ = (*COLUMNS, *OPTIONAL_COLUMNS, *OWN_COLUMNS, _COMPUTED)
+# What tables for people call a column, where that may mean another score as well.
+_LIKELY = {
+    "semacc": "sem_acc_eff", "cia": "cia_eff", "actacc": "act_acc_eff", "atc": "atc_eff",
+    "ciaeff": "cia_eff", "rl": "rl_s", "latency": "rl_s", "method": "model", "params": "total_b",
+    "response": "risk", "riskresponse": "risk",
+}  # fmt: skip
+_FACTS = ("total_b", "active_b", "architecture")
+
+Tell = Callable[[str], None]
+
+
+def rows_from_csv(path: Path, tell: Tell = lambda note: None) -> list[CellRow]:
+    """The cells of a CSV file of component scores; IVCS is computed (METHOD 6.10).
+
+    Where nothing in it tells of an audit, all cells count as admitted.
+
+    Args:
+        path: with a header naming COLUMNS in any order, case and spelling of their underscores,
+            and any of OPTIONAL_COLUMNS and OWN_COLUMNS; separated by comma, semicolon or tab.
+            Lines that begin with ``#`` are notes.
+        tell: called with what was left aside, a sentence each.
+
+    Raises:
+        InputError: it can't be read, a column is missing or doubled, a value is wrong, a cell
+            stands twice, or facts of a model contradict each other; with line and column.
+    """
+    found: dict[tuple[str, ...], int] = {}
+    facts: dict[str, tuple[int, CellRow]] = {}
+    rows = []
+    others: list[tuple[float, int, str]] = []
+    for place, fields in _records(read_text(path).removeprefix("\ufeff"), path, tell):
+        row = parse_row(place, fields)
+        line = place.line or 0
+        key = (*row.key, row.run, "" if row.seed is None else str(row.seed))
+        if key in found:
+            raise place.error(
+                f"cell {' / '.join(filter(None, key))} stands in line {found[key]} already",
+                remedy="give each cell once, or tell its runs apart in a column run or seed",
+            )
+        found[key] = line
+        first_line, first = facts.setdefault(row.model, (line, row))
+        for name in _FACTS:
+            if getattr(row, name) != getattr(first, name):
+                raise place.at(name).error(
+                    f"differs for {row.model} from line {first_line}",
+                    fields.get(name, ""),
+                    "a model has one value in all its lines",
+                )
+        given = parse_ivcs(place.at(_COMPUTED), fields.get(_COMPUTED, ""))
+        if given is not None and row.ivcs is not None:
+            apart = abs(given.value - row.ivcs)
+            if apart > given.unit:
+                others.append((apart, line, f"{given.value:g} there, {row.ivcs:.4f} computed"))
+        rows.append(row)
+    if not rows:
+        raise InputError("holds no cells", file=path, remedy="give one line per cell")
+    if others:
+        _, line, example = max(others)
+        tell(
+            f"{path}: ivcs follows from the components (METHOD 6.10) and is computed; the file has "
+            f"another value in {len(others)} of {len(rows)} lines, most so in line {line}: "
+            f"{example}."
+        )
+    return rows
+
+
+def _records(text: str, path: Path, tell: Tell) -> Iterator[tuple[Place, Mapping[str, str]]]:
+    """Place and fields by column of each line that is neither empty nor a note."""
+    head = next((line for line in text.split("\n") if line.strip() and not _is_note(line)), "")
+    delimiter = max(",;\t", key=head.count)
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, strict=True)
+    names: list[str] | None = None
+    while True:
+        place = Place(path, reader.line_num + 1)  # where a row begins, whatever lines it spans
+        try:
+            row = next(reader, None)
+        except csv.Error as error:
+            raise place.error(
+                f"is no CSV: {error}", remedy='close every double quote; write one in a field as ""'
+            ) from error
+        if row is None:
+            break
+        row = [field.strip() for field in row]
+        if not any(row) or (_is_note(row[0]) and (names is None or len(row) != len(names))):
+            continue
+        if names is None:
+            names = _checked_names(row, place, tell)
+        elif len(row) != len(names):
+            commas = "; write decimals with a point, 0.5 and not 0,5" if delimiter == "," else ""
+            raise place.error(
+                f"has {len(row)} fields, the header has {len(names)}",
+                remedy=f'put a field that holds the separator in double quotes ("){commas}',
+            )
+        else:
+            yield place, dict(zip(names, row, strict=True))
+    if names is None:
+        raise Place(path, 1).error("is empty", remedy=f"begin with {','.join(COLUMNS)}")
+
+
+def _is_note(text: str) -> bool:
+    return text.lstrip().lstrip('"').startswith("#")
+
+
+def _plain(name: str) -> str:
+    """A column's name without case, spaces and underscores."""
+    return re.sub(r"[^a-z0-9]", "", name.casefold())
+
+
+_BY_PLAIN = {_plain(name): name for name in _READ}
+
+
+def _checked_names(given: list[str], place: Place, tell: Tell) -> list[str]:
+    """The columns by the names that we know; those that aren't known stay as they are."""
+    names = [_BY_PLAIN.get(_plain(name), name) for name in given]
+    for name, written in zip(names, given, strict=True):
+        if name in _READ and names.count(name) > 1:
+            raise place.error("has a column twice", written, "name each column once")
+    needed = [name for name in COLUMNS if name != "risk" or "rsr" not in names]
+    if missing := [name for name in needed if name not in names]:
+        likely = [
+            f"call {written!r} {wanted} if it is that"
+            for written in given
+            if (wanted := _LIKELY.get(_plain(written))) in missing
+        ]
+        raise place.error(
+            f"misses the column{'s' if len(missing) > 1 else ''} {', '.join(missing)}",
+            remedy="; ".join(
+                ["an empty field stands for null, but the column must be there", *likely]
+            ),
+        )
+    ignored = [name for name in names if name not in _READ and name != _REMARK]
+    if "risk" in names:
+        ignored += [name for name in ("rsr", "rl_s") if name in names]
+    if ignored:
+        shown = ", ".join(name or "one without a name" for name in ignored)
+        tell(f"{place.file}: columns that are ignored: {shown}. Known are {', '.join(_READ[:-1])}.")
+    return names
