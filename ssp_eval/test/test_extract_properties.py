@@ -13,10 +13,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ssp_eval.extract import extract, extractor_hash, lexicon
+from ssp_eval.extract import extract, extractor_hash
 from ssp_eval.extract.checks import check
-from ssp_eval.extract.tokens import tokenise
-from ssp_eval.extract.vocabulary import ENTRIES, entries
+from ssp_eval.extract.rules.tokens import tokenise
+from ssp_eval.extract.rules.words import ego_and_scene
+from ssp_eval.extract.rules.words.vocabulary import ENTRIES, entries
 from ssp_eval.records import (
     SLOT_NAMES,
     VOCABULARIES,
@@ -275,6 +276,6 @@ def test_what_fails_a_check_is_dropped(name: str, slot: Slot, kept: bool) -> Non
 def test_a_phrase_that_two_tables_explain_differently_is_refused(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(lexicon, "SCENE", (*lexicon.SCENE, "stationary"))
+    monkeypatch.setattr(ego_and_scene, "SCENE", (*ego_and_scene.SCENE, "stationary"))
     with pytest.raises(ValueError, match=r"'stationary' stands for .*STATE.* and for .*SCENE"):
         entries()

@@ -1,7 +1,7 @@
-"""Text to slots with evidence (METHOD 5.5), stage by stage.
+"""Text to slots with evidence (METHOD 5.5): rules first, an LLM for what they left empty.
 
-text → tokens → match (phrases of the vocabulary, and free rules) → scope (what is
-asserted) → reader (who does what: actors, motions, plan → world) → decide → checks.
+rules (5.5 a) and llm (5.5 b) are held to the same checks (5.5 c); measure and review say how well
+they do.
 """
 
 from ssp_eval.extract.rules import extract, extractor_hash

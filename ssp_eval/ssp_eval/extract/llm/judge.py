@@ -5,7 +5,7 @@ of the quoted words, and scope, binding and decision run as they do for any text
 stands if the label comes out on the strength of these words, and if nothing that was found before
 comes out otherwise. So a quote in a condition, a denial, a prompt or a rejected option, one about
 somebody else, or one that a later plan takes back, is dropped by the stage that would drop a phrase
-of the lexicon there.
+of the tables there.
 """
 
 from __future__ import annotations
@@ -15,15 +15,17 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from ssp_eval.extract.checks import check
-from ssp_eval.extract.decide import Found, decide
-from ssp_eval.extract.hits import Hit, Kind
 from ssp_eval.extract.llm.meaning import ACTIONS, misquoted
 from ssp_eval.extract.llm.prompt import NOBODY
 from ssp_eval.extract.llm.reply import Proposal
-from ssp_eval.extract.match import find
-from ssp_eval.extract.reader import read
-from ssp_eval.extract.scope import Scope, scopes, sentences
-from ssp_eval.extract.tokens import Tokens, tokenise
+from ssp_eval.extract.rules.decide import Found, decide
+from ssp_eval.extract.rules.hits import Hit, Kind
+from ssp_eval.extract.rules.matching.find import find
+from ssp_eval.extract.rules.reading.reader import read
+from ssp_eval.extract.rules.scope.flags import Scope
+from ssp_eval.extract.rules.scope.scopes import scopes
+from ssp_eval.extract.rules.scope.sentences import sentences
+from ssp_eval.extract.rules.tokens import Tokens, tokenise
 from ssp_eval.records import SLOT_NAMES, Slot, Slots
 
 MAX_PLACES = 8  # of one quote in a text that are looked at

@@ -1,0 +1,1 @@
+"""Whether there is a conflict, and with whom: stated, or what somebody may do."""

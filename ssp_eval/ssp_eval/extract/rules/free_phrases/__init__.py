@@ -1,0 +1,1 @@
+"""Phrases that are too free to list: each module finds one kind, from its first word on."""

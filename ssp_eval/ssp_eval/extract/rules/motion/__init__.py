@@ -1,0 +1,1 @@
+"""What road users do and where they are."""

@@ -1,0 +1,1 @@
+"""Stage 5c: what the ego commits itself to."""

@@ -1,0 +1,1 @@
+"""Stage 4: which hits are asserted about the present, and which are not, and why not."""

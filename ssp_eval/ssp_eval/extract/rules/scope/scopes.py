@@ -1,0 +1,16 @@
+"""Stage 4: which hits are asserted about the present, and which are not, and why not."""
+
+from __future__ import annotations
+
+from ssp_eval.extract.rules.hits import Hit
+from ssp_eval.extract.rules.scope.echoes import mark_echoes
+from ssp_eval.extract.rules.scope.in_force import Sentence
+
+
+def scopes(words: list[str], hits: list[Hit], ranges: list[tuple[int, int]]) -> list[int]:
+    """The flags of every hit, in the order of the hits."""
+    flags = [0] * len(hits)
+    for start, stop in ranges:
+        Sentence(hits, flags, start, stop).run()
+    mark_echoes(words, hits, flags, ranges)
+    return flags
