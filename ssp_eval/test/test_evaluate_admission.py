@@ -20,8 +20,8 @@ from ssp_eval.evaluate.admission import admission_of, load_admissions
 from ssp_eval.evaluate.asker import DirectAskers
 from ssp_eval.evaluate.campaign import find_labels, run_campaign
 from ssp_eval.evaluate.cell import CellOptions, CellResult
-from ssp_eval.evaluate.cli import show
 from ssp_eval.evaluate.models import bridge_spec
+from ssp_eval.evaluate.show import show
 from ssp_eval.report.load import load_cells
 from ssp_eval.report.page import write_report
 from ssp_eval.report.tables import mean_tables, scored

@@ -22,8 +22,8 @@ from ssp_eval.evaluate.asker import (
 )
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions, CellResult
-from ssp_eval.evaluate.cli import show
 from ssp_eval.evaluate.models import bridge_spec
+from ssp_eval.evaluate.show import show
 from ssp_eval.labels.model import load_labels
 from ssp_eval.records import load_records
 from ssp_eval.report.page import write_report

@@ -112,8 +112,11 @@ def test_controls_are_added_once_and_checks_get_no_conditions() -> None:
         "silent",
     ]  # fmt: skip
     assert [spec.control for spec in specs] == [False, True, True, False, True, True, True]
-    attached = with_controls([attached_spec("far")])
-    assert [spec.shown for spec in attached] == ["far", "far+black", "far+shuffled"]
+    attached = with_controls([attached_spec("far"), attached_spec("silent")])
+    shown = [spec.shown for spec in attached if spec.attached]
+    assert shown == ["far", "far+black", "far+shuffled", "silent"]
+    ours = [spec.shown for spec in attached if not spec.attached]
+    assert ours == ["constant_velocity", "copy_history", "perfect"]
     assert set(ANSWERERS) <= set(names)
 
 

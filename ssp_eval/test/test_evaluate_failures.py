@@ -56,7 +56,7 @@ def run_attached(bag: Path, folder: Path, script: tuple[str, ...], *options: str
             command = [
                 sys.executable, "-m", "ssp_core.cli", "evaluate", str(bag), "--propose-labels",
                 "--attach", "mine", "--timeout", str(ANSWER_S), "--out", str(out), "--json",
-                *options,
+                "--no-controls", *options,
             ]  # fmt: skip
             run = subprocess.run(
                 command, env=environment, capture_output=True, text=True, timeout=120, check=False

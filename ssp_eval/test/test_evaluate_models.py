@@ -20,7 +20,7 @@ from ssp_core.errors import InputError
 from ssp_eval.evaluate.asker import DirectAskers
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
-from ssp_eval.evaluate.cli import model_specs
+from ssp_eval.evaluate.choose import model_specs
 from ssp_eval.evaluate.model_spec import ModelSpec
 from ssp_eval.evaluate.models import as_attached, attached_spec, bridge_spec, load_models
 from ssp_eval.evaluate.secret_options import refuse_secrets

@@ -11,7 +11,7 @@ from ssp_core.bag import BagReader
 from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_core.files import write_json
-from ssp_eval.evaluate.cli import model_specs
+from ssp_eval.evaluate.choose import model_specs
 from ssp_eval.evaluate.controls import CONTROLS
 from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.evaluate.provenance import read_provenance

@@ -149,7 +149,7 @@ def test_the_time_to_start_is_an_option(make_bag: BagMaker, tmp_path: Path) -> N
             [
                 sys.executable, "-m", "ssp_core.cli", "evaluate", str(make_bag()), "--json",
                 "--propose-labels", "--attach", "nobody", "--start-timeout", "0.5", "--out",
-                str(tmp_path / "out"),
+                str(tmp_path / "out"), "--no-controls",
             ],
             env=session_environment(domain_id, PROFILE), capture_output=True, text=True,
             timeout=60, check=False,

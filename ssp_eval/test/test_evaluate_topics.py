@@ -20,8 +20,8 @@ from ssp_core.processes import ProcessGroup, session_environment
 from ssp_eval.evaluate.asker import Asker, Ignored, ModelSpec, Reply
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.choose import model_specs
 from ssp_eval.evaluate.cli import evaluate as evaluate_command
-from ssp_eval.evaluate.cli import model_specs
 from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.evaluate.topic_asker import Timeouts
 from ssp_eval.evaluate.topics import BRIDGE_MODULE, PROFILE, TopicAsker, TopicAskers, _in_time
@@ -99,9 +99,17 @@ def test_the_command_line_reaches_1_with_the_perfect_bridge(
     ]  # fmt: skip
     # Not through click's runner: the executor wants a standard error with a file descriptor.
     assert evaluate_command.main(arguments, standalone_mode=False) == 0
-    line = json.loads(capfd.readouterr().out.splitlines()[-1])
-    assert line["score"]["ivcs"] == pytest.approx(1.0)
-    assert line["sent"] == 9
+    printed = capfd.readouterr()
+    lines = {line["model"]: line for line in map(json.loads, printed.out.splitlines())}
+    assert lines["perfect"]["score"]["ivcs"] == pytest.approx(1.0)
+    assert {name: line["control"] for name, line in lines.items()} == {
+        "perfect": False, "constant_velocity": True, "copy_history": True, "silent": True,
+    }  # fmt: skip
+    assert [line["sent"] for line in lines.values()] == [9] * 4
+    assert printed.err.startswith(
+        "4 cells, 36 questions; of these 27 for controls: 27 to answerers of our own "
+        "(--no-controls leaves them out)\n"
+    )
 
 
 @pytest.mark.ros
@@ -126,16 +134,24 @@ def test_an_attached_bridge_outlives_its_evaluations(make_bag: BagMaker, tmp_pat
         environment = session_environment(domain_id, PROFILE)
         command = [sys.executable, "-m", "ssp_core.cli", "evaluate", str(bag), "--propose-labels"]
         with ProcessGroup(environment, tmp_path / "logs") as group:
-            bridge = group.start_node("mine", BRIDGE_MODULE, {"model": "constant_velocity"})
+            parameters: dict[str, object] = {"model": "mine", "backend": "constant_velocity"}
+            bridge = group.start_node("mine", BRIDGE_MODULE, parameters)
             for attempt in range(2):
                 out = tmp_path / f"out{attempt}"
                 run = subprocess.run(
-                    [*command, "--attach", "constant_velocity", "--out", str(out), "--json"],
+                    [*command, "--attach", "mine", "--out", str(out), "--json"],
                     env=environment, capture_output=True, text=True, timeout=60, check=False,
                 )  # fmt: skip
                 assert run.returncode == 0, run.stderr
-                assert json.loads(run.stdout)["missing"] == 0
+                lines = [json.loads(line) for line in run.stdout.splitlines()]
+                # The answerers are in the command's own process, in nobody's ROS domain.
+                assert [line["model"] for line in lines] == [
+                    "mine", "mine+black", "mine+shuffled", "constant_velocity", "copy_history",
+                    "perfect", "silent",
+                ]  # fmt: skip
+                assert {line["missing"] for line in lines} == {0}
                 assert bridge.returncode is None
+                assert not (out / "logs").exists()
 
 
 def test_started_and_attached_bridges_don_t_mix() -> None:
@@ -175,7 +191,13 @@ def test_the_evaluator_s_node_takes_a_models_file(make_bag: BagMaker, tmp_path: 
                 env=environment, capture_output=True, text=True, timeout=60, check=False,
             )  # fmt: skip
     assert run.returncode == 0, run.stderr
-    assert "cut_in__simulation__mine: ok" in run.stdout
+    told = [line.removeprefix("cut_in__simulation__") for line in run.stdout.splitlines()]
+    assert told == [
+        "mine: ok", "mine+black: ok", "mine+shuffled: ok", "constant_velocity: ok",
+        "copy_history: ok", "perfect: ok", "silent: ok",
+    ]  # fmt: skip
+    assert "of these 54 for controls" in run.stderr
+    assert "(-p controls:=false leaves them out)" in run.stderr
     cell = json.loads((out / "cells" / "cut_in__simulation__mine" / "cell.json").read_text())
     assert (cell["preprocessing"]["frames"], cell["model_facts"]["total_b"]) == (2, 1.5)
     assert cell["answers"]["missing"] == []

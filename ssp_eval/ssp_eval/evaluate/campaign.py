@@ -19,6 +19,7 @@ from ssp_eval.evaluate.cell_file import CellResult
 from ssp_eval.evaluate.clip import Clip
 from ssp_eval.evaluate.labelled import LabelledClip
 from ssp_eval.evaluate.model_spec import ModelSpec
+from ssp_eval.evaluate.plan import Plan, plan_of
 from ssp_eval.evaluate.provenance import SAFE_NAME, bag_folder
 from ssp_eval.evaluate.truth import truth_from_bag
 from ssp_eval.labels.model import Labels, labels_version, load_labels
@@ -236,7 +237,7 @@ def run_campaign(
     options: CellOptions,
     propose_labels: bool = False,
     admissions: Mapping[str, Admission] | None = None,
-    on_total: Callable[[int], None] = lambda _: None,
+    on_plan: Callable[[Plan], None] = lambda _: None,
     on_record: Callable[[], None] = lambda: None,
 ) -> list[CellResult]:
     """Evaluates every bag with every model.
@@ -249,7 +250,7 @@ def run_campaign(
         options: adapter and reuse.
         propose_labels: where there are no labels, propose them.
         admissions: what audits say, by hash of the bag; a bag that isn't there is unaudited.
-        on_total: told once how many label times there are.
+        on_plan: told once how much there is to ask, before anything is asked.
         on_record: called once per label time and model.
 
     Raises:
@@ -261,7 +262,7 @@ def run_campaign(
     with ExitStack() as stack:
         clips = open_clips(stack, bags, propose_labels, admissions)
         stack.enter_context(campaign_folder(out))
-        on_total(sum(len(c.labels.labels) for c in clips) * len(models))
+        on_plan(plan_of(clips, models))
         for labelled in clips:
             for model in models:
                 result = evaluate_cell(labelled, model, askers, out, options, on_record)

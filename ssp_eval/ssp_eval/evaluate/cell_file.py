@@ -12,7 +12,7 @@ from typing import Any
 from ssp_core import __version__
 from ssp_core.files import write_json
 from ssp_core.hashing import sha256_file, sha256_json
-from ssp_eval.evaluate.asker import Ignored
+from ssp_eval.evaluate.asker import Ignored, Loss
 from ssp_eval.evaluate.controls import CONDITION_SEED
 from ssp_eval.evaluate.labelled import LabelledClip
 from ssp_eval.evaluate.model_spec import ModelSpec
@@ -28,6 +28,8 @@ LABELS_FILE = "labels.json"
 RECORDS_FILE = "records.jsonl"
 SCORE_FILE = "score.json"
 CELL_FILE = "cell.json"
+# Why a model under a condition may have no answer without anything being wrong.
+_BY_CONDITION = frozenset({Loss.NO_QUESTION, Loss.ERROR})
 # In decoding facts these tell of one answer, not of how a model was set.
 _PER_ANSWER = (
     "stages", "usage", "latency_s", "notes", "frames", "prompt_sha256", "previous_intent_sha256",
@@ -52,6 +54,8 @@ class CellResult:
         again: questions that were repeated after an error.
         admission: admitted, refused, unpaired or unaudited (admission.py).
         admission_reasons: of a refusal, or why an audit of the recording doesn't hold any more.
+        control: it was added to check the harness.
+        condition: under which the model was asked; empty: none.
     """
 
     folder: Path
@@ -67,11 +71,24 @@ class CellResult:
     admission: str
     admission_reasons: tuple[str, ...] = ()
     again: int = 0
+    control: bool = False
+    condition: str = ""
 
     @property
     def missing(self) -> int:
         """Label times without an answer."""
         return sum(self.losses.values())
+
+    @property
+    def is_failure(self) -> bool:
+        """True where the cell has no score and should have one.
+
+        A model that is shown spoilt frames may refuse to answer, and a clip of one label time has
+        no other frame to show: that is what such a control found out, and nothing failed.
+        """
+        if self.status == "ok":
+            return False
+        return not (self.condition and self.losses and _BY_CONDITION.issuperset(self.losses))
 
 
 def losses_text(losses: Mapping[str, int]) -> str:
@@ -204,6 +221,8 @@ def write_cell(
         admission=labelled.admission.status,
         admission_reasons=labelled.admission.reasons,
         again=again,
+        control=model.control,
+        condition=model.condition,
     )
 
 

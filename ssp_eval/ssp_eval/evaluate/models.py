@@ -227,17 +227,16 @@ def as_attached(specs: list[ModelSpec]) -> list[ModelSpec]:
 def with_controls(specs: list[ModelSpec]) -> list[ModelSpec]:
     """The models, each followed by itself under every condition, and the harness's own answerers.
 
-    Models that check the harness already get no conditions, and none is added that is there. To
-    attached bridges, which live in a ROS domain that isn't ours, no answerers are added.
+    Models that check the harness already get no conditions: they look at no frame, or repeat what
+    was said about others. None is added that is there under its name.
     """
     checks = {*CONTROLS, *ANSWERERS}
     found = []
     for spec in specs:
         conditions = () if spec.backend_name in checks else CONDITIONS
         found += [spec, *(replace(spec, condition=name, control=True) for name in conditions)]
-    if not any(spec.attached for spec in specs):
-        names = {spec.name for spec in specs}
-        found += [replace(bridge_spec(n), control=True) for n in ANSWERERS if n not in names]
+    names = {spec.name for spec in specs}
+    found += [replace(bridge_spec(n), control=True) for n in ANSWERERS if n not in names]
     return found
 
 

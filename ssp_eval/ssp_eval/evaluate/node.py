@@ -1,118 +1,22 @@
-"""The node ``evaluator``: sends requests on topics and hands answers to their exchange."""
+"""The node ``evaluator``: evaluates with bridges that run already, set by ROS parameters."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any
 
 import rclpy
-from rclpy.executors import Executor
-from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from ssp_core.console import report_error
 from ssp_core.errors import SspError
-from ssp_core.names import vla_request_topic, vla_response_topic
-from ssp_core.ros import VLA, make_executor, make_node
-from ssp_eval.evaluate.campaign import run_campaign
+from ssp_core.ros import make_node
 from ssp_eval.evaluate.cell import CellOptions
-from ssp_eval.evaluate.exchange import Exchange
-from ssp_eval.evaluate.models import as_attached, attached_spec, load_models
+from ssp_eval.evaluate.link.node import NAME
+from ssp_eval.evaluate.models import as_attached, attached_spec, load_models, with_controls
+from ssp_eval.evaluate.over_topics import evaluate_bags
 from ssp_eval.evaluate.topic_asker import CONNECT_S
-from ssp_eval.evaluate.topics import TopicAskers
-from ssp_msgs.msg import VlaRequest, VlaResponse
-from ssp_vla_bridge.conversions import request_to_msg
-from ssp_vla_bridge.core.recorded_message import response_of_message
-from ssp_vla_bridge.core.request import Request
-
-NAME = "evaluator"
-
-
-class RosLink:
-    """The topics of one model."""
-
-    def __init__(self, node: Node, model: str, exchange: Exchange) -> None:
-        self._node = node
-        self._exchange = exchange
-        self._topics = vla_request_topic(model), vla_response_topic(model)
-        self._gone: set[bytes] = set()
-        self._publisher = node.create_publisher(VlaRequest, self._topics[0], VLA)
-        self._subscription = node.create_subscription(
-            VlaResponse, self._topics[1], self._on_response, VLA
-        )
-
-    def send(self, request: Request) -> None:
-        """Publishes a request."""
-        self._publisher.publish(request_to_msg(request))
-
-    def matched(self) -> bool:
-        """True while a bridge that wasn't forgotten is on both topics."""
-        readers, writers = self._endpoints()
-        matched = self._publisher.get_subscription_count() > 0
-        return matched and bool(readers - self._gone) and bool(writers - self._gone)
-
-    def forget(self) -> None:
-        """What is on the topics now is gone: DDS believes in a killed process for a while yet."""
-        readers, writers = self._endpoints()
-        self._gone |= readers | writers
-
-    def _endpoints(self) -> tuple[set[bytes], set[bytes]]:
-        readers = self._node.get_subscriptions_info_by_topic(
-            self._node.resolve_topic_name(self._topics[0])
-        )
-        writers = self._node.get_publishers_info_by_topic(
-            self._node.resolve_topic_name(self._topics[1])
-        )
-        return (
-            {bytes(info.endpoint_gid) for info in readers},
-            {bytes(info.endpoint_gid) for info in writers},
-        )
-
-    def _on_response(self, msg: Any) -> None:
-        try:
-            response = response_of_message(msg)
-        except (ValueError, RecursionError) as error:
-            self._exchange.offer_unreadable(msg.request_id, str(error))
-            return
-        self._exchange.offer(response)
-
-
-class RosTransport:
-    """The evaluator's node with its executor, which runs only while somebody waits."""
-
-    def __init__(self, node: Node, executor: Executor) -> None:
-        self._node = node
-        self._executor = executor
-
-    def link(self, model: str, exchange: Exchange) -> RosLink:
-        """The topics of a model."""
-        return RosLink(self._node, model, exchange)
-
-    def spin(self, timeout_s: float) -> None:
-        """Handles what came, for at most this long."""
-        self._executor.spin_once(timeout_sec=timeout_s)
-
-
-@contextmanager
-def open_transport() -> Iterator[RosTransport]:
-    """A node in the domain that the environment names; an rclpy that runs already is used.
-
-    Signals are left alone: Ctrl-C is a KeyboardInterrupt in whoever waits.
-    """
-    with ExitStack() as stack:
-        if not rclpy.ok():
-            rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-            stack.callback(rclpy.try_shutdown)
-        node = make_node(NAME)
-        stack.callback(node.destroy_node)
-        executor = make_executor()
-        stack.callback(executor.shutdown)
-        executor.add_node(node)
-        yield RosTransport(node, executor)
 
 
 def main() -> int:
@@ -120,7 +24,8 @@ def main() -> int:
 
     ROS parameters: ``bags`` and ``models`` (lists), ``models_file`` (``ssp.models/1``, of which
     every model is taken as running), ``out`` (folder), ``adapter`` (of all models; else each has
-    its own), ``timeout_s``, ``start_timeout_s``, ``retry_errors``.
+    its own), ``timeout_s``, ``start_timeout_s``, ``retry_errors``, ``controls`` (true: each model
+    once more with spoilt frames, and the harness's own answerers, in this process).
     """
     rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
     if len(remove_ros_args(sys.argv)) > 1:
@@ -145,20 +50,22 @@ def _evaluate() -> int:
     timeout_s = float(settings.declare_parameter("timeout_s", 60.0).value)
     start_timeout_s = float(settings.declare_parameter("start_timeout_s", CONNECT_S).value)
     retry_errors = int(settings.declare_parameter("retry_errors", 0).value)
+    controls = bool(settings.declare_parameter("controls", True).value)
     settings.destroy_node()
     specs = as_attached(load_models(Path(models_file))) if models_file else []
     specs += [attached_spec(name) for name in models if name]
-    with TopicAskers(out / "logs", timeout_s, True, start_timeout_s) as askers:
-        results = run_campaign(
-            [(Path(bag), None) for bag in bags if bag],
-            specs,
-            askers,
-            out,
-            CellOptions(adapter=adapter, retry_errors=retry_errors),
-        )
+    results = evaluate_bags(
+        [(Path(bag), None) for bag in bags if bag],
+        with_controls(specs) if specs and controls else specs,
+        out,
+        CellOptions(adapter=adapter, retry_errors=retry_errors),
+        timeout_s,
+        start_timeout_s=start_timeout_s,
+        no_controls="-p controls:=false",
+    )
     for result in results:
         print(f"{result.folder.name}: {result.status} {'; '.join(result.reasons)}".rstrip())
-    return 0 if results and all(result.status == "ok" for result in results) else 1
+    return 0 if results and not any(result.is_failure for result in results) else 1
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ from ssp_eval.evaluate.cell_file import CellResult
 from ssp_eval.evaluate.job import Job, Settings
 from ssp_eval.evaluate.labelled import LabelledClip
 from ssp_eval.evaluate.model_spec import ModelSpec
+from ssp_eval.evaluate.plan import Plan, plan_of
 from ssp_eval.evaluate.pool import run_pool
 from ssp_eval.evaluate.ray_engine import import_ray, run_ray
 from ssp_eval.labels.model import labels_version
@@ -48,13 +49,13 @@ def run_parallel(
     engine: str = "processes",
     propose_labels: bool = False,
     admissions: Mapping[str, Admission] | None = None,
-    on_total: Callable[[int], None] = lambda _: None,
+    on_plan: Callable[[Plan], None] = lambda _: None,
     on_record: Callable[[], None] = lambda: None,
 ) -> list[CellResult]:
     """Evaluates every bag with every model, several cells at a time.
 
     Args:
-        bags, models, propose_labels, admissions, on_total, on_record: see campaign.run_campaign.
+        bags, models, propose_labels, admissions, on_plan, on_record: see campaign.run_campaign.
         settings: what all cells have in common.
         workers: how many processes.
         engine: one of ENGINES.
@@ -77,7 +78,7 @@ def run_parallel(
     with ExitStack() as stack:
         clips = open_clips(stack, bags, propose_labels, admissions)
         stack.enter_context(campaign_folder(settings.out))
-        on_total(sum(len(clip.labels.labels) for clip in clips) * len(models))
+        on_plan(plan_of(clips, models))
         jobs: list[Job] = []
         clip_of: list[LabelledClip] = []
         for labelled, (bag, labels) in zip(clips, bags, strict=True):

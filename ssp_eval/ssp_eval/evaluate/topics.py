@@ -118,7 +118,7 @@ class TopicAskers:
                 self._stack.enter_context(_variables(environment))
                 self._group = self._stack.enter_context(ProcessGroup(environment, self._log_dir))
             try:
-                node = importlib.import_module("ssp_eval.evaluate.node")
+                node = importlib.import_module("ssp_eval.evaluate.link.node")
             except ImportError as error:
                 raise HostError(
                     f"ROS 2 can't be imported ({error}); bridges are reached over topics, so use "

@@ -1,0 +1,71 @@
+"""What a campaign is about to ask, told before anything is asked: questions may cost money."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ssp_eval.evaluate.labelled import LabelledClip
+from ssp_eval.evaluate.model_spec import ModelSpec
+
+NO_CONTROLS = "--no-controls"
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How much there is to ask; what is stored already is counted too.
+
+    Args:
+        label_times: of all cells, also of those that are refused and not asked.
+        cells: that are asked.
+        questions: to all models.
+        to_answerers: of these, to the harness's own answerers.
+        spoilt: of these, to models that are asked once more under a condition.
+    """
+
+    label_times: int
+    cells: int
+    questions: int
+    to_answerers: int
+    spoilt: int
+
+    def line(self, leave_out: str = NO_CONTROLS) -> str:
+        """The plan for people.
+
+        Args:
+            leave_out: what leaves the controls out.
+        """
+        text = f"{_count(self.cells, 'cell')}, {_count(self.questions, 'question')}"
+        controls = self.to_answerers + self.spoilt
+        if not controls:
+            return text
+        parts = []
+        if self.spoilt:
+            parts.append(f"{self.spoilt} to the models once more, with spoilt frames")
+        if self.to_answerers:
+            parts.append(f"{self.to_answerers} to answerers of our own")
+        what = ", ".join(parts)
+        return f"{text}; of these {controls} for controls: {what} ({leave_out} leaves them out)"
+
+
+def plan_of(clips: Sequence[LabelledClip], models: Sequence[ModelSpec]) -> Plan:
+    """What a campaign will ask.
+
+    Args:
+        clips: with their labels.
+        models: who is asked, controls included.
+    """
+    label_times = sum(len(clip.labels.labels) for clip in clips)
+    asked = [clip for clip in clips if clip.refusal is None]
+    each = sum(len(clip.labels.labels) for clip in asked)
+    return Plan(
+        label_times=label_times * len(models),
+        cells=len(asked) * len(models),
+        questions=each * len(models),
+        to_answerers=each * sum(model.control and not model.condition for model in models),
+        spoilt=each * sum(bool(model.condition) for model in models),
+    )
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
