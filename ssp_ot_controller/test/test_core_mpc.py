@@ -18,7 +18,8 @@ from ssp_core.vocab import ObjectClass, Role
 from ssp_ot_controller.core.bodies import LIMITS, BodyState, Command, step_body
 from ssp_ot_controller.core.gains import DEFAULT_GAINS
 from ssp_ot_controller.core.mpc import MpcTracker
-from ssp_ot_controller.core.tracking import Tracker, make_tracker
+from ssp_ot_controller.core.trackers import make_tracker
+from ssp_ot_controller.core.tracking import Tracker
 
 DT_S, DT_NS = 0.02, 20_000_000
 STRAIGHT = Polyline([(0.0, 0.0), (200.0, 0.0)])

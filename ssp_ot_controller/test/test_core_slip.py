@@ -21,7 +21,8 @@ from ssp_core.reference import Reference
 from ssp_core.state import DEFAULT_SIZES, ObjectState
 from ssp_core.vocab import ObjectClass, Role
 from ssp_ot_controller.core.bodies import LIMITS, Command
-from ssp_ot_controller.core.tracking import Tracker, make_tracker
+from ssp_ot_controller.core.trackers import make_tracker
+from ssp_ot_controller.core.tracking import Tracker
 
 CAR = ObjectClass.CAR
 DT_S, DT_NS = 0.01, 10_000_000

@@ -14,7 +14,7 @@ from ssp_core.state import ObjectState
 from ssp_core.vocab import Role
 from ssp_ot_controller.core.bodies import LIMITS as BODIES
 from ssp_ot_controller.core.bodies import BodyLimits, BodyState, step_body, tightened
-from ssp_ot_controller.core.tracking import make_tracker
+from ssp_ot_controller.core.trackers import make_tracker
 from ssp_scenario_manager.compile.compiler import Request, compile_task
 from ssp_scenario_manager.core.dispatch import Address, approach_reference, manoeuvre_reference
 

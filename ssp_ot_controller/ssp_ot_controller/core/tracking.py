@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
@@ -262,22 +261,3 @@ class Tracker:
         wanted = math.hypot(max(along, 0.0), across) if along > 0.0 else 0.0
         acceleration = forward + g.walker_speed_1ps * (wanted - state.speed_mps)
         return Command(self._bounded(acceleration), 0.0, heading)
-
-
-def make_tracker(
-    kind: Literal["lqr", "mpc"],
-    object_class: ObjectClass,
-    limits: BodyLimits | None = None,
-    dt_s: float = 0.02,
-) -> Tracker:
-    """A tracker of a kind; see Tracker and core.mpc.
-
-    Raises:
-        HostError: mpc without the package that it needs.
-        KeyError: a class without a body (UNKNOWN).
-    """
-    if kind == "mpc":
-        from ssp_ot_controller.core.mpc import MpcTracker
-
-        return MpcTracker(object_class, limits, dt_s)
-    return Tracker(object_class, limits, dt_s)

@@ -26,7 +26,8 @@ from ssp_ot_controller.core.object_machine import IllegalTransition, ObjectEvent
 from ssp_ot_controller.core.reference_check import Refusal, RefusalCode, check_reference
 from ssp_ot_controller.core.reference_queue import ReferenceQueue
 from ssp_ot_controller.core.stop_room import StopRoom
-from ssp_ot_controller.core.tracking import TrackingError, make_tracker
+from ssp_ot_controller.core.trackers import make_tracker
+from ssp_ot_controller.core.tracking import TrackingError
 from ssp_ot_controller.target.commands import (
     COMMANDS,
     REFUSED_CONDITION,
