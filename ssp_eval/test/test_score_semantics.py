@@ -8,6 +8,7 @@ from ssp_core.vocab import CONFLICTS, MOTIONS, POSITIONS
 from ssp_eval.labels.model import Label
 from ssp_eval.records import BehaviourRecord, Slot, Slots
 from ssp_eval.score.semantics import SlotScore, hard_score, object_f1, score_slots, soft_score
+from ssp_eval.score.validity import answers
 
 LABEL = Label(
     t_s=1.0,
@@ -33,7 +34,7 @@ RECORD = BehaviourRecord(
 
 
 def test_what_each_slot_shows():
-    assert score_slots(LABEL, RECORD, dynamics_masked=False, soft_credit=0.5) == {
+    assert score_slots(LABEL, answers(RECORD, 5), dynamics_masked=False, soft_credit=0.5) == {
         "objects": SlotScore(True, True, 2 / 3, 2 / 3, ("car",), ("car", "bus")),
         "position": SlotScore(True, True, 0.0, 0.5, "front_left", "front"),
         "motion": SlotScore(True, False, 0.0, 0.0, None, "oncoming"),
@@ -42,14 +43,14 @@ def test_what_each_slot_shows():
 
 
 def test_a_masked_slot_keeps_its_values_but_has_no_score():
-    slots = score_slots(LABEL, RECORD, dynamics_masked=True, soft_credit=0.5)
+    slots = score_slots(LABEL, answers(RECORD, 5), dynamics_masked=True, soft_credit=0.5)
     assert slots["motion"] == SlotScore(False, False, None, None, None, "oncoming")
     assert slots["conflict"].h is None
     assert slots["position"].evaluable
 
 
 def test_without_a_record_every_evaluable_slot_scores_zero():
-    slots = score_slots(LABEL, None, dynamics_masked=False, soft_credit=0.5)
+    slots = score_slots(LABEL, answers(None, 0), dynamics_masked=False, soft_credit=0.5)
     assert [slot.evaluable for slot in slots.values()] == [True, True, True, False]
     assert [(slot.given, slot.h, slot.s) for slot in slots.values()] == [
         (False, 0.0, 0.0),

@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
+from itertools import compress
+from operator import and_
 from typing import Any
 
 from ssp_eval.labels.model import Labels
@@ -50,7 +52,16 @@ class CellDetails:
 
     def to_json(self) -> dict[str, Any]:
         """All of it as plain values for json.dump."""
-        return {**asdict(self), "unmatched_records": list(self.unmatched_records)}
+        judgements = [
+            {**item._asdict(), "slots": {name: asdict(slot) for name, slot in item.slots.items()}}
+            for item in self.judgements
+        ]
+        rest = {item.name: getattr(self, item.name) for item in fields(self)}
+        return {
+            **rest,
+            "judgements": judgements,
+            "unmatched_records": list(self.unmatched_records),
+        }
 
 
 @dataclass(frozen=True)
@@ -115,27 +126,26 @@ def score_cell(
         thresholds: all limits and weights.
     """
     pairing = match([x.t_s for x in labels.labels], [x.t_s for x in records], thresholds)
-    judgements = _judgements(labels, records, pairing, thresholds)
+    risk_onset_s = labels.risk_onset_s
+    judgements = _judgements(labels, records, pairing, risk_onset_s, thresholds)
     n = len(judgements)
 
-    semantics = semantic_ratios(slot for item in judgements for slot in item.slots.values())
-    interactions = [item.interaction_correct for item in judgements if item.interaction_evaluable]
-    response = _response(judgements, labels.risk_onset_s, thresholds)
-
-    def share(flags: Sequence[bool]) -> float:
-        return sum(flags) / n
-
-    jovr = share([item.text_valid and item.trajectory_valid for item in judgements])
-    tqsr = share([item.trajectory_correct for item in judgements])
+    # By attribute, those of all labels.
+    every = dict(zip(Judgement._fields, zip(*judgements, strict=True), strict=True))
+    semantics = semantic_ratios([slot for slots in every["slots"] for slot in slots.values()])
+    interactions = list(compress(every["interaction_correct"], every["interaction_evaluable"]))
+    response = _response(judgements, risk_onset_s, thresholds)
+    jovr = sum(map(and_, every["text_valid"], every["trajectory_valid"])) / n
+    tqsr = sum(every["trajectory_correct"]) / n
     components = {
         "jovr": jovr,
         "sem_acc_eff": semantics.accuracy_effective,
-        "cia_eff": ratio(interactions, len(interactions)),
+        "cia_eff": ratio(sum(interactions), len(interactions)),
         "tqsr": tqsr,
         "rsr": float(response.success),
     }
     terms = ivcs_terms(components, thresholds)
-    failures = Counter(item.first_failure for item in judgements)
+    failures = Counter(every["first_failure"])
     label_of = {record: label for label, record in enumerate(pairing) if record is not None}
     return CellScore(
         n=n,
@@ -146,10 +156,10 @@ def score_cell(
         sem_acc_eff=semantics.accuracy_effective,
         sem_acc_soft=semantics.accuracy_soft,
         cia_eff=components["cia_eff"],
-        act_acc_eff=share([item.action_correct for item in judgements]),
-        stfr=share([item.feasible_valid for item in judgements]),
+        act_acc_eff=sum(every["action_correct"]) / n,
+        stfr=sum(every["feasible_valid"]) / n,
         tqsr=tqsr,
-        atc_eff=share([item.consistent for item in judgements]),
+        atc_eff=sum(every["consistent"]) / n,
         rsr=response.success,
         rl_s=response.latency_s,
         ivcs=math.fsum(terms.values()),
@@ -158,7 +168,7 @@ def score_cell(
         details=CellDetails(
             judgements=judgements,
             record_labels=tuple(label_of.get(i) for i in range(len(records))),
-            risk_onset_s=labels.risk_onset_s,
+            risk_onset_s=risk_onset_s,
             response_record=response.record,
             ivcs_terms=terms,
             ivcs_nulls=tuple(name for name, value in components.items() if value is None),
@@ -172,6 +182,7 @@ def _judgements(
     labels: Labels,
     records: Sequence[BehaviourRecord],
     pairing: Sequence[int | None],
+    risk_onset_s: float,
     thresholds: Thresholds,
 ) -> tuple[Judgement, ...]:
     return tuple(
@@ -180,7 +191,7 @@ def _judgements(
             records[index] if index is not None else None,
             index,
             dynamics_masked=j == 0 and not labels.first_frame_dynamics,
-            risk_onset_s=labels.risk_onset_s,
+            risk_onset_s=risk_onset_s,
             thresholds=thresholds,
         )
         for j, (label, index) in enumerate(zip(labels.labels, pairing, strict=True))

@@ -38,7 +38,10 @@ class Driven:
 
 def driven(records: RecordColumns, thresholds: Thresholds) -> Driven:
     """Which trajectories are valid (METHOD 5.4) and what they do (METHOD 6.6)."""
-    places = [sample_places(times, thresholds) for times in records.grids]
+    places = [
+        sample_places(times, thresholds.support_end_s, thresholds.tolerance)
+        for times in records.grids
+    ]
     usable = np.array([found is not None for found in places], dtype=np.bool_)
     points = np.array([len(times) for times in records.grids])
     valid = usable[records.grid]
@@ -48,9 +51,8 @@ def driven(records: RecordColumns, thresholds: Thresholds) -> Driven:
         valid &= infinite[start[1:]] == infinite[start[:-1]]
 
     rows = np.flatnonzero(valid)
-    place = np.array([found or (0.0,) * 3 for found in places])[records.grid[rows]]
-    left = np.floor(place).astype(np.int64)
-    share = place - left
+    place = np.array([found or ((0, 0.0),) * 3 for found in places])[records.grid[rows]]
+    left, share = place[:, :, 0].astype(np.int64), place[:, :, 1]
     # At a sample there is no other side: it could be missing, or too far away for a difference.
     right = left + (share > 0)
 

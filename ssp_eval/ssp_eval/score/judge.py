@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from ssp_eval.labels.model import Label
-from ssp_eval.records import BehaviourRecord, Slot
+from ssp_eval.records import SLOT_NAMES, BehaviourRecord
 from ssp_eval.score.motion import feasible, lat_action, lon_action, measure
 from ssp_eval.score.risk import is_candidate, is_defensive
 from ssp_eval.score.semantics import (
@@ -15,7 +15,7 @@ from ssp_eval.score.semantics import (
     score_slots,
 )
 from ssp_eval.score.thresholds import Thresholds
-from ssp_eval.score.validity import slot_given, text_valid, valid_trajectory
+from ssp_eval.score.validity import Value, answers, readable_length
 
 # The chain of METHOD 6.12, in its order.
 STAGES = (
@@ -29,8 +29,13 @@ STAGES = (
 )
 
 
-@dataclass(frozen=True)
-class Judgement:
+_LON, _LAT = SLOT_NAMES.index("lon_action"), SLOT_NAMES.index("lat_action")
+
+# What h of a slot is that isn't missing or wrong: right, or not asked.
+_RIGHT = {1.0, None}
+
+
+class Judgement(NamedTuple):
     """One label with the output that was matched to it; a missing output fails everything.
 
     Args:
@@ -95,19 +100,18 @@ def judge(
         risk_onset_s: t_r, clip time, s.
         thresholds: all limits.
     """
-    has_text = text_valid(record)
-    trajectory = valid_trajectory(record, thresholds)
-    motion = measure(trajectory, thresholds) if trajectory is not None else None
+    length = readable_length(record)
+    motion = measure(record.trajectory, thresholds) if record is not None else None
     lon = lon_action(motion, thresholds) if motion is not None else None
     lat = lat_action(motion, thresholds) if motion is not None else None
     drivable = feasible(motion, thresholds) if motion is not None else None
 
-    slots = score_slots(label, record, dynamics_masked, thresholds.soft_credit)
+    said = answers(record, length)
+    slots = score_slots(label, said, dynamics_masked, thresholds.soft_credit)
     e_interaction = interaction_evaluable(slots)
     c_interaction = interaction_correct(slots)
 
-    text_lon = _committed(record, record.slots.lon_action) if record is not None else None
-    text_lat = _committed(record, record.slots.lat_action) if record is not None else None
+    text_lon, text_lat = _action(said[_LON]), _action(said[_LAT])
     action_correct = text_lon in label.lon_actions and text_lat in label.lat_actions
     trajectory_correct = bool(drivable) and lon in label.lon_actions and lat in label.lat_actions
     consistent = (
@@ -121,8 +125,8 @@ def judge(
 
     # In the order of STAGES, whether each stage holds.
     held = (
-        has_text and trajectory is not None,
-        all(slot.h == 1.0 for slot in slots.values() if slot.evaluable),
+        length > 0 and motion is not None,
+        {slot.h for slot in slots.values()} <= _RIGHT,
         c_interaction or not e_interaction,
         action_correct,
         trajectory_correct,
@@ -133,8 +137,8 @@ def judge(
         label_t_s=label.t_s,
         record=record_index,
         record_t_s=record.t_s if record is not None else None,
-        text_valid=has_text,
-        trajectory_valid=trajectory is not None,
+        text_valid=length > 0,
+        trajectory_valid=motion is not None,
         slots=slots,
         interaction_evaluable=e_interaction,
         interaction_correct=c_interaction,
@@ -149,14 +153,10 @@ def judge(
         consistent=consistent,
         candidate=candidate,
         defensive=defensive,
-        first_failure=next(
-            (stage for stage, holds in zip(STAGES, held, strict=True) if not holds), None
-        ),
+        first_failure=None if all(held) else STAGES[held.index(False)],
     )
 
 
-def _committed(record: BehaviourRecord, slot: Slot | None) -> str | None:
-    """The action of a slot with z = 1, else None."""
-    if slot is None or not isinstance(slot.value, str) or not slot_given(slot, record.text):
-        return None
-    return slot.value
+def _action(said: Value | None) -> str | None:
+    """The word that a text commits to; a set of objects is none."""
+    return said if isinstance(said, str) else None

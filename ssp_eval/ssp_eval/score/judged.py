@@ -20,11 +20,11 @@ from ssp_eval.score.semantics import (
     DYNAMIC_SLOTS,
     INTERACTION_SLOTS,
     SLOTS,
-    Value,
     hard_score,
     soft_score,
 )
 from ssp_eval.score.thresholds import Thresholds
+from ssp_eval.score.validity import Value
 
 _DYNAMIC = [SLOTS.index(name) for name in DYNAMIC_SLOTS]
 _INTERACTION = [SLOTS.index(name) for name in INTERACTION_SLOTS]

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from typing import NamedTuple
 
 from ssp_eval.score.thresholds import DEFAULT, Thresholds
+
+# The records [first, end) that a label may be paired with.
+Window = tuple[int, int]
 
 
 class _Best(NamedTuple):
@@ -28,11 +30,11 @@ class _Optima:
     """
 
     def __init__(
-        self, labels_s: Sequence[float], records_s: Sequence[float], limit_s: float
+        self, labels_s: Sequence[float], records_s: Sequence[float], windows: Sequence[Window]
     ) -> None:
         self._labels_s = labels_s
         self._records_s = records_s
-        self.windows = [_window(label_s, records_s, limit_s) for label_s in labels_s]
+        self.windows = windows
         self._rows: list[list[_Best]] = [[] for _ in labels_s]
         for j in reversed(range(len(labels_s))):
             first, end = self.windows[j]
@@ -61,16 +63,28 @@ class _Optima:
         return _Best(rest.pairs + 1, rest.error_s + self.error_s(j, i))
 
 
-def _window(label_s: float, records_s: Sequence[float], limit_s: float) -> tuple[int, int]:
-    """The records (first, end) that are no further than limit_s from a label."""
+def _windows(labels_s: Sequence[float], records_s: Sequence[float], limit_s: float) -> list[Window]:
+    """For each label the records (first, end) that are no further than limit_s from it."""
+    count, first, end = len(records_s), 0, 0
+    found = []
+    for label_s in labels_s:
+        while first < count and records_s[first] - label_s < -limit_s:
+            first += 1
+        end = max(end, first)
+        while end < count and records_s[end] - label_s <= limit_s:
+            end += 1
+        found.append((first, end))
+    return found
 
-    def offset(record_s: float) -> float:
-        return record_s - label_s
 
-    return (
-        bisect_left(records_s, -limit_s, key=offset),
-        bisect_right(records_s, limit_s, key=offset),
-    )
+def _apart(windows: Sequence[Window]) -> bool:
+    """Whether no window holds two records and no record lies in two windows."""
+    taken = 0
+    for first, end in windows:
+        if end - first > 1 or (end > first and first < taken):
+            return False
+        taken = end
+    return True
 
 
 def match(
@@ -88,7 +102,11 @@ def match(
         records_s: clip times, s, rising strictly.
         thresholds: window and tolerance.
     """
-    optima = _Optima(labels_s, records_s, thresholds.match_window_s + thresholds.tolerance)
+    windows = _windows(labels_s, records_s, thresholds.match_window_s + thresholds.tolerance)
+    if _apart(windows):
+        # Every pair there can be belongs to the one solution.
+        return tuple([first if end > first else None for first, end in windows])
+    optima = _Optima(labels_s, records_s, windows)
     target = optima.of(0, 0)
     result: list[int | None] = []
     start, pairs, error_s = 0, 0, 0.0

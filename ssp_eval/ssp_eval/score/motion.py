@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from ssp_eval.score.thresholds import DEFAULT, Thresholds
-from ssp_vla_bridge.core.trajectory import Trajectory, check_trajectory, interpolate
+from ssp_vla_bridge.core.trajectory import Trajectory, between, check_trajectory, locate
 
 if TYPE_CHECKING:
     import numpy as np
@@ -46,12 +47,13 @@ class Motion(Generic[T]):
     @property
     def end_speed_mps(self) -> T:
         """v_2, forward."""
-        return self.forward_steps_m[1] / self.step_s
+        return (self.forward_m[2] - self.forward_m[1]) / self.step_s
 
     @property
     def accel_mps2(self) -> T:
         """a = (v_2 − v_1)/Δt, positive when speeding up."""
-        return (self.end_speed_mps - self.forward_steps_m[0] / self.step_s) / self.step_s
+        s0, s1, s2 = self.forward_m
+        return ((s2 - s1) / self.step_s - (s1 - s0) / self.step_s) / self.step_s
 
     @property
     def shift_m(self) -> T:
@@ -64,69 +66,91 @@ def step_of(thresholds: Thresholds) -> float:
     return thresholds.support_end_s / 2
 
 
-def measure(trajectory: Trajectory, thresholds: Thresholds = DEFAULT) -> Motion[float]:
-    """Samples a trajectory at the start, middle and end of the interval (METHOD 6.6).
-
-    Args:
-        trajectory: a valid one (METHOD 5.4), ego frame, m.
-        thresholds: the interval and the tolerance.
-    """
-    step_s = step_of(thresholds)
-    (s0, l0), (s1, l1), (s2, l2) = (
-        interpolate(trajectory, k * step_s, thresholds.tolerance) for k in range(3)
-    )
-    return Motion((s0, s1, s2), (l0, l1, l2), step_s)
+# Where a trajectory is read: index of a sample, and the share of the way to the next.
+Places = tuple[tuple[int, float], ...]
 
 
+@lru_cache(maxsize=1 << 12)
 def sample_places(
-    times_s: tuple[float, ...], thresholds: Thresholds = DEFAULT
-) -> tuple[float, ...] | None:
-    """Where among its samples a trajectory is read (METHOD 6.6): 1.25 is a quarter past sample 1.
+    times_s: tuple[float, ...], support_end_s: float, tolerance_s: float
+) -> Places | None:
+    """Where among its samples a trajectory is read (METHOD 6.6).
+
+    A model gives all its trajectories over the same few times, so that this is seldom asked anew.
 
     Args:
         times_s: times of the samples.
+        support_end_s: end of the interval that must be covered, s.
+        tolerance_s: see check_trajectory.
+
+    Returns:
+        The place of each of the three times; None if no trajectory with these times is valid
+        (METHOD 5.4).
+    """
+    if check_trajectory(Trajectory(times_s, times_s, times_s), support_end_s, tolerance_s):
+        return None
+    step_s = support_end_s / 2
+    return tuple(locate(times_s, k * step_s, tolerance_s) for k in range(3))
+
+
+def measure(
+    trajectory: Trajectory | None, thresholds: Thresholds = DEFAULT
+) -> Motion[float] | None:
+    """Samples a trajectory at the start, middle and end of the interval (METHOD 6.6).
+
+    Args:
+        trajectory: as a model gave it, ego frame, m; None without one.
         thresholds: the interval and the tolerance.
 
     Returns:
-        A place for each of the three times, None if no trajectory with these times is valid.
+        None where v_trj = 0 (METHOD 5.3, 5.4); a record's ``invalid`` decides nothing.
     """
-    places = tuple(map(float, range(len(times_s))))
-    path = Trajectory(times_s, places, places)
-    if check_trajectory(path, thresholds.support_end_s, thresholds.tolerance):
+    if trajectory is None:
         return None
-    step_s = step_of(thresholds)
-    return tuple(interpolate(path, k * step_s, thresholds.tolerance)[0] for k in range(3))
+    xs, ys = trajectory.x_m, trajectory.y_m
+    if not len(xs) == len(ys) == len(trajectory.t_s):
+        return None
+    places = sample_places(trajectory.t_s, thresholds.support_end_s, thresholds.tolerance)
+    if places is None or not (all(map(math.isfinite, xs)) and all(map(math.isfinite, ys))):
+        return None
+    (i, u), (j, v), (k, w) = places
+    return Motion(
+        (between(xs, i, u), between(xs, j, v), between(xs, k, w)),
+        (between(ys, i, u), between(ys, j, v), between(ys, k, w)),
+        step_of(thresholds),
+    )
 
 
 def lon_action(motion: Motion[float], thresholds: Thresholds = DEFAULT) -> str:
     """The longitudinal action (METHOD 6.6): stop, decelerate, maintain or accelerate."""
     if thresholds.at_most(motion.end_speed_mps, thresholds.stop_speed_mps):
         return "stop"
-    if thresholds.at_most(motion.accel_mps2, -thresholds.accel_mps2):
+    accel_mps2 = motion.accel_mps2
+    if thresholds.at_most(accel_mps2, -thresholds.accel_mps2):
         return "decelerate"
-    if thresholds.at_least(motion.accel_mps2, thresholds.accel_mps2):
+    if thresholds.at_least(accel_mps2, thresholds.accel_mps2):
         return "accelerate"
     return "maintain"
 
 
 def lat_action(motion: Motion[float], thresholds: Thresholds = DEFAULT) -> str:
     """The lateral action (METHOD 6.6): left, straight or right."""
-    if thresholds.at_least(motion.shift_m, thresholds.lateral_shift_m):
+    shift_m = motion.shift_m
+    if thresholds.at_least(shift_m, thresholds.lateral_shift_m):
         return "left"
-    if thresholds.at_most(motion.shift_m, -thresholds.lateral_shift_m):
+    if thresholds.at_most(shift_m, -thresholds.lateral_shift_m):
         return "right"
     return "straight"
 
 
 def feasible(motion: Motion[float], thresholds: Thresholds = DEFAULT) -> bool:
     """F of METHOD 6.6: no step goes backwards, too fast or too fast sideways, |a| is bounded."""
-    for forward_m, left_m in zip(motion.forward_steps_m, motion.left_steps_m, strict=True):
-        speed_mps = math.hypot(forward_m, left_m) / motion.step_s
-        lateral_mps = abs(left_m) / motion.step_s
-        if not (
-            thresholds.at_least(forward_m, -thresholds.max_backward_m)
-            and thresholds.at_most(speed_mps, thresholds.max_speed_mps)
-            and thresholds.at_most(lateral_mps, thresholds.max_lateral_speed_mps)
-        ):
-            return False
-    return thresholds.at_most(abs(motion.accel_mps2), thresholds.max_accel_mps2)
+    (s1, s2), (l1, l2) = motion.forward_steps_m, motion.left_steps_m
+    furthest_m = max(math.hypot(s1, l1), math.hypot(s2, l2))
+    widest_m = max(abs(l1), abs(l2))
+    return (
+        thresholds.at_least(min(s1, s2), -thresholds.max_backward_m)
+        and thresholds.at_most(furthest_m / motion.step_s, thresholds.max_speed_mps)
+        and thresholds.at_most(widest_m / motion.step_s, thresholds.max_lateral_speed_mps)
+        and thresholds.at_most(abs(motion.accel_mps2), thresholds.max_accel_mps2)
+    )

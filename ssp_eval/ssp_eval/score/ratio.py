@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable
 
+def ratio(total: float, denominator: int) -> float | None:
+    """total / denominator, and None (shown as ``–``) when the denominator is 0 (METHOD 6.11).
 
-def ratio(terms: Iterable[float], denominator: int) -> float | None:
-    """Σ terms / denominator, and None (shown as ``–``) when the denominator is 0 (METHOD 6.11).
-
-    The sum is exactly rounded, so the order of the terms doesn't matter.
+    A total of fractions is one of math.fsum, so that the order of its terms doesn't matter.
     """
-    return math.fsum(terms) / denominator if denominator else None
+    return total / denominator if denominator else None

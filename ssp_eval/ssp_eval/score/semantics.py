@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from operator import attrgetter, itemgetter
 
 from ssp_eval.labels.model import Label
-from ssp_eval.records import BehaviourRecord, Slot
 from ssp_eval.score.ratio import ratio
-from ssp_eval.score.validity import slot_given
+from ssp_eval.score.validity import Value
 
 SLOTS = ("objects", "position", "motion", "conflict")
 DYNAMIC_SLOTS = ("motion", "conflict")
 INTERACTION_SLOTS = ("objects", "position", "motion")
+_truths = attrgetter(*SLOTS)
+_interaction: Callable[[Mapping[str, SlotScore]], tuple[SlotScore, SlotScore, SlotScore]] = (
+    itemgetter(*INTERACTION_SLOTS)
+)
 
 # Classes that a careful reader may take for each other (METHOD 6.3); the order doesn't matter.
 ADJACENT = frozenset(
@@ -26,8 +32,6 @@ ADJACENT = frozenset(
         ("no_conflict", "resolved"),
     )
 )
-
-Value = str | tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -73,30 +77,42 @@ def soft_score(answer: Value, truth: Value, credit: float) -> float:
     return hard_score(answer, truth)
 
 
+@lru_cache(maxsize=1 << 14)
+def score_slot(
+    answer: Value | None, truth: Value | None, masked: bool, soft_credit: float
+) -> SlotScore:
+    """One slot (METHOD 6.3). Vocabularies are closed, so that few different ones ever come up.
+
+    Args:
+        answer: what the record gives with evidence, None where z = 0.
+        truth: the label's value, None for null.
+        masked: the slot isn't evaluable here, whatever the label says.
+        soft_credit: s of adjacent classes.
+    """
+    given = answer is not None
+    if truth is None or masked:
+        return SlotScore(False, given, None, None, answer, truth)
+    if answer is None:
+        return SlotScore(True, False, 0.0, 0.0, None, truth)
+    soft = soft_score(answer, truth, soft_credit)
+    return SlotScore(True, True, hard_score(answer, truth), soft, answer, truth)
+
+
 def score_slots(
-    label: Label, record: BehaviourRecord | None, dynamics_masked: bool, soft_credit: float
+    label: Label, answers: Sequence[Value | None], dynamics_masked: bool, soft_credit: float
 ) -> dict[str, SlotScore]:
     """The four slots of METHOD 6.3 at one label, by name.
 
     Args:
         label: what is true.
-        record: the matched output, None for a missing one.
+        answers: of the matched output in the order of SLOTS, None where z = 0; more are ignored.
         dynamics_masked: motion and conflict aren't evaluable here (the earliest label).
         soft_credit: s of adjacent classes.
     """
-    scores = {}
-    for name in SLOTS:
-        truth: Value | None = getattr(label, name)
-        slot: Slot | None = getattr(record.slots, name) if record is not None else None
-        given = record is not None and slot_given(slot, record.text)
-        answer = slot.value if given and slot is not None else None
-        evaluable = truth is not None and not (dynamics_masked and name in DYNAMIC_SLOTS)
-        h = s = None
-        if evaluable and truth is not None:
-            h = hard_score(answer, truth) if answer is not None else 0.0
-            s = soft_score(answer, truth, soft_credit) if answer is not None else 0.0
-        scores[name] = SlotScore(evaluable, given, h, s, answer, truth)
-    return scores
+    return {
+        name: score_slot(answer, truth, dynamics_masked and name in DYNAMIC_SLOTS, soft_credit)
+        for name, answer, truth in zip(SLOTS, answers, _truths(label), strict=False)
+    }
 
 
 @dataclass(frozen=True)
@@ -110,26 +126,23 @@ class SemanticRatios:
     evaluable: int
 
 
-def semantic_ratios(scores: Iterable[SlotScore]) -> SemanticRatios:
+def semantic_ratios(scores: Sequence[SlotScore]) -> SemanticRatios:
     """SemCov, SemAcc_cond, SemAcc_eff and SemAcc_soft over all slots of all labels (6.3)."""
-    evaluable = [score for score in scores if score.evaluable]
-    given = [score for score in evaluable if score.given]
+    given = [score for score in scores if score.evaluable and score.given]
     hard = [score.h for score in given if score.h is not None]
     soft = [score.s for score in given if score.s is not None]
-    return SemanticRatios(
-        coverage=ratio((1.0 for _ in given), len(evaluable)),
-        accuracy_conditional=ratio(hard, len(given)),
-        accuracy_effective=ratio(hard, len(evaluable)),
-        accuracy_soft=ratio(soft, len(evaluable)),
-        evaluable=len(evaluable),
-    )
+    e = sum([score.evaluable for score in scores])
+    ez, ezh, ezs = len(given), math.fsum(hard), math.fsum(soft)
+    return SemanticRatios(ratio(ez, e), ratio(ezh, ez), ratio(ezh, e), ratio(ezs, e), e)
 
 
 def interaction_evaluable(slots: Mapping[str, SlotScore]) -> bool:
     """E of METHOD 6.4: objects, position and motion are all evaluable."""
-    return all(slots[name].evaluable for name in INTERACTION_SLOTS)
+    objects, position, motion = _interaction(slots)
+    return objects.evaluable and position.evaluable and motion.evaluable
 
 
 def interaction_correct(slots: Mapping[str, SlotScore]) -> bool:
     """C of METHOD 6.4: objects, position and motion are all given and exactly right."""
-    return all(slots[name].given and slots[name].h == 1.0 for name in INTERACTION_SLOTS)
+    objects, position, motion = _interaction(slots)
+    return objects.h == position.h == motion.h == 1.0

@@ -1,30 +1,40 @@
-"""When an output counts at all (METHOD 5.3, 5.4): v_txt, v_trj and z."""
+"""When a text counts at all (METHOD 5.3): v_txt and z."""
 
 from __future__ import annotations
 
-from ssp_eval.records import BehaviourRecord, Slot
-from ssp_eval.score.thresholds import Thresholds
-from ssp_vla_bridge.core.trajectory import Trajectory, check_trajectory
+from operator import attrgetter
+
+from ssp_eval.records import SLOT_NAMES, BehaviourRecord, Slot
+
+Value = str | tuple[str, ...]
+
+_slots = attrgetter(*SLOT_NAMES)
+_NOTHING = (None,) * len(SLOT_NAMES)
 
 
-def text_valid(record: BehaviourRecord | None) -> bool:
-    """v_txt of METHOD 5.3: there is a text and it isn't blank."""
-    return record is not None and bool(record.text.strip())
+def readable_length(record: BehaviourRecord | None) -> int:
+    """How many characters can support a slot (METHOD 5.3); 0 says that v_txt = 0.
 
-
-def valid_trajectory(record: BehaviourRecord | None, thresholds: Thresholds) -> Trajectory | None:
-    """The record's trajectory if v_trj = 1 (METHOD 5.3, 5.4), else None.
-
-    What the record says under ``invalid`` decides nothing.
+    That of a blank text is 0, whatever spaces it holds.
     """
-    if record is None or record.trajectory is None:
-        return None
-    failures = check_trajectory(record.trajectory, thresholds.support_end_s, thresholds.tolerance)
-    return None if failures else record.trajectory
+    if record is None or not record.text.strip():
+        return 0
+    return len(record.text)
 
 
-def slot_given(slot: Slot | None, text: str) -> bool:
-    """z of METHOD 5.3: a value, and at least one non-empty span inside a text that isn't blank."""
-    if slot is None or not text.strip():
-        return False
-    return any(0 <= start < end <= len(text) for start, end in slot.evidence)
+def answers(record: BehaviourRecord | None, length: int) -> tuple[Value | None, ...]:
+    """The values of a record's six slots, None where z = 0 (METHOD 5.3): missing or unsupported.
+
+    Args:
+        record: an output, None for a missing one.
+        length: see readable_length.
+    """
+    return _NOTHING if record is None else tuple([_answer(x, length) for x in _slots(record.slots)])
+
+
+def _answer(slot: Slot | None, length: int) -> Value | None:
+    if slot is not None:
+        for start, end in slot.evidence:
+            if 0 <= start < end <= length:
+                return slot.value
+    return None

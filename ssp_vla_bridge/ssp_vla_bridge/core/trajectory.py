@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import chain, islice
+from operator import lt
 
 # The interval that a trajectory must cover is [0, SUPPORT_END_S] (METHOD 5.4); inclusive
 # comparisons of times carry TOLERANCE_S (METHOD 6.11).
@@ -57,11 +59,11 @@ def check_trajectory(
     reasons = []
     if len(times) < 2 or len(xs) != len(times) or len(ys) != len(times):
         reasons.append("shape")
-    if not all(math.isfinite(value) for values in (times, xs, ys) for value in values):
+    if not all(map(math.isfinite, chain(times, xs, ys))):
         reasons.append("non_finite")
-    if not times or not all(math.isfinite(time) for time in times):
+    if not times or not all(map(math.isfinite, times)):
         return tuple(reasons)
-    if not all(before < after for before, after in pairwise(times)):
+    if not all(map(lt, times, islice(times, 1, None))):
         reasons.append("timestamps")
     elif times[0] > tolerance_s or times[-1] < support_end_s - tolerance_s:
         reasons.append("coverage")
@@ -81,15 +83,38 @@ def interpolate(
     Raises:
         ValueError: the time lies outside the trajectory's native support.
     """
-    times, xs, ys = trajectory.t_s, trajectory.x_m, trajectory.y_m
-    if not times[0] - tolerance_s <= t_s <= times[-1] + tolerance_s:
-        raise ValueError(f"{t_s} s is outside the support [{times[0]}, {times[-1]}] s")
-    right = min(bisect_left(times, t_s), len(times) - 1)
-    if right == 0 or times[right] <= t_s:
-        return xs[right], ys[right]
-    left = right - 1
-    weight = (t_s - times[left]) / (times[right] - times[left])
+    left, weight = locate(trajectory.t_s, t_s, tolerance_s)
     return (
-        xs[left] + (xs[right] - xs[left]) * weight,
-        ys[left] + (ys[right] - ys[left]) * weight,
+        between(trajectory.x_m, left, weight),
+        between(trajectory.y_m, left, weight),
     )
+
+
+def locate(
+    times_s: Sequence[float], t_s: float, tolerance_s: float = TOLERANCE_S
+) -> tuple[int, float]:
+    """Where a time lies among the samples of a valid trajectory.
+
+    Args:
+        times_s: of the samples.
+        t_s, tolerance_s: see interpolate.
+
+    Returns:
+        Index of a sample, and the share of the way from it to the next; 0 at the sample itself.
+
+    Raises:
+        ValueError: see interpolate.
+    """
+    if not times_s[0] - tolerance_s <= t_s <= times_s[-1] + tolerance_s:
+        raise ValueError(f"{t_s} s is outside the support [{times_s[0]}, {times_s[-1]}] s")
+    right = min(bisect_left(times_s, t_s), len(times_s) - 1)
+    if right == 0 or times_s[right] <= t_s:
+        return right, 0.0
+    left = right - 1
+    return left, (t_s - times_s[left]) / (times_s[right] - times_s[left])
+
+
+def between(values: Sequence[float], left: int, weight: float) -> float:
+    """A coordinate at a place that locate gave; at a sample no other one is looked at."""
+    value = values[left]
+    return value + (values[left + 1] - value) * weight if weight else value
