@@ -76,7 +76,8 @@ def test_pairs_are_of_the_same_scenario_and_other_factor():
     jovr, ivcs = found["jovr"], found["ivcs"]
     assert (jovr.n, jovr.difference, jovr.favour) == (2, pytest.approx(0.1), 0.75)
     assert jovr.p is None
-    assert (ivcs.p, ivcs.p_least, ivcs.family) == (1.0, 0.5, 1)
+    # b is the same in both domains, and no sign makes anything of that.
+    assert (ivcs.p, ivcs.p_least, ivcs.family) == (1.0, 1.0, 1)
     (alone,) = [c for c in compare(rows[:2], "domain", SEED) if c.metric == "ivcs"]
     assert (alone.n, alone.p, alone.p_holm, alone.interval) == (1, None, None, NO_INTERVAL)
 
@@ -96,6 +97,29 @@ def test_pairs_of_a_scenario_can_be_flipped_together():
     one = [r for r in rows if r.scenario == "s"]
     (found,) = [c for c in compare(one, "domain", SEED) if c.metric == "ivcs"]
     assert (found.p, found.scenarios, found.p_scenarios) == (2 / 2**6, 1, None)
+
+
+def test_pairs_without_a_difference_make_no_p_smaller():
+    def pairs(*differences):
+        rows = [row("s", "physical", str(k), 0.5 + d) for k, d in enumerate(differences)]
+        rows += [row("s", "synthetic", str(k), 0.5) for k, _ in enumerate(differences)]
+        (found,) = [c for c in compare(rows, "domain", SEED) if c.metric == "ivcs"]
+        return found.n, found.p, found.p_least, found.exact
+
+    assert pairs(0.1, 0.2, 0.1, 0.0, 0.0) == (5, 2 / 8, 2 / 8, True)
+    assert pairs(0.1, -0.2, 0.1, 0.0) == (4, 1.0, 2 / 8, True)
+    assert pairs(0.0, 0.0) == (2, 1.0, 1.0, True)
+    # Only those that differ count towards what can be tried in full.
+    n, p, least, exact = pairs(*[0.1] * 10, *[0.0] * 30)
+    assert (n, p, least, exact) == (40, 2 / 2**10, 2 / 2**10, True)
+    n, p, least, exact = pairs(*[0.1] * 17, *[0.0] * 3)
+    assert (n, p, least, exact) == (20, 1 / 20_001, 1 / 20_001, False)
+
+
+def test_p_over_scenarios_is_corrected_within_its_family():
+    given_ps = [Comparison("model", "a", "b", "ivcs", 5, 0.1, p=0.5, p_scenarios=p)
+                for p in (0.25, 0.5, None)]  # fmt: skip
+    assert [one.p_scenarios_holm for one in holm(given_ps)] == [0.5, 0.5, None]
 
 
 def test_macro_means_over_runs_are_of_the_same_cells():

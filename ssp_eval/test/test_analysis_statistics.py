@@ -103,15 +103,19 @@ def test_intervals_where_nothing_varies_or_nothing_is_known():
     assert bca_interval(np.full(9, 0.5), 0.5, np.full(3, 0.5)) == Interval(0.5, 0.5)
     # All resamples lie above the estimate: there is no correction that would help.
     assert bca_interval(np.array([0.6, 0.7]), 0.5, np.array([0.4, 0.5])) == NO_INTERVAL
-    one = bootstrap_mean([0.25], 100, SEED)
+    assert percentile_interval(np.array([0.1, 0.2]), None) == NO_INTERVAL
+    one = bootstrap_mean({"a": [0.25]}, "cells", 100, SEED)
     assert (one.value, one.n, one.percentile) == (0.25, 1, NO_INTERVAL)
-    assert bootstrap_mean([], 100, SEED).value is None
+    assert bootstrap_mean({}, "cells", 100, SEED).value is None
 
 
 def test_the_mean_of_0_and_1_has_the_binomial_distribution():
-    found = bootstrap_mean([0.0] * 5 + [1.0] * 5, 20_000, SEED)
+    values = {str(k): [float(k % 2)] for k in range(10)}
+    found = bootstrap_mean(values, "cells", 20_000, SEED)
     exact = stats.binom(10, 0.5)
-    assert found.percentile == Interval(exact.ppf(0.025) / 10, exact.ppf(0.975) / 10)
+    # Quantiles of the resamples, but further out than 2.5 %, for there are ten values only.
+    tail = stats.norm.cdf(-np.sqrt(10 / 9) * stats.t(9).ppf(0.975))
+    assert found.percentile == Interval(exact.ppf(tail) / 10, exact.ppf(1 - tail) / 10)
     assert found.bias == pytest.approx(0.0, abs=0.01)
 
 

@@ -8,8 +8,8 @@ from measure import report
 from scoring import a_cell, best_s
 
 from ssp_core.vocab import DOMAINS
+from ssp_eval.analysis.blocks import block_draws, block_of
 from ssp_eval.analysis.bootstrap import RESAMPLES, SEED, bootstrap_records, clip_generator
-from ssp_eval.analysis.resample import draws
 from ssp_eval.analysis.row import CellRow
 from ssp_eval.analysis.statistics import GROUPINGS
 from ssp_eval.score import score_cell
@@ -38,7 +38,9 @@ def main() -> None:
 
     def bare() -> None:
         for row, terms in cells:
-            draws(len(terms), RESAMPLES, clip_generator(SEED, row, len(terms)))
+            count = len(terms)
+            rng = clip_generator(SEED, row, count)
+            block_draws(count, block_of(count), RESAMPLES, rng)
 
     report(
         "bootstrap",

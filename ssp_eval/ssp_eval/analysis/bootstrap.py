@@ -1,13 +1,15 @@
-"""Bootstrap intervals of the scores: over records, over runs, and over cells."""
+"""Bootstrap intervals of the scores: over blocks of labels, and over runs, cells and scenarios."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import math
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
 import numpy as np
 
+from ssp_eval.analysis.blocks import block_draws, block_of, reach, without_blocks
 from ssp_eval.analysis.drawn import resampled_scores
 from ssp_eval.analysis.resample import (
     NO_INTERVAL,
@@ -20,7 +22,7 @@ from ssp_eval.analysis.resample import (
     weighted_sums,
 )
 from ssp_eval.analysis.row import CellRow
-from ssp_eval.score.aggregate import METRICS, mean
+from ssp_eval.score.aggregate import METRICS, Mean, mean
 from ssp_eval.score.terms import RecordTerms
 
 RESAMPLES = 10_000
@@ -33,10 +35,12 @@ class Estimate:
 
     Args:
         value: unrounded, null as None.
-        n: how many items were drawn from: labels, runs or cells.
+        n: how many items were drawn from: labels, runs, cells or scenarios; of a mean whose
+            labels were drawn, its cells.
         percentile, bca: 95 % intervals.
         bias: mean of the resamples less the value.
         null_share: resamples in which the score has no denominator.
+        unit: what was drawn, for people.
     """
 
     value: float | None
@@ -45,27 +49,41 @@ class Estimate:
     bca: Interval = NO_INTERVAL
     bias: float | None = None
     null_share: float = 0.0
+    unit: str = ""
 
 
-def cell_estimates(terms: RecordTerms, samples: Mapping[str, Numbers]) -> dict[str, Estimate]:
-    """Intervals of a cell's scores over its records.
+def cell_estimates(
+    terms: RecordTerms, samples: Mapping[str, Numbers], block: int = 1
+) -> dict[str, Estimate]:
+    """Intervals of a cell's scores over its labels.
 
     Args:
         terms: of the cell.
         samples: resampled_scores.
+        block: how many labels were drawn together.
     """
     n = len(terms)
     values = resampled_scores(terms, np.ones((1, n)))
-    left_out = resampled_scores(terms, 1.0 - np.eye(n)) if n > 1 else None
+    left_out = resampled_scores(terms, without_blocks(n, block)) if n > 1 else None
     return {
         metric: _estimate(
             samples[metric],
             _nullable(values[metric][0]),
             n,
             np.array([]) if left_out is None else left_out[metric],
+            n / block,
+            label_unit({block}),
         )
         for metric in METRICS
     }
+
+
+def label_unit(blocks: Collection[int]) -> str:
+    """What is drawn where labels are, with the lengths of blocks there are."""
+    lengths = sorted(set(blocks))
+    if lengths == [1]:
+        return "labels"
+    return f"labels, in blocks of {' or '.join(map(str, lengths))}"
 
 
 def _nullable(value: float) -> float | None:
@@ -73,22 +91,30 @@ def _nullable(value: float) -> float | None:
 
 
 def _estimate(
-    samples: Numbers, value: float | None, n: int, jackknife: Numbers | None = None
+    samples: Numbers,
+    value: float | None,
+    n: int,
+    jackknife: Numbers,
+    items: float,
+    unit: str,
 ) -> Estimate:
     if value is None or n < 2:
-        return Estimate(value, n)
+        return Estimate(value, n, unit=unit)
     null_share = float(np.isnan(samples).mean())
-    bca = NO_INTERVAL if jackknife is None else bca_interval(samples, value, jackknife)
+    ends = reach(items)
+    bca = bca_interval(samples, value, jackknife, ends, items)
     bias = float(np.nanmean(samples) - value) if null_share < 1.0 else None
-    return Estimate(value, n, percentile_interval(samples), bca, bias, null_share)
+    return Estimate(value, n, percentile_interval(samples, ends), bca, bias, null_share, unit)
 
 
 Group = tuple[str, ...]
+# Scenario, domain and number of labels: what is drawn alike.
+Clip = tuple[str, str, int]
 
 
 @dataclass(frozen=True)
 class Bootstrap:
-    """Intervals over records: of each cell, and of the means of groups of cells.
+    """Intervals over labels: of each cell, and of the means of groups of cells.
 
     Args:
         cells: by scenario, domain, model and run, then by metric.
@@ -106,6 +132,7 @@ def bootstrap_records(
     resamples: int = RESAMPLES,
     seed: int = SEED,
     on_cell: Callable[[], None] = lambda: None,
+    block: int | None = None,
 ) -> Bootstrap:
     """Resamples the labels of every clip and averages the cells.
 
@@ -120,6 +147,7 @@ def bootstrap_records(
         resamples: how many.
         seed: of the random numbers; the order of the cells makes no difference.
         on_cell: called once per cell.
+        block: labels that are drawn together; None: as block_of has it for each clip.
     """
     found: dict[tuple[str, ...], dict[str, Estimate]] = {}
     sums = {by: _GroupSums(by, resamples) for by in groupings}
@@ -127,16 +155,20 @@ def bootstrap_records(
     for key, group in groupby(in_order, key=lambda one: one[0].key):
         runs = []
         rows = []
+        clips: dict[Clip, int] = {}
         for row, terms in group:
-            rng = clip_generator(seed, row, len(terms))
-            samples = resampled_scores(terms, draws(len(terms), resamples, rng))
-            estimates = cell_estimates(terms, samples)
+            count = len(terms)
+            length = block_of(count, block)
+            weights = block_draws(count, length, resamples, clip_generator(seed, row, count))
+            samples = resampled_scores(terms, weights)
+            estimates = cell_estimates(terms, samples, length)
             found[(*key, row.run)] = estimates
             runs.append((samples, estimates))
             rows.append(row)
+            clips[(row.scenario, row.domain, count)] = length
             on_cell()
         for total in sums.values():
-            total.add(rows, *_over_runs(runs))
+            total.add(rows, clips, *_over_runs(runs))
     return Bootstrap(found, {by: total.estimates() for by, total in sums.items()})
 
 
@@ -169,16 +201,19 @@ class _GroupSums:
         self._sums: dict[Group, Numbers] = {}
         self._counts: dict[Group, Numbers] = {}
         self._values: dict[Group, list[list[float]]] = {}
+        self._clips: dict[Group, dict[Clip, int]] = {}
 
     def add(
         self,
         runs: Sequence[CellRow],
+        clips: Mapping[Clip, int],
         samples: Mapping[str, Numbers],
         scores: Mapping[str, float | None],
     ) -> None:
         if "domain" in self._by and not all(row.admitted for row in runs):
             return
         key = tuple(getattr(runs[0], name) for name in self._by)
+        self._clips.setdefault(key, {}).update(clips)
         shape = (len(METRICS), self._resamples)
         total = self._sums.setdefault(key, np.zeros(shape))
         count = self._counts.setdefault(key, np.zeros(shape))
@@ -195,35 +230,48 @@ class _GroupSums:
         for key in sorted(self._sums):
             means = np.full_like(self._sums[key], np.nan)
             np.divide(self._sums[key], self._counts[key], out=means, where=self._counts[key] > 0)
+            clips = self._clips[key]
+            items = sum(count / block for (*_, count), block in clips.items())
+            ends, unit = reach(items, len(clips)), label_unit(clips.values())
             found[key] = {}
             for i, metric in enumerate(METRICS):
                 over = mean(self._values[key][i])
-                found[key][metric] = _group_estimate(means[i], over.value, over.n)
+                found[key][metric] = _group_estimate(means[i], over, ends, unit)
         return found
 
 
-def _group_estimate(samples: Numbers, value: float | None, n: int) -> Estimate:
-    if value is None:
-        return Estimate(None, n)
+def _group_estimate(samples: Numbers, over: Mean, ends: float | None, unit: str) -> Estimate:
+    if over.value is None:
+        return Estimate(None, over.n, unit=unit)
     null_share = float(np.isnan(samples).mean())
-    bias = float(np.nanmean(samples) - value) if null_share < 1.0 else None
-    return Estimate(value, n, percentile_interval(samples), NO_INTERVAL, bias, null_share)
+    bias = float(np.nanmean(samples) - over.value) if null_share < 1.0 else None
+    interval = percentile_interval(samples, ends)
+    return Estimate(over.value, over.n, interval, NO_INTERVAL, bias, null_share, unit)
 
 
 def bootstrap_mean(
-    values: Sequence[float], resamples: int = RESAMPLES, seed: int = SEED, *names: str
+    values: Mapping[str, Sequence[float]],
+    unit: str,
+    resamples: int = RESAMPLES,
+    seed: int = SEED,
+    *names: str,
 ) -> Estimate:
-    """The mean of values (of runs or of cells) with its intervals; none of fewer than two.
+    """The mean of all values with its intervals, where whole clusters of them are drawn.
 
     Args:
-        values: their order makes no difference.
+        values: by cluster, such as a scenario's cells, or a run's one score; there are no
+            intervals of fewer than two clusters.
+        unit: what a cluster is, in the plural.
         resamples: how many.
         seed, names: see generator.
     """
-    ordered = np.sort(np.array(values, dtype=np.float64))
-    n = len(ordered)
+    clusters = [values[name] for name in sorted(values)]
+    sums = np.array([math.fsum(one) for one in clusters])
+    sizes = np.array([len(one) for one in clusters], dtype=np.float64)
+    n = len(clusters)
     if n < 2:
-        return Estimate(float(ordered[0]) if n else None, n)
-    samples = weighted_sums(draws(n, resamples, generator(seed, *names)), ordered[:, None])[0] / n
-    total = ordered.sum()
-    return _estimate(samples, float(total / n), n, (total - ordered) / (n - 1))
+        return Estimate(float(sums[0] / sizes[0]) if n else None, n, unit=unit)
+    weights = draws(n, resamples, generator(seed, *names))
+    total, count = weighted_sums(weights, np.column_stack((sums, sizes)))
+    left_out = (sums.sum() - sums) / (sizes.sum() - sizes)
+    return _estimate(total / count, float(sums.sum() / sizes.sum()), n, left_out, n, unit)

@@ -43,12 +43,13 @@ class Comparison:
         favour: share of pairs in which the first one is ahead, equal ones half.
         p: two-sided, of the sign flips; None where it isn't tested or n < 2.
         p_holm: the same after Holm's correction over the family.
-        p_least: the least that p can be with so many pairs; None where p is.
+        p_least: the least that p can be with so many pairs that differ; None where p is.
         family: number of comparisons that are corrected together.
         exact: all signs were tried; else drawn at random.
         scenarios: of the pairs.
         p_scenarios: as p, the signs of a scenario's pairs flipped together; None where p is, or
             with fewer than two scenarios.
+        p_scenarios_holm: the same after Holm's correction over those of the family that have it.
     """
 
     subject: str
@@ -67,6 +68,7 @@ class Comparison:
     exact: bool = True
     scenarios: int = 0
     p_scenarios: float | None = None
+    p_scenarios_holm: float | None = None
 
 
 def compare(rows: Sequence[CellRow], subject: str, seed: int) -> list[Comparison]:
@@ -120,17 +122,26 @@ def _comparison(
     if metric != TESTED or n < 2:
         return found
     names = (subject, first, second, metric)
-    p = _flipped(differences, seed, "signs", *names)
-    exact = n <= EXACT_PAIRS
-    least = 2.0 ** (1 - n) if exact else 1 / (FLIPS + 1)
+    p, least = _flipped(differences, seed, "signs", *names)
     together = [math.fsum(of_one) for of_one in of_scenario.values()]
-    p_scenarios = _flipped(together, seed, "scenarios", *names) if scenarios > 1 else None
+    p_scenarios = _flipped(together, seed, "scenarios", *names)[0] if scenarios > 1 else None
+    exact = len(_differing(differences)) <= EXACT_PAIRS
     return replace(found, p=p, p_least=least, exact=exact, p_scenarios=p_scenarios)
 
 
-def _flipped(differences: Sequence[float], seed: int, *names: str) -> float:
-    exact = len(differences) <= EXACT_PAIRS
-    return sign_flip_p(np.array(differences), None if exact else generator(seed, *names))
+def _differing(differences: Sequence[float]) -> list[float]:
+    """The differences that a sign makes something of."""
+    return [d for d in differences if abs(d) > EQUAL]
+
+
+def _flipped(differences: Sequence[float], seed: int, *names: str) -> tuple[float, float]:
+    """p of the sign flips, and the least that it can be: 2^(1 − m) with m pairs that differ."""
+    differing = _differing(differences)
+    if not differing:
+        return 1.0, 1.0
+    exact = len(differing) <= EXACT_PAIRS
+    p = sign_flip_p(np.array(differing), None if exact else generator(seed, *names))
+    return p, 2.0 ** (1 - len(differing)) if exact else 1 / (FLIPS + 1)
 
 
 def t_interval(values: Sequence[float], level: float = LEVEL) -> Interval:
@@ -168,14 +179,22 @@ def sign_flip_p(differences: Numbers, rng: np.random.Generator | None = None) ->
 
 
 def holm(comparisons: Sequence[Comparison]) -> list[Comparison]:
-    """Adds Holm's step-down correction over all comparisons that have a p.
+    """Adds Holm's step-down correction over all comparisons that have a p, and a p_scenarios."""
+    corrected = _step_down([one.p for one in comparisons])
+    of_scenarios = _step_down([one.p_scenarios for one in comparisons])
+    family = sum(one.p is not None for one in comparisons)
+    return [
+        replace(one, p_holm=p, p_scenarios_holm=q, family=family if one.p is not None else 0)
+        for one, p, q in zip(comparisons, corrected, of_scenarios, strict=True)
+    ]
 
-    The k-th least p is multiplied by m − k + 1, and none is less than one before it.
-    """
-    tested = [i for i, one in enumerate(comparisons) if one.p is not None]
-    found = list(comparisons)
+
+def _step_down(values: Sequence[float | None]) -> list[float | None]:
+    """Holm's correction: the k-th least p times m − k + 1, none less than one before it."""
+    present = sorted((p, i) for i, p in enumerate(values) if p is not None)
+    found: list[float | None] = [None] * len(values)
     reached = 0.0
-    for step, i in enumerate(sorted(tested, key=lambda i: comparisons[i].p or 0.0)):
-        reached = max(reached, min(1.0, (comparisons[i].p or 0.0) * (len(tested) - step)))
-        found[i] = replace(found[i], p_holm=reached, family=len(tested))
+    for step, (p, i) in enumerate(present):
+        reached = max(reached, min(1.0, p * (len(present) - step)))
+        found[i] = reached
     return found

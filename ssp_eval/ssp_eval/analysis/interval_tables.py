@@ -1,8 +1,8 @@
-"""Intervals as tables: over records, over cells, over runs."""
+"""Intervals as tables: over labels, over cells and scenarios, over runs."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 from ssp_eval.analysis.bootstrap import Estimate, Group
 from ssp_eval.analysis.stability import Spread, Stability
@@ -12,7 +12,14 @@ from ssp_eval.analysis.table_columns import in_order
 # Below this many items an interval says little; the tables point it out.
 FEW = 6
 SHOWN = ("ivcs", "jovr", "sem_acc_eff", "cia_eff", "tqsr", "rsr")
+METRICS_NOTE = (
+    "All scores lie between 0 and 1, and more is better. ivcs: their weighted sum; jovr: share of "
+    "labels with a valid text and trajectory; sem_acc_eff: what the text says of the scene is "
+    "right; cia_eff: object, position and motion of the critical object are all right; tqsr: the "
+    "trajectory is feasible and its action allowed; rsr: the model responds to the risk."
+)
 _N = Column("n", "n", "count")
+_UNIT = Column("unit", "drawn", "text")
 _INTERVAL = (
     Column("value", "value"),
     Column("low", "95 % low"),
@@ -21,10 +28,15 @@ _INTERVAL = (
     Column("bca_high", "BCa high"),
     Column("bias", "bias"),
     Column("null_share", "null"),
+    _UNIT,
     _N,
 )
+_ENDS_NOTE = (
+    "95 %: percentile interval of the resamples, expanded for how few units were drawn from; BCa: "
+    "the same, corrected for bias and skewness."
+)
 _FEW_NOTE = (
-    f"With fewer than {FEW} items a bootstrap interval is too narrow; take it as a description."
+    f"With fewer than {FEW} units an interval depends on very little; take it as a description."
 )
 
 
@@ -36,7 +48,7 @@ def words(*keys: str) -> tuple[Column, ...]:
 def _interval(found: Estimate) -> tuple[Value, ...]:
     return (
         found.value, found.percentile.low, found.percentile.high, found.bca.low, found.bca.high,
-        found.bias, found.null_share, found.n,
+        found.bias, found.null_share, found.unit, found.n,
     )  # fmt: skip
 
 
@@ -55,14 +67,19 @@ def cells_over_records(
     ]
     return Table(
         "intervals_cells",
-        "Scores of cells with intervals over their records",
+        "Scores of cells, with intervals over their labels",
         (*words("scenario", "domain", "model", "run", "metric"), *_INTERVAL),
         tuple(rows),
         (
-            f"{resamples} resamples of the labels of a cell; n counts labels.",
+            f"How far a score depends on which moments of the clip were labelled: {resamples} "
+            "resamples of the labels of a cell, neighbours drawn together in blocks, since they "
+            "resemble each other; n counts labels.",
+            _ENDS_NOTE,
             "A label keeps the response that begins with it. A cell without a response has none "
-            "in any resample, so its interval for RSR is a point and says nothing.",
-            "bias: mean of the resamples less the value. null: resamples without a denominator.",
+            "in any resample, so its interval for rsr is a point and says nothing.",
+            "bias: mean of the resamples less the value. null: share of the resamples without a "
+            "denominator.",
+            METRICS_NOTE,
             *_few(estimates["ivcs"].n for estimates in cells.values()),
         ),
     )
@@ -77,7 +94,7 @@ def groups_over_records(
 ) -> Table:
     """Means by group, each cell's labels resampled."""
     rows = [
-        (*_named(by, key), metric, *_interval(one)[:3], one.bias, one.n)
+        (*_named(by, key), metric, *_interval(one)[:3], one.bias, one.unit, one.n)
         for by, found in groups.items()
         for key, estimates in sorted(found.items(), key=lambda g: in_order(g[0]))
         for metric in SHOWN
@@ -85,35 +102,41 @@ def groups_over_records(
     ]
     return Table(
         "intervals_groups",
-        "Means over cells with intervals over records",
-        (*words("grouping", "group", "metric"), *_INTERVAL[:3], _INTERVAL[5], _N),
+        "Means over cells, with intervals over their labels",
+        (*words("grouping", "group", "metric"), *_INTERVAL[:3], _INTERVAL[5], _UNIT, _N),
         tuple(rows),
         (
-            f"{resamples} resamples of the labels within each cell, the same ones for all models "
-            "and runs of a scenario and domain; n counts cells.",
+            f"{resamples} resamples of the labels within each cell, in blocks of neighbours, the "
+            "same ones for all models and runs of a scenario and domain; n counts cells.",
             "The cells stay as they are: the interval says how far the mean depends on which "
             "label times were taken, not what other scenarios or runs would give.",
+            _ENDS_NOTE,
+            METRICS_NOTE,
         ),
     )
 
 
-def over_cells(groups: Mapping[Group, Mapping[Group, Estimate]], resamples: int) -> Table:
-    """Mean IVCS by group, the cells resampled."""
+def over_cells(groups: Mapping[Group, Mapping[Group, Sequence[Estimate]]], resamples: int) -> Table:
+    """Mean IVCS by group, the cells resampled, and whole scenarios of them."""
     found = [
-        (*_named(by, key), *_interval(one)[:5], one.n)
+        (*_named(by, key), *_interval(one)[:5], one.unit, one.n)
         for by, estimates in groups.items()
-        for key, one in sorted(estimates.items(), key=lambda g: in_order(g[0]))
+        for key, ones in sorted(estimates.items(), key=lambda g: in_order(g[0]))
+        for one in ones
     ]
     return Table(
         "intervals_over_cells",
-        "Mean IVCS with intervals over cells",
-        (*words("grouping", "group"), *_INTERVAL[:5], _N),
+        "Mean IVCS, with intervals over cells and over scenarios",
+        (*words("grouping", "group"), *_INTERVAL[:5], _UNIT, _N),
         tuple(found),
         (
-            f"{resamples} resamples of the cells of a group; n counts cells.",
-            "It takes the cells for an independent sample of such cells. Scenarios that were "
-            "chosen by hand are no such sample, and cells of one scenario are not independent.",
-            *_few(one.n for estimates in groups.values() for one in estimates.values()),
+            f"How far a mean depends on which cells there are: {resamples} resamples of the cells "
+            "of a group, or of its scenarios with all their cells; n counts what is drawn.",
+            "Cells of one scenario show the same event and are not independent, so the interval "
+            "over scenarios is the one to read where it is wider. Both take what is drawn for a "
+            "random sample, which scenarios chosen by hand are not.",
+            _ENDS_NOTE,
+            *_few(one.n for found in groups.values() for ones in found.values() for one in ones),
         ),
     )
 
@@ -135,15 +158,18 @@ def runs_table(found: Stability) -> Table:
         Column("bootstrap_high", "bootstrap high"),
     )  # fmt: skip
     notes = [
-        "K: runs. 95 %: Student's interval of the mean over runs, which may reach beyond 0 to 1; "
-        "bootstrap: percentile interval over the runs.",
+        "How far repetitions of the same cells differ; drawn are runs. K: how many there are; sd: "
+        "standard deviation between them (K − 1). 95 %: Student's interval of the mean over runs, "
+        "which may reach beyond 0 to 1; bootstrap: expanded percentile interval over the runs.",
         f"Macro means and ranks are of the {len(found.runs)} runs that have the same cells.",
         *_few(spread.k for spread in found.cells),
     ]
     if found.tau is not None and found.same_order is not None:
         notes.append(
-            f"Ranks of models between two runs: Kendall's τ {found.tau:.3f} on average; the same "
-            f"order in {found.same_order:.0%} of the pairs of runs."
+            f"Ranks of models between two runs: Kendall's τ {found.tau:.3f} on average (1: the "
+            f"same order, −1: the opposite one); the same order in {found.same_order:.0%} of the "
+            "pairs of runs."
         )
+    notes.append(METRICS_NOTE)
     rows = [row("macro", one) for one in found.macro] + [row("cell", one) for one in found.cells]
     return Table("stability", "Stability over runs", columns, tuple(rows), tuple(notes))

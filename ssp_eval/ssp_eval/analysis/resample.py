@@ -16,6 +16,8 @@ from ssp_core.hashing import sha256_json
 
 Numbers = NDArray[np.float64]
 LEVEL = 0.95
+# How far from the middle the ends lie of a large sample, in standard deviations: 1.96.
+REACH = float(ndtri((1 + LEVEL) / 2))
 
 
 @dataclass(frozen=True)
@@ -46,10 +48,15 @@ def draws(count: int, resamples: int, rng: np.random.Generator) -> Numbers:
     Returns:
         (resamples, count), each row summing to count.
     """
-    picked = rng.integers(0, count, size=(resamples, count))
-    picked += np.arange(resamples)[:, None] * count
-    times = np.bincount(picked.ravel(), minlength=resamples * count)
-    return times.reshape(resamples, count).astype(np.float64)
+    return counted(rng.integers(0, count, size=(resamples, count)), count)
+
+
+def counted(picked: NDArray[np.int64], count: int) -> Numbers:
+    """How often each of count items stands in each row of their numbers."""
+    rows = len(picked)
+    places = picked + np.arange(rows)[:, None] * count
+    times = np.bincount(places.ravel(), minlength=rows * count)
+    return times.reshape(rows, count).astype(np.float64)
 
 
 def weighted_sums(weights: Numbers, values: Numbers) -> Numbers:
@@ -69,29 +76,39 @@ def weighted_sums(weights: Numbers, values: Numbers) -> Numbers:
     return total
 
 
-def percentile_interval(samples: Numbers, level: float = LEVEL) -> Interval:
-    """The equal-tailed percentile interval of what resamples gave; NaN ones are left out."""
+def percentile_interval(samples: Numbers, reach: float | None = REACH) -> Interval:
+    """The equal-tailed percentile interval of what resamples gave; NaN ones are left out.
+
+    Args:
+        samples: what the resamples gave.
+        reach: its ends lie at the quantiles Φ(−reach) and Φ(reach); None: there is no interval.
+    """
     present = samples[~np.isnan(samples)]
-    if not len(present):
+    if not len(present) or reach is None:
         return NO_INTERVAL
-    low, high = np.quantile(present, [(1 - level) / 2, (1 + level) / 2])
+    low, high = np.quantile(present, ndtr([-reach, reach]))
     return Interval(float(low), float(high))
 
 
 def bca_interval(
-    samples: Numbers, estimate: float, jackknife: Numbers, level: float = LEVEL
+    samples: Numbers,
+    estimate: float,
+    jackknife: Numbers,
+    reach: float | None = REACH,
+    items: float | None = None,
 ) -> Interval:
     """The bias-corrected and accelerated interval (Efron 1987).
 
-    z_0 = Φ⁻¹(share of resamples below the estimate, ties half), a = Σ d³ / 6 (Σ d²)^1.5 with d the
-    mean of the jackknife less each of its values, and the ends are the quantiles at
-    Φ(z_0 + (z_0 + z) / (1 − a (z_0 + z))).
+    z_0 = Φ⁻¹(share of resamples below the estimate, ties half), a = γ / (6 √K) with γ the skewness
+    of the mean of the jackknife less each of its values, and the ends are the quantiles at
+    Φ(z_0 + (z_0 ± reach) / (1 − a (z_0 ± reach))). For single items a is Σ d³ / 6 (Σ d²)^1.5.
 
     Args:
         samples: what the resamples gave.
         estimate: from the data themselves.
-        jackknife: the estimate with each item left out.
-        level: of confidence.
+        jackknife: the estimate with each item, or each block of items, left out.
+        reach: see percentile_interval.
+        items: K, blocks that don't overlap; None: as many as there are values of the jackknife.
 
     Returns:
         No interval where the resamples all lie on one side of the estimate, or where there are
@@ -99,7 +116,7 @@ def bca_interval(
     """
     present = samples[~np.isnan(samples)]
     left_out = jackknife[~np.isnan(jackknife)]
-    if not len(present) or not len(left_out):
+    if not len(present) or not len(left_out) or reach is None:
         return NO_INTERVAL
     if np.ptp(present) == 0.0:
         return Interval(float(present[0]), float(present[0]))
@@ -110,9 +127,10 @@ def bca_interval(
     d = left_out.mean() - left_out
     spread = math.fsum(d**2) ** 1.5
     a = math.fsum(d**3) / (6 * spread) if spread > 0 else 0.0
+    if items is not None:
+        a *= math.sqrt(len(left_out) / items)
     shares = []
-    for tail in ((1 - level) / 2, (1 + level) / 2):
-        z = z_0 + float(ndtri(tail))
+    for z in (z_0 - reach, z_0 + reach):
         if a * z >= 1:
             return NO_INTERVAL
         shares.append(float(ndtr(z_0 + z / (1 - a * z))))

@@ -141,7 +141,8 @@ def _spread(
     deviation = sd(values)
     if deviation is None:
         return None
-    over_runs = bootstrap_mean(values, resamples, seed, "runs", metric, *names)
+    by_run = {f"{number:06d}": [value] for number, value in enumerate(sorted(values))}
+    over_runs = bootstrap_mean(by_run, "runs", resamples, seed, "runs", metric, *names)
     return Spread(
         names,
         metric,

@@ -37,10 +37,17 @@ GROUPINGS = (BY_DOMAIN, BY_MODEL, BY_SCENARIO_DOMAIN, BY_SCENARIO_MODEL)
 
 @dataclass(frozen=True)
 class Options:
-    """What random numbers depend on."""
+    """What random numbers depend on.
+
+    Args:
+        resamples: of every bootstrap, and sets of weights.
+        seed: of all random numbers.
+        block: labels that are drawn together; None: ssp_eval.analysis.blocks.block_of.
+    """
 
     resamples: int = RESAMPLES
     seed: int = SEED
+    block: int | None = None
 
 
 @dataclass(frozen=True)
@@ -64,7 +71,8 @@ class Statistics:
 
     Args:
         records: intervals over records; None where only component scores are known.
-        over_cells: mean IVCS by grouping and group, its interval over the cells.
+        over_cells: mean IVCS by grouping and group, its interval over the cells, and over their
+            scenarios where these differ from cells.
         comparisons: of domains, then of models.
         weights: ranks under random weights, per subject that has at least two names.
         variations: one number changed at a time; thresholds only where records are known.
@@ -73,7 +81,7 @@ class Statistics:
     """
 
     records: Bootstrap | None
-    over_cells: dict[Group, dict[Group, Estimate]]
+    over_cells: dict[Group, dict[Group, tuple[Estimate, ...]]]
     comparisons: tuple[Comparison, ...]
     weights: tuple[WeightSamples, ...]
     variations: tuple[Variation, ...]
@@ -121,7 +129,9 @@ def compute(
     records = None
     if pairs:
         with_terms = [(row, record_terms(cell.score)) for row, cell in pairs if cell.score]
-        records = bootstrap_records(with_terms, GROUPINGS, options.resamples, options.seed, on_step)
+        records = bootstrap_records(
+            with_terms, GROUPINGS, options.resamples, options.seed, on_step, options.block
+        )
         first = _first_runs(pairs)
         columns = encode([(cell.labels, cell.records) for _, cell in first])
         variations += vary_thresholds([row for row, _ in first], columns, SUBJECTS, on_step)
@@ -144,15 +154,26 @@ def _first_runs(pairs: Sequence[tuple[CellRow, CellData]]) -> list[tuple[CellRow
     return list(found.values())
 
 
-def _over_cells(rows: Sequence[CellRow], by: Group, options: Options) -> dict[Group, Estimate]:
-    groups: dict[Group, list[float]] = {}
+def _over_cells(
+    rows: Sequence[CellRow], by: Group, options: Options
+) -> dict[Group, tuple[Estimate, ...]]:
+    cells: dict[Group, dict[str, list[float]]] = {}
+    scenarios: dict[Group, dict[str, list[float]]] = {}
     for row in rows:
         if row.ivcs is not None and (row.admitted or "domain" not in by):
-            groups.setdefault(tuple(getattr(row, name) for name in by), []).append(row.ivcs)
-    return {
-        key: bootstrap_mean(values, options.resamples, options.seed, "cells", *by, *key)
-        for key, values in sorted(groups.items())
-    }
+            key = tuple(getattr(row, name) for name in by)
+            cells.setdefault(key, {})["\0".join(row.key)] = [row.ivcs]
+            scenarios.setdefault(key, {}).setdefault(row.scenario, []).append(row.ivcs)
+    found = {}
+    for key in sorted(cells):
+        units = [(cells[key], "cells")]
+        if 1 < len(scenarios[key]) < len(cells[key]):
+            units.append((scenarios[key], "scenarios"))
+        found[key] = tuple(
+            bootstrap_mean(values, unit, options.resamples, options.seed, unit, *by, *key)
+            for values, unit in units
+        )
+    return found
 
 
 def _curves(pairs: Sequence[tuple[CellRow, CellData]]) -> dict[tuple[str, ...], tuple[Beside, ...]]:

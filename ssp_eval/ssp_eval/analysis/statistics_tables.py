@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 
 from ssp_eval.analysis.compare import FLIPS, Comparison
 from ssp_eval.analysis.interval_tables import (
+    METRICS_NOTE,
     cells_over_records,
     groups_over_records,
     over_cells,
@@ -15,6 +16,7 @@ from ssp_eval.analysis.interval_tables import (
 from ssp_eval.analysis.sensitivity import Variation, WeightSamples
 from ssp_eval.analysis.statistics import Beside, Statistics
 from ssp_eval.analysis.table import Column, Kind, Table
+from ssp_eval.score.ivcs import ivcs_weights
 
 
 def statistics_tables(found: Statistics, resamples: int) -> list[Table]:
@@ -47,7 +49,7 @@ def comparison_table(comparisons: Iterable[Comparison]) -> Table:
         (
             c.subject, c.first, c.second, c.metric, c.n, c.difference, c.interval.low,
             c.interval.high, c.standardised, c.favour, c.p, c.p_holm, c.p_least,
-            c.family or None, c.scenarios, c.p_scenarios,
+            c.family or None, c.scenarios, c.p_scenarios, c.p_scenarios_holm,
         )
         for c in listed
     ]  # fmt: skip
@@ -57,14 +59,18 @@ def comparison_table(comparisons: Iterable[Comparison]) -> Table:
         ("p", "p", "p"), ("p_holm", "p (Holm)", "p"), ("p_least", "least p", "p"),
     )  # fmt: skip
     notes = [
-        "difference: mean of first less second over pairs of cells, with Student's interval; n "
-        "counts pairs, that is scenario × the other factor. d_z: mean over standard deviation. "
-        "ahead: share of pairs in which the first leads.",
-        "p: two-sided sign flips of IVCS, Holm over all comparisons of domains, and over all of "
-        "models; components are described and not tested. No p with fewer than two pairs.",
-        "family: how many comparisons are corrected together. Pairs of a scenario share its "
-        "event: p takes them for independent, and speaks of these recordings alone. p (scenarios): "
-        "all signs of a scenario flipped together, not corrected.",
+        "Pairs: cells of the same scenario and model for two domains, of the same scenario and "
+        "domain for two models. difference: mean of first less second over the pairs, with "
+        "Student's interval over them; d_z: mean over standard deviation; ahead: share of pairs in "
+        "which the first leads, equal ones half.",
+        "p: two-sided, from flipping the signs of the pairs' differences of ivcs at random; p "
+        "(Holm) holds for all comparisons of domains together, and for all of models together; "
+        "family: how many these are. Components are described and not tested. No p with fewer than "
+        "two pairs. least p: what p would be, were all differences of one sign.",
+        "Pairs of a scenario share its event: p takes them for independent, and speaks of these "
+        "recordings alone. p (scenarios): all signs of a scenario flipped together, which speaks "
+        "of other scenarios too; the last column is corrected like p.",
+        METRICS_NOTE,
         *_powerless(listed),
     ]
     if any(c.p is not None and not c.exact for c in listed):
@@ -79,6 +85,7 @@ def comparison_table(comparisons: Iterable[Comparison]) -> Table:
             Column("family", "family", "count"),
             Column("scenarios", "scenarios", "count"),
             Column("p_scenarios", "p (scenarios)", "p"),
+            Column("p_scenarios_holm", "p (scenarios, Holm)", "p"),
         ),
         tuple(rows),
         tuple(notes),
@@ -108,32 +115,55 @@ def _weights(found: WeightSamples) -> list[Table]:
     tau = (
         "Kendall's τ to the defined ranks: not defined, all are equal."
         if found.tau_mean is None or found.tau_low is None
-        else f"Kendall's τ to the defined ranks: mean {found.tau_mean:.3f}, 5 % quantile "
-        f"{found.tau_low:.3f}."
+        else f"Kendall's τ to the defined ranks (1: the same order, −1: the opposite one): mean "
+        f"{found.tau_mean:.3f}, 5 % quantile {found.tau_low:.3f}."
     )
-    drawn = f"{found.samples} sets of weights, drawn evenly from all that are ≥ 0 and sum to 1."
+    weights = ", ".join(f"{weight:.2f} {name}" for name, weight in ivcs_weights().items())
+    drawn = (
+        f"IVCS is a weighted sum ({weights}). Here {found.samples} other sets of weights were "
+        "tried, drawn evenly from all that are ≥ 0 and sum to 1."
+    )
     return [
         Table(
             f"weights_{found.subject}_order",
-            f"Order of {found.subject}s under other weights of IVCS",
-            (*words("ahead", "behind", "tied"), Column("held", "order holds")),
+            f"Does the order of {found.subject}s hold under other weights of IVCS?",
+            (*words("ahead", "behind", "tied"), Column("held", "order holds (share)")),
             pairs,
-            (drawn, tau),
+            (
+                drawn,
+                "ahead and behind: as with the defined weights; tied: equal under them, and the "
+                "share is that of weights that leave them equal.",
+                tau,
+            ),
         ),
         Table(
             f"weights_{found.subject}_first",
-            f"Share of weights under which a {found.subject} leads",
-            (*words(found.subject), Column("share", "share")),
+            f"Which {found.subject} leads under other weights of IVCS?",
+            (*words(found.subject), Column("share", "leads (share)")),
             firsts,
-            (drawn,),
+            (drawn, "Where several are equal in front, each of them leads."),
         ),
     ]
+
+
+# What a threshold is, with its unit.
+_THRESHOLDS = {
+    "match_window_s": "matching window of labels and answers, s",
+    "stop_speed_mps": "speed that counts as stopped, m/s",
+    "accel_mps2": "acceleration that counts as such, m/s²",
+    "lateral_shift_m": "lateral shift that counts as such, m",
+    "response_gap_s": "longest gap within a response, s",
+}
+
+
+def _what(parameter: str) -> str:
+    return _THRESHOLDS.get(parameter, f"weight of {parameter} in IVCS")
 
 
 def _variations(variations: Iterable[Variation]) -> Table:
     rows = [
         (
-            v.subject, v.parameter, v.defined, v.value, v.tau, v.largest,
+            v.subject, v.parameter, _what(v.parameter), v.defined, v.value, v.tau, v.largest,
             "; ".join(f"{behind} passes {ahead}" for ahead, behind in v.changed) or None,
             "; ".join(f"{name} {value:.3f}" for name, value in v.means.items()),
         )
@@ -141,19 +171,25 @@ def _variations(variations: Iterable[Variation]) -> Table:
     ]  # fmt: skip
     return Table(
         "sensitivity",
-        "Mean IVCS and ranks with one number changed",
+        "Mean IVCS and ranks with one number of the method changed",
         (
-            *words("subject", "parameter"),
+            Column("subject", "ranked", "text"),
+            Column("parameter", "parameter", "text", printed=False),
+            Column("what", "number", "text"),
             Column("defined", "defined"),
             Column("value", "changed to"),
             Column("tau", "τ"),
             Column("largest", "largest change of a cell"),
-            *words("order_changed", "mean_ivcs"),
+            Column("order_changed", "changes of order", "text"),
+            Column("mean_ivcs", "mean IVCS then", "text"),
         ),
         tuple(rows),
         (
-            "τ: Kendall's τ_b of the ranks to the defined ones. Weights that aren't changed keep "
-            "their ratios and the sum is 1. Thresholds: every record scored again.",
+            "Each line changes one number that the method fixes and leaves all others: how far do "
+            "results depend on it? τ: Kendall's τ_b of the ranks to the defined ones, 1 for the "
+            "same order, −1 for the opposite one.",
+            "Weights that aren't changed keep their ratios, and the sum stays 1. Thresholds: every "
+            "record was scored again; largest change: of the IVCS of one cell.",
         ),
     )
 
@@ -173,16 +209,19 @@ def _curves(found: Mapping[tuple[str, ...], Iterable[Beside]]) -> Table:
         (
             *words("scenario", "domain", "model", "run"),
             Column("label_t_s", "t (s)", "seconds"),
-            *words("allowed", "planned", "reads_as"),
+            Column("allowed", "allowed action", "text"),
+            Column("planned", "planned action", "text"),
+            Column("reads_as", "curve reads as", "text"),
             Column("shift_m", "shift (m)"),
             Column("curve_m", "from the curve (m)"),
             Column("curvature_per_m", "curvature (1/m)", "curvature"),
         ),
         tuple(rows),
         (
-            "shift: of the recorded path within 1.0 s, left positive. reads as: the lateral action "
-            "that the curve alone would be taken for, beside the allowed and the planned ones. It "
-            "changes no score.",
+            "In the VUT's own frame, following a curve is a shift to the side, which scoring reads "
+            "as a lateral action. shift: of the recorded path within 1.0 s, left positive. curve "
+            "reads as: the lateral action that the curve alone would be taken for, beside the ones "
+            "that the label allows and the model plans. It changes no score.",
             "A part of a change of lane turns the heading like a curve does; a path alone can't "
             "tell them apart.",
         ),

@@ -49,6 +49,7 @@ def write_statistics(folder: Path, tables: Iterable[Table], options: Options) ->
             "schema": STATISTICS_SCHEMA,
             "seed": options.seed,
             "resamples": options.resamples,
+            "block_labels": options.block,
             "level": LEVEL,
             "thresholds": DEFAULT.sha256,
             "software": f"ssp {__version__}",

@@ -113,6 +113,13 @@ class _Wanted:
     help="Of the bootstrap, and sets of weights that are tried.",
 )
 @click.option(
+    "--block",
+    type=click.IntRange(min=1),
+    metavar="LABELS",
+    help="Neighbouring labels that are drawn together; the cube root of a clip's number of them "
+    "where it isn't given, 1 draws each alone.",
+)
+@click.option(
     "--seed",
     type=click.IntRange(min=0),
     default=SEED,
@@ -130,6 +137,7 @@ def report(
     only: tuple[str, ...],
     reference: str | None,
     resamples: int,
+    block: int | None,
     seed: int,
 ) -> None:
     """Writes OUT_DIR/index.html: one file with the pictures in it, readable offline.
@@ -138,7 +146,7 @@ def report(
     these, from a CSV file of component scores. The page of more than 500 cells shows statistics
     only with --tables.
     """  # fmt: skip
-    options = Options(resamples, seed)
+    options = Options(resamples, seed, block)
     if only and figures is None:
         raise click.UsageError("--only needs --figures DIR")
     drawn = None if figures is None else WantedFigures(figures, reference, only)
