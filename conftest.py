@@ -10,9 +10,13 @@ from __future__ import annotations
 import importlib
 import os
 from importlib.util import find_spec
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
+
+import ssp_core
+from ssp_core.processes import session_environment
 
 # The same examples in every run, so that a change is judged by what it changed. To look for new
 # ones: SSP_EXPLORE=1 ./ssp test.
@@ -21,7 +25,6 @@ settings.register_profile("explore")
 settings.load_profile("explore" if os.environ.get("SSP_EXPLORE") else "same")
 
 for _name in (
-    "ssp_core",
     "ssp_msgs",
     "ssp_scenario_manager",
     "ssp_ot_controller",
@@ -32,6 +35,14 @@ for _name in (
     # ssp_msgs holds generated code and is missing where ROS is.
     if find_spec(_name) is not None:
         importlib.import_module(_name)
+
+# The nodes of tests discover each other as those of sessions do. With the middleware's own settings
+# two that start at once may miss each other, and meet 3 s later. A process reads them once.
+_SETTINGS = "FASTRTPS_DEFAULT_PROFILES_FILE"
+_PROFILE = Path(ssp_core.__file__).parent / "config" / "fastdds_one_host.xml"
+_of_sessions = session_environment(0, _PROFILE)
+if _SETTINGS in _of_sessions:
+    os.environ[_SETTINGS] = _of_sessions[_SETTINGS]
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

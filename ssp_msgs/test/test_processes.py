@@ -182,6 +182,7 @@ def test_a_node_dies_with_its_killed_parent(environment: dict[str, str], tmp_pat
 def test_environment(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("ROS_STATIC_PEERS", "10.0.0.1")
     monkeypatch.setenv("SOMETHING", "kept")
+    monkeypatch.delenv("FASTRTPS_DEFAULT_PROFILES_FILE", raising=False)
     env = session_environment(42)
     assert env["ROS_DOMAIN_ID"] == "42"
     assert env["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"

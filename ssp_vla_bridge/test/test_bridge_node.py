@@ -11,28 +11,23 @@ import time
 from dataclasses import replace
 
 import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from sensor_msgs.msg import CompressedImage
 
-DOMAIN = "71"
-DEADLINE_S = 20.0
-os.environ["ROS_DOMAIN_ID"] = DOMAIN
-os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+from ssp_core.domains import free_domain
+from ssp_core.names import DIAGNOSTICS, vla_request_topic, vla_response_topic
+from ssp_core.processes import remove_shared_ports, remove_stale_shared_memory, session_environment
+from ssp_core.ros import STATE, VLA, make_node, stamp_from_ns
+from ssp_msgs.msg import VlaRequest, VlaResponse
+from ssp_vla_bridge.conversions import request_from_msg, request_to_msg, response_to_msg
+from ssp_vla_bridge.core.recorded_message import response_of_message
+from ssp_vla_bridge.core.request import CameraGeometry
 
-rclpy = pytest.importorskip("rclpy", reason="needs ROS 2")
 pytestmark = pytest.mark.ros
-
-from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402 - the domain must be set before
-from sensor_msgs.msg import CompressedImage  # noqa: E402
-
-from ssp_core.names import DIAGNOSTICS, vla_request_topic, vla_response_topic  # noqa: E402
-from ssp_core.ros import STATE, VLA, make_node, stamp_from_ns  # noqa: E402
-from ssp_msgs.msg import VlaRequest, VlaResponse  # noqa: E402
-from ssp_vla_bridge.conversions import (  # noqa: E402
-    request_from_msg,
-    request_to_msg,
-    response_to_msg,
-)
-from ssp_vla_bridge.core.recorded_message import response_of_message  # noqa: E402
-from ssp_vla_bridge.core.request import CameraGeometry  # noqa: E402
+DEADLINE_S = 20.0
 
 # A backend that does what the request's id says; the bridge finds it as module:factory.
 ODD_BACKEND = """
@@ -58,7 +53,16 @@ ODD_BACKEND = """
 
 
 @pytest.fixture
-def bridge(tmp_path):
+def domain(monkeypatch):
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    with free_domain() as domain_id:
+        yield domain_id
+        remove_shared_ports(domain_id)
+    remove_stale_shared_memory()
+
+
+@pytest.fixture
+def bridge(tmp_path, domain):
     """Starts bridges; each is gone at the end of the test."""
     started = []
     (tmp_path / "odd_backend.py").write_text(textwrap.dedent(ODD_BACKEND))
@@ -70,7 +74,7 @@ def bridge(tmp_path):
         path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
         process = subprocess.Popen(
             command,
-            env={**os.environ, "PYTHONPATH": path.rstrip(os.pathsep)},
+            env={**session_environment(domain), "PYTHONPATH": path.rstrip(os.pathsep)},
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
@@ -87,16 +91,16 @@ def bridge(tmp_path):
 class Asker:
     """A client node of one model's topics."""
 
-    def __init__(self, model):
-        self.context = rclpy.Context()
-        rclpy.init(context=self.context)
+    def __init__(self, model, domain_id):
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=domain_id)
         self.node = make_node("asker", context=self.context)
         self.answers = []
         self.publisher = self.node.create_publisher(VlaRequest, vla_request_topic(model), VLA)
         self.subscription = self.node.create_subscription(
             VlaResponse, vla_response_topic(model), self.answers.append, VLA
         )
-        self.executor = rclpy.executors.SingleThreadedExecutor(context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
 
     def until(self, condition):
@@ -128,11 +132,11 @@ class Asker:
 
 
 @pytest.fixture
-def asker():
+def asker(domain):
     askers = []
 
     def make(model):
-        askers.append(Asker(model))
+        askers.append(Asker(model, domain))
         return askers[-1]
 
     yield make

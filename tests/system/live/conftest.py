@@ -45,7 +45,9 @@ class Stage:
 
     def __init__(self, folder: Path, env: dict[str, str]) -> None:
         self.folder = folder
-        self.env = {**os.environ, **env, "PYTHONUNBUFFERED": "1"}
+        # The DDS profile is the one that a live session takes by itself, unless it is given.
+        mine = {k: v for k, v in os.environ.items() if k != "FASTRTPS_DEFAULT_PROFILES_FILE"}
+        self.env = {**mine, **env, "PYTHONUNBUFFERED": "1"}
         self._started: list[subprocess.Popen[Any]] = []
 
     @property
