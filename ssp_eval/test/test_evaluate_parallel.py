@@ -6,8 +6,10 @@ import importlib
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -18,7 +20,7 @@ import pytest
 from click.testing import CliRunner
 
 from ssp_core.errors import HostError, InputError
-from ssp_eval.evaluate import ray_engine
+from ssp_eval.evaluate import ray_cluster
 from ssp_eval.evaluate.asker import DirectAskers
 from ssp_eval.evaluate.campaign import campaign_folder, find_labels, run_campaign
 from ssp_eval.evaluate.cell import CellOptions
@@ -29,6 +31,7 @@ from ssp_eval.evaluate.job import Job, JobRunner, Settings
 from ssp_eval.evaluate.model_spec import ModelSpec
 from ssp_eval.evaluate.models import attached_spec, bridge_spec, with_controls
 from ssp_eval.evaluate.parallel import run_parallel
+from ssp_eval.evaluate.ray_cluster import ADDRESS, import_ray, joined, look_for
 from ssp_eval.extract.llm import make_extractor
 from ssp_eval.labels.model import labels_version, load_labels
 from ssp_eval.report.page import write_report
@@ -169,7 +172,7 @@ def test_without_ray_the_remedy_is_named(
         run_parallel(bags, [bridge_spec("silent")], settings(tmp_path), 2, "ray")
     assert not (tmp_path / "cells").exists()
     with pytest.raises(HostError):
-        ray_engine.import_ray()
+        import_ray()
 
 
 @pytest.mark.ros
@@ -234,6 +237,7 @@ from ssp_eval.evaluate.asker import DirectAskers
 from ssp_eval.evaluate.job import Settings
 from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.evaluate.parallel import run_parallel
+from ssp_eval.evaluate.ray_cluster import ADDRESS, import_ray, joined, look_for
 from ssp_eval.extract.llm import make_extractor
 
 out = Path(sys.argv[1])
@@ -284,7 +288,7 @@ def test_a_worker_takes_only_the_files_that_the_campaign_began_with(
 def test_a_cluster_with_room_for_fewer_workers_does_all_cells(
     bags: list[tuple[Path, Path | None]], tmp_path: Path
 ) -> None:
-    ray = ray_engine.import_ray()
+    ray = import_ray()
     ray.init(num_cpus=1, include_dashboard=False, log_to_driver=False, configure_logging=False)
     try:
         models = [bridge_spec(name) for name in MODELS]
@@ -307,10 +311,74 @@ def test_a_folder_has_one_command_at_a_time(
     assert run_campaign(bags[:1], models, DirectAskers(), out, CellOptions())[0].status == "ok"
 
 
-@pytest.mark.system
-def test_a_cluster_that_isn_t_there_is_named(
+def test_a_cluster_that_isn_t_there_is_named_before_anything_is_asked(
     bags: list[tuple[Path, Path | None]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv(ray_engine.ADDRESS, "nowhere")
-    with pytest.raises(HostError, match="no Ray cluster answers at nowhere "):
-        run_parallel(bags, [bridge_spec("constant_velocity")], settings(tmp_path), 1, "ray", True)
+    with socket.socket() as bound:  # bound and not listening: whoever calls is refused
+        bound.bind(("127.0.0.1", 0))
+        address = f"127.0.0.1:{bound.getsockname()[1]}"
+        monkeypatch.setenv(ADDRESS, address)
+        models = [bridge_spec("constant_velocity")]
+        with pytest.raises(HostError, match=f"no Ray cluster answers at {address} .*refused"):
+            run_parallel(bags, models, settings(tmp_path), 1, "ray", True)
+    assert not list(tmp_path.rglob("cell.json"))
+
+
+@pytest.mark.parametrize("address", ["nowhere", "nowhere:", ":6379", "host:port", "host:65536"])
+def test_what_is_no_address_is_said_at_once(address: str) -> None:
+    with pytest.raises(HostError, match=f"RAY_ADDRESS={address} is no address"):
+        look_for(address)
+
+
+@pytest.mark.parametrize(
+    ("said", "problem"),
+    [(b"HTTP/1.1 400 Bad Request\r\n\r\n", "no Ray"), (b"", "no Ray"), (None, "within 0.1 s")],
+)
+def test_something_else_that_listens_is_no_cluster(
+    said: bytes | None, problem: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ray_cluster, "_ANSWER_S", 0.1 if said is None else 5.0)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        done = threading.Event()
+
+        def serve() -> None:
+            line, _ = server.accept()
+            with line:
+                if said is not None:
+                    line.recv(1024)
+                    line.sendall(said)
+                else:
+                    done.wait(DEADLINE_S)
+
+        thread = threading.Thread(target=serve)
+        thread.start()
+        with pytest.raises(HostError, match=problem):
+            look_for(f"ray://127.0.0.1:{server.getsockname()[1]}")
+        done.set()
+        thread.join()
+
+
+@pytest.mark.system
+def test_a_cluster_is_joined_and_one_that_fails_is_one_line(
+    bags: list[tuple[Path, Path | None]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ray = import_ray()
+    with joined(ray, 1):
+        address = ray.get_runtime_context().gcs_address
+        look_for(address)
+        with pytest.raises(HostError, match=r"Ray cluster failed .*give the same command"):
+            _ask_in_vain(ray)
+    assert not ray.is_initialized()
+
+
+class _Idle:
+    def hello(self) -> None:
+        """Does nothing."""
+
+
+def _ask_in_vain(ray: Any) -> None:
+    """Asks an actor that is gone."""
+    with joined(ray, 1):
+        actor = ray.remote(num_cpus=1)(_Idle).remote()
+        ray.kill(actor)
+        ray.get(actor.hello.remote())

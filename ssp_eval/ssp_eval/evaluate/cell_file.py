@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -171,7 +172,7 @@ def write_cell(
         "stand_in": facts.stand_in,
         "admission": labelled.admission.to_json(),
         "event_version": labelled.labels.event_version,
-        "clip": _clip_facts(labelled),
+        "clip": _clip_facts(labelled, place.folder.parent.parent),
         "labels_source": labelled.labels_source,
         "labels_proposed": labelled.proposed,
         "answers": {
@@ -226,10 +227,12 @@ def write_cell(
     )
 
 
-def _clip_facts(labelled: LabelledClip) -> dict[str, Any]:
+def _clip_facts(labelled: LabelledClip, out: Path) -> dict[str, Any]:
     facts, camera, mount = labelled.clip.provenance, labelled.clip.camera, labelled.clip.mount
     return {
         "origin": facts.origin,
+        # From the campaign's folder, so that both can be moved together.
+        "path": os.path.relpath(labelled.clip.path, out),
         "start_ns": labelled.clip.start_ns,
         "verdict": facts.verdict,
         "ego": facts.ego,

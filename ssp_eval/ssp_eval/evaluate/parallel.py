@@ -21,7 +21,8 @@ from ssp_eval.evaluate.labelled import LabelledClip
 from ssp_eval.evaluate.model_spec import ModelSpec
 from ssp_eval.evaluate.plan import Plan, plan_of
 from ssp_eval.evaluate.pool import run_pool
-from ssp_eval.evaluate.ray_engine import import_ray, run_ray
+from ssp_eval.evaluate.ray_cluster import import_ray
+from ssp_eval.evaluate.ray_engine import run_ray
 from ssp_eval.labels.model import labels_version
 
 

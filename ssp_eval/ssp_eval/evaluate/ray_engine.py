@@ -5,17 +5,15 @@ All machines must see the bags and the campaign folder under the same paths.
 
 from __future__ import annotations
 
-import importlib
-import os
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import Any
 
 from ssp_core import console
-from ssp_core.errors import HostError
 from ssp_eval.evaluate.cell_file import CellResult
 from ssp_eval.evaluate.job import Job, JobRunner, Settings
+from ssp_eval.evaluate.ray_cluster import first_line, import_ray, joined
 
-ADDRESS = "RAY_ADDRESS"
 # How long a cluster may have no room for a worker before somebody is told.
 _NOTE_S = 30.0
 _LEAVE_S = 30.0
@@ -50,21 +48,6 @@ class _Actor:
             self._runner.close()
 
 
-def import_ray() -> Any:
-    """The module.
-
-    Raises:
-        HostError: it isn't installed; with the remedy.
-    """
-    try:
-        return importlib.import_module("ray")
-    except ImportError as error:
-        raise HostError(
-            f"Ray can't be imported ({error}); install the extra with "
-            "`python -m pip install 'ssp[ray]'`, or use --engine processes"
-        ) from error
-
-
 def run_ray(
     jobs: Sequence[Job],
     settings: Settings,
@@ -82,32 +65,12 @@ def run_ray(
         on_record: called once per label time, when its cell is done.
 
     Raises:
-        HostError: Ray isn't installed, or there is no cluster.
+        HostError: Ray isn't installed, there is no cluster, or it fails.
         InputError: of a cell, as in a campaign of one process.
     """
     ray = import_ray()
-    own = not ray.is_initialized()
-    if own:
-        _join(ray, workers)
-    try:
+    with joined(ray, workers):
         return _run(ray, jobs, settings, workers, on_dead, on_record)
-    finally:
-        if own:
-            ray.shutdown()
-
-
-def _join(ray: Any, workers: int) -> None:
-    """Joins the cluster that the environment names, or starts one here."""
-    address = os.environ.get(ADDRESS)
-    size = {} if address else {"num_cpus": workers}
-    try:
-        ray.init(include_dashboard=False, log_to_driver=False, configure_logging=False, **size)
-    except (OSError, RuntimeError, ValueError) as error:
-        what = f"no Ray cluster answers at {address}" if address else "Ray can't be started here"
-        raise HostError(
-            f"{what} ({_line(error)}); set {ADDRESS} to the address of one, or use "
-            "--engine processes"
-        ) from error
 
 
 def _run(
@@ -148,12 +111,13 @@ def _run(
                     there.remove(actor)
                 lost = waiting.pop(0) if job is None and waiting else job
                 if lost is not None:
-                    found[lost.number] = on_dead(lost, f"the worker died: {_line(error)}")
+                    found[lost.number] = on_dead(lost, f"the worker died: {first_line(error)}")
                 if waiting:
                     start()
                 continue
             except ray.exceptions.RayTaskError as error:
-                raise error.cause from error
+                # As in a campaign of one process; what can't be sent here is the cluster's trouble.
+                raise (error.cause or error) from error
             if job is None:
                 there.append(actor)
             else:
@@ -170,12 +134,10 @@ def _run(
 
 def _end(ray: Any, there: Sequence[Any], actors: Sequence[Any]) -> None:
     """Lets the actors that are there end their bridges; then all are removed."""
-    closing = [actor.close.remote() for actor in there]
-    if closing:
-        ray.wait(closing, num_returns=len(closing), timeout=_LEAVE_S)
-    for actor in actors:
-        ray.kill(actor)
-
-
-def _line(error: Exception) -> str:
-    return next(iter(str(error).strip().splitlines()), type(error).__name__)
+    # A cluster that is gone has nothing to end, and must not hide why it is gone.
+    with suppress(ray.exceptions.RayError, ConnectionError):
+        closing = [actor.close.remote() for actor in there]
+        if closing:
+            ray.wait(closing, num_returns=len(closing), timeout=_LEAVE_S)
+        for actor in actors:
+            ray.kill(actor)
