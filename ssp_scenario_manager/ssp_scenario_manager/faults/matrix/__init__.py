@@ -13,9 +13,7 @@ from ssp_scenario_manager.faults.matrix.processes import (
     RECORDER_KILLED,
     WORLD_PAUSED,
 )
-from ssp_scenario_manager.faults.model import (
-    Row,
-)
+from ssp_scenario_manager.faults.model import Row
 
 MATRIX: tuple[Row, ...] = (
     MANAGER_KILLED,

@@ -12,13 +12,7 @@ from ssp_scenario_manager.faults.matrix.common import (
     TOLD_S,
     stages,
 )
-from ssp_scenario_manager.faults.model import (
-    OT,
-    Expected,
-    Row,
-    Stage,
-    Within,
-)
+from ssp_scenario_manager.faults.model import OT, Expected, Row, Stage, Within
 
 
 def _strange(kind: str, title: str, why: str) -> Row:

@@ -11,13 +11,7 @@ from ssp_scenario_manager.faults.matrix.common import (
     VALID,
     stages,
 )
-from ssp_scenario_manager.faults.model import (
-    Expected,
-    NotApplicable,
-    Row,
-    Stage,
-    Within,
-)
+from ssp_scenario_manager.faults.model import Expected, NotApplicable, Row, Stage, Within
 
 _NOT_RESOLVED = Expected(
     HARNESS,

@@ -11,14 +11,7 @@ from ssp_scenario_manager.faults.matrix.common import (
     stages,
     valid,
 )
-from ssp_scenario_manager.faults.model import (
-    OT,
-    Cell,
-    Expected,
-    Row,
-    Stage,
-    Within,
-)
+from ssp_scenario_manager.faults.model import OT, Cell, Expected, Row, Stage, Within
 
 
 def _delayed(milliseconds: int, cells: dict[Stage, Cell]) -> Row:

@@ -12,13 +12,7 @@ from ssp_scenario_manager.faults.matrix.common import (
     UNCONFIRMED,
     stages,
 )
-from ssp_scenario_manager.faults.model import (
-    OT,
-    Expected,
-    Row,
-    Stage,
-    Within,
-)
+from ssp_scenario_manager.faults.model import OT, Expected, Row, Stage, Within
 
 _CLOCK_REFUSED = Expected(
     ABORTED | HARNESS,

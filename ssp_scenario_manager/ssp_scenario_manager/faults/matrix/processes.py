@@ -16,11 +16,7 @@ from ssp_scenario_manager.faults.matrix.common import (
     WORLD_S,
     stages,
 )
-from ssp_scenario_manager.faults.model import (
-    Expected,
-    Row,
-    Within,
-)
+from ssp_scenario_manager.faults.model import Expected, Row, Within
 
 MANAGER_KILLED = Row(
     "manager_killed",
