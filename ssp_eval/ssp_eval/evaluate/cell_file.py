@@ -232,7 +232,7 @@ def _clip_facts(labelled: LabelledClip, out: Path) -> dict[str, Any]:
     return {
         "origin": facts.origin,
         # From the campaign's folder, so that both can be moved together.
-        "path": os.path.relpath(labelled.clip.path, out),
+        "path": os.path.relpath(labelled.clip.path.resolve(), out.resolve()),
         "start_ns": labelled.clip.start_ns,
         "verdict": facts.verdict,
         "ego": facts.ego,

@@ -40,9 +40,11 @@ class GeometryFacts(_Part):
 
 
 class ClipFacts(_Part):
-    """The recording that was shown."""
+    """The recording that was shown; its path is from the campaign's folder."""
 
     origin: str
+    path: str | None = None
+    start_ns: int | None = None
     verdict: str | None
     ego: str
     camera: str
