@@ -13,21 +13,12 @@ from ssp_core.reference import Reference
 from ssp_core.run_spec import Adaptation, FollowPath, LaneChange, Limits, Motion, ParticipantSpec
 from ssp_core.state import ObjectState
 from ssp_core.vocab import ObjectClass, Role
-from ssp_scenario_manager.core.adapt import (
-    Adapting,
-    Bounds,
-    Decision,
-    VutTrack,
-    answered,
-    arrival_ns,
-    begin,
-    decide,
-    follow_vut,
-    foreseen_gap_s,
-)
+from ssp_scenario_manager.core.adapt import Adapting, Decision, answered, begin, decide
+from ssp_scenario_manager.core.adapt_bounds import Bounds
 from ssp_scenario_manager.core.dispatch import Address, approach_reference, manoeuvre_reference
 from ssp_scenario_manager.core.pace import play
 from ssp_scenario_manager.core.routine import Routine, routine_of
+from ssp_scenario_manager.core.vut_track import VutTrack, arrival_ns, follow_vut, foreseen_gap_s
 
 S = 1_000_000_000
 PATH = Polyline([(0.0, 0.0), (300.0, 0.0)])

@@ -26,9 +26,11 @@ from ssp_scenario_manager.interactions.base import (
     Wait,
 )
 from ssp_scenario_manager.interactions.choosing import quantity_at
-from ssp_scenario_manager.interactions.kinematics import Foresight, foresee, is_hidden
+from ssp_scenario_manager.interactions.foresight import Foresight, foresee
+from ssp_scenario_manager.interactions.hiding import is_hidden
 from ssp_scenario_manager.interactions.motions import motions
-from ssp_scenario_manager.interactions.placing import ahead_of, classes_of, thresholds_of
+from ssp_scenario_manager.interactions.on_block import ahead_of
+from ssp_scenario_manager.interactions.wanted import classes_of, thresholds_of
 from ssp_scenario_manager.site import load_site
 from ssp_scenario_manager.spec.load import load_event
 from ssp_scenario_manager.spec.model import Event, Interval

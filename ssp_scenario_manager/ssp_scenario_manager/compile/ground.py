@@ -8,18 +8,11 @@ from typing import Literal
 
 from ssp_core.geometry import point_in_polygon
 from ssp_core.reference_line import ReferenceLine
-from ssp_core.run_spec import (
-    Camera,
-    Limits,
-    LinkDisturbance,
-    Look,
-    Point,
-    TrafficSpec,
-)
+from ssp_core.run_spec import Camera, Limits, LinkDisturbance, Look, Point, TrafficSpec
 from ssp_scenario_manager.compile.task import PlaceLink
 from ssp_scenario_manager.interactions.base import CannotPlace
 from ssp_scenario_manager.interactions.choosing import in_si
-from ssp_scenario_manager.interactions.placing import left_kerb_m, right_kerb_m
+from ssp_scenario_manager.interactions.on_block import left_kerb_m, right_kerb_m
 from ssp_scenario_manager.site import Region, Site
 from ssp_scenario_manager.spec.model import Event, Interval
 from ssp_scenario_manager.topology.block import Block, Library

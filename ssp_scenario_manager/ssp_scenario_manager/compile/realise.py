@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import ssp_core
-from ssp_core.geometry import Box, Polyline
-from ssp_core.names import VUT_ID
-from ssp_core.reference_line import NotOneToOne
 from ssp_core.run_spec import (
-    FollowPath,
     Lane,
-    LaneChange,
     Limits,
     LinkDisturbance,
-    ParticipantSpec,
     Point,
     Road,
     RunSpec,
@@ -23,7 +17,9 @@ from ssp_core.run_spec import (
     TrafficSpec,
     TriggerSpec,
 )
-from ssp_scenario_manager.compile.ground import Ground, outside
+from ssp_scenario_manager.compile.anchoring import anchors, place, trigger_region, tunings
+from ssp_scenario_manager.compile.ground import Ground
+from ssp_scenario_manager.compile.room import check_fence, check_reachable, check_safe_stop
 from ssp_scenario_manager.compile.task import (
     Anchors,
     Place,
@@ -36,31 +32,15 @@ from ssp_scenario_manager.compile.traffic import clear_traffic
 from ssp_scenario_manager.core.runnable import cannot_fire
 from ssp_scenario_manager.interactions import KINDS
 from ssp_scenario_manager.interactions.adapting import adaptation_of
-from ssp_scenario_manager.interactions.base import (
-    BlockPoint,
-    CannotPlace,
-    Cross,
-    Drive,
-    Kind,
-    PlaceLimits,
-    Plan,
-    ShiftLane,
-    Wait,
-)
-from ssp_scenario_manager.interactions.choosing import quantity_at
-from ssp_scenario_manager.interactions.kinematics import stopping_m
+from ssp_scenario_manager.interactions.base import CannotPlace, Cross, Kind, PlaceLimits, Plan
 from ssp_scenario_manager.interactions.motions import Motions, motions
-from ssp_scenario_manager.interactions.placing import classes_of, initiator_first, thresholds_of
-from ssp_scenario_manager.spec.model import Event, Interval
+from ssp_scenario_manager.interactions.wanted import classes_of, initiator_first, thresholds_of
+from ssp_scenario_manager.spec.model import Event
 from ssp_scenario_manager.topology.block import Block, BlockLane
 
 COMPILER = f"ssp compile {ssp_core.__version__}"
-# Paths are looked at in steps of this.
-_STEP_M = 1.0
 # A crossing is at a marking that lies within this of it.
 _AT_MARKING_M = 1.0
-# A safe-stop zone can be reached from the VUT's path within this distance to a side.
-SAFE_STOP_REACH_M = 8.0
 
 
 @dataclass(frozen=True)
@@ -150,11 +130,11 @@ def realise(
     run, left_out = _run(event, event_version, kind, block, ground, target, plan, told, limits)
     run = run.model_copy(update={"seed": seed})
     reachable, zones = ground.ot_reachable(), ground.safe_stop_zones()
-    _check_fence(run, block, plan)
+    check_fence(run, block, plan)
     if ground.site is not None and ground.site.domain == "physical":
-        _check_reachable(run, block, plan, reachable)
+        check_reachable(run, block, plan, reachable)
     if ground.site is not None:
-        _check_safe_stop(block, plan, zones)
+        check_safe_stop(block, plan, zones)
     problems = cannot_fire(run)
     if problems:
         raise CannotPlace("; ".join(problems))
@@ -162,28 +142,15 @@ def realise(
         block=block,
         plan=plan,
         run=run,
-        anchors=_anchors(block, plan),
+        anchors=anchors(block, plan),
         vut_route=run.vut.approach.path if run.vut.approach is not None else [],
-        trigger=_trigger_region(block, plan),
+        trigger=trigger_region(block, plan),
         conflict_zone=[place(block, corner) for corner in plan.zone],
         ot_reachable=reachable,
         safe_stop_zones=zones,
-        tunings=_tunings(event, plan),
+        tunings=tunings(event, plan),
         left_out=tuple(left_out),
     )
-
-
-def place(block: Block, point: BlockPoint) -> Place:
-    """A place of the block in both frames.
-
-    Raises:
-        CannotPlace: the block's frame has no such place.
-    """
-    try:
-        x, y = block.line.to_map(point.s_m, point.l_m)
-    except NotOneToOne as error:
-        raise CannotPlace(f"the block is too tightly curved: {error}") from error
-    return Place(s_m=point.s_m, l_m=point.l_m, x_m=x, y_m=y)
 
 
 def road_of(block: Block, crossing_s_m: float | None = None) -> Road:
@@ -300,148 +267,3 @@ def _traffic(block: Block, ground: Ground, plan: Plan) -> tuple[list[TrafficSpec
 def _lane_at(block: Block, y_m: float) -> tuple[int, BlockLane]:
     index = min(range(len(block.lanes)), key=lambda i: abs(block.lanes[i].y_m - y_m))
     return index, block.lanes[index]
-
-
-# -- what must hold ------------------------------------------------------------------------------
-
-
-def _swept(start: Start, path: Sequence[Point], spec: ParticipantSpec) -> Iterator[Point]:
-    """Corners of a participant at its start and along a path."""
-    yield from Box(start.pose, spec.size.front_m, spec.size.rear_m, spec.size.width_m).corners()
-    line = Polyline(path)
-    steps = max(1, round(line.length_m / _STEP_M))
-    for i in range(steps + 1):
-        pose = line.pose(line.length_m * i / steps)
-        yield from Box(pose, spec.size.front_m, spec.size.rear_m, spec.size.width_m).corners()
-
-
-def _paths(run: RunSpec, block: Block, plan: Plan) -> Iterator[tuple[ParticipantSpec, list[Point]]]:
-    """Every path that VUT and OTs may drive or walk, the lane after a lane change included."""
-    for spec in (run.vut, *run.targets):
-        if spec.approach is not None:
-            yield spec, spec.approach.path
-        elif not any(t.object_id == spec.id for t in run.triggers):
-            ahead = spec.start.pose.to_parent(0.01, 0.0)
-            yield spec, [(spec.start.x_m, spec.start.y_m), ahead]
-    for trigger in run.triggers:
-        spec = next(t for t in run.targets if t.id == trigger.object_id)
-        if isinstance(trigger.manoeuvre, FollowPath):
-            yield spec, trigger.manoeuvre.motion.path
-        elif isinstance(trigger.manoeuvre, LaneChange):
-            drive = plan.targets[spec.id]
-            if isinstance(drive, Drive):
-                y = drive.start.l_m + trigger.manoeuvre.lateral_shift_m
-                yield spec, block.line.path(plan.expected.s_m, drive.end_s_m, y)
-
-
-def _check_fence(run: RunSpec, block: Block, plan: Plan) -> None:
-    for spec, path in _paths(run, block, plan):
-        out = outside(list(_swept(spec.start, path, spec)), [run.geofence])
-        if out is not None:
-            raise CannotPlace(
-                f"{spec.id} would leave the geofence at x {out[0]:.1f} m, y {out[1]:.1f} m"
-            )
-
-
-def _check_reachable(run: RunSpec, block: Block, plan: Plan, regions: list[list[Point]]) -> None:
-    for spec, path in _paths(run, block, plan):
-        if spec.id == VUT_ID:
-            continue
-        out = outside(list(_swept(spec.start, path, spec)), regions)
-        if out is not None:
-            raise CannotPlace(
-                f"{spec.id} would leave what OTs can reach at x {out[0]:.1f} m, y {out[1]:.1f} m"
-            )
-
-
-def _check_safe_stop(block: Block, plan: Plan, zones: list[list[Point]]) -> None:
-    """A zone lies beside or ahead of the VUT where it stands after braking from the trigger."""
-    brakes = stopping_m(plan.vut.cruise_mps, plan.vut.deceleration_mps2)
-    earliest = plan.expected.s_m + brakes
-    for zone in zones:
-        for s in _stations(earliest, block.length_m):
-            if _crosses(block, s, plan.vut.start.l_m, zone):
-                return
-    raise CannotPlace(
-        f"no safe-stop zone can be reached from s = {earliest:.0f} m on, where the VUT can stop "
-        f"after the trigger ({len(zones)} zone(s), {SAFE_STOP_REACH_M:g} m to either side)"
-    )
-
-
-def _stations(from_s_m: float, to_s_m: float) -> Iterator[float]:
-    s = from_s_m
-    while s <= to_s_m:
-        yield s
-        s += _STEP_M
-
-
-def _crosses(block: Block, s_m: float, l_m: float, zone: list[Point]) -> bool:
-    """Some place beside the path within reach lies in the zone."""
-    steps = int(2 * SAFE_STOP_REACH_M)
-    for i in range(steps + 1):
-        try:
-            point = block.line.to_map(s_m, l_m - SAFE_STOP_REACH_M + i)
-        except NotOneToOne:
-            continue
-        if outside([point], [zone]) is None:
-            return True
-    return False
-
-
-# -- what a task says ----------------------------------------------------------------------------
-
-
-def _anchors(block: Block, plan: Plan) -> dict[str, Anchors]:
-    conflict = place(block, plan.conflict)
-    found = {
-        VUT_ID: Anchors(
-            start=place(block, plan.vut.start),
-            goal=place(block, BlockPoint(plan.vut.end_s_m, plan.vut.start.l_m)),
-            conflict=conflict,
-        )
-    }
-    for name, motion in plan.targets.items():
-        goal = _goal(name, motion, plan)
-        found[name] = Anchors(
-            start=place(block, motion.start), goal=place(block, goal), conflict=conflict
-        )
-    return found
-
-
-def _goal(name: str, motion: Drive | Wait, plan: Plan) -> BlockPoint:
-    act = plan.trigger.act if plan.trigger.object_id == name else None
-    if isinstance(act, Cross):
-        return act.goal
-    if isinstance(motion, Wait):
-        return motion.start
-    shift = act.shift_m if isinstance(act, ShiftLane) else 0.0
-    return BlockPoint(motion.end_s_m, motion.start.l_m + shift)
-
-
-def _trigger_region(block: Block, plan: Plan) -> TriggerRegion:
-    trigger = plan.trigger
-    return TriggerRegion(
-        quantity=trigger.quantity,
-        object_id=trigger.object_id,
-        below=trigger.below,
-        unit="m" if trigger.quantity == "relative_distance" else "s",
-        expected=place(block, plan.expected),
-    )
-
-
-def _tunings(event: Event, plan: Plan) -> list[Tuning]:
-    tunings = []
-    for field, (value, unit, why) in sorted(plan.chosen.items()):
-        found = quantity_at(event, field)
-        interval = found if isinstance(found, Interval) else None
-        tunings.append(
-            Tuning(
-                field=field,
-                value=value,
-                unit=unit,
-                min=interval.min if interval is not None else None,
-                max=interval.max if interval is not None else None,
-                reason=why,
-            )
-        )
-    return tunings

@@ -9,23 +9,17 @@ which the manoeuvre goes on (see ``pace``). Nothing here reads a clock.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from ssp_core.blind_stop import blind_excess_m
-from ssp_core.clock import NS_PER_S, ns_to_seconds, seconds_to_ns
-from ssp_core.geometry import FloatArray, Polyline
-from ssp_core.run_spec import Adaptation, Limits, ParticipantSpec
+from ssp_core.clock import NS_PER_S, seconds_to_ns
+from ssp_core.geometry import Polyline
+from ssp_core.run_spec import Adaptation
 from ssp_core.state import ObjectState, Size
-from ssp_scenario_manager.core.pace import Pace, as_planned, play, toward, wanted_rate
+from ssp_scenario_manager.core.adapt_bounds import Bounds, nearest_rate
+from ssp_scenario_manager.core.pace import Pace, as_planned, toward, wanted_rate
 from ssp_scenario_manager.core.routine import Routine
+from ssp_scenario_manager.core.vut_track import VutTrack, arrival_ns, follow_vut
 
-# Time constant of the filter on the VUT's place and speed.
-FILTER_S = 0.15
-# The VUT's acceleration counts for so long ahead; then its speed is taken to stay.
-HOLD_S = 1.0
-# Below this speed a VUT doesn't arrive.
-STANDSTILL_MPS = 0.5
 # A passing order that looks wrong for so long is wrong.
 ORDER_S = 0.2
 # A gap that will be further off than this is told of.
@@ -36,108 +30,6 @@ SUSPICIOUS_SHARE = 0.4
 SUSPICION_S = 0.25
 # Two wishes that differ by less are the same.
 _SAME_RATE = 0.005
-_SAME_SPEED_MPS = 0.01
-_BISECTIONS = 5
-# So long after the decisive instant, the pace is as good as back to 1.
-_AFTER_S = 2.0
-
-
-@dataclass(frozen=True, slots=True)
-class Bounds:
-    """What an adapted motion must stay inside of (METHOD 2.3, the limits of safety).
-
-    Args:
-        limits: of the site.
-        geofence: polygon, m, frame map.
-        target: that moves.
-        step_s: how often it judges its state.
-    """
-
-    limits: Limits
-    geofence: Sequence[tuple[float, float]]
-    target: ParticipantSpec
-    step_s: float
-
-
-@dataclass(frozen=True, slots=True)
-class VutTrack:
-    """The VUT along its path, filtered.
-
-    Args:
-        stamp_ns: of the newest state.
-        front_m: arc length of its front.
-        speed_mps: along the path.
-        acceleration_mps2: along the path.
-    """
-
-    stamp_ns: int
-    front_m: float
-    speed_mps: float
-    acceleration_mps2: float
-
-
-def follow_vut(track: VutTrack | None, vut: ObjectState, path: Polyline) -> VutTrack:
-    """Takes a newer state into account: place and speed go on as reported, noise is averaged."""
-    station, _ = path.project_beyond(vut.x_m, vut.y_m)
-    front = station + vut.size.front_m
-    if track is None:
-        return VutTrack(vut.stamp_ns, front, vut.speed_mps, vut.acceleration_mps2)
-    dt = ns_to_seconds(vut.stamp_ns - track.stamp_ns)
-    if dt <= 0.0:
-        return track
-    gain = -math.expm1(-dt / FILTER_S)
-    # Acceleration leads, so that a VUT that changes its speed is followed without lag.
-    acceleration = track.acceleration_mps2 + gain * (
-        vut.acceleration_mps2 - track.acceleration_mps2
-    )
-    speed = track.speed_mps + 0.5 * (track.acceleration_mps2 + acceleration) * dt
-    ahead = track.front_m + 0.5 * (track.speed_mps + speed) * dt
-    return VutTrack(
-        vut.stamp_ns,
-        ahead + gain * (front - ahead),
-        speed + gain * (vut.speed_mps - speed),
-        acceleration,
-    )
-
-
-def arrival_ns(track: VutTrack, station_m: float) -> float:
-    """Session time at which the VUT's front is at a station; inf: it doesn't get there.
-
-    At its present speed (METHOD 1), that changes for HOLD_S as it does now.
-    """
-    left, v, a = station_m - track.front_m, track.speed_mps, track.acceleration_mps2
-    if left <= 0.0:
-        return track.stamp_ns + NS_PER_S * left / max(v, STANDSTILL_MPS)
-    held = v * HOLD_S + 0.5 * a * HOLD_S * HOLD_S
-    later = v + a * HOLD_S
-    if min(v, later) < STANDSTILL_MPS:
-        return math.inf
-    if left >= held:
-        seconds = HOLD_S + (left - held) / later
-    elif abs(a) < 1e-6:
-        seconds = left / v
-    else:
-        seconds = (math.sqrt(max(v * v + 2.0 * a * left, 0.0)) - v) / a
-    return track.stamp_ns + NS_PER_S * seconds
-
-
-def foreseen_gap_s(
-    routine: Routine, track: VutTrack, size: Size, *, initiator_first: bool
-) -> float:
-    """The gap that comes of a manoeuvre as planned and a VUT that goes on as it does (METHOD 1).
-
-    Args:
-        routine: as planned.
-        track: of the VUT.
-        size: of the VUT.
-        initiator_first: whose arrival comes first.
-    """
-    zone = routine.zone
-    if initiator_first:
-        left_ns = routine.execute_at_ns + routine.departure_s * NS_PER_S
-        return (arrival_ns(track, zone.start_m) - left_ns) / NS_PER_S
-    comes_ns = routine.execute_at_ns + routine.arrival_s * NS_PER_S
-    return (comes_ns - arrival_ns(track, zone.end_m + size.length_m)) / NS_PER_S
 
 
 @dataclass(frozen=True, slots=True)
@@ -326,7 +218,15 @@ def _aim(
     rate = slowest
     if math.isfinite(due_ns):
         rate = wanted_rate(known.pace, start_ns, own_s, (due_ns - start_ns) / NS_PER_S)
-    rate = _within(known, wish, bounds, start_ns, min(max(rate, slowest), fastest), own_s)
+    rate = nearest_rate(
+        known.routine.columns,
+        known.pace,
+        wish,
+        bounds,
+        start_ns,
+        min(max(rate, slowest), fastest),
+        own_s,
+    )
     if abs(rate - known.pace.wanted) < _SAME_RATE:
         return Decision(*_told(known, off_s))
     pace = toward(known.pace, start_ns, rate, own_s)
@@ -344,59 +244,6 @@ def _told(known: Adapting, off_s: float) -> tuple[Adapting, None, str]:
     by = f"{abs(off_s):.2f} s" if math.isfinite(off_s) else "any time"
     why = f"the time gap will be off by {by}: as much as the limits allow is done"
     return replace(known, unmet=True), None, why
-
-
-def _within(
-    known: Adapting,
-    wish: Adaptation,
-    bounds: Bounds,
-    start_ns: int,
-    rate: float,
-    until_s: float,
-) -> float:
-    """The pace that comes nearest to a wanted one inside the limits."""
-    if _fits(known, wish, bounds, toward(known.pace, start_ns, rate, until_s), until_s):
-        return rate
-    # As it goes on now it fits, and so does whatever is near enough to that.
-    good, bad = known.pace.wanted, rate
-    for _ in range(_BISECTIONS):
-        middle = 0.5 * (good + bad)
-        if _fits(known, wish, bounds, toward(known.pace, start_ns, middle, until_s), until_s):
-            good = middle
-        else:
-            bad = middle
-    return good
-
-
-def _fits(known: Adapting, wish: Adaptation, bounds: Bounds, pace: Pace, until_s: float) -> bool:
-    """Speed and acceleration stay inside the limits, or inside what was planned if that is more,
-    and a blind stop from any of its points stays inside the fence."""
-    columns = known.routine.columns
-    near = columns[:, columns[0] <= until_s + _AFTER_S]
-    played = play(near, pace).columns
-    speed, acceleration = played[4], played[5]
-    limits, site = bounds.limits, bounds.limits.acceleration_mps2
-    most_up = min(site, wish.acceleration_mps2 or site)
-    most_down = min(site, wish.deceleration_mps2 or site)
-    return bool(
-        speed.max() <= max(limits.speed_mps, near[4].max())
-        and acceleration.max() <= max(most_up, near[5].max())
-        and -acceleration.min() <= max(most_down, -near[5].min())
-        and _stops_inside(played, near, bounds)
-    )
-
-
-def _stops_inside(played: FloatArray, planned: FloatArray, bounds: Bounds) -> bool:
-    """Where it is faster than planned; where it isn't, the object has found that it does."""
-    at = planned[4, -(played.shape[1] - 1) :] if played.shape[1] > 1 else planned[4, :0]
-    faster = played[:, 1:][:, played[4, 1:] > at + _SAME_SPEED_MPS]
-    if faster.shape[1] == 0:
-        return True
-    target = bounds.target
-    excess = blind_excess_m(
-        faster, target.cls, target.size, bounds.limits, bounds.geofence, bounds.step_s
-    )
-    return not excess.max() > 0.0
 
 
 def answered(adapting: Adapting, pace: Pace, *, accepted: bool, most_lead_ns: int) -> Adapting:

@@ -9,7 +9,8 @@ from ssp_core.geometry import Polyline
 from ssp_core.reference import Reference
 from ssp_core.run_spec import Adaptation, RunSpec, TriggerSpec
 from ssp_core.state import ObjectState
-from ssp_scenario_manager.core.adapt import Adapting, Bounds, Decision, answered, begin, decide
+from ssp_scenario_manager.core.adapt import Adapting, Decision, answered, begin, decide
+from ssp_scenario_manager.core.adapt_bounds import Bounds
 from ssp_scenario_manager.core.pace import Pace
 from ssp_scenario_manager.core.routine import routine_of
 

@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-from ssp_scenario_manager.interactions import (
-    cut_in,
-    lead_braking,
-    occluded_crossing,
-    vru_crossing,
-)
+from ssp_scenario_manager.interactions import cut_in, lead_braking, occluded_crossing, vru_crossing
 from ssp_scenario_manager.interactions.base import Kind
 
 KINDS: dict[str, Kind] = {

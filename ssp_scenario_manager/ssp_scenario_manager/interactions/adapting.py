@@ -10,7 +10,6 @@ from __future__ import annotations
 from ssp_core.clock import seconds_to_ns
 from ssp_core.geometry import Polyline
 from ssp_core.run_spec import Adaptation, ObjectWord, Point
-from ssp_scenario_manager.core.adapt import follow_vut, foreseen_gap_s
 from ssp_scenario_manager.core.dispatch import (
     APPROACH_LEAD_S,
     Address,
@@ -18,7 +17,8 @@ from ssp_scenario_manager.core.dispatch import (
     manoeuvre_reference,
 )
 from ssp_scenario_manager.core.routine import Routine, routine_of
-from ssp_scenario_manager.interactions.kinematics import Foresight
+from ssp_scenario_manager.core.vut_track import follow_vut, foreseen_gap_s
+from ssp_scenario_manager.interactions.foresight import Foresight
 from ssp_scenario_manager.interactions.motions import Motions
 
 # What every body of a class can do, m/s^2: hardest acceleration and braking. Beyond it a reference

@@ -10,7 +10,6 @@ from functools import partial
 from ssp_core.interaction import corridor_half_m
 from ssp_core.run_spec import Camera
 from ssp_core.state import Size
-from ssp_scenario_manager.interactions import kinematics
 from ssp_scenario_manager.interactions.base import (
     BlockPoint,
     CannotPlace,
@@ -22,25 +21,33 @@ from ssp_scenario_manager.interactions.base import (
     Wait,
 )
 from ssp_scenario_manager.interactions.choosing import Choice, choose, chosen, fixed
-from ssp_scenario_manager.interactions.kinematics import Foresight
+from ssp_scenario_manager.interactions.foresight import Foresight
+from ssp_scenario_manager.interactions.hiding import is_hidden
 from ssp_scenario_manager.interactions.motions import Motions
-from ssp_scenario_manager.interactions.placing import (
-    Draft,
-    acceleration_limit,
+from ssp_scenario_manager.interactions.on_block import (
     ahead_of,
-    approach_acceleration,
     end_of,
     entry_m,
     left_kerb_m,
-    place_on,
     rectangle,
     right_kerb_m,
-    size_of,
-    speed_bounds,
     station_of,
-    vehicle_speed_limit,
     vut_lane_indices,
     within_block,
+)
+from ssp_scenario_manager.interactions.placing import Draft, place_on
+from ssp_scenario_manager.interactions.travel import (
+    HOLD_S,
+    LEAST_HOLD_S,
+    cruise_reached_s,
+    driver_travel,
+)
+from ssp_scenario_manager.interactions.wanted import (
+    acceleration_limit,
+    approach_acceleration,
+    size_of,
+    speed_bounds,
+    vehicle_speed_limit,
 )
 from ssp_scenario_manager.spec.model import Event
 from ssp_scenario_manager.topology.block import Block
@@ -85,26 +92,26 @@ def _along(
     at_marking: bool,
 ) -> _Along:  # fmt: skip
     """At a marked crossing if there is one and the VUT has the room, else as early as can be."""
-    reached = kinematics.cruise_reached_s(speed_mps, rate)
+    reached = cruise_reached_s(speed_mps, rate)
     entry = entry_m(block)
 
     def needed(hold_s: float) -> float:
-        driven, _ = kinematics.driver_travel(speed_mps, rate, reached + hold_s)
+        driven, _ = driver_travel(speed_mps, rate, reached + hold_s)
         return vut.front_m + driven + speed_mps * below_s
 
     marked = block.crossing_s_m
     if at_marking and marked is not None:
         room = station_of(block, entry, marked, lane_m)
-        if needed(kinematics.LEAST_HOLD_S) <= room <= needed(_LONGEST_HOLD_S):
-            hold = kinematics.LEAST_HOLD_S
-            hold += (room - needed(kinematics.LEAST_HOLD_S)) / speed_mps
+        if needed(LEAST_HOLD_S) <= room <= needed(_LONGEST_HOLD_S):
+            hold = LEAST_HOLD_S
+            hold += (room - needed(LEAST_HOLD_S)) / speed_mps
             return _Along(entry, marked, reached + hold)
-        for hold in (kinematics.HOLD_S, kinematics.LEAST_HOLD_S):
+        for hold in (HOLD_S, LEAST_HOLD_S):
             start = ahead_of(block, marked, -needed(hold), lane_m)
             if start >= vut.rear_m + 1.0:
                 return _Along(round(start, 3), marked, reached + hold)
-    crossing = ahead_of(block, entry, needed(kinematics.HOLD_S), lane_m)
-    return _Along(entry, round(crossing, 3), reached + kinematics.HOLD_S)
+    crossing = ahead_of(block, entry, needed(HOLD_S), lane_m)
+    return _Along(entry, round(crossing, 3), reached + HOLD_S)
 
 
 def _gap(block: Block, start_s_m: float, front_m: float, near_s_m: float, lane_m: float) -> float:
@@ -204,7 +211,7 @@ def _hidden(name: str, occluder: str, told: Motions, seen: Foresight) -> list[st
     """Why the occluder doesn't hide who crosses when the trigger fires."""
     states = {state.object_id: state for state in seen.targets_fired}
     eye_m = Camera().forward_m
-    if kinematics.is_hidden(seen.vut_fired, states[name], states[occluder], eye_m):
+    if is_hidden(seen.vut_fired, states[name], states[occluder], eye_m):
         return []
     return [f"{occluder} doesn't hide {name} from the VUT when the trigger fires"]
 

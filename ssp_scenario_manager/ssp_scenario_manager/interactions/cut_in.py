@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import partial
 
-from ssp_scenario_manager.interactions import kinematics
 from ssp_scenario_manager.interactions.base import (
     BlockPoint,
     CannotPlace,
@@ -17,21 +16,29 @@ from ssp_scenario_manager.interactions.base import (
     Trigger,
 )
 from ssp_scenario_manager.interactions.choosing import choose, chosen, fixed, quantity_at
-from ssp_scenario_manager.interactions.kinematics import Foresight
-from ssp_scenario_manager.interactions.placing import (
-    Draft,
-    acceleration_limit,
+from ssp_scenario_manager.interactions.foresight import Foresight
+from ssp_scenario_manager.interactions.on_block import (
     ahead_of,
-    approach_acceleration,
     end_of,
     entry_m,
     neighbour,
-    place_in_lane,
+    vut_lane_indices,
+    within_block,
+)
+from ssp_scenario_manager.interactions.placing import Draft, place_in_lane
+from ssp_scenario_manager.interactions.travel import (
+    HOLD_S,
+    LEAST_HOLD_S,
+    cruise_reached_s,
+    driver_travel,
+    reference_travel,
+)
+from ssp_scenario_manager.interactions.wanted import (
+    acceleration_limit,
+    approach_acceleration,
     size_of,
     speed_bounds,
     vehicle_speed_limit,
-    vut_lane_indices,
-    within_block,
 )
 from ssp_scenario_manager.spec.model import Event, Interval
 from ssp_scenario_manager.topology.block import Block, BlockLane
@@ -68,8 +75,8 @@ def _start_gap(event: Event, closing_mps: float, wanted_m: float) -> float:
         return wanted_m
     low = asked.min if asked.min is not None else 0.0
     gap = min(max(wanted_m, low), asked.max if asked.max is not None else wanted_m)
-    hold = kinematics.HOLD_S + (gap - wanted_m) / closing_mps
-    if hold < kinematics.LEAST_HOLD_S:
+    hold = HOLD_S + (gap - wanted_m) / closing_mps
+    if hold < LEAST_HOLD_S:
         raise CannotPlace(
             f"a gap of {gap:.1f} m at the start closes before both are at cruise speed; "
             f"{wanted_m:.1f} m would do"
@@ -85,9 +92,9 @@ def _draft(event: Event, block: Block, limits: PlaceLimits, values: Mapping[str,
     if v - u < _LEAST_CLOSING_MPS:
         raise CannotPlace(f"the VUT at {v:g} m/s doesn't close in on a car at {u:g} m/s")
     a, b = (approach_acceleration(event, who, limits) for who in (event.vut_id, name))
-    fires_s = kinematics.cruise_reached_s(v, a) + kinematics.HOLD_S
-    driven, _ = kinematics.driver_travel(v, a, fires_s)
-    covered = kinematics.reference_travel(u, b, fires_s)
+    fires_s = cruise_reached_s(v, a) + HOLD_S
+    driven, _ = driver_travel(v, a, fires_s)
+    covered = reference_travel(u, b, fires_s)
     gap = _start_gap(event, v - u, below + driven - covered)
     start = BlockPoint(entry_m(block), lane.y_m)
     ahead = vut.front_m + gap + other.rear_m

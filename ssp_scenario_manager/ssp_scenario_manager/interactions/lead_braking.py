@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import partial
 
-from ssp_scenario_manager.interactions import kinematics
 from ssp_scenario_manager.interactions.base import (
     BlockPoint,
     BrakeTo,
@@ -17,20 +16,22 @@ from ssp_scenario_manager.interactions.base import (
     Trigger,
 )
 from ssp_scenario_manager.interactions.choosing import Choice, choose
-from ssp_scenario_manager.interactions.kinematics import Foresight
-from ssp_scenario_manager.interactions.placing import (
-    Draft,
-    acceleration_limit,
+from ssp_scenario_manager.interactions.foresight import Foresight
+from ssp_scenario_manager.interactions.on_block import (
     ahead_of,
-    approach_acceleration,
     end_of,
     entry_m,
-    place_in_lane,
+    vut_lane_indices,
+    within_block,
+)
+from ssp_scenario_manager.interactions.placing import Draft, place_in_lane
+from ssp_scenario_manager.interactions.travel import cruise_reached_s
+from ssp_scenario_manager.interactions.wanted import (
+    acceleration_limit,
+    approach_acceleration,
     size_of,
     speed_bounds,
     vehicle_speed_limit,
-    vut_lane_indices,
-    within_block,
 )
 from ssp_scenario_manager.spec.model import Event
 from ssp_scenario_manager.topology.block import Block
@@ -80,7 +81,7 @@ def _draft(event: Event, block: Block, limits: PlaceLimits, values: Mapping[str,
             below=values["below"],
             anchor=None,
             act=BrakeTo(to_mps=values["end_speed"], deceleration_mps2=values["deceleration"]),
-            not_before_s=round(0.5 * kinematics.cruise_reached_s(v, a), 1),
+            not_before_s=round(0.5 * cruise_reached_s(v, a), 1),
         ),
     )
 

@@ -17,7 +17,7 @@ from ssp_core.profile import DEFAULT_RAMP_S
 from ssp_core.run_spec import Motion, RunSpec
 from ssp_scenario_manager.core.dispatch import APPROACH_LEAD_S
 from ssp_scenario_manager.interactions.base import CannotPlace
-from ssp_scenario_manager.interactions.kinematics import foresee
+from ssp_scenario_manager.interactions.foresight import foresee
 from ssp_scenario_manager.interactions.motions import Motions
 
 # When a target's ramp begins, s after the session's start.

@@ -25,7 +25,6 @@ from ssp_core.run_spec import (
 )
 from ssp_core.state import DEFAULT_SIZES, ObjectState
 from ssp_core.vocab import ObjectClass, Role
-from ssp_scenario_manager.interactions import kinematics
 from ssp_scenario_manager.interactions.base import (
     BlockPoint,
     CannotPlace,
@@ -34,7 +33,16 @@ from ssp_scenario_manager.interactions.base import (
     Trigger,
     Wait,
 )
+from ssp_scenario_manager.interactions.foresight import foresee
+from ssp_scenario_manager.interactions.hiding import is_hidden
 from ssp_scenario_manager.interactions.motions import Motions, motions
+from ssp_scenario_manager.interactions.travel import (
+    CRUISE_SHARE,
+    STEP_S,
+    cruise_reached_s,
+    driver_travel,
+    reference_travel,
+)
 
 THRESHOLDS = ConflictThresholds(ttc_s=3.0, arrival_gap_s=None)
 
@@ -90,28 +98,28 @@ def crossing(speed_mps: float = 1.5, below_s: float = 3.2) -> Motions:
 def test_a_free_driver_follows_its_closed_form() -> None:
     """dx/dt = a (1 - x^4) / v0 has t = v0/2a (atanh x + atan x), s = v0^2/2a atanh x^2."""
     for cruise, rate in ((13.0, 2.0), (8.0, 1.2)):
-        t = kinematics.cruise_reached_s(cruise, rate)
-        distance, speed = kinematics.driver_travel(cruise, rate, t)
-        x = kinematics.CRUISE_SHARE
+        t = cruise_reached_s(cruise, rate)
+        distance, speed = driver_travel(cruise, rate, t)
+        x = CRUISE_SHARE
         assert speed == pytest.approx(x * cruise, rel=5e-3)
         assert distance == pytest.approx(cruise**2 / (2 * rate) * math.atanh(x * x), rel=2e-2)
-        assert kinematics.driver_travel(cruise, rate, 0.0) == (0.0, 0.0)
+        assert driver_travel(cruise, rate, 0.0) == (0.0, 0.0)
 
 
 def test_an_approach_covers_what_its_reference_says() -> None:
     """v^2/2a while it gets there, then v t; it starts 0.5 s after the VUT, and 0.2 s softly."""
-    assert kinematics.reference_travel(8.0, 2.0, 10.7) == pytest.approx(16.0 + 8.0 * 6.0)
+    assert reference_travel(8.0, 2.0, 10.7) == pytest.approx(16.0 + 8.0 * 6.0)
 
 
 def test_a_cut_in_is_foreseen_phase_by_phase() -> None:
-    seen = kinematics.foresee(cutting_in(), "lateral", THRESHOLDS)
+    seen = foresee(cutting_in(), "lateral", THRESHOLDS)
     assert seen.trigger_s is not None
     assert seen.conflict_s is not None
     assert seen.resolution_s is not None
     # The gap at the firing is just under the threshold: front of the VUT to rear of the OT.
     vut, (other,) = seen.vut_fired, seen.targets_fired
     gap = other.x_m - 0.9 - vut.x_m - 3.6
-    assert 18.0 - 13.0 * kinematics.STEP_S < gap < 18.0
+    assert 18.0 - 13.0 * STEP_S < gap < 18.0
     assert seen.fired_s < seen.trigger_s < seen.conflict_s < seen.resolution_s
     # First overlap: with half of 1.8 m and 0.3 m around the VUT, 0.9 m of itself, turned a little.
     assert seen.trigger_s < seen.overlap_s < seen.fired_s + 0.1 + 2.5
@@ -121,15 +129,15 @@ def test_a_cut_in_is_foreseen_phase_by_phase() -> None:
 
 
 def test_the_drivers_reaction_keeps_the_distance() -> None:
-    hard = kinematics.foresee(cutting_in(cruise_mps=3.0), "lateral", THRESHOLDS)
+    hard = foresee(cutting_in(cruise_mps=3.0), "lateral", THRESHOLDS)
     assert hard.separation_m > 0.5
     slow = replace(cutting_in(cruise_mps=3.0), driver=Driver(cruise_mps=13.0, headway_s=0.2))
-    assert kinematics.foresee(slow, "lateral", THRESHOLDS).separation_m < hard.separation_m
+    assert foresee(slow, "lateral", THRESHOLDS).separation_m < hard.separation_m
 
 
 def test_a_crossing_is_yielded_to() -> None:
     both = ConflictThresholds(ttc_s=2.5, arrival_gap_s=1.5)
-    seen = kinematics.foresee(crossing(), "lateral", both)
+    seen = foresee(crossing(), "lateral", both)
     assert seen.initiator_first
     # From -2.25 m to the corridor's edge at -1.2 m.
     walked = seen.overlap_s - seen.fired_s
@@ -142,7 +150,7 @@ def test_a_crossing_is_yielded_to() -> None:
 
 def test_who_comes_too_early_for_a_conflict_leaves_none() -> None:
     both = ConflictThresholds(ttc_s=2.5, arrival_gap_s=1.5)
-    seen = kinematics.foresee(crossing(speed_mps=3.0, below_s=9.0), "lateral", both)
+    seen = foresee(crossing(speed_mps=3.0, below_s=9.0), "lateral", both)
     assert seen.conflict_s is None
     assert seen.resolution_s is None
 
@@ -156,13 +164,13 @@ def test_braking_is_observable_by_its_deceleration() -> None:
     trigger = lead.trigger.model_copy(
         update={"manoeuvre": Brake(kind="brake", to_mps=2.0, deceleration_mps2=4.25)}
     )
-    seen = kinematics.foresee(replace(lead, trigger=trigger), "braking", THRESHOLDS)
+    seen = foresee(replace(lead, trigger=trigger), "braking", THRESHOLDS)
     assert seen.trigger_s is not None
     assert seen.conflict_s is not None
     assert seen.conflict_s > seen.trigger_s + 0.5
     # It is in the corridor all the while, so that the conflict point is its rear when it brakes.
-    assert seen.overlap_s == pytest.approx(seen.fired_s, abs=2 * kinematics.STEP_S)
-    never = kinematics.foresee(replace(lead, trigger=trigger), "lateral", THRESHOLDS)
+    assert seen.overlap_s == pytest.approx(seen.fired_s, abs=2 * STEP_S)
+    never = foresee(replace(lead, trigger=trigger), "lateral", THRESHOLDS)
     assert never.trigger_s is None
 
 
@@ -170,16 +178,16 @@ def test_what_never_fires_or_can_not_be_driven_is_said() -> None:
     behind = replace(cutting_in(), vut=car("vut", 15.0, 0.0, 8.0))
     slower = replace(behind, driver=Driver(cruise_mps=8.0))
     with pytest.raises(CannotPlace, match="never fires"):
-        kinematics.foresee(slower, "lateral", THRESHOLDS)
+        foresee(slower, "lateral", THRESHOLDS)
     plan = cutting_in()
     short = plan.targets[0].model_copy(
         update={"approach": Motion(path=[(58.0, 3.5), (110.0, 3.5)], cruise_mps=8.5)}
     )
     with pytest.raises(CannotPlace, match=r"ot1: .*(too short|stands)"):
-        kinematics.foresee(replace(plan, targets=(short,)), "lateral", THRESHOLDS)
+        foresee(replace(plan, targets=(short,)), "lateral", THRESHOLDS)
     still = plan.vut.model_copy(update={"approach": None})
     with pytest.raises(CannotPlace, match="has no path"):
-        kinematics.foresee(replace(plan, vut=still), "lateral", THRESHOLDS)
+        foresee(replace(plan, vut=still), "lateral", THRESHOLDS)
 
 
 def state(name: str, object_class: ObjectClass, x_m: float, y_m: float) -> ObjectState:
@@ -191,12 +199,12 @@ def state(name: str, object_class: ObjectClass, x_m: float, y_m: float) -> Objec
 def test_hidden_means_every_corner() -> None:
     vut = state("vut", ObjectClass.CAR, 0.0, 0.0)
     truck = state("truck", ObjectClass.TRUCK, 30.0, -3.2)  # 28 to 37 m, -4.45 to -1.95 m
-    assert kinematics.is_hidden(vut, state("p", ObjectClass.PEDESTRIAN, 38.5, -2.6), truck, 1.8)
+    assert is_hidden(vut, state("p", ObjectClass.PEDESTRIAN, 38.5, -2.6), truck, 1.8)
     # Half a step further in, its shoulder shows.
     seen = state("p", ObjectClass.PEDESTRIAN, 38.5, -2.1)
-    assert not kinematics.is_hidden(vut, seen, truck, 1.8)
+    assert not is_hidden(vut, seen, truck, 1.8)
     nearer = state("p", ObjectClass.PEDESTRIAN, 25.0, -2.6)
-    assert not kinematics.is_hidden(vut, nearer, truck, 1.8)
+    assert not is_hidden(vut, nearer, truck, 1.8)
 
 
 def test_motions_follow_a_bend() -> None:

@@ -10,81 +10,28 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from ssp_core.car_following import following_acceleration, free_acceleration
-from ssp_core.clock import seconds_to_ns
-from ssp_core.geometry import Polyline, box_distance
-from ssp_core.interaction import (
-    Encounter,
-    Observable,
-    encounter,
-    is_conflict,
-    is_observable,
-)
-from ssp_core.reference import Reference, sample
-from ssp_core.run_spec import ConflictThresholds, Driver, ParticipantSpec
+from ssp_core.geometry import box_distance
+from ssp_core.interaction import Encounter, Observable, encounter, is_conflict, is_observable
+from ssp_core.run_spec import ConflictThresholds
 from ssp_core.state import ObjectState
-from ssp_core.vocab import ObjectClass, Role
 from ssp_scenario_manager.core.conditions import condition_text
-from ssp_scenario_manager.core.dispatch import (
-    APPROACH_LEAD_S,
-    Address,
-    approach_reference,
-    manoeuvre_reference,
-)
 from ssp_scenario_manager.core.scene import Scene
 from ssp_scenario_manager.core.triggers import TriggerWatch
 from ssp_scenario_manager.interactions.base import CannotPlace
 from ssp_scenario_manager.interactions.motions import Motions
+from ssp_scenario_manager.interactions.players import Players
+from ssp_scenario_manager.interactions.travel import STEP_S
 
-STEP_S = 0.05
 # Far from the trigger's threshold, nothing happens that needs the fine step.
 _COARSE_S = 0.2
 _NEAR = 1.3
 LONGEST_S = 60.0
-# A driver comes near its cruise speed only slowly; from this share on it counts as reached.
-CRUISE_SHARE = 0.95
-# Time for which both are to be seen at cruise speed before the trigger.
-HOLD_S = 1.5
-LEAST_HOLD_S = 1.0
 # From the resolution to the end of a run, as EndCondition has it, and some room for reality.
 AFTER_S = 2.5
 # A trigger that no conflict followed within this time leads to none.
 NO_CONFLICT_S = 12.0
-_VULNERABLE = frozenset({ObjectClass.PEDESTRIAN, ObjectClass.CYCLIST})
 # Who crosses doesn't move along the VUT's path by more than this.
 _MOVED_ON_M = 0.1
-
-
-def driver_travel(cruise_mps: float, acceleration_mps2: float, t_s: float) -> tuple[float, float]:
-    """Distance in m and speed in m/s of a free driver (a (1 - (v/v0)^4)) t_s after standstill."""
-    driver = Driver(cruise_mps=cruise_mps, acceleration_mps2=acceleration_mps2)
-    distance, speed, left = 0.0, 0.0, t_s
-    while left > 0.0:
-        dt = min(STEP_S, left)
-        faster = speed + free_acceleration(speed, driver) * dt
-        distance += 0.5 * (speed + faster) * dt
-        speed, left = faster, left - dt
-    return distance, speed
-
-
-def cruise_reached_s(cruise_mps: float, acceleration_mps2: float) -> float:
-    """Time from standstill in s until a free driver has CRUISE_SHARE of its cruise speed.
-
-    With x = v/v0: t = v0/a times the integral of 1 / (1 - x^4).
-    """
-    x = CRUISE_SHARE
-    return cruise_mps / acceleration_mps2 * 0.5 * (math.atanh(x) + math.atan(x))
-
-
-def reference_travel(cruise_mps: float, acceleration_mps2: float, t_s: float) -> float:
-    """Distance in m that an OT's approach has covered at session time t_s, once at cruise speed."""
-    moving = t_s - APPROACH_LEAD_S - cruise_mps / acceleration_mps2 - 0.2
-    return 0.5 * cruise_mps**2 / acceleration_mps2 + cruise_mps * max(moving, 0.0)
-
-
-def stopping_m(speed_mps: float, deceleration_mps2: float, reaction_s: float = 0.3) -> float:
-    """Distance to a standstill, m."""
-    return speed_mps * reaction_s + speed_mps**2 / (2.0 * deceleration_mps2)
 
 
 @dataclass(frozen=True)
@@ -153,97 +100,6 @@ class _Instant:
     separation_m: float
 
 
-class _Players:
-    """VUT and targets, moved on in steps; the VUT reacts to what it meets."""
-
-    def __init__(self, plan: Motions) -> None:
-        if plan.vut.approach is None:
-            raise CannotPlace("the VUT has no path")
-        self.plan = plan
-        self.path = Polyline(plan.vut.approach.path)
-        self.station_m = 0.0
-        self.speed_mps = 0.0
-        self.references: dict[str, Reference] = {}
-        self.act: Reference | None = None
-        for target in plan.targets:
-            if target.approach is not None:
-                address = self._address(target.id, APPROACH_LEAD_S)
-                try:
-                    self.references[target.id] = approach_reference(address, target.approach)
-                except ValueError as error:
-                    raise CannotPlace(f"{target.id}: {error}") from error
-
-    @staticmethod
-    def _address(object_id: str, execute_s: float) -> Address:
-        return Address(object_id, object_id, "", "foreseen", 0, seconds_to_ns(execute_s))
-
-    def vut(self, t_s: float) -> ObjectState:
-        pose = self.path.pose(self.station_m)
-        return _state(self.plan.vut, Role.VUT, t_s, (pose.x_m, pose.y_m, pose.yaw_rad),
-                      self.speed_mps, 0.0)  # fmt: skip
-
-    def target(self, spec: ParticipantSpec, t_s: float) -> ObjectState:
-        reference = self.references.get(spec.id)
-        act = self.act
-        if act is not None and act.object_id == spec.id and seconds_to_ns(t_s) >= act.execute_at_ns:
-            reference = act
-        if reference is None or seconds_to_ns(t_s) <= reference.execute_at_ns:
-            s = spec.start
-            return _state(spec, Role.OT, t_s, (s.x_m, s.y_m, s.yaw_rad), 0.0, 0.0)
-        p = sample(reference, seconds_to_ns(t_s))
-        pose = (p.x_m, p.y_m, p.yaw_rad)
-        return _state(spec, Role.OT, t_s, pose, p.speed_mps, p.acceleration_mps2)
-
-    def fire(self, t_s: float) -> None:
-        """Dispatches the manoeuvre, as the session does."""
-        trigger = self.plan.trigger
-        spec = self.plan.target(trigger.object_id)
-        current = self.references.get(spec.id)
-        address = self._address(spec.id, t_s + trigger.lead_time_s)
-        try:
-            self.act = manoeuvre_reference(
-                address, trigger.manoeuvre, self.target(spec, t_s), current, spec.approach
-            )
-        except ValueError as error:
-            raise CannotPlace(f"{spec.id}: {error}") from error
-
-    def advance(
-        self, vut: ObjectState, meetings: list[tuple[ObjectState, Encounter]], dt_s: float
-    ) -> None:
-        driver, v = self.plan.driver, self.speed_mps
-        wanted = free_acceleration(v, driver)
-        for other, meeting in meetings:
-            if meeting.gap_m <= 0.1:
-                continue
-            if other.object_class in _VULNERABLE:
-                if not (meeting.in_corridor or math.isfinite(meeting.object_arrival_s)):
-                    continue
-                ahead, rate = 0.0, 0.0
-            elif meeting.in_corridor:
-                ahead = meeting.along_mps
-                rate = other.acceleration_mps2 if ahead > 0.0 else 0.0
-            else:
-                continue
-            wanted = min(wanted, following_acceleration(v, meeting.gap_m, ahead, rate, driver))
-        faster = max(v + wanted * dt_s, 0.0)
-        self.station_m += 0.5 * (v + faster) * dt_s
-        self.speed_mps = faster
-
-
-def _state(
-    spec: ParticipantSpec,
-    role: Role,
-    t_s: float,
-    pose: tuple[float, float, float],
-    speed_mps: float,
-    acceleration_mps2: float,
-) -> ObjectState:
-    return ObjectState(
-        spec.id, spec.cls, role, seconds_to_ns(t_s), *pose, speed_mps, acceleration_mps2, 0.0,
-        spec.size,
-    )  # fmt: skip
-
-
 def foresee(plan: Motions, observable: Observable, thresholds: ConflictThresholds) -> Foresight:
     """Follows a plan from standstill to the end of its run.
 
@@ -255,7 +111,7 @@ def foresee(plan: Motions, observable: Observable, thresholds: ConflictThreshold
     Raises:
         CannotPlace: the trigger never fires, or a manoeuvre can't be driven from where it does.
     """
-    players = _Players(plan)
+    players = Players(plan)
     initiator = plan.target(plan.trigger.object_id)
     watch = TriggerWatch(plan.trigger, players.path, 0)
     t, fired = 0.0, None
@@ -321,7 +177,7 @@ def _is_over(instants: list[_Instant], t_s: float) -> bool:
 
 
 def _summary(
-    players: _Players,
+    players: Players,
     fired: tuple[float, float, float, ObjectState, tuple[ObjectState, ...]],
     instants: list[_Instant],
     early: bool,
@@ -377,32 +233,3 @@ def _summary(
 def _has_left(instant: _Instant, point_m: float) -> bool:
     """It is out of the corridor, or has moved on along it, and its zone with it."""
     return instant.zone_m > point_m + _MOVED_ON_M or not instant.meeting.in_corridor
-
-
-def is_hidden(vut: ObjectState, subject: ObjectState, occluder: ObjectState, eye_m: float) -> bool:
-    """No corner of an object can be seen past an occluder from a place on the VUT's centre line.
-
-    Args:
-        vut: the one that looks.
-        subject: who is to be hidden.
-        occluder: who hides.
-        eye_m: the camera's place ahead of the VUT's reference point.
-    """
-    eye = vut.pose.to_parent(eye_m, 0.0)
-    corners = occluder.box.corners()
-    sides = [(corners[i], corners[(i + 1) % 4]) for i in range(4)]
-    return all(any(_cross(eye, point, a, b) for a, b in sides) for point in subject.box.corners())
-
-
-def _cross(
-    p: tuple[float, float],
-    q: tuple[float, float],
-    a: tuple[float, float],
-    b: tuple[float, float],
-) -> bool:
-    """Two segments cross."""
-
-    def side(u: tuple[float, float], v: tuple[float, float], w: tuple[float, float]) -> float:
-        return (v[0] - u[0]) * (w[1] - u[1]) - (v[1] - u[1]) * (w[0] - u[0])
-
-    return side(p, q, a) * side(p, q, b) < 0.0 and side(a, b, p) * side(a, b, q) < 0.0
