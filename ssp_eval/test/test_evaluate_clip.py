@@ -17,7 +17,9 @@ from ssp_core.bag import BagWriter
 from ssp_core.bag.types import serialize, typestore
 from ssp_core.errors import InputError
 from ssp_core.vocab import Verdict
-from ssp_eval.evaluate.clip import Clip, NoQuestion, Question
+from ssp_eval.evaluate import question
+from ssp_eval.evaluate.clip import Clip
+from ssp_eval.evaluate.question import NoQuestion, Question
 from ssp_eval.evaluate.truth import truth_from_bag
 from ssp_vla_bridge.core.request import request_problems
 from ssp_vla_bridge.core.window import Preprocessing
@@ -214,3 +216,32 @@ def test_an_imported_video_starts_at_its_first_frame(tmp_path: Path) -> None:
     assert request.camera is None
     with pytest.raises(InputError, match="holds no ground truth"):
         truth_from_bag(tmp_path / "video")
+
+
+def test_a_question_is_made_once_for_models_of_the_same_rules(clip: Clip) -> None:
+    rules, others = Preprocessing(frames=2), Preprocessing(frames=3)
+    first = clip.question(3.0, rules)
+    assert clip.question(3.0, rules) is first
+    other = clip.question(3.0, others)
+    assert isinstance(first, Question)
+    assert isinstance(other, Question)
+    assert [len(one.request.frames) for one in (first, other)] == [2, 3]
+    again = clip.question(3.0, rules)
+    assert again is not first
+    assert again == first
+    clip.forget_questions()
+    assert clip.question(3.0, rules) is not again
+
+
+def test_no_more_questions_are_kept_than_there_is_room_for(
+    clip: Clip, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = clip.question(3.0)
+    assert isinstance(first, Question)
+    size = sum(len(frame.jpeg) for frame in first.request.frames)
+    monkeypatch.setattr(question, "_MOST_BYTES", size)
+    clip.forget_questions()
+    kept, beyond = clip.question(3.0), clip.question(4.0)
+    assert clip.question(3.0) is kept
+    assert clip.question(4.0) is not beyond
+    assert clip.question(4.0) == beyond

@@ -18,7 +18,6 @@ from ssp_core.errors import InputError
 from ssp_eval.evaluate.asker import Asker, DirectAskers, Ignored, Reply
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
-from ssp_eval.evaluate.clip import NoQuestion, Question
 from ssp_eval.evaluate.conditions import (
     blackened,
     derangement,
@@ -29,6 +28,7 @@ from ssp_eval.evaluate.conditions import (
 from ssp_eval.evaluate.controls import ANSWERERS, BLACK, CONDITION_SEED, SHUFFLED
 from ssp_eval.evaluate.model_spec import ModelSpec
 from ssp_eval.evaluate.models import attached_spec, bridge_spec, with_controls
+from ssp_eval.evaluate.question import NoQuestion, Question
 from ssp_eval.report.load import load_cells
 from ssp_eval.report.page import write_report
 from ssp_eval.report.tables import scored

@@ -22,8 +22,9 @@ from ssp_core.errors import InputError
 from ssp_eval.evaluate.asker import DirectAskers
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
-from ssp_eval.evaluate.clip import Clip, Question
+from ssp_eval.evaluate.clip import Clip
 from ssp_eval.evaluate.models import bridge_spec
+from ssp_eval.evaluate.question import Question
 from ssp_eval.labels.footage import pictures
 
 IMAGE = "/ssp/vut/front_camera/image/compressed"

@@ -12,9 +12,9 @@ from ssp_core.files import write_bytes
 from ssp_core.hashing import sha256_json
 from ssp_eval.evaluate.asker import PASSING, Asker, Askers, Ignored, Loss, loss_of
 from ssp_eval.evaluate.cell_file import LABELS_FILE, CellPlace, frame_path
-from ssp_eval.evaluate.clip import NoQuestion, Question
 from ssp_eval.evaluate.conditions import other_label_time, under
 from ssp_eval.evaluate.controls import SHUFFLED
+from ssp_eval.evaluate.question import NoQuestion, Question
 from ssp_eval.evaluate.store import Asked, RawStore, new_request_id, request_key
 from ssp_eval.labels.model import labels_to_json
 from ssp_vla_bridge.core.request import Frame

@@ -6,7 +6,7 @@ import fcntl
 import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path, PurePosixPath
 from typing import TypeVar
 
@@ -26,6 +26,7 @@ from ssp_eval.labels.model import Labels, labels_version, load_labels
 from ssp_eval.labels.proposal_file import is_unreviewed, write_proposal
 from ssp_eval.labels.propose import propose
 from ssp_eval.score import DEFAULT
+from ssp_vla_bridge.core.window import Preprocessing
 
 AnyPath = TypeVar("AnyPath", Path, PurePosixPath)
 
@@ -160,23 +161,34 @@ def check_distinct(clips: Sequence[LabelledClip]) -> None:
             )
 
 
-def _check_once(clips: Sequence[Clip]) -> None:
+def _check_once(clip: Clip, others: Sequence[Clip]) -> None:
     """Refuses a recording that is given twice, be it under two paths.
 
     Raises:
         InputError: naming both.
     """
-    seen: dict[str, Path] = {}
-    for clip in clips:
-        digest = clip.provenance.bag_sha256
-        if digest in seen:
+    digest = clip.provenance.bag_sha256
+    for other in others:
+        if other.provenance.bag_sha256 == digest:
             raise InputError(
-                f"is the same recording as {seen[digest]}",
+                f"is the same recording as {other.path}",
                 file=clip.path,
                 value=digest,
                 remedy="give each bag once",
             )
-        seen[digest] = clip.path
+
+
+def _prepare(clip: Clip, labels_file: Path | None, rules: Preprocessing) -> None:
+    """Fetches the first questions as long as the bag is being hashed; none is asked yet.
+
+    What is wrong with labels or frames is said in its turn.
+    """
+    with suppress(InputError):
+        path = labels_file or find_labels(clip.path)
+        for label in () if path is None else load_labels(path).labels:
+            if clip.is_hashed:
+                return
+            clip.question(label.t_s, rules)
 
 
 def open_clips(
@@ -184,18 +196,26 @@ def open_clips(
     bags: Sequence[tuple[Path, Path | None]],
     propose_labels: bool = False,
     admissions: Mapping[str, Admission] | None = None,
+    rules: Preprocessing | None = None,
 ) -> list[LabelledClip]:
     """The clips of a campaign with their labels, checked all together.
 
     Args:
         stack: closes them.
         bags, propose_labels, admissions: see run_campaign.
+        rules: of what is asked first; the time that hashing takes is used for it.
 
     Raises:
         InputError: a bag or its labels are wrong.
     """
-    opened = [stack.enter_context(Clip(bag)) for bag, _ in bags]
-    _check_once(opened)
+    opened: list[Clip] = []
+    for bag, labels in bags:
+        clip = stack.enter_context(Clip(bag))
+        if not opened and rules is not None:
+            _prepare(clip, labels, rules)
+        # One bag after the other is hashed, however many there are.
+        _check_once(clip, opened)
+        opened.append(clip)
     clips = []
     for clip, (_, labels) in zip(opened, bags, strict=True):
         admission = (admissions or {}).get(clip.provenance.bag_sha256, NO_AUDIT)
@@ -260,11 +280,13 @@ def run_campaign(
         model.read_by(options.adapter)
     results = []
     with ExitStack() as stack:
-        clips = open_clips(stack, bags, propose_labels, admissions)
+        rules = models[0].rules if models else None
+        clips = open_clips(stack, bags, propose_labels, admissions, rules)
         stack.enter_context(campaign_folder(out))
         on_plan(plan_of(clips, models))
         for labelled in clips:
             for model in models:
                 result = evaluate_cell(labelled, model, askers, out, options, on_record)
                 results.append(result)
+            labelled.clip.forget_questions()
     return results

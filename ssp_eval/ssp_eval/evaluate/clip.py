@@ -10,7 +10,8 @@ from array import array
 from bisect import bisect_right
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple, Self
@@ -25,6 +26,7 @@ from ssp_core.messages import object_state, peek_stamp_ns
 from ssp_core.names import CAMERA_IMAGE, CAMERA_INFO, CAMERA_MOUNT, VUT_ID, absolute, state_topic
 from ssp_core.state import ObjectState
 from ssp_eval.evaluate.provenance import Provenance, content_sha256, read_provenance
+from ssp_eval.evaluate.question import KeptQuestions, NoQuestion, Question
 from ssp_eval.score import DEFAULT
 from ssp_vla_bridge.core.camera import geometry_of, mounting_of
 from ssp_vla_bridge.core.request import CameraGeometry, EgoSample, Frame, Request
@@ -36,23 +38,6 @@ _INFO = absolute(CAMERA_INFO)
 _MOUNT = absolute(CAMERA_MOUNT)
 _VUT_STATE = absolute(state_topic(VUT_ID))
 _DEFAULT_RULES = Preprocessing()
-
-
-@dataclass(frozen=True)
-class Question:
-    """A request for one label time; ``t_s`` is the clip time of its newest frame."""
-
-    label_t_s: float
-    t_s: float
-    request: Request
-
-
-@dataclass(frozen=True)
-class NoQuestion:
-    """Why there is nothing to ask at a label time."""
-
-    label_t_s: float
-    reason: str
 
 
 class _Entry(NamedTuple):
@@ -93,21 +78,31 @@ class Clip:
         self._stack = ExitStack()
         try:
             self._bag = self._stack.enter_context(BagReader(self.path))
-            with ThreadPoolExecutor(1) as beside:
-                # Hashing gives the interpreter free: it costs no time where a processor is idle.
-                digest = beside.submit(content_sha256, self._bag)
-                provenance = read_provenance(self._bag, "")
-                self._check_frames()
-                self._frames, self._states = self._index()
-                self.provenance: Provenance = replace(provenance, bag_sha256=digest.result())
+            # Hashing gives the interpreter free: it costs no time where a processor is idle.
+            beside = self._stack.enter_context(ThreadPoolExecutor(1))
+            self._digest = beside.submit(content_sha256, self._bag)
+            self._told = read_provenance(self._bag, "")
+            self._check_frames()
+            self._frames, self._states = self._index()
             self.camera, self.mount = self._camera()
         except BaseException:
             self._stack.close()
             raise
         self._state_stamps = self._states.stamps_ns
         self._frame_stamps = self._frames.stamps_ns
-        start_ns = self.provenance.session_start_ns
+        self._kept = KeptQuestions()
+        start_ns = self._told.session_start_ns
         self.start_ns = self._frame_stamps[0] if start_ns is None else start_ns
+
+    @cached_property
+    def provenance(self) -> Provenance:
+        """What the bag says about itself; waits until its hash is known."""
+        return replace(self._told, bag_sha256=self._digest.result())
+
+    @property
+    def is_hashed(self) -> bool:
+        """True when nobody has to wait for the bag's hash."""
+        return self._digest.done()
 
     def _check_frames(self) -> None:
         info = self._bag.topics.get(_IMAGE)
@@ -142,7 +137,7 @@ class Clip:
         return _Entries(frames), _Entries(states)
 
     def _camera(self) -> tuple[CameraGeometry | None, Mounting | None]:
-        if self.provenance.camera == "unknown":
+        if self._told.camera == "unknown":
             return None, None
         info, transform = self._first(_INFO), self._first(_MOUNT)
         mount = None if transform is None else mounting_of(transform.transform)
@@ -175,6 +170,13 @@ class Clip:
             label_t_s: clip time of the label.
             rules: which frames and ego samples the model is given.
         """
+        return self._kept.get(label_t_s, rules, self._question)
+
+    def forget_questions(self) -> None:
+        """Gives free what is kept of questions, once all models were asked."""
+        self._kept = KeptQuestions()
+
+    def _question(self, label_t_s: float, rules: Preprocessing) -> Question | NoQuestion:
         label_ns = self.start_ns + seconds_to_ns(label_t_s)
         newest = bisect_right(self._frame_stamps, label_ns) - 1
         if newest < 0:
@@ -196,7 +198,7 @@ class Clip:
             ),
             camera=self.camera,
             history=history,
-            ego_provenance=self.provenance.ego if history else "unknown",
+            ego_provenance=self._told.ego if history else "unknown",
             task=self.task,
         )
         return Question(label_t_s, ns_to_seconds(stamp - self.start_ns), request)
@@ -212,7 +214,7 @@ class Clip:
 
     def _history(self, now_ns: int, rules: Preprocessing) -> tuple[EgoSample, ...]:
         """Ego samples up to a time, oldest first; empty when there is no state recent enough."""
-        if self.provenance.ego == "unknown":
+        if self._told.ego == "unknown":
             return ()
         newest = bisect_right(self._state_stamps, now_ns) - 1
         if newest < 0:

@@ -62,7 +62,8 @@ def request_to_json(request: Request) -> dict[str, Any]:
             {"stamp_ns": frame.stamp_ns, "sha256": frame.sha256} for frame in request.frames
         ],
         "camera": None if request.camera is None else asdict(request.camera),
-        "history": [asdict(sample) for sample in request.history],
+        # A copy of flat fields, where asdict would go into each number.
+        "history": [dict(vars(sample)) for sample in request.history],
         "ego_provenance": request.ego_provenance,
         "previous": None
         if previous is None

@@ -18,8 +18,9 @@ from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_file
 from ssp_core.names import WORLD_TICK, absolute
 from ssp_core.video import Video
-from ssp_eval.evaluate.clip import Clip, NoQuestion
+from ssp_eval.evaluate.clip import Clip
 from ssp_eval.evaluate.provenance import IMPORT_ATTACHMENT, read_provenance
+from ssp_eval.evaluate.question import NoQuestion
 from ssp_eval.score import DEFAULT
 from ssp_vla_bridge.core.window import Preprocessing
 
