@@ -11,7 +11,7 @@ import pytest
 from ssp_core.fence import box_excess_m
 from ssp_core.geometry import Polyline
 from ssp_core.limits import Passed
-from ssp_core.profile import drive_along
+from ssp_core.manoeuvre_points import drive_along
 from ssp_core.reference import Reference
 from ssp_core.run_spec import Limits
 from ssp_core.safety_codes import MEANINGS, SafetyCode

@@ -11,7 +11,7 @@ import pytest
 
 from ssp_core.errors import HostError
 from ssp_core.geometry import FloatArray, Polyline
-from ssp_core.profile import drive_along, lane_change
+from ssp_core.manoeuvre_points import drive_along, lane_change
 from ssp_core.reference import Reference, sample
 from ssp_core.state import DEFAULT_SIZES, ObjectState
 from ssp_core.vocab import ObjectClass, Role

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from ssp_core.geometry import Polyline
-from ssp_core.profile import drive_along, lane_change
+from ssp_core.manoeuvre_points import drive_along, lane_change
 from ssp_core.reference import Reference, ReferencePoint
 from ssp_core.run_spec import Limits
 from ssp_core.state import DEFAULT_SIZES, ObjectState

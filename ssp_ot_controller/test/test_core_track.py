@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ssp_core.geometry import Polyline
-from ssp_core.profile import drive_along, lane_change
+from ssp_core.manoeuvre_points import drive_along, lane_change
 from ssp_core.reference import Reference, ReferencePoint, sample
 from ssp_ot_controller.core.track import Track
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from ssp_core.geometry import FloatArray, Polyline
-from ssp_core.profile import drive_along, lane_change
+from ssp_core.manoeuvre_points import drive_along, lane_change
 from ssp_core.reference import Reference, ReferencePoint, sample
 from ssp_core.state import DEFAULT_SIZES, ObjectState
 from ssp_core.vocab import ObjectClass, Role

@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ssp_core.geometry import Polyline
-from ssp_core.profile import drive_along, lane_change
+from ssp_core.manoeuvre_points import drive_along, lane_change
 from ssp_core.reference import Reference, ReferencePoint
 from ssp_core.run_spec import RunSpec
 from ssp_core.safety_codes import SafetyCode

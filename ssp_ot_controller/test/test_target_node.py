@@ -21,8 +21,8 @@ from ssp_core import names, ros
 from ssp_core.conversions import reference_to_msg, state_to_msg
 from ssp_core.domains import free_domain
 from ssp_core.geometry import Polyline
+from ssp_core.manoeuvre_points import drive_along
 from ssp_core.processes import remove_shared_ports, remove_stale_shared_memory, session_environment
-from ssp_core.profile import drive_along
 from ssp_core.reference import Reference
 from ssp_core.state import DEFAULT_SIZES, ObjectState
 from ssp_core.vocab import ControlState, ObjectClass, Role, SessionPhase

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from ssp_core.geometry import Polyline
-from ssp_core.profile import drive_along
+from ssp_core.manoeuvre_points import drive_along
 from ssp_core.reference import Reference
 from ssp_core.run_spec import RunSpec
 from ssp_core.safety_codes import SafetyCode

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from ssp_core.geometry import Polyline
-from ssp_core.profile import drive_along
+from ssp_core.manoeuvre_points import drive_along
 from ssp_core.reference import Reference, sample
 from ssp_core.run_spec import Limits, RunSpec
 from ssp_core.vocab import ControlState, ObjectClass

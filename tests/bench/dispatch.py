@@ -44,8 +44,8 @@ from ssp_core import names, ros
 from ssp_core.domains import free_domain
 from ssp_core.files import write_text
 from ssp_core.geometry import Polyline
+from ssp_core.manoeuvre_points import drive_along
 from ssp_core.processes import ProcessGroup, session_environment
-from ssp_core.profile import drive_along
 from ssp_core.reference import Reference
 from ssp_core.run_spec import Motion, RunSpec
 from ssp_core.wire.references import encode_reference

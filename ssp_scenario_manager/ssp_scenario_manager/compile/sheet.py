@@ -9,8 +9,8 @@ from pathlib import Path
 
 from ssp_core.files import write_text
 from ssp_core.geometry import Box, Polyline
+from ssp_core.manoeuvre_points import lane_change
 from ssp_core.names import VUT_ID
-from ssp_core.profile import lane_change
 from ssp_core.reference_line import NotOneToOne, ReferenceLine
 from ssp_core.run_spec import FollowPath, LaneChange, Point, TriggerSpec
 from ssp_scenario_manager.compile.compiler import Compiled

@@ -8,7 +8,7 @@ from functools import lru_cache
 
 from ssp_core.clock import seconds_to_ns
 from ssp_core.geometry import Polyline, wrap_angle
-from ssp_core.profile import brake_along, drive_along, lane_change
+from ssp_core.manoeuvre_points import brake_along, drive_along, lane_change
 from ssp_core.reference import Points, Reference, sample
 from ssp_core.run_spec import Brake, FollowPath, Manoeuvre, Motion, RunSpec
 from ssp_core.state import ObjectState

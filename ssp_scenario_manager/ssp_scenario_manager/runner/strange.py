@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 from ssp_core.clock import seconds_to_ns
 from ssp_core.geometry import Polyline, point_in_polygon
-from ssp_core.profile import drive_along
+from ssp_core.manoeuvre_points import drive_along
 from ssp_core.reference import Reference, sample
 from ssp_core.state import ObjectState
 

@@ -13,8 +13,8 @@ from itertools import pairwise
 
 from ssp_core.errors import InputError
 from ssp_core.geometry import Polyline
-from ssp_core.profile import DEFAULT_RAMP_S
 from ssp_core.run_spec import Motion, RunSpec
+from ssp_core.speed_profile import DEFAULT_RAMP_S
 from ssp_scenario_manager.core.dispatch import APPROACH_LEAD_S
 from ssp_scenario_manager.interactions.base import CannotPlace
 from ssp_scenario_manager.interactions.foresight import foresee
