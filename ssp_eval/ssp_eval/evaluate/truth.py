@@ -25,7 +25,7 @@ from ssp_core.run_spec import ConflictThresholds, Strict
 from ssp_core.state import ObjectState, Size
 from ssp_core.vocab import ObjectClass, Role
 from ssp_eval.evaluate.provenance import read_provenance
-from ssp_eval.labels.propose import Truth
+from ssp_eval.labels.basis import Truth
 from ssp_scenario_manager.interactions import KINDS
 from ssp_scenario_manager.spec.load import load_event
 from ssp_scenario_manager.spec.model import Event, Interval

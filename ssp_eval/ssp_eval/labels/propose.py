@@ -37,29 +37,19 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from itertools import pairwise
+from dataclasses import dataclass
 
-from ssp_core.clock import seconds_to_ns
 from ssp_core.errors import InputError
 from ssp_core.interaction import Observable
-from ssp_core.run_spec import ConflictThresholds
 from ssp_core.state import ObjectState
 from ssp_core.vocab import LON_ACTIONS
+from ssp_eval.labels.basis import DEFAULT_RULES, TOLERANCE_S, ProposalRules, Truth
+from ssp_eval.labels.clip_scene import ClipScene
 from ssp_eval.labels.event import Event, find_event, samples_of
-from ssp_eval.labels.geometry import (
-    DEFAULT_MOTION,
-    Corridor,
-    MotionThresholds,
-    in_view,
-    is_hidden,
-    motion_word,
-    position_word,
-)
+from ssp_eval.labels.geometry import Corridor, motion_word, position_word
 from ssp_eval.labels.model import Label, Labels
-from ssp_eval.score import DEFAULT
+from ssp_eval.labels.own_motion import OwnMotion, own_motion
 
-_TOLERANCE_S = 1e-9
 _TIME_GRID_S = 0.1
 
 _CONFLICT_OF_PHASE = {
@@ -77,68 +67,11 @@ _ACTIONS_OF_CONFLICT = {
 
 
 @dataclass(frozen=True)
-class ProposalRules:
-    """Everything that a proposal depends on besides the states.
-
-    Args:
-        count: labels, at least one.
-        spacing_s: between labels.
-        hfov_rad: the camera's horizontal field of view where the clip doesn't know it.
-        range_m: beyond it an object doesn't count as visible.
-        motion: thresholds of the motion classes.
-    """
-
-    count: int = 9
-    spacing_s: float = 0.5
-    hfov_rad: float = math.radians(75.0)
-    range_m: float = 80.0
-    motion: MotionThresholds = DEFAULT_MOTION
-
-
-@dataclass(frozen=True)
-class Truth:
-    """Ground truth of one clip.
-
-    Args:
-        scenario: name.
-        domain: of METHOD 5.2.
-        event_version: K* version.
-        start_s: clip time from which labels are possible (the first frame).
-        end_s: clip time of the last frame.
-        vut_id: object id of the VUT.
-        target_ids: the OTs.
-        series: (clip time in s, states of all objects), times rising.
-        source: the file, for messages.
-        hfov_rad: of the forward camera, None: not known.
-        thresholds: the event's own, where its K* or its run gives them.
-        observable: what makes the manoeuvre observable, None: not known.
-        rules_of: whose thresholds and observable these are, for people.
-    """
-
-    scenario: str
-    domain: str
-    event_version: str
-    start_s: float
-    end_s: float
-    vut_id: str
-    target_ids: tuple[str, ...]
-    series: Sequence[tuple[float, Sequence[ObjectState]]]
-    source: str
-    hfov_rad: float | None = None
-    thresholds: ConflictThresholds = field(default_factory=ConflictThresholds)
-    observable: Observable | None = None
-    rules_of: str = "no K*, the defaults"
-
-
-@dataclass(frozen=True)
 class Proposal:
     """Proposed labels with the event that they were made from."""
 
     labels: Labels
     event: Event
-
-
-DEFAULT_RULES = ProposalRules()
 
 
 def propose(truth: Truth, rules: ProposalRules = DEFAULT_RULES) -> Proposal:
@@ -159,12 +92,12 @@ def propose(truth: Truth, rules: ProposalRules = DEFAULT_RULES) -> Proposal:
     event = _critical_event(truth, series, corridor)
     times_s = label_times(truth.start_s, truth.end_s, event, rules, truth.source)
     ticks_s = [t_s for t_s, _ in series]
-    scene = _Scene(truth, rules, event, corridor, _standing(truth, series, event, rules))
+    scene = ClipScene(truth, rules, event, corridor, _standing(truth, series, event, rules))
     risk_s = scene.risk_s(series)
     labels = []
     for t_s in times_s:
-        now = series[max(0, bisect_right(ticks_s, t_s + _TOLERANCE_S) - 1)][1]
-        own = _own_motion(series, ticks_s, truth.vut_id, t_s)
+        now = series[max(0, bisect_right(ticks_s, t_s + TOLERANCE_S) - 1)][1]
+        own = own_motion(series, ticks_s, truth.vut_id, t_s)
         labels.append(_label(t_s, now, scene, risk_s, own))
     result = Labels(
         scenario=truth.scenario,
@@ -240,85 +173,6 @@ def label_times(
     return [round(first_s + k * rules.spacing_s, 6) for k in range(rules.count)]
 
 
-@dataclass(frozen=True)
-class _OwnMotion:
-    """The VUT's motion over the next second, read as METHOD 6.6 reads a trajectory."""
-
-    stands: bool = False
-    speeds_up: bool = False
-    sideways: str | None = None
-
-
-def _own_motion(
-    series: Sequence[tuple[float, dict[str, ObjectState]]],
-    ticks_s: Sequence[float],
-    vut_id: str,
-    t_s: float,
-) -> _OwnMotion:
-    states = []
-    for ahead_s in (0.0, 0.5, 1.0):
-        i = bisect_right(ticks_s, t_s + ahead_s + _TOLERANCE_S) - 1
-        state = series[i][1].get(vut_id) if i >= 0 else None
-        if state is None or ticks_s[-1] < t_s + ahead_s - _TOLERANCE_S:
-            return _OwnMotion()
-        # Clips have frames 40 ms apart: without this, their jitter would look like acceleration.
-        rest_ns = seconds_to_ns(t_s + ahead_s - ticks_s[i])
-        states.append(state.extrapolated(state.stamp_ns + rest_ns))
-    points = [states[0].pose.to_local(state.x_m, state.y_m) for state in states]
-    v1_mps = (points[1][0] - points[0][0]) / 0.5
-    v2_mps = (points[2][0] - points[1][0]) / 0.5
-    shift_m = points[2][1]
-    sideways = None
-    if DEFAULT.at_least(abs(shift_m), DEFAULT.lateral_shift_m):
-        sideways = "left" if shift_m > 0 else "right"
-    stands = DEFAULT.at_most(v2_mps, DEFAULT.stop_speed_mps)
-    speeds_up = DEFAULT.at_least((v2_mps - v1_mps) / 0.5, DEFAULT.accel_mps2)
-    return _OwnMotion(stands, not stands and speeds_up, sideways)
-
-
-@dataclass(frozen=True)
-class _Scene:
-    """What doesn't change over a clip."""
-
-    truth: Truth
-    rules: ProposalRules
-    event: Event
-    corridor: Corridor
-    standing: frozenset[str]
-
-    def hides(self, now: dict[str, ObjectState], by: str | None = None) -> bool:
-        """True when other objects, or that one alone, hide the critical OT."""
-        critical = now.get(self.event.object_id)
-        if critical is None:
-            return False
-        vut_id = self.truth.vut_id
-        others = [
-            state
-            for object_id, state in now.items()
-            if object_id not in (vut_id, self.event.object_id) and by in (None, object_id)
-        ]
-        return is_hidden(now[vut_id], critical, others)
-
-    def sees(self, now: dict[str, ObjectState], object_id: str) -> bool:
-        """True when an object is in the camera's field and range and not hidden."""
-        vut_id, rules = self.truth.vut_id, self.rules
-        if object_id not in now or vut_id not in now:
-            return False
-        hfov_rad = rules.hfov_rad if self.truth.hfov_rad is None else self.truth.hfov_rad
-        if not in_view(now[vut_id], now[object_id], hfov_rad, rules.range_m):
-            return False
-        others = [s for key, s in now.items() if key not in (vut_id, object_id)]
-        return not is_hidden(now[vut_id], now[object_id], others)
-
-    def risk_s(self, series: Sequence[tuple[float, dict[str, ObjectState]]]) -> float:
-        """The trigger, or the first instant after it at which nothing hides the critical OT."""
-        for t_s, now in series:
-            after = t_s >= self.event.trigger_s - _TOLERANCE_S
-            if after and self.truth.vut_id in now and not self.hides(now):
-                return t_s
-        return self.event.trigger_s
-
-
 def _standing(
     truth: Truth,
     series: Sequence[tuple[float, dict[str, ObjectState]]],
@@ -336,7 +190,7 @@ def _standing(
 
 
 def _label(
-    t_s: float, now: dict[str, ObjectState], scene: _Scene, risk_s: float, own: _OwnMotion
+    t_s: float, now: dict[str, ObjectState], scene: ClipScene, risk_s: float, own: OwnMotion
 ) -> Label:
     vut, event = now[scene.truth.vut_id], scene.event
     seen = [
@@ -355,7 +209,7 @@ def _label(
     return Label(
         t_s=t_s,
         phase=phase,
-        risk_visible=t_s >= risk_s - _TOLERANCE_S,
+        risk_visible=t_s >= risk_s - TOLERANCE_S,
         objects=tuple(sorted({state.object_class.word for state in seen})) if seen else None,
         position=None if critical is None else position_word(scene.corridor, vut, critical),
         motion=None if critical is None else motion_word(scene.corridor, vut, critical, motion),
@@ -365,42 +219,10 @@ def _label(
     )
 
 
-def _lon_actions(conflict: str, own: _OwnMotion) -> tuple[str, ...]:
+def _lon_actions(conflict: str, own: OwnMotion) -> tuple[str, ...]:
     actions = set(_ACTIONS_OF_CONFLICT[conflict])
     if conflict == "no_conflict" and own.speeds_up:
         actions.add("accelerate")
     if conflict in ("no_conflict", "resolved") and own.stands:
         actions.add("stop")
     return tuple(action for action in LON_ACTIONS if action in actions)
-
-
-def response_problems(labels: Labels) -> list[str]:
-    """Why no model could get a risk response (METHOD 6.9) under these labels; empty if one can.
-
-    It takes two labels, at or after risk onset, adjacent among those whose conflict is potential
-    or active, that admit a defensive action and lie at most 0.6 s apart.
-    """
-    onset_s = labels.risk_onset_s
-    defensive = {"decelerate", "stop"}
-    candidates = [
-        label
-        for label in labels.labels
-        if label.t_s >= onset_s - _TOLERANCE_S and label.conflict in ("potential", "active")
-    ]
-    if len(candidates) < 2:
-        return [
-            f"only {len(candidates)} label(s) at or after the risk onset ({onset_s:g} s) have "
-            "conflict potential or active; a risk response needs two"
-        ]
-    gaps_s = []
-    for before, after in pairwise(candidates):
-        if defensive.intersection(before.lon_actions) and defensive.intersection(after.lon_actions):
-            gaps_s.append(after.t_s - before.t_s)
-    if not gaps_s:
-        return ["no two adjacent labels in the conflict admit decelerate or stop"]
-    if not DEFAULT.at_most(min(gaps_s), DEFAULT.response_gap_s):
-        return [
-            f"labels in the conflict are {min(gaps_s):g} s apart; a risk response needs two at "
-            f"most {DEFAULT.response_gap_s} s apart"
-        ]
-    return []

@@ -20,7 +20,7 @@ from ssp_eval.labels.proposal_file import (
     sidecar,
     write_decided,
 )
-from ssp_eval.labels.propose import response_problems
+from ssp_eval.labels.response import response_problems
 from ssp_scenario_manager.spec.log import Record
 from ssp_scenario_manager.spec.log_file import append_records
 from ssp_scenario_manager.spec.review.terminal import Terminal, ask_reason

@@ -1,0 +1,71 @@
+"""What a proposal of labels is made from: the ground truth of a clip, and rules."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from ssp_core.interaction import Observable
+from ssp_core.run_spec import ConflictThresholds
+from ssp_core.state import ObjectState
+from ssp_eval.labels.geometry import DEFAULT_MOTION, MotionThresholds
+
+TOLERANCE_S = 1e-9
+
+
+@dataclass(frozen=True)
+class ProposalRules:
+    """Everything that a proposal depends on besides the states.
+
+    Args:
+        count: labels, at least one.
+        spacing_s: between labels.
+        hfov_rad: the camera's horizontal field of view where the clip doesn't know it.
+        range_m: beyond it an object doesn't count as visible.
+        motion: thresholds of the motion classes.
+    """
+
+    count: int = 9
+    spacing_s: float = 0.5
+    hfov_rad: float = math.radians(75.0)
+    range_m: float = 80.0
+    motion: MotionThresholds = DEFAULT_MOTION
+
+
+@dataclass(frozen=True)
+class Truth:
+    """Ground truth of one clip.
+
+    Args:
+        scenario: name.
+        domain: of METHOD 5.2.
+        event_version: K* version.
+        start_s: clip time from which labels are possible (the first frame).
+        end_s: clip time of the last frame.
+        vut_id: object id of the VUT.
+        target_ids: the OTs.
+        series: (clip time in s, states of all objects), times rising.
+        source: the file, for messages.
+        hfov_rad: of the forward camera, None: not known.
+        thresholds: the event's own, where its K* or its run gives them.
+        observable: what makes the manoeuvre observable, None: not known.
+        rules_of: whose thresholds and observable these are, for people.
+    """
+
+    scenario: str
+    domain: str
+    event_version: str
+    start_s: float
+    end_s: float
+    vut_id: str
+    target_ids: tuple[str, ...]
+    series: Sequence[tuple[float, Sequence[ObjectState]]]
+    source: str
+    hfov_rad: float | None = None
+    thresholds: ConflictThresholds = field(default_factory=ConflictThresholds)
+    observable: Observable | None = None
+    rules_of: str = "no K*, the defaults"
+
+
+DEFAULT_RULES = ProposalRules()
