@@ -46,10 +46,14 @@ if _SETTINGS in _of_sessions:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Tests of real processes over DDS get a second and a third chance, and the report says so.
+    """What is judged by the wall's clock gets a second and a third chance, and the report says so.
 
-    What they check is decided by deadlines on the wall's clock, on machines that others use too.
+    No deadline of a session in real time holds on a machine that others keep busy. All other tests
+    wait for what must happen, however long it takes, and are run once.
     """
     for item in items:
-        if item.get_closest_marker("ros") or item.get_closest_marker("system"):
+        if item.get_closest_marker("alone"):
+            if item.get_closest_marker("system") is None:
+                # `ssp test` would never run it.
+                raise pytest.UsageError(f"{item.nodeid}: only a test of the system runs alone")
             item.add_marker(pytest.mark.flaky(reruns=2))

@@ -23,6 +23,10 @@ PACKAGES = (
 )
 
 
+QUICK = "ros and not system"
+SIDE_BY_SIDE = "(ros or system) and not alone"
+
+
 def _checks(arguments: tuple[str, ...], quick: bool) -> list[tuple[str, list[str]]]:
     checks = [
         ("format", ["ruff", "format", "--check", "."]),
@@ -34,13 +38,18 @@ def _checks(arguments: tuple[str, ...], quick: bool) -> list[tuple[str, list[str
     if arguments:
         chosen = ["-m", "not system"] if quick else []
         return [*checks, ("tests", [*pytest, *chosen, *arguments])]
-    # Tests of nodes and sessions are decided by deadlines and run by themselves, one at a time.
-    side_by_side = ["-m", "not ros and not system", "-n", "auto", "--dist", "loadfile"]
-    one_by_one = ["-m", "ros and not system" if quick else "ros or system"]
+    # A session keeps more than one processor busy while it starts, and its test waits for most of
+    # the rest. Those that are judged by the wall's clock have the machine for themselves.
+    at_once = str(max(2, (os.cpu_count() or 1) // 2))
+    by_file = ["--dist", "loadfile", "-n"]
+    tests = [("tests of cores", [*pytest, *by_file, "auto", "-m", "not ros and not system"])]
+    if quick:
+        return [*checks, *tests, ("tests of nodes", [*pytest, *by_file, at_once, "-m", QUICK])]
     return [
         *checks,
-        ("tests of cores", [*pytest, *side_by_side]),
-        ("tests of nodes" if quick else "tests of nodes and sessions", [*pytest, *one_by_one]),
+        *tests,
+        ("tests of nodes and sessions", [*pytest, *by_file, at_once, "-m", SIDE_BY_SIDE]),
+        ("tests of sessions, one at a time", [*pytest, "-m", "alone"]),
     ]
 
 

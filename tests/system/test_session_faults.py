@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 from rosbags.highlevel import AnyReader
 
-pytestmark = [pytest.mark.ros, pytest.mark.system]
+pytestmark = [pytest.mark.ros, pytest.mark.system, pytest.mark.alone]
 
 # Which node dies, in which mode, and the watches of which the first to see it is the primary
 # reason: the manager's, the world's and the runner's race each other on the wall's clock.

@@ -10,7 +10,7 @@ import pytest
 from ssp_core.bag import BagReader
 from ssp_core.messages import peek_stamp_ns
 
-pytestmark = [pytest.mark.ros, pytest.mark.system]
+pytestmark = [pytest.mark.ros, pytest.mark.system, pytest.mark.alone]
 IMAGE = "/ssp/vut/front_camera/image/compressed"
 
 

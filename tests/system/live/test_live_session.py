@@ -19,7 +19,7 @@ from ssp_core.domains import free_domain
 from ssp_core.run_spec import load_run
 from ssp_scenario_manager.sros2 import rights
 
-pytestmark = [pytest.mark.ros, pytest.mark.system]
+pytestmark = [pytest.mark.ros, pytest.mark.system, pytest.mark.alone]
 
 
 @pytest.fixture

@@ -22,7 +22,7 @@ import ssp_core
 from ssp_core.run_spec import load_run
 from ssp_core.stopping import stopping_of
 
-pytestmark = [pytest.mark.ros, pytest.mark.system]
+pytestmark = [pytest.mark.ros, pytest.mark.system, pytest.mark.alone]
 
 SERVER_PORT = 11811
 MANAGERS, OBJECTS = "10.77.0.1", "10.77.0.2"

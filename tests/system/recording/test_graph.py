@@ -105,9 +105,10 @@ def test_a_topic_with_two_types_is_named(field_: Field) -> None:
     other = field_.load(LoadTopic("/load/both", rate_hz=20, msgtype=TEXT))
     recording = field_.record("--all", "--json")
     recorded(recording, 150_000)
+    # While both are there: of one that was left, the topic would be recorded from then on.
+    status, result = finish(recording)
     one.stop()
     other.stop()
-    status, result = finish(recording)
     warning = " ".join(w for w in result["warnings"] if "/load/both" in w)  # type: ignore[attr-defined]
     with BagReader(recording.bag) as reader:
         topics = set(reader.topics)

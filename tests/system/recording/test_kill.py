@@ -16,7 +16,7 @@ from .checks import held, missing
 from .conftest import DEADLINE_S, Field, Recording, wait_for
 from .load import LoadTopic
 
-pytestmark = [pytest.mark.ros, pytest.mark.system]
+pytestmark = [pytest.mark.ros, pytest.mark.system, pytest.mark.alone]
 
 TOPICS = (
     LoadTopic("/load/state", rate_hz=200, size_bytes=200),

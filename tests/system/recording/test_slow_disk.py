@@ -18,7 +18,7 @@ from ssp_monitor.core.topics import Profile, TopicSpec
 from .checks import held
 from .load import IMAGE, TEXT, LoadTopic, encode
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.alone]
 
 FRAMES = LoadTopic("/ssp/camera", size_bytes=500_000)
 OTHERS = LoadTopic("/other/camera", size_bytes=500_000)
