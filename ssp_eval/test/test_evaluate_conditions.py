@@ -15,6 +15,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssp_core.errors import InputError
+from ssp_eval.analysis.row import entering
+from ssp_eval.analysis.rows import rows_from_cells
 from ssp_eval.evaluate.asker import Asker, DirectAskers, Ignored, Reply
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
@@ -31,7 +33,6 @@ from ssp_eval.evaluate.models import attached_spec, bridge_spec, with_controls
 from ssp_eval.evaluate.question import NoQuestion, Question
 from ssp_eval.report.load import load_cells
 from ssp_eval.report.page import write_report
-from ssp_eval.report.tables import scored
 from ssp_vla_bridge.core.request import Frame, Request
 from ssp_vla_bridge.core.response import Response
 
@@ -156,7 +157,7 @@ def test_a_campaign_with_controls(make_bag: BagMaker, tmp_path: Path) -> None:
     raw = (tmp_path / "cells/cut_in__simulation__seeing+black/raw.jsonl").read_text()
     assert raw.count("I see nothing.") == 9
     cells = load_cells(tmp_path)
-    assert {cell.model for cell in scored(cells)} == {"seeing"}
+    assert {row.model for row in entering(rows_from_cells(cells))} == {"seeing"}
     page = write_report(tmp_path).read_text()
     section = page.split('<section id="controls">')[1].split("</section>")[0]
     assert "does the harness measure seeing?" in section
@@ -165,11 +166,3 @@ def test_a_campaign_with_controls(make_bag: BagMaker, tmp_path: Path) -> None:
     again = run_campaign(bags, models, asker, tmp_path, CellOptions())
     assert sum(result.asked for result in again) == 0
     assert len(asker.requests) == 27
-
-
-def test_a_condition_is_a_part_of_what_an_answer_depends_on() -> None:
-    plain = ModelSpec("mine", backend="opencv_baseline")
-    facts = [replace(plain, condition=c).key_facts("x") for c in ("", BLACK, SHUFFLED)]
-    assert "condition" not in facts[0]
-    assert facts[1]["condition"] == [BLACK, CONDITION_SEED]
-    assert facts[1] != facts[2]

@@ -12,10 +12,9 @@ from ssp_core.errors import InputError
 from ssp_eval.evaluate.asker import Loss
 from ssp_eval.evaluate.controls import LABELS_FILE
 from ssp_eval.evaluate.exchange import MOST_CHARACTERS, MOST_NUMBERS, Exchange
-from ssp_eval.evaluate.model_spec import ModelFacts, ModelSpec
 from ssp_eval.evaluate.models import bridge_spec
-from ssp_eval.evaluate.store import RawStore, new_request_id, request_key
-from ssp_vla_bridge.core.request import EgoSample, Frame, Request
+from ssp_eval.evaluate.store import RawStore
+from ssp_vla_bridge.core.request import Frame, Request
 from ssp_vla_bridge.core.response import NativeArray, Response
 
 REQUEST = Request("r1", 5_000, (Frame(5_000, b"jpeg"),))
@@ -70,42 +69,6 @@ def test_one_request_at_a_time() -> None:
         exchange.open(REQUEST)
 
 
-def test_the_key_is_all_that_an_answer_depends_on() -> None:
-    spec = ModelSpec("m", {"temperature": 0}, backend="openai", adapter="waypoints")
-
-    def key(request: Request = REQUEST, model: ModelSpec = spec) -> str:
-        return request_key(request, model.key_facts("sha256:labels"))
-
-    same = [
-        key(replace(REQUEST, request_id="r2")),
-        key(model=replace(spec, adapter="waypoints:ego_xy")),
-        key(model=replace(spec, timeout_s=5.0, options={"temperature": 0, "timeout_s": 9})),
-        key(model=replace(spec, facts=ModelFacts(8.0, 8.0, "dense"))),
-    ]
-    assert set(same) == {key()}
-    previous = replace(REQUEST, previous=ANSWER)
-    assert key(previous) == key(
-        replace(REQUEST, previous=replace(ANSWER, request_id="r9", latency_s=3.0))
-    )
-    others = [
-        key(replace(REQUEST, stamp_ns=5_001)),
-        key(replace(REQUEST, frames=(Frame(5_000, b"other"),))),
-        key(replace(REQUEST, history=(EgoSample(0, 0, 0, 0, 1, 0),))),
-        key(replace(REQUEST, task=replace(REQUEST.task, instruction="?"))),
-        key(previous),
-        key(replace(REQUEST, previous=replace(ANSWER, text="No car."))),
-        key(model=replace(spec, name="n")),
-        key(model=replace(spec, backend="http")),
-        key(model=replace(spec, options={"temperature": 1})),
-        key(model=replace(spec, interface="lightemma")),
-        key(model=replace(spec, preprocessing={"frames": 2})),
-    ]
-    assert len({key(), *others}) == 12
-    first, second = new_request_id(key()), new_request_id(key())
-    assert first != second
-    assert first.split("-")[0] == second.split("-")[0] == key()
-
-
 @pytest.mark.parametrize(
     ("answer", "why"),
     [
@@ -144,8 +107,6 @@ def test_placeholders_of_a_bridge_s_options() -> None:
         "labels_file": "/labels.json",
         "clip_start_ns": 7,
     }
-    # The key follows the labels' content, wherever they lie.
-    assert spec.key_facts("sha256:1")["options"]["labels_file"] == "sha256:1"
     assert bridge_spec(f'm={{"a": 1, "b": "{LABELS_FILE}"}}').options["a"] == 1
     with pytest.raises(InputError, match="not valid JSON"):
         bridge_spec("m={")

@@ -226,15 +226,6 @@ def test_one_adapter_for_all_overrides_each_model_s_own(make_bag: BagMaker, tmp_
     assert not (tmp_path / "out").exists()
 
 
-def test_stored_answers_of_a_recording_go_by_its_content(tmp_path: Path) -> None:
-    def key(file: Path) -> dict[str, Any]:
-        return bridge_spec(f'recorded={{"file": "{file}"}}').key_facts("")
-
-    first = key(written(tmp_path / "raw.jsonl", "one"))
-    assert key(written(tmp_path / "elsewhere.jsonl", "one")) == first
-    assert key(written(tmp_path / "raw.jsonl", "two")) != first
-
-
 @pytest.mark.parametrize(
     "options",
     [
@@ -277,17 +268,3 @@ def test_no_entry_makes_anything_but_a_refusal(entry: Any, name: str) -> None:
         for read in (lambda: load_models(path), lambda: bridge_spec(f"m={json.dumps(entry)}")):
             with suppress(InputError):
                 assert isinstance(read(), list | ModelSpec)
-
-
-def test_stored_answers_of_a_function_go_by_its_file(tmp_path: Path) -> None:
-    def key(file: str, text: str, function: str = "my_model:drive") -> dict[str, Any]:
-        (tmp_path / file).parent.mkdir(exist_ok=True)
-        (tmp_path / file).write_text(text)
-        value = {"backend": "python", "function": function, "folder": str(tmp_path)}
-        return bridge_spec(f"mine={json.dumps(value)}").key_facts("")
-
-    first = key("my_model.py", "one")
-    assert key("my_model.py", "one") == first
-    assert key("my_model.py", "two") != first
-    inside = key("package/model.py", "one", "package.model.drive")
-    assert key("package/model.py", "two", "package.model.drive") != inside

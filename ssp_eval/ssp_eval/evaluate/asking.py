@@ -10,12 +10,13 @@ from pathlib import Path
 from ssp_core.errors import PeerError
 from ssp_core.files import write_bytes
 from ssp_core.hashing import sha256_json
+from ssp_eval.evaluate.answer_key import AnswerKeys, new_request_id
 from ssp_eval.evaluate.asker import PASSING, Asker, Askers, Ignored, Loss, loss_of
 from ssp_eval.evaluate.cell_file import LABELS_FILE, CellPlace, frame_path
 from ssp_eval.evaluate.conditions import other_label_time, under
 from ssp_eval.evaluate.controls import SHUFFLED
 from ssp_eval.evaluate.question import NoQuestion, Question
-from ssp_eval.evaluate.store import Asked, RawStore, new_request_id, request_key
+from ssp_eval.evaluate.store import Asked, RawStore
 from ssp_eval.labels.model import labels_to_json
 from ssp_vla_bridge.core.request import Frame
 from ssp_vla_bridge.core.response import Response
@@ -76,7 +77,8 @@ class _Conversation:
         if repeats.fresh:
             self._store.forget()
         labels = place.labelled.labels
-        self._key_facts = place.model.key_facts(sha256_json(labels_to_json(labels)))
+        labels_sha256 = sha256_json(labels_to_json(labels))
+        self._keys = AnswerKeys(place.model, labels_sha256, place.labelled.clip.start_ns)
         self._carries = place.model.spoken.carries_previous
         self._asker: Asker | None = None
         self._unreachable = ""
@@ -122,7 +124,7 @@ class _Conversation:
             self._asked.append(nothing)
             return
         _, no_previous = self._previous()
-        key = request_key(question.request, self._key_facts)
+        key = self._keys.of(question.request)
         stored = self._store.find(key)
         if stored is not None:
             asked = Asked(question.label_t_s, question.t_s, question.request, stored, reused=True)

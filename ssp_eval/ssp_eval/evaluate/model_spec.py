@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
-from pathlib import Path
+from dataclasses import dataclass, field, replace
 from typing import Any
 
-from ssp_core.hashing import sha256_file, sha256_json
-from ssp_eval.evaluate.controls import CLIP_START_NS, CONDITION_SEED, LABELS_FILE
+from ssp_eval.evaluate.controls import CLIP_START_NS, LABELS_FILE
 from ssp_vla_bridge.core.adapters import check_adapter
 from ssp_vla_bridge.core.backend import interface_of
 from ssp_vla_bridge.core.interfaces import Interface, find_interface
 from ssp_vla_bridge.core.window import Preprocessing
-
-# A deadline decides whether an answer comes, not what it says.
-_NOT_IN_KEYS = ("timeout_s",)
 
 
 @dataclass(frozen=True)
@@ -99,51 +94,8 @@ class ModelSpec:
         return ":".join(check_adapter(override or self.adapter or self.spoken.adapter))
 
     def options_for(self, labels_file: str, clip_start_ns: int) -> dict[str, Any]:
-        """The backend's options for one cell."""
+        """The backend's options for one cell, or what stands for them in a key."""
         return _filled(self.options, {LABELS_FILE: labels_file, CLIP_START_NS: clip_start_ns})
-
-    def key_facts(self, labels_sha256: str) -> dict[str, Any]:
-        """All that an answer depends on besides its request: content instead of places.
-
-        The adapter is none of it: it reads what is stored.
-
-        Args:
-            labels_sha256: stands for the labels file that a control reads.
-        """
-        options = _filled(self.options, {LABELS_FILE: labels_sha256})
-        if self.backend_name == "recorded" and "file" in options:
-            options["file"] = _content(Path(str(options["file"])))
-        if self.backend_name == "python" and "function" in options:
-            options["function"] = [options["function"], *_source(options)]
-        condition = {"condition": [self.condition, CONDITION_SEED]} if self.condition else {}
-        return {
-            **condition,
-            "model": self.name,
-            "backend": self.backend_name,
-            "interface": self.spoken.name,
-            "preprocessing": sha256_json(asdict(self.rules)),
-            "options": {k: v for k, v in options.items() if k not in _NOT_IN_KEYS},
-        }
-
-
-def _content(path: Path) -> list[str]:
-    """Hashes of what a recording of answers holds, be it a file, a folder or a bag."""
-    patterns = ("*.jsonl", "*.mcap")
-    files = [path] if path.is_file() else [f for p in patterns for f in path.rglob(p)]
-    return sorted(sha256_file(file) for file in files)
-
-
-def _source(options: Mapping[str, Any]) -> list[str]:
-    """Hash of the file that a Python function stands in; none where it is an installed package.
-
-    Args:
-        options: of the backend python: ``function``, and the ``folder`` of its module.
-    """
-    name = str(options["function"])
-    module = name.partition(":")[0] if ":" in name else name.rpartition(".")[0]
-    place = Path(str(options.get("folder", ".")), *module.split("."))
-    files = (place.with_name(f"{place.name}.py"), place / "__init__.py")
-    return [sha256_file(file) for file in files if module and file.is_file()]
 
 
 def _filled(options: Mapping[str, Any], places: Mapping[str, Any]) -> dict[str, Any]:

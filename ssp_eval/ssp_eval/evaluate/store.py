@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import json
 import os
-import secrets
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,35 +19,12 @@ from ssp_vla_bridge.core.response import Response, response_from_json, response_
 RAW_FILE = "raw.jsonl"
 REQUESTS_FILE = "requests.jsonl"
 REQUEST_SCHEMA = "ssp.request/1"
-_KEY_DIGITS = 32
-
-
-def request_key(request: Request, facts: Mapping[str, Any]) -> str:
-    """Hash of everything that an answer may depend on; ids and latencies are not part of it.
-
-    Args:
-        request: what is asked.
-        facts: of the model (ModelSpec.key_facts), JSON values.
-    """
-    previous = request.previous
-    content = {
-        "request": request_to_json(replace(request, request_id="", previous=None)),
-        "previous": None if previous is None else answer_sha256(previous),
-        "task": asdict(request.task),
-        "model": dict(facts),
-    }
-    return sha256_json(content).removeprefix("sha256:")[:_KEY_DIGITS]
 
 
 def answer_sha256(response: Response) -> str:
     """Hash of what a model said, whenever and however fast it did."""
     value = response_to_json(response)
     return sha256_json({k: v for k, v in value.items() if k not in ("request_id", "latency_s")})
-
-
-def new_request_id(key: str) -> str:
-    """An id that tells what was asked, and is never used twice."""
-    return f"{key}-{secrets.token_hex(4)}"
 
 
 def request_to_json(request: Request) -> dict[str, Any]:

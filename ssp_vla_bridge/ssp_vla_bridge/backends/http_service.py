@@ -24,7 +24,7 @@ from ssp_vla_bridge.core.http_form import (
     parse_json,
     request_to_json,
 )
-from ssp_vla_bridge.core.prompts import PROMPTS
+from ssp_vla_bridge.core.prompts.wording import native_prompt
 from ssp_vla_bridge.core.request import Request
 from ssp_vla_bridge.core.response import Answer
 
@@ -237,16 +237,3 @@ class HttpService:
 
 def _left_s(deadline_s: float) -> float:
     return max(0.001, deadline_s - time.monotonic())
-
-
-def native_prompt(interface: str, request: Request) -> str | None:
-    """What an interface asks in words, where it asks in one step; None where it doesn't.
-
-    Raises:
-        InputError: it can't ask what the task asks.
-    """
-    stages = PROMPTS.get(interface, ())
-    if len(stages) != 1:
-        return None
-    prompt = stages[0].build(request, {})
-    return f"{prompt.system}\n\n{prompt.text}" if prompt.system else prompt.text

@@ -37,12 +37,19 @@ _INTERFACES: dict[str, str] = {
     "alpamayo": "alpamayo",
     "llavida": "llavida",
 }
-_SERVICES = frozenset({"http", "alpamayo", "llavida"})
+SERVICES = frozenset({"http", "alpamayo", "llavida"})
 # Backends that speak what their option ``interface`` says, give up by themselves after their
 # option ``timeout_s``, and wait ``start_s`` for their service before they answer.
-OPTION_INTERFACE = _SERVICES | {"openai", "python", "recorded"}
-OPTION_TIMEOUT = _SERVICES | {"openai"}
-OPTION_START = _SERVICES
+OPTION_INTERFACE = SERVICES | {"openai", "python", "recorded"}
+OPTION_TIMEOUT = SERVICES | {"openai"}
+OPTION_START = SERVICES
+# Options of backends that decide whether an answer comes, and never what it says.
+_OF_DELIVERY: dict[str, frozenset[str]] = {
+    "openai": frozenset({"timeout_s", "tries", "api_key_env"}),
+    **dict.fromkeys(
+        sorted(SERVICES), frozenset({"timeout_s", "start_s", "tries", "max_mb", "api_key_env"})
+    ),
+}
 
 
 class NotTakenError(PeerError):
@@ -139,6 +146,17 @@ def interface_of(name: str, options: Mapping[str, Any]) -> str:
     if not isinstance(chosen, str):
         raise InputError("must be a name", field="backend_options.interface", value=chosen)
     return find_interface(chosen).name
+
+
+def telling_options(name: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """The options that can change what a backend says; of one that isn't ours, all.
+
+    Args:
+        name: a key of BACKENDS, or ``module:factory``.
+        options: of the backend.
+    """
+    delivery = _OF_DELIVERY.get(name, frozenset())
+    return {key: value for key, value in options.items() if key not in delivery}
 
 
 def check_options(backend: str, options: Mapping[str, Any], known: Mapping[str, type]) -> None:
