@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import os
 import struct
+from collections import Counter
 from collections.abc import Iterable
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Self
-
-from mcap.records import Channel, Schema
 
 from ssp_core import __version__
 from ssp_core.bag.disk_sync import DiskSync
@@ -21,13 +19,13 @@ from ssp_core.bag.metadata import (
     FILE_NAME,
     BagFacts,
     FileFacts,
-    TopicFacts,
     metadata_yaml,
     serialized_metadata,
 )
 from ssp_core.bag.qos import parse_offered_qos
-from ssp_core.bag.split import REPEATED, Kept, LatchedTopic, Split
+from ssp_core.bag.split import Kept, Split
 from ssp_core.bag.types import TypeDefinition, definition
+from ssp_core.bag.written_topics import WrittenTopic, WrittenTopics
 from ssp_core.errors import HostError, InputError
 from ssp_core.files import write_text
 
@@ -36,17 +34,7 @@ LIBRARY = f"ssp {__version__}"
 # chunk indexes reach this, the bag goes on in another file. With ten active topics and two chunks
 # a second that takes a day.
 INDEX_BYTES = 32 << 20
-_MAX_IDS = (1 << 16) - 1
 _MAX_TIME = (1 << 64) - 1
-
-
-@dataclass(slots=True)
-class _Topic:
-    channel: Channel
-    schema: Schema
-    latched: LatchedTopic | None
-    repeats: Channel | None = None
-    """Where later files put the repeated messages; made with the first of them."""
 
 
 class BagWriter:
@@ -86,11 +74,10 @@ class BagWriter:
         self._begun_ns: int | None = None
         self._repeated_bytes = 0
         self._index_limit = INDEX_BYTES
-        self._topics: dict[str, _Topic] = {}
-        self._schemas: dict[TypeDefinition, Schema] = {}
-        self._channels = 0
+        self._topics = WrittenTopics()
+        self._by_name = self._topics.by_name
         self._whole: list[FileFacts] = []
-        self._counts: dict[str, int] = {}
+        self._counts: Counter[str] = Counter()
         self.messages = 0
         self.bytes = 0
         self.closed = False
@@ -134,35 +121,14 @@ class BagWriter:
                 topics or types than a file has numbers for.
             ValueError: the topic was added before, or the QoS is no complete YAML list.
         """
-        if topic in self._topics:
-            raise ValueError(f"topic {topic} was added before")
         parse_offered_qos(offered_qos)
         written = written or definition(msgtype)
-        schema = self._schemas.get(written)
-        known = schema is not None
-        if schema is None:
-            if len(self._schemas) == _MAX_IDS:
-                raise InputError("is one type too many", file=self.file, field=topic)
-            schema = Schema(
-                len(self._schemas) + 1, written.text.encode(), written.encoding, msgtype
-            )
-        channel = self._channel(
-            topic,
-            {"offered_qos_profiles": offered_qos, "topic_type_hash": written.type_hash},
-            schema,
+        schema, channel = self._topics.add(
+            topic, msgtype, offered_qos, written, latched=latched, file=self.file
         )
-        if not known:
-            self._schemas[written] = schema
+        if schema is not None:
             self._output.add_schema(schema)
         self._output.add_channel(channel)
-        kept = LatchedTopic(offered_qos) if latched else None
-        self._topics[topic] = _Topic(channel, schema, kept)
-
-    def _channel(self, topic: str, metadata: dict[str, str], schema: Schema) -> Channel:
-        if self._channels == _MAX_IDS:
-            raise InputError("is one topic too many", file=self.file, field=topic)
-        self._channels += 1
-        return Channel(self._channels, topic, "cdr", metadata, schema.id)
 
     def write(
         self, topic: str, cdr: bytes, log_time_ns: int, publish_time_ns: int, sequence: int = 0
@@ -181,7 +147,7 @@ class BagWriter:
             KeyError: the topic was not added.
             ValueError: a time is negative or has more than 64 bits, or the writer is closed.
         """
-        entry = self._topics[topic]
+        entry = self._by_name[topic]
         if self.closed:
             raise ValueError(f"{self.path} is closed")
         full = self._output.index_bytes >= self._index_limit
@@ -209,7 +175,7 @@ class BagWriter:
             self.write(topic, data, log_time_ns, publish_time_ns, sequence)
 
     def _before_message(
-        self, entry: _Topic, cdr: bytes, log_time_ns: int, publish_time_ns: int, sequence: int
+        self, entry: WrittenTopic, cdr: bytes, log_time_ns: int, publish_time_ns: int, sequence: int
     ) -> None:
         """Begins a new file when it is time for one, and keeps what later files repeat."""
         if min(log_time_ns, publish_time_ns) < 0 or max(log_time_ns, publish_time_ns) > _MAX_TIME:
@@ -239,17 +205,15 @@ class BagWriter:
         self._output = output = McapOutput(self.file, LIBRARY)
         self._chunk = output.chunk
         self._begun_ns = begin_ns
-        for schema in self._schemas.values():
+        for schema in self._topics.schemas.values():
             output.add_schema(schema)
-        for name, topic in self._topics.items():
+        for name, topic in self._by_name.items():
             output.add_channel(topic.channel)
             if topic.latched is not None and topic.latched.kept:
-                if topic.repeats is None:
-                    metadata = topic.channel.metadata | REPEATED
-                    topic.repeats = self._channel(name, metadata, topic.schema)
-                output.add_channel(topic.repeats)
+                repeats = self._topics.repeats_of(name, file=self.file)
+                output.add_channel(repeats)
                 for cdr, publish_time_ns, sequence in topic.latched.kept:
-                    output.chunk.add(topic.repeats.id, sequence, begin_ns, publish_time_ns, cdr)
+                    output.chunk.add(repeats.id, sequence, begin_ns, publish_time_ns, cdr)
                     if output.chunk.size >= CHUNK_BYTES:
                         output.flush()
         self._repeated_bytes = output.size
@@ -300,45 +264,22 @@ class BagWriter:
     def facts(self) -> BagFacts:
         """What was written so far."""
         if len(self._whole) == len(self.files):
-            return BagFacts(tuple(self._whole), self._topic_facts(self._counts))
-        counts = self._output_counts()
-        total = {name: counts[name] + self._counts.get(name, 0) for name in counts}
-        return BagFacts((*self._whole, self._file_facts()), self._topic_facts(total))
+            return BagFacts(tuple(self._whole), self._topics.facts(self._counts))
+        total = self._counts + self._topics.counts(self._output.counts())
+        return BagFacts((*self._whole, self._file_facts()), self._topics.facts(total))
 
     def _file_facts(self) -> FileFacts:
         start_ns, end_ns = self._output.times() or (0, 0)
         return FileFacts(self.file.name, start_ns, end_ns, self._output.counts().total())
 
-    def _output_counts(self) -> dict[str, int]:
-        """Messages in the present file by topic."""
-        by_channel = self._output.counts()
-        return {
-            name: by_channel[topic.channel.id]
-            + (by_channel[topic.repeats.id] if topic.repeats is not None else 0)
-            for name, topic in self._topics.items()
-        }
-
-    def _topic_facts(self, counts: dict[str, int]) -> tuple[TopicFacts, ...]:
-        return tuple(
-            TopicFacts(
-                name,
-                topic.schema.name,
-                topic.channel.metadata["offered_qos_profiles"],
-                topic.channel.metadata["topic_type_hash"],
-                counts.get(name, 0),
-            )
-            for name, topic in self._topics.items()
-        )
-
     def _finish_file(self) -> None:
         """Writes metadata record and summary of the present file, and remembers what it holds."""
-        counts = self._output_counts()
-        facts = BagFacts((self._file_facts(),), self._topic_facts(counts))
+        counts = self._topics.counts(self._output.counts())
+        facts = BagFacts((self._file_facts(),), self._topics.facts(counts))
         self._output.add_metadata("rosbag2", {"serialized_metadata": serialized_metadata(facts)})
         self._output.finish()
         self._whole += facts.files
-        for name, count in counts.items():
-            self._counts[name] = self._counts.get(name, 0) + count
+        self._counts += counts
 
     def close(self) -> None:
         """Writes indexes, the metadata record and metadata.yaml. A second call does nothing.
