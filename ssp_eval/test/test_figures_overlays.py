@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shutil
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
@@ -24,8 +25,10 @@ from ssp_eval.figures.annotate import Annotation, annotated, wrapped
 from ssp_eval.figures.command import WantedFigures, draw_figures
 from ssp_eval.figures.ego_path import ego_path
 from ssp_eval.figures.moments import Story, story_of
-from ssp_eval.figures.overlays import FOLDER, VIDEO, write_overlays
+from ssp_eval.figures.overlay_video import latest, write_video
+from ssp_eval.figures.overlays import CAPTION, FOLDER, VIDEO, write_overlays
 from ssp_eval.figures.phases import phase_frames
+from ssp_eval.figures.recording import Recorded, Recordings
 from ssp_eval.figures.style import drawing
 from ssp_eval.report.load import load_cells
 from ssp_eval.report.projection import Ribbon
@@ -133,7 +136,14 @@ def stories(campaign: Path) -> list[Story]:
     return [story for story in found if story is not None and not story.cell.is_control]
 
 
-def test_every_cell_gets_stills_and_a_video_in_real_time(campaign: Path, tmp_path: Path) -> None:
+def times_of(video: Path) -> list[float]:
+    with av.open(str(video)) as opened:
+        return [float(frame.time) for frame in opened.decode(video=0)]
+
+
+def test_every_model_s_cell_gets_stills_and_a_video_of_all_frames(
+    campaign: Path, tmp_path: Path
+) -> None:
     out = tmp_path / "figures"
     frames = {path: sha256_file(path) for path in (campaign / "frames").iterdir()}
     seen: list[str] = []
@@ -142,21 +152,26 @@ def test_every_cell_gets_stills_and_a_video_in_real_time(campaign: Path, tmp_pat
         done = write_overlays(campaign, out, seen.append)
     assert {path: sha256_file(path) for path in frames} == frames
     assert all(path.is_file() for path in done.files)
-    for cell in load_cells(campaign):
+    models = [cell for cell in load_cells(campaign) if not cell.is_control]
+    assert {path.name for path in (out / FOLDER).iterdir()} == {cell.id for cell in models}
+    assert [why for name, why in done.left_out if name == FOLDER] == [
+        "2 cells of controls check the harness and show no model"
+    ]
+    for cell in models:
         folder = out / FOLDER / cell.id
-        if cell.score is None:
-            assert (f"{FOLDER}/{cell.id}", f"the cell is {cell.facts.status}") in done.left_out
-            continue
         assert f"{FOLDER}/{cell.id}" in seen
         stills = sorted(folder.glob("*.jpg"))
         assert len(stills) == len(cell.labels.labels)
         assert stills[0].name.startswith(f"01_{cell.labels.labels[0].phase}_")
         assert cv2.imread(str(stills[0])).shape[1] == 96
-        with av.open(str(folder / VIDEO)) as video:
-            times = [float(frame.time) for frame in video.decode(video=0)]
+        # Ten frames a second between first and last label, and the last one stays.
         labels = [label.t_s for label in cell.labels.labels]
-        wanted = [t_s - labels[0] for t_s in labels]
-        assert times == pytest.approx([*wanted, wanted[-1] + 0.5], abs=0.06)
+        count = round((labels[-1] - labels[0]) * 10) + 1
+        wanted = [k / 10 for k in range(count)]
+        assert times_of(folder / VIDEO) == pytest.approx([*wanted, wanted[-1] + 0.5], abs=0.06)
+        told = (folder / CAPTION).read_text("utf-8")
+        assert f"All {count} frames of the recording" in told
+        assert "(measured; from the recording)" in told
     phases = sorted(out.glob("phases_*"))
     assert [path.name for path in phases] == [
         f"phases_cut_in_constant_velocity.{kind}" for kind in ("pdf", "png", "svg", "txt")
@@ -165,6 +180,110 @@ def test_every_cell_gets_stills_and_a_video_in_real_time(campaign: Path, tmp_pat
     write_overlays(campaign, again)
     for path in done.files:
         assert (again / path.relative_to(out)).read_bytes() == path.read_bytes(), path.name
+
+
+@pytest.fixture
+def videos_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No phase-aligned frames, which take long and have tests of their own."""
+    monkeypatch.setattr("ssp_eval.figures.overlays.all_phase_frames", lambda stories: [])
+
+
+@pytest.mark.usefixtures("videos_alone")
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda bag: shutil.rmtree(bag), "the recording isn't where it was"),
+        (
+            lambda bag: (shutil.rmtree(bag), shutil.copytree(bag.parent / "track", bag)),
+            "another recording lies where it was",
+        ),
+        (lambda bag: next(bag.glob("*.mcap")).write_bytes(b"x"), "the recording can't be read"),
+    ],
+)
+def test_without_the_recording_the_kept_frames_do_and_the_caption_says_so(
+    campaign: Path, tmp_path: Path, change: Callable[[Path], object], told: str
+) -> None:
+    bag = tmp_path / "bag"
+    change(bag)
+    (cell,) = [c for c in load_cells(campaign) if not c.is_control and c.domain == "simulation"]
+    done = write_overlays(campaign, tmp_path / "figures", cells=[cell])
+    folder = tmp_path / "figures" / FOLDER / cell.id
+    caption = (folder / CAPTION).read_text("utf-8")
+    labels = [label.t_s for label in cell.labels.labels]
+    assert f"Only the {len(labels)} frames that the campaign keeps" in caption
+    assert f"since {told}" in caption
+    assert any(told in why for _, why in done.left_out)
+    wanted = [t_s - labels[0] for t_s in labels]
+    assert times_of(folder / VIDEO) == pytest.approx([*wanted, wanted[-1] + 0.5], abs=0.06)
+
+
+@pytest.mark.usefixtures("videos_alone")
+def test_a_finished_overlay_is_not_made_again_and_a_changed_one_is(
+    campaign: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[str] = []
+
+    def write(story: Story, path: Path) -> Path | None:
+        made.append(story.cell.id)
+        return write_video(story, path)
+
+    monkeypatch.setattr("ssp_eval.figures.overlays.write_video", write)
+    out = tmp_path / "figures"
+    first = write_overlays(campaign, out)
+    one, other = sorted(made)
+    made.clear()
+    assert write_overlays(campaign, out).files == first.files
+    assert made == []
+    # A file that isn't whole, and a run that was stopped before it wrote its last file.
+    (out / FOLDER / one / VIDEO).write_bytes(b"half")
+    (out / FOLDER / other / "overlay.json").unlink()
+    assert write_overlays(campaign, out).files == first.files
+    assert sorted(made) == [one, other]
+    made.clear()
+    cell_file = campaign / "cells" / one / "cell.json"
+    cell_file.write_text(
+        cell_file.read_text("utf-8").replace('"stand_in": false', '"stand_in": true')
+    )
+    write_overlays(campaign, out)
+    assert made == [one]
+
+
+def test_a_video_shows_the_latest_answer_until_the_next(stories: list[Story]) -> None:
+    moments = stories[0].moments
+    stamps = [moment.stamp_ns for moment in moments]
+    assert None not in stamps
+    first, second = stamps[0] or 0, stamps[1] or 0
+    assert latest(stories[0], first - 1) is None
+    assert latest(stories[0], first) is moments[0]
+    assert latest(stories[0], second - 1) is moments[0]
+    assert latest(stories[0], second) is moments[1]
+    assert latest(stories[0], 10**18) is moments[-1]
+
+
+def test_a_fast_camera_is_thinned_and_the_driven_path_is_that_of_the_bag(
+    campaign: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cell = next(c for c in load_cells(campaign) if not c.is_control)
+    start_ns = cell.facts.clip.start_ns
+    assert start_ns is not None
+    span = start_ns + 2_000_000_000, start_ns + 5_030_000_000
+    every = Recordings(campaign).find(cell, *span)
+    assert isinstance(every, Recorded)
+    assert (len(every.stamps_ns), every.rate_hz) == (31, pytest.approx(10.0))
+    assert [p.stamp_ns for p in every.pictures()] == list(every.stamps_ns)
+    # The VUT drives at 10 m/s, also beyond the last label.
+    for at_ns in span:
+        found = every.driven.after(at_ns, 3.0)
+        assert found is not None
+        assert found.t_s[-1] == pytest.approx(3.0, abs=0.06)
+        assert found.x_m == pytest.approx([10.0 * t_s for t_s in found.t_s], abs=1e-6)
+        assert found.y_m == pytest.approx([0.0] * len(found.t_s), abs=1e-6)
+    monkeypatch.setattr("ssp_eval.figures.recording.MOST_PER_S", 5)
+    slow = Recordings(campaign).find(cell, *span)
+    assert isinstance(slow, Recorded)
+    assert slow.rate_hz == pytest.approx(5.0)
+    assert set(slow.stamps_ns) < set(every.stamps_ns)
+    assert Recordings(campaign).find(cell, -2, -1) == "the recording has no frames then"
 
 
 def test_phase_frames_have_a_plan_and_the_driven_path_on_them(stories: list[Story]) -> None:

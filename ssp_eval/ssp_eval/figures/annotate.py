@@ -17,7 +17,7 @@ from ssp_eval.report.projection import Ribbon
 
 Color = tuple[int, int, int]
 
-_LINES = 4
+_LINES = 5
 # Of the picture's width: height of the font, and from one line of text to the next.
 _FONT_SHARE, _LINE_SHARE = 1 / 60, 1 / 42
 _SHIFT = 4  # binary digits behind the point in OpenCV's coordinates
@@ -32,7 +32,7 @@ class Annotation:
         plan: the predicted trajectory, None: there is none to draw.
         recorded: the path that was driven, None: not known.
         corner: in the picture's upper left corner.
-        lines: below the picture; those past the fourth are left out.
+        lines: below the picture; those past the fifth are left out.
     """
 
     plan: Ribbon | None

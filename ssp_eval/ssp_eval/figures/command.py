@@ -16,7 +16,7 @@ from ssp_eval.report.load import CellData
 OVERLAYS = "overlays"
 CHOICES = (*GROUPS, OVERLAYS)
 # Overlays of more cells take minutes, and are drawn when they are asked for by name.
-MOST_OVERLAID = 60
+MOST_OVERLAID = 24
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def _steps(
         done.append(write_figures(rows, wanted.folder, wanted.reference, groups, advance))
     if campaign is None or (wanted.only and OVERLAYS not in wanted.only):
         return done
-    scored = sum(cell.score is not None for cell in cells)
+    scored = sum(cell.score is not None and not cell.is_control for cell in cells)
     if not wanted.only and scored > MOST_OVERLAID:
         why = f"{scored} cells take minutes; ask for them with --only {OVERLAYS}"
         return [*done, Written((), ((OVERLAYS, why),))]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -12,9 +12,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ssp_core.clock import NS_PER_S, seconds_to_ns
 from ssp_core.errors import InputError
 from ssp_eval.evaluate.cell_file import frame_path
 from ssp_eval.figures.ego_path import EgoPath, ego_path
+from ssp_eval.figures.recording import Recorded, Recordings
 from ssp_eval.labels.model import Label
 from ssp_eval.records import BehaviourRecord
 from ssp_eval.report.load import CellData
@@ -82,15 +84,21 @@ class Story:
         cell: as it lies in its folder.
         out: the campaign.
         moments: one per label.
+        part: of the bag, None: it can't be read any more.
+        lost: why it can't.
     """
 
     cell: CellData
     out: Path
     moments: tuple[Moment, ...]
+    part: Recorded | None = None
+    lost: str = ""
 
     @cached_property
     def path(self) -> EgoPath:
-        """Where the VUT was, as far as the requests tell."""
+        """Where the VUT was, as the recording tells, or as far as the requests do."""
+        if self.part is not None:
+            return self.part.driven
         known = [r for r in self.cell.requests if r.get("ego_provenance") != "unknown"]
         return ego_path(known)
 
@@ -109,6 +117,17 @@ class Story:
             and geometry.pitch_down_rad is not None
             and self.cell.facts.clip.mount_forward_m is not None
         )
+
+    @property
+    def start_ns(self) -> int:
+        """Stamp of clip time 0."""
+        told = self.cell.facts.clip.start_ns
+        if told is not None:
+            return told
+        for moment in self.moments:
+            if moment.stamp_ns is not None and moment.judgement.record_t_s is not None:
+                return moment.stamp_ns - round(moment.judgement.record_t_s * NS_PER_S)
+        return 0
 
     def drawn(self, path: Trajectory | None) -> Ribbon | None:
         """A path in the ego frame as the camera shows it."""
@@ -140,17 +159,27 @@ class Story:
         image = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
         if image is None:
             raise InputError("is no picture", file=file)
+        return self.fitted(np.asarray(image, np.uint8))
+
+    def fitted(self, image: Image) -> Image:
+        """A frame at the size that the camera's geometry is for."""
         geometry = self.cell.facts.clip.geometry
         if geometry is not None and image.shape[:2] != (geometry.height_px, geometry.width_px):
-            image = cv2.resize(image, (geometry.width_px, geometry.height_px))
-        return np.asarray(image, np.uint8)
+            image = np.asarray(cv2.resize(image, (geometry.width_px, geometry.height_px)), np.uint8)
+        return image
 
 
-def story_of(cell: CellData, out: Path) -> Story | None:
-    """The story of a cell; None unless it has scores."""
+def story_of(cell: CellData, out: Path, recordings: Recordings | None = None) -> Story | None:
+    """The story of a cell; None unless it has scores.
+
+    Args:
+        cell: as it lies in its folder.
+        out: the campaign.
+        recordings: of it; None: what the campaign keeps must do.
+    """
     if cell.score is None:
         return None
-    return Story(
+    story = Story(
         cell,
         out,
         tuple(
@@ -160,6 +189,17 @@ def story_of(cell: CellData, out: Path) -> Story | None:
             )
         ),
     )
+    if recordings is None:
+        return story
+    first, last = cell.labels.labels[0].t_s, cell.labels.labels[-1].t_s
+    found = recordings.find(
+        cell,
+        story.start_ns + seconds_to_ns(first),
+        story.start_ns + seconds_to_ns(last),
+    )
+    if isinstance(found, str):
+        return replace(story, lost=found)
+    return replace(story, part=found)
 
 
 def _moment(cell: CellData, label: Label, judgement: Judgement) -> Moment:

@@ -173,12 +173,14 @@ def _legend(page: Axes, sheet: Sheet) -> None:
 def _caption(scenario: str, model: str, by_domain: dict[str, Story], phases: Sequence[str]) -> str:
     missing = [domain for domain in DOMAINS if domain not in by_domain]
     blind = [domain for domain, story in by_domain.items() if not story.sees_ground]
+    whole = all(story.part is not None for story in by_domain.values())
+    told = "" if whole else ", as far as later requests or the recording tell it"
     ego = [f"{domain} {story.ego_provenance}" for domain, story in by_domain.items()]
     counts = [f"{domain} {len(story.moments)}" for domain, story in by_domain.items()]
     return caption(
         f"{words(scenario)}, {model}: the first frame with a label in each phase, by domain. The "
         "ribbon is what the VUT would cover on the predicted trajectory, a dot every 0.5 s; the "
-        "dashed line is the path that was driven, as far as later requests tell it "
+        f"dashed line is the path that was driven{told} "
         f"(motion of the VUT: {', '.join(ego)}). Both were drawn after the fact and were in no "
         "input of a model.",
         "Below a frame: clip time, the actions that the text commits to and those that the "
