@@ -14,6 +14,8 @@ from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_core.files import write_json
 from ssp_core.hashing import sha256_file
+from ssp_eval.analysis.rows import rows_from_campaign
+from ssp_eval.analysis.tables import all_tables
 from ssp_eval.audit.model import Audit, RecordingEntry, load_audit
 from ssp_eval.audit.values import FIELDS
 from ssp_eval.evaluate.admission import admission_of, load_admissions
@@ -24,7 +26,6 @@ from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.evaluate.show import show
 from ssp_eval.report.load import load_cells
 from ssp_eval.report.page import write_report
-from ssp_eval.report.tables import mean_tables, scored
 
 BagMaker = Callable[..., Path]
 
@@ -86,8 +87,8 @@ def facts(result: CellResult) -> dict[str, Any]:
 
 def domain_rows(out: Path) -> tuple[int, int]:
     """Rows of the tables of means by domain and by model."""
-    tables = {table.title: table for table in mean_tables(scored(load_cells(out)))}
-    return len(tables["By domain"].rows), len(tables["By model"].rows)
+    tables = {table.name: table for table in all_tables(rows_from_campaign(out))}
+    return len(tables["by_domain"].rows), len(tables["by_model"].rows)
 
 
 def test_an_audit_file_reads_back(tmp_path: Path) -> None:

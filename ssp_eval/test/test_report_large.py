@@ -101,7 +101,7 @@ def test_rows_hold_what_the_cells_hold(source: Path, tmp_path: Path) -> None:
     assert "<dt>refused</dt><dd>1</dd>" in page
     assert "<dt>failed</dt><dd>1</dd>" in page
     # Of the last scenario only a part was asked about.
-    assert "missing from the campaign" in page
+    assert "Not evaluated: 2 cells are missing" in page
 
 
 def test_details_of_cells_that_are_gone_go_too(source: Path) -> None:
@@ -132,6 +132,11 @@ def test_in_a_browser(source: Path, tmp_path: Path) -> None:
     with Browser(dark=False) as browser:
         browser.go(page.as_uri())
         browser.wait("document.querySelectorAll('tr.cell').length === 50")
+        # The controls, one in sixteen, are shown when they are asked for.
+        assert "375 of 375 cells" in browser.text("#count")
+        pick(browser, "#kind", "1")
+        assert browser.text("#count").startswith("25 of 25 cells")
+        pick(browser, "#kind", "")
         assert f"{CELLS} of {CELLS} cells, 4 refused, 4 failed" in browser.text("#count")
         browser.click("#next")
         assert browser.text("#place") == "51 to 100"
@@ -146,10 +151,12 @@ def test_in_a_browser(source: Path, tmp_path: Path) -> None:
         assert shown
         assert all(shown)
         browser.click("#reset")
+        pick(browser, "#kind", "")
         browser.evaluate("document.getElementById('search').value = 'KILLED by'")
         browser.evaluate("document.getElementById('search').dispatchEvent(new Event('input'))")
         assert browser.text("#count") == "4 of 400 cells, 4 failed"
         browser.click("#reset")
+        pick(browser, "#kind", "")
 
         for order, best in (("descending", max), ("ascending", min)):
             browser.click("button[data-sort=ivcs]")
@@ -182,8 +189,12 @@ def test_in_a_browser(source: Path, tmp_path: Path) -> None:
 
 
 def choose(browser: Browser, name: str, value: str) -> None:
+    pick(browser, f"select[data-filter={name}]", value)
+
+
+def pick(browser: Browser, selector: str, value: str) -> None:
     browser.evaluate(
-        f"(() => {{ const s = document.querySelector('select[data-filter={name}]');"
+        f"(() => {{ const s = document.querySelector('{selector}');"
         f" s.value = '{value}'; s.dispatchEvent(new Event('change')); }})()"
     )
 

@@ -125,12 +125,17 @@ def test_what_must_be_said_is_said(campaign: Path) -> None:
 def test_controls_and_refused_cells_enter_no_mean(campaign: Path) -> None:
     page = write_report(campaign).read_text()
     means = page.split('<section id="means">')[1].split("</section>")[0]
-    assert "constant_velocity" in means
-    assert "perfect" not in means
-    assert "vru crossing" not in means
-    drawn = matrix(load_cells(campaign))
-    assert "perfect (control)" in drawn
-    assert "refused: " in drawn
+    assert "Controls left out: perfect." in means
+    fields = re.findall(r"<td[^>]*>(.*?)</td>", means)
+    assert "constant_velocity" in fields
+    assert "perfect" not in fields
+    assert "vru crossing" not in fields
+    assert "refused: " in matrix(load_cells(campaign))
+    shown = page.split('<section id="matrix">')[1].split("</section>")[0]
+    assert "constant_velocity" in shown
+    assert "perfect" not in shown
+    controls = page.split('<section id="controls">')[1].split("</section>")[0]
+    assert "perfect" in controls
 
 
 def test_a_score_that_doesn_t_fit_its_records_is_noticed(campaign: Path) -> None:
@@ -267,12 +272,13 @@ def test_segments_are_the_text_whatever_the_spans(
 def test_projection_of_a_pinhole_camera() -> None:
     # The horizon lies tan(pitch) above the middle; a point far away is near it.
     horizon = 270.0 - 500.0 * math.tan(0.05)
-    far = project(1e6, 0.0, GEOMETRY, 1.8)
+    (far,) = project([(1e6, 0.0)], GEOMETRY, 1.8)
     assert far == pytest.approx((480.0, horizon), abs=0.01)
     # Without pitch, 1.4 m below at 10 m: 500 · 1.4 / 10 pixels under the middle.
     level = {**GEOMETRY, "pitch_down_rad": 0.0}
-    assert project(11.8, 2.0, level, 1.8) == pytest.approx((480.0 - 100.0, 270.0 + 70.0))
-    assert project(0.0, 0.0, GEOMETRY, 1.8) is None
+    near, behind = project([(11.8, 2.0), (0.0, 0.0)], level, 1.8)
+    assert near == pytest.approx((480.0 - 100.0, 270.0 + 70.0))
+    assert behind is None
 
 
 def test_overlay_needs_a_known_camera_and_something_ahead() -> None:

@@ -41,7 +41,7 @@ def to_csv(table: Table) -> str:
     for row in table.rows:
         values = zip(row, kinds, strict=True)
         writer.writerow([field for value, kind in values for field in _csv_fields(value, kind)])
-    for note in table.all_notes:
+    for note in (*table.notices, *table.all_notes):
         writer.writerow([f"# {note}"])
     return stream.getvalue()
 
@@ -84,6 +84,7 @@ def to_data(table: Table) -> dict[str, Any]:
         "title": table.title,
         "columns": [{"key": c.key, "title": c.title, "kind": c.kind} for c in table.columns],
         "rows": [dict(zip(keys, map(_json_value, row), strict=True)) for row in table.rows],
+        "notices": list(table.notices),
         "notes": list(table.all_notes),
     }
 
@@ -128,9 +129,12 @@ def to_latex(table: Table) -> str:
         r"\midrule",
     ]
     for row in table.rows:
-        fields = zip(table.columns, texts(table, row), strict=True)
+        fields = zip(table.columns, map(str, texts(table, row)), strict=True)
         lines.append(rf"{' & '.join(_latex_field(*field) for field in fields)} \\")
     lines += [r"\bottomrule", r"\end{tabular}"]
+    lines += [
+        rf"\par\smallskip{{\footnotesize\textbf{{{latex_text(note)}}}}}" for note in table.notices
+    ]
     lines += [rf"\par\smallskip{{\footnotesize {latex_text(note)}}}" for note in table.all_notes]
     return "\n".join([*lines, r"\end{table}", ""])
 
@@ -153,10 +157,12 @@ def _html_parts(table: Table) -> Iterator[str]:
     yield "".join(f"<th{style}>{escape(column.title)}</th>" for style, column in heads)
     yield "</tr></thead>\n<tbody>\n"
     for row in table.rows:
-        fields = zip(styles, texts(table, row), strict=True)
+        fields = zip(styles, map(str, texts(table, row)), strict=True)
         cells = "".join(f"<td{style}>{escape(text)}</td>" for style, text in fields)
         yield f"<tr>{cells}</tr>\n"
     yield "</tbody></table></div>\n"
+    for note in table.notices:
+        yield f'<p class="notice">{escape(note)}</p>\n'
     for note in table.all_notes:
         yield f'<p class="sub">{escape(note)}</p>\n'
     yield "</figure>\n"

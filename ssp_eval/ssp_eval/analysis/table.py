@@ -10,9 +10,19 @@ from ssp_eval.score.aggregate import Mean
 from ssp_eval.score.show import DISCLAIMER, NULL, format_response
 
 # text: words; count: a whole number; ratio, seconds, curvature: three, two and five decimals;
-# change: a relative difference, shown in percent; billions: parameters; p: a p-value.
+# signed: a difference of ratios, with its sign; change: a relative difference, shown in percent;
+# billions: parameters; p: a p-value.
 Kind = Literal[
-    "text", "count", "ratio", "seconds", "curvature", "change", "billions", "response", "p"
+    "text",
+    "count",
+    "ratio",
+    "signed",
+    "seconds",
+    "curvature",
+    "change",
+    "billions",
+    "response",
+    "p",
 ]
 _DIGITS = {"ratio": 3, "seconds": 2, "curvature": 5}
 
@@ -60,6 +70,7 @@ class Table:
         columns: of each row.
         rows: values in the order of the columns; None is null, shown as ``–``.
         notes: what a reader must know, one sentence each.
+        notices: why its numbers may not be compared, whatever the table; see notices.py.
     """
 
     name: str
@@ -67,6 +78,7 @@ class Table:
     columns: tuple[Column, ...]
     rows: tuple[tuple[Value, ...], ...]
     notes: tuple[str, ...] = ()
+    notices: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for row in self.rows:
@@ -91,26 +103,38 @@ class Table:
         return (*self.notes, DISCLAIMER)
 
 
-def texts(table: Table, row: Sequence[Value]) -> list[str]:
-    """The values of a row as people read them; a mean shows its n where the row's n differs."""
+@dataclass(frozen=True)
+class Shown:
+    """A value as people read it; a mean over another number of cells than its row has its own n."""
+
+    text: str
+    n: int | None = None
+
+    def __str__(self) -> str:
+        return self.text if self.n is None else f"{self.text} (n={self.n})"
+
+
+def texts(table: Table, row: Sequence[Value]) -> list[Shown]:
+    """The values of a row as people read them."""
     usual = next(
         (v for c, v in zip(table.columns, row, strict=True) if c.key == "n" and isinstance(v, int)),
         None,
     )
-    return [shown(c, v, usual) for c, v in zip(table.columns, row, strict=True)]
+    return [
+        Shown(shown(c, v), v.n if isinstance(v, Mean) and v.n not in (usual, 0) else None)
+        for c, v in zip(table.columns, row, strict=True)
+    ]
 
 
-def shown(column: Column, value: Value, usual_n: int | None = None) -> str:
+def shown(column: Column, value: Value) -> str:
     """A value as people read it (METHOD 6.11).
 
     Args:
         column: that it stands in.
-        value: unrounded.
-        usual_n: the n that the row shows; a mean over another number of cells shows its own.
+        value: unrounded; of a mean its n is left out.
     """
     if isinstance(value, Mean):
-        text = shown(column, value.value)
-        return text if value.n == usual_n else f"{text} (n={value.n})"
+        return shown(column, value.value)
     if isinstance(value, Outcome):
         if value.rsr is None:
             return NULL
@@ -121,6 +145,8 @@ def shown(column: Column, value: Value, usual_n: int | None = None) -> str:
         return value
     if column.kind in _DIGITS:
         return f"{value:z.{_DIGITS[column.kind]}f}"
+    if column.kind == "signed":
+        return f"{value:+z.3f}"
     if column.kind == "change":
         return f"{value:+z.1%}"
     if column.kind == "p":

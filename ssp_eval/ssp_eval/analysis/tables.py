@@ -1,12 +1,15 @@
-"""The tables of METHOD 6.13: the full matrix, means, strata, foundation models and ranks."""
+"""The tables of METHOD 6.13, from rows: means, strata and foundation models; and all together."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 
 from ssp_core.errors import InputError
+from ssp_eval.analysis.control_tables import control_tables
 from ssp_eval.analysis.matrix_table import matrix_table
+from ssp_eval.analysis.rank_table import rank_table
 from ssp_eval.analysis.row import OK, CellRow, entering, repeated
 from ssp_eval.analysis.table import Column, Table, Value
 from ssp_eval.analysis.table_columns import COUNT, MEANS, TITLES, in_order
@@ -18,30 +21,33 @@ from ssp_eval.score.aggregate import (
     EQUAL,
     Cell,
     Mean,
-    Ranking,
     means,
-    ranking,
     relative_difference,
-    same_places,
 )
 
 BY_DOMAIN_MODEL = ("domain", "model")
 COMPARED = ("jovr", "sem_acc_eff", "cia_eff", "tqsr", "rsr", "ivcs")
 _GROUPINGS = (
-    ("by_domain", "Means by domain", BY_DOMAIN),
     ("by_model", "Means by model", BY_MODEL),
+    ("by_domain", "Means by domain", BY_DOMAIN),
     ("by_scenario_domain", "Means by scenario and domain", BY_SCENARIO_DOMAIN),
     ("by_scenario_model", "Means by scenario and model", BY_SCENARIO_MODEL),
     ("by_domain_model", "Means by domain and model", BY_DOMAIN_MODEL),
 )
 
 
-def all_tables(rows: Sequence[CellRow], reference: str | None = None) -> list[Table]:
-    """Every table that a set of cells has.
+MEAN_TABLES = tuple(name for name, _, _ in _GROUPINGS)
+
+
+def all_tables(
+    rows: Sequence[CellRow], reference: str | None = None, notices: Iterable[str] = ()
+) -> list[Table]:
+    """Every table that rows alone give.
 
     Args:
         rows: of one or several runs.
         reference: model that the foundation models are compared with.
+        notices: to stand under every table; see notices.py.
 
     Raises:
         InputError: no cell is of that model.
@@ -53,8 +59,17 @@ def all_tables(rows: Sequence[CellRow], reference: str | None = None) -> list[Ta
     found += [mean_table(cells, name, title, by, notes) for name, title, by in _GROUPINGS]
     found.append(strata_table(cells, notes))
     found.append(foundation_table(chosen, reference, notes))
-    found += [rank_table(cells, subject, notes) for subject in ("model", "domain")]
-    return found
+    for subject in ("model", "domain"):
+        told = (*uneven(cells, subject), *_left_out(cells, (subject,)), *notes)
+        found.append(rank_table(cells, subject, told))
+    found += control_tables(rows)
+    return with_notices(found, notices)
+
+
+def with_notices(tables: Iterable[Table], notices: Iterable[str]) -> list[Table]:
+    """The tables with what must stand under each of them."""
+    told = tuple(notices)
+    return [replace(table, notices=told) for table in tables]
 
 
 def run_notes(rows: Sequence[CellRow]) -> tuple[str, ...]:
@@ -104,7 +119,7 @@ def mean_table(
         (*key, found["ivcs"].n, *(found[column.key] for column in MEANS)) for key, found in groups
     ]
     said = ["Unweighted means over cells; n counts cells. RL is the mean over responses only."]
-    said += _uneven(cells, by[0]) if len(by) == 1 else []
+    said += uneven(cells, by[0]) if len(by) == 1 else []
     return Table(
         name,
         title,
@@ -124,12 +139,27 @@ def _left_out(cells: Sequence[Cell], by: Sequence[str]) -> list[str]:
     ]
 
 
-def _uneven(cells: Sequence[Cell], subject: str) -> list[str]:
-    if same_places(cells, subject):
+def uneven(cells: Sequence[Cell], subject: str) -> list[str]:
+    """A sentence where the models or domains were not scored on the same cells.
+
+    Args:
+        cells: that enter means; for domains those that aren't admitted don't count.
+        subject: ``model`` or ``domain``.
+    """
+    other = "domain" if subject == "model" else "model"
+    over: dict[str, set[tuple[str, str]]] = {}
+    for cell in cells:
+        if cell.admitted or subject != "domain":
+            place = cell.scenario, getattr(cell, other)
+            over.setdefault(getattr(cell, subject), set()).add(place)
+    every = {place for found in over.values() for place in found}
+    lacking = [f"{name} {len(over[name])}" for name in sorted(over) if over[name] != every]
+    if not lacking:
         return []
     return [
-        f"The {subject}s were not scored on the same cells: a difference between two of them, or "
-        "in rank, may be one between cells."
+        f"The {subject}s were not scored on the same cells (of {len(every)}: "
+        f"{', '.join(lacking)}): a difference between two of them, or in rank, may be one between "
+        "cells."
     ]
 
 
@@ -208,7 +238,7 @@ def foundation_table(
     said = ["Unweighted means over cells; n counts cells. B: billions of parameters."]
     if base is not None:
         said.append(f"Δ: relative difference to {reference}, from unrounded values.")
-    said += _uneven([row.cell() for row in rows], "model")
+    said += uneven([row.cell() for row in rows], "model")
     return Table(
         "foundation_models", "Foundation models", columns, tuple(table_rows), (*said, *notes)
     )
@@ -218,44 +248,3 @@ def _differences(values: Mapping[str, Mean], base: Mapping[str, Mean] | None) ->
     if base is None:
         return []
     return [relative_difference(values[key].value, base[key].value) for key in COMPARED]
-
-
-def rank_table(cells: Sequence[Cell], subject: str, notes: Sequence[str]) -> Table:
-    """Ranks by IVCS per scenario and over all, every change of rank pointed out."""
-    found = ranking(cells, subject)
-    scenarios = sorted(found.scenarios)
-    values = {key[0]: value["ivcs"] for key, value in means(cells, (subject,)).items()}
-    rows = tuple(
-        (
-            name,
-            *(found.scenarios[scenario].get(name) for scenario in scenarios),
-            found.macro[name],
-            values[name],
-            _changes(found, name),
-        )
-        for name in sorted(found.macro, key=lambda n: (found.macro[n] or len(values), n))
-    )
-    columns = (
-        Column(subject, subject, "text"),
-        *(Column(f"rank_{name}", name.replace("_", " "), "count") for name in scenarios),
-        Column("rank_all", "all", "count"),
-        Column("ivcs", "mean IVCS"),
-        Column("changes", "changes of rank", "text"),
-    )
-    said = ["Rank 1 is the largest mean IVCS, from unrounded values; equal ones share a rank."]
-    if not found.changes and len(scenarios) > 1:
-        said.append("No rank changes between scenarios.")
-    said += _uneven(cells, subject)
-    left_out = _left_out(cells, (subject,))
-    return Table(
-        f"ranks_{subject}", f"Ranks of {subject}s", columns, rows, (*said, *left_out, *notes)
-    )
-
-
-def _changes(found: Ranking, name: str) -> str:
-    """``2 in cut_in, 1 in vru_crossing`` for each pair of scenarios between which it changes."""
-    return "; ".join(
-        f"{change.ranks[0]} in {change.scenarios[0]}, {change.ranks[1]} in {change.scenarios[1]}"
-        for change in found.changes
-        if change.subject == name
-    )

@@ -27,7 +27,10 @@
   let found = cells, first = 0, sorted = "", down = true;
   const selects = [...document.querySelectorAll("select[data-filter]")];
   const wanted = () => Object.fromEntries(selects.map((s) => [s.dataset.filter, s.value]));
-  const fits = (cell, by, tokens) =>
+  const kind = one("kind");
+  // A control that is asked for by its name is shown, whichever kind is.
+  const ofKind = (cell, by) => !kind?.value || Boolean(by.model) || cell.control === (kind.value === "1");
+  const fits = (cell, by, tokens) => ofKind(cell, by) &&
     ["scenario", "domain", "model", "status", "admission"].every((k) => !by[k] || cell[k] === by[k]) &&
     (!by.stage || (by.stage === "-" ? /^-+$/.test(cell.stages) : cell.stages.includes(by.stage))) &&
     tokens.every((token) => cell.text.includes(token));
@@ -92,13 +95,17 @@
     line.append(last);
     return line;
   };
+  const all = () => {
+    const by = wanted();
+    return kind?.value && !by.model ? cells.filter((cell) => ofKind(cell, by)).length : cells.length;
+  };
   const draw = () => {
     const until = Math.min(first + PAGE_ROWS, found.length);
     shown.replaceChildren(...found.slice(first, until).map(row));
     const out = { refused: 0, failed: 0 };
     for (const cell of found) if (cell.status in out) out[cell.status] += 1;
     one("count").textContent = found.length === 0 ? "No cell fits these filters." :
-      `${found.length} of ${cells.length} cells` +
+      `${found.length} of ${all()} cells` +
       (out.refused ? `, ${out.refused} refused` : "") + (out.failed ? `, ${out.failed} failed` : "");
     one("place").textContent = found.length ? `${first + 1} to ${until}` : "";
     one("previous").disabled = first === 0;
@@ -175,7 +182,11 @@
     const name = decodeURIComponent(location.hash.slice(1));
     const cell = known.get(name) ?? known.get(name.replace(/-\d+$/, ""));
     if (!cell) return;
-    if (!found.includes(cell)) reset();
+    if (!found.includes(cell)) {
+      reset();
+      if (kind && cell.control) kind.value = "1";
+      apply();
+    }
     first = Math.floor(found.indexOf(cell) / PAGE_ROWS) * PAGE_ROWS;
     draw();
     const line = [...shown.children].find((node) => node.dataset.id === cell.id);
@@ -186,11 +197,12 @@
   };
   const reset = () => {
     for (const select of selects) select.value = "";
+    if (kind) kind.value = "0";
     one("search").value = "";
     apply();
   };
 
-  for (const select of selects) select.addEventListener("change", apply);
+  for (const select of kind ? [...selects, kind] : selects) select.addEventListener("change", apply);
   one("search").addEventListener("input", apply);
   one("reset").addEventListener("click", reset);
   const turn = (by) => {
@@ -212,6 +224,6 @@
   const overlay = one("overlay");
   overlay.addEventListener("change", () => document.body.classList.toggle("bare", !overlay.checked));
   addEventListener("hashchange", follow);
-  draw();
+  apply();
   follow();
 })();

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from ssp_eval.analysis.failure_table import STAGE_NAMES
 from ssp_eval.evaluate.admission import UNAUDITED, UNPAIRED
 from ssp_eval.report import svg
 from ssp_eval.report.load import CellData
-from ssp_eval.report.tables import STAGE_NAMES
 from ssp_eval.score import STAGES, CellScore
 from ssp_eval.score.show import NULL, format_response
 
@@ -31,6 +31,8 @@ _ROW = 34.0
 _HEAD = 64.0
 _BAND = 30.0
 _LABELS = 250.0
+# Room for a name, and px of a letter of it; a longer one is cut.
+_NAME, _LETTER, _MOST_LETTERS = 140.0, 7.2, 40
 _COLUMN = 88.0
 _RADIUS = 14.0
 _SIDE = 402.0
@@ -47,22 +49,26 @@ def shade(value: float) -> str:
 
 def matrix(cells: Sequence[CellData]) -> str:
     """The figure as SVG, one row per cell, in the order given (scenarios together)."""
-    parts = [_header()]
+    # Names longer than usual push everything that follows them to the right.
+    longest = min(_MOST_LETTERS, max((len(_name(cell)) for cell in cells), default=0))
+    push = max(0.0, longest * _LETTER - _NAME)
+    width = WIDTH + push
+    parts = [_pushed(_header(), push)]
     y = _HEAD
     scenario = domain = None
     for cell in cells:
         if cell.scenario != scenario:
             scenario, domain = cell.scenario, None
-            parts.append(svg.element("rect", x=0, y=y, width=WIDTH, height=_BAND, class_="band"))
+            parts.append(svg.element("rect", x=0, y=y, width=width, height=_BAND, class_="band"))
             parts.append(svg.text(10, y + 20, scenario.replace("_", " "), class_="scenario"))
             y += _BAND
         if cell.domain != domain:
             domain = cell.domain
-            parts.append(svg.element("line", x1=0, x2=WIDTH, y1=y, y2=y, class_="rule"))
+            parts.append(svg.element("line", x1=0, x2=width, y1=y, y2=y, class_="rule"))
             parts.append(svg.text(10, y + _ROW / 2 + 4, domain, class_="domain"))
-        parts.append(_row(cell, y))
+        parts.append(_row(cell, y, push))
         y += _ROW
-    parts.append(svg.element("line", x1=0, x2=WIDTH, y1=y, y2=y, class_="rule"))
+    parts.append(svg.element("line", x1=0, x2=width, y1=y, y2=y, class_="rule"))
     parts.append(_legend(y + 26))
     height = y + 52
     marked = {cell.admission for cell in cells} & set(MARKS)
@@ -72,9 +78,18 @@ def matrix(cells: Sequence[CellData]) -> str:
         parts.append(svg.text(10, height, text, class_="note"))
         height += 20
     return svg.element(
-        "svg", "".join(parts), class_="matrix", viewBox=f"0 0 {svg.number(WIDTH)} {height}",
+        "svg", "".join(parts), class_="matrix", viewBox=f"0 0 {svg.number(width)} {height}",
         role="img", aria_label="Result matrix",
     )  # fmt: skip
+
+
+def _pushed(content: str, by: float) -> str:
+    return svg.element("g", content, transform=f"translate({svg.number(by)} 0)") if by else content
+
+
+def _name(cell: CellData) -> str:
+    mark = MARKS.get(cell.admission, "")
+    return cell.model + (f" {mark}" if mark else "")
 
 
 def _column_x(index: int) -> float:
@@ -106,11 +121,12 @@ def _header() -> str:
     return "".join(parts)
 
 
-def _row(cell: CellData, y: float) -> str:
+def _row(cell: CellData, y: float, push: float) -> str:
     middle = y + _ROW / 2
-    mark = MARKS.get(cell.admission, "")
-    name = cell.model + (" (control)" if cell.is_control else "") + (f" {mark}" if mark else "")
-    parts = [svg.text(100, middle + 4, name, class_="model")]
+    name = _name(cell)
+    name = name if len(name) <= _MOST_LETTERS else name[: _MOST_LETTERS - 1] + "…"
+    label = svg.text(100, middle + 4, name, class_="model")
+    parts = []
     if cell.score is None:
         reason = "; ".join(cell.facts.reasons) or "no reason given"
         short = reason if len(reason) <= 100 else reason[:97] + "…"
@@ -120,8 +136,9 @@ def _row(cell: CellData, y: float) -> str:
         for index, (key, title, _) in enumerate(COLUMNS):
             parts.append(_circle(_column_x(index), middle, getattr(cell.score, key), title))
         parts.append(_outcome(cell.score, middle))
-    body = svg.title(f"{cell.scenario} / {cell.domain} / {cell.model}") + "".join(parts)
-    hit = svg.element("rect", x=96, y=y + 1, width=WIDTH - 96, height=_ROW - 2, class_="hit")
+    body = svg.title(f"{cell.scenario} / {cell.domain} / {cell.model}") + label
+    body += _pushed("".join(parts), push)
+    hit = svg.element("rect", x=96, y=y + 1, width=WIDTH + push - 96, height=_ROW - 2, class_="hit")
     return svg.element("a", hit + body, href=f"#{cell.id}", class_="row")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -17,17 +18,15 @@ _STEP_S = 0.1
 
 
 def project(
-    x_m: float,
-    y_m: float,
+    points_m: Sequence[tuple[float, float]],
     geometry: dict[str, Any],
     mount_forward_m: float,
     mount_turn: tuple[float, float, float] = (0.0, 0.0, 0.0),
-) -> tuple[float, float] | None:
-    """Pixel (u, v) of a point on the ground, None where it isn't ahead of the camera.
+) -> list[tuple[float, float] | None]:
+    """Pixels (u, v) of points on the ground, None for one that isn't ahead of the camera.
 
     Args:
-        x_m: forward of the VUT's reference point.
-        y_m: to its left.
+        points_m: forward of the VUT's reference point, and to its left.
         geometry: fields of CameraGeometry, with height_m and pitch_down_rad known.
         mount_forward_m: of the camera, ahead of the reference point.
         mount_turn: how far it sits to the left (m), and is turned left and leans right (rad).
@@ -43,10 +42,11 @@ def project(
             *mount_turn,
         ),
     )
-    seen = camera.project(view, [(x_m, y_m, 0.0)])
-    if seen.depth_m[0] < _NEAREST_M:
-        return None
-    return float(seen.u_px[0]), float(seen.v_px[0])
+    seen = camera.project(view, [(x_m, y_m, 0.0) for x_m, y_m in points_m])
+    return [
+        None if depth_m < _NEAREST_M else (float(u_px), float(v_px))
+        for u_px, v_px, depth_m in zip(seen.u_px, seen.v_px, seen.depth_m, strict=True)
+    ]
 
 
 @dataclass(frozen=True)
@@ -95,29 +95,24 @@ def ribbon(
     count = max(2, math.ceil((end_s - start_s) / _STEP_S))
     times = [start_s + (end_s - start_s) * k / count for k in range(count + 1)]
     path = [interpolate(trajectory, t_s) for t_s in times]
-    left, right, middle = [], [], []
+    wanted: list[tuple[float, float]] = []
     for k, (x_m, y_m) in enumerate(path):
         ahead = path[min(k + 1, count)], path[max(k - 1, 0)]
         heading = math.atan2(ahead[0][1] - ahead[1][1], ahead[0][0] - ahead[1][0])
         dx_m, dy_m = -math.sin(heading) * _HALF_WIDTH_M, math.cos(heading) * _HALF_WIDTH_M
-        sides = [
-            project(x_m + dx_m, y_m + dy_m, geometry, mount_forward_m, mount_turn),
-            project(x_m - dx_m, y_m - dy_m, geometry, mount_forward_m, mount_turn),
-            project(x_m, y_m, geometry, mount_forward_m, mount_turn),
-        ]
-        if sides[0] and sides[1] and sides[2]:
-            left.append(sides[0])
-            right.append(sides[1])
-            middle.append(sides[2])
-    dots = []
-    for t_s in (0.5 * k for k in range(1, int(2 * end_s + 1e-6) + 1)):
-        if t_s < start_s:
-            continue
-        spot = project(
-            *interpolate(trajectory, min(t_s, end_s)), geometry, mount_forward_m, mount_turn
-        )
-        if spot:
-            dots.append(spot)
+        wanted += [(x_m + dx_m, y_m + dy_m), (x_m - dx_m, y_m - dy_m), (x_m, y_m)]
+    halves = (0.5 * k for k in range(1, int(2 * end_s + 1e-6) + 1))
+    wanted += [interpolate(trajectory, min(t_s, end_s)) for t_s in halves if t_s >= start_s]
+    # All at once: the camera is the same for all of them.
+    seen = project(wanted, geometry, mount_forward_m, mount_turn)
+    borders, spots = seen[: 3 * len(path)], seen[3 * len(path) :]
+    left, right, middle = [], [], []
+    for one, other, between in zip(borders[::3], borders[1::3], borders[2::3], strict=True):
+        if one and other and between:
+            left.append(one)
+            right.append(other)
+            middle.append(between)
+    dots = [spot for spot in spots if spot]
     if len(middle) < 2 and not dots:
         return None
     return Ribbon(tuple(left), tuple(right), tuple(middle), tuple(dots))

@@ -7,19 +7,21 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from ssp_eval.analysis.curvature import Curve, curves
+from ssp_eval.analysis.failure_table import STAGE_NAMES
 from ssp_eval.evaluate.cell_file import frame_path
 from ssp_eval.labels.model import Label
 from ssp_eval.records import SLOT_NAMES, BehaviourRecord
 from ssp_eval.report.load import CellData
 from ssp_eval.report.projection import overlay
 from ssp_eval.report.spans import Segment, segments
-from ssp_eval.report.tables import STAGE_NAMES
 from ssp_eval.report.topview import top_view
 from ssp_eval.report.walk import Walks, WalkStep
 from ssp_eval.score import Judgement
 from ssp_eval.score.semantics import SlotScore
 from ssp_eval.score.show import NULL
 
+STRAIGHT = "straight"
 HIT, SOFT, MISS, MISSING, MASKED = "hit", "near", "miss", "missing", "masked"
 
 
@@ -69,6 +71,9 @@ class RecordView:
         plan: SVG of the plan.
         picture: path of that newest frame in the campaign folder, empty where it wasn't kept.
         walk: from the score back to K*.
+        curve: how much of the recorded lateral shift follows from the road's curve, in words.
+        curve_reads: the lateral action that the curve alone would be taken for, empty where that
+            is none or not known; it changes no score.
     """
 
     anchor: str
@@ -90,6 +95,8 @@ class RecordView:
     plan: str
     picture: str
     walk: tuple[WalkStep, ...]
+    curve: str
+    curve_reads: str
 
 
 def record_views(cell: CellData) -> list[RecordView]:
@@ -98,8 +105,16 @@ def record_views(cell: CellData) -> list[RecordView]:
         return []
     details = cell.score.details
     walks = Walks(cell)
+    by_time = {curve.label_t_s: curve for curve in curves(cell.requests)}
     return [
-        _view(cell, index, label, judgement, walks.of(index, judgement))
+        _view(
+            cell,
+            index,
+            label,
+            judgement,
+            walks.of(index, judgement),
+            by_time.get(label.t_s, Curve(label.t_s)),
+        )
         for index, (label, judgement) in enumerate(
             zip(cell.labels.labels, details.judgements, strict=True)
         )
@@ -112,6 +127,7 @@ def _view(
     label: Label,
     judgement: Judgement,
     walk: tuple[WalkStep, ...],
+    curve: Curve,
 ) -> RecordView:
     response = None if cell.score is None else cell.score.details.response_record
     record = None if judgement.record is None else cell.records[judgement.record]
@@ -154,7 +170,27 @@ def _view(
         plan=top_view(trajectory, request.get("history", [])),
         picture=_picture(cell, frames),
         walk=walk,
+        curve=_curve(curve),
+        curve_reads="" if curve.reads_as in (None, STRAIGHT) else str(curve.reads_as),
     )
+
+
+def _curve(curve: Curve) -> str:
+    """Of the path that the recorded vehicle drove, not of the model's."""
+    if curve.shift_m is None:
+        return "not known here: the recorded path doesn't reach 1 s ahead"
+    moved = f"the recorded path leads {_sideways(curve.shift_m)} within 1 s"
+    if curve.curve_m is None or curve.curvature_per_m is None:
+        return f"{moved}; its curvature isn't known: it doesn't begin 1 s before"
+    return (
+        f"{moved}, {_sideways(curve.curve_m)} of that from its curvature of "
+        f"{curve.curvature_per_m:+z.4f} 1/m"
+    )
+
+
+def _sideways(shift_m: float) -> str:
+    side = "to the left" if shift_m > 0 else "to the right"
+    return f"{abs(shift_m):.2f} m {side}" if round(abs(shift_m), 2) else "0.00 m aside"
 
 
 def _request(requests: Sequence[dict[str, Any]], label_t_s: float) -> dict[str, Any]:

@@ -1,0 +1,233 @@
+"""What a reader must be told of a set of cells before he compares any of them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from ssp_eval.analysis.control_tables import condition_of
+from ssp_eval.analysis.row import OK, CellRow, entering
+from ssp_eval.analysis.table import Column, Table
+from ssp_eval.analysis.tables import uneven
+from ssp_eval.evaluate.admission import ADMITTED
+from ssp_eval.evaluate.controls import CONDITIONS
+from ssp_eval.report.load import CellData
+
+# Of what a notice is about, as many are named before it only counts.
+MOST_NAMED = 12
+COMPARABILITY, STAND_IN, LEFT_OUT, CONTROLS, LABELS, MEASURED, CELL = (
+    "comparability", "stand_in", "left_out", "controls", "labels", "measured", "cell",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Notice:
+    """One thing to be told.
+
+    Args:
+        kind: comparability, stand_in, left_out, controls, labels, measured or cell.
+        text: one or two sentences; of many names it holds the first and counts the rest.
+        about: every name that it is about: recordings, cells or models.
+        everywhere: it stands under every table, and first on the page.
+    """
+
+    kind: str
+    text: str
+    about: tuple[str, ...] = ()
+    everywhere: bool = False
+
+
+def some(names: Sequence[str], separator: str = ", ") -> str:
+    """The first of many names, and how many more there are."""
+    shown = separator.join(names[:MOST_NAMED])
+    more = len(names) - MOST_NAMED
+    return f"{shown}{separator}and {more} more" if more > 0 else shown
+
+
+def notices(rows: Sequence[CellRow], cells: Sequence[CellData] = ()) -> list[Notice]:
+    """Everything to be told, what stands under every table first.
+
+    Args:
+        rows: of one or several runs.
+        cells: the cells behind the rows; none where only component scores are known.
+    """
+    found = [*_of_rows(rows), *_of_cells(cells)]
+    return sorted(found, key=lambda notice: not notice.everywhere)
+
+
+def everywhere(found: Iterable[Notice]) -> tuple[str, ...]:
+    """What stands under every table."""
+    return tuple(notice.text for notice in found if notice.everywhere)
+
+
+def notice_table(found: Sequence[Notice]) -> Table:
+    """The notices as a table; in CSV and JSON every name that each is about."""
+    columns = (
+        Column("kind", "kind", "text"),
+        Column("text", "notice", "text"),
+        Column("about", "about", "text", printed=False),
+        Column("everywhere", "everywhere", "text", printed=False),
+    )
+    rows = tuple(
+        (one.kind, one.text, "; ".join(one.about), "yes" if one.everywhere else "no")
+        for one in found
+    )
+    return Table("notices", "What to know before comparing", columns, rows)
+
+
+def _of_rows(rows: Sequence[CellRow]) -> Iterable[Notice]:
+    counts = Counter(row.status for row in rows if row.status != OK)
+    for status, count in sorted(counts.items()):
+        names = sorted({" / ".join(row.key) for row in rows if row.status == status})
+        cells = "1 cell was" if count == 1 else f"{count} cells were"
+        text = f"{cells} {status} and {'enters' if count == 1 else 'enter'} no mean: {some(names)}."
+        yield Notice(LEFT_OUT, text, tuple(names))
+    if absent := _absent(rows):
+        missing = "1 cell is" if len(absent) == 1 else f"{len(absent)} cells are"
+        text = (
+            f"Not evaluated: {missing} missing; these models weren't asked about these "
+            f"recordings: {some(absent, '; ')}."
+        )
+        yield Notice(LEFT_OUT, text, tuple(absent))
+    scored = [row.cell() for row in entering(rows)]
+    for subject in ("model", "domain"):
+        for text in uneven(scored, subject):
+            yield Notice(COMPARABILITY, text)
+    yield from _of_controls(rows)
+    if nulls := sorted({" / ".join(row.key) for row in rows if row.ivcs_nulls}):
+        text = f"A component has no denominator and counts as 0 in IVCS: {some(nulls)}."
+        yield Notice(CELL, text, tuple(nulls))
+
+
+def _absent(rows: Sequence[CellRow]) -> list[str]:
+    """Models that weren't asked about a recording that another was asked about."""
+    there = {row.key for row in rows}
+    clips = dict.fromkeys((row.scenario, row.domain) for row in rows)
+    models = dict.fromkeys(row.model for row in rows)
+    return [
+        " / ".join((*clip, model)) for clip in clips for model in models
+        if (*clip, model) not in there
+    ]  # fmt: skip
+
+
+def _of_controls(rows: Sequence[CellRow]) -> Iterable[Notice]:
+    controls = sorted({row.model for row in rows if row.control})
+    models = sorted({row.model for row in rows if not row.control})
+    if not controls:
+        text = (
+            "No controls: nothing here shows that a score comes from seeing, and that the harness "
+            "gives 1 to perfect answers and 0 to none."
+        )
+        yield Notice(CONTROLS, text, (), everywhere=True)
+        return
+    text = (
+        f"{controls[0]} is a control of the harness, not a model; means and ranks leave it out."
+        if len(controls) == 1
+        else f"{', '.join(controls)} are controls of the harness, not models; means and ranks "
+        "leave them out."
+    )
+    yield Notice(CONTROLS, text, tuple(controls))
+    spoilt = {condition_of(name) for name in controls}
+    lacking = [name for name in models if not all((name, c) in spoilt for c in CONDITIONS)]
+    if lacking:
+        text = (
+            f"Not asked with black and with shuffled frames: {some(lacking)}. Nothing here shows "
+            "that such a score comes from seeing."
+        )
+        yield Notice(CONTROLS, text, tuple(lacking))
+
+
+def _of_cells(cells: Sequence[CellData]) -> Iterable[Notice]:
+    yield from _comparability(cells)
+    every = _recordings(cells)
+    if names := _recordings(cell for cell in cells if cell.facts.stand_in):
+        text = f"Physical is a software stand-in here, not a vehicle: {some(names)}."
+        yield Notice(STAND_IN, text, tuple(names), everywhere=True)
+    yield from _outside(cells)
+    if names := _recordings(cell for cell in cells if cell.facts.labels_proposed):
+        text = (
+            "Labels stand as they were proposed from ground truth; no person has reviewed them: "
+            f"{'all recordings' if names == every else some(names)}."
+        )
+        yield Notice(LABELS, text, tuple(names))
+    if names := _assumed(cells):
+        yield Notice(MEASURED, f"Not measured: {some(names, '; ')}.", tuple(names))
+    for cell in cells:
+        name = f"{cell.scenario} / {cell.domain} / {cell.model}"
+        if cell.score is not None and (ignored := len(cell.score.details.unmatched_records)):
+            records = "1 record matches" if ignored == 1 else f"{ignored} records match"
+            ignoring = "is ignored" if ignored == 1 else "are ignored"
+            yield Notice(CELL, f"{name}: {records} no label and {ignoring}.", (name,))
+        for note in cell.notes:
+            yield Notice(CELL, f"{name}: {note}", (name,))
+
+
+def _comparability(cells: Sequence[CellData]) -> Iterable[Notice]:
+    again = "Evaluate all models again with the same ones."
+    told = (
+        ("bag", "different recordings"), ("labels", "different labels"),
+    )  # fmt: skip
+    for key, what in told:
+        if names := _mixed(cells, key):
+            text = f"Not comparable: the cells of {some(names)} are of {what}. {again}"
+            yield Notice(COMPARABILITY, text, tuple(names), everywhere=True)
+    versions: dict[str, set[str]] = {}
+    for cell in cells:
+        if cell.score is not None:
+            versions.setdefault(cell.scenario, set()).add(cell.facts.event_version)
+    if names := sorted(name for name, found in versions.items() if len(found) > 1):
+        text = f"Not comparable: the cells of {some(names)} are of different versions of K*."
+        yield Notice(COMPARABILITY, text, tuple(names), everywhere=True)
+    extractors = {cell.facts.hashes.get("extractor") for cell in cells if cell.score is not None}
+    if len(extractors) > 1:
+        text = (
+            f"Not comparable: the texts of these cells were read by {len(extractors)} different "
+            "extractors (rules of another version, or with and without an LLM). Evaluate all "
+            "models again in the same way; stored answers are not asked for again."
+        )
+        yield Notice(COMPARABILITY, text, (), everywhere=True)
+
+
+def _mixed(cells: Sequence[CellData], key: str) -> list[str]:
+    """Recordings that were put in the place of others, or labels, when only some models had been
+    asked again."""
+    found: dict[str, set[str | None]] = {}
+    for cell in cells:
+        if cell.score is not None:
+            name = f"{cell.scenario} / {cell.domain}"
+            found.setdefault(name, set()).add(cell.facts.hashes.get(key))
+    return sorted(name for name, told in found.items() if len(told) > 1)
+
+
+def _outside(cells: Sequence[CellData]) -> Iterable[Notice]:
+    """Scored recordings that stay out of domain means, by what the audit says of them."""
+    found: dict[str, list[CellData]] = {}
+    for cell in cells:
+        if cell.score is not None and cell.admission != ADMITTED:
+            found.setdefault(cell.admission, []).append(cell)
+    for status, group in sorted(found.items()):
+        names = _recordings(group)
+        why = (
+            f"Unpaired: the transfer audit refused a partner of {some(names)}."
+            if status == "unpaired"
+            else f"Unaudited: no transfer audit was given for {some(names)}, so nothing shows that "
+            "they hold the same event."
+        )
+        text = f"{why} They are scored and stay out of domain means."
+        yield Notice(LEFT_OUT, text, tuple(names), everywhere=True)
+
+
+def _recordings(cells: Iterable[CellData]) -> list[str]:
+    return sorted({f"{cell.scenario} / {cell.domain}" for cell in cells})
+
+
+def _assumed(cells: Sequence[CellData]) -> list[str]:
+    return sorted(
+        {
+            f"{cell.scenario} / {cell.domain}: ego motion {cell.facts.clip.ego}, camera "
+            f"{cell.facts.clip.camera}"
+            for cell in cells
+            if (cell.facts.clip.ego, cell.facts.clip.camera) != ("measured", "measured")
+        }
+    )
