@@ -21,6 +21,8 @@ _PR_SET_PDEATHSIG = 1
 _SHM = Path("/dev/shm")
 _MIN_FREE_SHM_BYTES = 512 << 20
 _ANSWER_S = 1.0
+# A node's matrices are small, and threads for large ones cost each start 40 ms of a processor.
+_ONE_THREAD = ("OPENBLAS_NUM_THREADS", "1")
 
 
 def session_environment(domain_id: int, profile: Path | None = None) -> dict[str, str]:
@@ -37,6 +39,7 @@ def session_environment(domain_id: int, profile: Path | None = None) -> dict[str
     env["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     env["RMW_IMPLEMENTATION"] = "rmw_fastrtps_cpp"
     env["PYTHONUNBUFFERED"] = "1"
+    env.setdefault(*_ONE_THREAD)
     env.pop("ROS_STATIC_PEERS", None)
     if profile is not None and _SHM.is_dir() and shutil.disk_usage(_SHM).free > _MIN_FREE_SHM_BYTES:
         env["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(profile)
@@ -60,6 +63,7 @@ def live_environment(profile: Path) -> dict[str, str]:
         # say. A super client hears of everybody.
         env.setdefault("ROS_SUPER_CLIENT", "TRUE")
     env["PYTHONUNBUFFERED"] = "1"
+    env.setdefault(*_ONE_THREAD)
     return env
 
 
