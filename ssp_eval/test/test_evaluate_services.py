@@ -33,11 +33,14 @@ PLAN = {
 
 
 class Service(ThreadingHTTPServer):
-    """A model behind HTTP, with a key if it has one, and busy for some of its requests."""
+    """A model behind HTTP, with a key if it has one, busy for some of its requests or silent."""
 
-    def __init__(self, key: str = "", busy_at: tuple[int, ...] = ()) -> None:
+    def __init__(
+        self, key: str = "", busy_at: tuple[int, ...] = (), silent_at: tuple[int, ...] = ()
+    ) -> None:
         super().__init__(("127.0.0.1", 0), _Handler)
-        self.key, self.busy_at, self.asked = key, busy_at, 0
+        self.key, self.busy_at, self.silent_at, self.asked = key, busy_at, silent_at, 0
+        self.ended = threading.Event()
 
     @property
     def url(self) -> str:
@@ -72,6 +75,9 @@ class _Handler(BaseHTTPRequestHandler):
         if not self._allowed():
             return
         self.server.asked += 1
+        if self.server.asked - 1 in self.server.silent_at:
+            self.server.ended.wait(60.0)
+            return
         if self.server.asked - 1 in self.server.busy_at:
             self._reply(503, {"error": "busy"}, **{"Retry-After": "1"})
             return
@@ -90,6 +96,7 @@ def serving(**options: Any) -> Iterator[Service]:
         try:
             yield service
         finally:
+            service.ended.set()
             service.shutdown()
             thread.join()
 
@@ -141,6 +148,25 @@ def test_a_request_that_a_service_didn_t_take_is_asked_again(
     assert (again.missing, again.again, service.asked) == (0, 2, 11)
     answers = json.loads((again.folder / "cell.json").read_text())["answers"]
     assert (answers["asked_again"], answers["sent"]) == (2, 9)
+
+
+def test_a_service_that_hangs_is_asked_again_only_where_that_is_wanted(
+    make_bag: BagMaker, tmp_path: Path
+) -> None:
+    """Two in a row: a bridge that is at a request still would be started again, this one isn't."""
+    bag = make_bag()
+    with serving(silent_at=(2, 3)) as service:
+        model = ModelSpec("m", {"url": service.url, "timeout_s": 1.0}, backend="http")
+        (once,) = evaluate(bag, tmp_path / "once", model)
+        assert (dict(once.losses), service.asked) == ({"no answer in time": 2}, 9)
+        asked = [json.loads(line) for line in (once.folder / "requests.jsonl").open()]
+        assert "error 1: " in asked[2]["missing"]
+        assert "no whole answer within 1 s" in asked[2]["missing"]
+        log = (tmp_path / "once" / "logs" / "bridge_m.log").read_text()
+        assert log.count("is ready") == 1
+        service.asked = 0
+        (again,) = evaluate(bag, tmp_path / "again", model, retry_errors=2, retry_pause_s=0.0)
+    assert (again.missing, again.again, service.asked) == (0, 2, 11)
 
 
 def test_the_time_to_start_is_an_option(make_bag: BagMaker, tmp_path: Path) -> None:

@@ -69,6 +69,7 @@ class Trouble:
         reason: for people.
         safe: nothing was answered, so that asking again costs nothing.
         lost: an answer may have been made.
+        late: no whole answer came within the time that it had.
         wait_s: that the server asks for, None: it doesn't say.
     """
 
@@ -76,6 +77,7 @@ class Trouble:
     reason: str
     safe: bool = False
     lost: bool = False
+    late: bool = False
     wait_s: float | None = None
 
 
@@ -93,11 +95,13 @@ class NoAnswer(PeerError):
     Args:
         message: the line.
         not_taken: the service was away or too busy to take the request; later it may.
+        late: no whole answer came in time; another time it may.
     """
 
-    def __init__(self, message: str, not_taken: bool = False) -> None:
+    def __init__(self, message: str, not_taken: bool = False, late: bool = False) -> None:
         super().__init__(message)
         self.not_taken = not_taken
+        self.late = late
 
 
 class Chat(Protocol):
@@ -208,7 +212,7 @@ class OpenAIChat:
             left_s = None if end_s is None else end_s - time.monotonic()
             if left_s is not None and left_s <= 0.0:
                 over = Trouble("deadline", "the time for an answer is over")
-                raise NoAnswer(self._message(over, tries))
+                raise NoAnswer(self._message(over, tries), late=True)
             limit_s = policy.timeout_s if left_s is None else min(policy.timeout_s, left_s)
             key = self._key or NO_KEY
             came = self._http.exchange(self._url, key, request, limit_s, policy.max_bytes)
@@ -219,7 +223,8 @@ class OpenAIChat:
             left_s = None if end_s is None else end_s - time.monotonic()
             wait_s = pause_s(policy, trouble, tries, left_s)
             if wait_s is None:
-                raise NoAnswer(self._message(trouble, tries), trouble.kind in _NOT_TAKEN)
+                not_taken = trouble.kind in _NOT_TAKEN
+                raise NoAnswer(self._message(trouble, tries), not_taken, trouble.late)
             self._note(f"{self._shown_url}: {trouble.reason}; trying again in {wait_s:g} s")
             self._sleep(wait_s)
 
@@ -227,11 +232,13 @@ class OpenAIChat:
         """What came, as trouble without the key in it, or the body of an answer."""
         kinds = self._http.Failure
         if isinstance(came, self._http.Failed):
+            late = came.failure is kinds.LATE
             return Trouble(
-                came.failure.value,
+                (kinds.LOST if late else came.failure).value,
                 redact(" ".join(came.reason.split()), self._key),
                 safe=came.failure is kinds.UNREACHABLE,
-                lost=came.failure is kinds.LOST,
+                lost=late or came.failure is kinds.LOST,
+                late=late,
             )
         code = came.status
         if code != 200:

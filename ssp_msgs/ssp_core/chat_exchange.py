@@ -33,12 +33,14 @@ class Failure(Enum):
 
     UNREACHABLE: no connection, so nothing was asked.
     LOST: it was asked; a whole reply didn't come, though it may have been made.
+    LATE: the same, and the time that it had is over.
     TOO_LARGE: the reply exceeds the limit, and would again.
     UNSENDABLE: no request can be made of this.
     """
 
     UNREACHABLE = "unreachable"
     LOST = "lost"
+    LATE = "late"
     TOO_LARGE = "too_large"
     UNSENDABLE = "unsendable"
 
@@ -86,7 +88,7 @@ def exchange(
 async def _exchange(
     base_url: str, key: str, request: Mapping[str, Any], limit_s: float, max_bytes: int
 ) -> Received | Failed:
-    silent = Failed(Failure.LOST, f"no whole answer within {limit_s:.3g} s")
+    silent = Failed(Failure.LATE, f"no whole answer within {limit_s:.3g} s")
     timeout = openai.Timeout(limit_s, connect=min(_CONNECT_S, limit_s))
     try:
         async with (

@@ -13,14 +13,14 @@ from contextlib import ExitStack
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from types import TracebackType
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 from ssp_core.bag import BagMessage, BagReader
 from ssp_core.bag.frames import Frames
 from ssp_core.bag.image_messages import IMAGE_TYPES
 from ssp_core.camera import Mounting
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
+from ssp_core.closing import Closing
 from ssp_core.errors import InputError
 from ssp_core.messages import object_state, peek_stamp_ns
 from ssp_core.names import CAMERA_IMAGE, CAMERA_INFO, CAMERA_MOUNT, VUT_ID, absolute, state_topic
@@ -61,7 +61,7 @@ class _Entries:
         return _Entry(self.stamps_ns[index], self._log_times_ns[index])
 
 
-class Clip:
+class Clip(Closing):
     """A recorded session or an imported video, open for evaluation; a context manager.
 
     Args:
@@ -236,14 +236,3 @@ class Clip:
 
     def close(self) -> None:
         self._stack.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()

@@ -6,9 +6,8 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
+from ssp_core.closing import Closing
 from ssp_core.errors import HostError, InputError
 from ssp_eval.evaluate.admission import NO_AUDIT, Admission
 from ssp_eval.evaluate.asker import Askers
@@ -73,7 +72,7 @@ class Job:
     admission: Admission = NO_AUDIT
 
 
-class JobRunner:
+class JobRunner(Closing):
     """Does jobs one after the other; bridges are kept until the block ends.
 
     Args:
@@ -127,17 +126,6 @@ class JobRunner:
     def close(self) -> None:
         """Ends the bridges."""
         self._stack.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
 
 def _check_same(job: Job, labelled: LabelledClip) -> None:

@@ -71,6 +71,8 @@ class TopicAsker:
         link: the model's topics.
         timeouts: for an answer and for a start.
         start: starts the bridge (again); None: it is attached and not ours.
+        gives_up: the backend gives up by itself, so that its bridge is free again after the error
+            that says so.
     """
 
     def __init__(
@@ -81,6 +83,7 @@ class TopicAsker:
         link: Link,
         timeouts: Timeouts,
         start: Callable[[], NodeProcess] | None,
+        gives_up: bool = False,
     ) -> None:
         self._model = model
         self._transport = transport
@@ -88,6 +91,7 @@ class TopicAsker:
         self._link = link
         self._timeouts = timeouts
         self._start = start
+        self._gives_up = gives_up
         self.process: NodeProcess | None = None
         self._deaths = 0
         self._out_of_time = False
@@ -151,17 +155,24 @@ class TopicAsker:
 
         A model that doesn't come back from one request would cost all those after it, too. So when
         two in a row have no answer in time, a bridge that was started here is started again and
-        asked the second one once more. One alone may have been slow, as first requests are.
+        asked the second one once more. One alone may have been slow, as first requests are. A
+        backend that gives up by itself comes back: its question isn't asked, and paid for, twice.
         """
         reply = self._ask(request)
-        if self._out_of_time and _no_time(reply) and self._may_free():
+        if self._out_of_time and self._no_time(reply) and self._may_free():
             self._freed += 1
             self.stop()
             reply = self._ask(request)
-        self._out_of_time = _no_time(reply)
+        self._out_of_time = self._no_time(reply)
         if not self._out_of_time:
             self._freed = 0
         return reply
+
+    def _no_time(self, reply: Reply) -> bool:
+        """Whether the model may be at the request still."""
+        if reply.response is None:
+            return reply.loss is Loss.SILENT
+        return reply.response.error_code == ErrorCode.TIMEOUT and not self._gives_up
 
     def _may_free(self) -> bool:
         return self.process is not None and self._freed < _MAX_RESTARTS
@@ -204,9 +215,3 @@ class TopicAsker:
         tail = self.process.log_tail(3).strip().replace("\n", " | ")
         how = f"the bridge {what} ({self.process.describe_exit()})"
         return f"{how}: {tail}" if tail else how
-
-
-def _no_time(reply: Reply) -> bool:
-    if reply.response is None:
-        return reply.loss is Loss.SILENT
-    return reply.response.error_code == ErrorCode.TIMEOUT

@@ -103,7 +103,8 @@ class TopicAskers:
         start = None if model.attached else lambda: self._start(model, text, timeouts.answer_s)
         if known is not None:
             known[1].stop()
-        asker = TopicAsker(model.name, transport, exchange, link, timeouts, start)
+        gives_up = not model.attached and model.backend_name in OPTION_TIMEOUT
+        asker = TopicAsker(model.name, transport, exchange, link, timeouts, start, gives_up)
         self._askers[model.name] = text, asker
         asker.connect()
         return asker

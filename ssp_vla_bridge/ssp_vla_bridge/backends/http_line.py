@@ -23,6 +23,10 @@ class BrokenError(Exception):
     """The exchange failed after the service may have taken the request; says how."""
 
 
+class LateError(BrokenError):
+    """The exchange wasn't done in time."""
+
+
 @dataclass(frozen=True)
 class Reply:
     """What came back.
@@ -76,12 +80,13 @@ class Line:
 
         Raises:
             RefusedError: the connection was refused.
+            LateError: it wasn't done in time.
             BrokenError: anything else went wrong.
         """
         try:
             return asyncio.run(self._within(path, body, timeout_s))
         except TimeoutError:
-            raise BrokenError(f"no whole answer within {timeout_s:.3g} s") from None
+            raise LateError(f"no whole answer within {timeout_s:.3g} s") from None
         except aiohttp.ClientConnectorError as error:
             if error.os_error.errno == errno.ECONNREFUSED:
                 raise RefusedError("nobody listens there (connection refused)") from error

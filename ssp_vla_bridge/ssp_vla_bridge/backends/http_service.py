@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 from ssp_core.errors import InputError, PeerError
 from ssp_core.secret import gives_away, redact
-from ssp_vla_bridge.backends.http_line import BrokenError, Line, RefusedError, Reply
-from ssp_vla_bridge.core.backend import NotTakenError
+from ssp_vla_bridge.backends.http_line import BrokenError, LateError, Line, RefusedError, Reply
+from ssp_vla_bridge.core.backend import NoTimeError, NotTakenError
 from ssp_vla_bridge.core.http_form import (
     Health,
     ServiceAnswer,
@@ -99,12 +99,13 @@ class HttpService:
 
         Raises:
             NotTakenError: the service didn't take the request.
+            NoTimeError: it gave no whole answer in time.
             PeerError: there is no answer, for the reason that it says.
             InputError: the interface's prompt can't ask what the task asks.
         """
         deadline_s = time.monotonic() + self._patience.timeout_s
         if not self._one_at_a_time.acquire(timeout=self._patience.timeout_s):
-            raise self._error("the request before this one isn't answered yet")
+            raise NoTimeError(self._text("the request before this one isn't answered yet"))
         try:
             if not self._ready:
                 self._require_ready(min(_HEALTH_S, _left_s(deadline_s)))
@@ -122,6 +123,8 @@ class HttpService:
             reply = self._line.exchange("/health", None, timeout_s)
         except RefusedError as error:
             raise NotTakenError(self._text(str(error))) from error
+        except LateError as error:
+            raise NoTimeError(self._text(str(error))) from error
         except BrokenError as error:
             raise self._error(str(error)) from error
         self._check_status(reply, "/health")
@@ -141,6 +144,8 @@ class HttpService:
             except RefusedError as error:
                 self._ready = False
                 reason = str(error)
+            except LateError as error:
+                raise NoTimeError(self._text(str(error))) from error
             except BrokenError as error:
                 raise self._error(str(error)) from error
             else:

@@ -23,7 +23,7 @@ from ssp_core.chat_reply import Completion, NoCompletion, read_completion
 from ssp_core.errors import PeerError
 from ssp_core.hashing import sha256_bytes, sha256_json
 from ssp_vla_bridge.backends.openai_options import Options, read_options
-from ssp_vla_bridge.core.backend import NotTakenError
+from ssp_vla_bridge.core.backend import NoTimeError, NotTakenError
 from ssp_vla_bridge.core.previous import previous_stage
 from ssp_vla_bridge.core.prompts import Prompt, find_stages
 from ssp_vla_bridge.core.request import Frame, Request
@@ -76,11 +76,12 @@ class OpenAIBackend:
 
         Raises:
             NotTakenError: the server is away or too busy; the line names the stage and says why.
+            NoTimeError: there is no whole answer in time.
             PeerError: a stage has no answer for another reason.
         """
         end_s = time.monotonic() + self._options.timeout_s
         if not self._turn.acquire(timeout=self._options.timeout_s):
-            raise PeerError(f"waited {self._options.timeout_s:g} s for the answer before")
+            raise NoTimeError(f"waited {self._options.timeout_s:g} s for the answer before")
         try:
             return self._answer(request, end_s)
         finally:
@@ -110,8 +111,7 @@ class OpenAIBackend:
             reply = self._chat.request(messages, self._options.parameters, end_s - begun_s)
             completion, text = _read(reply)
         except PeerError as error:
-            kind = NotTakenError if isinstance(error, NoAnswer) and error.not_taken else PeerError
-            raise kind(f"stage {name}: {error}") from None
+            raise _kind_of(error)(f"stage {name}: {error}") from None
         return _Said(name, prompt, text, completion, reply.tries, time.monotonic() - begun_s)
 
     def _picture(self, frame: Frame) -> dict[str, Any]:
@@ -146,6 +146,13 @@ class OpenAIBackend:
     @property
     def _carries_intent(self) -> bool:
         return self._options.interface == "openemma"
+
+
+def _kind_of(error: PeerError) -> type[PeerError]:
+    """What to raise in the place of an error of the chat."""
+    if isinstance(error, NoAnswer) and error.not_taken:
+        return NotTakenError
+    return NoTimeError if isinstance(error, NoAnswer) and error.late else PeerError
 
 
 def _read(reply: Reply) -> tuple[Completion, str]:

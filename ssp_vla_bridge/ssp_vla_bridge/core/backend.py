@@ -56,6 +56,10 @@ class NotTakenError(PeerError):
     """The service did not take the request: nobody listens, or it is busy. Later it may."""
 
 
+class NoTimeError(PeerError):
+    """The service gave no whole answer in time; another time it may."""
+
+
 class Backend(Protocol):
     """A model, whatever it is; it sees the request and nothing else."""
 
@@ -186,7 +190,8 @@ def respond(backend: Backend, model: str, request: Request) -> Outcome:
 
     A request that can't be answered is ERROR_BAD_REQUEST and doesn't reach the backend; an
     exception of the backend is ERROR_BACKEND with its last line as the message. A request that a
-    service behind the backend didn't take is ERROR_OVERLOAD, as one that finds the queue full.
+    service behind the backend didn't take is ERROR_OVERLOAD, as one that finds the queue full, and
+    one that it gave no answer to in time is ERROR_TIMEOUT, as one that the bridge waited for.
     """
     blank = Response(request.request_id, request.stamp_ns, model, backend.model_id)
     problems = request_problems(request)
@@ -205,6 +210,8 @@ def respond(backend: Backend, model: str, request: Request) -> Outcome:
         )
     except NotTakenError as error:
         return Outcome(failure(blank, ErrorCode.OVERLOAD, str(error)))
+    except NoTimeError as error:
+        return Outcome(failure(blank, ErrorCode.TIMEOUT, str(error)))
     except SspError as error:  # written for people; where in the code it was raised says no more
         return Outcome(failure(blank, ErrorCode.BACKEND, str(error)))
     except Exception as error:  # a model's failure costs one answer and goes to the caller's log
