@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -52,7 +51,7 @@ def notices(rows: Sequence[CellRow], cells: Sequence[CellData] = ()) -> list[Not
         rows: of one or several runs.
         cells: the cells behind the rows; none where only component scores are known.
     """
-    found = [*_of_rows(rows), *_of_cells(cells)]
+    found = [*_of_rows(rows), *_comparability(rows, cells), *_of_cells(cells)]
     return sorted(found, key=lambda notice: not notice.everywhere)
 
 
@@ -77,11 +76,10 @@ def notice_table(found: Sequence[Notice]) -> Table:
 
 
 def _of_rows(rows: Sequence[CellRow]) -> Iterable[Notice]:
-    counts = Counter(row.status for row in rows if row.status != OK)
-    for status, count in sorted(counts.items()):
+    for status in sorted({row.status for row in rows if row.status != OK}):
         names = sorted({" / ".join(row.key) for row in rows if row.status == status})
-        cells = "1 cell was" if count == 1 else f"{count} cells were"
-        text = f"{cells} {status} and {'enters' if count == 1 else 'enter'} no mean: {some(names)}."
+        cells = "1 cell enters" if len(names) == 1 else f"{len(names)} cells enter"
+        text = f"{status.capitalize()}: {cells} no mean: {some(names, '; ')}."
         yield Notice(LEFT_OUT, text, tuple(names))
     if absent := _absent(rows):
         missing = "1 cell is" if len(absent) == 1 else f"{len(absent)} cells are"
@@ -139,7 +137,6 @@ def _of_controls(rows: Sequence[CellRow]) -> Iterable[Notice]:
 
 
 def _of_cells(cells: Sequence[CellData]) -> Iterable[Notice]:
-    yield from _comparability(cells)
     every = _recordings(cells)
     if names := _recordings(cell for cell in cells if cell.facts.stand_in):
         text = f"Physical is a software stand-in here, not a vehicle: {some(names)}."
@@ -163,23 +160,26 @@ def _of_cells(cells: Sequence[CellData]) -> Iterable[Notice]:
             yield Notice(CELL, f"{name}: {note}", (name,))
 
 
-def _comparability(cells: Sequence[CellData]) -> Iterable[Notice]:
+def _comparability(rows: Sequence[CellRow], cells: Sequence[CellData]) -> Iterable[Notice]:
+    """Within each run: another run may be of other recordings of the same event."""
+    runs = [
+        (row.run, cell)
+        for row, cell in zip(rows, cells, strict=bool(cells))
+        if cell.score is not None
+    ]
     again = "Evaluate all models again with the same ones."
-    told = (
-        ("bag", "different recordings"), ("labels", "different labels"),
-    )  # fmt: skip
-    for key, what in told:
-        if names := _mixed(cells, key):
+    for key, what in (("bag", "different recordings"), ("labels", "different labels")):
+        told = (
+            (run, f"{cell.scenario} / {cell.domain}", cell.facts.hashes.get(key))
+            for run, cell in runs
+        )
+        if names := _several(told):
             text = f"Not comparable: the cells of {some(names)} are of {what}. {again}"
             yield Notice(COMPARABILITY, text, tuple(names), everywhere=True)
-    versions: dict[str, set[str]] = {}
-    for cell in cells:
-        if cell.score is not None:
-            versions.setdefault(cell.scenario, set()).add(cell.facts.event_version)
-    if names := sorted(name for name, found in versions.items() if len(found) > 1):
+    if names := _several((run, cell.scenario, cell.facts.event_version) for run, cell in runs):
         text = f"Not comparable: the cells of {some(names)} are of different versions of K*."
         yield Notice(COMPARABILITY, text, tuple(names), everywhere=True)
-    extractors = {cell.facts.hashes.get("extractor") for cell in cells if cell.score is not None}
+    extractors = {cell.facts.hashes.get("extractor") for _, cell in runs}
     if len(extractors) > 1:
         text = (
             f"Not comparable: the texts of these cells were read by {len(extractors)} different "
@@ -189,15 +189,16 @@ def _comparability(cells: Sequence[CellData]) -> Iterable[Notice]:
         yield Notice(COMPARABILITY, text, (), everywhere=True)
 
 
-def _mixed(cells: Sequence[CellData], key: str) -> list[str]:
-    """Recordings that were put in the place of others, or labels, when only some models had been
-    asked again."""
-    found: dict[str, set[str | None]] = {}
-    for cell in cells:
-        if cell.score is not None:
-            name = f"{cell.scenario} / {cell.domain}"
-            found.setdefault(name, set()).add(cell.facts.hashes.get(key))
-    return sorted(name for name, told in found.items() if len(told) > 1)
+def _several(told: Iterable[tuple[str, str, str | None]]) -> list[str]:
+    """Names that have several values in one run.
+
+    Args:
+        told: run, name and value.
+    """
+    found: dict[tuple[str, str], set[str | None]] = {}
+    for run, name, value in told:
+        found.setdefault((run, name), set()).add(value)
+    return sorted({name for (_, name), values in found.items() if len(values) > 1})
 
 
 def _outside(cells: Sequence[CellData]) -> Iterable[Notice]:

@@ -99,8 +99,8 @@ class Table:
 
     @property
     def all_notes(self) -> tuple[str, ...]:
-        """The notes, the last of them the one that stands under every table."""
-        return (*self.notes, DISCLAIMER)
+        """What stands under it: notices, notes, and last what stands under every table."""
+        return (*self.notices, *self.notes, DISCLAIMER)
 
 
 @dataclass(frozen=True)
@@ -114,8 +114,13 @@ class Shown:
         return self.text if self.n is None else f"{self.text} (n={self.n})"
 
 
-def texts(table: Table, row: Sequence[Value]) -> list[Shown]:
-    """The values of a row as people read them."""
+def texts(table: Table, row: Sequence[Value]) -> list[str]:
+    """The values of a row as people read them; a mean shows its n where the row's n differs."""
+    return [str(field) for field in fields(table, row)]
+
+
+def fields(table: Table, row: Sequence[Value]) -> list[Shown]:
+    """As texts, with the n of a mean apart from it."""
     usual = next(
         (v for c, v in zip(table.columns, row, strict=True) if c.key == "n" and isinstance(v, int)),
         None,

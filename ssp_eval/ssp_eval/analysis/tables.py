@@ -39,15 +39,12 @@ _GROUPINGS = (
 MEAN_TABLES = tuple(name for name, _, _ in _GROUPINGS)
 
 
-def all_tables(
-    rows: Sequence[CellRow], reference: str | None = None, notices: Iterable[str] = ()
-) -> list[Table]:
+def all_tables(rows: Sequence[CellRow], reference: str | None = None) -> list[Table]:
     """Every table that rows alone give.
 
     Args:
         rows: of one or several runs.
         reference: model that the foundation models are compared with.
-        notices: to stand under every table; see notices.py.
 
     Raises:
         InputError: no cell is of that model.
@@ -63,7 +60,7 @@ def all_tables(
         told = (*uneven(cells, subject), *_left_out(cells, (subject,)), *notes)
         found.append(rank_table(cells, subject, told))
     found += control_tables(rows)
-    return with_notices(found, notices)
+    return found
 
 
 def with_notices(tables: Iterable[Table], notices: Iterable[str]) -> list[Table]:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict
 from pathlib import Path
 
 from ssp_core import __version__
 from ssp_core.files import make_folder, write_json, write_text
 from ssp_eval.analysis.formats import FORMATS, to_data
+from ssp_eval.analysis.notices import Notice
 from ssp_eval.analysis.resample import LEVEL
 from ssp_eval.analysis.statistics import Options
 from ssp_eval.analysis.table import Table
@@ -18,13 +20,19 @@ STATISTICS_FILE = "statistics.json"
 STATISTICS_SCHEMA = "ssp.statistics/1"
 
 
-def write_tables(folder: Path, tables: Iterable[Table], formats: Sequence[str]) -> list[Path]:
+def write_tables(
+    folder: Path,
+    tables: Iterable[Table],
+    formats: Sequence[str],
+    on_table: Callable[[], None] = lambda: None,
+) -> list[Path]:
     """Writes each table in each format, as ``<name>.csv``, ``.tex``, ``.json``, ``.html``.
 
     Args:
         folder: made where it isn't there.
         tables: with different names.
         formats: keys of FORMATS.
+        on_table: called once for each table.
 
     Raises:
         InputError: the folder can't be written to.
@@ -37,10 +45,13 @@ def write_tables(folder: Path, tables: Iterable[Table], formats: Sequence[str]) 
             path = folder / f"{table.name}{suffix}"
             write_text(path, convert(table))
             written.append(path)
+        on_table()
     return written
 
 
-def write_statistics(folder: Path, tables: Iterable[Table], options: Options) -> Path:
+def write_statistics(
+    folder: Path, tables: Iterable[Table], options: Options, notices: Sequence[Notice] = ()
+) -> Path:
     """Writes ``statistics.json``: all digits of the statistics, and what they were made with."""
     path = make_folder(folder) / STATISTICS_FILE
     write_json(
@@ -54,6 +65,7 @@ def write_statistics(folder: Path, tables: Iterable[Table], options: Options) ->
             "thresholds": DEFAULT.sha256,
             "software": f"ssp {__version__}",
             "note": DISCLAIMER,
+            "notices": [asdict(notice) for notice in notices],
             "tables": [to_data(table) for table in tables],
         },
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import click
@@ -12,13 +13,15 @@ from ssp_core import console
 from ssp_core.errors import InputError
 from ssp_eval.analysis.bootstrap import RESAMPLES, SEED
 from ssp_eval.analysis.cells_csv import rows_from_csv
+from ssp_eval.analysis.failure_table import failures_by_cell, failures_by_model
 from ssp_eval.analysis.formats import FORMATS
+from ssp_eval.analysis.notices import everywhere, notice_table, notices
 from ssp_eval.analysis.row import CellRow
 from ssp_eval.analysis.rows import rows_from_cells
 from ssp_eval.analysis.statistics import Options, compute, steps_of
 from ssp_eval.analysis.statistics_tables import statistics_tables
 from ssp_eval.analysis.table import Table
-from ssp_eval.analysis.tables import all_tables
+from ssp_eval.analysis.tables import all_tables, with_notices
 from ssp_eval.analysis.write import write_statistics, write_tables
 from ssp_eval.figures.command import CHOICES, OVERLAYS, WantedFigures, draw_figures
 from ssp_eval.report.load import CellData, cell_files, load_cells
@@ -171,18 +174,19 @@ def report(
         raise click.UsageError("--out belongs to --from-cells; use --tables DIR")
     if tables is None and figures is None and (reference is not None or repeats):
         raise click.UsageError("--reference and --repeat need --tables DIR or --figures DIR")
-    if drawn is not None:
-        data, rows = _runs((out_dir, *repeats))
-        own = load_cells(out_dir) if repeats else data
-        draw_figures(drawn, rows, out_dir, own)
     analysis: Sequence[Table] = ()
-    if tables is not None:
+    is_wanted = tables is not None or drawn is not None
+    if is_wanted or len(cell_files(out_dir)) <= MOST_ANALYSED:
         data, rows = _runs((out_dir, *repeats))
-        wanted = _Wanted(tables, formats, reference, options)
-        analysis = _analyse(rows, data, wanted, statistics=tables)
-    elif len(cell_files(out_dir)) <= MOST_ANALYSED:
-        data, rows = _runs((out_dir,))
-        analysis = _statistics(rows, data, options)
+        if drawn is not None:
+            draw_figures(drawn, rows, out_dir, data[: len(cell_files(out_dir))])
+        if tables is not None:
+            wanted = _Wanted(tables, formats, reference, options)
+            analysis = _analyse(rows, data, wanted, statistics=tables)
+        elif len(data) <= MOST_ANALYSED:
+            analysis = _statistics(rows, data, options)
+        # A page is made of one cell after the other; it needs its memory more than a second read.
+        del data, rows
     with console.progress("report", None) as bar:
         task = bar.task_ids[0]
         target = write_report(
@@ -203,7 +207,10 @@ def _runs(folders: Iterable[Path]) -> tuple[list[CellData], list[CellRow]]:
     for folder, name in zip(given, names, strict=True):
         if sum(other.resolve() == folder.resolve() for other in given) > 1:
             raise InputError("is given twice", file=folder, remedy="give each campaign once")
-        cells = load_cells(folder)
+        count = len(cell_files(folder))
+        with console.progress("read cells", count) as bar:
+            task = bar.task_ids[0]
+            cells = load_cells(folder, partial(bar.advance, task))
         data += cells
         run = name if names.count(name) == 1 else str(folder)
         rows += rows_from_cells(cells, run if len(given) > 1 else "")
@@ -221,10 +228,18 @@ def _analyse(
     rows: Sequence[CellRow], data: Sequence[CellData], wanted: _Wanted, statistics: Path
 ) -> list[Table]:
     """Computes everything before anything is written."""
-    plain = all_tables(rows, wanted.reference)
-    shown = _statistics(rows, data, wanted.options)
-    written = write_tables(wanted.folder, [*plain, *shown], wanted.formats)
-    target = write_statistics(statistics, shown, wanted.options)
+    told = notices(rows, data)
+    plain = [*all_tables(rows, wanted.reference), notice_table(told)]
+    if data:
+        plain += [failures_by_cell(data), failures_by_model(data)]
+    shown = with_notices(_statistics(rows, data, wanted.options), everywhere(told))
+    plain = with_notices(plain, everywhere(told))
+    with console.progress("tables", len(plain) + len(shown)) as bar:
+        task = bar.task_ids[0]
+        written = write_tables(
+            wanted.folder, [*plain, *shown], wanted.formats, partial(bar.advance, task)
+        )
+    target = write_statistics(statistics, shown, wanted.options, told)
     click.echo(f"{wanted.folder} ({len(written)} files)")
     click.echo(f"{target}")
     return shown

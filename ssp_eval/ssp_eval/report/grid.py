@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 from ssp_eval.analysis.failure_table import NONE, STAGE_NAMES
-from ssp_eval.analysis.table import Column, Table, Value, texts
+from ssp_eval.analysis.table import Column, Table, Value, fields
 from ssp_eval.score.aggregate import Mean
 
 # Beyond, a table is folded up.
@@ -73,7 +73,7 @@ def grid(
     heads = tuple(Field(column.title, "", _look(column)) for column in columns)
     rows = []
     for number, row in enumerate(table.rows):
-        shown = texts(table, row)
+        shown = fields(table, row)
         total = sum(_count(table, row, key) for key in (*STAGE_NAMES, NONE))
         rows.append(
             tuple(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -88,13 +88,21 @@ class CellData:
         return self.folder.name
 
 
-def load_cells(out: Path) -> list[CellData]:
+def load_cells(out: Path, on_cell: Callable[[], None] = lambda: None) -> list[CellData]:
     """All cells of a campaign, by scenario, domain and model.
+
+    Args:
+        out: campaign folder.
+        on_cell: called once for each cell.
 
     Raises:
         InputError: it is no campaign folder, or a file in it is damaged.
     """
-    return in_order([load_cell(file) for file in cell_files(out)])
+    cells = []
+    for file in cell_files(out):
+        cells.append(load_cell(file))
+        on_cell()
+    return in_order(cells)
 
 
 def cell_files(out: Path) -> list[Path]:
