@@ -13,7 +13,7 @@ from ssp_eval.evaluate.asker import Loss
 from ssp_eval.evaluate.controls import LABELS_FILE
 from ssp_eval.evaluate.exchange import MOST_CHARACTERS, MOST_NUMBERS, Exchange
 from ssp_eval.evaluate.models import bridge_spec
-from ssp_eval.evaluate.store import RawStore
+from ssp_eval.evaluate.raw_store import RawStore
 from ssp_vla_bridge.core.request import Frame, Request
 from ssp_vla_bridge.core.response import NativeArray, Response
 

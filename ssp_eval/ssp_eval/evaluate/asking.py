@@ -16,7 +16,8 @@ from ssp_eval.evaluate.cell_file import LABELS_FILE, CellPlace, frame_path
 from ssp_eval.evaluate.conditions import other_label_time, under
 from ssp_eval.evaluate.controls import SHUFFLED
 from ssp_eval.evaluate.question import NoQuestion, Question
-from ssp_eval.evaluate.store import Asked, RawStore
+from ssp_eval.evaluate.raw_store import RawStore
+from ssp_eval.evaluate.store import Asked
 from ssp_eval.labels.model import labels_to_json
 from ssp_vla_bridge.core.request import Frame
 from ssp_vla_bridge.core.response import Response

@@ -1,0 +1,142 @@
+"""Raw answers on disk: written before anything interprets them, found again by what was asked.
+
+``raw.jsonl`` holds the answers that a cell's score rests on, one line per answered label time.
+``earlier.jsonl`` holds those that were asked with other settings or about other label times, so
+that going back to these asks, and pays, for nothing: one line per key, no errors, and no answer
+that stands in ``raw.jsonl`` or that a newer one to the same question has replaced. It may be
+deleted at any time.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from ssp_core.errors import HostError, InputError
+from ssp_core.files import write_text
+from ssp_eval.evaluate.answer_key import key_of
+from ssp_eval.evaluate.store import RAW_FILE, REQUESTS_FILE, Asked, request_to_json
+from ssp_vla_bridge.core.response import Response, response_from_json, response_to_json
+
+EARLIER_FILE = "earlier.jsonl"
+
+
+class RawStore:
+    """The raw answers of one cell, appended one by one and safe against a kill at any time.
+
+    Args:
+        cell: the cell's folder.
+
+    Raises:
+        InputError: the stored answers can't be read.
+    """
+
+    def __init__(self, cell: Path) -> None:
+        self._path = cell / RAW_FILE
+        self._requests_path = cell / REQUESTS_FILE
+        self._earlier_path = cell / EARLIER_FILE
+        self._unfinished_at: int | None = None  # where a line begins that a kill cut off
+        self._stored: dict[str, Response] = {}
+        self._earlier = self._read(self._earlier_path)
+        # What stands in both was on its way from one file to the other when a run was killed.
+        self._stored = {**self._earlier, **self._read(self._path)}
+        self._found = dict(self._stored)
+
+    def _read(self, path: Path) -> dict[str, Response]:
+        """The answers of a file by key; errors don't count as answers."""
+        found = {}
+        for number, value in self._lines(path):
+            response = response_from_json(value, file=str(path), line=number)
+            if not response.error_code:
+                found[key_of(response.request_id)] = response
+        return found
+
+    def _lines(self, path: Path) -> Iterator[tuple[int, Any]]:
+        content = path.read_bytes() if path.exists() else b""
+        lines = content.split(b"\n")
+        for number, line in enumerate(lines, start=1):
+            if not line.strip():
+                continue
+            try:
+                yield number, json.loads(line)
+            except ValueError as error:
+                if number == len(lines) and path == self._path:
+                    # A run was killed while it wrote this line; it is asked again.
+                    self._unfinished_at = len(content) - len(line)
+                    return
+                raise InputError(f"is no JSON: {error}", file=path, line=number) from error
+
+    def find(self, key: str) -> Response | None:
+        """The stored answer to the same question."""
+        return self._found.get(key)
+
+    def forget(self) -> None:
+        """Makes everything be asked again; what is on disk stays until ``finish``."""
+        self._found.clear()
+
+    def append(self, response: Response) -> None:
+        """Stores a raw answer, on disk when this returns.
+
+        Raises:
+            HostError: the disk doesn't take it.
+        """
+        line = json.dumps(response_to_json(response), allow_nan=False) + "\n"
+        try:
+            with open(self._path, "ab+") as stream:
+                if self._unfinished_at is not None:
+                    # It would be a fault in the middle of the file for the run after the next kill.
+                    stream.truncate(self._unfinished_at)
+                    stream.seek(0, os.SEEK_END)
+                    self._unfinished_at = None
+                if stream.tell() and not _ends_with_newline(stream):
+                    stream.write(b"\n")
+                stream.write(line.encode())
+                stream.flush()
+                os.fsync(stream.fileno())
+        except OSError as error:
+            raise HostError(f"{self._path}: can't be written: {error.strerror}") from error
+
+    def finish(self, asked: Sequence[Asked]) -> None:
+        """Leaves exactly one line per answered label time, in order, and what was asked.
+
+        Answers that were stored before and aren't among these are kept beside them, unless the same
+        was asked anew.
+        """
+        answers = [one.response for one in asked if one.response is not None]
+        sent = [one.request.request_id for one in asked if one.request is not None]
+        now = {key_of(one) for one in (*sent, *(answer.request_id for answer in answers))}
+        earlier = {key: answer for key, answer in self._stored.items() if key not in now}
+        # First: an answer that stands in both files is found, one that stands in none is lost.
+        if not earlier:
+            self._earlier_path.unlink(missing_ok=True)
+        elif earlier != self._earlier:
+            _write_lines(self._earlier_path, [response_to_json(one) for one in earlier.values()])
+        _write_lines(self._path, [response_to_json(answer) for answer in answers])
+        _write_lines(self._requests_path, [_question(one) for one in asked])
+
+
+def _question(one: Asked) -> dict[str, Any]:
+    sent = {} if one.request is None else request_to_json(one.request)
+    if one.response is not None:
+        sent["request_id"] = one.response.request_id
+    place = {
+        "label_t_s": one.label_t_s,
+        "t_s": one.t_s,
+        "missing": one.missing,
+        "kind": one.loss,
+        "no_previous": one.no_previous,
+    }
+    return {**place, **sent}
+
+
+def _ends_with_newline(stream: Any) -> bool:
+    stream.seek(-1, os.SEEK_END)
+    return bool(stream.read(1) == b"\n")
+
+
+def _write_lines(path: Path, values: Sequence[dict[str, Any]]) -> None:
+    lines = [json.dumps(value, allow_nan=False) for value in values]
+    write_text(path, "".join(line + "\n" for line in lines))

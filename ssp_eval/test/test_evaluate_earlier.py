@@ -1,0 +1,167 @@
+"""Going back to earlier settings asks for nothing that was answered before."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ssp_core.errors import InputError
+from ssp_eval.evaluate.asker import Asker, Ignored, Reply
+from ssp_eval.evaluate.campaign import run_campaign
+from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.cell_file import CellResult
+from ssp_eval.evaluate.model_spec import ModelSpec
+from ssp_eval.evaluate.raw_store import EARLIER_FILE, RawStore
+from ssp_eval.evaluate.store import RAW_FILE
+from ssp_vla_bridge.core.request import Request
+from ssp_vla_bridge.core.response import ErrorCode, Response
+
+BagMaker = Callable[..., Path]
+MODEL = ModelSpec("m", {"base_url": "http://host:1/v1", "model": "q"}, backend="openai",
+                  interface="waypoints")  # fmt: skip
+
+
+class Numbered:
+    """Numbers its answers, so that one is told from another; errors, or an end, at some of them."""
+
+    ignored = Ignored()
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.errors_at: set[int] = set()
+        self.stops_at: int | None = None
+
+    def asker(self, model: ModelSpec, options: Mapping[str, Any]) -> Asker:
+        return self
+
+    def ask(self, request: Request) -> Reply:
+        number = self.count
+        if number == self.stops_at:
+            raise KeyboardInterrupt
+        self.count += 1
+        answer = Response(request.request_id, request.stamp_ns, "m", "m/1", f"answer {number}")
+        if number in self.errors_at:
+            answer = replace(answer, error_code=int(ErrorCode.BACKEND), error_msg="broken")
+        return Reply(answer)
+
+
+class Campaign:
+    """One cell that is evaluated with changing settings."""
+
+    def __init__(self, bag: Path, out: Path) -> None:
+        self.bag, self.out, self.model = bag, out, Numbered()
+        self.folder = out / "cells" / "cut_in__simulation__m"
+
+    def __call__(self, temperature: float, **options: Any) -> CellResult:
+        spec = replace(MODEL, options={**MODEL.options, "temperature": temperature})
+        bags: list[tuple[Path, Path | None]] = [(self.bag, None)]
+        (result,) = run_campaign(
+            bags, [spec], self.model, self.out, CellOptions(**options), propose_labels=True
+        )
+        return result
+
+    def texts(self, name: str = RAW_FILE) -> list[str]:
+        file = self.folder / name
+        lines = file.read_text().splitlines() if file.exists() else []
+        return [json.loads(line)["text"] for line in lines]
+
+
+@pytest.fixture
+def campaign(make_bag: BagMaker, tmp_path: Path) -> Campaign:
+    return Campaign(make_bag(), tmp_path / "out")
+
+
+def answers(*numbers: range) -> list[str]:
+    return [f"answer {n}" for span in numbers for n in span]
+
+
+def test_going_back_asks_nothing_and_the_files_don_t_grow(campaign: Campaign) -> None:
+    first = campaign(0.0)
+    assert campaign.texts(EARLIER_FILE) == []
+    assert not (campaign.folder / EARLIER_FILE).exists()
+    campaign(1.0)
+    assert (campaign.texts(), campaign.texts(EARLIER_FILE)) == (
+        answers(range(9, 18)), answers(range(9)),
+    )  # fmt: skip
+    for _ in range(3):
+        back = campaign(0.0)
+        assert (back.asked, back.reused, back.score) == (0, 9, first.score)
+        assert campaign.texts() == answers(range(9))
+        assert campaign.texts(EARLIER_FILE) == answers(range(9, 18))
+        assert campaign(1.0).asked == 0
+    assert campaign.model.count == 18
+    campaign(0.5)
+    assert campaign.model.count == 27
+    assert sorted(campaign.texts(EARLIER_FILE)) == sorted(answers(range(18)))
+
+
+def test_a_new_answer_to_the_same_question_replaces_the_old_one(campaign: Campaign) -> None:
+    campaign(0.0)
+    campaign(1.0)
+    campaign(0.0, fresh=True)
+    assert campaign.texts() == answers(range(18, 27))
+    assert campaign.texts(EARLIER_FILE) == answers(range(9, 18))
+    campaign(1.0)
+    assert campaign(0.0).asked == 0
+    assert campaign.texts() == answers(range(18, 27))
+
+
+def test_errors_are_not_kept(campaign: Campaign) -> None:
+    campaign.model.errors_at = {2, 5}
+    campaign(0.0)
+    campaign(1.0)
+    kept = campaign.texts(EARLIER_FILE)
+    assert kept == [f"answer {n}" for n in range(9) if n not in (2, 5)]
+    back = campaign(0.0)
+    assert (back.asked, back.reused, back.missing) == (2, 7, 0)
+
+
+def test_labels_that_move_leave_their_answers(campaign: Campaign) -> None:
+    campaign(0.0)
+    labels = campaign.bag.parent / "bag.labels.json"
+    before = labels.read_text()
+    value = json.loads(before)
+    del value["labels"][3:5]
+    labels.write_text(json.dumps(value))
+    assert campaign(0.0).asked == 0
+    assert campaign.texts(EARLIER_FILE) == ["answer 3", "answer 4"]
+    labels.write_text(before)
+    assert campaign(0.0).asked == 0
+    assert campaign.texts() == answers(range(9))
+    assert not (campaign.folder / EARLIER_FILE).exists()
+
+
+def test_nothing_is_lost_by_an_interruption_in_between(campaign: Campaign) -> None:
+    campaign(0.0)
+    campaign(1.0)
+    # Asked anew and stopped after three answers: they count, wherever one goes from here.
+    campaign.model.stops_at = 21
+    with pytest.raises(KeyboardInterrupt):
+        campaign(0.0, fresh=True)
+    campaign.model.stops_at = None
+    assert campaign(1.0).asked == 0
+    assert campaign(0.0).asked == 0
+    assert campaign.texts() == answers(range(18, 21), range(3, 9))
+    # A kill between the two files leaves an answer in both.
+    (campaign.folder / EARLIER_FILE).write_bytes(
+        (campaign.folder / EARLIER_FILE).read_bytes() + (campaign.folder / RAW_FILE).read_bytes()
+    )
+    assert campaign(0.0).asked == 0
+    assert campaign.texts(EARLIER_FILE) == answers(range(9, 18))
+
+
+def test_the_file_may_be_deleted_and_a_broken_one_is_named(campaign: Campaign) -> None:
+    campaign(0.0)
+    campaign(1.0)
+    earlier = campaign.folder / EARLIER_FILE
+    content = earlier.read_text()
+    earlier.unlink()
+    assert campaign(1.0).asked == 0
+    earlier.write_text(content[:-5])
+    with pytest.raises(InputError, match=r"earlier.jsonl:9: is no JSON"):
+        RawStore(campaign.folder)
