@@ -42,11 +42,12 @@ def processes_of(folder: Path) -> dict[str, int]:
 
 @dataclass
 class Session:
-    """One ``ssp run`` under way."""
+    """One ``ssp run`` under way; what it printed is in ``out`` once it has ended."""
 
     folder: Path
     process: subprocess.Popen[str]
     lines: list[str]
+    out: str = ""
 
     def wait_for(self, text: str) -> None:
         """Reads what the run says until a line holds the text, or finds it in what was read."""
@@ -83,8 +84,8 @@ class Session:
 
     def finish(self) -> dict[str, Any]:
         """Waits for the end and returns result.json."""
-        out, err = self.process.communicate(timeout=END_DEADLINE_S)
-        self.lines += [out, err]
+        self.out, err = self.process.communicate(timeout=END_DEADLINE_S)
+        self.lines += [self.out, err]
         result: dict[str, Any] = json.loads((self.folder / "result.json").read_text())
         return result
 

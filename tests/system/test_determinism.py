@@ -1,4 +1,5 @@
-"""The same seed gives the same states, whatever the camera, the load and the order of starting."""
+"""The same seed gives the same states, whatever the camera, the load and the order of starting;
+another seed gives others."""
 
 from __future__ import annotations
 
@@ -71,6 +72,12 @@ def test_states_depend_on_the_seed_alone(
         common = min(len(ours), len(theirs))
         assert common > (0 if topic.endswith(("reference", "ack")) else 600)
         assert ours[: common - 2] == theirs[: common - 2]
+    other = start_session(
+        "cut_in", "--site", "north_track", "--no-camera", "--seed", "6", name="other"
+    )
+    assert other.finish()["verdict"] == "valid"
+    ours, theirs = (run_bytes(s.folder / "bag", TOPICS[0])[:600] for s in (plain, other))
+    assert ours != theirs
 
 
 def test_a_recorder_that_stands_still_for_a_while_loses_nothing_in_lockstep(
