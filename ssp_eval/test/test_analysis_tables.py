@@ -13,7 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssp_core.errors import InputError
-from ssp_eval.analysis.formats import FORMATS, latex_text, to_csv, to_html, to_json, to_latex
+from ssp_eval.analysis.formats import FORMATS, to_csv, to_html, to_json
+from ssp_eval.analysis.latex import latex_text, to_latex
 from ssp_eval.analysis.row import CellRow
 from ssp_eval.analysis.sections import MOST_ROWS, page_parts
 from ssp_eval.analysis.table import Column, Outcome, Table
@@ -208,8 +209,40 @@ def assert_balanced(text: str) -> None:
     assert depth == 0
     assert plain.count("$") % 2 == 0
     assert not set("%#_~^") & set(plain)
-    begun = re.findall(r"\\begin\{(\w+)\}", text)
-    assert re.findall(r"\\end\{(\w+)\}", text) == begun[::-1]
+    begun: list[str] = []
+    for kind, name in re.findall(r"\\(begin|end)\{(\w+)\}", text):
+        if kind == "begin":
+            begun.append(name)
+        else:
+            assert begun.pop() == name
+    assert begun == []
+
+
+def test_latex_wraps_long_texts_and_goes_on_where_a_page_ends():
+    columns = (Column("name", "name", "text"), *(Column(c, c) for c in "xyz"))
+    long = Table(
+        "a_b", "T", columns, tuple((f"a_{'long ' * 8}{k}", 0.5, 0.5, 0.5) for k in range(50))
+    )
+    text = to_latex(long)
+    assert_balanced(text)
+    assert text.count(r"\begin{table}") == text.count(r"\clearpage") + 1 == 4
+    assert r"\caption{T (1 of 4)}\label{tab:a-b}" in text
+    assert r"\caption{T (4 of 4)}" in text
+    assert text.count(r"\label") == text.count("no safety certificate") == 1
+    assert all(f"long {k} &" in text for k in range(50))
+    assert r"p{3.4cm}rrr}" in text
+    assert r"a\_\allowbreak{}long" in text
+    # Nothing is wider than the text around it.
+    assert text.count(r"\ifdim\wd0>\linewidth\resizebox{\linewidth}{!}{\usebox0}") == 4
+
+
+def test_latex_names_the_letters_that_pdflatex_lacks():
+    def comments(name: str) -> str:
+        table = Table("t", "t", (Column("a", "a", "text"),), ((name,),))
+        return "".join(x for x in to_latex(table).splitlines() if x.startswith("%"))
+
+    assert "LuaLaTeX" not in comments("Łódź, ÅÄÖ, αβ ≥ ²")
+    assert comments("模型 Я").endswith("that has these letters: Я型模")
 
 
 @given(text=st.text(alphabet=st.characters(exclude_categories=("Cs",)), max_size=30))

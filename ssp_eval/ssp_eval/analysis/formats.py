@@ -5,27 +5,19 @@ from __future__ import annotations
 import csv
 import io
 import json
-import unicodedata
 from collections.abc import Callable, Iterator, Mapping
 from types import MappingProxyType
 from typing import Any
 
 from markupsafe import escape
 
+from ssp_eval.analysis.latex import to_latex
 from ssp_eval.analysis.table import Column, Outcome, Table, Value, texts
 from ssp_eval.score.aggregate import Mean
 
 TABLE_SCHEMA = "ssp.table/1"
 # What begins like this is a formula to a spreadsheet; only text is guarded.
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
-_LATEX = {
-    "\\": r"\textbackslash{}", "{": r"\{", "}": r"\}", "$": r"\$", "&": r"\&", "#": r"\#",
-    "%": r"\%", "_": r"\_", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}",
-    "<": r"\textless{}", ">": r"\textgreater{}", "|": r"\textbar{}", '"': r"\textquotedbl{}",
-    "–": "--", "×": r"$\times$", "−": "$-$", "≥": r"$\geq$", "≤": r"$\leq$", "Δ": r"$\Delta$",
-    "τ": r"$\tau$", "±": r"$\pm$", "[": "{[}", "]": "{]}", "'": "{'}", "`": "{`}", "…": r"\dots{}",
-    "α": r"$\alpha$",
-}  # fmt: skip
 
 
 def to_csv(table: Table) -> str:
@@ -41,7 +33,7 @@ def to_csv(table: Table) -> str:
     for row in table.rows:
         values = zip(row, kinds, strict=True)
         writer.writerow([field for value, kind in values for field in _csv_fields(value, kind)])
-    for note in (*table.notices, *table.all_notes):
+    for note in table.all_notes:
         writer.writerow([f"# {note}"])
     return stream.getvalue()
 
@@ -102,47 +94,6 @@ def to_json(table: Table) -> str:
     return json.dumps(to_data(table), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def latex_text(text: str) -> str:
-    """Words as LaTeX sets them literally; line breaks become spaces, other controls go."""
-    words = " ".join(text.split())
-    return "".join(_LATEX.get(c, c) for c in words if unicodedata.category(c) != "Cc")
-
-
-def to_latex(table: Table) -> str:
-    """A ``table`` environment with booktabs rules, for ``\\input`` into a paper.
-
-    It needs the packages booktabs, and fontenc with T1; text beyond Latin letters needs an engine
-    that reads UTF-8 fonts.
-    """
-    table = table.printed
-    alignment = "".join("r" if column.is_number else "l" for column in table.columns)
-    head = " & ".join(latex_text(column.title) for column in table.columns)
-    lines = [
-        r"% needs \usepackage{booktabs} and \usepackage[T1]{fontenc}",
-        r"\begin{table}",
-        r"\centering\small",
-        rf"\caption{{{latex_text(table.title)}}}",
-        rf"\label{{tab:{table.name.replace('_', '-')}}}",
-        rf"\begin{{tabular}}{{{alignment}}}",
-        r"\toprule",
-        rf"{head} \\",
-        r"\midrule",
-    ]
-    for row in table.rows:
-        fields = zip(table.columns, map(str, texts(table, row)), strict=True)
-        lines.append(rf"{' & '.join(_latex_field(*field) for field in fields)} \\")
-    lines += [r"\bottomrule", r"\end{tabular}"]
-    lines += [
-        rf"\par\smallskip{{\footnotesize\textbf{{{latex_text(note)}}}}}" for note in table.notices
-    ]
-    lines += [rf"\par\smallskip{{\footnotesize {latex_text(note)}}}" for note in table.all_notes]
-    return "\n".join([*lines, r"\end{table}", ""])
-
-
-def _latex_field(column: Column, text: str) -> str:
-    return latex_text(text.replace("-", "−") if column.is_number else text)
-
-
 def to_html(table: Table) -> str:
     """A fragment: a figure with the table and its notes, no style of its own."""
     return "".join(_html_parts(table.printed))
@@ -157,14 +108,13 @@ def _html_parts(table: Table) -> Iterator[str]:
     yield "".join(f"<th{style}>{escape(column.title)}</th>" for style, column in heads)
     yield "</tr></thead>\n<tbody>\n"
     for row in table.rows:
-        fields = zip(styles, map(str, texts(table, row)), strict=True)
-        cells = "".join(f"<td{style}>{escape(text)}</td>" for style, text in fields)
+        written = zip(styles, texts(table, row), strict=True)
+        cells = "".join(f"<td{style}>{escape(text)}</td>" for style, text in written)
         yield f"<tr>{cells}</tr>\n"
     yield "</tbody></table></div>\n"
-    for note in table.notices:
-        yield f'<p class="notice">{escape(note)}</p>\n'
     for note in table.all_notes:
-        yield f'<p class="sub">{escape(note)}</p>\n'
+        look = "notice" if note in table.notices else "sub"
+        yield f'<p class="{look}">{escape(note)}</p>\n'
     yield "</figure>\n"
 
 

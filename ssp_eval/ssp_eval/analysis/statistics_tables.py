@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 from ssp_eval.analysis.compare import FLIPS, Comparison
 from ssp_eval.analysis.interval_tables import (
@@ -61,12 +61,12 @@ def comparison_table(comparisons: Iterable[Comparison]) -> Table:
     notes = [
         "Pairs: cells of the same scenario and model for two domains, of the same scenario and "
         "domain for two models. difference: mean of first less second over the pairs, with "
-        "Student's interval over them; d_z: mean over standard deviation; ahead: share of pairs in "
-        "which the first leads, equal ones half.",
+        "Student's interval over them; ahead: share of pairs in which the first leads, equal ones "
+        "half.",
         "p: two-sided, from flipping the signs of the pairs' differences of ivcs at random; p "
-        "(Holm) holds for all comparisons of domains together, and for all of models together; "
-        "family: how many these are. Components are described and not tested. No p with fewer than "
-        "two pairs. least p: what p would be, were all differences of one sign.",
+        "(Holm) holds for all comparisons of domains together, and for all of models together. "
+        f"{_families(listed)} Components are described and not tested. No p with fewer than two "
+        "pairs. least p: what p would be, were all differences of one sign.",
         "Pairs of a scenario share its event: p takes them for independent, and speaks of these "
         "recordings alone. p (scenarios): all signs of a scenario flipped together, which speaks "
         "of other scenarios too; the last column is corrected like p.",
@@ -81,8 +81,8 @@ def comparison_table(comparisons: Iterable[Comparison]) -> Table:
         (
             *words("subject", "first", "second", "metric"),
             Column("n", "pairs", "count"),
-            *(Column(key, title, kind) for key, title, kind in numbers),
-            Column("family", "family", "count"),
+            *(Column(key, title, kind, printed=key != "d_z") for key, title, kind in numbers),
+            Column("family", "family", "count", printed=False),
             Column("scenarios", "scenarios", "count"),
             Column("p_scenarios", "p (scenarios)", "p"),
             Column("p_scenarios_holm", "p (scenarios, Holm)", "p"),
@@ -90,6 +90,12 @@ def comparison_table(comparisons: Iterable[Comparison]) -> Table:
         tuple(rows),
         tuple(notes),
     )
+
+
+def _families(comparisons: Sequence[Comparison]) -> str:
+    counts = {c.subject: c.family for c in comparisons if c.family}
+    listed = ", ".join(f"{count} of {subject}s" for subject, count in sorted(counts.items()))
+    return f"Comparisons tested: {listed or 'none'}."
 
 
 def _powerless(comparisons: Iterable[Comparison]) -> list[str]:
@@ -181,7 +187,7 @@ def _variations(variations: Iterable[Variation]) -> Table:
             Column("tau", "τ"),
             Column("largest", "largest change of a cell"),
             Column("order_changed", "changes of order", "text"),
-            Column("mean_ivcs", "mean IVCS then", "text"),
+            Column("mean_ivcs", "mean IVCS then", "text", printed=False),
         ),
         tuple(rows),
         (
