@@ -44,6 +44,8 @@ _of_sessions = session_environment(0, _PROFILE)
 if _SETTINGS in _of_sessions:
     os.environ[_SETTINGS] = _of_sessions[_SETTINGS]
 
+_SYSTEM = Path(__file__).parent / "tests" / "system"
+
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """What is judged by the wall's clock gets a second and a third chance, and the report says so.
@@ -53,7 +55,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """
     for item in items:
         if item.get_closest_marker("alone"):
-            if item.get_closest_marker("system") is None:
-                # `ssp test` would never run it.
-                raise pytest.UsageError(f"{item.nodeid}: only a test of the system runs alone")
+            if not item.path.is_relative_to(_SYSTEM):
+                # `ssp test` looks for them nowhere else.
+                raise pytest.UsageError(f"{item.nodeid}: only a test in tests/system runs alone")
             item.add_marker(pytest.mark.flaky(reruns=2))

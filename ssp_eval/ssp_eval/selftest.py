@@ -49,7 +49,7 @@ def _checks(arguments: tuple[str, ...], quick: bool) -> list[tuple[str, list[str
         *checks,
         *tests,
         ("tests of nodes and sessions", [*pytest, *by_file, at_once, "-m", SIDE_BY_SIDE]),
-        ("tests of sessions, one at a time", [*pytest, "-m", "alone"]),
+        ("tests of sessions, one at a time", [*pytest, "-m", "alone", "tests/system"]),
     ]
 
 
