@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from ssp_core.errors import InputError
 from ssp_core.files import make_folder, write_json, write_text
 from ssp_core.hashing import sha256_file
 from ssp_eval.evaluate.asker import Askers
@@ -20,6 +21,7 @@ from ssp_eval.evaluate.cell_file import (
     CellResult,
     write_cell,
 )
+from ssp_eval.evaluate.cell_limits import write_readable
 from ssp_eval.evaluate.interpret import records_of
 from ssp_eval.evaluate.labelled import LabelledClip
 from ssp_eval.evaluate.model_spec import ModelSpec
@@ -83,7 +85,9 @@ def _write_labels(folder: Path, labels: Labels) -> None:
     """
     file = folder / LABELS_FILE
     before = sha256_file(file) if file.is_file() else None
-    write_json(file, labels_to_json(labels))
+    # No larger than the file that they were read from, once without spaces.
+    if not write_readable(file, labels_to_json(labels)):
+        raise InputError("would be larger than what is read", file=file)
     if before not in (None, sha256_file(file)):
         for stale in (CELL_FILE, SCORE_FILE, RECORDS_FILE):
             (folder / stale).unlink(missing_ok=True)

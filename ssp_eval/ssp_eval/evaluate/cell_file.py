@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -14,13 +13,13 @@ from ssp_core import __version__
 from ssp_core.files import write_json
 from ssp_core.hashing import sha256_file, sha256_json
 from ssp_eval.evaluate.asker import Ignored, Loss
+from ssp_eval.evaluate.cell_limits import decodings, short, short_list, too_large, write_readable
 from ssp_eval.evaluate.controls import CONDITION_SEED
 from ssp_eval.evaluate.labelled import LabelledClip
 from ssp_eval.evaluate.model_spec import ModelSpec
 from ssp_eval.evaluate.store import RAW_FILE, REQUESTS_FILE, Asked
 from ssp_eval.extract.llm import Extractor, make_extractor
 from ssp_eval.score import DEFAULT
-from ssp_vla_bridge.core.response import Response
 
 CELL_SCHEMA = "ssp.cell/1"
 CELLS = "cells"
@@ -31,10 +30,6 @@ SCORE_FILE = "score.json"
 CELL_FILE = "cell.json"
 # Why a model under a condition may have no answer without anything being wrong.
 _BY_CONDITION = frozenset({Loss.NO_QUESTION, Loss.ERROR})
-# In decoding facts these tell of one answer, not of how a model was set.
-_PER_ANSWER = (
-    "stages", "usage", "latency_s", "notes", "frames", "prompt_sha256", "previous_intent_sha256",
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -144,20 +139,74 @@ def write_cell(
 
     Args:
         place: what the cell is of.
-        status: ok, refused or failed.
+        status: ok, refused or failed; a cell that has more to say than is read is failed, too.
         reasons: of a refusal or failure, the primary one first.
         asked: in label order.
         ignored: answers that came and weren't used.
         score: METHOD 6.14, None unless ok.
     """
+    value = _facts(place, status, reasons, asked, ignored)
+    if not write_readable(place.folder / CELL_FILE, value):
+        status, reasons, score = "failed", [too_large(CELL_FILE, value)], None
+        for stale in (SCORE_FILE, RECORDS_FILE):
+            (place.folder / stale).unlink(missing_ok=True)
+        write_json(place.folder / CELL_FILE, _brief(value, status, reasons))
+    labelled, model = place.labelled, place.model
+    return CellResult(
+        folder=place.folder,
+        scenario=labelled.labels.scenario,
+        domain=labelled.labels.domain,
+        model=model.shown,
+        status=status,
+        reasons=tuple(short_list(reasons)),
+        score=score,
+        asked=len(_sent(asked)),
+        reused=sum(one.reused for one in asked),
+        losses=_losses(asked),
+        admission=labelled.admission.status,
+        admission_reasons=labelled.admission.reasons,
+        again=sum(one.again for one in asked),
+        control=model.control,
+        condition=model.condition,
+    )
+
+
+def _brief(value: Mapping[str, Any], status: str, reasons: Sequence[str]) -> dict[str, Any]:
+    """What is left of a cell.json that is too large; the rest stands in the other files."""
+    gone = (RECORDS_FILE.partition(".")[0], SCORE_FILE.partition(".")[0])
+    return {
+        **value,
+        "status": status,
+        "reasons": list(reasons),
+        "answers": {**value["answers"], "missing": []},
+        "backend_options": {},
+        "decoding": [],
+        "model_ids": [],
+        "hashes": {key: told for key, told in value["hashes"].items() if key not in gone},
+    }
+
+
+def _sent(asked: Sequence[Asked]) -> list[Asked]:
+    return [one for one in asked if one.request is not None and not one.reused]
+
+
+def _losses(asked: Sequence[Asked]) -> dict[str, int]:
+    return dict(sorted(Counter(str(one.loss) for one in asked if one.missing).items()))
+
+
+def _facts(
+    place: CellPlace,
+    status: str,
+    reasons: Sequence[str],
+    asked: Sequence[Asked],
+    ignored: Ignored | None,
+) -> dict[str, Any]:
+    """What cell.json says; see write_cell."""
     labelled, model = place.labelled, place.model
     facts = labelled.clip.provenance
     answers = [one.response for one in asked if one.response is not None]
-    sent = [one for one in asked if one.request is not None and not one.reused]
-    losses = dict(sorted(Counter(str(one.loss) for one in asked if one.missing).items()))
-    reused, again = sum(one.reused for one in asked), sum(one.again for one in asked)
-    decodings = _decodings(answers)
-    value = {
+    settings = decodings(answers)
+    return {
         "schema": CELL_SCHEMA,
         "scenario": labelled.labels.scenario,
         "domain": labelled.labels.domain,
@@ -168,7 +217,7 @@ def write_cell(
         "model_ids": sorted({answer.model_id for answer in answers if answer.model_id}),
         "model_facts": asdict(model.facts),
         "status": status,
-        "reasons": list(reasons),
+        "reasons": short_list(reasons),
         "stand_in": facts.stand_in,
         "admission": labelled.admission.to_json(),
         "event_version": labelled.labels.event_version,
@@ -176,20 +225,20 @@ def write_cell(
         "labels_source": labelled.labels_source,
         "labels_proposed": labelled.proposed,
         "answers": {
-            "sent": len(sent),
-            "reused": reused,
-            "asked_again": again,
+            "sent": len(_sent(asked)),
+            "reused": sum(one.reused for one in asked),
+            "asked_again": sum(one.again for one in asked),
             "missing": [
-                {"label_t_s": one.label_t_s, "kind": one.loss, "reason": one.missing}
+                {"label_t_s": one.label_t_s, "kind": one.loss, "reason": short(one.missing)}
                 for one in asked
                 if one.missing
             ],
-            "missing_by_kind": losses,
+            "missing_by_kind": _losses(asked),
             "ignored": (ignored or Ignored()).to_json(),
         },
         "backend": "" if model.attached else model.backend_name,
         "backend_options": dict(model.options),
-        "decoding": decodings,
+        "decoding": settings,
         "interface": model.spoken.name,
         "preprocessing": asdict(model.rules),
         "adapter": place.adapter,
@@ -201,30 +250,12 @@ def write_cell(
             "verdict": facts.verdict_sha256,
             "question": sha256_json(asdict(labelled.clip.task)),
             "preprocessing": model.rules.sha256,
-            "decoding": sha256_json(decodings),
+            "decoding": sha256_json(settings),
             "extractor": place.extractor.sha256,
             "thresholds": DEFAULT.sha256,
         },
         "software": f"ssp {__version__}",
     }
-    write_json(place.folder / CELL_FILE, value)
-    return CellResult(
-        folder=place.folder,
-        scenario=labelled.labels.scenario,
-        domain=labelled.labels.domain,
-        model=model.shown,
-        status=status,
-        reasons=tuple(reasons),
-        score=score,
-        asked=len(sent),
-        reused=reused,
-        losses=losses,
-        admission=labelled.admission.status,
-        admission_reasons=labelled.admission.reasons,
-        again=again,
-        control=model.control,
-        condition=model.condition,
-    )
 
 
 def _clip_facts(labelled: LabelledClip, out: Path) -> dict[str, Any]:
@@ -243,12 +274,3 @@ def _clip_facts(labelled: LabelledClip, out: Path) -> dict[str, Any]:
         "mount_yaw_left_rad": 0.0 if mount is None else mount.yaw_left_rad,
         "mount_roll_right_rad": 0.0 if mount is None else mount.roll_right_rad,
     }
-
-
-def _decodings(answers: Sequence[Response]) -> list[dict[str, Any]]:
-    """The different settings that answers were decoded with; what differs by answer is raw."""
-    found = {}
-    for answer in answers:
-        settings = {k: v for k, v in answer.decoding.items() if k not in _PER_ANSWER}
-        found[json.dumps(settings, sort_keys=True)] = settings
-    return [found[key] for key in sorted(found)]

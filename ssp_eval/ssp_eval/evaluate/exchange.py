@@ -12,6 +12,8 @@ from ssp_vla_bridge.core.response import Response
 # disk, and every reader of the cell would have to carry it.
 MOST_CHARACTERS = 1 << 20
 MOST_NUMBERS = 1 << 18
+# A name is listed in every summary.
+MOST_NAME = 1000
 
 
 def unusable(response: Response) -> str:
@@ -24,6 +26,8 @@ def unusable(response: Response) -> str:
     characters = sum(len(text) for text in texts)
     if characters > MOST_CHARACTERS:
         return f"the answer has {characters} characters, more than {MOST_CHARACTERS}"
+    if len(response.model_id) > MOST_NAME:
+        return f"the model's name has {len(response.model_id)} characters, more than {MOST_NAME}"
     numbers = sum(len(array.data) + len(array.shape) for array in response.arrays)
     if numbers > MOST_NUMBERS:
         return f"the answer has {numbers} numbers, more than {MOST_NUMBERS}"

@@ -1,0 +1,131 @@
+"""A cell's files are never larger than what their readers take, whatever bridges say."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ssp_core.files import MAX_TEXT_BYTES, read_mapping
+from ssp_eval.evaluate.asker import MOST_REASON, Asker, Ignored, Loss, Reply
+from ssp_eval.evaluate.campaign import run_campaign
+from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.cell_file import CellResult
+from ssp_eval.evaluate.cell_limits import DIFFERING, decodings, short_list, write_readable
+from ssp_eval.evaluate.exchange import MOST_CHARACTERS
+from ssp_eval.evaluate.model_spec import ModelSpec
+from ssp_eval.report.load import load_cells
+from ssp_vla_bridge.core.request import Request
+from ssp_vla_bridge.core.response import Response
+
+BagMaker = Callable[..., Path]
+MIB = 1 << 20
+
+
+class Says:
+    """Answers by a function of the number of the question."""
+
+    ignored = Ignored()
+
+    def __init__(self, reply: Callable[[int, Request], Reply]) -> None:
+        self.reply, self.count = reply, 0
+
+    def asker(self, model: ModelSpec, options: Mapping[str, Any]) -> Asker:
+        return self
+
+    def ask(self, request: Request) -> Reply:
+        self.count += 1
+        return self.reply(self.count, request)
+
+
+def answer(request: Request, **decoding: Any) -> Reply:
+    text = "A car is ahead."
+    return Reply(Response(request.request_id, request.stamp_ns, "m", "m/1", text, (), decoding))
+
+
+def evaluate(
+    bag: Path, out: Path, reply: Callable[[int, Request], Reply], *models: ModelSpec
+) -> list[CellResult]:
+    askers = Says(reply)
+    return run_campaign([(bag, None)], models or [ModelSpec("m")], askers, out, CellOptions(), True)
+
+
+def test_a_megabyte_about_each_answer_is_left_to_the_raw_file(
+    make_bag: BagMaker, tmp_path: Path
+) -> None:
+    most = MOST_CHARACTERS - 100
+
+    def talkative(count: int, request: Request) -> Reply:
+        return answer(request, seed=1, words=str(count) * most)
+
+    (result,) = evaluate(make_bag(), tmp_path, talkative)
+    assert (result.status, result.missing) == ("ok", 0)
+    assert (result.folder / "raw.jsonl").stat().st_size > 9 * most
+    cell = read_mapping(result.folder / "cell.json")
+    assert cell["decoding"] == [{"seed": 1, DIFFERING: ["words"]}]
+    assert [one.facts.status for one in load_cells(tmp_path)] == ["ok"]
+
+
+def test_a_cell_that_can_t_be_summed_up_is_failed_and_the_campaign_goes_on(
+    make_bag: BagMaker, tmp_path: Path
+) -> None:
+    large = ModelSpec("large", {"words": "x" * (9 * MIB)})
+    results = evaluate(
+        make_bag(), tmp_path, lambda _, request: answer(request), large, ModelSpec("small")
+    )
+    assert [(r.status, r.asked) for r in results] == [("failed", 9), ("ok", 9)]
+    assert results[0].reasons == (
+        "cell.json would be larger than the 8 MiB that are read: backend_options alone has 9.0 MiB",
+    )
+    assert results[0].is_failure
+    there = {file.name for file in results[0].folder.iterdir()}
+    assert there == {"cell.json", "labels.json", "raw.jsonl", "requests.jsonl"}
+    cells = {cell.model: cell.facts for cell in load_cells(tmp_path)}
+    assert cells["large"].reasons == list(results[0].reasons)
+    assert set(cells["large"].hashes) == set(cells["small"].hashes) - {"records", "score"}
+
+
+def test_reasons_are_cut_in_the_summary_and_whole_where_they_were_asked(
+    make_bag: BagMaker, tmp_path: Path
+) -> None:
+    def dies(count: int, request: Request) -> Reply:
+        return Reply(None, f"{count}: {'y' * MIB}", Loss.DIED)
+
+    (result,) = evaluate(make_bag(), tmp_path, dies)
+    cell = read_mapping(result.folder / "cell.json")
+    assert {len(one["reason"]) for one in cell["answers"]["missing"]} == {MOST_REASON}
+    assert {len(reason) for reason in cell["reasons"]} == {MOST_REASON}
+    asked = [json.loads(line) for line in (result.folder / "requests.jsonl").open()]
+    assert {len(one["missing"]) for one in asked} == {MIB + 3}
+
+
+def test_a_file_is_written_without_spaces_where_only_that_can_be_read(tmp_path: Path) -> None:
+    file = tmp_path / "f.json"
+    count = MAX_TEXT_BYTES // 14  # each takes 17 bytes with its line and indent, 13 without
+    values = ["xxxxxxxxxx"] * count
+    assert write_readable(file, {"a": values})
+    assert read_mapping(file) == {"a": values}
+    assert file.read_text().count("\n") == 1
+    assert write_readable(file, {"a": 1})
+    assert file.read_text() == '{\n "a": 1\n}\n'
+    assert not write_readable(file, {"a": values * 2})
+    assert read_mapping(file) == {"a": 1}
+
+
+@pytest.mark.parametrize("count", [0, 1, 20, 21, 5000])
+def test_many_reasons_are_counted(count: int) -> None:
+    found = short_list([str(n) for n in range(count)])
+    assert found[:20] == [str(n) for n in range(min(count, 20))]
+    assert found[20:] == ([] if count <= 20 else [f"and {count - 20} more"])
+
+
+def test_settings_that_fit_are_all_named() -> None:
+    told = [{"seed": 1, "usage": {"tokens": n}} for n in range(3)] + [{"seed": 2}]
+    answers = [Response("r", 1, "m", "m/1", "", (), one) for one in told]
+    assert decodings(answers) == [{"seed": 1}, {"seed": 2}]
+    assert decodings([]) == []
+    huge = Response("r", 1, "m", "m/1", "", (), {"all": "x" * (2 * MIB), "seed": 1})
+    assert decodings([huge]) == [{"seed": 1, DIFFERING: ["all"]}]
