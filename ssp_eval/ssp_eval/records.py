@@ -33,24 +33,20 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
 from ssp_core.files import read_text
-from ssp_core.vocab import CONFLICTS, LAT_ACTIONS, LON_ACTIONS, MOTIONS, OBJECTS, POSITIONS
-from ssp_eval import strict
+from ssp_eval import record_lines, strict
+from ssp_eval.record_lines import ADAPTER_KEYS, KEYS, SCHEMA, SLOT_KEYS, TRAJECTORY_KEYS, Lines
 from ssp_eval.strict import Place
 from ssp_vla_bridge.core.trajectory import INVALID_REASONS, Trajectory
 
-SCHEMA = "ssp.record/1"
 # An answer may have a mebibyte of text, and a cell any number of label times.
 MOST_BYTES = 1 << 28
 
-_REQUIRED = ("schema", "t_s", "text", "slots", "trajectory", "invalid")
-_ADAPTER_KEYS = ("name", "mode", "origin_added", "notes")
-_TRAJECTORY_KEYS = ("t_s", "x_m", "y_m")
 _JSON_SPACE = " \t\r\n"
 
 
@@ -80,14 +76,7 @@ class Slots:
     lat_action: Slot | None = None
 
 
-VOCABULARIES: dict[str, tuple[str, ...]] = {
-    "objects": OBJECTS,
-    "position": POSITIONS,
-    "motion": MOTIONS,
-    "conflict": CONFLICTS,
-    "lon_action": LON_ACTIONS,
-    "lat_action": LAT_ACTIONS,
-}
+VOCABULARIES = record_lines.VOCABULARIES
 SLOT_NAMES = tuple(item.name for item in fields(Slots))
 
 
@@ -131,6 +120,12 @@ def parse_records(text: str, file: str | Path) -> tuple[BehaviourRecord, ...]:
     Raises:
         InputError: the first thing that is wrong with the file, with line and field.
     """
+    lines = record_lines.read_lines([text])
+    return _parse_strictly(text, file) if lines is None else _records_of(lines)
+
+
+def _parse_strictly(text: str, file: str | Path) -> tuple[BehaviourRecord, ...]:
+    """See parse_records: value by value, so that what is wrong has its place."""
     records: list[BehaviourRecord] = []
     for line, content in enumerate(text.removeprefix("\ufeff").split("\n"), start=1):
         if not content.strip(_JSON_SPACE):
@@ -148,7 +143,7 @@ def parse_records(text: str, file: str | Path) -> tuple[BehaviourRecord, ...]:
 
 
 def _record(value: object, place: Place) -> BehaviourRecord:
-    found = strict.mapping(value, place, _REQUIRED, ("adapter",))
+    found = strict.mapping(value, place, KEYS, ("adapter",))
     strict.choice(found["schema"], place.at("schema"), (SCHEMA,))
     return BehaviourRecord(
         t_s=strict.finite(found["t_s"], place.at("t_s")),
@@ -168,7 +163,7 @@ def _slots(value: object, place: Place) -> Slots:
 def _slot(name: str, value: object, place: Place) -> Slot | None:
     if value is None:
         return None
-    found = strict.mapping(value, place, ("value", "evidence"))
+    found = strict.mapping(value, place, SLOT_KEYS)
     spans = strict.items(found["evidence"], place.at("evidence"))
     evidence = tuple(_span(span, place.at("evidence").at(i)) for i, span in enumerate(spans))
     if found["value"] is None:
@@ -188,8 +183,8 @@ def _span(value: object, place: Place) -> tuple[int, int]:
 def _trajectory(value: object, place: Place) -> Trajectory | None:
     if value is None:
         return None
-    found = strict.mapping(value, place, _TRAJECTORY_KEYS)
-    t_s, x_m, y_m = (_coordinates(found[key], place.at(key)) for key in _TRAJECTORY_KEYS)
+    found = strict.mapping(value, place, TRAJECTORY_KEYS)
+    t_s, x_m, y_m = (_coordinates(found[key], place.at(key)) for key in TRAJECTORY_KEYS)
     return Trajectory(t_s, x_m, y_m)
 
 
@@ -204,7 +199,7 @@ def _coordinates(value: object, place: Place) -> tuple[float, ...]:
 def _adapter(value: object, place: Place) -> dict[str, Any] | None:
     if value is None:
         return None
-    found = strict.mapping(value, place, _ADAPTER_KEYS)
+    found = strict.mapping(value, place, ADAPTER_KEYS)
     notes = strict.items(found["notes"], place.at("notes"))
     return {
         "name": strict.string(found["name"], place.at("name")),
@@ -212,6 +207,38 @@ def _adapter(value: object, place: Place) -> dict[str, Any] | None:
         "origin_added": strict.boolean(found["origin_added"], place.at("origin_added")),
         "notes": [strict.string(n, place.at("notes").at(i)) for i, n in enumerate(notes)],
     }
+
+
+def _records_of(lines: Lines) -> tuple[BehaviourRecord, ...]:
+    """Records whose content is known to be right."""
+    columns = (
+        lines.t_s,
+        lines.texts,
+        [Slots(*slots) for slots in zip(*_slot_columns(lines), strict=True)],
+        [path and Trajectory(*_coordinate_tuples(path)) for path in lines.trajectories],
+        [tuple(dict.fromkeys(words)) for words in lines.invalid],
+        [adapter and dict(adapter) for adapter in lines.adapters],
+    )
+    return tuple([BehaviourRecord(*row) for row in zip(*columns, strict=True)])
+
+
+def _slot_columns(lines: Lines) -> list[list[Slot | None]]:
+    return [[_known_slot(slot) for slot in column] for column in lines.slots]
+
+
+def _known_slot(found: Mapping[str, Any] | None) -> Slot | None:
+    if found is None or found["value"] is None:
+        return None
+    value = found["value"]
+    evidence = tuple([(start, end) for start, end in found["evidence"]])
+    return Slot(value if isinstance(value, str) else tuple(dict.fromkeys(value)), evidence)
+
+
+def _coordinate_tuples(path: Mapping[str, Any]) -> list[tuple[float, ...]]:
+    return [
+        tuple([math.nan if item is None else float(item) for item in path[key]])
+        for key in TRAJECTORY_KEYS
+    ]
 
 
 def record_to_json(record: BehaviourRecord) -> str:
@@ -243,7 +270,7 @@ def _slot_json(slot: Slot | None) -> dict[str, Any] | None:
 def _trajectory_json(trajectory: Trajectory | None) -> dict[str, Any] | None:
     if trajectory is None:
         return None
-    return {key: _numbers_json(getattr(trajectory, key)) for key in _TRAJECTORY_KEYS}
+    return {key: _numbers_json(getattr(trajectory, key)) for key in TRAJECTORY_KEYS}
 
 
 def _numbers_json(values: Sequence[float]) -> list[float | None]:

@@ -10,9 +10,8 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from ssp_core.errors import InputError
 
@@ -20,8 +19,7 @@ from ssp_core.errors import InputError
 _MAX_INT_DIGITS = 4000
 
 
-@dataclass(frozen=True)
-class Place:
+class Place(NamedTuple):
     """Where a value stands: file, line (from 1, if lines matter) and path of the field."""
 
     file: str | Path
@@ -31,8 +29,8 @@ class Place:
     def at(self, key: str | int) -> Place:
         """The place of an item of a list or of a value of a mapping."""
         if isinstance(key, int):
-            return replace(self, field=f"{self.field}[{key}]")
-        return replace(self, field=f"{self.field}.{key}" if self.field else key)
+            return Place(self.file, self.line, f"{self.field}[{key}]")
+        return Place(self.file, self.line, f"{self.field}.{key}" if self.field else key)
 
     def error(self, problem: str, value: object = None, remedy: str | None = None) -> InputError:
         """The refusal of a value that stands here; only scalar values are shown."""
@@ -96,7 +94,7 @@ def parse_json(text: str, place: Place) -> Any:
         return json.loads(text, object_pairs_hook=unique, parse_int=_int)
     except json.JSONDecodeError as error:
         line = place.line if place.line is not None else error.lineno
-        raise replace(place, line=line).error(
+        raise place._replace(line=line).error(
             f"is not valid JSON: {error.msg} (column {error.colno})"
         ) from error
     except RecursionError as error:

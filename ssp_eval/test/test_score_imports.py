@@ -27,7 +27,9 @@ NEVER = (
     "aiohttp",
 )
 # Only where many cells are scored at once.
-WITH_NUMPY = ("batch", "columns", "driven", "encode", "judged", "pairing", "terms")
+WITH_NUMPY = (
+    "batch", "cli", "columns", "driven", "encode", "judged", "load", "pairing", "terms",
+)  # fmt: skip
 MODULES = sorted(path.stem for path in Path(ssp_eval.score.__file__).parent.glob("[a-z]*.py"))
 
 

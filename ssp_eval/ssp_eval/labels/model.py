@@ -117,9 +117,21 @@ def load_labels(path: str | Path) -> Labels:
     Raises:
         InputError: the file can't be read or parsed, or parse_labels refuses it.
     """
-    text = read_text(path).removeprefix("\ufeff")
+    return parse_labels_text(read_text(path), path)
+
+
+def parse_labels_text(text: str, path: str | Path) -> Labels:
+    """The labels of a file that was read already, see load_labels.
+
+    Args:
+        text: what it holds.
+        path: of the file.
+
+    Raises:
+        InputError: see load_labels.
+    """
     try:
-        value = strict.parse_json(text, Place(path))
+        value = strict.parse_json(text.removeprefix("\ufeff"), Place(path))
     except InputError:
         if Path(path).suffix.lower() == ".json":
             raise

@@ -1,6 +1,6 @@
 """The scores of many cells at once (METHOD 6), for campaigns and for analysis over thresholds.
 
-It gives what score_cell gives, without the judgements behind it.
+It gives what score_cell gives to the last bit, without the judgements behind it.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from ssp_eval.score.cell import CellMetrics
-from ssp_eval.score.columns import NOTHING, Columns, Numbers, Whole
+from ssp_eval.score.columns import NOTHING, Columns, Flags, Numbers, Whole
 from ssp_eval.score.driven import driven
 from ssp_eval.score.encode import Cell, encode
 from ssp_eval.score.ivcs import ivcs_weights
@@ -137,12 +137,12 @@ def score_columns(columns: Columns, thresholds: Thresholds = DEFAULT) -> Scores:
     rows, begin = terms.rows, terms.start[:-1]
     n = np.diff(terms.start)
 
-    def total(column: np.ndarray) -> np.ndarray:
-        number = np.float64 if column.dtype == np.float64 else np.int64
-        summed = np.add.reduceat(column, begin, axis=0, dtype=number)
+    def total(column: Flags) -> Whole:
+        summed = np.add.reduceat(column, begin, axis=0, dtype=np.int64)
         return summed if summed.ndim == 1 else summed.sum(axis=1)
 
-    evaluable, given, hard = total(rows.evaluable), total(rows.given), total(rows.hard)
+    evaluable, given = total(rows.evaluable), total(rows.given)
+    hard, soft = exact_totals(rows.hard, terms.start), exact_totals(rows.soft, terms.start)
     interactions = total(rows.interaction_evaluable)
     response_s = responses(terms, thresholds)
     values = {
@@ -152,7 +152,7 @@ def score_columns(columns: Columns, thresholds: Thresholds = DEFAULT) -> Scores:
         "sem_cov": _ratio(given, evaluable),
         "sem_acc_cond": _ratio(hard, given),
         "sem_acc_eff": _ratio(hard, evaluable),
-        "sem_acc_soft": _ratio(total(rows.soft), evaluable),
+        "sem_acc_soft": _ratio(soft, evaluable),
         "cia_eff": _ratio(total(rows.interaction_correct), interactions),
         "act_acc_eff": total(rows.action_correct) / n,
         "stfr": total(rows.feasible) / n,
@@ -161,11 +161,42 @@ def score_columns(columns: Columns, thresholds: Thresholds = DEFAULT) -> Scores:
         "rsr": np.isfinite(response_s).astype(np.int64),
         "rl_s": np.maximum(response_s - terms.risk_onset_s, 0.0),
     }
-    values["ivcs"] = np.sum(
-        [weight * np.nan_to_num(values[name]) for name, weight in ivcs_weights(thresholds).items()],
-        axis=0,
+    values["ivcs"] = exact_sum(
+        [weight * np.nan_to_num(values[name]) for name, weight in ivcs_weights(thresholds).items()]
     )
     return Scores(values | {"semantic_denominator": evaluable, "cia_denominator": interactions})
+
+
+def exact_sum(columns: Sequence[Numbers]) -> Numbers:
+    """The sum of arrays, item by item, rounded once as math.fsum does it.
+
+    What an addition loses is itself a number, which is summed beside. Scores lie in 0..1 and are
+    no multiples of tiny numbers, so that a sum of losses loses nothing.
+    """
+    total, lost = columns[0], np.zeros_like(columns[0])
+    for column in columns[1:]:
+        after = total + column
+        added = after - total
+        lost += (total - (after - added)) + (column - added)
+        total = after
+    result: Numbers = total + lost
+    return result
+
+
+def exact_totals(column: Numbers, start: Whole) -> Numbers:
+    """The sum of each cell's terms, see exact_sum.
+
+    Args:
+        column: (L, 4), one row per label.
+        start: (C + 1,) where a cell's labels begin.
+    """
+    length = np.diff(start)
+    result = np.empty(len(length))
+    for count in np.unique(length).tolist():
+        cells = np.flatnonzero(length == count)
+        rows = column[start[cells] + np.arange(count)[:, None]]
+        result[cells] = exact_sum([*np.moveaxis(rows, 2, 1).reshape(-1, len(cells))])
+    return result
 
 
 def _ratio(sums: np.ndarray, denominators: np.ndarray) -> Numbers:

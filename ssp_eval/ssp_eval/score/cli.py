@@ -8,13 +8,14 @@ from collections import Counter
 from pathlib import Path
 
 import click
+import numpy as np
 
 from ssp_core import console
 from ssp_core.errors import InputError
-from ssp_eval.labels.model import Labels, load_labels
-from ssp_eval.records import BehaviourRecord, load_records
-from ssp_eval.score.cell import CellScore, score_cell
-from ssp_eval.score.show import score_notes, score_table
+from ssp_eval.score.batch import score_columns
+from ssp_eval.score.load import load_columns
+from ssp_eval.score.show import Scored, score_notes, score_table
+from ssp_eval.score.thresholds import DEFAULT
 
 LABELS_FILES = ("labels.json", "labels.yaml", "labels.yml")
 RECORDS_FILE = "records.jsonl"
@@ -34,14 +35,18 @@ def score(case_dirs: tuple[Path, ...], as_json: bool) -> None:
     folders share a name), the keys of METHOD 6.14, and thresholds_sha256. If any file of any
     folder is wrong, nothing is scored.
     """
-    loaded = [(case, *_load(folder)) for case, folder in _cases(case_dirs)]
-    for case, _, records in loaded:
-        if not records:
-            console.note(f"note: {case}: {RECORDS_FILE} holds no record; every output is missing")
-    scored = [(case, score_cell(labels, records)) for case, labels, records in loaded]
+    cases = _cases(case_dirs)
+    columns = load_columns([_files(folder) for _, folder in cases])
+    counts = np.diff(columns.record_start).tolist()
+    cells = score_columns(columns).cells()
+    scored = [Scored(name, *one) for (name, _), *one in zip(cases, counts, cells, strict=True)]
+    for case in scored:
+        if not case.records:
+            note = f"{RECORDS_FILE} holds no record; every output is missing"
+            console.note(f"note: {case.name}: {note}")
     if as_json:
-        for case, cell in scored:
-            click.echo(json.dumps(_line(case, cell), allow_nan=False))
+        for case in scored:
+            click.echo(json.dumps(_line(case), allow_nan=False))
         return
     table = score_table(scored)
     # A narrow terminal or a pipe gets long lines rather than cut numbers.
@@ -59,11 +64,11 @@ def _cases(folders: tuple[Path, ...]) -> list[tuple[str, Path]]:
     return [(given if count[name] > 1 else name, folder) for name, given, folder in named]
 
 
-def _load(folder: Path) -> tuple[Labels, tuple[BehaviourRecord, ...]]:
-    """Labels and records of a folder.
+def _files(folder: Path) -> tuple[Path, Path]:
+    """Labels file and records file of a folder.
 
     Raises:
-        InputError: the folder or a file is missing or wrong.
+        InputError: there is no such folder, or it has several labels files.
     """
     if not folder.is_dir():
         raise InputError("is no folder", file=folder, remedy="give folders with labels and records")
@@ -71,13 +76,8 @@ def _load(folder: Path) -> tuple[Labels, tuple[BehaviourRecord, ...]]:
     if len(present) > 1:
         names = ", ".join(path.name for path in present)
         raise InputError(f"holds several labels files: {names}", file=folder, remedy="leave one")
-    labels = load_labels(present[0] if present else folder / LABELS_FILES[0])
-    return labels, load_records(folder / RECORDS_FILE)
+    return present[0] if present else folder / LABELS_FILES[0], folder / RECORDS_FILE
 
 
-def _line(case: str, cell: CellScore) -> dict[str, object]:
-    return {
-        "case": case,
-        **cell.to_json(),
-        "thresholds_sha256": cell.details.thresholds_sha256,
-    }
+def _line(case: Scored) -> dict[str, object]:
+    return {"case": case.name, **case.metrics.to_json(), "thresholds_sha256": DEFAULT.sha256}

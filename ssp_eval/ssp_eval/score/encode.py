@@ -6,14 +6,17 @@ processor's cache is still there for the next.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import accumulate, chain
 from operator import attrgetter
+from typing import Any
 
 import numpy as np
 
 from ssp_core.vocab import LAT_ACTIONS, LON_ACTIONS
 from ssp_eval.labels.model import Label, Labels
+from ssp_eval.record_lines import Lines
 from ssp_eval.records import SLOT_NAMES, VOCABULARIES, BehaviourRecord, Slot
 from ssp_eval.score.columns import (
     NOTHING,
@@ -27,9 +30,12 @@ from ssp_vla_bridge.core.trajectory import Trajectory
 
 Cell = tuple[Labels, Sequence[BehaviourRecord]]
 
+# Cells.
 _BLOCK = 32
 _NO_SLOT = Slot("", ())
 _NO_TRAJECTORY = Trajectory((), (), ())
+_NO_LINE_SLOT: dict[str, Any] = {"value": None, "evidence": ()}
+_NO_LINE_PATH: dict[str, tuple[float, ...]] = {"t_s": (), "x_m": (), "y_m": ()}
 # Beyond any text; stands for a character position that doesn't fit into 64 bits.
 _FAR = 1 << 62
 
@@ -79,18 +85,34 @@ def encode(cells: Sequence[Cell]) -> Columns:
     Raises:
         ValueError: a word is not of its vocabulary, or a cell has no label.
     """
-    label_lists = [labels.labels for labels, _ in cells]
+    blocks = RecordBlocks()
+    for start in range(0, len(cells), _BLOCK):
+        blocks.add(chain.from_iterable(records for _, records in cells[start : start + _BLOCK]))
+    counts = [len(records) for _, records in cells]
+    return columns_of([labels for labels, _ in cells], counts, blocks.columns())
+
+
+def columns_of(labels: Sequence[Labels], counts: Sequence[int], records: RecordColumns) -> Columns:
+    """The columns of cells whose records are in columns already.
+
+    Args:
+        labels: of each cell.
+        counts: how many records each cell has.
+        records: of all cells, in the order of labels.
+
+    Raises:
+        ValueError: see encode.
+    """
+    label_lists = [one.labels for one in labels]
     if not all(label_lists):
         raise ValueError("a cell without labels has no scores")
     return Columns(
         label_start=_starts(map(len, label_lists)),
-        record_start=_starts(len(records) for _, records in cells),
-        risk_onset_s=np.array([labels.risk_onset_s for labels, _ in cells], dtype=np.float64),
-        first_frame_dynamics=np.array(
-            [labels.first_frame_dynamics for labels, _ in cells], dtype=np.bool_
-        ),
+        record_start=_starts(counts),
+        risk_onset_s=np.array([one.risk_onset_s for one in labels], dtype=np.float64),
+        first_frame_dynamics=np.array([one.first_frame_dynamics for one in labels], dtype=np.bool_),
         labels=_shared_labels(label_lists),
-        records=_all_records([records for _, records in cells]),
+        records=records,
     )
 
 
@@ -131,72 +153,114 @@ def _coded(codes: Codes, values: Sequence[object]) -> Whole:
     return np.fromiter(map(codes.__getitem__, values), np.int64, len(values))
 
 
-def _all_records(record_lists: Sequence[Sequence[BehaviourRecord]]) -> RecordColumns:
-    grids = _Grids()
-    blocks = [
-        _records(list(chain.from_iterable(record_lists[start : start + _BLOCK])), grids)
-        for start in range(0, len(record_lists), _BLOCK)
-    ]
-    t_s, text_valid, answer, grid, x_m, y_m, x_count, y_count = (
-        np.concatenate(parts) for parts in zip(*blocks, strict=True)
-    )
-    return RecordColumns(
-        t_s,
-        text_valid,
-        answer,
-        grid,
-        tuple(grids),
-        x_m,
-        y_m,
-        np.concatenate(([0], np.cumsum(x_count))),
-        np.concatenate(([0], np.cumsum(y_count))),
-    )
+class RecordBlocks:
+    """Gathers records block by block; the columns of a block are made at once."""
+
+    def __init__(self) -> None:
+        self._grids = _Grids()
+        self._blocks: list[tuple[np.ndarray, ...]] = []
+
+    def add(self, records: Iterable[BehaviourRecord]) -> None:
+        """Adds a block of records."""
+        rows = list(records)
+        slots = zip(*[_slots(record.slots) for record in rows], strict=True)
+        found = [_NO_SLOT if slot is None else slot for slot in chain.from_iterable(slots)]
+        paths = [record.trajectory or _NO_TRAJECTORY for record in rows]
+        self._add(
+            [record.t_s for record in rows],
+            [record.text for record in rows],
+            [slot.value for slot in found],
+            [slot.evidence for slot in found],
+            [path.t_s for path in paths],
+            [path.x_m for path in paths],
+            [path.y_m for path in paths],
+        )
+
+    def add_lines(self, lines: Lines) -> None:
+        """Adds a block of records that were never made into objects."""
+        slots = [_NO_LINE_SLOT if slot is None else slot for slot in chain(*lines.slots)]
+        values = [slot["value"] for slot in slots]
+        paths = [path or _NO_LINE_PATH for path in lines.trajectories]
+        self._add(
+            lines.t_s,
+            lines.texts,
+            [tuple(value) if isinstance(value, list) else value for value in values],
+            [slot["evidence"] for slot in slots],
+            [tuple(_finite_or_nan(path["t_s"])) for path in paths],
+            [_finite_or_nan(path["x_m"]) for path in paths],
+            [_finite_or_nan(path["y_m"]) for path in paths],
+        )
+
+    def _add(
+        self,
+        times: Sequence[float],
+        texts: Sequence[str],
+        values: list[object],
+        evidence: Sequence[Sequence[Sequence[int]]],
+        grids: Sequence[tuple[float, ...]],
+        xs: Sequence[Sequence[float]],
+        ys: Sequence[Sequence[float]],
+    ) -> None:
+        """Adds a block; values and evidence hold all records' first slots, then the second."""
+        n = len(times)
+        text_valid = np.fromiter(map(bool, map(str.strip, texts)), np.bool_, n)
+        length = np.where(text_valid, np.fromiter(map(len, texts), np.int64, n), 0)
+        answer = np.empty((n, len(_ANSWER_CODES)), dtype=np.int64)
+        for slot, codes in enumerate(_ANSWER_CODES):
+            answer[:, slot] = _coded(codes, values[slot * n : (slot + 1) * n])
+        given = _supported(evidence, np.tile(length, len(_ANSWER_CODES)))
+        answer[~given.reshape(len(_ANSWER_CODES), n).T] = NOTHING
+        self._blocks.append(
+            (
+                np.array(times, dtype=np.float64),
+                text_valid,
+                answer,
+                np.fromiter(map(self._grids.__getitem__, grids), np.int64, n),
+                np.fromiter(chain.from_iterable(xs), np.float64),
+                np.fromiter(chain.from_iterable(ys), np.float64),
+                np.fromiter(map(len, xs), np.int64, n),
+                np.fromiter(map(len, ys), np.int64, n),
+            )
+        )
+
+    def columns(self) -> RecordColumns:
+        """All records so far, in the order in which they came."""
+        t_s, text_valid, answer, grid, x_m, y_m, x_count, y_count = (
+            np.concatenate(parts) for parts in zip(*self._blocks, strict=True)
+        )
+        return RecordColumns(
+            t_s,
+            text_valid,
+            answer,
+            grid,
+            tuple(self._grids),
+            x_m,
+            y_m,
+            np.concatenate(([0], np.cumsum(x_count))),
+            np.concatenate(([0], np.cumsum(y_count))),
+        )
 
 
-def _records(records: Sequence[BehaviourRecord], grids: _Grids) -> tuple[np.ndarray, ...]:
-    """A block's columns in the order in which _all_records takes them."""
-    n = len(records)
-    times = [record.t_s for record in records]
-    texts = [record.text for record in records]
-    text_valid = np.fromiter(map(bool, map(str.strip, texts)), np.bool_, n)
-    length = np.fromiter(map(len, texts), np.int64, n)
-    slots = [_slots(record.slots) for record in records]
-    answers = [
-        _answers([row[slot] for row in slots], codes, text_valid, length)
-        for slot, codes in enumerate(_ANSWER_CODES)
-    ]
-    paths = [record.trajectory or _NO_TRAJECTORY for record in records]
-    xs, ys = [path.x_m for path in paths], [path.y_m for path in paths]
-    return (
-        np.array(times, dtype=np.float64),
-        text_valid,
-        np.column_stack(answers),
-        np.fromiter((grids[path.t_s] for path in paths), np.int64, n),
-        np.fromiter(chain.from_iterable(xs), np.float64),
-        np.fromiter(chain.from_iterable(ys), np.float64),
-        np.fromiter(map(len, xs), np.int64, n),
-        np.fromiter(map(len, ys), np.int64, n),
-    )
+def _finite_or_nan(numbers: Sequence[float | None]) -> Sequence[float]:
+    """Numbers of a file, NaN where it has null."""
+    if None in numbers:
+        return [math.nan if number is None else number for number in numbers]
+    return numbers  # type: ignore[return-value]  # none of them is None
 
 
-def _answers(
-    column: Sequence[Slot | None], codes: Codes, text_valid: Flags, length: Whole
-) -> Whole:
-    """The codes of a slot's values where z = 1 (METHOD 5.3), else NOTHING."""
-    slots = [_NO_SLOT if slot is None else slot for slot in column]
-    answer = _coded(codes, [slot.value for slot in slots])
-    evidence = [slot.evidence for slot in slots]
+def _supported(evidence: Sequence[Sequence[Sequence[int]]], length: Whole) -> Flags:
+    """Whether a slot has a span inside the text (METHOD 5.3); length 0 is a blank text."""
     spans = _spans(evidence)
-    count = np.fromiter(map(len, evidence), np.int64, len(slots))
+    count = np.fromiter(map(len, evidence), np.int64, len(evidence))
     start, end = spans[0::2], spans[1::2]
     inside = (start >= 0) & (start < end) & (end <= np.repeat(length, count))
     before = np.concatenate(([0], np.cumsum(inside)))
     last = np.cumsum(count)
-    given = text_valid & (before[last] > before[last - count])
-    return np.where(given, answer, NOTHING)
+    result: Flags = before[last] > before[last - count]
+    return result
 
 
-def _spans(evidence: Sequence[tuple[tuple[int, int], ...]]) -> Whole:
+def _spans(evidence: Sequence[Sequence[Sequence[int]]]) -> Whole:
     def flat() -> Iterator[int]:
         return chain.from_iterable(chain.from_iterable(evidence))
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from rich.table import Table
 from rich.text import Text
 
-from ssp_eval.score.cell import CellScore
+from ssp_eval.score.cell import CellMetrics
+from ssp_eval.score.ivcs import ivcs_weights
 
 NULL = "–"
 DISCLAIMER = "IVCS is no safety certificate."
@@ -36,17 +38,38 @@ def format_response(rsr: int, rl_s: float | None) -> str:
     return f"S@{rl_s:.2f}" if rsr and rl_s is not None else "F"
 
 
-def score_table(cells: Sequence[tuple[str, CellScore]]) -> Table:
+@dataclass(frozen=True)
+class Scored:
+    """A case and its scores.
+
+    Args:
+        name: of the case.
+        records: how many it has.
+        metrics: its scores.
+    """
+
+    name: str
+    records: int
+    metrics: CellMetrics
+
+    @property
+    def nulls(self) -> list[str]:
+        """Components that are null and count as 0 in IVCS (METHOD 6.11)."""
+        return [name for name in ivcs_weights() if getattr(self.metrics, name) is None]
+
+
+def score_table(cases: Sequence[Scored]) -> Table:
     """The scores of several cells; ``*`` marks an IVCS in which a null component counts as 0."""
     table = Table(title="Scores per cell (METHOD 6)")
     table.add_column("case", no_wrap=True)
     table.add_column("matched", justify="right", no_wrap=True)
     for heading in [*(name for name, _ in _COLUMNS), "response", "IVCS"]:
         table.add_column(heading, justify="right", no_wrap=True)
-    for case, score in cells:
-        flag = "*" if score.details.ivcs_nulls else ""
+    for case in cases:
+        score = case.metrics
+        flag = "*" if case.nulls else ""
         table.add_row(
-            Text(case),
+            Text(case.name),
             f"{score.matched}/{score.n}",
             *(format_ratio(getattr(score, key)) for _, key in _COLUMNS),
             format_response(score.rsr, score.rl_s),
@@ -55,13 +78,13 @@ def score_table(cells: Sequence[tuple[str, CellScore]]) -> Table:
     return table
 
 
-def score_notes(cells: Sequence[tuple[str, CellScore]]) -> list[str]:
+def score_notes(cases: Sequence[Scored]) -> list[str]:
     """The lines that belong under the table."""
     notes = [DISCLAIMER]
-    for case, score in cells:
-        if score.details.ivcs_nulls:
-            names = ", ".join(score.details.ivcs_nulls)
-            notes.append(f"* {case}: no denominator for {names}, counted as 0 in IVCS.")
-        if unmatched := score.details.unmatched_records:
-            notes.append(f"{case}: records that match no label, ignored: {len(unmatched)}.")
+    for case in cases:
+        if case.nulls:
+            names = ", ".join(case.nulls)
+            notes.append(f"* {case.name}: no denominator for {names}, counted as 0 in IVCS.")
+        if unmatched := case.records - case.metrics.matched:
+            notes.append(f"{case.name}: records that match no label, ignored: {unmatched}.")
     return notes
