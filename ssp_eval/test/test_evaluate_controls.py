@@ -19,6 +19,7 @@ from ssp_eval.evaluate.conditions import other_label_time
 from ssp_eval.evaluate.model_spec import ModelSpec
 from ssp_eval.evaluate.models import bridge_spec, with_controls
 from ssp_eval.evaluate.plan import Plan
+from ssp_eval.report.page import write_report
 
 BagMaker = Callable[..., Path]
 MINE = ModelSpec("mine", backend="opencv_baseline")
@@ -119,8 +120,11 @@ def test_a_campaign_goes_on_with_and_without_controls(make_bag: BagMaker, tmp_pa
     plain = [bridge_spec("opencv_baseline")]
     bags: list[tuple[Path, Path | None]] = [(bag, None)]
     run_campaign(bags, plain, DirectAskers(), out, CellOptions(), True)
+    told = "This campaign has no controls"
+    assert told in write_report(out).read_text()
     later = run_campaign(bags, with_controls(plain), DirectAskers(), out, CellOptions())
     assert [(r.asked, r.reused) for r in later] == [(0, 9), *[(9, 0)] * 6]
+    assert told not in write_report(out).read_text()
     again = run_campaign(bags, plain, DirectAskers(), out, CellOptions())
     assert [(r.asked, r.reused) for r in again] == [(0, 9)]
     assert len(list((out / "cells").iterdir())) == 7
