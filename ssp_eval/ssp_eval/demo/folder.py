@@ -22,7 +22,7 @@ LOGS = "logs/steps"
 MADE = frozenset(
     {
         MARKER, "audits", "cells", "clips", "frames", "index.html", "logs", "package",
-        "requests", "runs", "tasks",
+        "report", "requests", "runs", "tasks",
     }
 )  # fmt: skip
 _MOST = 99
