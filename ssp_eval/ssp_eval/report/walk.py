@@ -13,6 +13,7 @@ from ssp_eval.report.load import CellData, json_object
 from ssp_eval.score import Judgement
 
 _NO_RECORD = "no record"
+_ATTACHED = "attached to the recording"
 # Characters of a raw answer that a page shows; the file has them all.
 _MOST_SHOWN = 20_000
 
@@ -88,9 +89,11 @@ class Walks:
             yield self._line("evidence", RECORDS_FILE, line)
         yield from self._asked(index, judgement)
         yield WalkStep("recording", hashes.get("bag") or "", says=facts.clip.origin)
+        # Sessions carry what they were made from; an imported video was made from nothing of ours.
+        says = _ATTACHED if facts.clip.verdict is not None else ""
         if facts.task_version is not None:
-            yield WalkStep("compiled task", facts.task_version)
-        yield WalkStep("K*", facts.event_version)
+            yield WalkStep("compiled task", facts.task_version, says=says)
+        yield WalkStep("K*", facts.event_version, says=says or "as declared for this video")
 
     def _asked(self, index: int, judgement: Judgement) -> Iterator[WalkStep]:
         """Raw output, request and frames: of the request that the record came from."""
