@@ -120,7 +120,7 @@ def test_a_campaign_goes_on_with_and_without_controls(make_bag: BagMaker, tmp_pa
     plain = [bridge_spec("opencv_baseline")]
     bags: list[tuple[Path, Path | None]] = [(bag, None)]
     run_campaign(bags, plain, DirectAskers(), out, CellOptions(), True)
-    told = "This campaign has no controls"
+    told = "These cells have no controls"
     assert told in write_report(out).read_text()
     later = run_campaign(bags, with_controls(plain), DirectAskers(), out, CellOptions())
     assert [(r.asked, r.reused) for r in later] == [(0, 9), *[(9, 0)] * 6]

@@ -114,7 +114,7 @@ def _of_controls(rows: Sequence[CellRow]) -> Iterable[Notice]:
     models = sorted({row.model for row in rows if not row.control})
     if not controls:
         text = (
-            "No controls: nothing here shows that a score comes from seeing, and that the harness "
+            "These cells have no controls: nothing here shows that a score comes from seeing, and that the harness "
             "gives 1 to perfect answers and 0 to none."
         )
         yield Notice(CONTROLS, text, (), everywhere=True)

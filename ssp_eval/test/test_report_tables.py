@@ -1,0 +1,275 @@
+"""One table, one place: page and files show the same rows, numbers and notices."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from collections.abc import Callable
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ssp_core.cli import main
+from ssp_eval.analysis.control_tables import AS_MUCH, UNPAIRED, condition_of, control_tables
+from ssp_eval.analysis.notices import MOST_NAMED, everywhere, notices, some
+from ssp_eval.analysis.rank_table import MOST_PAIRED
+from ssp_eval.analysis.row import CellRow
+from ssp_eval.analysis.table import Column, Table
+from ssp_eval.analysis.tables import MEAN_TABLES, all_tables
+from ssp_eval.evaluate.asker import DirectAskers
+from ssp_eval.evaluate.campaign import run_campaign
+from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.models import bridge_spec, with_controls
+from ssp_eval.report.grid import MOST_ACROSS, common_notes, grid, rank_grids
+from ssp_eval.report.seeing import seeing_plot
+from ssp_eval.score.aggregate import Mean
+
+BagMaker = Callable[..., Path]
+PAGE_TABLES = (
+    *MEAN_TABLES, "strata", "ranks_model", "ranks_domain", "seeing", "answerers", "first_failures",
+)  # fmt: skip
+DIGITS = {"ratio": 3, "signed": 3, "seconds": 2}
+
+
+class Tables(HTMLParser):
+    """Fields of the tables of a page by name: text and, apart from it, the n of a mean."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.tables: dict[str, list[list[list[str]]]] = {}
+        self._name = ""
+        self._in_field = self._in_n = False
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag == "table":
+            self._name = dict(attrs).get("data-table") or ""
+        if not self._name:
+            return
+        if tag == "tr":
+            self.tables.setdefault(self._name, []).append([])
+        self._in_field |= tag == "td"
+        self._in_n |= tag == "small"
+        if tag == "td":
+            self.tables[self._name][-1].append(["", ""])
+
+    def handle_endtag(self, tag: str) -> None:
+        self._in_field &= tag != "td"
+        self._in_n &= tag != "small"
+        if tag == "table":
+            self._name = ""
+
+    def handle_data(self, data: str) -> None:
+        if self._name and self._in_field:
+            self.tables[self._name][-1][-1][self._in_n] += data
+
+
+@pytest.fixture(scope="module")
+def written(bag_writer: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A campaign with its controls, its page and its tables."""
+    folder = tmp_path_factory.mktemp("tables")
+    bags = [
+        bag_writer(folder / "a"),
+        bag_writer(folder / "b", domain="physical", stand_in=True),
+        bag_writer(folder / "c", scenario="vru_crossing"),
+    ]
+    models = with_controls([bridge_spec("opencv_baseline")])
+    out = folder / "out"
+    run_campaign([(bag, None) for bag in bags], models, DirectAskers(), out, CellOptions(), True)
+    # One cell of a model under black frames is lost, so that a mean is over fewer recordings.
+    file = out / "cells" / "cut_in__physical__opencv_baseline+black" / "cell.json"
+    lost = {"status": "failed", "reasons": ["bridge died"]}
+    file.write_text(json.dumps({**json.loads(file.read_text()), **lost}))
+    for file in out.glob("cells/cut_in__*/cell.json"):
+        admitted = {"admission": {"status": "admitted", "audit_sha256": None}}
+        file.write_text(json.dumps({**json.loads(file.read_text()), **admitted}))
+    args = ["report", out, "--tables", out / "tables", "--resamples", "200"]
+    assert main([str(arg) for arg in args]) == 0
+    return out
+
+
+def lines(file: Path) -> list[list[str]]:
+    read = csv.reader(io.StringIO(file.read_text("utf-8")))
+    return [line for line in read if not line[0].startswith("# ")]
+
+
+def rounded(kind: str, value: Any) -> str | None:
+    """What a person reads of an unrounded value; None for what isn't a number to round."""
+    if value is None:
+        return "–"
+    if kind in DIGITS:
+        sign = "+" if kind == "signed" else ""
+        return f"{value:{sign}z.{DIGITS[kind]}f}"
+    return str(value) if kind == "count" else None
+
+
+def test_the_page_shows_the_numbers_of_the_files(written: Path) -> None:
+    found = Tables()
+    found.feed((written / "index.html").read_text("utf-8"))
+    assert set(PAGE_TABLES) - {"ranks_model"} <= set(found.tables)  # one model has no ranks
+    compared = 0
+    for name, shown in found.tables.items():
+        data = json.loads((written / "tables" / f"{name}.json").read_text())
+        columns = [
+            column for column in data["columns"]
+            if column["kind"] != "text" or any(row[column["key"]] for row in data["rows"])
+        ]  # fmt: skip
+        rows = data["rows"]
+        if name == "first_failures":  # the page has models and controls apart
+            rows = sorted(rows, key=lambda row: row["model"] != "opencv_baseline")
+        fields = [row for row in shown if row]
+        assert len(fields) == len(rows), name
+        for row, texts in zip(rows, fields, strict=True):
+            assert len(texts) == len(columns), name
+            for column, (text, n) in zip(columns, texts, strict=True):
+                value = row[column["key"]]
+                if isinstance(value, dict):
+                    assert n == (f"n={value['n']}" if value["n"] not in (row.get("n"), 0) else "")
+                    value = value["value"]
+                wanted = rounded(column["kind"], value)
+                if wanted is not None:
+                    assert text == ("·" if wanted == "0" and text == "·" else wanted), name
+                    compared += 1
+    assert compared > 200
+
+
+def test_csv_json_latex_and_html_have_the_same_numbers(written: Path) -> None:
+    for name in PAGE_TABLES:
+        file = written / "tables" / f"{name}.json"
+        data = json.loads(file.read_text())
+        head, *rest = lines(file.with_suffix(".csv"))
+        latex, html = file.with_suffix(".tex").read_text(), file.with_suffix(".html").read_text()
+        for row, line in zip(data["rows"], rest, strict=True):
+            of = dict(zip(head, line, strict=True))
+            for column in data["columns"]:
+                key, kind = column["key"], column["kind"]
+                value = row[key]["value"] if isinstance(row[key], dict) else row[key]
+                if kind in DIGITS and value is not None:
+                    assert math.isclose(float(of[key]), value, rel_tol=0, abs_tol=0)
+                    text = rounded(kind, value)
+                    assert text is not None
+                    assert text in html
+                    assert text.replace("-", "$-$") in latex
+
+
+def test_what_cells_can_t_be_compared_for_stands_under_every_table(written: Path) -> None:
+    folder = written / "tables"
+    told = json.loads((folder / "statistics.json").read_text())["notices"]
+    strong = [one["text"] for one in told if one["everywhere"]]
+    assert any("software stand-in" in text for text in strong)
+    assert any(text.startswith("Unaudited") for text in strong)
+    assert any("cut_in / physical / opencv_baseline+black" in one["text"] for one in told)
+    page = (written / "index.html").read_text("utf-8")
+    assert [one["text"] for one in told] == [line[1] for line in lines(folder / "notices.csv")[1:]]
+    for text in strong:
+        assert f'<li class="strong">{text}</li>' in page
+    names = [file.stem for file in folder.glob("*.csv")]
+    assert len(names) > 20
+    for name in names:
+        data = json.loads((folder / f"{name}.json").read_text())
+        assert data["notices"] == strong
+        assert data["notes"][: len(strong)] == strong
+        html, latex = ((folder / f"{name}{end}").read_text() for end in (".html", ".tex"))
+        for text in strong:
+            assert f'<p class="notice">{text}</p>' in html
+            assert text.replace("_", r"\_") in latex
+            assert f"# {text}" in (folder / f"{name}.csv").read_text().replace('"', "")
+
+
+NAMES = ("jovr", "sem_acc_eff", "cia_eff", "act_acc_eff", "tqsr", "atc_eff")
+
+
+def row(scenario: str, domain: str, model: str, value: float, **others: Any) -> CellRow:
+    scores: dict[str, Any] = dict.fromkeys(NAMES, value) | {"rsr": 0, "rl_s": None} | others
+    return CellRow(scenario, domain, model, **scores)
+
+
+def test_what_seeing_is_worth_by_hand() -> None:
+    rows = [
+        row("cut_in", "simulation", "m", 0.8),
+        row("cut_in", "physical", "m", 0.4),
+        row("cut_in", "simulation", "m+black", 0.5, control=True),
+        row("cut_in", "physical", "m+shuffled", 0.4, control=True),
+        row("cut_in", "simulation", "gone+black", 0.5, control=True),
+        row("cut_in", "simulation", "copy_history", 0.1, control=True),
+    ]
+    seeing, answerers = control_tables(rows)
+    keys = [column.key for column in seeing.columns]
+    found = [dict(zip(keys, values, strict=True)) for values in seeing.rows]
+    by = {(one["model"], one["condition"]): one for one in found}
+    black = by["m", "black"]
+    # Only the recording that both were scored on; RSR is 0, so IVCS is 0.9 of the value.
+    assert (black["n"], black["tqsr"], black["tqsr_spoilt"]) == (1, Mean(0.8, 1), Mean(0.5, 1))
+    assert black["ivcs_difference"] == pytest.approx(0.9 * 0.3)
+    assert not black["finding"]
+    assert by["m", "shuffled"]["finding"] == AS_MUCH
+    assert (by["gone", "black"]["n"], by["gone", "black"]["finding"]) == (0, UNPAIRED)
+    assert [r[0] for r in answerers.rows] == ["copy_history"]
+    drawn = seeing_plot(seeing, answerers)
+    assert "m, black frames: 0.450" in drawn
+    assert "copy_history 0.090" in drawn
+    assert "gone" not in drawn
+    assert seeing_plot(None, answerers) == ""
+    assert condition_of("m+grey") == ("m+grey", "")
+
+
+def test_cells_without_controls_or_on_different_recordings_say_so() -> None:
+    rows = [row("cut_in", "simulation", "a", 0.5), row("cut_in", "simulation", "b", 0.4)]
+    assert any("have no controls" in text for text in everywhere(notices(rows)))
+    rows.append(row("cut_in", "physical", "b", 0.4))
+    found = [notice.text for notice in notices(rows)]
+    assert any("(of 2: a 1)" in text for text in found)
+    assert any("cut_in / physical / a" in text for text in found)
+    rows.append(row("cut_in", "simulation", "a+black", 0.1, control=True))
+    told = [notice.text for notice in notices(rows)]
+    assert not any("have no controls" in text for text in told)
+    assert any("Not asked with black and with shuffled frames: a, b." in text for text in told)
+
+
+def test_many_names_are_counted() -> None:
+    assert some(["a", "b"]) == "a, b"
+    assert some([str(k) for k in range(MOST_NAMED + 2)]).endswith("11, and 2 more")
+
+
+@pytest.mark.parametrize("scenarios", [MOST_PAIRED, MOST_PAIRED + 1, MOST_ACROSS + 4])
+def test_ranks_of_many_scenarios_stay_readable(scenarios: int) -> None:
+    """Each model leads in every other scenario."""
+    rows = [
+        row(f"event_{k:02d}", "simulation", model, 0.5 + 0.1 * ((k + j) % 2))
+        for k in range(scenarios)
+        for j, model in enumerate(("a", "b"))
+    ]
+    table = next(one for one in all_tables(rows) if one.name == "ranks_model")
+    changes = str(table.rows[0][-1])
+    pairs = (scenarios // 2) * ((scenarios + 1) // 2)
+    if scenarios <= MOST_PAIRED:
+        assert changes.count(";") == pairs - 1
+    else:
+        assert changes.startswith("from 1 in event_0")
+        assert changes.endswith(f"2 different ranks in {scenarios} scenarios")
+    grids = rank_grids(table)
+    if scenarios <= MOST_ACROSS:
+        (only,) = grids
+        assert len(only.heads) == scenarios + 4
+        return
+    first, turned = grids
+    assert [head.text for head in first.heads] == ["model", "all", "mean IVCS", "changes of rank"]
+    assert [head.text for head in turned.heads] == ["scenario", *(str(r[0]) for r in table.rows)]
+    assert len(turned.rows) == scenarios
+    for place, one in enumerate(turned.rows):
+        assert [field.text for field in one[1:]] == [str(r[place + 1]) for r in table.rows]
+
+
+def test_notes_that_all_tables_have_are_told_once() -> None:
+    columns = (Column("model", "model", "text"), Column("empty", "empty", "text"))
+    one = Table("a", "a", columns, (("m", ""),), ("common", "own"))
+    other = Table("b", "b", columns, (("m", ""),), ("other", "common"))
+    common, rest = common_notes([grid(one), grid(other)])
+    assert common == ("common",)
+    assert [table.notes for table in rest] == [("own",), ("other",)]
+    # A column of words without any takes only room.
+    assert [head.text for head in rest[0].heads] == ["model"]
+    assert common_notes([]) == ((), [])
