@@ -13,7 +13,7 @@ import pytest
 from click.testing import CliRunner
 
 from ssp_core.errors import InputError
-from ssp_eval.analysis.rows import COLUMNS
+from ssp_eval.analysis.cells_csv import COLUMNS
 from ssp_eval.figures.write import DPI, write_figures
 from ssp_eval.report.cli import report
 from ssp_eval.score.show import DISCLAIMER

@@ -166,8 +166,9 @@ def _stacks(
     for scenario, domain, cells in groups:
         if scenario != before:
             page.text(
-                0.05, head_in + y + band_in - 0.05, fitted(scenario, COLUMN_IN - 0.2), weight="bold"
-            )
+                0.05, head_in + y + band_in - 0.05, fitted(scenario, COLUMN_IN - 0.2),
+                weight="bold", bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.8},
+            )  # fmt: skip
             y, before = y + band_in, scenario
         terms = [ivcs_terms(cell.score) for cell in cells]
         left = 0.0

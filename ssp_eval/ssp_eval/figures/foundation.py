@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from matplotlib.axes import Axes
 from matplotlib.ticker import NullLocator
 
+from ssp_eval.figures.architectures import architectures
 from ssp_eval.figures.cloud import MOST_POINTS, cloud, numbers_used, share_axis_near, steps_of
 from ssp_eval.figures.drawing import (
     UNITS,
@@ -15,44 +16,34 @@ from ssp_eval.figures.drawing import (
     LeftOut,
     caption,
     page_name,
-    pages_of,
     renamed,
     shown_mean,
 )
-from ssp_eval.figures.legend import legend_height_in, mark_legend
+from ssp_eval.figures.named_rows import NO_MODEL, ROW_IN, named_rows, row_pages
 from ssp_eval.figures.place import Point
 from ssp_eval.figures.scores import Scores, listed, pareto_front
 from ssp_eval.figures.style import (
-    BLUE,
-    COLUMN_IN,
-    COMPONENT_NAMES,
-    FAINT,
     GREY,
     INK,
     LOOKS,
     NAMES_IN,
-    ORANGE,
     Look,
-    Sheet,
     names_in,
     row_width_in,
     share_axis,
     widest_in,
 )
-from ssp_eval.score.aggregate import Mean, mean, ranks
+from ssp_eval.score.aggregate import ranks
 
 UNKNOWN = "architecture not given"
-NO_MODEL = "no cell of a model may enter means"
-COMPARED = ("jovr", "sem_acc_eff", "cia_eff", "tqsr", "rsr", "ivcs")
 _NUMBERS = "Numbers stand for the models in the list, which is in the order of IVCS."
-_MOST_ROWS = 46
 
 
 def foundation(scores: Scores) -> Iterator[Drawing | LeftOut]:
     """The four figures about foundation models."""
     yield _semantics_trajectory(scores)
     yield _parameters(scores)
-    yield _architectures(scores)
+    yield architectures(scores)
     yield from _ranking(scores)
 
 
@@ -177,69 +168,6 @@ def _log_ticks(low: float, high: float) -> list[float]:
     return found if len(found) <= 8 else [tick for tick in decades if low <= tick <= high]
 
 
-def _architectures(scores: Scores) -> Drawing | LeftOut:
-    name = "foundation_architectures"
-    members: dict[str, list[str]] = {}
-    for model in scores.by_model:
-        if scores.facts[model].architecture:
-            members.setdefault(_architecture(scores, model), []).append(model)
-    order = sorted(members, key=lambda a: (-len(members[a]), a))
-    if len(order) < 2:
-        return LeftOut(name, "two architectures are not known")
-    first, second = sorted(order[:2])
-    found: dict[str, dict[str, Mean]] = {
-        one: {
-            key: mean(c.score[key] for c in scores.cells if c.model in members[one])
-            for key in COMPARED
-        }
-        for one in (first, second)
-    }
-    looks = {first: Look(BLUE, "o", ""), second: Look(ORANGE, "s", "")}
-    titles = names_in(looks, 1.9)
-    legend = {f"{titles[one]} (models: {len(members[one])})": look for one, look in looks.items()}
-    head_in = legend_height_in(list(legend), COLUMN_IN) + 0.05
-    row_in, left_in = 0.22, 0.52
-    sheet = Sheet(COLUMN_IN, head_in + row_in * len(COMPARED) + 0.42)
-    mark_legend(sheet, legend, 0.11)
-    axes = sheet.axes(left_in, head_in, COLUMN_IN - left_in - 0.4, row_in * len(COMPARED))
-    axes.set_ylim(len(COMPARED) - 0.5, -0.5)
-    axes.axhline(len(COMPARED) - 1.5, color=FAINT, linewidth=0.6)
-    for row, key in enumerate(COMPARED):
-        ends = {one: found[one][key].value for one in looks}
-        known = [value for value in ends.values() if value is not None]
-        if len(known) == 2:
-            axes.plot(known, [row, row], color=GREY, linewidth=1.4, zorder=2, gid=f"bar-{key}")
-            text = f"{known[1] - known[0]:+z.2f}".replace("-", "−")
-            axes.text(1.05, row, text, va="center_baseline", clip_on=False)
-        for one, value in ends.items():
-            if value is not None:
-                axes.plot(
-                    [value], [row], looks[one].marker, color=looks[one].colour, clip_on=False,
-                    markeredgecolor=INK, markeredgewidth=0.4, zorder=3, gid=f"end-{key}-{one}",
-                )  # fmt: skip
-    axes.set_yticks(range(len(COMPARED)), [COMPONENT_NAMES[key] for key in COMPARED])
-    axes.tick_params(axis="y", length=0)
-    share_axis(axes, "score, mean over cells")
-    counts = "; ".join(
-        f"{one}: {found[one]['ivcs'].n} cells of {listed(members[one])}" for one in looks
-    )
-    return Drawing(
-        name,
-        sheet.figure,
-        caption(
-            f"Two architectures: unweighted means over all cells of their models ({counts}); the "
-            f"number at the right is {second} minus {first}.",
-            f"Architectures with fewer models, not shown: {listed(order[2:])}."
-            if order[2:]
-            else "",
-            "The models differ in more than their architecture, and so the difference isn't its "
-            "effect alone.",
-            scores.left_out,
-            UNITS,
-        ),
-    )
-
-
 def _ranking(scores: Scores) -> Iterator[Drawing | LeftOut]:
     name = "foundation_ranking"
     if not scores.by_model:
@@ -253,16 +181,10 @@ def _ranking(scores: Scores) -> Iterator[Drawing | LeftOut]:
     labels = {model: f"{places[model]}  {names[model]}" for model in scores.by_model}
     size = {model: _size(scores, model) for model in scores.by_model}
     right_in = max(0.12, widest_in(size.values()) + 0.15)
-    row_in = 0.17
-    pages = pages_of(list(scores.by_model), _MOST_ROWS)
+    legend = {a: Look(k.colour, "s", "") for a, k in looks.items()} if len(looks) > 1 else {}
+    pages = row_pages(list(scores.by_model))
     for number, members in enumerate(pages, start=1):
-        legend = looks if len(looks) > 1 else {}
-        head_in = (legend_height_in(list(legend), width_in) if legend else 0.0) + 0.08
-        left_in = widest_in(labels[m] for m in members) + 0.12
-        sheet = Sheet(width_in, head_in + row_in * len(members) + 0.42)
-        mark_legend(sheet, {a: Look(k.colour, "s", "") for a, k in legend.items()}, 0.11)
-        axes = sheet.axes(left_in, head_in, width_in - left_in - right_in, row_in * len(members))
-        axes.set_ylim(len(members) - 0.5, -0.5)
+        sheet, axes, head_in = named_rows(width_in, [labels[m] for m in members], legend, right_in)
         for row, model in enumerate(members):
             value, look = scores.by_model[model]["ivcs"].value or 0.0, looks[kinds[model]]
             axes.barh(
@@ -272,11 +194,9 @@ def _ranking(scores: Scores) -> Iterator[Drawing | LeftOut]:
             axes.text(value + 0.02, row, shown_mean(value), va="center_baseline")
             sheet.figure.text(
                 1.0 - 0.05 / width_in,
-                1.0 - (head_in + row_in * (row + 0.5)) / sheet.height_in,
+                1.0 - (head_in + ROW_IN * (row + 0.5)) / sheet.height_in,
                 size[model], va="center_baseline", ha="right", color=GREY,
             )  # fmt: skip
-        axes.set_yticks(range(len(members)), [labels[m] for m in members])
-        axes.tick_params(axis="y", length=0)
         share_axis(axes, "IVCS, mean over cells")
         axes.set_xlim(0.0, 1.02)
         known = any(size.values())

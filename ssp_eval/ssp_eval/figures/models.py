@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from matplotlib.axes import Axes
 
+from ssp_eval.figures.differences import differences
 from ssp_eval.figures.drawing import (
     UNITS,
     Drawing,
@@ -16,38 +17,28 @@ from ssp_eval.figures.drawing import (
     renamed,
     shown_mean,
 )
-from ssp_eval.figures.legend import legend_height_in, mark_legend
+from ssp_eval.figures.named_rows import COMPONENTS, NO_MODEL, named_rows, row_pages
 from ssp_eval.figures.ranks import rank_slopes
-from ssp_eval.figures.scores import Group, Scores, listed, words
+from ssp_eval.figures.scores import Group, Scores, words
 from ssp_eval.figures.style import (
     BLUE,
     COMPONENT_NAMES,
-    FAINT,
     GREY,
     INK,
     LOOKS,
     NAMES_IN,
     PAGE_IN,
-    RED,
     Look,
     Sheet,
-    fitted,
     names_in,
     row_width_in,
     share_axis,
     text_width_in,
-    widest_in,
 )
-from ssp_eval.score.aggregate import BY_MODEL, Cell, means, relative_difference
 
-NO_MODEL = "no cell of a model may enter means"
-COMPONENTS = ("jovr", "sem_acc_eff", "cia_eff", "tqsr", "rsr")
 PROFILE = (*COMPONENTS, "act_acc_eff", "atc_eff")
-DIFFERENCES = (*COMPONENTS, "ivcs")
 MACRO_LOOK = Look(INK, "|", "")
-_ROW_IN = 0.17
-_MOST_ROWS = 46
-_PANEL_COLUMNS, _MOST_PANEL_ROWS = 4, 8
+_PANEL_COLUMNS, _MOST_PANEL_ROWS, _PANEL_IN = 4, 8, 1.2
 
 
 def models(scores: Scores, reference: str | None) -> Iterator[Drawing | LeftOut]:
@@ -60,7 +51,7 @@ def models(scores: Scores, reference: str | None) -> Iterator[Drawing | LeftOut]
     yield from _range(scores)
     yield rank_slopes(scores, "model", "models_ranks")
     yield from _profiles(scores)
-    yield from _differences(scores, reference)
+    yield from differences(scores, reference)
 
 
 def scenario_looks(scenarios: Sequence[str]) -> dict[str, Look]:
@@ -76,17 +67,11 @@ def _range(scores: Scores) -> Iterator[Drawing | LeftOut]:
     width_in = row_width_in(scores.by_model)
     names = names_in(scores.by_model, NAMES_IN[width_in])
     looks = scenario_looks(scores.scenarios)
-    pages = pages_of(list(scores.by_model), _MOST_ROWS)
+    legend = {words(name): look for name, look in looks.items()}
+    legend["macro average"] = MACRO_LOOK
+    pages = row_pages(list(scores.by_model))
     for number, members in enumerate(pages, start=1):
-        legend = {words(name): look for name, look in looks.items()}
-        legend["macro average"] = MACRO_LOOK
-        head_in = legend_height_in(list(legend), width_in) + 0.05
-        left_in = widest_in(names[m] for m in members) + 0.12
-        height_in = _ROW_IN * len(members)
-        sheet = Sheet(width_in, head_in + height_in + 0.42)
-        axes = sheet.axes(left_in, head_in, width_in - left_in - 0.12, height_in)
-        axes.set_ylim(len(members) - 0.5, -0.5)
-        mark_legend(sheet, legend, 0.11)
+        sheet, axes, _ = named_rows(width_in, [names[m] for m in members], legend)
         for row, model in enumerate(members):
             found = {
                 scenario: group["ivcs"].value
@@ -109,8 +94,6 @@ def _range(scores: Scores) -> Iterator[Drawing | LeftOut]:
                 markeredgewidth=1.5, clip_on=False, zorder=4,
                 gid=f"macro-{model}",
             )  # fmt: skip
-        axes.set_yticks(range(len(members)), [names[m] for m in members])
-        axes.tick_params(axis="y", length=0)
         share_axis(axes, "IVCS")
         yield Drawing(
             page_name(name, number, len(pages)),
@@ -134,9 +117,10 @@ def _profiles(scores: Scores) -> Iterator[Drawing | LeftOut]:
     middle = [_median(group[key].value for group in scores.by_model.values()) for key in PROFILE]
     if len(scores.by_model) < 2:
         middle = []
+    names = names_in(scores.by_model, _PANEL_IN + 0.12 - text_width_in(" 0.00"))
     pages = pages_of(list(scores.by_model), _PANEL_COLUMNS * _MOST_PANEL_ROWS)
     for number, members in enumerate(pages, start=1):
-        sheet = _panels(scores, members, middle)
+        sheet = _panels(scores, {m: names[m] for m in members}, middle)
         yield Drawing(
             page_name(name, number, len(pages)),
             sheet.figure,
@@ -149,6 +133,7 @@ def _profiles(scores: Scores) -> Iterator[Drawing | LeftOut]:
                 scores.uneven("model"),
                 scores.left_out,
                 UNITS,
+                renamed({m: names[m] for m in members}),
             ),
         )
 
@@ -161,18 +146,18 @@ def _median(values: Iterator[float | None]) -> float | None:
     return known[half] if len(known) % 2 else (known[half - 1] + known[half]) / 2
 
 
-def _panels(scores: Scores, members: Sequence[str], middle: Sequence[float | None]) -> Sheet:
+def _panels(scores: Scores, members: Mapping[str, str], middle: Sequence[float | None]) -> Sheet:
     columns = min(_PANEL_COLUMNS, len(members))
     rows = -(-len(members) // columns)
     bar_in, head_in, gap_in, foot_in = 0.115, 0.19, 0.1, 0.3
-    left_in, panel_in = 0.47, 1.13
+    left_in, panel_in = 0.47, _PANEL_IN
     step_in = panel_in + (PAGE_IN - left_in - 0.1 - _PANEL_COLUMNS * panel_in) / (
         _PANEL_COLUMNS - 1
     )
     height_in = bar_in * len(PROFILE)
     width_in = left_in + step_in * (columns - 1) + panel_in + 0.15
     sheet = Sheet(width_in, rows * (head_in + height_in + gap_in) + foot_in)
-    for index, model in enumerate(members):
+    for index, (model, shown) in enumerate(members.items()):
         row, column = divmod(index, columns)
         axes = sheet.axes(
             left_in + step_in * column, head_in + row * (head_in + height_in + gap_in), panel_in,
@@ -186,8 +171,7 @@ def _panels(scores: Scores, members: Sequence[str], middle: Sequence[float | Non
         axes.tick_params(axis="y", length=0)
         axes.set_xticks([0.0, 0.5, 1.0], ["0", "0.5", "1"] if last else ["", "", ""])
         ivcs = shown_mean(scores.by_model[model]["ivcs"].value)
-        title = f"{fitted(model, panel_in + 0.12 - text_width_in(f' {ivcs}'))} {ivcs}"
-        axes.set_title(title, loc="left", pad=3, size=7.0)
+        axes.set_title(f"{shown} {ivcs}", loc="left", pad=3, size=7.0)
     return sheet
 
 
@@ -210,107 +194,3 @@ def _profile(axes: Axes, model: str, group: Group, middle: Sequence[float | None
             ends = [value, value], [place - 0.4, place + 0.4]
             axes.plot(*ends, color="white", linewidth=2.6, solid_capstyle="butt")
             axes.plot(*ends, color=INK, linewidth=1.2, solid_capstyle="butt")
-
-
-def _differences(scores: Scores, reference: str | None) -> Iterator[Drawing | LeftOut]:
-    name = "models_difference"
-    if len(scores.by_model) < 2:
-        yield LeftOut(name, "a difference needs two models")
-        return
-    chosen = reference is not None
-    base = reference if reference is not None else next(iter(scores.by_model))
-    others = [model for model in scores.by_model if model != base]
-    pairs: dict[str, tuple[list[Cell], list[Cell]]] = {
-        model: _shared(scores.cells, model, base) for model in others
-    }
-    compared = [model for model in others if pairs[model][0]]
-    if not compared:
-        yield LeftOut(name, f"no model has a scenario and domain in common with {base}")
-        return
-    names = names_in([*compared, base], 1.6)
-    pages = pages_of(compared, _MOST_ROWS)
-    for number, members in enumerate(pages, start=1):
-        sheet = _difference_panels({m: pairs[m] for m in members}, names)
-        apart = [model for model in others if model not in compared]
-        counts = sorted({len(pairs[m][0]) for m in members})
-        yield Drawing(
-            page_name(name, number, len(pages)),
-            sheet.figure,
-            caption(
-                f"Differences to the reference {base}"
-                + (" (as chosen)" if chosen else " (the best by IVCS; --reference names another)")
-                + ": mean score of a model minus the reference's, over the scenarios and domains "
-                f"that both have ({', '.join(map(str, counts))} per model); at the right the "
-                "difference of IVCS relative to the reference's. Filled bars are gains, hatched "
-                "ones losses, – is a score without denominator.",
-                f"Nothing in common with it: {listed(apart)}." if apart else "",
-                scores.left_out,
-                UNITS,
-                renamed({m: names[m] for m in (*members, base)}),
-            ),
-        )
-
-
-def _shared(cells: Sequence[Cell], model: str, base: str) -> tuple[list[Cell], list[Cell]]:
-    """The cells of two models in the scenarios and domains that both have."""
-    by_model: dict[str, dict[tuple[str, str], Cell]] = {model: {}, base: {}}
-    for cell in cells:
-        if cell.model in by_model:
-            by_model[cell.model][(cell.scenario, cell.domain)] = cell
-    keys = sorted(by_model[model].keys() & by_model[base].keys())
-    return [by_model[model][key] for key in keys], [by_model[base][key] for key in keys]
-
-
-def _difference_panels(
-    pairs: Mapping[str, tuple[list[Cell], list[Cell]]], names: dict[str, str]
-) -> Sheet:
-    found = {}
-    for model, (own, others) in pairs.items():
-        mine = next(iter(means(own, BY_MODEL).values()))
-        theirs = next(iter(means(others, BY_MODEL).values()))
-        found[model] = {key: (mine[key].value, theirs[key].value) for key in DIFFERENCES}
-    apart = {
-        model: {k: None if a is None or b is None else a - b for k, (a, b) in row.items()}
-        for model, row in found.items()
-    }
-    most = max((abs(v) for row in apart.values() for v in row.values() if v is not None), default=0)
-    limit = next(step for step in (0.1, 0.2, 0.5, 1.0) if most <= step + 1e-9)
-    left_in, right_in, head_in = widest_in(names[m] for m in pairs) + 0.15, 0.55, 0.24
-    room_in = PAGE_IN - left_in - right_in
-    panel_in = (room_in - 0.14 * (len(DIFFERENCES) - 1)) / len(DIFFERENCES)
-    height_in = _ROW_IN * len(pairs)
-    sheet = Sheet(PAGE_IN, head_in + height_in + 0.3)
-    for column, key in enumerate(DIFFERENCES):
-        axes = sheet.axes(left_in + column * (panel_in + 0.14), head_in, panel_in, height_in)
-        axes.set_xlim(-limit, limit)
-        axes.set_ylim(len(pairs) - 0.5, -0.5)
-        axes.set_title(COMPONENT_NAMES[key], pad=3, size=7.0)
-        axes.set_xticks([-limit, 0.0, limit], [f"−{limit:g}", "0", f"+{limit:g}"])
-        ends = axes.get_xticklabels()
-        ends[0].set_horizontalalignment("left")
-        ends[-1].set_horizontalalignment("right")
-        axes.spines["left"].set_visible(False)
-        axes.axvline(0.0, color=INK, linewidth=0.7)
-        for row, model in enumerate(pairs):
-            axes.axhline(row, color=FAINT, linewidth=0.4, zorder=0)
-            value = apart[model][key]
-            if value is None:
-                axes.text(0.0, row, " –", va="center_baseline")
-                continue
-            gain = value >= 0.0
-            axes.barh(
-                row, value, 0.6, color=BLUE if gain else "white", edgecolor=BLUE if gain else RED,
-                linewidth=0.6, hatch="" if gain else "//////", gid=f"bar-{model}-{key}",
-            )  # fmt: skip
-        axes.tick_params(axis="y", length=0)
-        labels = [names[m] for m in pairs] if column == 0 else [""] * len(pairs)
-        axes.set_yticks(range(len(pairs)), labels)
-    page = sheet.page()
-    page.text(PAGE_IN - 0.05, head_in - 0.07, "rel. IVCS", ha="right")
-    for row, model in enumerate(pairs):
-        share = relative_difference(*found[model]["ivcs"])
-        text = "–" if share is None else f"{share:+z.0%}".replace("-", "−").replace("%", " %")
-        page.text(
-            PAGE_IN - 0.05, head_in + _ROW_IN * (row + 0.5), text, ha="right", va="center_baseline"
-        )
-    return sheet

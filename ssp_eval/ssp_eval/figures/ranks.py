@@ -24,6 +24,7 @@ from ssp_eval.figures.style import (
     PAGE_IN,
     RED,
     Sheet,
+    drawable,
     fitted,
     names_in,
     text_width_in,
@@ -102,14 +103,15 @@ def _draw(
     changed: Collection[str],
 ) -> tuple[Sheet, dict[str, str]]:
     plain_in, lead_in = text_width_in("0.88 #00"), 0.24
-    names = names_in(values, 2.3 if len(columns) > 3 or len(values) > 12 else 1.0)
+    whole = len(columns) <= 3 and len(values) <= 12 and widest_in(map(drawable, values)) <= 1.0
+    names = names_in(values, 1.0 if whole else 2.3)
     named_in = widest_in(names.values()) + plain_in + text_width_in(" ") + lead_in
     starts = {one for one, line in values.items() if line[-1] is None}
     left_in = (named_in if starts else plain_in + lead_in) + 0.05
     wide = len(columns) > 3 or COLUMN_IN - left_in - named_in < 1.2
     width_in = PAGE_IN if wide else COLUMN_IN
     height_in, top_in = max(1.5, LINE_IN * len(values) + 0.2), 0.3
-    sheet = Sheet(width_in, top_in + height_in + 0.1)
+    sheet = Sheet(width_in, top_in + height_in + 0.28)
     page = sheet.page()
     span_in = width_in - left_in - named_in - 0.05
     step_in = span_in / (len(columns) - 1)
@@ -124,10 +126,11 @@ def _draw(
     for column, x in zip(columns, xs, strict=True):
         page.plot([x, x], [top_in, top_in + height_in], color=GREY, linewidth=0.5)
         text = MACRO if column is None else words(column)
-        page.text(
-            x, top_in - 0.08, fitted(text, step_in - 0.05), ha="center",
-            style="italic" if column is None else "normal",
-        )  # fmt: skip
+        for number, part in enumerate(_two_lines(text, step_in - 0.05)):
+            page.text(
+                x, top_in - 0.08 - LINE_IN * 0.85 * number, part, ha="center",
+                style="italic" if column is None else "normal",
+            )  # fmt: skip
     for one, line in values.items():
         style, colour = _style(ranks[one], columns, one in changed)
         known = [(x, y_of(v)) for x, v in zip(xs, line, strict=True) if v is not None]
@@ -144,7 +147,19 @@ def _draw(
             if (value := line[index]) is not None
         }
         _end_labels(page, xs[index], side, ends, bounds)
+    scale = f"upwards: IVCS from {shown_mean(middle - half)} to {shown_mean(middle + half)}"
+    page.text(left_in, sheet.height_in - 0.07, scale, color=GREY)
     return sheet, names
+
+
+def _two_lines(text: str, most_in: float) -> list[str]:
+    """A heading from its lowest line up, broken at a space where it is too wide for one."""
+    parts = text.split(" ")
+    if text_width_in(drawable(text)) <= most_in or len(parts) == 1:
+        return [fitted(text, most_in)]
+    halves = [(" ".join(parts[:k]), " ".join(parts[k:])) for k in range(1, len(parts))]
+    upper, lower = min(halves, key=lambda both: widest_in(map(drawable, both)))
+    return [fitted(lower, most_in), fitted(upper, most_in)]
 
 
 def _style(
