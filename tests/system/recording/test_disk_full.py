@@ -16,7 +16,7 @@ from .conftest import Field, wait_for
 from .disks import Disk, may_mount, small_disk
 from .load import LoadTopic
 
-pytestmark = [pytest.mark.ros, pytest.mark.system, pytest.mark.alone]
+pytestmark = [pytest.mark.ros, pytest.mark.system]
 TOPICS = (
     LoadTopic("/load/state", rate_hz=100),
     LoadTopic("/load/frame", rate_hz=20, size_bytes=50_000),

@@ -27,7 +27,7 @@ from .conftest import Field, wait_for
 from .disks import may_mount, mounted
 from .load import IMAGE, LoadTopic, encode
 
-pytestmark = [pytest.mark.ros, pytest.mark.system, pytest.mark.alone]
+pytestmark = [pytest.mark.ros, pytest.mark.system]
 TOPICS = (
     LoadTopic("/load/state", rate_hz=200),
     LoadTopic("/load/frame", rate_hz=20, size_bytes=60_000),
