@@ -231,7 +231,7 @@ def _there(group: int) -> bool:
 
 
 SLOW = """
-import sys, time
+import signal, sys, time
 from pathlib import Path
 from ssp_eval.evaluate.asker import DirectAskers
 from ssp_eval.evaluate.job import Settings
@@ -249,6 +249,8 @@ class Slow(DirectAskers):
         time.sleep(600.0)
 
 if __name__ == "__main__":
+    # Who is started in the background inherits that Ctrl-C is to be ignored.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     bags = [(Path(bag), None) for bag in sys.argv[2:]]
     settings = Settings(out=out, make_extractor=make_extractor, direct=Slow)
     run_parallel(bags, [bridge_spec("constant_velocity")], settings, 2, propose_labels=True)
