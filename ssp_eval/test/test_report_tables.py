@@ -15,10 +15,10 @@ import pytest
 
 from ssp_core.cli import main
 from ssp_eval.analysis.control_tables import AS_MUCH, UNPAIRED, condition_of, control_tables
-from ssp_eval.analysis.notices import MOST_NAMED, everywhere, notices, some
+from ssp_eval.analysis.notices import everywhere, notices
 from ssp_eval.analysis.rank_table import MOST_PAIRED
 from ssp_eval.analysis.row import CellRow
-from ssp_eval.analysis.table import Column, Table
+from ssp_eval.analysis.table import MOST_NAMED, Column, Table, some
 from ssp_eval.analysis.tables import MEAN_TABLES, all_tables
 from ssp_eval.evaluate.asker import DirectAskers
 from ssp_eval.evaluate.campaign import run_campaign
@@ -231,7 +231,8 @@ def test_cells_without_controls_or_on_different_recordings_say_so() -> None:
 
 def test_many_names_are_counted() -> None:
     assert some(["a", "b"]) == "a, b"
-    assert some([str(k) for k in range(MOST_NAMED + 2)]).endswith("11, and 2 more")
+    assert some([str(k) for k in range(MOST_NAMED)]).endswith(f", {MOST_NAMED - 1}")
+    assert some([str(k) for k in range(MOST_NAMED + 1)]) == "0, 1, 2, 3, and 5 more"
 
 
 @pytest.mark.parametrize("scenarios", [MOST_PAIRED, MOST_PAIRED + 1, MOST_ACROSS + 4])

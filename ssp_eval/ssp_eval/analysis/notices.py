@@ -7,14 +7,12 @@ from dataclasses import dataclass
 
 from ssp_eval.analysis.control_tables import condition_of
 from ssp_eval.analysis.row import OK, CellRow, entering
-from ssp_eval.analysis.table import Column, Table
+from ssp_eval.analysis.table import Column, Table, some
 from ssp_eval.analysis.tables import uneven
 from ssp_eval.evaluate.admission import ADMITTED
 from ssp_eval.evaluate.controls import CONDITIONS
 from ssp_eval.report.load import CellData
 
-# Of what a notice is about, as many are named before it only counts.
-MOST_NAMED = 12
 COMPARABILITY, STAND_IN, LEFT_OUT, CONTROLS, LABELS, MEASURED, CELL = (
     "comparability", "stand_in", "left_out", "controls", "labels", "measured", "cell",
 )  # fmt: skip
@@ -35,13 +33,6 @@ class Notice:
     text: str
     about: tuple[str, ...] = ()
     everywhere: bool = False
-
-
-def some(names: Sequence[str], separator: str = ", ") -> str:
-    """The first of many names, and how many more there are."""
-    shown = separator.join(names[:MOST_NAMED])
-    more = len(names) - MOST_NAMED
-    return f"{shown}{separator}and {more} more" if more > 0 else shown
 
 
 def notices(rows: Sequence[CellRow], cells: Sequence[CellData] = ()) -> list[Notice]:
@@ -114,8 +105,8 @@ def _of_controls(rows: Sequence[CellRow]) -> Iterable[Notice]:
     models = sorted({row.model for row in rows if not row.control})
     if not controls:
         text = (
-            "These cells have no controls: nothing here shows that a score comes from seeing, and that the harness "
-            "gives 1 to perfect answers and 0 to none."
+            "These cells have no controls: nothing here shows that a score comes from seeing, and "
+            "that the harness gives 1 to perfect answers and 0 to none."
         )
         yield Notice(CONTROLS, text, (), everywhere=True)
         return
@@ -148,8 +139,8 @@ def _of_cells(cells: Sequence[CellData]) -> Iterable[Notice]:
             f"{'all recordings' if names == every else some(names)}."
         )
         yield Notice(LABELS, text, tuple(names))
-    if names := _assumed(cells):
-        yield Notice(MEASURED, f"Not measured: {some(names, '; ')}.", tuple(names))
+    for what, names in _assumed(cells).items():
+        yield Notice(MEASURED, f"Not measured: {what} of {some(names)}.", tuple(names))
     for cell in cells:
         name = f"{cell.scenario} / {cell.domain} / {cell.model}"
         if cell.score is not None and (ignored := len(cell.score.details.unmatched_records)):
@@ -167,15 +158,20 @@ def _comparability(rows: Sequence[CellRow], cells: Sequence[CellData]) -> Iterab
         for row, cell in zip(rows, cells, strict=bool(cells))
         if cell.score is not None
     ]
-    again = "Evaluate all models again with the same ones."
+    mixed: dict[tuple[str, ...], list[str]] = {}
     for key, what in (("bag", "different recordings"), ("labels", "different labels")):
         told = (
             (run, f"{cell.scenario} / {cell.domain}", cell.facts.hashes.get(key))
             for run, cell in runs
         )
         if names := _several(told):
-            text = f"Not comparable: the cells of {some(names)} are of {what}. {again}"
-            yield Notice(COMPARABILITY, text, tuple(names), everywhere=True)
+            mixed.setdefault(tuple(names), []).append(what)
+    for about, kinds in mixed.items():
+        text = (
+            f"Not comparable: the cells of {some(about)} are of {' and '.join(kinds)}. Evaluate "
+            "all models again with the same ones."
+        )
+        yield Notice(COMPARABILITY, text, about, everywhere=True)
     if names := _several((run, cell.scenario, cell.facts.event_version) for run, cell in runs):
         text = f"Not comparable: the cells of {some(names)} are of different versions of K*."
         yield Notice(COMPARABILITY, text, tuple(names), everywhere=True)
@@ -223,12 +219,11 @@ def _recordings(cells: Iterable[CellData]) -> list[str]:
     return sorted({f"{cell.scenario} / {cell.domain}" for cell in cells})
 
 
-def _assumed(cells: Sequence[CellData]) -> list[str]:
-    return sorted(
-        {
-            f"{cell.scenario} / {cell.domain}: ego motion {cell.facts.clip.ego}, camera "
-            f"{cell.facts.clip.camera}"
-            for cell in cells
-            if (cell.facts.clip.ego, cell.facts.clip.camera) != ("measured", "measured")
-        }
-    )
+def _assumed(cells: Sequence[CellData]) -> dict[str, list[str]]:
+    """Recordings by what isn't measured in them, and what it is instead."""
+    found: dict[str, set[str]] = {}
+    for cell in cells:
+        parts = (("ego motion", cell.facts.clip.ego), ("camera", cell.facts.clip.camera))
+        if what := " and ".join(f"{name} ({how})" for name, how in parts if how != "measured"):
+            found.setdefault(what, set()).add(f"{cell.scenario} / {cell.domain}")
+    return {what: sorted(names) for what, names in sorted(found.items())}

@@ -24,6 +24,8 @@ Kind = Literal[
     "response",
     "p",
 ]
+# Of more names than the first number a sentence holds only as many as the second.
+MOST_NAMED, NAMED = 8, 4
 _DIGITS = {"ratio": 3, "seconds": 2, "curvature": 5}
 
 
@@ -157,3 +159,10 @@ def shown(column: Column, value: Value) -> str:
     if column.kind == "p":
         return f"{value:.3f}" if value >= 0.001 else f"{value:.1e}"
     return f"{value:g}"
+
+
+def some(names: Sequence[str], separator: str = ", ") -> str:
+    """All of a few names, of many the first and how many more there are."""
+    if len(names) <= MOST_NAMED:
+        return separator.join(names)
+    return f"{separator.join(names[:NAMED])}{separator}and {len(names) - NAMED} more"

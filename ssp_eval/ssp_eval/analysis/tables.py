@@ -11,7 +11,7 @@ from ssp_eval.analysis.control_tables import control_tables
 from ssp_eval.analysis.matrix_table import matrix_table
 from ssp_eval.analysis.rank_table import rank_table
 from ssp_eval.analysis.row import OK, CellRow, entering, repeated
-from ssp_eval.analysis.table import Column, Table, Value
+from ssp_eval.analysis.table import Column, Table, Value, some
 from ssp_eval.analysis.table_columns import COUNT, MEANS, TITLES, in_order
 from ssp_eval.score.aggregate import (
     BY_DOMAIN,
@@ -155,7 +155,7 @@ def uneven(cells: Sequence[Cell], subject: str) -> list[str]:
         return []
     return [
         f"The {subject}s were not scored on the same cells (of {len(every)}: "
-        f"{', '.join(lacking)}): a difference between two of them, or in rank, may be one between "
+        f"{some(lacking)}): a difference between two of them, or in rank, may be one between "
         "cells."
     ]
 
