@@ -15,6 +15,7 @@ from matplotlib.text import Text
 
 from ssp_core.vocab import DOMAINS
 from ssp_eval.analysis.row import CellRow
+from ssp_eval.figures.controls import controls
 from ssp_eval.figures.domains import domains
 from ssp_eval.figures.drawing import Drawing, LeftOut
 from ssp_eval.figures.foundation import foundation
@@ -34,8 +35,18 @@ KINDS = {
     "domains": domains,
     "models": lambda scores: models(scores, None),
     "foundation": foundation,
+    "controls": controls,
 }
+CONTROLS = ("+black", "+shuffled", "perfect", "silent", "constant_velocity", "copy_history")
 CASES = {
+    "controls": [
+        *rows_of(MANY[:3]),
+        *(
+            replace(row, model=f"{row.model}{name}" if name[0] == "+" else name, control=True)
+            for name in CONTROLS
+            for row in rows_of(MANY[:3] if name[0] == "+" else MANY[:1])
+        ),
+    ],
     "18 cells": rows_of(),
     "30 models": rows_of(MANY),
     "4 scenarios": rows_of(scenarios=("a", "b_much_longer_than_the_others", "c", "d")),
@@ -112,18 +123,57 @@ def test_a_matrix_has_a_mark_for_every_score_and_says_what_was_refused() -> None
     rows[1] = replace(rows[1], admitted=False)
     rows[2] = replace(rows[2], control=True)
     rows[3] = replace(rows[3], cia_eff=None)
-    figure = drawn(rows, "matrix")["matrix"]
-    assert gids(figure)["score"] == 17 * 6
+    found = drawn(rows, "matrix")
+    figure, of_controls = found["matrix"], found["matrix_controls"]
+    assert (gids(figure)["score"], gids(of_controls)["score"]) == (16 * 6, 6)
+    assert "enter no mean" in of_controls.caption
+    assert "enter no mean" not in figure.caption
     assert gids(figure)["refused"] == 1
     texts = [text for text, _, _ in texts_of(figure)]
     assert "refused: failed_safety: fence" in texts
     assert f"{rows[1].model} †" in texts
-    nulls = sum(row.cia_eff is None for row in rows[1:])
+    nulls = sum(row.cia_eff is None for row in (rows[1], *rows[3:]))
     assert texts.count("–") == nulls > 0
-    for row in rows[1:]:
+    for row in (rows[1], *rows[3:]):
         assert sum(text.startswith(f"{row.ivcs:.3f}") for text in texts) >= 1
     assert "1 refused or failed" in figure.caption
     assert "1 not admitted" in figure.caption
+
+
+def test_thousands_of_pages_are_drawn_when_they_are_asked_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rows = Scores(tuple(rows_of(MANY)))
+    monkeypatch.setattr("ssp_eval.figures.matrix.MOST_PAGES", 4)
+    (left_out,) = matrix(rows)
+    assert isinstance(left_out, LeftOut)
+    assert left_out.reason == "180 cells are 5 pages; ask for them with --only matrix"
+    assert len(list(matrix(rows, whole=True))) == 5
+
+
+def test_controls_stand_beside_the_models_that_they_check() -> None:
+    plain = [row for row in rows_of(MODELS[:2]) if row.domain == "physical"]
+    spoilt = [
+        replace(row, model=f"{row.model}+black", control=True, tqsr=0.0, rsr=0.0) for row in plain
+    ]
+    perfect = [replace(row, model="perfect", control=True, jovr=1.0) for row in plain[:1]]
+    found = drawn([*plain, *spoilt, *perfect], "controls")["controls"]
+    assert gids(found)["control"] == 2 * 2 + 1
+    texts = [text for text, _, _ in texts_of(found)]
+    for model in MODELS[:2]:
+        own = [row.ivcs or 0.0 for row in plain if row.model == model]
+        other = [row.ivcs or 0.0 for row in spoilt if row.model == f"{model}+black"]
+        change = f"{(sum(other) - sum(own)) / 2:+.2f}".replace("-", "−")
+        assert change in texts
+        assert f"{model}: black frames" in texts
+        assert f"{model}: black frames 2" in found.caption
+    assert "perfect 1" in found.caption
+    (left_out,) = controls(Scores(tuple(plain)))
+    assert isinstance(left_out, LeftOut)
+    # They change no other figure.
+    for kind in ("domains", "models", "foundation"):
+        with_them, without = drawn([*plain, *spoilt, *perfect], kind), drawn(plain, kind)
+        assert [gids(one) for one in with_them.values()] == [gids(one) for one in without.values()]
 
 
 def test_a_large_matrix_goes_over_pages_without_losing_a_cell() -> None:

@@ -51,7 +51,7 @@ def draw_figures(
     Raises:
         InputError: the reference is no model, or a file can't be read or written.
     """
-    groups = [name for name in wanted.only or GROUPS if name in GROUPS]
+    groups = [name for name in wanted.only if name in GROUPS]
     left_out: list[tuple[str, str]] = []
     files = 0
     with console.progress("figures", None) as bar:
@@ -76,7 +76,7 @@ def _steps(
     advance: Callable[[str], None],
 ) -> list[Written]:
     done = []
-    if groups:
+    if groups or not wanted.only:
         done.append(write_figures(rows, wanted.folder, wanted.reference, groups, advance))
     if campaign is None or (wanted.only and OVERLAYS not in wanted.only):
         return done

@@ -38,6 +38,8 @@ NAME = "matrix"
 COMPONENTS = ("jovr", "sem_acc_eff", "cia_eff", "tqsr")
 DIAGNOSTIC = ("act_acc_eff", "atc_eff")
 NOT_ADMITTED = "†"
+# More take minutes and thousands of files that nobody may have wanted.
+MOST_PAGES = 24
 # One hue from light to dark, readable without colour vision and in print.
 _LIGHT, _DARK = (0.84, 0.90, 0.95), (0.03, 0.25, 0.51)
 
@@ -57,15 +59,27 @@ class _Line:
     domain: str = ""
 
 
-def matrix(scores: Scores) -> Iterator[Drawing | LeftOut]:
-    """The matrix, on as many pages as its cells need."""
+def matrix(scores: Scores, whole: bool = False) -> Iterator[Drawing | LeftOut]:
+    """The matrix of the models, and that of the controls, on as many pages as their cells need.
+
+    Args:
+        scores: what is shown.
+        whole: draw it also where it has more than MOST_PAGES pages.
+    """
     if not scores.shown:
         yield LeftOut(NAME, "there are no cells")
         return
     names = names_in(sorted({row.model for row in scores.shown}), _MODEL_IN - 0.2)
-    pages = _paged(scores.shown)
-    for number, lines in enumerate(pages, start=1):
-        yield _page(page_name(NAME, number, len(pages)), lines, names, scores)
+    for name, is_control in ((NAME, False), (f"{NAME}_controls", True)):
+        cells = [cell for cell in scores.shown if cell.control is is_control]
+        pages = _paged(cells) if cells else []
+        if len(pages) > MOST_PAGES and not whole:
+            yield LeftOut(
+                name, f"{len(cells)} cells are {len(pages)} pages; ask for them with --only matrix"
+            )
+            continue
+        for number, lines in enumerate(pages, start=1):
+            yield _page(page_name(name, number, len(pages)), lines, names, scores)
 
 
 def shade(value: float) -> tuple[float, float, float]:
@@ -152,8 +166,7 @@ def _head(axes: Axes) -> None:
 
 def _row(axes: Axes, index: int, cell: CellRow, y: float, names: dict[str, str]) -> None:
     mark = "" if cell.admitted or cell.status != OK else f" {NOT_ADMITTED}"
-    style = "italic" if cell.control else "normal"
-    axes.text(_LEFT_IN + _DOMAIN_IN, y, names[cell.model] + mark, va="center_baseline", style=style)
+    axes.text(_LEFT_IN + _DOMAIN_IN, y, names[cell.model] + mark, va="center_baseline")
     if cell.status != OK:
         room = PAGE_IN - _column_x(0)
         text = f"{cell.status}: {cell.reason or 'no reason given'}"
@@ -210,8 +223,6 @@ def _foot(axes: Axes, y: float, cells: Sequence[CellRow]) -> None:
         notes.append("*: a component without denominator counts as 0")
     if any(not cell.admitted and cell.status == OK for cell in cells):
         notes.append(f"{NOT_ADMITTED}: not admitted, in no domain mean")
-    if any(cell.control for cell in cells):
-        notes.append("italic: control")
     # Two lines at most, which the foot has room for beside and below the legend.
     lines: list[str] = []
     line = ""
@@ -237,9 +248,12 @@ def _caption(cells: Sequence[CellRow], names: dict[str, str], scores: Scores) ->
     labels = f" Labels per cell: {', '.join(map(str, counts))}." if counts else ""
     runs = any(cell.run.startswith("mean of") for cell in cells)
     lost = scores.lost_runs([cell.key for cell in cells])
+    control = cells[0].control
+    alike = [cell for cell in scores.shown if cell.control is control]
     return caption(
         f"Result matrix: scenario × domain × model against the scores of METHOD 6; {len(cells)} of "
-        f"{scores.n_text(scores.shown)}.{labels}",
+        f"{scores.n_text(alike)}.{labels}",
+        "These are controls, which check the harness and enter no mean." if control else "",
         "Area and shade of a circle both grow with the score, and its number stands beside it; an "
         "open dot is 0.",
         "S@t is a risk response t seconds after the risk's onset, F none.",

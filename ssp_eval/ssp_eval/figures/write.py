@@ -16,7 +16,7 @@ from ssp_eval.figures.scores import Scores
 if TYPE_CHECKING:
     from ssp_eval.figures.drawing import Drawing, LeftOut
 
-GROUPS = ("matrix", "domains", "models", "foundation")
+GROUPS = ("matrix", "domains", "models", "foundation", "controls")
 DPI = 300
 # No date and no version in a file: the same rows give the same bytes.
 _METADATA: dict[str, dict[str, str | None]] = {
@@ -67,25 +67,29 @@ def write_figures(
             remedy=f"name one of {', '.join(scores.by_model) or 'none, since there is no score'}",
         )
     make_folder(out)
-    return written_drawings(_drawings(scores, reference, only or GROUPS), out, progress)
+    return written_drawings(_drawings(scores, reference, only), out, progress)
 
 
 def _drawings(
-    scores: Scores, reference: str | None, wanted: Collection[str]
+    scores: Scores, reference: str | None, only: Collection[str]
 ) -> Iterator[Drawing | LeftOut]:
+    from ssp_eval.figures.controls import controls
     from ssp_eval.figures.domains import domains
     from ssp_eval.figures.foundation import foundation
     from ssp_eval.figures.matrix import matrix
     from ssp_eval.figures.models import models
 
+    wanted = only or GROUPS
     if "matrix" in wanted:
-        yield from matrix(scores)
+        yield from matrix(scores, whole="matrix" in only)
     if "domains" in wanted:
         yield from domains(scores)
     if "models" in wanted:
         yield from models(scores, reference)
     if "foundation" in wanted:
         yield from foundation(scores)
+    if "controls" in wanted:
+        yield from controls(scores)
 
 
 def written_drawings(
