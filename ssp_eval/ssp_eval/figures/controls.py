@@ -13,6 +13,7 @@ from ssp_eval.figures.scores import Scores
 from ssp_eval.figures.style import (
     BLUE,
     GREY,
+    INK,
     NAMES_IN,
     ORANGE,
     Look,
@@ -63,11 +64,14 @@ def _page(
     for row, (label, (own, value)) in enumerate(lines.items()):
         if own is not None:
             axes.plot([own, value], [row, row], color=GREY, linewidth=1.2, zorder=2)
-        for x, look in ((own, _OWN), (value, _CONTROL if own is None else _OTHER)):
+        marks = ((own, _OWN, 7.5), (value, _CONTROL if own is None else _OTHER, 4.5))
+        for x, look, size in marks:
             if x is not None:
+                # The larger one is seen behind the other where nothing changed.
                 axes.plot(
-                    [x], [row], look.marker, color=look.colour, markeredgecolor="#1a1a1a",
-                    markeredgewidth=0.4, clip_on=False, zorder=3, gid=f"control-{label}",
+                    [x], [row], look.marker, color=look.colour, markeredgecolor=INK,
+                    markeredgewidth=0.4, markersize=size, clip_on=False, zorder=3,
+                    gid=f"control-{label}",
                 )  # fmt: skip
         text = f"{value:.2f}" if own is None else f"{value - own:+z.2f}".replace("-", "−")
         sheet.figure.text(
