@@ -7,8 +7,7 @@ import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 # OpenCV and the FFmpeg inside it write to standard error on their own, and read these when they
 # are loaded; our message says what is wrong.
@@ -19,6 +18,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ssp_core.closing import Closing
 from ssp_core.errors import InputError
 
 MAX_FPS = 1000.0
@@ -42,7 +42,7 @@ class VideoFrame(NamedTuple):
     image: NDArray[np.uint8]
 
 
-class Video:
+class Video(Closing):
     """An open video file; a context manager.
 
     Args:
@@ -110,14 +110,3 @@ class Video:
 
     def close(self) -> None:
         self._capture.release()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 from mcap.records import Channel, Schema
 from rosbags.serde import SerdeError
@@ -19,6 +18,7 @@ from ssp_core.bag.part import Part
 from ssp_core.bag.runs import merged
 from ssp_core.bag.stores import Stores
 from ssp_core.bag.types import TypeDefinition
+from ssp_core.closing import Closing
 from ssp_core.errors import InputError
 
 
@@ -61,7 +61,7 @@ def bag_files(path: Path) -> tuple[Path, ...]:
     return (path,)
 
 
-class BagReader:
+class BagReader(Closing):
     """A bag directory or one .mcap file, open for reading; a context manager.
 
     Args:
@@ -207,14 +207,3 @@ class BagReader:
 
     def close(self) -> None:
         """Ends the reading; no file stays open between two reads, so there is nothing to free."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()

@@ -8,8 +8,6 @@ from collections import Counter
 from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 from ssp_core import __version__
 from ssp_core.bag.disk_sync import DiskSync
@@ -26,6 +24,7 @@ from ssp_core.bag.qos import parse_offered_qos
 from ssp_core.bag.split import Kept, Split
 from ssp_core.bag.types import TypeDefinition, definition
 from ssp_core.bag.written_topics import WrittenTopic, WrittenTopics
+from ssp_core.closing import Closing
 from ssp_core.errors import HostError, InputError
 from ssp_core.files import write_text
 
@@ -37,7 +36,7 @@ INDEX_BYTES = 32 << 20
 _MAX_TIME = (1 << 64) - 1
 
 
-class BagWriter:
+class BagWriter(Closing):
     """A bag being written; a context manager that closes it, also after an exception.
 
     Messages are taken serialised and never looked into. What was written before the last
@@ -307,14 +306,3 @@ class BagWriter:
         with suppress(OSError):  # closed before, or the disk's error comes once more
             self._output.close()
         return HostError(f"{self.file}: writing failed: {error.strerror or error}")
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()

@@ -7,8 +7,8 @@ import socket
 import time
 from collections.abc import Callable
 from pathlib import Path
-from types import TracebackType
 
+from ssp_core.closing import Closing
 from ssp_core.errors import HostError
 from ssp_core.run_spec import RunSpec
 from ssp_ot_controller.target.bodies.body_server import BodyServer
@@ -19,7 +19,7 @@ _TICK_S = 0.002
 _LOG_HEADER = "time_ns,object,x_m,y_m,yaw_rad,speed_mps,brakes_by_itself"
 
 
-class PlayedBodies:
+class PlayedBodies(Closing):
     """One socket and one plant per object of a run.
 
     Args:
@@ -48,17 +48,6 @@ class PlayedBodies:
             except OSError as error:
                 self.close()
                 raise HostError(f"can't listen at {host}:{port}: {error.strerror}") from None
-
-    def __enter__(self) -> PlayedBodies:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     @property
     def addresses(self) -> dict[str, str]:
