@@ -3,19 +3,13 @@
 from __future__ import annotations
 
 from enum import IntEnum
+from typing import Literal, get_args
 
-OBJECTS = ("car", "truck", "bus", "motorcycle", "cyclist", "pedestrian")
-POSITIONS = (
-    "front",
-    "front_left",
-    "front_right",
-    "left",
-    "right",
-    "rear",
-    "rear_left",
-    "rear_right",
-)
-MOTIONS = (
+ObjectWord = Literal["car", "truck", "bus", "motorcycle", "cyclist", "pedestrian"]
+PositionWord = Literal[
+    "front", "front_left", "front_right", "left", "right", "rear", "rear_left", "rear_right"
+]
+MotionWord = Literal[
     "stationary",
     "same_direction",
     "oncoming",
@@ -25,12 +19,21 @@ MOTIONS = (
     "crossing_from_left",
     "crossing_from_right",
     "receding",
-)
-CONFLICTS = ("no_conflict", "potential", "active", "resolved")
-LON_ACTIONS = ("stop", "decelerate", "maintain", "accelerate")
-LAT_ACTIONS = ("left", "straight", "right")
-DOMAINS = ("synthetic", "simulation", "physical")
-PHASES = ("approach", "trigger", "conflict", "resolution")
+]
+ConflictWord = Literal["no_conflict", "potential", "active", "resolved"]
+LonWord = Literal["stop", "decelerate", "maintain", "accelerate"]
+LatWord = Literal["left", "straight", "right"]
+DomainWord = Literal["synthetic", "simulation", "physical"]
+PhaseWord = Literal["approach", "trigger", "conflict", "resolution"]
+
+OBJECTS: tuple[ObjectWord, ...] = get_args(ObjectWord)
+POSITIONS: tuple[PositionWord, ...] = get_args(PositionWord)
+MOTIONS: tuple[MotionWord, ...] = get_args(MotionWord)
+CONFLICTS: tuple[ConflictWord, ...] = get_args(ConflictWord)
+LON_ACTIONS: tuple[LonWord, ...] = get_args(LonWord)
+LAT_ACTIONS: tuple[LatWord, ...] = get_args(LatWord)
+DOMAINS: tuple[DomainWord, ...] = get_args(DomainWord)
+PHASES: tuple[PhaseWord, ...] = get_args(PhaseWord)
 
 
 class ObjectClass(IntEnum):

@@ -15,8 +15,8 @@ from pathlib import Path
 
 from measure import report
 
-from ssp_core.run_spec import Camera, Motion, ObjectWord, ParticipantSpec, RunSpec, Start
-from ssp_core.vocab import Verdict
+from ssp_core.run_spec import Camera, Motion, ParticipantSpec, RunSpec, Start
+from ssp_core.vocab import ObjectWord, Verdict
 from ssp_scenario_manager.compile.compiler import Request, compile_task
 from ssp_scenario_manager.in_process.outcome import run_in_process
 from ssp_scenario_manager.runner.session import run_session

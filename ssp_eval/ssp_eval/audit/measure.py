@@ -275,7 +275,7 @@ def _dominant_motion(scene: Scene, corridor: Corridor, target_id: str, phases: P
     span = phases.critical_s
     if span is None:
         return Property(None, "there is no trigger that it could be measured from")
-    held = dict.fromkeys(MOTIONS, 0.0)
+    held: dict[str, float] = dict.fromkeys(MOTIONS, 0.0)
     samples = samples_of(scene.series, scene.vut_id, target_id)
     for sample, following in pairwise(samples):
         if span[0] <= sample.t_s < span[1]:

@@ -9,6 +9,7 @@ from pydantic import ConfigDict, Field, model_validator
 
 from ssp_core.files import load_model
 from ssp_core.run_spec import Finite, Strict
+from ssp_core.vocab import DomainWord
 
 SCHEMA: Literal["ssp.audit/1"] = "ssp.audit/1"
 AUDIT_FILE = "audit.json"
@@ -94,7 +95,7 @@ class RecordingEntry(Strict):
     a video without states by what they say, verdict.json of a session by its bytes.
     """
 
-    domain: Literal["synthetic", "simulation", "physical"]
+    domain: DomainWord
     name: str
     bag: str
     bag_sha256: str

@@ -16,7 +16,7 @@ from ssp_core.messages import stamp_ns
 from ssp_core.names import SESSION_STATE, absolute
 from ssp_core.run_spec import RunSpec, Strict
 from ssp_core.verdict import VERDICT_FILE, Told, read_verdict
-from ssp_core.vocab import SessionPhase, Verdict
+from ssp_core.vocab import DomainWord, SessionPhase, Verdict
 
 RUN_ATTACHMENT = "run.yaml"
 IMPORT_ATTACHMENT = "import.json"
@@ -48,7 +48,7 @@ class ImportedVideo(Strict):
     source: dict[str, object]
     crop: dict[str, object]
     generator: str
-    domain: Literal["synthetic", "simulation", "physical"]
+    domain: DomainWord
     scenario: Annotated[str, Field(pattern=SAFE_NAME)] | None
     event_version: str | None
     ego: ImportedEgo

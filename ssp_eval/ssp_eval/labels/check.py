@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import Any
 
 from ssp_core.vocab import PHASES
 from ssp_eval.labels.model import Labels
@@ -54,7 +55,7 @@ def event_problems(labels: Labels, event: Event, version: str) -> list[str]:
     problems = []
     if labels.event_version != version:
         problems.append(f"event_version: {labels.event_version} is not the event's, {version}")
-    starts = {phase: getattr(event.events, phase).start for phase in PHASES}
+    starts: dict[str, Any] = {p: getattr(event.events, p).start for p in PHASES}
     for i, label in enumerate(labels.labels):
         index = PHASES.index(label.phase)
         begins = _span(starts[label.phase])

@@ -88,7 +88,7 @@ class AnyOf(Strict):
     of: Annotated[list[Condition], Field(min_length=1)]
 
 
-Condition = Annotated[
+Leaf = (
     RelativeDistance
     | TimeToArrival
     | TimeHeadway
@@ -97,9 +97,7 @@ Condition = Annotated[
     | InRegion
     | PhaseReached
     | ElapsedTime
-    | AllOf
-    | AnyOf,
-    Field(discriminator="type"),
-]
+)
+Condition = Annotated[Leaf | AllOf | AnyOf, Field(discriminator="type")]
 AllOf.model_rebuild()
 AnyOf.model_rebuild()

@@ -8,18 +8,9 @@ from pydantic import (
     Field,
 )
 
-from ssp_core.run_spec.values import (
-    Finite,
-    NonNegative,
-    ObjectId,
-    ObjectWord,
-    Path2,
-    Positive,
-    Start,
-    Strict,
-)
+from ssp_core.run_spec.values import Finite, NonNegative, ObjectId, Path2, Positive, Start, Strict
 from ssp_core.state import DEFAULT_SIZES, Size
-from ssp_core.vocab import ObjectClass
+from ssp_core.vocab import ObjectClass, ObjectWord
 
 
 class SpeedChange(Strict):

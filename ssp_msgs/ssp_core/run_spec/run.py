@@ -19,6 +19,7 @@ from ssp_core.run_spec.picture import Camera, Look
 from ssp_core.run_spec.road import Road
 from ssp_core.run_spec.triggers import TriggerSpec
 from ssp_core.run_spec.values import NonNegative, ObjectId, Point, Positive, Strict
+from ssp_core.vocab import DomainWord
 
 # Up to so many object targets have a state topic each.
 SINGLE_STATE_TOPICS = 4
@@ -45,7 +46,7 @@ class RunSpec(Strict):
     initiator: ObjectId | None = Field(
         None, description="the OT whose manoeuvre is the event; null: the first trigger's"
     )
-    domain: Literal["synthetic", "simulation", "physical"]
+    domain: DomainWord
     stand_in: bool = Field(description="true: a software stand-in for a physical session")
     event_version: str
     task_version: str | None = Field(None, description="compiled task that this run was made from")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import (
     AfterValidator,
@@ -26,7 +26,6 @@ Positive = Annotated[float, Field(gt=0), AfterValidator(_finite)]
 NonNegative = Annotated[float, Field(ge=0), AfterValidator(_finite)]
 Point = tuple[Finite, Finite]
 Path2 = Annotated[list[Point], Field(min_length=2)]
-ObjectWord = Literal["car", "truck", "bus", "motorcycle", "cyclist", "pedestrian"]
 ObjectId = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,31}$")]
 
 

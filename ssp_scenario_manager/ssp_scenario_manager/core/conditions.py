@@ -21,6 +21,7 @@ from ssp_core.run_spec import (
     Condition,
     ElapsedTime,
     InRegion,
+    Leaf,
     PhaseReached,
     RelativeDistance,
     SpeedIs,
@@ -34,17 +35,6 @@ from ssp_scenario_manager.core.scene import Scene
 # Below this speed a time to arrival or a headway is infinite rather than an amplified noise of the
 # speed.
 STANDSTILL_MPS = 0.1
-
-Leaf = (
-    RelativeDistance
-    | TimeToArrival
-    | TimeHeadway
-    | TimeToCollision
-    | SpeedIs
-    | InRegion
-    | PhaseReached
-    | ElapsedTime
-)
 
 
 @dataclass(frozen=True, slots=True)

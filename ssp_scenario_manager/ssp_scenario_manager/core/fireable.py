@@ -19,6 +19,7 @@ from ssp_core.run_spec import (
     Condition,
     ElapsedTime,
     InRegion,
+    Leaf,
     PhaseReached,
     RelativeDistance,
     RunSpec,
@@ -28,7 +29,7 @@ from ssp_core.run_spec import (
     TimeToCollision,
     TriggerSpec,
 )
-from ssp_scenario_manager.core.conditions import Leaf, leaves
+from ssp_scenario_manager.core.conditions import leaves
 from ssp_scenario_manager.core.phases import RESOLUTION_CONFIRMATION_S
 from ssp_scenario_manager.core.reach import SPACING_M, Reach
 

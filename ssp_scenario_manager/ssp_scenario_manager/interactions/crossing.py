@@ -216,6 +216,11 @@ def _hidden(name: str, occluder: str, told: Motions, seen: Foresight) -> list[st
     return [f"{occluder} doesn't hide {name} from the VUT when the trigger fires"]
 
 
+def crossing_manoeuvres(event: Event) -> frozenset[str]:
+    """What the road must permit for somebody to cross it."""
+    return frozenset({"keep_lane", "crossing"})
+
+
 def plan_crossing(
     event: Event, block: Block, limits: PlaceLimits, preferred: Mapping[str, float]
 ) -> Plan:

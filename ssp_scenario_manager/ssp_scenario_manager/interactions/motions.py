@@ -16,7 +16,6 @@ from ssp_core.run_spec import (
     LaneChange,
     Manoeuvre,
     Motion,
-    ObjectWord,
     ParticipantSpec,
     Point,
     RelativeDistance,
@@ -24,6 +23,7 @@ from ssp_core.run_spec import (
     TimeToArrival,
     TriggerSpec,
 )
+from ssp_core.vocab import ObjectWord
 from ssp_scenario_manager.interactions.base import (
     BlockPoint,
     BrakeTo,

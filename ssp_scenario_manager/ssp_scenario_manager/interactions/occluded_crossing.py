@@ -3,13 +3,7 @@
 from __future__ import annotations
 
 from ssp_scenario_manager.interactions.base import Kind
-from ssp_scenario_manager.interactions.crossing import plan_crossing
-from ssp_scenario_manager.spec.model import Event
-
-
-def _manoeuvres(event: Event) -> frozenset[str]:
-    return frozenset({"keep_lane", "crossing"})
-
+from ssp_scenario_manager.interactions.crossing import crossing_manoeuvres, plan_crossing
 
 KIND = Kind(
     name="occluded_crossing",
@@ -30,6 +24,6 @@ KIND = Kind(
     needs_occluder=True,
     uses_arrival_gap=True,
     same_direction_lanes=1,
-    manoeuvres=_manoeuvres,
+    manoeuvres=crossing_manoeuvres,
     plan=plan_crossing,
 )

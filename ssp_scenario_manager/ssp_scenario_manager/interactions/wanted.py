@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-from ssp_core.run_spec import ConflictThresholds, ObjectWord
+from ssp_core.run_spec import ConflictThresholds
 from ssp_core.state import DEFAULT_SIZES, Size
-from ssp_core.vocab import ObjectClass
+from ssp_core.vocab import ObjectClass, ObjectWord
 from ssp_scenario_manager.interactions.base import PlaceLimits
 from ssp_scenario_manager.interactions.choosing import in_si
 from ssp_scenario_manager.spec.model import Event, Interval

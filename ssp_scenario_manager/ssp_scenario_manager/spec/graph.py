@@ -7,17 +7,17 @@ of the interaction. Everything names the fields of the K* that say it: the graph
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
+from ssp_core.vocab import PHASES
 from ssp_scenario_manager.spec.fields import get, granules, leaves, owner
 from ssp_scenario_manager.spec.load import event_version
-from ssp_scenario_manager.spec.model import UNRESOLVED, Event, PhaseWord
+from ssp_scenario_manager.spec.model import UNRESOLVED, Event
 from ssp_scenario_manager.spec.seal import body
 
 SCHEMA = "ssp.graph/1"
 NodeType = Literal["road", "lane", "kerb", "VUT", "OT", "conflict_zone", "phase"]
 EdgeKind = Literal["spatial", "temporal", "interaction"]
-_PHASES: tuple[PhaseWord, ...] = get_args(PhaseWord)
 
 
 def interaction_graph(event: Event) -> dict[str, Any]:
@@ -85,7 +85,7 @@ def _nodes(event: Event, value: dict[str, Any]) -> list[dict[str, Any]]:
         nodes.append(_node(who, participant.role, _below(value, f"participants.{who}")))
     zone = _said(value, "interaction.zone", "interaction.relation")
     nodes.append(_node("conflict_zone", "conflict_zone", zone))
-    for phase in _PHASES:
+    for phase in PHASES:
         fields = _said(value, f"events.{phase}.start", f"events.{phase}.evidence")
         cells = (f"motion.{who}.{phase}" for who in event.motion if phase in event.motion[who])
         nodes.append(_node(f"phase:{phase}", "phase", fields | _said(value, *cells)))
@@ -129,7 +129,7 @@ def _spatial(event: Event, value: dict[str, Any]) -> list[dict[str, Any]]:
 
 def _temporal(event: Event, value: dict[str, Any]) -> list[dict[str, Any]]:
     edges = []
-    for before, after in pairwise(_PHASES):
+    for before, after in pairwise(PHASES):
         fields = _said(value, f"events.{before}.start", f"events.{after}.start")
         edges.append(_edge("temporal", "before", f"phase:{before}", f"phase:{after}", fields))
     first, second = event.interaction.passing_order
@@ -149,7 +149,7 @@ def _interaction(event: Event, value: dict[str, Any]) -> list[dict[str, Any]]:
     )
     edges = [_edge("interaction", "triggers", vut, who, fired)]
     cells = event.motion.get(who, {})
-    for before, after in pairwise(_PHASES):
+    for before, after in pairwise(PHASES):
         if before in cells and after in cells and cells[before] != cells[after]:
             fields = _said(value, f"motion.{who}.{before}", f"motion.{who}.{after}")
             edges.append(_edge("interaction", "changes-motion", who, f"phase:{after}", fields))

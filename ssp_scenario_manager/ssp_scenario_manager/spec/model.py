@@ -11,29 +11,13 @@ from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field
 
-from ssp_core.run_spec import ObjectId, ObjectWord, Strict
+from ssp_core.run_spec import ObjectId, Strict
+from ssp_core.vocab import LatWord, LonWord, MotionWord, ObjectWord, PhaseWord, PositionWord
 
 SCHEMA: Literal["ssp.event/1"] = "ssp.event/1"
 UNRESOLVED: Literal["unresolved"] = "unresolved"
 
 Unresolved = Literal["unresolved"]
-PhaseWord = Literal["approach", "trigger", "conflict", "resolution"]
-PositionWord = Literal[
-    "front", "front_left", "front_right", "left", "right", "rear", "rear_left", "rear_right"
-]
-MotionWord = Literal[
-    "stationary",
-    "same_direction",
-    "oncoming",
-    "cutting_in_from_left",
-    "cutting_in_from_right",
-    "cutting_out",
-    "crossing_from_left",
-    "crossing_from_right",
-    "receding",
-]
-LonWord = Literal["stop", "decelerate", "maintain", "accelerate"]
-LatWord = Literal["left", "straight", "right"]
 BoundaryWord = Literal["kerb", "sidewalk", "shoulder", "verge", "any"]
 ManoeuvreWord = Literal["keep_lane", "lane_change_left", "lane_change_right", "crossing", "stop"]
 Share = Annotated[float, Field(ge=0, le=1, strict=True)]

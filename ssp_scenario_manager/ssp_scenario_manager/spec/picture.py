@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any, get_args
+from typing import Any
 
+from ssp_core.vocab import PHASES, PhaseWord
 from ssp_scenario_manager.spec import drawing as d
 from ssp_scenario_manager.spec.checks.base import show
 from ssp_scenario_manager.spec.fields import get, granules
 from ssp_scenario_manager.spec.load import event_version
-from ssp_scenario_manager.spec.model import UNRESOLVED, Event, MotionCell, PhaseWord
+from ssp_scenario_manager.spec.model import UNRESOLVED, Event, MotionCell
 from ssp_scenario_manager.spec.scene import road_scene
 from ssp_scenario_manager.spec.seal import body
 
-_PHASES: tuple[PhaseWord, ...] = get_args(PhaseWord)
 _WIDTH = 1240.0
 _LEFT, _LABELS, _ROW, _GAP = 36.0, 128.0, 92.0, 14.0
 _COLUMN = (_WIDTH - 2 * _LEFT - _LABELS) / 4
@@ -68,7 +68,7 @@ def _swim_lanes(event: Event, top: float) -> tuple[list[str], float]:
     zone_y = top + 48 + len(rows) * (_ROW + _GAP)
     bottom = zone_y + 74
     shapes = []
-    for i, phase in enumerate(_PHASES):
+    for i, phase in enumerate(PHASES):
         strong, wash = d.PHASE_COLOURS[phase]
         x = _column(i)
         start = _plain(get(body(event), f"events.{phase}.start"))
@@ -104,7 +104,7 @@ def _row(event: Event, who: str, y: float) -> list[str]:
         d.text(_LEFT + 14, y + 52, participant.class_, size=13),
         d.text(_LEFT + 14, y + 70, role, size=12, colour=d.FAINT),
     ]
-    for i, phase in enumerate(_PHASES):
+    for i, phase in enumerate(PHASES):
         cell = event.motion.get(who, {}).get(phase)
         if cell is not None:
             shapes += _cell(event, who, phase, cell, _column(i) + 14, y, colour)

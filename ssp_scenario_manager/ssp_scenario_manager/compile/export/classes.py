@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from scenariogeneration import xosc  # type: ignore[import-untyped]  # it ships no types
 
-from ssp_core.run_spec import ObjectWord
+from ssp_core.vocab import ObjectWord
 
 
 @dataclass(frozen=True, slots=True)

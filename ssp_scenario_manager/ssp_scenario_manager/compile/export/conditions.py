@@ -39,9 +39,9 @@ from ssp_core.run_spec import (
     AnyOf,
     ElapsedTime,
     InRegion,
+    Leaf,
     Motion,
     ParticipantSpec,
-    PhaseReached,
     RelativeDistance,
     SpeedIs,
     TimeHeadway,
@@ -55,16 +55,6 @@ from ssp_scenario_manager.compile.export.heights import Heights
 # Nested conditions multiply when they are written as groups; no task needs as many.
 MOST_GROUPS = 64
 
-Leaf = (
-    RelativeDistance
-    | TimeToArrival
-    | TimeHeadway
-    | TimeToCollision
-    | SpeedIs
-    | InRegion
-    | PhaseReached
-    | ElapsedTime
-)
 _EDGES = {
     "none": xosc.ConditionEdge.none,
     "rising": xosc.ConditionEdge.rising,

@@ -6,18 +6,17 @@ import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, get_args
+from typing import Any
 
+from ssp_core.vocab import PhaseWord
 from ssp_scenario_manager.interactions import KINDS
 from ssp_scenario_manager.interactions.base import Kind
 from ssp_scenario_manager.spec.failure import Check, Failure, Origin
 from ssp_scenario_manager.spec.fields import get, granules, owner, within
-from ssp_scenario_manager.spec.model import UNRESOLVED, Event, Interval, MotionCell, PhaseWord
+from ssp_scenario_manager.spec.model import UNRESOLVED, Event, Interval, MotionCell
 from ssp_scenario_manager.spec.platform import limit_of, rule_of
 from ssp_scenario_manager.spec.seal import body, safety_critical_fields
 from ssp_scenario_manager.spec.units import UNITS, Dimension, Span, dimension_of, si
-
-PHASES: tuple[PhaseWord, ...] = get_args(PhaseWord)
 
 _QUANTITY = {"min", "max", "unit"}
 # Where a wrong value comes from, by its provenance in part U.

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from ssp_scenario_manager.spec.checks.base import PHASES, Fail, Predicate, View, one_of
+from ssp_core.vocab import PHASES
+from ssp_scenario_manager.spec.checks.base import Fail, Predicate, View, one_of
 from ssp_scenario_manager.spec.failure import Failure
 
 _fail = Fail("C1")

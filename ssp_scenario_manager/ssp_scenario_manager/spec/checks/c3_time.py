@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import pairwise
 
-from ssp_scenario_manager.spec.checks.base import PHASES, Fail, Predicate, View
+from ssp_core.vocab import PHASES
+from ssp_scenario_manager.spec.checks.base import Fail, Predicate, View
 from ssp_scenario_manager.spec.failure import Failure
 from ssp_scenario_manager.spec.model import Evidence
 from ssp_scenario_manager.spec.units import Span
