@@ -10,8 +10,8 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -222,34 +222,37 @@ def remove_stale_shared_memory() -> int:
     if not _SHM.is_dir():
         return removed
     for lock in _SHM.glob("fastrtps_*_el"):
-        try:
-            handle = os.open(lock, os.O_RDWR)
-        except OSError:
-            continue
+        with _locked(lock) as is_stale:
+            if is_stale:
+                (_SHM / lock.name.removesuffix("_el")).unlink(missing_ok=True)
+                lock.unlink(missing_ok=True)
+                removed += 1
+    return removed
+
+
+@contextmanager
+def _locked(path: Path) -> Iterator[bool | None]:
+    """Locks a segment's file: True if it could, False if its owner lives, None if it is gone."""
+    try:
+        handle = os.open(path, os.O_RDWR)
+    except OSError:
+        yield None
+        return
+    try:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            is_free = True
         except OSError:
-            continue
-        else:
-            (_SHM / lock.name.removesuffix("_el")).unlink(missing_ok=True)
-            lock.unlink(missing_ok=True)
-            removed += 1
-        finally:
-            os.close(handle)
-    return removed
+            is_free = False
+        yield is_free
+    finally:
+        os.close(handle)
 
 
 def others_share_memory() -> bool:
     """True while a participant of DDS on this host holds a segment in /dev/shm."""
     for lock in _SHM.glob("fastrtps_*_el"):
-        try:
-            handle = os.open(lock, os.O_RDWR)
-        except OSError:
-            continue
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            return True
-        finally:
-            os.close(handle)
+        with _locked(lock) as is_stale:
+            if is_stale is False:
+                return True
     return False

@@ -14,10 +14,22 @@ from xml.etree import ElementTree
 from ssp_core.errors import HostError
 from ssp_core.reference_line import ReferenceLine
 from ssp_core.run_spec import Lane, Road
+from ssp_core.vocab import ObjectClass
 
 # The network goes on this far beyond the block, so that whatever starts or stops at the block's
 # end is on a lane with its whole length.
 OVERHANG_M = 100.0
+# SUMO's classes of who drives or walks.
+SUMO_CLASSES = {
+    ObjectClass.CAR: "passenger",
+    ObjectClass.TRUCK: "truck",
+    ObjectClass.BUS: "bus",
+    ObjectClass.MOTORCYCLE: "motorcycle",
+    ObjectClass.CYCLIST: "bicycle",
+    ObjectClass.PEDESTRIAN: "pedestrian",
+}
+# SUMO's seed is a 32-bit signed number; those of runs are taken modulo this.
+SUMO_SEEDS = 2**31 - 1
 # More digits than SUMO's default, so that lanes lie where the run file says.
 _PRECISION = 6
 # Lanes leave the true curve by at most this.

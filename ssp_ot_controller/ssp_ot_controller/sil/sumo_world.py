@@ -20,22 +20,12 @@ from ssp_core.errors import HostError, InputError
 from ssp_core.geometry import Pose2, wrap_angle
 from ssp_core.run_spec import RunSpec, TrafficSpec
 from ssp_core.state import DEFAULT_SIZES, ObjectState
-from ssp_core.sumo_network import Network, write_network
+from ssp_core.sumo_network import SUMO_CLASSES, SUMO_SEEDS, Network, write_network
 from ssp_core.vocab import ObjectClass, Role
 
-_VCLASS = {
-    ObjectClass.CAR: "passenger",
-    ObjectClass.TRUCK: "truck",
-    ObjectClass.BUS: "bus",
-    ObjectClass.MOTORCYCLE: "motorcycle",
-    ObjectClass.CYCLIST: "bicycle",
-    ObjectClass.PEDESTRIAN: "pedestrian",
-}
 # moveToXY: 2 takes the pose as given, on a lane or not; 4 lets persons be on any lane.
 _KEEP_VEHICLE = 2
 _KEEP_PERSON = 6
-# SUMO's seed is a 32-bit signed number.
-_SEEDS = 2**31 - 1
 # A person who never walks by itself waits longer than any run.
 _WAIT_S = 1e6
 
@@ -137,7 +127,7 @@ class SumoWorld:
             "sumo",
             f"--net-file={network.path}",
             f"--step-length={self._run.step_s}",
-            f"--seed={self._run.seed % _SEEDS}",
+            f"--seed={self._run.seed % SUMO_SEEDS}",
             "--collision.action=warn",
             "--collision.mingap-factor=0",
             "--collision.check-junctions=true",
@@ -171,7 +161,7 @@ class SumoWorld:
         size, word = DEFAULT_SIZES[object_class], object_class.word
         parent = "DEFAULT_PEDTYPE" if object_class is ObjectClass.PEDESTRIAN else "DEFAULT_VEHTYPE"
         libsumo.vehicletype.copy(parent, word)
-        libsumo.vehicletype.setVehicleClass(word, _VCLASS[object_class])
+        libsumo.vehicletype.setVehicleClass(word, SUMO_CLASSES[object_class])
         libsumo.vehicletype.setLength(word, size.length_m)
         libsumo.vehicletype.setWidth(word, size.width_m)
         libsumo.vehicletype.setHeight(word, size.height_m)

@@ -17,21 +17,12 @@ from ssp_core.files import write_bytes
 from ssp_core.reference_line import ReferenceLine
 from ssp_core.run_spec import ParticipantSpec, Point, RunSpec
 from ssp_core.state import DEFAULT_SIZES
-from ssp_core.sumo_network import LanePlace, write_network
+from ssp_core.sumo_network import SUMO_CLASSES, SUMO_SEEDS, LanePlace, write_network
 from ssp_core.vocab import ObjectClass
 from ssp_scenario_manager.compile.task import Task
 
 NET_FILE, ROUTE_FILE = "road.net.xml", "run.rou.xml"
 SHAPE_FILE, CONFIG_FILE = "run.add.xml", "run.sumocfg"
-_SEEDS = 2**31 - 1
-_VCLASS = {
-    ObjectClass.CAR: "passenger",
-    ObjectClass.TRUCK: "truck",
-    ObjectClass.BUS: "bus",
-    ObjectClass.MOTORCYCLE: "motorcycle",
-    ObjectClass.CYCLIST: "bicycle",
-    ObjectClass.PEDESTRIAN: "pedestrian",
-}
 # Nobody changes lane by himself.
 _STAYS = {"lcStrategic": "-1", "lcCooperative": "-1", "lcSpeedGain": "0", "lcKeepRight": "0"}
 # Within this of a lane's centre somebody drives in it.
@@ -112,7 +103,7 @@ def _type(name: str, object_class: ObjectClass, cruise_mps: float | None) -> Ele
     size = DEFAULT_SIZES[object_class]
     given = {
         "id": f"{name}_type",
-        "vClass": _VCLASS[object_class],
+        "vClass": SUMO_CLASSES[object_class],
         "length": f"{size.length_m:g}",
         "width": f"{size.width_m:g}",
         "height": f"{size.height_m:g}",
@@ -239,5 +230,5 @@ def _config(task: Task) -> ElementTree.Element:
     part = ElementTree.SubElement(root, "processing")
     for key, value in {**processing, "time-to-teleport": "-1"}.items():
         ElementTree.SubElement(part, key, value=value)
-    section("random_number", seed=str(task.seed % _SEEDS))
+    section("random_number", seed=str(task.seed % SUMO_SEEDS))
     return root
