@@ -17,10 +17,11 @@ import cv2
 
 from ssp_core import console
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
-from ssp_core.errors import HostError, SspError
+from ssp_core.errors import HostError
 from ssp_core.files import write_json
 from ssp_core.reference_line import ReferenceLine
 from ssp_core.state import ObjectState
+from ssp_ot_controller.camera.command import run_command
 from ssp_ot_controller.camera.indicators import AHEAD_S, Indicator, Indicators, side_of
 from ssp_ot_controller.camera.render import render
 from ssp_ot_controller.camera.scene import Scene
@@ -141,15 +142,7 @@ def clip(scenario: str, out: Path, seed: int) -> int:
 
 def main() -> int:
     """Runs the command line and returns its exit status."""
-    try:
-        clip.main(prog_name="python -m ssp_ot_controller.camera.clip", standalone_mode=False)
-    except click.ClickException as error:
-        error.show()
-        return error.exit_code
-    except SspError as error:
-        console.report_error(str(error))
-        return 1
-    return 0
+    return run_command(clip, "ssp_ot_controller.camera.clip")
 
 
 if __name__ == "__main__":

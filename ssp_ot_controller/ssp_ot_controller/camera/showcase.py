@@ -17,12 +17,13 @@ import numpy as np
 
 from ssp_core import console
 from ssp_core.camera import shown_box, view_from
-from ssp_core.errors import HostError, SspError
+from ssp_core.errors import HostError
 from ssp_core.files import make_folder, write_bytes
 from ssp_core.offscreen import check_gl
 from ssp_core.run_spec import Camera, Lane, Look, Road, Start
 from ssp_core.state import DEFAULT_SIZES, ObjectState
 from ssp_core.vocab import ObjectClass, Role
+from ssp_ot_controller.camera.command import run_command
 from ssp_ot_controller.camera.encode import jpeg
 from ssp_ot_controller.camera.indicators import Indicator
 from ssp_ot_controller.camera.jit import Array
@@ -184,17 +185,7 @@ def showcase(out: Path, light: str, rain: float) -> int:
 
 def main() -> int:
     """Runs the command line and returns its exit status."""
-    try:
-        showcase.main(
-            prog_name="python -m ssp_ot_controller.camera.showcase", standalone_mode=False
-        )
-    except click.ClickException as error:
-        error.show()
-        return error.exit_code
-    except SspError as error:
-        console.report_error(str(error))
-        return 1
-    return 0
+    return run_command(showcase, "ssp_ot_controller.camera.showcase")
 
 
 if __name__ == "__main__":
