@@ -13,11 +13,12 @@ from ssp_core.files import make_folder, read_mapping, write_json, write_text
 from ssp_core.hashing import sha256_json
 from ssp_core.run_spec import Fault, RunSpec
 from ssp_scenario_manager.compile.prepare import TASK_FOLDER, prepare_run
-from ssp_scenario_manager.faults.evidence import RESULT_FILE, Evidence, read_evidence
+from ssp_scenario_manager.faults.evidence import Evidence
 from ssp_scenario_manager.faults.in_one_process import possible, run_for_evidence
 from ssp_scenario_manager.faults.judge import Judged, judge
 from ssp_scenario_manager.faults.leftovers import left_behind
 from ssp_scenario_manager.faults.model import Cell, Expected, NotApplicable, Row, Stage
+from ssp_scenario_manager.faults.read_evidence import RESULT_FILE, read_evidence
 from ssp_scenario_manager.faults.schedule import Nominal, fault_of, nominal_of
 
 CELL_FILE = "cell.json"

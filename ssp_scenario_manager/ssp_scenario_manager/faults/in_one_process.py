@@ -8,8 +8,9 @@ from ssp_core.run_spec import RunSpec
 from ssp_core.safety_codes import MEANINGS
 from ssp_core.state import ObjectState
 from ssp_core.vocab import ControlState, Role, Verdict
-from ssp_scenario_manager.faults.evidence import Evidence, FaultNote, SafetyNote, track_of
+from ssp_scenario_manager.faults.evidence import Evidence, FaultNote, SafetyNote
 from ssp_scenario_manager.faults.motion import Track
+from ssp_scenario_manager.faults.read_evidence import track_of
 from ssp_scenario_manager.in_process.command import for_one_process
 from ssp_scenario_manager.in_process.loop import InProcessSession
 from ssp_scenario_manager.runner.inject import RUNNER_KINDS
