@@ -26,7 +26,7 @@ ROOT = Path(__file__).parents[2]
 README = ROOT / "ssp_vla_bridge" / "README.md"
 MAIN = ROOT / "README.md"
 WAYS = ("python", "http", "node")
-DEADLINE_S = 60.0
+DEADLINE_S = 120.0
 
 
 def way(file: Path, name: str) -> tuple[str, str]:
@@ -74,7 +74,7 @@ def evaluate(command: str, bag: Path, folder: Path, env: Mapping[str, str]) -> d
         cwd=folder, env=dict(env), capture_output=True, text=True, timeout=DEADLINE_S, check=False,
     )  # fmt: skip
     assert run.returncode == 0, run.stderr
-    (cell,) = (folder / "out" / "mine" / "cells").glob("*/cell.json")
+    (cell,) = (folder / "out" / "mine" / "cells").glob("*__mine/cell.json")
     found: dict[str, Any] = json.loads(cell.read_text())
     records = [json.loads(line) for line in cell.with_name("records.jsonl").open()]
     assert len(records) == 9

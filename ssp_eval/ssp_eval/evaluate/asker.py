@@ -115,3 +115,21 @@ class DirectAskers:
                 "an attached bridge is reached over topics only", field="attach", value=model.name
             )
         return DirectAsker(model.name, make_backend(model.backend_name, options))
+
+
+class WithAnswerers:
+    """The way to the models, and in this process the answerers that a campaign adds to them.
+
+    They say the same wherever they are, so that no process is started for them, least of all in a
+    ROS domain that isn't ours.
+
+    Args:
+        models: the way to all others.
+    """
+
+    def __init__(self, models: Askers) -> None:
+        self._models, self._ours = models, DirectAskers()
+
+    def asker(self, model: ModelSpec, options: Mapping[str, Any]) -> Asker:
+        """The asker of a model; see Askers."""
+        return (self._ours if model.is_answerer else self._models).asker(model, options)

@@ -10,7 +10,7 @@ from pathlib import Path
 from ssp_core.closing import Closing
 from ssp_core.errors import HostError, InputError
 from ssp_eval.evaluate.admission import NO_AUDIT, Admission
-from ssp_eval.evaluate.asker import Askers
+from ssp_eval.evaluate.asker import Askers, WithAnswerers
 from ssp_eval.evaluate.campaign import labelled_clip
 from ssp_eval.evaluate.cell import CellOptions, evaluate_cell
 from ssp_eval.evaluate.cell_file import CellResult
@@ -97,7 +97,7 @@ class JobRunner(Closing):
         else:
             logs = settings.out / "logs" / name
             topics = TopicAskers(logs, settings.timeout_s, False, settings.start_timeout_s)
-            self._askers = self._stack.enter_context(topics)
+            self._askers = WithAnswerers(self._stack.enter_context(topics))
         self._options = CellOptions(
             settings.adapter,
             settings.fresh,

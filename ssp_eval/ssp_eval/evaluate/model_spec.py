@@ -64,6 +64,11 @@ class ModelSpec:
         return f"{self.name}+{self.condition}" if self.condition else self.name
 
     @property
+    def is_answerer(self) -> bool:
+        """True for an answerer of the harness that was added as a control."""
+        return self.control and not self.condition
+
+    @property
     def backend_name(self) -> str:
         """The backend that answers; of an attached bridge it is known only if somebody says."""
         return self.backend or self.name

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from ssp_eval.evaluate.admission import Admission
-from ssp_eval.evaluate.asker import Asker, Askers, DirectAskers
+from ssp_eval.evaluate.asker import WithAnswerers
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.cell_file import CellResult
@@ -16,23 +15,6 @@ from ssp_eval.evaluate.plan import NO_CONTROLS
 from ssp_eval.evaluate.show import asking
 from ssp_eval.evaluate.topic_asker import CONNECT_S
 from ssp_eval.evaluate.topics import TopicAskers
-
-
-class BesideAttached:
-    """Attached bridges over their topics, and the harness's own answerers in this process.
-
-    Nothing is started in somebody else's ROS domain.
-
-    Args:
-        attached: the way to the bridges.
-    """
-
-    def __init__(self, attached: Askers) -> None:
-        self._attached, self._ours = attached, DirectAskers()
-
-    def asker(self, model: ModelSpec, options: Mapping[str, Any]) -> Asker:
-        """The asker of a model; see Askers."""
-        return (self._attached if model.attached else self._ours).asker(model, options)
 
 
 def evaluate_bags(
@@ -70,7 +52,7 @@ def evaluate_bags(
         return run_campaign(
             bags,
             models,
-            BesideAttached(topics) if attached else topics,
+            WithAnswerers(topics),
             out,
             options,
             propose_labels,
