@@ -152,7 +152,12 @@ def bootstrap_records(
     found: dict[tuple[str, ...], dict[str, Estimate]] = {}
     sums = {by: _GroupSums(by, resamples) for by in groupings}
     in_order = sorted(cells, key=lambda one: (*one[0].key, one[0].run))
+    scenario = ""
     for key, group in groupby(in_order, key=lambda one: one[0].key):
+        if key[0] != scenario:
+            scenario = key[0]
+            for total in sums.values():
+                total.end_scenario()
         runs = []
         rows = []
         clips: dict[Clip, int] = {}
@@ -202,6 +207,14 @@ class _GroupSums:
         self._counts: dict[Group, Numbers] = {}
         self._values: dict[Group, list[list[float]]] = {}
         self._clips: dict[Group, dict[Clip, int]] = {}
+        self._ended: dict[Group, dict[str, Estimate]] = {}
+
+    def end_scenario(self) -> None:
+        """Gives up the sums of a scenario's own groups: cells of a scenario come together."""
+        if "scenario" in self._by:
+            self._ended |= self._estimates()
+            for kept in (self._sums, self._counts, self._values, self._clips):
+                kept.clear()
 
     def add(
         self,
@@ -226,6 +239,9 @@ class _GroupSums:
                 values[i].append(value)
 
     def estimates(self) -> dict[Group, dict[str, Estimate]]:
+        return dict(sorted((self._ended | self._estimates()).items()))
+
+    def _estimates(self) -> dict[Group, dict[str, Estimate]]:
         found: dict[Group, dict[str, Estimate]] = {}
         for key in sorted(self._sums):
             means = np.full_like(self._sums[key], np.nan)
