@@ -167,7 +167,7 @@ def _check_trajectories(paths: Sequence[Object]) -> None:
     _sure(kinds.issubset((float, int, type(None))))
     if int in kinds:
         numbers = [n for n in chain.from_iterable(lists) if type(n) is int]
-        _sure(min(numbers) > -_LARGE and max(numbers) < _LARGE)
+        _sure(min(numbers) >= -_LARGE and max(numbers) <= _LARGE)
 
 
 def _check_adapters(adapters: Sequence[Object]) -> None:

@@ -66,6 +66,7 @@ def test_whatever_our_writer_writes_is_read_in_bulk(records):
         LINE.replace("0.02", "1"),
         LINE.replace("7.5", "null"),
         LINE.replace("7.5", "NaN").replace("4.0", "-Infinity"),
+        LINE.replace("7.5", "1e999"),
         LINE.replace("7.5", str(1 << 53)),
         LINE.replace("[2, 5]", str([0, 10**40])),
         LINE.replace('"car"', '"car", "bus", "car"'),
@@ -84,7 +85,6 @@ def test_forms_that_are_read_in_bulk(text):
         LINE.replace("7.5", str((1 << 53) + 1)),
         LINE.replace("7.5", str(-(1 << 53) - 1)),
         LINE.replace("7.5", str(10**400)),
-        LINE.replace("7.5", "1e999"),
         json.dumps(GOOD | {"text": "\ud800"}),
     ],
 )

@@ -1,26 +1,36 @@
-"""Scoring of 10,000 cells beside the plain per-record scorer of naive_scorer.py (METHOD 6)."""
+"""Scoring of 10,000 cells beside the plain per-record scorer of naive_scorer.py (METHOD 6).
+
+From columns, from records as objects, from the files of a campaign, and cell by cell with every
+judgement.
+"""
 
 from __future__ import annotations
 
 import gc
+import json
 import math
 import random
+import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from pathlib import Path
 from typing import Any
 
 import naive_scorer
 from measure import report
 
 from ssp_core.vocab import CONFLICTS, LON_ACTIONS, MOTIONS, OBJECTS, POSITIONS
-from ssp_eval.labels.model import Label, Labels
-from ssp_eval.records import BehaviourRecord, Slot, Slots
+from ssp_eval.labels.model import Label, Labels, labels_to_json
+from ssp_eval.records import SLOT_NAMES, BehaviourRecord, Slot, Slots, record_to_json
 from ssp_eval.score import score_cell
 from ssp_eval.score.batch import Scores, score_columns
 from ssp_eval.score.encode import encode
+from ssp_eval.score.load import load_columns
 from ssp_vla_bridge.core.trajectory import Trajectory
 
 CELLS = 10_000
+# Each clip is answered by so many models, and each of these cells has a copy of its labels.
+MODELS = 100
 LABELS = 9
 STEP_S = 0.5
 POINTS = 11
@@ -93,10 +103,48 @@ def best_s(call: Callable[[], object]) -> float:
     return min(times)
 
 
-def check(cells: list[Cell], scores: Scores) -> None:
+def a_campaign(rng: random.Random, folder: Path) -> list[tuple[Path, Path]]:
+    """Labels file and records file of as many cells, as `ssp evaluate` writes them."""
+    files = []
+    for number in range(CELLS):
+        if number % MODELS == 0:
+            labels, _ = a_cell(rng)
+            written = json.dumps(labels_to_json(labels), indent=1)
+        cell = folder / str(number)
+        cell.mkdir()
+        paths = cell / "labels.json", cell / "records.jsonl"
+        paths[0].write_text(written)
+        records = (a_record(rng, label) for label in labels.labels)
+        paths[1].write_text("".join(f"{record_to_json(record)}\n" for record in records))
+        files.append(paths)
+    return files
+
+
+def plain_load(labels: Path, records: Path) -> Cell:
+    """What somebody writes who trusts the files: their JSON as the objects that he scores."""
+    value = json.loads(labels.read_text())
+    rest = {key: value[key] for key in value if key not in ("schema", "labels")}
+    lines = records.read_text().splitlines()
+    return (
+        Labels(**rest, labels=tuple(Label(**label) for label in value["labels"])),
+        tuple(plain_record(json.loads(line)) for line in lines),
+    )
+
+
+def plain_record(value: dict[str, Any]) -> BehaviourRecord:
+    """The fields that the plain scorer reads."""
+    slots = [value["slots"][name] for name in SLOT_NAMES]
+    return BehaviourRecord(
+        value["t_s"],
+        value["text"],
+        Slots(*[slot and Slot(slot["value"], slot["evidence"]) for slot in slots]),
+        value["trajectory"] and Trajectory(**value["trajectory"]),
+    )
+
+
+def check(plain_scores: Iterable[dict[str, Any]], scores: Scores) -> None:
     """Every key of METHOD 6.14 of every cell agrees with the plain scorer to 1e-12."""
-    for cell, ours in zip(cells, scores.cells(), strict=True):
-        plain = naive_scorer.score(*cell)
+    for plain, ours in zip(plain_scores, scores.cells(), strict=True):
         for key, value in ours.to_json().items():
             same = value == plain[key] or (
                 value is not None
@@ -111,12 +159,14 @@ def main() -> None:
     rng = random.Random(1)
     cells = [a_cell(rng) for _ in range(CELLS)]
     columns = encode(cells)
-    check(cells, score_columns(columns))
+    check((naive_scorer.score(*cell) for cell in cells), score_columns(columns))
 
     plain_s = best_s(lambda: [naive_scorer.score(*cell) for cell in cells])
     scoring_s = best_s(lambda: score_columns(columns))
     whole_s = best_s(lambda: score_columns(encode(cells)).cells())
-    alone_s = best_s(lambda: [score_cell(*cell) for cell in cells[: CELLS // 10]]) * 10
+    some = cells[: CELLS // 10]
+    some_plain_s = best_s(lambda: [naive_scorer.score(*cell) for cell in some])
+    alone_s = best_s(lambda: [score_cell(*cell) for cell in some])
     note = f"{CELLS} cells of {LABELS} records; bound: plain Python, record by record"
     report(
         "scoring: cells in columns",
@@ -138,12 +188,35 @@ def main() -> None:
     report(
         "scoring: cell by cell, with every judgement",
         alone_s,
+        some_plain_s,
+        "s",
+        f"{len(some)} cells, what the reports use; bound: the plain scorer, which keeps no reasons",
+        lower=True,
+    )
+
+
+def from_files(rng: random.Random, folder: Path) -> None:
+    """From the files of a campaign to scores, as `ssp score` does it."""
+    files = a_campaign(rng, folder)
+
+    def plain() -> Iterable[dict[str, Any]]:
+        return (naive_scorer.score(*plain_load(*paths)) for paths in files)
+
+    check(plain(), score_columns(load_columns(files)))
+    plain_s = best_s(lambda: list(plain()))
+    files_s = best_s(lambda: score_columns(load_columns(files)).cells())
+    report(
+        "scoring: cells in files",
+        files_s,
         plain_s,
         "s",
-        "what `ssp score` and the reports use; bound: the plain scorer, which keeps no reasons",
+        f"{CELLS} cells, {MODELS} to a clip; bound: json.loads, the same objects without a check, "
+        f"and the plain scorer; {plain_s / files_s:.1f} times as fast",
         lower=True,
     )
 
 
 if __name__ == "__main__":
     main()
+    with tempfile.TemporaryDirectory() as folder:
+        from_files(random.Random(2), Path(folder))

@@ -1,6 +1,7 @@
 """Every folder beside this file: scores worked out by hand (see README.md)."""
 
 import json
+import re
 from collections import Counter
 from pathlib import Path
 
@@ -40,7 +41,15 @@ def expected(case: Path) -> dict:
 
 
 def test_the_cases_are_found():
-    assert len(CASES) >= 55
+    assert len(CASES) >= 56
+
+
+def test_the_readme_says_of_each_case_what_it_stands_for():
+    table = (Path(__file__).parent / "README.md").read_text().partition("| METHOD |")[2]
+    cases = {case.name for case in CASES}
+    # What isn't a case is a key of the files.
+    keys = {"invalid", "first_frame_dynamics", "risk_time_s"}
+    assert cases <= set(re.findall(r"`(\w+)`", table)) <= cases | keys
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)

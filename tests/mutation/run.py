@@ -22,6 +22,7 @@ TESTS = (
     "batch",
     "columns",
     "invariance",
+    "load",
     "matching",
     "motion",
     "properties",

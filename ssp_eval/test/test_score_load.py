@@ -1,0 +1,102 @@
+"""From files to scores without records between: the same columns, the same refusals."""
+
+import json
+import shutil
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ssp_core.errors import InputError
+from ssp_eval.labels.model import load_labels
+from ssp_eval.records import load_records
+from ssp_eval.score import encode, load
+from ssp_eval.score.batch import score_columns
+from ssp_eval.score.columns import Columns
+from ssp_eval.score.load import load_columns
+
+TESTS = Path(__file__).parents[2] / "tests"
+GOLDEN = sorted(path.parent for path in (TESTS / "golden").glob("*/expected.json"))
+
+
+def files(folder):
+    return folder / "labels.json", folder / "records.jsonl"
+
+
+def from_objects(folders):
+    return encode.encode(
+        [(load_labels(labels), load_records(records)) for labels, records in map(files, folders)]
+    )
+
+
+def same_columns(first, second):
+    for item in fields(first):
+        one, other = getattr(first, item.name), getattr(second, item.name)
+        if item.name in ("labels", "records"):
+            same_columns(one, other)
+        elif item.name == "grids":
+            assert len(one) == len(other)
+            for times in zip(one, other, strict=True):
+                np.testing.assert_array_equal(*map(np.array, times))
+        else:
+            np.testing.assert_array_equal(one, other)
+
+
+def test_the_columns_are_those_of_the_records():
+    found = load_columns(map(files, GOLDEN))
+    assert isinstance(found, Columns)
+    assert found.records.answer.dtype == from_objects(GOLDEN).records.answer.dtype == np.int64
+    assert len(found.record_start) == len(GOLDEN) + 1
+    scores = score_columns(found).cells()
+    assert scores == score_columns(from_objects(GOLDEN)).cells()
+
+
+@pytest.mark.parametrize("case", GOLDEN, ids=lambda case: case.name)
+def test_each_column_of_a_case(case):
+    same_columns(load_columns([files(case)]), from_objects([case]))
+
+
+def test_a_file_in_doubt_is_read_value_by_value_in_its_place(tmp_path, monkeypatch):
+    """A key with room before its colon is left to the strict reader."""
+    folders = []
+    for number, case in enumerate(GOLDEN[:6]):
+        shutil.copytree(case, tmp_path / str(number))
+        folders.append(tmp_path / str(number))
+    roomy = folders[2] / "records.jsonl"
+    roomy.write_text(roomy.read_text().replace('"text":', '"text" :'))
+    monkeypatch.setattr(load, "_BLOCK", 2)
+    expected = score_columns(from_objects(GOLDEN[:6])).cells()
+    assert score_columns(load_columns(map(files, folders))).cells() == expected
+
+
+def test_labels_that_cells_share_are_read_once(tmp_path, monkeypatch):
+    calls = []
+
+    def counted(text, path):
+        calls.append(path)
+        return load_labels(path)
+
+    monkeypatch.setattr(load, "parse_labels_text", counted)
+    case = GOLDEN[0]
+    shutil.copytree(case, tmp_path / "again")
+    load_columns([files(case), files(tmp_path / "again"), files(GOLDEN[1])])
+    assert len(calls) == 2
+
+
+@pytest.mark.parametrize("block", [1, 8])
+def test_what_is_wrong_is_said_as_ever(tmp_path, monkeypatch, block):
+    monkeypatch.setattr(load, "_BLOCK", block)
+    shutil.copytree(GOLDEN[1], tmp_path / "bad")
+    labels, records = files(tmp_path / "bad")
+    value = json.loads(records.read_text().splitlines()[0])
+    value["slots"]["position"]["value"] = "above"
+    records.write_text(json.dumps(value))
+    with pytest.raises(InputError) as caught:
+        load_columns([files(GOLDEN[0]), (labels, records)])
+    with pytest.raises(InputError) as direct:
+        load_records(records)
+    assert str(caught.value) == str(direct.value)
+    labels.write_text("{}")
+    with pytest.raises(InputError, match=r"labels\.json: schema: is missing"):
+        load_columns([(labels, records)])
