@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import jinja2
 from markupsafe import Markup
 
 from ssp_core import __version__
@@ -18,6 +17,7 @@ from ssp_eval.audit.judge import Judged
 from ssp_eval.audit.model import Audit, RecordingEntry
 from ssp_eval.audit.reasons import TABLE
 from ssp_eval.audit.values import FIELDS
+from ssp_eval.templates import templates
 
 _HERE = Path(__file__).parent
 _REPORT_STYLE = _HERE.parent / "report" / "style.css"
@@ -124,17 +124,8 @@ def render(judged: Judged, on_picture: Callable[[int, int], None] = lambda done,
     for done, one in enumerate(judged.examined, start=1):
         strips[one.recording.provenance.domain] = frames.pictures(one)
         on_picture(done, len(judged.examined))
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(_HERE),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters["svg"] = Markup
-    environment.filters["words"] = lambda text: str(text).replace("_", " ")
-    environment.filters["short"] = lambda digest: str(digest).removeprefix("sha256:")[:12]
-    environment.filters["json"] = _plain
+    environment = templates(_HERE)
+    environment.filters["plain"] = _plain
     style = _REPORT_STYLE.read_text("utf-8") + (_HERE / "style.css").read_text("utf-8")
     return environment.get_template("page.html.j2").render(
         audit=audit,

@@ -9,14 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import jinja2
-
 from ssp_core.contact_sheet import Tile, contact_sheet, encode
 from ssp_core.errors import InputError
 from ssp_core.files import read_mapping
 from ssp_eval import strict
 from ssp_eval.labels.footage import Picture
 from ssp_eval.strict import Place
+from ssp_eval.templates import templates
 
 LEAST_WIDTH_PX = 640
 _SLOTS = (
@@ -113,19 +112,14 @@ def html_sheet(
         source: name of bag or video.
         width_px: least width of a frame on the page.
     """
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(_HERE),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     items = [
         {"t_s": row.t_s, "slots": row.slots, "picture": _shown(picture, width_px)}
         for row, picture in zip(rows.rows, pictures, strict=True)
     ]
-    return environment.get_template("sheet.html.j2").render(
-        title=rows.title, version=rows.event_version, source=source, items=items
+    return (
+        templates(_HERE)
+        .get_template("sheet.html.j2")
+        .render(title=rows.title, version=rows.event_version, source=source, items=items)
     )
 
 

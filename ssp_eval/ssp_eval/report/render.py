@@ -27,6 +27,7 @@ from ssp_eval.report.matrix import matrix
 from ssp_eval.report.seeing import seeing_plot
 from ssp_eval.report.summary import summary
 from ssp_eval.report.view import RecordView, tolerated
+from ssp_eval.templates import templates
 
 SLOTS = ("objects", "position", "motion", "conflict", "lon_action", "lat_action")
 # Means that a page shows folded: each has many rows, or is for those who look closer.
@@ -151,18 +152,7 @@ def _browsed(cells: list[CellData]) -> dict[str, Any]:
 
 def environment() -> jinja2.Environment:
     """The templates, with their filters."""
-    found = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(_HERE),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    found.filters["svg"] = Markup
-    found.filters["words"] = lambda text: str(text).replace("_", " ")
-    found.filters["short"] = lambda digest: digest.removeprefix("sha256:")[:12]
-    found.filters["json"] = lambda value: json.dumps(value, sort_keys=True)
-    return found
+    return templates(_HERE)
 
 
 def source(name: str) -> Markup:
