@@ -110,6 +110,16 @@ def test_what_differs_by_rounding_alone_shares_a_rank():
     assert ranks({"a": planned, "b": responded, "c": 0.05}) == {"a": 1, "b": 1, "c": 3}
 
 
+def test_what_differs_by_the_limit_of_rounding_shares_a_rank():
+    assert ranks({"a": 0.0, "b": 1e-12, "c": 2.5e-12}) == {"a": 2, "b": 2, "c": 1}
+
+
+def test_a_domain_s_places_are_scenarios_and_models():
+    a, b = cell("s", "synthetic", "a"), cell("s", "physical", "a")
+    assert same_places([a, b], "domain")
+    assert not same_places([a, cell("s", "physical", "b")], "domain")
+
+
 def test_subjects_with_as_many_cells_need_not_have_the_same():
     a, b = cell("s", "physical", "a"), cell("t", "physical", "b")
     assert not same_places([a, b], "model")

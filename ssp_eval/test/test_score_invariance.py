@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from ssp_eval.records import Slot
 from ssp_eval.score import score_cell
+from ssp_eval.score.batch import score_cells
 from ssp_vla_bridge.core.trajectory import Trajectory
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -32,8 +33,9 @@ SLOTS = ("objects", "position", "motion", "conflict")
 
 
 def outputs(labels, records):
-    """The score output of METHOD 6.14, its denominators beside the rest."""
+    """The score output of METHOD 6.14 either way, its denominators beside the rest."""
     output = score_cell(labels, records).to_json()
+    assert score_cells([(labels, records)])[0].to_json() == output
     return output | output.pop("denominators")
 
 
@@ -42,6 +44,33 @@ def close(first, second):
     assert {key for key, value in second.items() if value is None} == nulls
     for key in first.keys() - nulls:
         assert first[key] == pytest.approx(second[key], rel=0, abs=1e-9), key
+
+
+def blank(labels):
+    """Labels at which nothing can be evaluated: every semantic denominator is 0."""
+    nothing = dict.fromkeys(SLOTS)
+    return replace(labels, labels=tuple(replace(item, **nothing) for item in labels.labels))
+
+
+@settings(max_examples=20, deadline=None)
+@given(labels=any_labels(), records=any_records(1), data=st.data())
+def test_with_null_denominators_too(labels, records, data):
+    """Bounded, indifferent to order and to strays, monotone in a right trajectory (METHOD 6.11)."""
+    empty = blank(labels)
+    found = outputs(empty, records)
+    assert (found["semantic"], found["cia"], found["rsr"]) == (0, 0, 0)
+    nulls = {"sem_cov", "sem_acc_cond", "sem_acc_eff", "sem_acc_soft", "cia_eff", "rl_s"}
+    assert {key for key, value in found.items() if value is None} == nulls
+    assert all(0 <= found[key] <= 1 for key in {*RATIOS, "ivcs"} - nulls)
+    assert found["ivcs"] == pytest.approx(0.1 * found["jovr"] + 0.3 * found["tqsr"], abs=1e-12)
+    stray = replace(data.draw(st.sampled_from(records)), t_s=100.0)
+    assert outputs(empty, [*records, stray]) == found
+    one, other = score_cells([(empty, records), (labels, records)])
+    assert score_cells([(labels, records), (empty, records)]) == [other, one]
+    pairs = paired(empty, records)
+    better = [better_path(empty.labels[0], pairs[0]), *pairs[1:]]
+    before, after = outputs(empty, pairs), outputs(empty, better)
+    assert all(after[key] >= before[key] for key in ("jovr", "stfr", "tqsr", "ivcs"))
 
 
 def moved(items, by_s):
@@ -163,16 +192,20 @@ def test_a_right_word_in_place_of_any_never_lowers_semantics(labels, records, da
     assert {key: after[key] for key in untouched} == {key: before[key] for key in untouched}
 
 
+def better_path(label, record):
+    """A record that drives as its label allows."""
+    shift = SHIFTS[label.lat_actions[0]]
+    path = Trajectory((0.0, 0.5, 1.0), (0.0, *MOVES[label.lon_actions[0]]), (0.0, shift / 2, shift))
+    return replace(record, trajectory=path)
+
+
 @settings(max_examples=20, deadline=None)
 @given(labels=any_labels(), records=any_records(1), data=st.data())
 def test_a_right_trajectory_in_place_of_any_never_lowers_its_scores(labels, records, data):
     records = paired(labels, records)
     i = data.draw(st.integers(0, len(records) - 1))
-    label = labels.labels[i]
-    shift = SHIFTS[label.lat_actions[0]]
-    path = Trajectory((0.0, 0.5, 1.0), (0.0, *MOVES[label.lon_actions[0]]), (0.0, shift / 2, shift))
     better = [*records]
-    better[i] = replace(records[i], trajectory=path)
+    better[i] = better_path(labels.labels[i], records[i])
     before, after = outputs(labels, records), outputs(labels, better)
     assert all(after[key] >= before[key] for key in ("jovr", "stfr", "tqsr"))
     same = ("sem_cov", "sem_acc_cond", "sem_acc_eff", "sem_acc_soft", "cia_eff", "act_acc_eff")
@@ -201,6 +234,6 @@ def test_a_record_between_the_labels_changes_nothing_but_the_count(labels, recor
     if any(abs(t_s - label.t_s) <= 0.12 for label in labels.labels):
         return
     more = sorted([*records, replace(stray, t_s=t_s)], key=lambda record: record.t_s)
+    assert outputs(labels, more) == outputs(labels, records)
     before, after = score_cell(labels, records), score_cell(labels, more)
-    assert after.to_json() == before.to_json()
     assert len(after.details.unmatched_records) == len(before.details.unmatched_records) + 1

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from ssp_eval.labels.model import Label, Labels
 from ssp_eval.records import BehaviourRecord, Slot, Slots
 from ssp_eval.score import STAGES, Thresholds, score_cell
+from ssp_eval.score.batch import score_cells
 from ssp_vla_bridge.core.trajectory import Trajectory
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -38,6 +39,7 @@ RATIOS = (
 def test_every_score_is_in_its_range(labels, records):
     cell = score_cell(labels, records)
     score = cell.to_json()
+    assert score_cells([(labels, records)])[0].to_json() == score
     assert all(score[key] is None or 0 <= score[key] <= 1 for key in RATIOS)
     assert score["matched"] <= min(score["n"], len(records))
     assert score["rsr"] in (0, 1)
@@ -71,6 +73,9 @@ def test_a_record_far_from_every_label_changes_nothing_but_the_count(labels, rec
     stray = replace(data.draw(st.sampled_from(records)), t_s=100.0)
     before, after = score_cell(labels, records), score_cell(labels, [*records, stray])
     assert after.to_json() == before.to_json()
+    first, second = score_cells([(labels, records), (labels, [*records, stray])])
+    assert first == second
+    assert first.to_json() == before.to_json()
     assert after.details.judgements == before.details.judgements
     assert after.details.unmatched_records == (*before.details.unmatched_records, len(records))
 
