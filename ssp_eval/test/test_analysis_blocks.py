@@ -11,7 +11,8 @@ from scipy import stats
 from scipy.special import ndtri
 
 from ssp_eval.analysis.blocks import block_draws, block_of, reach, without_blocks
-from ssp_eval.analysis.bootstrap import bootstrap_mean, bootstrap_records
+from ssp_eval.analysis.bootstrap import bootstrap_records
+from ssp_eval.analysis.clusters import bootstrap_mean
 from ssp_eval.analysis.resample import REACH, Numbers, draws, generator, percentile_interval
 from ssp_eval.analysis.row import CellRow
 from ssp_eval.score.terms import RecordTerms
@@ -68,6 +69,8 @@ def test_the_interval_of_a_large_sample_is_students() -> None:
     given = {str(k): [float(value)] for k, value in enumerate(values)}
     found = bootstrap_mean(given, "cells", 100_000, SEED).percentile
     exact = stats.ttest_1samp(values, 0).confidence_interval(0.95)
+    student = bootstrap_mean(given, "cells", 100, SEED).student
+    assert (student.low, student.high) == pytest.approx((exact.low, exact.high), abs=1e-12)
     assert found.low is not None
     assert found.high is not None
     assert (found.low, found.high) == pytest.approx((exact.low, exact.high), abs=0.06)
@@ -81,6 +84,9 @@ def test_a_scenario_is_drawn_with_all_its_cells() -> None:
     assert (more.n, more.unit, more.value) == (2, "scenarios", pytest.approx(0.5))
     ends = [(e.percentile.low, e.percentile.high, e.bca.low, e.bca.high) for e in (few, more)]
     assert ends[1] == pytest.approx(ends[0])
+    # Two units: 12.7 times half their distance, where resamples end at the two themselves.
+    assert (few.percentile.low, few.percentile.high) == pytest.approx((0.2, 0.8))
+    assert more.student.high == few.student.high == pytest.approx(0.5 + 12.706 * 0.3, abs=1e-3)
     # Scenarios count with their cells, as the mean does.
     uneven = bootstrap_mean({"s": [0.2], "t": [0.8] * 3}, "scenarios", 500, SEED)
     assert uneven.value == pytest.approx(0.65)

@@ -11,7 +11,8 @@ from hypothesis.extra import numpy as hnp
 from scipy import stats
 
 from ssp_core.vocab import DOMAINS
-from ssp_eval.analysis.bootstrap import bootstrap_mean, bootstrap_records
+from ssp_eval.analysis.bootstrap import bootstrap_records
+from ssp_eval.analysis.clusters import bootstrap_mean
 from ssp_eval.analysis.compare import compare
 from ssp_eval.analysis.drawn import resampled_scores, response_begins
 from ssp_eval.analysis.resample import (

@@ -1,8 +1,7 @@
-"""Bootstrap intervals of the scores: over blocks of labels, and over runs, cells and scenarios."""
+"""Bootstrap intervals of the scores over blocks of labels: of cells, and of means over them."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
@@ -16,10 +15,8 @@ from ssp_eval.analysis.resample import (
     Interval,
     Numbers,
     bca_interval,
-    draws,
     generator,
     percentile_interval,
-    weighted_sums,
 )
 from ssp_eval.analysis.row import CellRow
 from ssp_eval.score.aggregate import METRICS, Mean, mean
@@ -41,6 +38,7 @@ class Estimate:
         bias: mean of the resamples less the value.
         null_share: resamples in which the score has no denominator.
         unit: what was drawn, for people.
+        student: Student's interval over the units, where these are runs, cells or scenarios.
     """
 
     value: float | None
@@ -50,6 +48,7 @@ class Estimate:
     bias: float | None = None
     null_share: float = 0.0
     unit: str = ""
+    student: Interval = NO_INTERVAL
 
 
 def cell_estimates(
@@ -66,7 +65,7 @@ def cell_estimates(
     values = resampled_scores(terms, np.ones((1, n)))
     left_out = resampled_scores(terms, without_blocks(n, block)) if n > 1 else None
     return {
-        metric: _estimate(
+        metric: estimated(
             samples[metric],
             _nullable(values[metric][0]),
             n,
@@ -90,7 +89,7 @@ def _nullable(value: float) -> float | None:
     return None if np.isnan(value) else float(value)
 
 
-def _estimate(
+def estimated(
     samples: Numbers,
     value: float | None,
     n: int,
@@ -98,6 +97,16 @@ def _estimate(
     items: float,
     unit: str,
 ) -> Estimate:
+    """A score with its intervals; none of fewer than two labels or other units.
+
+    Args:
+        samples: what resamples gave.
+        value: of the data themselves.
+        n: what to say that was drawn from.
+        jackknife: see bca_interval.
+        items: units that don't overlap.
+        unit: what they are.
+    """
     if value is None or n < 2:
         return Estimate(value, n, unit=unit)
     null_share = float(np.isnan(samples).mean())
@@ -263,31 +272,3 @@ def _group_estimate(samples: Numbers, over: Mean, ends: float | None, unit: str)
     bias = float(np.nanmean(samples) - over.value) if null_share < 1.0 else None
     interval = percentile_interval(samples, ends)
     return Estimate(over.value, over.n, interval, NO_INTERVAL, bias, null_share, unit)
-
-
-def bootstrap_mean(
-    values: Mapping[str, Sequence[float]],
-    unit: str,
-    resamples: int = RESAMPLES,
-    seed: int = SEED,
-    *names: str,
-) -> Estimate:
-    """The mean of all values with its intervals, where whole clusters of them are drawn.
-
-    Args:
-        values: by cluster, such as a scenario's cells, or a run's one score; there are no
-            intervals of fewer than two clusters.
-        unit: what a cluster is, in the plural.
-        resamples: how many.
-        seed, names: see generator.
-    """
-    clusters = [values[name] for name in sorted(values)]
-    sums = np.array([math.fsum(one) for one in clusters])
-    sizes = np.array([len(one) for one in clusters], dtype=np.float64)
-    n = len(clusters)
-    if n < 2:
-        return Estimate(float(sums[0] / sizes[0]) if n else None, n, unit=unit)
-    weights = draws(n, resamples, generator(seed, *names))
-    total, count = weighted_sums(weights, np.column_stack((sums, sizes)))
-    left_out = (sums.sum() - sums) / (sizes.sum() - sizes)
-    return _estimate(total / count, float(sums.sum() / sizes.sum()), n, left_out, n, unit)

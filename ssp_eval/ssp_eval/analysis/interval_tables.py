@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 
 from ssp_eval.analysis.bootstrap import Estimate, Group
+from ssp_eval.analysis.resample import Interval
 from ssp_eval.analysis.stability import Spread, Stability
 from ssp_eval.analysis.table import Column, Table, Value
 from ssp_eval.analysis.table_columns import in_order
@@ -50,6 +51,10 @@ def _interval(found: Estimate) -> tuple[Value, ...]:
         found.value, found.percentile.low, found.percentile.high, found.bca.low, found.bca.high,
         found.bias, found.null_share, found.unit, found.n,
     )  # fmt: skip
+
+
+def _ends(interval: Interval) -> tuple[Value, Value]:
+    return interval.low, interval.high
 
 
 def _few(counts: Iterable[int]) -> list[str]:
@@ -119,7 +124,7 @@ def groups_over_records(
 def over_cells(groups: Mapping[Group, Mapping[Group, Sequence[Estimate]]], resamples: int) -> Table:
     """Mean IVCS by group, the cells resampled, and whole scenarios of them."""
     found = [
-        (*_named(by, key), *_interval(one)[:5], one.unit, one.n)
+        (*_named(by, key), *_interval(one)[:5], *_ends(one.student), one.unit, one.n)
         for by, estimates in groups.items()
         for key, ones in sorted(estimates.items(), key=lambda g: in_order(g[0]))
         for one in ones
@@ -127,7 +132,14 @@ def over_cells(groups: Mapping[Group, Mapping[Group, Sequence[Estimate]]], resam
     return Table(
         "intervals_over_cells",
         "Mean IVCS, with intervals over cells and over scenarios",
-        (*words("grouping", "group"), *_INTERVAL[:5], _UNIT, _N),
+        (
+            *words("grouping", "group"),
+            *_INTERVAL[:5],
+            Column("student_low", "Student low"),
+            Column("student_high", "Student high"),
+            _UNIT,
+            _N,
+        ),
         tuple(found),
         (
             f"How far a mean depends on which cells there are: {resamples} resamples of the cells "
@@ -136,6 +148,8 @@ def over_cells(groups: Mapping[Group, Mapping[Group, Sequence[Estimate]]], resam
             "over scenarios is the one to read where it is wider. Both take what is drawn for a "
             "random sample, which scenarios chosen by hand are not.",
             _ENDS_NOTE,
+            "Student: over the same units, taken for normal; it may reach beyond 0 to 1. With few "
+            "units read this one: resamples of two never leave the range between them.",
             *_few(one.n for found in groups.values() for ones in found.values() for one in ones),
         ),
     )

@@ -8,7 +8,8 @@ from itertools import combinations
 
 import numpy as np
 
-from ssp_eval.analysis.bootstrap import Estimate, bootstrap_mean
+from ssp_eval.analysis.bootstrap import Estimate
+from ssp_eval.analysis.clusters import bootstrap_mean
 from ssp_eval.analysis.compare import t_interval
 from ssp_eval.analysis.resample import Interval
 from ssp_eval.analysis.row import OK, CellRow

@@ -11,9 +11,9 @@ from ssp_eval.analysis.bootstrap import (
     Bootstrap,
     Estimate,
     Group,
-    bootstrap_mean,
     bootstrap_records,
 )
+from ssp_eval.analysis.clusters import bootstrap_mean
 from ssp_eval.analysis.compare import Comparison, compare
 from ssp_eval.analysis.curvature import Curve, curves
 from ssp_eval.analysis.row import OK, CellRow, entering
