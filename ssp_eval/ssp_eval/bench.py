@@ -25,6 +25,7 @@ BENCHMARKS = (
     "recorder",
     "recording",
     "replay",
+    "memory",
     "scoring",
     "analysis",
     "extraction",

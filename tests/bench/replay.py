@@ -31,8 +31,8 @@ ROUNDS = 7
 SHARE = 0.7
 
 
-def make_bag(folder: Path) -> list[float]:
-    """A minute of noise frames (which compress badly, as road surfaces do) and states."""
+def make_bag(folder: Path, seconds: int = SECONDS) -> list[float]:
+    """Noise frames (which compress badly, as road surfaces do) and states, and label times."""
     types = typestore().types
     time_t = types["builtin_interfaces/msg/Time"]
     header_t = types["std_msgs/msg/Header"]
@@ -49,7 +49,7 @@ def make_bag(folder: Path) -> list[float]:
         writer.add_topic(IMAGE, "sensor_msgs/msg/CompressedImage")
         writer.add_topic(STATE, "ssp_msgs/msg/ObjectState")
         state_t = types["ssp_msgs/msg/ObjectState"]
-        for k in range(SECONDS * STATE_HZ):
+        for k in range(seconds * STATE_HZ):
             ns = k * 1_000_000_000 // STATE_HZ
             stamp = time_t(sec=ns // 10**9, nanosec=ns % 10**9)
             header = header_t(stamp=stamp, frame_id="map")
@@ -82,9 +82,9 @@ def make_bag(folder: Path) -> list[float]:
                 "width_px": 960,
                 "height_px": 540,
                 "fps": FRAME_HZ,
-                "frames": SECONDS * FRAME_HZ,
+                "frames": seconds * FRAME_HZ,
             },
-            "crop": {"start_s": 0.0, "end_s": float(SECONDS)},
+            "crop": {"start_s": 0.0, "end_s": float(seconds)},
             "generator": "bench",
             "domain": "synthetic",
             "scenario": "bench",
@@ -98,7 +98,7 @@ def make_bag(folder: Path) -> list[float]:
             },
         }
         writer.attach("import.json", json.dumps(facts).encode(), "application/json")
-    times = [5.0 + 6.0 * k for k in range(LABELS)]
+    times = [(5.0 + 6.0 * k) * seconds / SECONDS for k in range(LABELS)]
     label = {
         "phase": "approach",
         "risk_visible": True,
@@ -116,7 +116,7 @@ def make_bag(folder: Path) -> list[float]:
             "scenario": "bench",
             "domain": "synthetic",
             "event_version": "sha256:" + "0" * 64,
-            "risk_time_s": 5.0,
+            "risk_time_s": times[0],
             "first_frame_dynamics": False,
             "labels": [{"t_s": t, **label} for t in times],
         },
