@@ -63,8 +63,13 @@ def test_black_frames_have_the_sizes_and_stamps_of_the_others() -> None:
         shapes.append(image.shape)
     assert shapes == [(24, 32, 3), (24, 32, 3), (20, 50, 3)]
     assert replace(after, frames=odd.frames) == odd
-    with pytest.raises(InputError, match="no picture"):
-        blackened(replace(before, frames=(Frame(1, b"no jpeg"),)))
+    for broken in (b"no jpeg", b""):
+        without = replace(before, frames=(Frame(1, broken),))
+        with pytest.raises(InputError, match="no picture"):
+            blackened(without)
+        nothing = under(BLACK, Question(0.0, 0.0, without), None)
+        assert isinstance(nothing, NoQuestion)
+        assert "no picture" in nothing.reason
 
 
 @given(count=st.integers(2, 40), seed=st.integers(0, 1000), salt=st.integers(0, 2**62))

@@ -151,3 +151,20 @@ def test_the_command_has_controls_unless_it_is_told_otherwise(
         ("--controls",): (everybody, 1),
         ("--no-controls",): (everybody[:1], 0),
     }
+
+
+def test_a_frame_that_is_no_picture_costs_answers_and_no_campaign(
+    make_bag: BagMaker, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(make_bag.__globals__, "picture", lambda index: b"\xff\xd8 broken")
+    models = with_controls([MINE])
+    bag = make_bag()
+    results = run_campaign(
+        [(bag, None)], models, DirectAskers(), tmp_path / "o", CellOptions(), True
+    )
+    losses = {result.model: dict(result.losses) for result in results}
+    assert losses["mine"] == {"bridge answered an error": 9}
+    assert losses["mine+black"] == {"nothing to ask": 9}
+    assert [r.model for r in results if r.is_failure] == [
+        "mine", "constant_velocity", "copy_history", "perfect", "silent",
+    ]  # fmt: skip

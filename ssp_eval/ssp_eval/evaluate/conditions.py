@@ -100,7 +100,10 @@ def under(
     if not condition:
         return question
     if condition == BLACK:
-        return replace(question, request=blackened(question.request))
+        try:
+            return replace(question, request=blackened(question.request))
+        except InputError as error:  # the model itself is told so; a control must end nothing
+            return NoQuestion(question.label_t_s, f"there is no size to make black: {error}")
     if len(question.request.frames) > 1:
         return replace(question, request=shuffled(question.request))
     if not isinstance(another, Question):
@@ -119,7 +122,9 @@ def _black(width_px: int, height_px: int) -> bytes:
 
 
 def _size(jpeg: bytes) -> tuple[int, int]:
-    image = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_GRAYSCALE)
+    # Of no bytes at all OpenCV raises an error of its own.
+    data = np.frombuffer(jpeg, np.uint8)
+    image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if jpeg else None
     if image is None:
         raise InputError("is no picture", field="frame")
     return image.shape[1], image.shape[0]
