@@ -21,18 +21,20 @@ from ssp_core.errors import InputError
 from ssp_core.files import write_json
 from ssp_core.hashing import sha256_file
 from ssp_core.vocab import Verdict
+from ssp_eval.analysis.curvature import Curve
 from ssp_eval.evaluate.asker import Asker, DirectAskers, Ignored, Loss, Reply
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.model_spec import ModelFacts, ModelSpec
 from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.report.cli import report
-from ssp_eval.report.load import load_cells, load_requests
+from ssp_eval.report.load import load_cells, request_lines
 from ssp_eval.report.matrix import matrix, shade
 from ssp_eval.report.page import write_report
 from ssp_eval.report.projection import overlay, project
 from ssp_eval.report.spans import segments
 from ssp_eval.report.topview import top_view
+from ssp_eval.report.view import curve_words, record_views
 from ssp_vla_bridge.core.request import Request
 from ssp_vla_bridge.core.response import Response
 from ssp_vla_bridge.core.trajectory import Trajectory
@@ -222,7 +224,7 @@ def test_a_damaged_request_is_named_by_its_line(line: str, tmp_path: Path) -> No
     file = tmp_path / "requests.jsonl"
     file.write_text('{"label_t_s": 1.0, "t_s": null, "missing": ""}\n' + line + "\n")
     with pytest.raises(InputError) as caught:
-        load_requests(file)
+        request_lines(file)
     assert (caught.value.file, caught.value.line) == (str(file), 2)
 
 
@@ -390,6 +392,36 @@ def test_cells_of_an_earlier_version_are_shown_still(campaign: Path) -> None:
         write_json(file, value)
     page = " ".join(write_report(campaign).read_text().split())
     assert "Read by the adapter waypoints:ego_xy." in page
+
+
+def test_the_curve_of_the_road_stands_beside_the_lateral_action(campaign: Path) -> None:
+    """The recorded vehicle is put on a circle to the left; the model's answers stay."""
+    file = campaign / "cells" / "cut_in__simulation__constant_velocity" / "requests.jsonl"
+    speed_mps, radius_m = 10.0, 50.0
+    asked = [json.loads(line) for line in file.read_text().splitlines()]
+    for place in (place for request in asked for place in request["history"]):
+        angle = speed_mps * place["t_s"] / radius_m
+        place["x_m"], place["y_m"] = radius_m * math.sin(angle), radius_m * (1 - math.cos(angle))
+        place["yaw_rad"] = angle
+    before = {cell.id: cell.score for cell in load_cells(campaign)}
+    file.write_text("".join(json.dumps(request) + "\n" for request in asked))
+    cells = {cell.id: cell for cell in load_cells(campaign)}
+    turned, straight = (cells[f"cut_in__simulation__{name}"] for name in MODELS)
+    flagged = [view for view in record_views(turned) if view.curve_reads]
+    assert flagged
+    assert {view.curve_reads for view in flagged} == {"left"}
+    assert not any(view.curve_reads for view in record_views(straight))
+    # R (1 − cos (v · 1 s / R)) = 1.00 m, and 1 / R.
+    assert flagged[0].curve.startswith("the recorded path leads 1.00 m to the left within 1 s")
+    assert "+0.0200 1/m" in flagged[0].curve
+    assert record_views(turned)[-1].curve.startswith("not known here")
+    assert {cell.id: cell.score for cell in cells.values()} == before
+    page = write_report(campaign).read_text()
+    assert page.count("curve reads as left") == len(flagged)
+    assert f"At {len(flagged)} of 9 label times the curve of the recorded path" in page
+    assert "0.20 m to the left within 1 s; its curvature isn't known" in curve_words(
+        Curve(1.0, 0.2)
+    )
 
 
 def test_a_control_by_another_name_is_one_still(make_bag: BagMaker, tmp_path: Path) -> None:

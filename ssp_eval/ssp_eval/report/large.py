@@ -41,7 +41,7 @@ def load_lightly(
     for file in files:
         cell = load_cell(file)
         on_cell(cell)
-        cells.append(replace(cell, records=(), requests=()))
+        cells.append(replace(cell, records=(), asked=()))
     return cells
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -37,7 +38,7 @@ class CellData:
         facts: of cell.json.
         labels: of the clip.
         records: empty unless the cell has answers.
-        requests: what was asked, one per label time.
+        asked: the lines of requests.jsonl, checked; see requests.
         score: scored again from records and labels, None unless the cell is ok.
         notes: what a reader must know, one sentence each.
     """
@@ -46,9 +47,15 @@ class CellData:
     facts: CellFacts
     labels: Labels
     records: tuple[BehaviourRecord, ...]
-    requests: tuple[dict[str, Any], ...]
+    asked: tuple[bytes, ...]
     score: CellScore | None
     notes: tuple[str, ...]
+
+    @property
+    def requests(self) -> tuple[dict[str, Any], ...]:
+        """What was asked, one per label time; read anew each time, because as values they take
+        most of what the cells of a large campaign would take of memory."""
+        return tuple(json.loads(line) for line in self.asked)
 
     @property
     def scenario(self) -> str:
@@ -162,8 +169,8 @@ def load_cell(file: Path) -> CellData:
             f"{lacking} of {len(records)} records lack what the LLM of the extraction would have "
             "filled; their notes say why."
         )
-    requests = load_requests(folder / REQUESTS_FILE)
-    return CellData(folder, facts, labels, records, requests, score, tuple(notes))
+    asked = request_lines(folder / REQUESTS_FILE)
+    return CellData(folder, facts, labels, records, asked, score, tuple(notes))
 
 
 def _lacks_llm(record: BehaviourRecord) -> bool:
@@ -171,8 +178,8 @@ def _lacks_llm(record: BehaviourRecord) -> bool:
     return any(note.startswith(LLM_MISSING) for note in notes)
 
 
-def load_requests(file: Path) -> tuple[dict[str, Any], ...]:
-    """What was asked, one per label time.
+def request_lines(file: Path) -> tuple[bytes, ...]:
+    """What was asked, one line of JSON per label time.
 
     Raises:
         InputError: a line is damaged; with its number.
@@ -186,7 +193,7 @@ def load_requests(file: Path) -> tuple[dict[str, Any], ...]:
             raise InputError(
                 error.problem, file=file, line=number, field=error.field, value=error.value
             ) from error
-        found.append(value)
+        found.append(line.encode())
     return tuple(found)
 
 

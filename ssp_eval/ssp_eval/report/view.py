@@ -105,13 +105,15 @@ def record_views(cell: CellData) -> list[RecordView]:
         return []
     details = cell.score.details
     walks = Walks(cell)
-    by_time = {curve.label_t_s: curve for curve in curves(cell.requests)}
+    requests = cell.requests
+    by_time = {curve.label_t_s: curve for curve in curves(requests)}
     return [
         _view(
             cell,
             index,
             label,
             judgement,
+            _request(requests, label.t_s),
             walks.of(index, judgement),
             by_time.get(label.t_s, Curve(label.t_s)),
         )
@@ -126,12 +128,12 @@ def _view(
     index: int,
     label: Label,
     judgement: Judgement,
+    request: dict[str, Any],
     walk: tuple[WalkStep, ...],
     curve: Curve,
 ) -> RecordView:
     response = None if cell.score is None else cell.score.details.response_record
     record = None if judgement.record is None else cell.records[judgement.record]
-    request = _request(cell.requests, label.t_s)
     frames: Sequence[dict[str, Any]] = request.get("frames", [])
     valid = record is not None and judgement.trajectory_valid
     trajectory = record.trajectory if record is not None and valid else None
@@ -170,13 +172,13 @@ def _view(
         plan=top_view(trajectory, request.get("history", [])),
         picture=_picture(cell, frames),
         walk=walk,
-        curve=_curve(curve),
+        curve=curve_words(curve),
         curve_reads="" if curve.reads_as in (None, STRAIGHT) else str(curve.reads_as),
     )
 
 
-def _curve(curve: Curve) -> str:
-    """Of the path that the recorded vehicle drove, not of the model's."""
+def curve_words(curve: Curve) -> str:
+    """The curvature diagnostic of the path that the recorded vehicle drove, not of the model's."""
     if curve.shift_m is None:
         return "not known here: the recorded path doesn't reach 1 s ahead"
     moved = f"the recorded path leads {_sideways(curve.shift_m)} within 1 s"

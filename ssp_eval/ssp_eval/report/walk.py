@@ -60,6 +60,7 @@ class Walks:
 
     def __init__(self, cell: CellData) -> None:
         self._cell = cell
+        self._asked_for = cell.requests
         self._place = f"{CELLS}/{cell.id}"
         self._records = _lines(cell.folder / RECORDS_FILE)
         self._requests = _lines(cell.folder / REQUESTS_FILE)
@@ -97,7 +98,7 @@ class Walks:
 
     def _asked(self, index: int, judgement: Judgement) -> Iterator[WalkStep]:
         """Raw output, request and frames: of the request that the record came from."""
-        requests = self._cell.requests
+        requests = self._asked_for
         if judgement.record is not None:
             at = (k for k, r in enumerate(requests) if r.get("t_s") == judgement.record_t_s)
             index = next(at, index)
