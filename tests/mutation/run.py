@@ -46,6 +46,14 @@ also_copy = ["ssp_eval", "checks", "tests", "pyproject.toml"]
 addopts = "--import-mode=importlib"
 """
 
+# A failure is enough: what the smallest example of it would be, nobody reads.
+QUICKLY = """\
+from hypothesis import Phase, settings
+
+settings.register_profile("quickly", phases=(Phase.explicit, Phase.generate), database=None)
+settings.load_profile("quickly")
+"""
+
 
 def lay_out(folder: Path) -> None:
     """Copies what mutmut needs into an empty folder, and configures it there."""
@@ -59,6 +67,7 @@ def lay_out(folder: Path) -> None:
     tests.mkdir(parents=True)
     for name in ("score_inputs", *(f"test_score_{name}" for name in TESTS)):
         shutil.copy(ROOT / "ssp_eval" / "test" / f"{name}.py", tests)
+    (tests / "conftest.py").write_text(QUICKLY)
     text = CONFIGURATION.format(
         left_out=json.dumps(LEFT_OUT),
         arguments=json.dumps(["--hypothesis-seed=0", "-k", " and ".join(TOO_SLOW)]),
