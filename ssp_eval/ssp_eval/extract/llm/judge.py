@@ -23,8 +23,7 @@ from ssp_eval.extract.rules.hits import Hit, Kind
 from ssp_eval.extract.rules.matching.find import find
 from ssp_eval.extract.rules.reading.reader import read
 from ssp_eval.extract.rules.scope.flags import Scope
-from ssp_eval.extract.rules.scope.scopes import scopes
-from ssp_eval.extract.rules.scope.sentences import sentences
+from ssp_eval.extract.rules.scope.scopes import scopes, sentences
 from ssp_eval.extract.rules.tokens import Tokens, tokenise
 from ssp_eval.records import SLOT_NAMES, Slot, Slots
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from ssp_eval.extract.llm.prompt import NOBODY
 from ssp_eval.extract.llm.reply import Proposal
 from ssp_eval.extract.rules.hits import Hit, Kind
-from ssp_eval.extract.rules.scope.sentences import SENTENCE_MARKS
+from ssp_eval.extract.rules.scope.scopes import SENTENCE_MARKS
 from ssp_eval.extract.rules.words.ego_verbs import LAT_ACTIONS, LON_ACTIONS
 
 ACTIONS: Mapping[str, Mapping[str, str]] = {"lon_action": LON_ACTIONS, "lat_action": LAT_ACTIONS}

@@ -10,8 +10,7 @@ from ssp_eval.extract import checks
 from ssp_eval.extract.rules.decide import decide
 from ssp_eval.extract.rules.matching.find import find
 from ssp_eval.extract.rules.reading.reader import read
-from ssp_eval.extract.rules.scope.scopes import scopes
-from ssp_eval.extract.rules.scope.sentences import sentences
+from ssp_eval.extract.rules.scope.scopes import scopes, sentences
 from ssp_eval.extract.rules.tokens import tokenise
 from ssp_eval.records import Slot, Slots
 
