@@ -70,6 +70,20 @@ def test_a_file_in_doubt_is_read_value_by_value_in_its_place(tmp_path, monkeypat
     assert score_columns(load_columns(map(files, folders))).cells() == expected
 
 
+def test_files_that_are_right_are_never_read_value_by_value(monkeypatch):
+    monkeypatch.setattr(load, "parse_records", None)
+    assert len(load_columns(map(files, GOLDEN)).risk_onset_s) == len(GOLDEN)
+
+
+def test_many_long_answers_are_no_error(tmp_path):
+    shutil.copytree(GOLDEN[0], tmp_path / "long")
+    labels, records = files(tmp_path / "long")
+    line = json.loads(records.read_text().splitlines()[0])
+    lines = [json.dumps({**line, "t_s": t_s, "text": "z" * (1 << 20)}) for t_s in range(9)]
+    records.write_text("\n".join(lines))
+    assert load_columns([(labels, records)]).records.text_valid.tolist() == [True] * 9
+
+
 def test_labels_that_cells_share_are_read_once(tmp_path, monkeypatch):
     calls = []
 

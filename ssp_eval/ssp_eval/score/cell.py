@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
 from itertools import compress
 from operator import and_
 from typing import Any
@@ -49,19 +49,6 @@ class CellDetails:
     def unmatched_records(self) -> tuple[int, ...]:
         """Indices of the records that belong to no label and are ignored (6.1)."""
         return tuple(i for i, label in enumerate(self.record_labels) if label is None)
-
-    def to_json(self) -> dict[str, Any]:
-        """All of it as plain values for json.dump."""
-        judgements = [
-            {**item._asdict(), "slots": {name: asdict(slot) for name, slot in item.slots.items()}}
-            for item in self.judgements
-        ]
-        rest = {item.name: getattr(self, item.name) for item in fields(self)}
-        return {
-            **rest,
-            "judgements": judgements,
-            "unmatched_records": list(self.unmatched_records),
-        }
 
 
 @dataclass(frozen=True)
