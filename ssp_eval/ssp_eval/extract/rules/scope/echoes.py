@@ -6,6 +6,7 @@ from ssp_eval.extract.rules.hits import Hit, Kind
 from ssp_eval.extract.rules.scope.flags import Scope
 from ssp_eval.extract.rules.words.notation import phrases
 
+_QUOTED, _PAST = Scope.QUOTED, Scope.PAST
 _ANSWERS = frozenset(
     phrases(
         """
@@ -79,7 +80,7 @@ def _mark_quotes(
                 opened = -1
             optional = listing or opened >= 0 or off
             if quoted or question or optional or _after_colon(hits, opener, index, start):
-                flags[index] |= Scope.QUOTED
+                flags[index] |= _QUOTED
         if opened >= 0:
             listing = opened + 3 >= stop or words[hits[stop - 1].first - 1].isdigit()
             listed = (opened, stop)
@@ -123,7 +124,7 @@ def _choose(words: list[str], hits: list[Hit], flags: list[int], first: int, sto
                 inside = words[at] == label
             at += 1
         if inside:
-            flags[index] &= ~Scope.QUOTED
+            flags[index] &= ~_QUOTED
         at = max(at, hit.first)
         while at < hit.stop:
             if words[at] in _LABELS and _labels(words, at):
@@ -197,4 +198,4 @@ def _mark_frames(hits: list[Hit], flags: list[int]) -> None:
 
 
 def _dated(flag: int, frame: int, newest: int) -> int:
-    return flag | Scope.PAST if frame < newest else flag
+    return flag | _PAST if frame < newest else flag
