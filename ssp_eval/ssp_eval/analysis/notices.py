@@ -10,7 +10,7 @@ from ssp_eval.analysis.row import OK, CellRow, entering
 from ssp_eval.analysis.table import Column, Table, some
 from ssp_eval.analysis.tables import uneven
 from ssp_eval.evaluate.admission import ADMITTED
-from ssp_eval.evaluate.controls import CONDITIONS
+from ssp_eval.evaluate.controls import ANSWERERS, CONDITIONS
 from ssp_eval.report.load import CellData
 
 COMPARABILITY, STAND_IN, LEFT_OUT, CONTROLS, LABELS, MEASURED, CELL = (
@@ -118,7 +118,12 @@ def _of_controls(rows: Sequence[CellRow]) -> Iterable[Notice]:
     )
     yield Notice(CONTROLS, text, tuple(controls))
     spoilt = {condition_of(name) for name in controls}
-    lacking = [name for name in models if not all((name, c) in spoilt for c in CONDITIONS)]
+    # Answerers of our own see no frame, also where they stand in for models.
+    lacking = [
+        name
+        for name in models
+        if name not in ANSWERERS and not all((name, one) in spoilt for one in CONDITIONS)
+    ]
     if lacking:
         text = (
             f"Not asked with black and with shuffled frames: {some(lacking)}. Nothing here shows "
