@@ -179,6 +179,10 @@ def test_a_campaign_gives_intervals_over_records_and_the_diagnostic(
         assert one["value"] == "" if value is None else math.isclose(float(one["value"]), value)
         if one["low"]:
             assert float(one["low"]) <= float(one["high"])
+    # Every interval says what was drawn.
+    assert {one["unit"] for one in cells_of} == {"labels, in blocks of 2"}
+    over = table(tmp_path / "intervals_over_cells.csv")
+    assert {one["unit"] for one in over} == {"cells", "scenarios"}
     # The VUT of these recordings drives straight on.
     shifts = [one for one in table(tmp_path / "curvature.csv") if one["curve_m"]]
     assert shifts
@@ -187,6 +191,13 @@ def test_a_campaign_gives_intervals_over_records_and_the_diagnostic(
     assert {one["model"] for one in shifts} == {"constant_velocity"}
     varied = {one["parameter"] for one in table(tmp_path / "sensitivity.csv")}
     assert varied >= {"match_window_s", "stop_speed_mps", "accel_mps2", "lateral_shift_m"}
+
+
+def test_the_length_of_a_block_can_be_chosen(campaign: Path, tmp_path: Path) -> None:
+    assert call(campaign, "--tables", tmp_path, "--format", "csv", *FEW, "--block", 1) == 0
+    assert {one["unit"] for one in table(tmp_path / "intervals_cells.csv")} == {"labels"}
+    assert json.loads((tmp_path / "statistics.json").read_text())["block_labels"] == 1
+    assert call(campaign, "--tables", tmp_path, "--block", 0) == 2
 
 
 def test_repeated_campaigns_are_runs_of_the_same_cells(campaign: Path, tmp_path: Path) -> None:
