@@ -33,7 +33,7 @@ _KEYS = (
     "first_frame_dynamics",
     "labels",
 )
-_LABEL_KEYS = (
+LABEL_KEYS = (
     "t_s",
     "phase",
     "risk_visible",
@@ -202,7 +202,7 @@ def _labels(value: object, place: Place) -> tuple[Label, ...]:
 
 
 def _label(value: object, place: Place) -> Label:
-    found = strict.mapping(value, place, _LABEL_KEYS)
+    found = strict.mapping(value, place, LABEL_KEYS)
 
     def optional(key: str, vocabulary: tuple[str, ...]) -> str | None:
         given = found[key]

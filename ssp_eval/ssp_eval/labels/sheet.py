@@ -14,20 +14,12 @@ from ssp_core.errors import InputError
 from ssp_core.files import read_mapping
 from ssp_eval import strict
 from ssp_eval.labels.footage import Picture
+from ssp_eval.labels.model import LABEL_KEYS
 from ssp_eval.strict import Place
 from ssp_eval.templates import templates
 
 LEAST_WIDTH_PX = 640
-_SLOTS = (
-    "phase",
-    "risk_visible",
-    "objects",
-    "position",
-    "motion",
-    "conflict",
-    "lon_actions",
-    "lat_actions",
-)
+_SLOTS = tuple(key for key in LABEL_KEYS if key != "t_s")
 _COLUMNS = 3
 _QUALITY = 90
 _HERE = Path(__file__).parent
