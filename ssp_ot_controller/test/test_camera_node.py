@@ -7,22 +7,18 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
-import rclpy
 from geometry_msgs.msg import TransformStamped
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from sensor_msgs.msg import CameraInfo, CompressedImage
 
 from ssp_core import names, ros
 from ssp_core.conversions import state_to_msg
-from ssp_core.domains import free_domain
-from ssp_core.processes import remove_stale_shared_memory
 from ssp_core.run_spec import (
     Camera,
     Driver,
@@ -94,12 +90,8 @@ def run_spec(camera: Camera | None) -> RunSpec:
 class World:
     """Publishes ticks and keeps what the camera says."""
 
-    def __init__(self, domain_id: int) -> None:
-        self.context = Context()
-        rclpy.init(context=self.context, domain_id=domain_id)
-        self.node = rclpy.create_node("world", namespace=names.NAMESPACE, context=self.context)
-        self.executor = SingleThreadedExecutor(context=self.context)
-        self.executor.add_node(self.node)
+    def __init__(self, others: Any) -> None:
+        self.node, self.spin, self.spin_until = others.node, others.spin, others.spin_until
         self.images: list[CompressedImage] = []
         self.infos: list[CameraInfo] = []
         self.mounts: list[TransformStamped] = []
@@ -140,19 +132,6 @@ class World:
         message.header.stamp = ros.stamp_from_ns(step * STEP_NS)
         self.ticks.publish(message)
 
-    def spin_until(
-        self, condition: Callable[[], bool], what: str, limit_s: float = DEADLINE_S
-    ) -> None:
-        deadline = time.monotonic() + limit_s
-        while not condition():
-            assert time.monotonic() < deadline, f"no {what} in time"
-            self.executor.spin_once(timeout_sec=0.05)
-
-    def close(self) -> None:
-        self.executor.shutdown()
-        self.node.destroy_node()
-        rclpy.shutdown(context=self.context)
-
 
 def start(run_file: Path) -> subprocess.Popen[str]:
     command = [sys.executable, "-m", "ssp_ot_controller.camera.node", "--ros-args"]
@@ -168,14 +147,8 @@ def write_run(path: Path, camera: Camera | None) -> Path:
 
 
 @pytest.fixture
-def world(monkeypatch: pytest.MonkeyPatch) -> Iterator[World]:
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    with free_domain() as domain_id:
-        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain_id))
-        made = World(domain_id)
-        yield made
-        made.close()
-    remove_stale_shared_memory()
+def world(others: Any) -> World:
+    return World(others)
 
 
 @pytest.fixture
@@ -203,7 +176,7 @@ def test_a_lockstep_run(world: World, camera_node: subprocess.Popen[str]) -> Non
         while len(world.steps("done")) < answers:
             assert time.monotonic() < deadline, "no picture of step 0 in time"
             world.tick(0, running=False)
-            world.executor.spin_once(timeout_sec=0.1)
+            world.spin(0.1)
         return time.monotonic()
 
     first = hold_until(1)

@@ -13,13 +13,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import rclpy
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 
 from ssp_core import names, ros
-from ssp_core.domains import free_domain
-from ssp_core.processes import remove_shared_ports, remove_stale_shared_memory, session_environment
+from ssp_core.processes import session_environment
 from ssp_core.safety_codes import SafetyCode
 from ssp_core.vocab import SessionPhase
 from ssp_msgs import msg
@@ -27,64 +23,21 @@ from ssp_ot_controller.sil.node import OVERRUN_S
 
 pytestmark = pytest.mark.ros
 DEADLINE_S = 30.0
-
-
-def run_mapping(**changes: Any) -> dict[str, Any]:
-    start = {"x_m": 40.0, "y_m": 0.0, "yaw_rad": 0.0}
-    return {
-        "schema": "ssp.run/1",
-        "run_id": "r",
-        "scenario": "s",
-        "interaction": "cut_in",
-        "domain": "simulation",
-        "stand_in": False,
-        "event_version": "sha256:event",
-        "site": "s",
-        "site_version": "sha256:s",
-        "seed": 1,
-        "mode": "lockstep",
-        "road": {
-            "origin": {"x_m": 0.0, "y_m": 0.0, "yaw_rad": 0.0},
-            "length_m": 400.0,
-            "lanes": [{"y_m": 0.0, "width_m": 3.5, "direction": "forward"}],
-        },
-        "geofence": [(0.0, -8.0), (400.0, -8.0), (400.0, 12.0), (0.0, 12.0)],
-        "vut": {
-            "id": "vut",
-            "object_class": "car",
-            "start": {**start, "x_m": 10.0},
-            "approach": {"path": [(10.0, 0.0), (390.0, 0.0)], "cruise_mps": 10.0},
-        },
-        "driver": {"cruise_mps": 10.0},
-        "targets": [{"id": "ot1", "object_class": "car", "start": {**start, "x_m": 200.0}}],
-        "triggers": [
-            {
-                "id": "t",
-                "condition": {"type": "relative_distance", "object_id": "ot1", "below_m": 9.0},
-                "object_id": "ot1",
-                "manoeuvre": {
-                    "kind": "lane_change",
-                    "lateral_shift_m": -3.5,
-                    "duration_s": 2.5,
-                    "cruise_mps": 8.0,
-                },
-            }
-        ],
-        "limits": {"speed_mps": 15.0, "acceleration_mps2": 5.0},
-        "camera": None,
-        **changes,
-    }
+START = {"x_m": 10.0, "y_m": 0.0, "yaw_rad": 0.0}
+VUT = {
+    "id": "vut",
+    "object_class": "car",
+    "start": START,
+    "approach": {"path": [(10.0, 0.0), (390.0, 0.0)], "cruise_mps": 10.0},
+}
+TARGETS = [{"id": "ot1", "object_class": "car", "start": {**START, "x_m": 200.0}}]
 
 
 class Peers:
     """Everybody whom a world meets, played by the test: manager, objects, the VUT's driver."""
 
-    def __init__(self, domain_id: int) -> None:
-        self.context = Context()
-        rclpy.init(context=self.context, domain_id=domain_id)
-        self.node = rclpy.create_node("peers", namespace=names.NAMESPACE, context=self.context)
-        self.executor = SingleThreadedExecutor(context=self.context)
-        self.executor.add_node(self.node)
+    def __init__(self, others: Any) -> None:
+        self.node, self.spin_until = others.node, others.spin_until
         self.ticks: list[Any] = []
         self.vut: list[Any] = []
         self.safety: list[Any] = []
@@ -133,12 +86,6 @@ class Peers:
         self.spin_until(lambda: len(self.ticks) > held + 5, "holding")
         self.session.publish(msg.SessionState(state=int(SessionPhase.RUNNING)))
 
-    def spin_until(self, condition: Callable[[], Any], what: str) -> None:
-        deadline = time.monotonic() + DEADLINE_S
-        while not condition():
-            assert time.monotonic() < deadline, f"{what} did not happen in time"
-            self.executor.spin_once(timeout_sec=0.05)
-
     @property
     def step(self) -> int:
         return int(self.ticks[-1].step) if self.ticks else -1
@@ -146,39 +93,29 @@ class Peers:
     def codes(self) -> list[tuple[int, str]]:
         return [(event.code, event.object_id) for event in self.safety]
 
-    def close(self) -> None:
-        self.executor.shutdown()
-        self.node.destroy_node()
-        rclpy.shutdown(context=self.context)
-
 
 Start = Callable[..., tuple[subprocess.Popen[str], Peers]]
 
 
 @pytest.fixture
-def start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Start]:
-    """Starts a world and its peers; both are gone after the test."""
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+def start(
+    domain: int, others: Any, tmp_path: Path, run_mapping: Callable[..., dict[str, Any]]
+) -> Iterator[Start]:
+    """Starts a world, which is gone after the test, and meets it."""
     worlds: list[subprocess.Popen[str]] = []
-    peers: list[Peers] = []
-    with free_domain() as domain_id:
 
-        def make(**changes: Any) -> tuple[subprocess.Popen[str], Peers]:
-            run_file = tmp_path / "run.yaml"
-            run_file.write_text(json.dumps(run_mapping(**changes)))
-            worlds.append(world_process(domain_id, run_file))
-            peers.append(Peers(domain_id))
-            peers[-1].spin_until(lambda: peers[-1].ticks, "the first tick")
-            return worlds[-1], peers[-1]
+    def make(**changes: Any) -> tuple[subprocess.Popen[str], Peers]:
+        run_file = tmp_path / "run.yaml"
+        run_file.write_text(json.dumps(run_mapping(vut=VUT, targets=TARGETS, **changes)))
+        worlds.append(world_process(domain, run_file))
+        peers = Peers(others)
+        peers.spin_until(lambda: peers.ticks, "the first tick")
+        return worlds[-1], peers
 
-        yield make
-        for one in peers:
-            one.close()
-        for world in worlds:
-            world.kill()
-            world.communicate(timeout=10)
-        remove_shared_ports(domain_id)
-    remove_stale_shared_memory()
+    yield make
+    for world in worlds:
+        world.kill()
+        world.communicate(timeout=10)
 
 
 def world_process(domain_id: int, run_file: Path) -> subprocess.Popen[str]:
@@ -237,11 +174,12 @@ def test_a_world_that_falls_behind_the_wall_clock_says_so(start: Start) -> None:
     assert event.measured > event.limit == OVERRUN_S
 
 
-def test_a_live_session_is_none_of_a_simulated_worlds(tmp_path: Path) -> None:
+def test_a_live_session_is_none_of_a_simulated_worlds(
+    domain: int, tmp_path: Path, run_mapping: Callable[..., dict[str, Any]]
+) -> None:
     (tmp_path / "run.yaml").write_text(json.dumps(run_mapping(mode="live")))
-    with free_domain() as domain_id:
-        world = world_process(domain_id, tmp_path / "run.yaml")
-        _, error = world.communicate(timeout=DEADLINE_S)
+    world = world_process(domain, tmp_path / "run.yaml")
+    _, error = world.communicate(timeout=DEADLINE_S)
     assert world.returncode == 1
     assert "mode: a live session has no simulated world" in error
     assert "Traceback" not in error

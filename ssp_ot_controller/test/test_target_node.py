@@ -11,18 +11,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import rclpy
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 
 from ssp_core import names, ros
 from ssp_core.conversions import reference_to_msg, state_to_msg
-from ssp_core.domains import free_domain
 from ssp_core.geometry import Polyline
 from ssp_core.manoeuvre_points import drive_along
-from ssp_core.processes import remove_shared_ports, remove_stale_shared_memory, session_environment
+from ssp_core.processes import session_environment
 from ssp_core.reference import Reference
 from ssp_core.state import DEFAULT_SIZES, ObjectState
 from ssp_core.vocab import ControlState, ObjectClass, Role, SessionPhase
@@ -38,58 +34,17 @@ Request = ObjectCommand.Request
 
 
 @pytest.fixture
-def run_file(tmp_path: Path) -> Path:
-    start = {"x_m": 40.0, "y_m": 0.0, "yaw_rad": 0.0}
-    mapping = {
-        "schema": "ssp.run/1",
-        "run_id": "r",
-        "scenario": "s",
-        "interaction": "cut_in",
-        "domain": "simulation",
-        "stand_in": False,
-        "event_version": VERSION,
-        "site": "s",
-        "site_version": "sha256:s",
-        "seed": 1,
-        "mode": "lockstep",
-        "road": {
-            "origin": {"x_m": 0.0, "y_m": 0.0, "yaw_rad": 0.0},
-            "length_m": 400.0,
-            "lanes": [{"y_m": 0.0, "width_m": 3.5, "direction": "forward"}],
-        },
-        "geofence": [(0.0, -8.0), (400.0, -8.0), (400.0, 12.0), (0.0, 12.0)],
-        "vut": {"id": "vut", "object_class": "car", "start": {**start, "x_m": 10.0}},
-        "driver": {"cruise_mps": 10.0},
-        "targets": [{"id": "ot1", "object_class": "car", "start": start}],
-        "triggers": [
-            {
-                "id": "t",
-                "condition": {"type": "relative_distance", "object_id": "ot1", "below_m": 9.0},
-                "object_id": "ot1",
-                "manoeuvre": {
-                    "kind": "lane_change",
-                    "lateral_shift_m": -3.5,
-                    "duration_s": 2.5,
-                    "cruise_mps": 8.0,
-                },
-            }
-        ],
-        "limits": {"speed_mps": 15.0, "acceleration_mps2": 5.0},
-    }
+def run_file(tmp_path: Path, run_mapping: Callable[..., dict[str, Any]]) -> Path:
     path = tmp_path / "run.yaml"
-    path.write_text(json.dumps(mapping))
+    path.write_text(json.dumps(run_mapping()))
     return path
 
 
 class Peers:
     """World and manager, played by the test; both do something only when they are told to."""
 
-    def __init__(self, domain_id: int) -> None:
-        self.context = Context()
-        rclpy.init(context=self.context, domain_id=domain_id)
-        self.node = rclpy.create_node("peers", namespace=names.NAMESPACE, context=self.context)
-        self.executor = SingleThreadedExecutor(context=self.context)
-        self.executor.add_node(self.node)
+    def __init__(self, others: Any) -> None:
+        self.node, self.spin, self.spin_until = others.node, others.spin, others.spin_until
         self.states: list[Any] = []
         self.actuator: list[Any] = []
         self.acks: list[Any] = []
@@ -113,12 +68,6 @@ class Peers:
         client = self.node.create_client
         self.commands = client(ObjectCommand, names.command_service("ot1"))
         self.lifecycle = client(ChangeState, f"{names.OBJECT_TARGET}/change_state")
-
-    def spin_until(self, condition: Callable[[], Any], what: str) -> None:
-        deadline = time.monotonic() + DEADLINE_S
-        while not condition():
-            assert time.monotonic() < deadline, f"{what} did not happen in time"
-            self.executor.spin_once(timeout_sec=0.05)
 
     def connected(self) -> bool:
         """All topics have found their other end."""
@@ -161,7 +110,7 @@ class Peers:
             self.tick_pub.publish(tick)
             again = time.monotonic() + TICK_AGAIN_S
             while len(self.states) == count and time.monotonic() < again:
-                self.executor.spin_once(timeout_sec=0.05)
+                self.spin()
         return ControlState(self.states[-1].control_state)
 
     def command(self, number: int, version: str = VERSION) -> Any:
@@ -191,19 +140,6 @@ class Peers:
         self.beat(SessionPhase.ARMED)
         assert self.tick() is ControlState.ARMED
 
-    def close(self) -> None:
-        self.executor.shutdown()
-        self.node.destroy_node()
-        rclpy.shutdown(context=self.context)
-
-
-@pytest.fixture
-def domain() -> Iterator[int]:
-    with free_domain() as domain_id:
-        yield domain_id
-        remove_shared_ports(domain_id)
-    remove_stale_shared_memory()
-
 
 def start(domain: int, **parameters: object) -> subprocess.Popen[str]:
     arguments = [sys.executable, "-m", "ssp_ot_controller.target.node", "--ros-args"]
@@ -227,14 +163,10 @@ def target(domain: int, run_file: Path) -> Iterator[subprocess.Popen[str]]:
 
 
 @pytest.fixture
-def peers(
-    domain: int, target: subprocess.Popen[str], monkeypatch: pytest.MonkeyPatch
-) -> Iterator[Peers]:
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    made = Peers(domain)
+def peers(others: Any, target: subprocess.Popen[str]) -> Peers:
+    made = Peers(others)
     made.spin_until(made.connected, "discovery")
-    yield made
-    made.close()
+    return made
 
 
 def test_commands_and_their_refusals(peers: Peers) -> None:
@@ -367,7 +299,7 @@ def body() -> Iterator[str]:
 
 
 def test_live_an_object_of_hardware_drives_and_stops_by_itself(
-    domain: int, run_file: Path, body: str, monkeypatch: pytest.MonkeyPatch
+    domain: int, others: Any, run_file: Path, body: str
 ) -> None:
     """No world, the system's clock, and datagrams to a body in a process of its own."""
     run = json.loads(run_file.read_text())
@@ -375,8 +307,7 @@ def test_live_an_object_of_hardware_drives_and_stops_by_itself(
     limits = {**run["limits"], "heartbeat_s": 1.5, "state_age_s": 1.0, "error_longitudinal_m": 9.0}
     run_file.write_text(json.dumps({**run, "mode": "live", "limits": limits}))
     process = start(domain, run_file=run_file, bodies=f"ot1={body}")
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    peers = Peers(domain)
+    peers = Peers(others)
     try:
         peers.spin_until(peers.live_connected, "discovery")
         beating = peers.node.create_timer(0.05, lambda: peers.beat(phase, sent=len(sent)))
@@ -411,7 +342,6 @@ def test_live_an_object_of_hardware_drives_and_stops_by_itself(
         numbers = [state.sequence for state in peers.states]
         assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
     finally:
-        peers.close()
         process.kill()
         process.communicate(timeout=10)
 
