@@ -15,6 +15,7 @@ from ssp_eval.evaluate.asker import DirectAskers, Loss
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.cell_file import CellResult
+from ssp_eval.evaluate.choose import driving_before
 from ssp_eval.evaluate.conditions import other_label_time
 from ssp_eval.evaluate.model_spec import ModelSpec
 from ssp_eval.evaluate.models import bridge_spec, with_controls
@@ -168,3 +169,27 @@ def test_a_frame_that_is_no_picture_costs_answers_and_no_campaign(
     assert [r.model for r in results if r.is_failure] == [
         "mine", "constant_velocity", "copy_history", "perfect", "silent",
     ]  # fmt: skip
+
+
+def test_an_answerer_that_was_named_as_a_model_stays_one(
+    make_bag: BagMaker, tmp_path: Path
+) -> None:
+    bags: list[tuple[Path, Path | None]] = [(make_bag(), None)]
+    out = tmp_path / "out"
+
+    def evaluate(*names: str) -> dict[str, bool]:
+        models = with_controls([bridge_spec(name) for name in names], driving_before(out))
+        run_campaign(bags, models, DirectAskers(), out, CellOptions(), True)
+        files = [json.loads(file.read_text()) for file in out.glob("cells/*/cell.json")]
+        return {cell["model"]: cell["control"] for cell in files if not cell["condition"]}
+
+    assert driving_before(out) == set()
+    others = {"perfect": True, "silent": True, "copy_history": True}
+    assert evaluate("constant_velocity") == {"constant_velocity": False, **others}
+    assert driving_before(out) == {"constant_velocity"}
+    mine = {"constant_velocity": False, "opencv_baseline": False, **others}
+    assert evaluate("opencv_baseline") == mine
+    assert evaluate("opencv_baseline", "copy_history") == {**mine, "copy_history": False}
+    damaged = next(out.glob("cells/*__copy_history/cell.json"))
+    damaged.write_text("{")
+    assert driving_before(out) == {"constant_velocity"}

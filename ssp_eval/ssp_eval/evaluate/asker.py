@@ -132,4 +132,4 @@ class WithAnswerers:
 
     def asker(self, model: ModelSpec, options: Mapping[str, Any]) -> Asker:
         """The asker of a model; see Askers."""
-        return (self._ours if model.is_answerer else self._models).asker(model, options)
+        return (self._ours if model.answerer else self._models).asker(model, options)

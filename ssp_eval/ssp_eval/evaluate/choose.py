@@ -1,13 +1,16 @@
-"""The models that a command names, checked before anything is asked."""
+"""The models that a command names or named before, checked before anything is asked."""
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
 import click
 
+from ssp_eval.evaluate.cell_file import CELL_FILE, CELLS
+from ssp_eval.evaluate.controls import ANSWERERS
 from ssp_eval.evaluate.model_spec import ModelSpec
 from ssp_eval.evaluate.models import attached_spec, bridge_spec, check_bridge, load_models
 
@@ -43,3 +46,22 @@ def model_specs(
         if not model.attached:
             check_bridge(model)
     return models
+
+
+def driving_before(out: Path) -> set[str]:
+    """Answerers that somebody named as a model in an earlier command into the same folder.
+
+    As controls they would leave the means that they are in.
+
+    Args:
+        out: campaign folder; it need not be there.
+    """
+    return {name for name in ANSWERERS if any(map(_drives, out.glob(f"{CELLS}/*__{name}")))}
+
+
+def _drives(cell: Path) -> bool:
+    try:
+        told = json.loads((cell / CELL_FILE).read_bytes())
+    except (OSError, ValueError):
+        return False
+    return isinstance(told, dict) and not told.get("control", False)

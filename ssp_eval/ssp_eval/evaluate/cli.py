@@ -12,7 +12,7 @@ import click
 
 from ssp_eval.evaluate.admission import load_admissions
 from ssp_eval.evaluate.cell import CellOptions
-from ssp_eval.evaluate.choose import model_specs
+from ssp_eval.evaluate.choose import driving_before, model_specs
 from ssp_eval.evaluate.job import Settings
 from ssp_eval.evaluate.models import with_controls
 from ssp_eval.evaluate.over_topics import evaluate_bags
@@ -148,7 +148,7 @@ def evaluate(
         )
     models = model_specs(bridges, attached, models_files)
     if controls:
-        models = with_controls(models)
+        models = with_controls(models, driving_before(out))
     paired: list[tuple[Path, Path | None]] = [(bag, None) for bag in bags]
     if labels_files:
         paired = list(zip(bags, labels_files, strict=True))

@@ -44,6 +44,7 @@ class ModelSpec:
         facts: for reports.
         condition: under which it is asked (conditions.py); empty: as it is meant to be.
         control: it was added to check the harness, whatever it is; it enters no mean and no rank.
+        answerer: it is one of the harness's own that was added; nobody has to start it.
     """
 
     name: str
@@ -57,16 +58,12 @@ class ModelSpec:
     facts: ModelFacts = ModelFacts()
     condition: str = ""
     control: bool = False
+    answerer: bool = False
 
     @property
     def shown(self) -> str:
         """Its name in results, such as ``mine+black``: under a condition it is another cell."""
         return f"{self.name}+{self.condition}" if self.condition else self.name
-
-    @property
-    def is_answerer(self) -> bool:
-        """True for an answerer of the harness that was added as a control."""
-        return self.control and not self.condition
 
     @property
     def backend_name(self) -> str:

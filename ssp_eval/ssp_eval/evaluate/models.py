@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Collection
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -224,11 +225,16 @@ def as_attached(specs: list[ModelSpec]) -> list[ModelSpec]:
     ]
 
 
-def with_controls(specs: list[ModelSpec]) -> list[ModelSpec]:
+def with_controls(specs: list[ModelSpec], driving: Collection[str] = ()) -> list[ModelSpec]:
     """The models, each followed by itself under every condition, and the harness's own answerers.
 
     Models that check the harness already get no conditions: they look at no frame, or repeat what
     was said about others. None is added that is there under its name.
+
+    Args:
+        specs: that somebody named.
+        driving: names under which the campaign has models already; an answerer with one of them is
+            asked like the others and stays a model.
     """
     checks = {*CONTROLS, *ANSWERERS}
     found = []
@@ -236,8 +242,8 @@ def with_controls(specs: list[ModelSpec]) -> list[ModelSpec]:
         conditions = () if spec.backend_name in checks else CONDITIONS
         found += [spec, *(replace(spec, condition=name, control=True) for name in conditions)]
     names = {spec.name for spec in specs}
-    found += [replace(bridge_spec(n), control=True) for n in ANSWERERS if n not in names]
-    return found
+    added = [bridge_spec(name) for name in ANSWERERS if name not in names]
+    return found + [replace(s, control=s.name not in driving, answerer=True) for s in added]
 
 
 def check_bridge(model: ModelSpec) -> None:

@@ -13,6 +13,7 @@ from ssp_core.console import report_error
 from ssp_core.errors import SspError
 from ssp_core.ros import make_node
 from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.choose import driving_before
 from ssp_eval.evaluate.link.node import NAME
 from ssp_eval.evaluate.models import as_attached, attached_spec, load_models, with_controls
 from ssp_eval.evaluate.over_topics import evaluate_bags
@@ -56,7 +57,7 @@ def _evaluate() -> int:
     specs += [attached_spec(name) for name in models if name]
     results = evaluate_bags(
         [(Path(bag), None) for bag in bags if bag],
-        with_controls(specs) if specs and controls else specs,
+        with_controls(specs, driving_before(out)) if specs and controls else specs,
         out,
         CellOptions(adapter=adapter, retry_errors=retry_errors),
         timeout_s,

@@ -62,7 +62,7 @@ def plan_of(clips: Sequence[LabelledClip], models: Sequence[ModelSpec]) -> Plan:
         label_times=label_times * len(models),
         cells=len(asked) * len(models),
         questions=each * len(models),
-        to_answerers=each * sum(model.is_answerer for model in models),
+        to_answerers=each * sum(model.answerer for model in models),
         spoilt=each * sum(bool(model.condition) for model in models),
     )
 
