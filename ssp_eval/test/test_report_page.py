@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -38,6 +39,10 @@ from ssp_eval.report.view import curve_words, record_views
 from ssp_vla_bridge.core.request import Request
 from ssp_vla_bridge.core.response import Response
 from ssp_vla_bridge.core.trajectory import Trajectory
+
+sys.path.insert(0, str(Path(__file__).parents[2]))
+
+from tests.system.browser import Browser
 
 BagMaker = Callable[..., Path]
 MODELS = ("constant_velocity", "perfect")
@@ -433,3 +438,41 @@ def test_a_control_by_another_name_is_one_still(make_bag: BagMaker, tmp_path: Pa
     assert results[1].score["ivcs"] == pytest.approx(1.0)
     controls = {cell.model for cell in load_cells(tmp_path) if cell.is_control}
     assert controls == {"best"}
+
+
+@pytest.mark.system
+def test_from_a_score_back_by_clicking(campaign: Path) -> None:
+    """In a browser: matrix → cell → label time → evidence, and each step's file; on a phone too."""
+    page = write_report(campaign)
+    cell = "cut_in__simulation__constant_velocity"
+    with Browser(dark=False) as browser:
+        browser.go(page.as_uri())
+        # Nothing of a control is in the matrix of models.
+        rows = browser.evaluate("document.querySelectorAll('#matrix .row').length")
+        assert rows == sum(not one.is_control for one in load_cells(campaign))
+        browser.evaluate(f"document.querySelector('#matrix a[href=\"#{cell}\"]').scrollIntoView()")
+        browser.evaluate(
+            f"document.querySelector('#matrix a[href=\"#{cell}\"]')"
+            ".dispatchEvent(new MouseEvent('click', {bubbles: true, cancelable: true}))"
+        )
+        browser.wait(f"document.getElementById('{cell}').open")
+        browser.click(f"#{cell}-0 > summary")
+        browser.wait(f"document.querySelector('#{cell}-0 .frame img').naturalWidth")
+        browser.click(f"#{cell}-0 .walk > summary")
+        steps = browser.evaluate(
+            f"[...document.querySelectorAll('#{cell}-0 .walk b')].map((step) => step.innerText)"
+        )
+        assert [step for step in steps if step != "frame sent"] == [
+            "score", "evidence", "raw output", "request", "recording", "K*",
+        ]  # fmt: skip
+        links = browser.evaluate(
+            f"[...document.querySelectorAll('#{cell}-0 .walk a')].map((link) => link.href)"
+        )
+        # All but what lies in the recording: it, K*, and frames before the newest.
+        assert [Path(link).suffix for link in links] == [".json", *3 * [".jsonl"], ".jpg"]
+        browser.resize(400, 800)
+        assert browser.evaluate("document.documentElement.scrollWidth") <= 400
+        assert browser.console == []
+        assert all(url.startswith(("file://", "data:")) for url in browser.requests)
+        browser.go(links[0])
+        assert '"ivcs"' in browser.evaluate("document.body.innerText")

@@ -115,7 +115,8 @@ class Walks:
             digest = str(frame["sha256"])
             kept = frame_path(self._cell.folder.parents[1], digest)
             there = f"{kept.parent.name}/{kept.name}" if kept.is_file() else ""
-            yield WalkStep("frame sent", digest, there, f"stamp {frame.get('stamp_ns')} ns")
+            says = f"stamp {frame.get('stamp_ns')} ns{'' if there else ', in the recording'}"
+            yield WalkStep("frame sent", digest, there, says)
 
     def _line(self, what: str, file: str, line: _Line, whole: bool = False) -> WalkStep:
         content = _shown(line.text) if whole else ""
