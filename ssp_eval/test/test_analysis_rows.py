@@ -93,7 +93,7 @@ def test_a_matrix_of_ours_gives_the_same_rows_again(tmp_path):
         row(run="=1+1", seed=10, rsr=1, rl_s=1 / 3, total_b=7.5, active_b=0.1, architecture="a, b"),
         row(run="=1+1", seed=2, value=1 / 3, total_b=7.5, active_b=0.1, architecture="a, b", n=9),
         row(model='a "b", #c;\tй', sem_cov=0.1, stfr=0.2, sem_acc_cond=None, sem_acc_soft=0.7),
-        row(model="-x", value=0.1 + 0.2, cia_eff=None, admitted=False),
+        row(model="-x", value=0.1 + 0.2, cia_eff=None, admitted=False, stand_in=True),
         row(model="constant_velocity", control=True),
         row("#1", model="silent", control=True, value=0.0),
         row(

@@ -92,6 +92,7 @@ def parse_row(place: Place, fields: Mapping[str, str]) -> CellRow:
         architecture="" if text("architecture") in _NULLS else text("architecture"),
         control=is_control_name(text("model")) or _flag(place, fields, "control", NO),
         admitted=_flag(place, fields, "admitted", YES),
+        stand_in=_flag(place, fields, "stand_in", NO),
         status=status,
         reason=text("reason"),
     )

@@ -29,8 +29,8 @@ COLUMNS = (
 OPTIONAL_COLUMNS = ("sem_cov", "total_b", "active_b", "architecture", "run", "seed")
 # What our own matrix.csv has besides. It gives the risk response as rsr and rl_s.
 OWN_COLUMNS = (
-    "rsr", "rl_s", "n", "sem_acc_cond", "sem_acc_soft", "stfr", "control", "admitted", "status",
-    "reason",
+    "rsr", "rl_s", "n", "sem_acc_cond", "sem_acc_soft", "stfr", "control", "admitted",
+    "stand_in", "status", "reason",
 )  # fmt: skip
 # Follows from the others, and is only compared; what our remark says stands in other columns too.
 _COMPUTED, _REMARK = "ivcs", "remark"

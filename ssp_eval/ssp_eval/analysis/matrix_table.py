@@ -17,7 +17,7 @@ _BEHIND = (
     Column("active_b", "active (B)", "billions", printed=False),
     *(
         Column(key, key, "text", printed=False)
-        for key in ("architecture", "control", "admitted", "status", "reason")
+        for key in ("architecture", "control", "admitted", "stand_in", "status", "reason")
     ),
 )
 
@@ -50,7 +50,7 @@ def matrix_table(rows: Sequence[CellRow]) -> Table:
                 *((row.seed,) if seeds else ()), row.n, *scores[:5], Outcome(row.rsr, row.rl_s),
                 *scores[5:], _remark(row), row.sem_acc_cond, row.sem_acc_soft, row.total_b,
                 row.active_b, row.architecture, YES if row.control else NO,
-                YES if row.admitted else NO, row.status, row.reason,
+                YES if row.admitted else NO, YES if row.stand_in else NO, row.status, row.reason,
             )
         )  # fmt: skip
     notes = ["n counts labels."]

@@ -67,6 +67,9 @@ def notice_table(found: Sequence[Notice]) -> Table:
 
 
 def _of_rows(rows: Sequence[CellRow]) -> Iterable[Notice]:
+    if names := sorted({f"{row.scenario} / {row.domain}" for row in rows if row.stand_in}):
+        text = f"Physical is a software stand-in here, not a vehicle: {some(names)}."
+        yield Notice(STAND_IN, text, tuple(names), everywhere=True)
     for status in sorted({row.status for row in rows if row.status != OK}):
         names = sorted({" / ".join(row.key) for row in rows if row.status == status})
         cells = "1 cell enters" if len(names) == 1 else f"{len(names)} cells enter"
@@ -134,9 +137,6 @@ def _of_controls(rows: Sequence[CellRow]) -> Iterable[Notice]:
 
 def _of_cells(cells: Sequence[CellData]) -> Iterable[Notice]:
     every = _recordings(cells)
-    if names := _recordings(cell for cell in cells if cell.facts.stand_in):
-        text = f"Physical is a software stand-in here, not a vehicle: {some(names)}."
-        yield Notice(STAND_IN, text, tuple(names), everywhere=True)
     yield from _outside(cells)
     if names := _recordings(cell for cell in cells if cell.facts.labels_proposed):
         text = (

@@ -26,6 +26,7 @@ class CellRow:
         total_b, active_b: parameters of the model in billions.
         architecture: of the model.
         control: it checks the harness, and enters no mean and no rank.
+        stand_in: the recording is of a software stand-in for a vehicle.
         admitted: False keeps it out of domain means (METHOD 4).
         status: ok, refused or failed; only an ok one has scores.
         reason: why it is not ok.
@@ -55,6 +56,7 @@ class CellRow:
     architecture: str = ""
     control: bool = False
     admitted: bool = True
+    stand_in: bool = False
     status: str = OK
     reason: str = ""
     weighted: float | None = None

@@ -56,6 +56,7 @@ def _row_of(cell: CellData, run: str) -> CellRow:
         architecture=facts.architecture,
         control=cell.is_control,
         admitted=cell.admission == ADMITTED,
+        stand_in=cell.facts.stand_in,
         status=cell.facts.status,
         reason="; ".join(cell.facts.reasons),
     )
