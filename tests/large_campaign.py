@@ -18,6 +18,7 @@ from typing import Any
 from ssp_core.files import write_json, write_text
 from ssp_core.hashing import sha256_file
 from ssp_core.vocab import DOMAINS
+from ssp_eval.analysis.control_tables import condition_of
 from ssp_eval.evaluate.cell_file import (
     CELL_FILE,
     CELLS,
@@ -28,11 +29,14 @@ from ssp_eval.evaluate.cell_file import (
     REQUESTS_FILE,
     SCORE_FILE,
 )
+from ssp_eval.evaluate.controls import CONDITIONS
 from ssp_eval.labels.model import load_labels
 from ssp_eval.records import load_records
 from ssp_eval.score import score_cell
 
-MODELS = 16
+# With each of them asked under two conditions, and one answerer, sixteen names.
+MODELS = tuple(f"model_{k:02d}" for k in range(5))
+NAMES = (*MODELS, *(f"{name}+{one}" for name in MODELS for one in CONDITIONS), "perfect")
 VARIANTS = 24
 # One cell in this many is refused, and one failed.
 _REFUSED_EVERY, _FAILED_EVERY = 97, 89
@@ -52,7 +56,8 @@ def clone_campaign(source: Path, out: Path, cells: int, seed: int = 1) -> None:
     Args:
         source: campaign folder with at least one scored cell.
         out: folder to make.
-        cells: how many; sixteen models in three domains of as many scenarios as that takes.
+        cells: how many; five models and eleven controls in three domains of as many scenarios as
+            that takes.
         seed: of what differs between the variants.
     """
     shutil.copytree(source / FRAMES, out / FRAMES)
@@ -63,9 +68,8 @@ def clone_campaign(source: Path, out: Path, cells: int, seed: int = 1) -> None:
 
 
 def _names(cells: int) -> Iterator[tuple[str, str, str]]:
-    scenarios = [f"event_{k:03d}" for k in range(-(-cells // (MODELS * len(DOMAINS))))]
-    models = [f"model_{k:02d}" for k in range(MODELS - 1)] + ["perfect"]
-    return product(scenarios, DOMAINS, models)
+    scenarios = [f"event_{k:03d}" for k in range(-(-cells // (len(NAMES) * len(DOMAINS))))]
+    return product(scenarios, DOMAINS, NAMES)
 
 
 def _variants(source: Path, scratch: Path, rng: random.Random) -> Iterator[_Variant]:
@@ -97,6 +101,8 @@ def _write(out: Path, variant: _Variant, name: tuple[str, str, str], number: int
     folder.mkdir(parents=True)
     facts = {**variant.facts, "scenario": scenario, "domain": domain, "model": model}
     facts["backend"] = model if model == "perfect" else "python"
+    condition = condition_of(model)[1]
+    facts |= {"control": model not in MODELS, "condition": condition}
     files = dict(variant.files)
     if number % _REFUSED_EVERY == _REFUSED_EVERY - 1:
         facts |= {"status": "refused", "reasons": ["the run's verdict is aborted: link lost"]}

@@ -132,10 +132,15 @@ def test_in_a_browser(source: Path, tmp_path: Path) -> None:
     with Browser(dark=False) as browser:
         browser.go(page.as_uri())
         browser.wait("document.querySelectorAll('tr.cell').length === 50")
-        # The controls, one in sixteen, are shown when they are asked for.
-        assert "375 of 375 cells" in browser.text("#count")
+        # The controls, eleven in sixteen, are shown when they are asked for.
+        assert browser.text("#count").startswith("125 of 125 cells")
+        choose(browser, "model", "model_03+black")
+        assert browser.text("#count").startswith("25 of 400 cells")
+        choose(browser, "model", "")
         pick(browser, "#kind", "1")
-        assert browser.text("#count").startswith("25 of 25 cells")
+        assert browser.text("#count").startswith("275 of 275 cells")
+        # Five models under two conditions, and the legend.
+        assert browser.evaluate("document.querySelectorAll('svg.seeing .own').length") == 11
         pick(browser, "#kind", "")
         assert f"{CELLS} of {CELLS} cells, 4 refused, 4 failed" in browser.text("#count")
         browser.click("#next")
