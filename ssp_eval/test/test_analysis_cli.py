@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import math
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -251,8 +252,23 @@ def test_the_matrix_of_a_campaign_gives_its_tables_again(campaign: Path, tmp_pat
     } - needs_records  # fmt: skip
     for name in tables:
         if Path(name).stem not in needs_records:
-            assert (own / name).read_bytes() == (again / "tables" / name).read_bytes(), name
+            assert unnoticed(own / name) == unnoticed(again / "tables" / name), name
     assert len(tables) > 40
+
+
+def unnoticed(file: Path) -> Any:
+    """A table without its notices: a file of scores doesn't know the recordings behind them."""
+    notices = json.loads(file.with_suffix(".json").read_text())["notices"]
+    text = file.read_text("utf-8")
+    if file.suffix == ".json":
+        data = json.loads(text)
+        kept = [note for note in data["notes"] if note not in notices]
+        return {**data, "notices": [], "notes": kept}
+    if file.suffix == ".csv":
+        return [line for line in csv.reader(io.StringIO(text)) if line[0][2:] not in notices]
+    if file.suffix == ".html":
+        return re.sub(r'<p class="notice">.*?</p>\n', "", text)
+    return text.split(r"\end{tabular}")[0]
 
 
 def test_what_a_file_has_besides_is_told(
