@@ -78,6 +78,7 @@ def _axis(bottom: float) -> str:
         x = _x(k / 5)
         parts.append(svg.element("line", x1=x, x2=x, y1=_HEAD - 6, y2=bottom, class_="rule"))
         parts.append(svg.text(x, _HEAD - 10, f"{k / 5:g}", class_="note", text_anchor="middle"))
+    parts.append(svg.text(_NAMES + _WIDTH + 24, _HEAD - 10, "IVCS owed to seeing", class_="note"))
     return "".join(parts)
 
 
