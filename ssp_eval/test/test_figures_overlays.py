@@ -1,21 +1,18 @@
-"""Overlays: the driven path from histories, plans seen from later, stills, videos and phases."""
+"""Overlays: stills, videos of all recorded frames, what becomes of them, and phases."""
 
 from __future__ import annotations
 
-import math
 import shutil
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import av
 import cv2
 import numpy as np
 import pytest
 
-from ssp_core.geometry import Pose2
 from ssp_core.hashing import sha256_file
 from ssp_eval.evaluate.asker import DirectAskers
 from ssp_eval.evaluate.campaign import run_campaign
@@ -23,7 +20,6 @@ from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.figures.annotate import Annotation, annotated, wrapped
 from ssp_eval.figures.command import WantedFigures, draw_figures
-from ssp_eval.figures.ego_path import ego_path
 from ssp_eval.figures.moments import Story, story_of
 from ssp_eval.figures.overlay_video import latest, write_video
 from ssp_eval.figures.overlays import CAPTION, FOLDER, VIDEO, write_overlays
@@ -32,63 +28,6 @@ from ssp_eval.figures.recording import Recorded, Recordings
 from ssp_eval.figures.style import drawing
 from ssp_eval.report.load import load_cells
 from ssp_eval.report.projection import Ribbon
-from ssp_vla_bridge.core.trajectory import Trajectory
-
-SPEED_MPS, RADIUS_M = 10.0, 40.0
-
-
-def pose_at(t_s: float) -> Pose2:
-    """On a circle to the left, from the origin along x."""
-    angle = SPEED_MPS * t_s / RADIUS_M
-    return Pose2(RADIUS_M * math.sin(angle), RADIUS_M * (1 - math.cos(angle)), angle)
-
-
-def request(t_s: float, history_s: float = 1.0) -> dict[str, Any]:
-    """What a request at this time says of the circle, in its own frame."""
-    now = pose_at(t_s)
-    samples = []
-    for k in range(round(history_s * 10), -1, -1):
-        then = pose_at(t_s - k / 10)
-        x_m, y_m = now.to_local(then.x_m, then.y_m)
-        samples.append(
-            {"t_s": -k / 10, "x_m": x_m, "y_m": y_m, "yaw_rad": then.yaw_rad - now.yaw_rad}
-        )
-    return {"stamp_ns": round(t_s * 1e9), "history": samples}
-
-
-def test_histories_join_to_the_path_that_was_driven() -> None:
-    path = ego_path([request(t_s) for t_s in (2.0, 1.0, 1.5, 2.9)])
-    assert len(path.pieces) == 1
-    found = path.after(1_000_000_000, 1.5)
-    assert found is not None
-    assert found.t_s == pytest.approx([k / 10 for k in range(16)])
-    start = pose_at(1.0)
-    for t_s, x_m, y_m in zip(found.t_s, found.x_m, found.y_m, strict=True):
-        true = pose_at(1.0 + t_s)
-        assert (x_m, y_m) == pytest.approx(start.to_local(true.x_m, true.y_m), abs=1e-9)
-
-
-def test_a_gap_between_histories_is_not_bridged() -> None:
-    path = ego_path([request(1.0), request(4.0)])
-    assert len(path.pieces) == 2
-    assert path.pose(2_000_000_000) is None
-    found = path.after(500_000_000, 3.0)
-    assert found is not None
-    assert found.t_s[-1] == pytest.approx(0.5)
-    assert path.after(1_000_000_000, 3.0) is None
-    plan = Trajectory((0.0, 1.0), (0.0, 1.0), (0.0, 0.0))
-    assert path.seen_from(plan, 1_000_000_000, 3_500_000_000) is None
-    assert ego_path([{"stamp_ns": 1, "history": []}, {"missing": "x"}]).pieces == ()
-
-
-def test_a_plan_is_where_it_was_planned_when_seen_from_later() -> None:
-    path = ego_path([request(1.0), request(1.5)])
-    plan = Trajectory((0.0, 1.0), (0.0, 10.0), (0.0, 1.0))
-    seen = path.seen_from(plan, 1_000_000_000, 1_300_000_000)
-    assert seen is not None
-    place = pose_at(1.3).to_local(*pose_at(1.0).to_parent(10.0, 1.0))
-    assert (seen.x_m[1], seen.y_m[1]) == pytest.approx(place, abs=1e-9)
-    assert path.seen_from(plan, 1_000_000_000, 1_000_000_000) is plan
 
 
 def test_an_annotation_leaves_the_picture_alone_and_draws_where_it_should() -> None:
