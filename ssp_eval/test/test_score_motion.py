@@ -75,3 +75,17 @@ def test_only_differences_count(motion, forward_m, left_m):
     )
     for judge in (lon_action, lat_action, feasible):
         assert judge(moved) == judge(motion)
+
+
+@pytest.mark.parametrize(
+    ("forward_m", "left_m", "drivable"),
+    [
+        # 24.6 m/s forward, 5 or 3 m/s sideways in one half: 25.1 or 24.8; 24 m/s in the other.
+        ((0.0, 12.3, 24.3), (0.0, 2.5, 2.5), False),
+        ((0.0, 12.3, 24.3), (0.0, 1.5, 1.5), True),
+        ((0.0, 12.0, 24.3), (0.0, 0.0, 2.5), False),
+        ((0.0, 12.0, 24.3), (0.0, 0.0, 1.5), True),
+    ],
+)
+def test_speed_counts_both_directions_in_either_half(forward_m, left_m, drivable):
+    assert feasible(Motion(forward_m, left_m, 0.5)) is drivable
