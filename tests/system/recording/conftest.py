@@ -5,19 +5,16 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
-import rclpy
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 
 import ssp_core
-from ssp_core import names, ros
 from ssp_core.domains import free_domain
 from ssp_core.processes import (
     die_with_parent,
@@ -25,12 +22,13 @@ from ssp_core.processes import (
     remove_stale_shared_memory,
     session_environment,
 )
-from ssp_msgs.msg import RecorderStatus
 
 from .disks import Disk
 from .load import LoadTopic, Sent, read_log, write_spec
 
 DEADLINE_S = 30.0
+# For thousands of topics on a busy machine.
+MOST_S = 120.0
 PROFILE = Path(ssp_core.__file__).parent / "config" / "fastdds_one_host.xml"
 LOAD = Path(__file__).with_name("load.py")
 
@@ -73,7 +71,20 @@ class Recording:
 
     process: subprocess.Popen[str]
     bag: Path
+    out: str = ""
     said: str = ""
+
+    def wait_until_told(self, text: str) -> None:
+        """Reads its standard error up to a line with a text."""
+        stderr = self.process.stderr
+        assert stderr is not None
+        in_vain = threading.Timer(MOST_S, self.process.kill)
+        in_vain.start()
+        while text not in (line := stderr.readline()):
+            self.said += line
+            assert line, f"it never told {text!r}: {self.said}"
+        in_vain.cancel()
+        self.said += line
 
     def stop(self, number: signal.Signals = signal.SIGINT) -> int:
         """Asks it to end; returns its exit status. What it said is in ``said`` then."""
@@ -81,8 +92,8 @@ class Recording:
         return self.wait()
 
     def wait(self) -> int:
-        out, err = self.process.communicate(timeout=DEADLINE_S)
-        self.said += out + err
+        self.out, err = self.process.communicate(timeout=DEADLINE_S)
+        self.said += self.out + err
         assert "Traceback" not in self.said, self.said
         return self.process.returncode
 
@@ -108,47 +119,6 @@ class Recording:
             return time.monotonic() > since[0] + 1.5
 
         wait_for(is_over, "the end of the data")
-
-
-@dataclass
-class Statuses:
-    """What the recorders of a domain say of themselves."""
-
-    context: Context
-    node: Any = None
-    executor: Any = None
-    by_bag: dict[str, list[Any]] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        self.node = rclpy.create_node(
-            "witness", context=self.context, start_parameter_services=False, enable_rosout=False
-        )
-        self.executor = SingleThreadedExecutor(context=self.context)
-        self.executor.add_node(self.node)
-        self.node.create_subscription(
-            RecorderStatus, names.absolute(names.RECORDER_STATUS), self._hear, ros.STATE
-        )
-
-    def _hear(self, status: Any) -> None:
-        self.by_bag.setdefault(status.bag, []).append(status)
-
-    def until(self, condition: Callable[[Any], bool], what: str, bag: str = "bag") -> Any:
-        """Waits for a status, from now on, of which a condition holds, and returns it."""
-        end = time.monotonic() + DEADLINE_S
-        seen = len(self.by_bag.get(bag, ()))
-        while True:
-            for status in self.by_bag.get(bag, ())[seen:]:
-                if condition(status):
-                    return status
-                seen += 1
-            if time.monotonic() > end:
-                last = self.by_bag.get(bag, [None])[-1]
-                pytest.fail(f"no status in time with {what}; the last one: {last}")
-            self.executor.spin_once(timeout_sec=0.05)
-
-    def close(self) -> None:
-        self.executor.shutdown()
-        self.node.destroy_node()
 
 
 class Field:
@@ -216,13 +186,3 @@ def field_(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Field]:
             monkeypatch.setenv(key, made.env[key])
         yield made
         made.close()
-
-
-@pytest.fixture
-def statuses(field_: Field) -> Iterator[Statuses]:
-    context = Context()
-    rclpy.init(context=context, domain_id=field_.domain_id)
-    made = Statuses(context)
-    yield made
-    made.close()
-    rclpy.shutdown(context=context)
