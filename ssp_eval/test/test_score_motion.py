@@ -89,3 +89,8 @@ def test_only_differences_count(motion, forward_m, left_m):
 )
 def test_speed_counts_both_directions_in_either_half(forward_m, left_m, drivable):
     assert feasible(Motion(forward_m, left_m, 0.5)) is drivable
+
+
+def test_all_of_a_path_is_read_between_its_samples():
+    motion = measure(Trajectory((-1.0, 3.0), (-4.0, 12.0), (-2.0, 6.0)))
+    assert motion == Motion((0.0, 2.0, 4.0), (0.0, 1.0, 2.0), 0.5)

@@ -187,3 +187,13 @@ def test_the_details_name_the_records_that_no_label_takes():
     details = score_cell(labels, [BehaviourRecord(0.2, "a"), BehaviourRecord(0.3, "b")]).details
     assert details.unmatched_records == (0, 1)
     assert details.record_labels == (None, None)
+
+
+@pytest.mark.parametrize(("text", "jovr"), [("", 0.0), (" ", 0.0), ("x", 1.0)])
+def test_one_character_is_a_text(text, jovr):
+    label = Label(0.0, "approach", True, (), "front", None, None, ("maintain",), ("straight",))
+    labels = Labels("s", "physical", "v", None, True, (label,))
+    path = Trajectory((0.0, 0.5, 1.0), (0.0, *MOVES["maintain"]), (0.0, 0.0, 0.0))
+    cell = score_cell(labels, [BehaviourRecord(0.0, text, trajectory=path)])
+    assert cell.jovr == jovr
+    assert (cell.details.judgements[0].first_failure == "output_validity") is (jovr == 0)
