@@ -29,6 +29,8 @@ SMALL = LoadTopic("/load/state", rate_hz=100)
 MANY = 10_000
 
 
+# Whoever is kept from reading for half a second loses what the publisher keeps no longer.
+@pytest.mark.alone
 def test_a_message_of_100_mb_through_the_middleware(field_: Field) -> None:
     """It is larger than the segment of shared memory, and than a file of this split bag."""
     load = field_.load(SMALL, HUGE)
