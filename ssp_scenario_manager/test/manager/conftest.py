@@ -141,7 +141,10 @@ class Peers:
 
     def obtain(self, name: str) -> None:
         """Asks until it is accepted: what was published needs a moment to arrive."""
-        self.spin_until(lambda: self.command(name).accepted, name)
+        deadline = time.monotonic() + DEADLINE_S
+        while not (answer := self.command(name)).accepted:
+            assert time.monotonic() < deadline, f"{name} is refused: {answer.error_msg}"
+            self.executor.spin_once(timeout_sec=0.05)
 
     def wait_for(self, state: SessionPhase) -> None:
         self.spin_until(lambda: self.seen and self.seen[-1].state == state, state.name)
