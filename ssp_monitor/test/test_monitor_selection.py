@@ -68,6 +68,8 @@ def test_two_types_at_once_are_refused_with_a_word() -> None:
     # Once one of them is gone, the other is recorded.
     assert [t.msgtype for t in survey.look([("/a", [STRING])], INSTALLED)] == [STRING]
     assert survey.ambiguous == set()
+    settled = "/a had several types at first and is recorded since it has one"
+    assert survey.all_warnings() == [settled]
 
 
 def test_a_type_that_is_not_installed_is_refused_with_a_word() -> None:

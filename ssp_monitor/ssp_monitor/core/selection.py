@@ -127,7 +127,7 @@ class Survey:
     ) -> TopicSpec | None:
         if len(types) > 1:
             self.ambiguous.add(name)
-            self._warn(name, f"{name} has several types and is not recorded: {', '.join(types)}")
+            self._warn(name, f"{_not_recorded(name)}: {', '.join(types)}")
             return None
         if (why := installed[types[0]]) is not None:
             self._warn(name, f"{name} is not recorded: {why}")
@@ -137,9 +137,16 @@ class Survey:
                 self._told.add(name)
                 self._refused.append(name)
             return None
-        self.ambiguous.discard(name)
+        if name in self.ambiguous:
+            self._settle(name)
         # Stamps of strangers may be of another clock, and nobody knows how many publish.
         return TopicSpec(name, types[0], Profile.ADAPTED, session_time=False)
+
+    def _settle(self, name: str) -> None:
+        """One type is left: the topic is recorded, and what came before stays lost."""
+        self.ambiguous.discard(name)
+        self.warnings = [text for text in self.warnings if not text.startswith(_not_recorded(name))]
+        self.warnings.append(f"{name} had several types at first and is recorded since it has one")
 
     def _look_again(self, name: str, types: Sequence[str]) -> None:
         """A reader of the one type never hears the other; what it says is lost, and nobody can
@@ -156,3 +163,7 @@ class Survey:
         if name not in self._told:
             self._told.add(name)
             self.warnings.append(text)
+
+
+def _not_recorded(name: str) -> str:
+    return f"{name} has several types and is not recorded"
