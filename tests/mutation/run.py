@@ -95,8 +95,12 @@ def main(arguments: list[str] | None = None) -> int:
     if shutil.which(options.mutmut) is None:
         print(f"{options.mutmut}: no such command; pip install mutmut==3.8.1", file=sys.stderr)
         return 2
-    if not options.folder.exists():
-        options.folder.mkdir(parents=True)
+    # The configuration is written last, so a folder that has it is whole.
+    if not (options.folder / "pyproject.toml").is_file():
+        if options.folder.exists() and any(options.folder.iterdir()):
+            print(f"{options.folder}: is no folder of such a run; name another", file=sys.stderr)
+            return 2
+        options.folder.mkdir(parents=True, exist_ok=True)
         lay_out(options.folder)
     run = [options.mutmut, "run", "--max-children", str(options.children)]
     status = subprocess.run(run, cwd=options.folder, check=False).returncode

@@ -93,3 +93,10 @@ def test_without_mutmut_it_says_what_to_install(run, tmp_path, capsys):
     assert run.main([str(tmp_path / "work"), "--mutmut", "no-such-mutmut"]) == 2
     assert "pip install mutmut" in capsys.readouterr().err
     assert not (tmp_path / "work").exists()
+
+
+def test_a_folder_of_something_else_is_left_alone(run, tmp_path, capsys):
+    (tmp_path / "mine.txt").write_text("mine")
+    assert run.main([str(tmp_path), "--mutmut", sys.executable]) == 2
+    assert "name another" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
