@@ -229,3 +229,9 @@ def test_an_id_tells_its_key_and_is_never_used_twice() -> None:
     first, second = new_request_id(key()), new_request_id(key())
     assert first != second
     assert key_of(first) == key_of(second) == key()
+
+
+@pytest.mark.parametrize("function", ["", "my_model", ":drive", "a..b:drive", ".:drive"])
+def test_a_function_without_a_module_has_a_key_too(function: str) -> None:
+    """The bridge says what is wrong with it; a key needs no more than its name."""
+    assert key(given(PYTHON, function=function)) != key(PYTHON)

@@ -138,6 +138,7 @@ def test_a_number_that_is_none_is_left_to_the_adapter(ask):
     [
         ({}, "backend_options.function: is missing"),
         ({"function": "drive"}, "names no function"),
+        ({"function": "drive:"}, "names no function"),
         ({"function": "no_such_module:drive"}, "there is no module no_such_module"),
         ({"function": "no_such_module:drive"}, "PYTHONPATH"),
         ({"function": "json.no_such:drive"}, "there is no module json.no_such"),

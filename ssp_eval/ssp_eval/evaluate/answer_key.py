@@ -21,6 +21,7 @@ from ssp_core.hashing import sha256_file, sha256_json
 from ssp_eval.evaluate.controls import CONDITION_SEED
 from ssp_eval.evaluate.model_spec import ModelSpec
 from ssp_eval.evaluate.store import RAW_FILE, answer_sha256, request_to_json
+from ssp_vla_bridge.backends.python import split
 from ssp_vla_bridge.core.backend import telling_options
 from ssp_vla_bridge.core.prompts.wording import words_sha256
 from ssp_vla_bridge.core.request import Request
@@ -84,7 +85,8 @@ def model_facts(model: ModelSpec, labels_sha256: str, clip_start_ns: int) -> dic
     if backend == "perfect" and Path(str(options.get("labels_file"))).is_file():
         options["labels_file"] = sha256_file(str(options["labels_file"]))
     if backend == "python" and "function" in options:
-        found = _source(_module_of(str(options["function"])), options)
+        module, _ = split(str(options["function"]))
+        found = _source(module, options)
         if found:
             facts["source"] = found
             options.pop("folder", None)
@@ -112,11 +114,6 @@ def _content(path: Path) -> list[str]:
     return sorted(sha256_file(file) for file in files)
 
 
-def _module_of(function: str) -> str:
-    """The module of ``module:function`` or ``module.function``."""
-    return function.partition(":")[0] if ":" in function else function.rpartition(".")[0]
-
-
 def _source(module: str, options: Mapping[str, Any]) -> str:
     """Hash of the file that a module is, looked for where its bridge will; empty: none found.
 
@@ -126,9 +123,12 @@ def _source(module: str, options: Mapping[str, Any]) -> str:
         module: its full name.
         options: of the backend python, whose ``folder`` comes first.
     """
+    parts = module.split(".")
+    if not all(parts):
+        return ""
     for place in (str(options.get("folder", ".")), *sys.path):
-        path = Path(place, *module.split("."))
+        path = Path(place, *parts)
         for file in (path.with_name(f"{path.name}.py"), path / "__init__.py"):
-            if module and file.is_file():
+            if file.is_file():
                 return sha256_file(file)
     return ""

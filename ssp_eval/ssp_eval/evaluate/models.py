@@ -16,6 +16,7 @@ from ssp_core.run_spec import Strict
 from ssp_eval.evaluate.controls import ANSWERERS, CONDITIONS, CONTROLS
 from ssp_eval.evaluate.model_spec import ModelFacts, ModelSpec
 from ssp_eval.evaluate.secret_options import refuse_secrets
+from ssp_vla_bridge.backends import python
 from ssp_vla_bridge.core.backend import (
     BACKENDS,
     OPTION_INTERFACE,
@@ -65,8 +66,6 @@ class ModelsFile(Strict):
 
 # Keys of an entry that may stand beside the backend's options in --bridge NAME={...}.
 _BESIDE = ("backend", "adapter", "timeout_s")
-# Backends that load what the user names.
-_LOADS = ("python",)
 _PREPROCESSING = tuple(set(asdict(Preprocessing())) & set(ModelEntry.model_fields))
 
 
@@ -97,8 +96,7 @@ def bridge_spec(text: str) -> ModelSpec:
     Raises:
         InputError: what follows the name is no JSON object, or a value in it is wrong.
     """
-    name, _, given = text.partition("=")
-    value = parse_options(given)
+    name, value = _parts("--bridge", text, '{"backend": "python", …}')
     options = {key: inner for key, inner in value.items() if key not in _BESIDE}
     entry = {key: value[key] for key in _BESIDE if key in value}
     return _from_command(name, {**entry, "options": options})
@@ -110,8 +108,15 @@ def attached_spec(text: str) -> ModelSpec:
     Raises:
         InputError: what follows the name is no JSON object of keys of a model.
     """
+    name, value = _parts("--attach", text, '{"interface": "waypoints"}')
+    return _from_command(name, {**value, "attached": True})
+
+
+def _parts(option: str, text: str, example: str) -> tuple[str, dict[str, Any]]:
+    """The name and the values of ``NAME`` or ``NAME={…}``."""
     name, _, given = text.partition("=")
-    return _from_command(name, {**parse_options(given), "attached": True})
+    remedy = f"write {option} '{name}={example}', for a shell in single quotes as it stands here"
+    return name, parse_options(given, f"{option} {name}", remedy)
 
 
 def _from_command(name: str, value: dict[str, Any]) -> ModelSpec:
@@ -249,7 +254,8 @@ def with_controls(specs: list[ModelSpec], driving: Collection[str] = ()) -> list
 def check_bridge(model: ModelSpec) -> None:
     """Refuses a bridge that can't be started here, before anything is asked.
 
-    A backend of one's own isn't made here: it may load a model that fills a graphics card.
+    A backend or function of one's own isn't loaded here: it may be a model that fills a graphics
+    card.
 
     Raises:
         InputError: no backend has that name, or its options are wrong.
@@ -260,8 +266,9 @@ def check_bridge(model: ModelSpec) -> None:
             "no such bridge",
             field="bridge",
             value=backend,
-            remedy=f"known are {', '.join(sorted(BACKENDS))}, and module:factory; a node of your "
-            "own is started by itself and named with --attach",
+            remedy=f"known are {', '.join(sorted(BACKENDS))}, and module:factory; a model of "
+            'another name says which it is, NAME={"backend": …}; a node of your own is started by '
+            "itself and named with --attach",
         )
     spoken = interface_of(backend, model.options)
     if backend in BACKENDS and model.spoken.name != spoken:
@@ -274,7 +281,9 @@ def check_bridge(model: ModelSpec) -> None:
         # What only the cell knows isn't there yet; names and types can be checked without it.
         known = {key: type(value) for key, value in filled.items()}
         check_options(backend, model.options_for("", 0), known)
-    elif backend in BACKENDS and backend not in _LOADS:
+    elif backend == "python":
+        python.check(model.options)
+    elif backend in BACKENDS:
         # Only options are checked: a service behind the backend isn't waited for.
         at_once = {"start_s": 0.0} if backend in OPTION_START else {}
         make_backend(backend, {**model.options, **at_once})

@@ -107,15 +107,9 @@ def make(options: Mapping[str, Any]) -> PythonFunction:
     Raises:
         InputError: the options are wrong, or the function isn't there.
     """
-    check_options("python", options, _KNOWN)
-    path = str(options.get("function", ""))
-    if not path:
-        raise InputError("is missing", field=_FIELD, remedy=_FORMS)
+    check(options)
+    path = str(options["function"])
     step_s = float(options["step_s"]) if "step_s" in options else None
-    if step_s is not None and not 0.001 <= step_s <= 60.0:
-        raise InputError(
-            "must lie in [0.001, 60] s", field="backend_options.step_s", value=options["step_s"]
-        )
     if "folder" in options:
         _look_in(str(options["folder"]))
     function = _function(path)
@@ -128,6 +122,36 @@ def make(options: Mapping[str, Any]) -> PythonFunction:
     )
 
 
+def check(options: Mapping[str, Any]) -> None:
+    """Refuses what can be told without importing the function's module, which may load a model.
+
+    Raises:
+        InputError: an option is unknown or has a wrong value, or the function's name is none.
+    """
+    check_options("python", options, _KNOWN)
+    path = str(options.get("function", ""))
+    if not path:
+        raise InputError("is missing", field=_FIELD, remedy=_FORMS)
+    if not all(split(path)):
+        raise InputError("names no function", field=_FIELD, value=path, remedy=_FORMS)
+    if "step_s" in options and not 0.001 <= options["step_s"] <= 60.0:
+        raise InputError(
+            "must lie in [0.001, 60] s", field="backend_options.step_s", value=options["step_s"]
+        )
+
+
+def split(path: str) -> tuple[str, str]:
+    """Module and function of ``module:function`` or ``module.function``; what is missing is empty.
+
+    Args:
+        path: the option ``function``.
+    """
+    module, separator, name = path.partition(":")
+    if not separator:
+        module, _, name = path.rpartition(".")
+    return module, name
+
+
 def _look_in(folder: str) -> None:
     if not Path(folder).is_dir():
         raise InputError("is no folder", field="backend_options.folder", value=folder)
@@ -137,11 +161,7 @@ def _look_in(folder: str) -> None:
 
 
 def _function(path: str) -> Callable[..., Any]:
-    module_name, separator, name = path.partition(":")
-    if not separator:
-        module_name, _, name = path.rpartition(".")
-    if not module_name or not name:
-        raise InputError("names no function", field=_FIELD, value=path, remedy=_FORMS)
+    module_name, name = split(path)
     try:
         found: Any = importlib.import_module(module_name)
     except ModuleNotFoundError as error:

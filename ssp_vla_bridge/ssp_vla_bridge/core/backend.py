@@ -86,8 +86,15 @@ class Outcome:
     traceback: str = ""
 
 
-def parse_options(text: str) -> dict[str, Any]:
+def parse_options(
+    text: str, field: str = "backend_options", remedy: str = 'give an object such as {"frames": 10}'
+) -> dict[str, Any]:
     """The options in a JSON object; blank text has none.
+
+    Args:
+        text: JSON.
+        field: where the text stands, for the message.
+        remedy: what would be right there.
 
     Raises:
         InputError: the text is no JSON object. It doesn't quote the text, in which somebody may
@@ -98,16 +105,10 @@ def parse_options(text: str) -> dict[str, Any]:
     try:
         value = json.loads(text)
     except (json.JSONDecodeError, RecursionError) as error:
-        raise InputError(
-            f"is not valid JSON: {error}",
-            field="backend_options",
-            remedy='give an object such as {"frames": 10}',
-        ) from error
+        raise InputError(f"is not valid JSON: {error}", field=field, remedy=remedy) from error
     if not isinstance(value, dict):
         raise InputError(
-            f"must be a JSON object, not {type(value).__name__}",
-            field="backend_options",
-            remedy='give such as {"frames": 10}',
+            f"must be a JSON object, not {type(value).__name__}", field=field, remedy=remedy
         )
     return value
 
