@@ -164,16 +164,25 @@ def test_overflow_and_empty_denominators_are_nobody_s_error():
     assert scores["null_denominators"].cia_eff is None
 
 
-def test_an_acceleration_that_is_no_number_is_no_action_and_not_feasible():
-    """Both speeds are infinite, and their difference has no value (METHOD 6.6)."""
+@pytest.mark.parametrize(
+    ("places_m", "lon"),
+    [
+        ((-8e307, 2e307, 1.2e308), "maintain"),
+        ((-1e308, 0.0, 1.7e308), "accelerate"),
+        ((-1.7e308, 0.0, 1e308), "decelerate"),
+    ],
+)
+def test_two_infinite_speeds_have_the_difference_of_their_steps(places_m, lon):
+    """Both speeds are more than a double holds; what they differ by has a sign (METHOD 6.6)."""
     labels, records = golden_cells()[0]
-    path = Trajectory((0.0, 0.5, 1.0), (-8e307, 2e307, 1.2e308), (0.0, 0.0, 0.0))
-    label = replace(labels.labels[0], lon_actions=("maintain",), lat_actions=("straight",))
+    path = Trajectory((0.0, 0.5, 1.0), places_m, (0.0, 0.0, 0.0))
+    label = replace(labels.labels[0], lon_actions=(lon,), lat_actions=("straight",))
     cell = replace(labels, labels=(label,)), [replace(records[0], t_s=label.t_s, trajectory=path)]
     with np.errstate(all="raise"):
         same(score_cells([cell])[0].to_json(), score_cell(*cell).to_json())
-    assert score_cell(*cell).stfr == 0
-    assert score_cell(*cell).details.judgements[0].trajectory_lon == "maintain"
+    score = score_cell(*cell)
+    assert score.stfr == 0
+    assert score.details.judgements[0].trajectory_lon == lon
 
 
 def test_scores_are_named_and_typed_as_those_of_a_cell():

@@ -94,6 +94,12 @@ def test_equals_brute_force_around_the_tolerance(labels, records, jitter):
         ([1.0], [0.9, 1.1], (0,)),
         ([0.9, 1.1], [1.0], (0, None)),
         ([1.0, 1.2], [1.1, 1.1000000001], (0, 1)),
+        # The first choice spends all of the tolerance, and the sums round: no pair is lost for it.
+        (
+            [0.1, 0.15000000000000002, 0.25],
+            [0.0, 1e-9, 0.05000000033, 0.29999999950000006],
+            (0, 2, 3),
+        ),
     ],
 )
 def test_by_hand(labels, records, expected):

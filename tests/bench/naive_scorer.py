@@ -42,17 +42,18 @@ def match(labels: Sequence[Label], records: Sequence[BehaviourRecord]) -> list[i
                 best = max(best, (pairs[j + 1][i + 1] + 1, -error[j + 1][i + 1] - distance[j][i]))
             pairs[j][i], error[j][i] = best[0], -best[1]
     result: list[int | None] = []
-    start, done, spent = 0, 0, 0.0
+    start, spare = 0, EPS
     for j in range(rows):
         result.append(None)
         for i in range(start, columns):
+            worse = error[j + 1][i + 1] + distance[j][i] - error[j][start]
             if (
                 distance[j][i] <= 0.11 + EPS
-                and done + 1 + pairs[j + 1][i + 1] == pairs[0][0]
-                and spent + distance[j][i] + error[j + 1][i + 1] <= error[0][0] + EPS
+                and 1 + pairs[j + 1][i + 1] == pairs[j][start]
+                and worse <= spare
             ):
                 result[j] = i
-                start, done, spent = i + 1, done + 1, spent + distance[j][i]
+                start, spare = i + 1, spare - worse
                 break
     return result
 
@@ -91,7 +92,7 @@ def interpolate(times: Sequence[float], values: Sequence[float], at: float) -> f
     for k in range(1, len(times)):
         if at <= times[k]:
             share = (at - times[k - 1]) / (times[k] - times[k - 1])
-            return values[k - 1] + share * (values[k] - values[k - 1])
+            return 2 * (values[k - 1] / 2 + share * (values[k] / 2 - values[k - 1] / 2))
     return values[-1]
 
 
@@ -101,8 +102,8 @@ def motion(record: BehaviourRecord) -> tuple[str, str, bool]:
     assert path is not None
     s = [interpolate(path.t_s, path.x_m, at) for at in (0.0, 0.5, 1.0)]
     l = [interpolate(path.t_s, path.y_m, at) for at in (0.0, 0.5, 1.0)]  # noqa: E741 - METHOD's letter
-    v1, v2 = (s[1] - s[0]) / 0.5, (s[2] - s[1]) / 0.5
-    a, shift = (v2 - v1) / 0.5, l[2] - l[0]
+    v2, shift = (s[2] - s[1]) / 0.5, l[2] - l[0]
+    a = (s[2] - s[1] - (s[1] - s[0])) / 0.5 / 0.5
     if v2 <= 0.5 + EPS:
         lon = "stop"
     elif a <= -0.5 + EPS:

@@ -57,8 +57,9 @@ def driven(records: RecordColumns, thresholds: Thresholds) -> Driven:
     right = left + (share > 0)
 
     def sampled(values: Numbers, start: Whole) -> tuple[Numbers, Numbers, Numbers]:
-        before = values[start[rows, None] + left]
-        at = before + (values[start[rows, None] + right] - before) * share
+        # In halves, as between does: the difference of two huge numbers stays finite.
+        before = values[start[rows, None] + left] / 2
+        at = 2 * (before + (values[start[rows, None] + right] / 2 - before) * share)
         return at[:, 0], at[:, 1], at[:, 2]
 
     lon, lat = np.full(len(valid), NOTHING), np.full(len(valid), NOTHING)

@@ -107,21 +107,18 @@ def match(
         # Every pair there can be belongs to the one solution.
         return tuple([first if end > first else None for first, end in windows])
     optima = _Optima(labels_s, records_s, windows)
-    target = optima.of(0, 0)
     result: list[int | None] = []
-    start, pairs, error_s = 0, 0, 0.0
+    start, spare_s = 0, thresholds.tolerance
     for j, (first, end) in enumerate(optima.windows):
+        # Each choice is held against the best that is left, which one of them reaches exactly: a
+        # sum from the start could round past the tolerance, and then no choice would be allowed.
+        rest = optima.of(j, start)
         chosen = None
         for i in range(max(start, first), end):
-            whole = optima.with_pair(j, i)
-            if (
-                pairs + whole.pairs == target.pairs
-                and error_s + whole.error_s <= target.error_s + thresholds.tolerance
-            ):
-                chosen = i
+            with_pair = optima.with_pair(j, i)
+            if with_pair.pairs == rest.pairs and with_pair.error_s - rest.error_s <= spare_s:
+                spare_s -= with_pair.error_s - rest.error_s
+                chosen, start = i, i + 1
                 break
         result.append(chosen)
-        if chosen is not None:
-            start, pairs = chosen + 1, pairs + 1
-            error_s += optima.error_s(j, chosen)
     return tuple(result)

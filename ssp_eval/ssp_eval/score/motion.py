@@ -52,8 +52,9 @@ class Motion(Generic[T]):
     @property
     def accel_mps2(self) -> T:
         """a = (v_2 − v_1)/Δt, positive when speeding up."""
-        s0, s1, s2 = self.forward_m
-        return ((s2 - s1) / self.step_s - (s1 - s0) / self.step_s) / self.step_s
+        # Both speeds of a huge step can be infinite and then have no difference; the steps have.
+        before_m, after_m = self.forward_steps_m
+        return (after_m - before_m) / self.step_s / self.step_s
 
     @property
     def shift_m(self) -> T:

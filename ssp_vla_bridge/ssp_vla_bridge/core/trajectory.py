@@ -116,5 +116,8 @@ def locate(
 
 def between(values: Sequence[float], left: int, weight: float) -> float:
     """A coordinate at a place that locate gave; at a sample no other one is looked at."""
-    value = values[left]
-    return value + (values[left + 1] - value) * weight if weight else value
+    if not weight:
+        return values[left]
+    # Halves keep the difference of two huge numbers finite, and halving costs no digit.
+    half = values[left] / 2
+    return 2 * (half + (values[left + 1] / 2 - half) * weight)
