@@ -9,11 +9,13 @@ from typing import Any
 
 import pytest
 
+from ssp_core.cli import main
 from ssp_core.errors import InputError, PeerError
 from ssp_core.hashing import sha256_file
 from ssp_core.vocab import Verdict
 from ssp_eval.evaluate.asker import (
     Asker,
+    Askers,
     DirectAskers,
     Ignored,
     Loss,
@@ -23,7 +25,7 @@ from ssp_eval.evaluate.asker import (
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions, CellResult
 from ssp_eval.evaluate.models import bridge_spec
-from ssp_eval.evaluate.show import show
+from ssp_eval.evaluate.show import asking, show
 from ssp_eval.labels.model import load_labels
 from ssp_eval.records import load_records
 from ssp_eval.report.page import write_report
@@ -190,6 +192,49 @@ def test_an_interrupted_run_goes_on_where_it_stopped(make_bag: BagMaker, tmp_pat
     texts = [record.text for record in load_records(result.folder / "records.jsonl")]
     assert texts == ["0", "1", "2", "3", *(f"later {k}" for k in range(5))]
     assert len(raw.read_text().splitlines()) == 9
+
+
+@pytest.mark.parametrize("answered", [0, 2])
+def test_who_interrupts_is_told_what_is_kept(
+    answered: int,
+    make_bag: BagMaker,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    """The same command goes on, and says that it does and how much was stored."""
+    bag, out = make_bag(), tmp_path / "out"
+    command = ["evaluate", str(bag), "--propose-labels", "--bridge", "silent", "--no-controls"]
+    command += ["--out", str(out)]
+
+    def stop(index: int, request: Request) -> Reply:
+        if index == answered:
+            raise KeyboardInterrupt
+        return Reply(Response(request.request_id, request.stamp_ns, "m", "m/1", text=f"{index}"))
+
+    def over(askers: Askers) -> None:
+        def direct(bags: Any, models: Any, out: Path, options: CellOptions, *_: Any) -> Any:
+            with asking() as (on_plan, on_record):
+                return run_campaign(
+                    bags, models, askers, out, options, True, on_plan=on_plan, on_record=on_record
+                )
+
+        monkeypatch.setattr("ssp_eval.evaluate.cli.evaluate_bags", direct)
+
+    over(Scripted(stop))
+    assert main(command) == 130
+    kept = f"the answers so far are in {out}; the same command, given again, goes on"
+    printed = capfd.readouterr().err
+    assert (kept in printed) is (answered > 0)
+    assert "1 cell, 9 questions\n" in printed
+    over(DirectAskers())
+    assert main(command) == 0
+    printed = capfd.readouterr().err
+    assert ("not asked again" in printed) is (answered > 0)
+    told = f"asked: {9 - answered}; answers that were stored already: {answered}"
+    assert (told in printed) is (answered > 0)
+    assert main([*command, "--fresh"]) == 0
+    assert "stored" not in capfd.readouterr().err
 
 
 def test_missing_answers_cost_their_records_only(make_bag: BagMaker, tmp_path: Path) -> None:

@@ -34,6 +34,10 @@ OK = CellResult(Path(), "s", "d", "m", "ok", (), {}, 9, 0, {}, "admitted")
         (Plan(1, 1, 1, 0, 0), "1 cell, 1 question"),
         (Plan(0, 0, 0, 0, 0), "0 cells, 0 questions"),
         (
+            Plan(9, 1, 9, 0, 0, goes_on=True),
+            "1 cell, 9 questions (those with a stored answer are counted and not asked again)",
+        ),
+        (
             Plan(63, 7, 63, 36, 18),
             "7 cells, 63 questions; of these 54 for controls: 18 to the models once more, with "
             "spoilt frames, 36 to answerers of our own (--no-controls leaves them out)",

@@ -15,7 +15,7 @@ from ssp_core.files import make_folder
 from ssp_eval.evaluate.admission import NO_AUDIT, Admission
 from ssp_eval.evaluate.asker import Askers
 from ssp_eval.evaluate.cell import CellOptions, evaluate_cell
-from ssp_eval.evaluate.cell_file import CellResult
+from ssp_eval.evaluate.cell_file import CellResult, holds_answers
 from ssp_eval.evaluate.clip import Clip
 from ssp_eval.evaluate.labelled import LabelledClip
 from ssp_eval.evaluate.model_spec import ModelSpec
@@ -283,7 +283,7 @@ def run_campaign(
         rules = models[0].rules if models else None
         clips = open_clips(stack, bags, propose_labels, admissions, rules)
         stack.enter_context(campaign_folder(out))
-        on_plan(plan_of(clips, models))
+        on_plan(plan_of(clips, models, not options.fresh and holds_answers(out)))
         for labelled in clips:
             for model in models:
                 result = evaluate_cell(labelled, model, askers, out, options, on_record)

@@ -96,6 +96,15 @@ def losses_text(losses: Mapping[str, int]) -> str:
     return ", ".join(parts)
 
 
+def holds_answers(out: Path) -> bool:
+    """True where a campaign's folder has raw answers, whatever became of its cells.
+
+    Args:
+        out: campaign folder; it need not be there.
+    """
+    return any(path.stat().st_size for path in out.glob(f"{CELLS}/*/{RAW_FILE}"))
+
+
 def frame_path(out: Path, sha256: str) -> Path:
     """Where the campaign keeps a frame."""
     return out / FRAMES / f"{sha256.removeprefix('sha256:')[:32]}.jpg"

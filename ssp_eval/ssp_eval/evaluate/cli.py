@@ -17,7 +17,7 @@ from ssp_eval.evaluate.job import Settings
 from ssp_eval.evaluate.models import with_controls
 from ssp_eval.evaluate.over_topics import evaluate_bags
 from ssp_eval.evaluate.parallel import ENGINES, run_parallel
-from ssp_eval.evaluate.show import asking, result_to_json, show
+from ssp_eval.evaluate.show import asking, kept_on_interrupt, result_to_json, show
 from ssp_eval.evaluate.topic_asker import CONNECT_S
 from ssp_eval.extract.llm.options import extractor_of, llm_options
 
@@ -154,39 +154,40 @@ def evaluate(
         paired = list(zip(bags, labels_files, strict=True))
     make_extractor = partial(extractor_of, **llm, default_cache=out.absolute() / "extraction")
     extractor = make_extractor()
-    if workers is None and engine == "processes":
-        results = evaluate_bags(
-            paired,
-            models,
-            out,
-            CellOptions(adapter, fresh, retry_errors, extractor=extractor),
-            timeout_s,
-            propose_labels,
-            load_admissions(audits),
-            start_timeout_s,
-        )
-    else:
-        settings = Settings(
-            out=out.absolute(),
-            make_extractor=make_extractor,
-            adapter=adapter,
-            fresh=fresh,
-            retry_errors=retry_errors,
-            timeout_s=timeout_s,
-            start_timeout_s=start_timeout_s,
-        )
-        with asking() as (on_plan, on_record):
-            results = run_parallel(
+    with kept_on_interrupt(out):
+        if workers is None and engine == "processes":
+            results = evaluate_bags(
                 paired,
                 models,
-                settings,
-                workers or os.cpu_count() or 1,
-                engine,
+                out,
+                CellOptions(adapter, fresh, retry_errors, extractor=extractor),
+                timeout_s,
                 propose_labels,
                 load_admissions(audits),
-                on_plan=on_plan,
-                on_record=on_record,
+                start_timeout_s,
             )
+        else:
+            settings = Settings(
+                out=out.absolute(),
+                make_extractor=make_extractor,
+                adapter=adapter,
+                fresh=fresh,
+                retry_errors=retry_errors,
+                timeout_s=timeout_s,
+                start_timeout_s=start_timeout_s,
+            )
+            with asking() as (on_plan, on_record):
+                results = run_parallel(
+                    paired,
+                    models,
+                    settings,
+                    workers or os.cpu_count() or 1,
+                    engine,
+                    propose_labels,
+                    load_admissions(audits),
+                    on_plan=on_plan,
+                    on_record=on_record,
+                )
     if as_json:
         for result in results:
             click.echo(json.dumps(result_to_json(result), sort_keys=True))

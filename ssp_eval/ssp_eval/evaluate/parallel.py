@@ -15,7 +15,7 @@ from ssp_core.errors import InputError
 from ssp_eval.evaluate.admission import Admission
 from ssp_eval.evaluate.campaign import campaign_folder, find_labels, open_clips
 from ssp_eval.evaluate.cell import CellOptions, fail_cell
-from ssp_eval.evaluate.cell_file import CellResult
+from ssp_eval.evaluate.cell_file import CellResult, holds_answers
 from ssp_eval.evaluate.job import Job, Settings
 from ssp_eval.evaluate.labelled import LabelledClip
 from ssp_eval.evaluate.model_spec import ModelSpec
@@ -79,7 +79,7 @@ def run_parallel(
     with ExitStack() as stack:
         clips = open_clips(stack, bags, propose_labels, admissions)
         stack.enter_context(campaign_folder(settings.out))
-        on_plan(plan_of(clips, models))
+        on_plan(plan_of(clips, models, not settings.fresh and holds_answers(settings.out)))
         jobs: list[Job] = []
         clip_of: list[LabelledClip] = []
         for labelled, (bag, labels) in zip(clips, bags, strict=True):

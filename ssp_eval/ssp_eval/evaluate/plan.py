@@ -21,6 +21,7 @@ class Plan:
         questions: to all models.
         to_answerers: of these, to the harness's own answerers.
         spoilt: of these, to models that are asked once more under a condition.
+        goes_on: some may have an answer that is stored, and isn't asked for again.
     """
 
     label_times: int
@@ -28,6 +29,7 @@ class Plan:
     questions: int
     to_answerers: int
     spoilt: int
+    goes_on: bool = False
 
     def line(self, leave_out: str = NO_CONTROLS) -> str:
         """The plan for people.
@@ -36,6 +38,8 @@ class Plan:
             leave_out: what leaves the controls out.
         """
         text = f"{_count(self.cells, 'cell')}, {_count(self.questions, 'question')}"
+        if self.goes_on:
+            text += " (those with a stored answer are counted and not asked again)"
         controls = self.to_answerers + self.spoilt
         if not controls:
             return text
@@ -48,12 +52,15 @@ class Plan:
         return f"{text}; of these {controls} for controls: {what} ({leave_out} leaves them out)"
 
 
-def plan_of(clips: Sequence[LabelledClip], models: Sequence[ModelSpec]) -> Plan:
+def plan_of(
+    clips: Sequence[LabelledClip], models: Sequence[ModelSpec], goes_on: bool = False
+) -> Plan:
     """What a campaign will ask.
 
     Args:
         clips: with their labels.
         models: who is asked, controls included.
+        goes_on: the campaign has answers already, and they count.
     """
     label_times = sum(len(clip.labels.labels) for clip in clips)
     asked = [clip for clip in clips if clip.refusal is None]
@@ -64,6 +71,7 @@ def plan_of(clips: Sequence[LabelledClip], models: Sequence[ModelSpec]) -> Plan:
         questions=each * len(models),
         to_answerers=each * sum(model.answerer for model in models),
         spoilt=each * sum(bool(model.condition) for model in models),
+        goes_on=goes_on,
     )
 
 

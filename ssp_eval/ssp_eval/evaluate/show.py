@@ -11,7 +11,7 @@ from rich.table import Table
 
 from ssp_core import console
 from ssp_eval.evaluate.admission import ADMITTED, REFUSED, UNAUDITED
-from ssp_eval.evaluate.cell_file import CellResult, losses_text
+from ssp_eval.evaluate.cell_file import CellResult, holds_answers, losses_text
 from ssp_eval.evaluate.plan import NO_CONTROLS, Plan
 
 _WIDEST = 400
@@ -36,6 +36,17 @@ def asking(
             bar.update(task, total=plan.label_times)
 
         yield on_plan, lambda: bar.advance(task)
+
+
+@contextmanager
+def kept_on_interrupt(out: Path) -> Iterator[None]:
+    """Tells somebody who interrupts a campaign that its answers are kept."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        if holds_answers(out):
+            console.note(f"the answers so far are in {out}; the same command, given again, goes on")
+        raise
 
 
 def show(results: Sequence[CellResult], out: Path) -> None:
@@ -67,6 +78,10 @@ def show(results: Sequence[CellResult], out: Path) -> None:
         if result.admission == UNAUDITED and result.admission_reasons:
             why = "; ".join(result.admission_reasons)
             console.note(f"{place}: counts as unaudited, audit it again: {why}")
+    stored = sum(result.reused for result in results)
+    if stored:
+        sent = sum(result.asked for result in results)
+        console.note(f"asked: {sent}; answers that were stored already: {stored}")
     outside = sorted({r.admission for r in results} - {ADMITTED, REFUSED})
     if outside:
         console.note(f"{' and '.join(outside)} recordings stay out of domain means")
