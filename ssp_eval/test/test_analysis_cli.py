@@ -119,6 +119,17 @@ def test_the_same_seed_gives_the_same_bytes_whatever_the_order(cells: Path, tmp_
     ("args", "status", "told"),
     [
         (("--from-cells", "{cells}"), 2, "--from-cells needs --out DIR"),
+        (("{campaign}", "--format", "csv"), 2, "--format needs --tables DIR"),
+        (
+            ("--from-cells", "{cells}", "--figures", "{out}", "--format", "csv"), 2,
+            "--format needs --tables DIR",
+        ),
+        (("--from-cells", "{cells}", "--out", "{out}", "--block", "2"), 2, "--block is of labels"),
+        (
+            ("--from-cells", "{cells}", "--figures", "{out}", "--seed", "2"), 2,
+            "--resamples and --seed need --out DIR",
+        ),
+        (("{cells}",), 1, "but a file; component scores go with --from-cells"),
         (
             ("--from-cells", "{cells}", "--figures", "{out}", "--tables", "{out}"), 2,
             "--from-cells needs --out DIR",

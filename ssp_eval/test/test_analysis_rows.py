@@ -215,8 +215,9 @@ def test_wrong_files_say_where(tmp_path, text, told):
 def test_a_missing_file_and_latin_1_are_input_errors(tmp_path):
     with pytest.raises(InputError, match="can't be read"):
         rows_from_csv(tmp_path / "none.csv")
-    with pytest.raises(InputError, match="is not UTF-8"):
-        rows_from_csv(write(tmp_path, LINE.replace("cut_in", "é"), encoding="latin-1"))
+    for encoding in ("latin-1", "utf-16"):
+        with pytest.raises(InputError, match=r"is not UTF-8 .*; save it as CSV in UTF-8"):
+            rows_from_csv(write(tmp_path, LINE.replace("cut_in", "é"), encoding=encoding))
 
 
 _PARTS = st.lists(st.sampled_from([*"abS@01.,;\t\n\r\"'–F ", HEAD, LINE, "\n"]), max_size=20)

@@ -65,7 +65,7 @@ def rows_from_csv(path: Path, tell: Tell = lambda note: None) -> list[CellRow]:
     facts: dict[str, tuple[int, CellRow]] = {}
     rows = []
     others: list[tuple[float, int, str]] = []
-    for place, fields in _records(read_text(path).removeprefix("\ufeff"), path, tell):
+    for place, fields in _records(_text(path), path, tell):
         row = parse_row(place, fields)
         line = place.line or 0
         key = (*row.key, row.run, "" if row.seed is None else str(row.seed))
@@ -99,6 +99,17 @@ def rows_from_csv(path: Path, tell: Tell = lambda note: None) -> list[CellRow]:
             f"{example}."
         )
     return rows
+
+
+def _text(path: Path) -> str:
+    """What the file holds, without a byte order mark."""
+    try:
+        return read_text(path).removeprefix("\ufeff")
+    except InputError as error:
+        if not isinstance(error.__cause__, UnicodeDecodeError):
+            raise
+        remedy = "save it as CSV in UTF-8, which spreadsheets offer beside their own formats"
+        raise InputError(error.problem, file=path, remedy=remedy) from error
 
 
 def _records(text: str, path: Path, tell: Tell) -> Iterator[tuple[Place, Mapping[str, str]]]:

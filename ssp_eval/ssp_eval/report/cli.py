@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 
 import click
+from click.core import ParameterSource
 
 from ssp_core import console
 from ssp_core.errors import InputError
@@ -152,10 +153,16 @@ def report(
     options = Options(resamples, seed, block)
     if only and figures is None:
         raise click.UsageError("--only needs --figures DIR")
+    if tables is None and (from_cells is None or out is None) and _is_given("formats"):
+        raise click.UsageError("--format needs --tables DIR, or --out DIR with --from-cells")
     drawn = None if figures is None else WantedFigures(figures, reference, only)
     if from_cells is not None:
         if out_dir is not None or repeats:
             raise click.UsageError("--from-cells stands alone: give no campaign beside it")
+        if block is not None:
+            raise click.UsageError("--block is of labels, of which --from-cells knows nothing")
+        if out is None and (_is_given("resamples") or _is_given("seed")):
+            raise click.UsageError("--resamples and --seed need --out DIR: figures draw nothing")
         if OVERLAYS in only:
             raise click.UsageError("overlays need the frames of a campaign, not --from-cells")
         if out is None and (drawn is None or tables is not None):
@@ -196,6 +203,12 @@ def report(
         )
     size_mb = target.stat().st_size / 1e6
     click.echo(f"{target} ({size_mb:.1f} MB)")
+
+
+def _is_given(option: str) -> bool:
+    """True where an option that has a default stands on the command line."""
+    source = click.get_current_context().get_parameter_source(option)
+    return source is ParameterSource.COMMANDLINE
 
 
 def _runs(folders: Iterable[Path]) -> tuple[list[CellData], list[CellRow]]:

@@ -118,6 +118,12 @@ def cell_files(out: Path) -> list[Path]:
     Raises:
         InputError: it is no campaign folder.
     """
+    if out.is_file():
+        raise InputError(
+            "is no campaign's folder but a file", file=out,
+            remedy="component scores go with --from-cells FILE.csv; of a campaign give the --out "
+            "folder of `ssp evaluate`",
+        )  # fmt: skip
     files = sorted((out / CELLS).glob(f"*/{CELL_FILE}"))
     if not files:
         raise InputError(
