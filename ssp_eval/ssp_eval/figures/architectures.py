@@ -29,7 +29,7 @@ def architectures(scores: Scores) -> Drawing | LeftOut:
             members.setdefault(scores.facts[model].architecture, []).append(model)
     order = sorted(members, key=lambda a: (-len(members[a]), a))
     if len(order) < 2:
-        return LeftOut(name, "two architectures are not known")
+        return LeftOut(name, "fewer than two architectures are known")
     first, second = sorted(order[:2])
     found: dict[str, dict[str, Mean]] = {
         one: {
