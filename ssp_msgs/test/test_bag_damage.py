@@ -169,6 +169,16 @@ def test_bad_metadata_names_the_file(tmp_path: Path, text: str, match: str) -> N
     assert caught.value.file == str(tmp_path / "metadata.yaml")
 
 
+def test_a_folder_with_a_bag_in_it_names_the_bag(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no closed bag; `ssp bag recover`"):
+        BagReader(tmp_path)
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.add_topic("/clock", CLOCK)
+    with pytest.raises(InputError, match="no closed bag; there is one in it: ") as caught:
+        BagReader(tmp_path)
+    assert str(tmp_path / "bag") in str(caught.value)
+
+
 def test_a_message_that_is_not_of_its_type_names_the_topic(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "bag") as writer:
         writer.add_topic("/clock", CLOCK)

@@ -151,11 +151,11 @@ def read_metadata(folder: Path) -> BagDirectory:
     """
     path = folder / FILE_NAME
     if not path.is_file():
-        raise InputError(
-            f"has no {FILE_NAME}, so it is no closed bag",
-            file=folder,
-            remedy="`ssp bag recover` makes a readable bag of an interrupted recording",
-        )
+        remedy = "`ssp bag recover` makes a readable bag of an interrupted recording"
+        inner = min(folder.glob(f"*/{FILE_NAME}"), default=None)
+        if inner is not None:  # as in a session's folder, where the bag is one of several things
+            remedy = f"there is one in it: {inner.parent}"
+        raise InputError(f"has no {FILE_NAME}, so it is no closed bag", file=folder, remedy=remedy)
     information = read_mapping(path).get(ROOT_KEY)
     if not isinstance(information, dict):
         raise InputError("is missing or no mapping", file=path, field=ROOT_KEY)
