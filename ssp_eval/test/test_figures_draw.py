@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 import sys
 import warnings
 from collections import Counter
@@ -21,7 +22,7 @@ from ssp_eval.figures.drawing import Drawing, LeftOut
 from ssp_eval.figures.foundation import foundation
 from ssp_eval.figures.matrix import matrix
 from ssp_eval.figures.models import models
-from ssp_eval.figures.scores import Scores, pareto_front
+from ssp_eval.figures.scores import Scores, pareto_front, words
 from ssp_eval.figures.style import SMALL_PT, drawing
 from ssp_eval.score.aggregate import ranking
 from ssp_eval.score.ivcs import ivcs_weights
@@ -229,12 +230,30 @@ def test_slopes_show_ranks_and_tell_every_change() -> None:
     assert gids(figure)["line"] == 3
     assert gids(figure)["label"] == 6
     assert found.changes
-    for change in found.changes:
-        assert f"{change.subject} is {change.ranks[0]} in" in figure.caption
     changed = {change.subject for change in found.changes}
+    scenarios = sorted(found.scenarios)
+    names = ", ".join(map(words, scenarios))
+    told = re.search(
+        rf"Ranks that change between scenarios \(in {names}\): ([^.]*)\.", figure.caption
+    )
+    assert told is not None
+    assert set(told[1].split("; ")) == {
+        f"{one} {', '.join(str(found.scenarios[s][one]) for s in scenarios)}" for one in changed
+    }
     for artist in figure.figure.findobj():
         if (artist.get_gid() or "").startswith("line-"):
             assert (artist.get_linestyle() == ":") == (artist.get_gid()[5:] not in changed)
+
+
+def test_of_many_scenarios_the_caption_names_best_and_worst_ranks() -> None:
+    scores = Scores(tuple(rows_of(scenarios=[f"scenario_{k}" for k in range(8)])))
+    (figure,) = (one for one in models(scores, None) if one.name == "models_ranks")
+    assert isinstance(figure, Drawing)
+    found = ranking(scores.cells, "model")
+    assert found.changes
+    for one in {change.subject for change in found.changes}:
+        ranks = [rank for s in found.scenarios.values() if (rank := s[one]) is not None]
+        assert f"{one} {min(ranks)} to {max(ranks)}" in figure.caption
 
 
 def test_models_have_a_mark_per_scenario_a_panel_and_a_difference() -> None:
@@ -266,6 +285,7 @@ def test_differences_are_taken_over_what_both_models_have() -> None:
     (ranks,) = (one for one in models(scores, None) if one.name == "models_ranks")
     assert isinstance(ranks, Drawing)
     assert "The models were not scored on the same cells" in ranks.caption
+    assert ranks.caption.count("Cells: ") == 1
     (ranks,) = (one for one in domains(scores) if one.name == "domains_ranks")
     assert isinstance(ranks, Drawing)
     assert "not scored on the same cells" not in ranks.caption

@@ -30,10 +30,12 @@ from ssp_eval.figures.style import (
     text_width_in,
     widest_in,
 )
-from ssp_eval.score.aggregate import ranking
+from ssp_eval.score.aggregate import Ranking, ranking
 
 MACRO = "macro"
 MOST = 60
+# Scenarios of which a caption lists each rank, as the tables do.
+_MOST_LISTED = 6
 _UP, _DOWN, _OTHER, _SAME = ("-", BLUE), ("--", RED), ("-.", INK), (":", GREY)
 
 
@@ -69,31 +71,42 @@ def rank_slopes(scores: Scores, subject: str, name: str) -> Drawing | LeftOut:
         for one in groups
     }
     sheet, names = _draw(columns, values, ranks, {c.subject for c in found.changes})
-    changes = "; ".join(
-        f"{c.subject} is {c.ranks[0]} in {words(c.scenarios[0])} and {c.ranks[1]} in "
-        f"{words(c.scenarios[1])}"
-        for c in found.changes
-    )
     admission = "admitted cells" if subject == "domain" else "cells"
+    uneven = scores.uneven(subject)
     counts = ", ".join(f"{one} {group['ivcs'].n}" for one, group in groups.items())
     return Drawing(
         name,
         sheet.figure,
         caption(
             f"IVCS by {subject} per scenario and over all of them (macro average), unweighted "
-            f"means over {admission}; # stands before a rank, beside it the score. "
-            f"Cells: {counts}.",
+            f"means over {admission}; # stands before a rank, beside it the score.",
+            "" if uneven else f"Cells: {counts}.",
             "A solid line ends on a better rank than it began, a dashed one on a worse, a dash-dot "
             "one changes its rank in between only, a dotted one never.",
-            f"Changes of rank between scenarios: {changes}."
-            if changes
-            else "No rank changes between scenarios.",
+            _changes(found, scenarios),
             scores.unadmitted if subject == "domain" else "",
-            scores.uneven(subject),
+            uneven,
             scores.left_out,
             renamed(names),
         ),
     )
+
+
+def _changes(found: Ranking, scenarios: Sequence[str]) -> str:
+    """A sentence that points out every line whose rank isn't the same in all scenarios."""
+    changed = dict.fromkeys(change.subject for change in found.changes)
+    if not changed:
+        return "No rank changes between scenarios."
+    ranks = {one: [found.scenarios[s].get(one) for s in scenarios] for one in changed}
+    if len(scenarios) > _MOST_LISTED:
+        known = {one: [rank for rank in line if rank is not None] for one, line in ranks.items()}
+        told = "; ".join(f"{one} {min(line)} to {max(line)}" for one, line in known.items())
+        return f"Ranks that change between scenarios, from the best to the worst: {told}."
+    told = "; ".join(
+        f"{one} {', '.join('–' if rank is None else str(rank) for rank in line)}"
+        for one, line in ranks.items()
+    )
+    return f"Ranks that change between scenarios (in {', '.join(map(words, scenarios))}): {told}."
 
 
 def _draw(

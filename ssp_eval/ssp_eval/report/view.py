@@ -185,7 +185,7 @@ def curve_words(curve: Curve) -> str:
     if curve.curve_m is None or curve.curvature_per_m is None:
         return f"{moved}; its curvature isn't known: it doesn't begin 1 s before"
     return (
-        f"{moved}, {_sideways(curve.curve_m)} of that from its curvature of "
+        f"{moved}; {_sideways(curve.curve_m)} follows from its curvature of "
         f"{curve.curvature_per_m:+z.4f} 1/m"
     )
 
