@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -29,10 +30,16 @@ def sha256_json(value: Any) -> str:
     return sha256_bytes(canonical_json(value))
 
 
-def sha256_file(path: str | Path) -> str:
-    """Hash of a file's bytes, read in blocks."""
+def sha256_file(path: str | Path, on_block: Callable[[], None] = lambda: None) -> str:
+    """Hash of a file's bytes, read in blocks.
+
+    Args:
+        path: of the file.
+        on_block: called for each MiB; what it raises ends the reading.
+    """
     digest = hashlib.sha256()
     with open(path, "rb") as stream:
         while block := stream.read(1 << 20):
+            on_block()
             digest.update(block)
     return "sha256:" + digest.hexdigest()

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from array import array
 from bisect import bisect_right
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import cached_property
@@ -25,7 +24,8 @@ from ssp_core.errors import InputError
 from ssp_core.messages import object_state, peek_stamp_ns
 from ssp_core.names import CAMERA_IMAGE, CAMERA_INFO, CAMERA_MOUNT, VUT_ID, absolute, state_topic
 from ssp_core.state import ObjectState
-from ssp_eval.evaluate.provenance import Provenance, content_sha256, read_provenance
+from ssp_eval.evaluate.bag_content import BagContent
+from ssp_eval.evaluate.provenance import Provenance, read_provenance
 from ssp_eval.evaluate.question import KeptQuestions, NoQuestion, Question
 from ssp_eval.score import DEFAULT
 from ssp_vla_bridge.core.camera import geometry_of, mounting_of
@@ -78,13 +78,12 @@ class Clip(Closing):
         self._stack = ExitStack()
         try:
             self._bag = self._stack.enter_context(BagReader(self.path))
-            # Hashing gives the interpreter free: it costs no time where a processor is idle.
-            beside = self._stack.enter_context(ThreadPoolExecutor(1))
-            self._digest = beside.submit(content_sha256, self._bag)
-            self._told = read_provenance(self._bag, "")
-            self._check_frames()
-            self._frames, self._states = self._index()
-            self.camera, self.mount = self._camera()
+            self._content = self._stack.enter_context(BagContent(self._bag))
+            with self._content.watched():
+                self._told = read_provenance(self._bag, "")
+                self._check_frames()
+                self._frames, self._states = self._index()
+                self.camera, self.mount = self._camera()
         except BaseException:
             self._stack.close()
             raise
@@ -96,13 +95,17 @@ class Clip(Closing):
 
     @cached_property
     def provenance(self) -> Provenance:
-        """What the bag says about itself; waits until its hash is known."""
-        return replace(self._told, bag_sha256=self._digest.result())
+        """What the bag says about itself; waits until its hash is known.
+
+        Raises:
+            InputError: a file of it can't be read, or was changed since the clip was opened.
+        """
+        return replace(self._told, bag_sha256=self._content.sha256)
 
     @property
     def is_hashed(self) -> bool:
         """True when nobody has to wait for the bag's hash."""
-        return self._digest.done()
+        return self._content.is_hashed
 
     def _check_frames(self) -> None:
         info = self._bag.topics.get(_IMAGE)
@@ -169,12 +172,19 @@ class Clip(Closing):
         Args:
             label_t_s: clip time of the label.
             rules: which frames and ego samples the model is given.
+
+        Raises:
+            InputError: a file of the bag can't be read, or was changed since the clip was opened.
         """
-        return self._kept.get(label_t_s, rules, self._question)
+        return self._kept.get(label_t_s, rules, self._made)
 
     def forget_questions(self) -> None:
         """Gives free what is kept of questions, once all models were asked."""
         self._kept = KeptQuestions()
+
+    def _made(self, label_t_s: float, rules: Preprocessing) -> Question | NoQuestion:
+        with self._content.watched():
+            return self._question(label_t_s, rules)
 
     def _question(self, label_t_s: float, rules: Preprocessing) -> Question | NoQuestion:
         label_ns = self.start_ns + seconds_to_ns(label_t_s)

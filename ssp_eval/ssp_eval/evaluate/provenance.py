@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -121,9 +122,22 @@ def bag_folder(bag: Path) -> Path:
     return bag.parent if (bag.parent / "metadata.yaml").is_file() and bag.is_file() else bag
 
 
-def content_sha256(bag: BagReader) -> str:
-    """Hash of the bag's MCAP file or files; it reads every byte of them."""
-    files = [sha256_file(file) for file in bag.files]
+def content_sha256(bag: BagReader, on_block: Callable[[], None] = lambda: None) -> str:
+    """Hash of the bag's MCAP file or files; it reads every byte of them.
+
+    Args:
+        bag: open.
+        on_block: see sha256_file.
+
+    Raises:
+        InputError: a file of it can't be read any more.
+    """
+    files = []
+    for file in bag.files:
+        try:
+            files.append(sha256_file(file, on_block))
+        except OSError as error:
+            raise InputError(f"can't be read: {error.strerror}", file=file) from error
     return files[0] if len(files) == 1 else sha256_json(files)
 
 

@@ -1,0 +1,148 @@
+"""A bag that is changed or lost while it is evaluated: nothing of it is asked from then on."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ssp_core.bag import BagReader
+from ssp_core.errors import InputError
+from ssp_core.hashing import sha256_file
+from ssp_eval.evaluate import bag_content
+from ssp_eval.evaluate.asker import Asker, DirectAskers, Ignored, Reply
+from ssp_eval.evaluate.bag_content import BagContent
+from ssp_eval.evaluate.campaign import run_campaign
+from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.clip import Clip
+from ssp_eval.evaluate.model_spec import ModelSpec
+from ssp_eval.evaluate.models import bridge_spec
+from ssp_eval.evaluate.provenance import content_sha256
+from ssp_vla_bridge.core.request import Request
+
+BagMaker = Callable[..., Path]
+DEADLINE_S = 30.0
+MODELS = [bridge_spec("constant_velocity")]
+
+
+class _Asking:
+    """Passes requests on, and lets something happen after the first."""
+
+    def __init__(self, after_first: Callable[[], object] = lambda: None) -> None:
+        self.after_first, self.count = after_first, 0
+
+    def asker(self, model: ModelSpec, options: Mapping[str, Any]) -> Asker:
+        self.inner = DirectAskers().asker(model, options)
+        return self
+
+    @property
+    def ignored(self) -> Ignored:
+        return Ignored()
+
+    def ask(self, request: Request) -> Reply:
+        self.count += 1
+        reply = self.inner.ask(request)
+        if self.count == 1:
+            self.after_first()
+        return reply
+
+
+def the_file(bag: Path) -> Path:
+    return next(bag.glob("*.mcap"))
+
+
+def swap(bag: Path, other: Path) -> None:
+    """Puts another recording in the place of a bag's own, as a second recorder would."""
+    os.replace(the_file(other), the_file(bag))
+
+
+CHANGES: dict[str, Callable[[Path, Path], object]] = {
+    "was changed while it was evaluated": swap,
+    "can't be read: No such file": lambda bag, _: the_file(bag).unlink(),
+}
+
+
+@pytest.mark.parametrize("says", CHANGES)
+def test_what_happens_while_the_bag_is_hashed_is_noticed(
+    says: str, make_bag: BagMaker, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bag, other = make_bag(), make_bag("other", domain="physical")
+
+    def hashed(reader: BagReader, on_block: Callable[[], None]) -> str:
+        CHANGES[says](bag, other)
+        return content_sha256(reader, on_block)
+
+    monkeypatch.setattr(bag_content, "content_sha256", hashed)
+    askers, out = _Asking(), tmp_path / "out"
+    with pytest.raises(InputError, match=says):
+        run_campaign([(bag, None)], MODELS, askers, out, CellOptions(), True)
+    assert askers.count == 0
+    assert not out.exists()
+
+
+@pytest.mark.parametrize("says", CHANGES)
+def test_what_happens_while_models_are_asked_ends_the_asking(
+    says: str, make_bag: BagMaker, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bag, other = make_bag(), make_bag("other", domain="physical")
+    # What was fetched before is of the recording that was hashed, and may be asked.
+    monkeypatch.setattr("ssp_eval.evaluate.campaign._prepare", lambda *_: None)
+    askers = _Asking(lambda: CHANGES[says](bag, other))
+    with pytest.raises(InputError, match=says):
+        run_campaign([(bag, None)], MODELS, askers, tmp_path / "out", CellOptions(), True)
+    assert askers.count == 1
+    (raw,) = (tmp_path / "out").rglob("raw.jsonl")
+    assert len(raw.read_text().splitlines()) == 1  # what was paid for stays
+    assert not list((tmp_path / "out").rglob("score.json"))
+
+
+def test_a_bag_that_is_left_alone_has_its_hash(make_bag: BagMaker) -> None:
+    bag = make_bag()
+    with Clip(bag) as clip:
+        assert clip.provenance.bag_sha256 == sha256_file(the_file(bag))
+        assert clip.is_hashed
+
+
+def test_closing_ends_the_hashing(make_bag: BagMaker, monkeypatch: pytest.MonkeyPatch) -> None:
+    begun, ended = threading.Event(), threading.Event()
+
+    def endless(_: BagReader, on_block: Callable[[], None]) -> str:
+        begun.set()
+        try:
+            while not ended.wait(0.01):
+                on_block()
+        finally:
+            ended.set()
+        return ""
+
+    monkeypatch.setattr(bag_content, "content_sha256", endless)
+    with BagReader(make_bag()) as bag:
+        content = BagContent(bag)
+        assert begun.wait(DEADLINE_S)
+        assert not content.is_hashed
+        late = threading.Timer(DEADLINE_S, ended.set)
+        late.start()
+        content.close()
+        assert late.is_alive()  # it wasn't what ended it
+        late.cancel()
+
+
+def test_what_is_called_for_each_block_may_end_the_reading(tmp_path: Path) -> None:
+    file = tmp_path / "large"
+    file.write_bytes(bytes(3 << 20))
+    seen: list[int] = []
+
+    def stop_at_two() -> None:
+        seen.append(len(seen))
+        if len(seen) == 2:
+            raise InterruptedError
+
+    with pytest.raises(InterruptedError):
+        sha256_file(file, stop_at_two)
+    assert seen == [0, 1]
+    assert sha256_file(file, lambda: seen.append(0)) == sha256_file(file)
+    assert len(seen) == 5
