@@ -233,9 +233,7 @@ def test_slopes_show_ranks_and_tell_every_change() -> None:
     changed = {change.subject for change in found.changes}
     scenarios = sorted(found.scenarios)
     names = ", ".join(map(words, scenarios))
-    told = re.search(
-        rf"Ranks that change between scenarios \(in {names}\): ([^.]*)\.", figure.caption
-    )
+    told = re.search(rf"Ranks that change between scenarios \({names}\): ([^.]*)\.", figure.caption)
     assert told is not None
     assert set(told[1].split("; ")) == {
         f"{one} {', '.join(str(found.scenarios[s][one]) for s in scenarios)}" for one in changed

@@ -106,7 +106,7 @@ def _changes(found: Ranking, scenarios: Sequence[str]) -> str:
         f"{one} {', '.join('–' if rank is None else str(rank) for rank in line)}"
         for one, line in ranks.items()
     )
-    return f"Ranks that change between scenarios (in {', '.join(map(words, scenarios))}): {told}."
+    return f"Ranks that change between scenarios ({', '.join(map(words, scenarios))}): {told}."
 
 
 def _draw(
