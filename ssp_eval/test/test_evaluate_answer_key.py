@@ -69,6 +69,16 @@ def test_the_answer_before_counts_by_what_it_says() -> None:
     assert key(request=replace(REQUEST, request_id="r2")) == key()
 
 
+def test_the_answer_before_counts_however_it_came() -> None:
+    def after(**facts: Any) -> str:
+        stage = {"name": "intent", "end": 6, "latency_s": 0.5, "tries": 1, **facts}
+        decoding = {"timeout_s": 57.0, "tries": facts.get("tries", 3), "stages": [stage, "odd"]}
+        return key(request=replace(REQUEST, previous=replace(ANSWER, decoding=decoding)))
+
+    assert after(latency_s=0.7, tries=2) == after()
+    assert len({after(), after(end=5), after(system_fingerprint="other")}) == 3
+
+
 @pytest.mark.parametrize("model", [OPENAI, HTTP], ids=["openai", "http"])
 def test_what_decides_whether_an_answer_comes_isn_t_asked_again_for(model: ModelSpec) -> None:
     same = [

@@ -17,10 +17,22 @@ REQUESTS_FILE = "requests.jsonl"
 REQUEST_SCHEMA = "ssp.request/1"
 
 
+# In an answer and its decoding facts these tell how it came, not what it says.
+_OF_DELIVERY = ("request_id", "latency_s", "timeout_s", "tries")
+
+
 def answer_sha256(response: Response) -> str:
-    """Hash of what a model said, whenever and however fast it did."""
-    value = response_to_json(response)
-    return sha256_json({k: v for k, v in value.items() if k not in ("request_id", "latency_s")})
+    """Hash of what a model said, whenever and however fast it did, and in however many tries."""
+    value = _said(response_to_json(response))
+    decoding = _said(value["decoding"])
+    stages = decoding.get("stages")
+    if isinstance(stages, list):
+        decoding["stages"] = [_said(one) if isinstance(one, dict) else one for one in stages]
+    return sha256_json({**value, "decoding": decoding})
+
+
+def _said(facts: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in facts.items() if key not in _OF_DELIVERY}
 
 
 def request_to_json(request: Request) -> dict[str, Any]:
