@@ -212,6 +212,20 @@ def test_wrong_files_say_where(tmp_path, text, told):
     assert told in str(caught.value)
 
 
+def test_names_that_are_spelt_in_two_ways_are_told(tmp_path):
+    """Taken for two they would rank beside each other, and one of them on a cell or two."""
+    models = ("OpenEMMA", "openemma", "Open-EMMA", "open emma", "q1_0", "q10", "Q2.5", "Q2-5")
+    lines = [LINE.replace(",a,", f",{model},") for model in models]
+    path = write(tmp_path, *lines, LINE.replace("cut_in", "Cut in"))
+    told: list[str] = []
+    assert len(rows_from_csv(path, told.append)) == 9
+    assert [text.removeprefix(f"{path}: ").partition(" are ")[0] for text in told] == [
+        "scenarios 'cut_in' and 'Cut in'",
+        "models 'OpenEMMA' and 'openemma'",
+        "models 'Open-EMMA' and 'open emma'",
+    ]
+
+
 def test_a_missing_file_and_latin_1_are_input_errors(tmp_path):
     with pytest.raises(InputError, match="can't be read"):
         rows_from_csv(tmp_path / "none.csv")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from ssp_core.errors import InputError
@@ -91,6 +91,12 @@ def rows_from_csv(path: Path, tell: Tell = lambda note: None) -> list[CellRow]:
         rows.append(row)
     if not rows:
         raise InputError("holds no cells", file=path, remedy="give one line per cell")
+    for name in ("scenario", "model"):
+        for one, other in _spellings([getattr(row, name) for row in rows]):
+            tell(
+                f"{path}: {name}s {one!r} and {other!r} are taken for two; write them alike if they "
+                "are one."
+            )
     if others:
         _, line, example = max(others)
         tell(
@@ -99,6 +105,17 @@ def rows_from_csv(path: Path, tell: Tell = lambda note: None) -> list[CellRow]:
             f"{example}."
         )
     return rows
+
+
+def _spellings(names: Sequence[str]) -> list[tuple[str, str]]:
+    """Pairs of names that differ in case, and in what stands between their words, alone."""
+    first: dict[str, str] = {}
+    pairs = []
+    for name in dict.fromkeys(names):
+        other = first.setdefault(re.sub(r"[\s_-]+", " ", name.casefold()), name)
+        if other != name:
+            pairs.append((other, name))
+    return pairs
 
 
 def _text(path: Path) -> str:
