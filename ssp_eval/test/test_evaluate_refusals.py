@@ -34,6 +34,8 @@ BagMaker = Callable[..., Path]
             ("--bridge", "mine={backend: python}"),
             'write --bridge \'mine={"backend": "python", …}\'',
         ),
+        (("--bridge", 'silent={"backend": "copy_history"}'), "name the model otherwise"),
+        (("--bridge", 'constant_velocity={"backend": "silent"}'), "is the name of an answerer"),
         (("--bridge", "mine=7"), "--bridge mine: must be a JSON object, not int"),
         (("--attach", "mine={"), 'write --attach \'mine={"interface": "waypoints"}\''),
         (("--bridge", 'mine={"function": "m:f"}'), 'NAME={"backend": …}'),

@@ -193,6 +193,15 @@ def check_model(spec: ModelSpec, file: str | None = None, field: str = "") -> No
             value=spec.name,
             remedy="use letters, digits and underscores, a letter first, 64 at most",
         )
+    if spec.name in {*CONTROLS, *ANSWERERS} and spec.backend not in ("", spec.name):
+        # Its cells would be taken for those of the answerer, and be replaced by them.
+        raise InputError(
+            "is the name of an answerer of ours, and can't be that of another backend",
+            file=file,
+            field="models" if file else "bridge",
+            value=spec.name,
+            remedy="name the model otherwise",
+        )
     if spec.attached and (spec.backend or spec.options):
         raise InputError(
             "an attached bridge has its backend and options already",
