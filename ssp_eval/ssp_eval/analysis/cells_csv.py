@@ -94,8 +94,8 @@ def rows_from_csv(path: Path, tell: Tell = lambda note: None) -> list[CellRow]:
     for name in ("scenario", "model"):
         for one, other in _spellings([getattr(row, name) for row in rows]):
             tell(
-                f"{path}: {name}s {one!r} and {other!r} are taken for two; write them alike if they "
-                "are one."
+                f"{path}: {name}s {one!r} and {other!r} are taken for two; write them alike if "
+                "they are one."
             )
     if others:
         _, line, example = max(others)
