@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ssp_eval.score.matching import match
+from ssp_eval.score.thresholds import Thresholds
 
 WINDOW_S = 0.11
 TOLERANCE_S = 1e-9
@@ -104,6 +105,18 @@ def test_equals_brute_force_around_the_tolerance(labels, records, jitter):
 )
 def test_by_hand(labels, records, expected):
     assert match(labels, records) == expected
+
+
+def test_the_tolerance_is_for_the_total_and_not_for_each_label():
+    """Either first record costs 0.7e-9 s more than the second one; both are more than 1e-9."""
+    assert match([1.0, 2.0], [0.95 - 7e-10, 1.05, 1.95 - 7e-10, 2.05]) == (0, 3)
+
+
+def test_where_nothing_of_the_tolerance_is_left_the_best_choice_still_is_one():
+    """In powers of two nothing is rounded: the first choice costs the tolerance and no more."""
+    thresholds = Thresholds(tolerance=2.0**-30)
+    records = [-(2.0**-5) - 2.0**-30, 2.0**-5, 1.0, 1.0625]
+    assert match([0.0, 1.0], records, thresholds) == (0, 2)
 
 
 def test_a_long_recording_is_matched_in_linear_time():
