@@ -237,7 +237,9 @@ def test_who_interrupts_is_told_what_is_kept(
     assert "stored" not in capfd.readouterr().err
 
 
-def test_missing_answers_cost_their_records_only(make_bag: BagMaker, tmp_path: Path) -> None:
+def test_missing_answers_cost_their_records_only(
+    make_bag: BagMaker, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     def some(index: int, request: Request) -> Reply:
         if index == 2:
             return Reply(None, "no answer within 1 s", Loss.SILENT)
@@ -261,6 +263,8 @@ def test_missing_answers_cost_their_records_only(make_bag: BagMaker, tmp_path: P
         "no answer within 1 s",
         "the bridge answered error 2: out of memory",
     ]
+    show([result], out)
+    assert "; first: no answer within 1 s (see cell.json)" in capfd.readouterr().err
     # Errors aren't answers: both are asked again.
     again = Scripted(some)
     evaluate(bag, out, "m", askers=again)

@@ -52,6 +52,7 @@ class CellResult:
         admission_reasons: of a refusal, or why an audit of the recording doesn't hold any more.
         control: it was added to check the harness.
         condition: under which the model was asked; empty: none.
+        first_missing: why the first answer is missing; empty where none is.
     """
 
     folder: Path
@@ -69,6 +70,7 @@ class CellResult:
     again: int = 0
     control: bool = False
     condition: str = ""
+    first_missing: str = ""
 
     @property
     def missing(self) -> int:
@@ -177,6 +179,7 @@ def write_cell(
         again=sum(one.again for one in asked),
         control=model.control,
         condition=model.condition,
+        first_missing=next((short(one.missing) for one in asked if one.missing), ""),
     )
 
 

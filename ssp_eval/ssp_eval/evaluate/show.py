@@ -74,7 +74,8 @@ def show(results: Sequence[CellResult], out: Path) -> None:
         if result.reasons:
             console.note(f"{place}: {result.status}: {'; '.join(result.reasons)}")
         elif result.missing:
-            console.note(f"{place}: {losses_text(result.losses)} (see cell.json)")
+            first = result.first_missing
+            console.note(f"{place}: {losses_text(result.losses)}; first: {first} (see cell.json)")
         if result.admission == UNAUDITED and result.admission_reasons:
             why = "; ".join(result.admission_reasons)
             console.note(f"{place}: counts as unaudited, audit it again: {why}")
