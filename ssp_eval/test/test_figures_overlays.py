@@ -185,6 +185,10 @@ def test_a_finished_overlay_is_not_made_again_and_a_changed_one_is(
     )
     write_overlays(campaign, out)
     assert made == [one]
+    # Who sees a picture alone reads under it that no vehicle was there.
+    told = "Physical is a software stand-in here, not a vehicle: "
+    assert told in (out / FOLDER / one / "overlay.txt").read_text("utf-8")
+    assert told not in (out / FOLDER / other / "overlay.txt").read_text("utf-8")
 
 
 def test_a_video_shows_the_latest_answer_until_the_next(stories: list[Story]) -> None:
@@ -244,13 +248,14 @@ def test_without_the_camera_s_pose_no_path_is_drawn_and_the_caption_says_so(
     blind = []
     for story in stories:
         clip = story.cell.facts.clip.model_copy(update={"mount_forward_m": None})
-        facts = story.cell.facts.model_copy(update={"clip": clip})
+        facts = story.cell.facts.model_copy(update={"clip": clip, "stand_in": True})
         blind.append(replace(story, cell=replace(story.cell, facts=facts)))
     with drawing():
         figure = phase_frames("cut_in", "constant_velocity", blind)
     gids = {artist.get_gid() for artist in figure.figure.findobj() if artist.get_gid()}
     assert not {gid for gid in gids if gid.startswith(("plan-", "recorded-"))}
     assert "Without a known pose of the camera, and so without paths" in figure.caption
+    assert "Physical is a software stand-in here, not a vehicle: cut_in / " in figure.caption
 
 
 def test_overlays_alone_write_no_other_figure(

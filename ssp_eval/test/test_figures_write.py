@@ -6,6 +6,7 @@ import random
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -75,6 +76,19 @@ def test_the_same_rows_in_another_order_give_the_same_bytes(written: Path, tmp_p
     assert {p.name for p in tmp_path.iterdir()} == {p.name for p in written.iterdir()}
     for path in written.iterdir():
         assert (tmp_path / path.name).read_bytes() == path.read_bytes(), path.name
+
+
+def test_every_caption_says_that_no_vehicle_is_in_a_stand_in(tmp_path: Path) -> None:
+    told = "Physical is a software stand-in here, not a vehicle: cut_in / physical."
+    rows = [
+        replace(row, stand_in=(row.scenario, row.domain) == ("cut_in", "physical"))
+        for row in rows_of()
+    ]
+    for folder, cells in (("plain", rows_of()), ("stand_in", rows)):
+        write_figures(cells, tmp_path / folder, only=("matrix", "domains"))
+        captions = [path.read_text("utf-8") for path in (tmp_path / folder).glob("*.txt")]
+        assert len(captions) > 3
+        assert {told in caption for caption in captions} == {folder == "stand_in"}
 
 
 def test_only_some_and_a_reference_that_is_none(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from ssp_eval.analysis.table import Column, Table, some
 from ssp_eval.analysis.tables import uneven
 from ssp_eval.evaluate.admission import ADMITTED
 from ssp_eval.evaluate.controls import ANSWERERS, CONDITIONS
+from ssp_eval.report.facts import CellFacts
 from ssp_eval.report.load import CellData
 
 COMPARABILITY, STAND_IN, LEFT_OUT, CONTROLS, LABELS, MEASURED, CELL = (
@@ -66,10 +67,21 @@ def notice_table(found: Sequence[Notice]) -> Table:
     return Table("notices", "What to know before comparing", columns, rows)
 
 
+def stand_ins(rows: Iterable[CellRow | CellFacts]) -> list[str]:
+    """The recordings in which a program stands in for a vehicle."""
+    return sorted({f"{row.scenario} / {row.domain}" for row in rows if row.stand_in})
+
+
+def stand_in_text(recordings: Sequence[str]) -> str:
+    """A sentence that no vehicle is in these recordings; empty where there are none."""
+    if not recordings:
+        return ""
+    return f"Physical is a software stand-in here, not a vehicle: {some(recordings)}."
+
+
 def _of_rows(rows: Sequence[CellRow]) -> Iterable[Notice]:
-    if names := sorted({f"{row.scenario} / {row.domain}" for row in rows if row.stand_in}):
-        text = f"Physical is a software stand-in here, not a vehicle: {some(names)}."
-        yield Notice(STAND_IN, text, tuple(names), everywhere=True)
+    if names := stand_ins(rows):
+        yield Notice(STAND_IN, stand_in_text(names), tuple(names), everywhere=True)
     for status in sorted({row.status for row in rows if row.status != OK}):
         names = sorted({" / ".join(row.key) for row in rows if row.status == status})
         cells = "1 cell enters" if len(names) == 1 else f"{len(names)} cells enter"

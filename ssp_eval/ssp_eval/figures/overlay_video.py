@@ -10,6 +10,7 @@ from ssp_core.bag.frames import Picture
 from ssp_core.bag.still_images import even_sized
 from ssp_core.bag.video_file import VideoFile
 from ssp_core.clock import NS_PER_S
+from ssp_eval.analysis.notices import stand_in_text, stand_ins
 from ssp_eval.figures.annotate import Annotation, annotated, wrapped
 from ssp_eval.figures.drawing import caption
 from ssp_eval.figures.moments import Image, Moment, Story
@@ -144,6 +145,7 @@ def video_caption(story: Story) -> str:
     )
     return caption(
         f"{words(cell.scenario)}, {cell.domain}, {cell.model}.",
+        stand_in_text(stand_ins([cell.facts])),
         frames,
         "The ribbon is what the VUT would cover on the plan of the latest answer, seen from where "
         f"it is now, with a dot every 0.5 s of the plan; {path}."

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 
 from ssp_core.vocab import DOMAINS, PHASES
+from ssp_eval.analysis.notices import stand_in_text, stand_ins
 from ssp_eval.figures.drawing import Drawing, caption
 from ssp_eval.figures.moments import RIGHT, WRONG, Moment, Story
 from ssp_eval.figures.scores import words
@@ -193,6 +194,7 @@ def _caption(scenario: str, model: str, by_domain: dict[str, Story], phases: Seq
         f"Without a known pose of the camera, and so without paths: {', '.join(blind)}."
         if blind
         else "",
+        stand_in_text(stand_ins(story.cell.facts for story in by_domain.values())),
     )
 
 

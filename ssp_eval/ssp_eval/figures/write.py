@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder, write_bytes, write_text
+from ssp_eval.analysis.notices import stand_in_text, stand_ins
 from ssp_eval.analysis.row import CellRow
 from ssp_eval.figures.scores import Scores
 
@@ -67,7 +68,8 @@ def write_figures(
             remedy=f"name one of {', '.join(scores.by_model) or 'none, since there is no score'}",
         )
     make_folder(out)
-    return written_drawings(_drawings(scores, reference, only), out, progress)
+    told = stand_in_text(stand_ins(scores.rows))
+    return written_drawings(_drawings(scores, reference, only), out, progress, told)
 
 
 def _drawings(
@@ -93,9 +95,19 @@ def _drawings(
 
 
 def written_drawings(
-    drawings: Iterable[Drawing | LeftOut], out: Path, progress: Callable[[str], None]
+    drawings: Iterable[Drawing | LeftOut],
+    out: Path,
+    progress: Callable[[str], None],
+    told: str = "",
 ) -> Written:
-    """Writes drawings one by one, so that only one is in memory."""
+    """Writes drawings one by one, so that only one is in memory.
+
+    Args:
+        drawings: and what can't be drawn.
+        out: folder.
+        progress: called with a name once it is written.
+        told: a sentence at the end of each caption.
+    """
     from ssp_eval.figures.drawing import LeftOut
     from ssp_eval.figures.style import drawing
 
@@ -112,6 +124,6 @@ def written_drawings(
                 files.append(out / f"{item.name}.{kind}")
                 write_bytes(files[-1], stream.getvalue())
             files.append(out / f"{item.name}.txt")
-            write_text(files[-1], item.caption)
+            write_text(files[-1], f"{item.caption.rstrip()} {told}".rstrip() + "\n")
             progress(item.name)
     return Written(tuple(files), tuple(left_out))
