@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ssp_eval.figures.drawing import UNITS, Drawing, LeftOut, caption
 from ssp_eval.figures.named_rows import SCORES, named_rows
-from ssp_eval.figures.scores import Scores, listed
+from ssp_eval.figures.scores import Scores, counted, listed
 from ssp_eval.figures.style import (
     BLUE,
     COLUMN_IN,
@@ -59,7 +59,7 @@ def architectures(scores: Scores) -> Drawing | LeftOut:
                 )  # fmt: skip
     share_axis(axes, "score, mean over cells")
     counts = "; ".join(
-        f"{one}: {found[one]['ivcs'].n} cells of {listed(members[one])}" for one in looks
+        f"{one}: {counted(found[one]['ivcs'].n, 'cell')} of {listed(members[one])}" for one in looks
     )
     return Drawing(
         name,

@@ -115,7 +115,8 @@ class Scores:
         count = sum(not cell.admitted for cell in self.cells)
         if not count:
             return ""
-        return f"Left out, since the audit didn't admit them or there was none: {count} cells."
+        cells = counted(count, "cell")
+        return f"Left out, since the audit didn't admit the recording or there was none: {cells}."
 
     def uneven(self, subject: str) -> str:
         """A sentence where the models or domains don't have the same cells."""
@@ -137,7 +138,12 @@ class Scores:
             (len({r.domain for r in rows}), "domain"),
             (len({r.model for r in rows}), "model"),
         )
-        return ", ".join(f"{count} {word}{'' if count == 1 else 's'}" for count, word in counts)
+        return ", ".join(counted(count, word) for count, word in counts)
+
+
+def counted(count: int, word: str) -> str:
+    """``1 cell``, ``2 cells``."""
+    return f"{count} {word}{'' if count == 1 else 's'}"
 
 
 def _run_order(row: CellRow) -> tuple[tuple[str, str, str], str, int]:
