@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 import threading
@@ -161,7 +162,9 @@ def test_a_service_that_hangs_is_asked_again_only_where_that_is_wanted(
         assert (dict(once.losses), service.asked) == ({"no answer in time": 2}, 9)
         asked = [json.loads(line) for line in (once.folder / "requests.jsonl").open()]
         assert "error 1: " in asked[2]["missing"]
-        assert "no whole answer within 1 s" in asked[2]["missing"]
+        # Of the second, what was left when the request had been made ready.
+        within = re.search(r"no whole answer within (\S+) s", asked[2]["missing"])
+        assert within is not None and 0.0 < float(within[1]) <= 1.0
         log = (tmp_path / "once" / "logs" / "bridge_m.log").read_text()
         assert log.count("is ready") == 1
         service.asked = 0

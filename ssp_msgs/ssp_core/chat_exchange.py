@@ -88,7 +88,7 @@ def exchange(
 async def _exchange(
     base_url: str, key: str, request: Mapping[str, Any], limit_s: float, max_bytes: int
 ) -> Received | Failed:
-    silent = Failed(Failure.LATE, f"no whole answer within {limit_s:.3g} s")
+    silent = Failed(Failure.LATE, f"no whole answer within {round(limit_s, 2):g} s")
     timeout = openai.Timeout(limit_s, connect=min(_CONNECT_S, limit_s))
     try:
         async with (

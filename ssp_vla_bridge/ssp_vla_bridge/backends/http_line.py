@@ -86,7 +86,7 @@ class Line:
         try:
             return asyncio.run(self._within(path, body, timeout_s))
         except TimeoutError:
-            raise LateError(f"no whole answer within {timeout_s:.3g} s") from None
+            raise LateError(f"no whole answer within {round(timeout_s, 2):g} s") from None
         except aiohttp.ClientConnectorError as error:
             if error.os_error.errno == errno.ECONNREFUSED:
                 raise RefusedError("nobody listens there (connection refused)") from error
