@@ -112,6 +112,11 @@ def test_the_tolerance_is_for_the_total_and_not_for_each_label():
     assert match([1.0, 2.0], [0.95 - 7e-10, 1.05, 1.95 - 7e-10, 2.05]) == (0, 3)
 
 
+def test_what_one_label_leaves_of_the_tolerance_is_the_next_ones():
+    """The first records cost 0.2e-9 and 0.6e-9 s more than the second ones: less than 1e-9."""
+    assert match([1.0, 2.0], [0.95 - 2e-10, 1.05, 1.95 - 6e-10, 2.05]) == (0, 2)
+
+
 def test_where_nothing_of_the_tolerance_is_left_the_best_choice_still_is_one():
     """In powers of two nothing is rounded: the first choice costs the tolerance and no more."""
     thresholds = Thresholds(tolerance=2.0**-30)
