@@ -9,9 +9,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.special import stdtrit  # type: ignore[import-untyped]  # scipy has no types
 
-from ssp_eval.analysis.resample import LEVEL, Numbers, counted, draws
+from ssp_eval.analysis.resample import LEVEL, Numbers, counted, draws, student_quantile
 
 
 def block_of(count: int, wanted: int | None = None) -> int:
@@ -72,4 +71,4 @@ def reach(blocks: float, groups: int = 1, level: float = LEVEL) -> float | None:
     free = blocks - groups
     if free <= 0.0:
         return None
-    return float(stdtrit(free, (1 + level) / 2)) * math.sqrt(blocks / free)
+    return student_quantile(free, level) * math.sqrt(blocks / free)

@@ -7,10 +7,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import stdtrit  # type: ignore[import-untyped]  # scipy has no types
 
 from ssp_eval.analysis.bootstrap import RESAMPLES, SEED, Estimate, estimated
-from ssp_eval.analysis.resample import LEVEL, Interval, Numbers, draws, generator, weighted_sums
+from ssp_eval.analysis.resample import (
+    Interval,
+    Numbers,
+    draws,
+    generator,
+    student_quantile,
+    weighted_sums,
+)
 
 
 def bootstrap_mean(
@@ -53,5 +59,5 @@ def _student(residuals: Numbers, size: float, value: float) -> Interval:
     """
     n = len(residuals)
     deviation = math.sqrt(math.fsum((residuals / size) ** 2) / (n * (n - 1)))
-    half = float(stdtrit(n - 1, (1 + LEVEL) / 2)) * deviation
+    half = student_quantile(n - 1) * deviation
     return Interval(value - half, value + half)

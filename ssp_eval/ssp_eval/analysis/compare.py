@@ -13,9 +13,15 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from scipy.special import stdtrit  # type: ignore[import-untyped]  # scipy has no types
 
-from ssp_eval.analysis.resample import LEVEL, NO_INTERVAL, Interval, Numbers, generator
+from ssp_eval.analysis.resample import (
+    LEVEL,
+    NO_INTERVAL,
+    Interval,
+    Numbers,
+    generator,
+    student_quantile,
+)
 from ssp_eval.analysis.row import CellRow
 from ssp_eval.analysis.table_columns import in_order
 from ssp_eval.analysis.tables import sd
@@ -150,7 +156,7 @@ def t_interval(values: Sequence[float], level: float = LEVEL) -> Interval:
     if spread is None:
         return NO_INTERVAL
     mean = math.fsum(values) / n
-    half = float(stdtrit(n - 1, (1 + level) / 2)) * spread / math.sqrt(n)
+    half = student_quantile(n - 1, level) * spread / math.sqrt(n)
     return Interval(mean - half, mean + half)
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr, ndtri  # type: ignore[import-untyped]  # scipy has no types
+from scipy.special import ndtr, ndtri, stdtrit  # type: ignore[import-untyped]  # scipy has no types
 
 from ssp_core.hashing import sha256_json
 
@@ -18,6 +18,16 @@ Numbers = NDArray[np.float64]
 LEVEL = 0.95
 # How far from the middle the ends lie of a large sample, in standard deviations: 1.96.
 REACH = float(ndtri((1 + LEVEL) / 2))
+
+
+def student_quantile(free: float, level: float = LEVEL) -> float:
+    """How far from the middle they lie of few: Student's quantile.
+
+    Args:
+        free: degrees of freedom, above 0.
+        level: of confidence.
+    """
+    return float(stdtrit(free, (1 + level) / 2))
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,10 @@ from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import ssp_core
+from ssp_core.closing import Closing
 from ssp_core.domains import free_domain
 from ssp_core.errors import HostError
 from ssp_core.processes import NodeProcess, ProcessGroup, session_environment
@@ -36,7 +36,7 @@ _VARIABLES = (
 )
 
 
-class TopicAskers:
+class TopicAskers(Closing):
     """The bridges of a campaign; leaving the block ends those that were started here.
 
     Nothing is started before the first asker is wanted, so that a campaign whose answers are all
@@ -65,15 +65,7 @@ class TopicAskers:
         self._askers: dict[str, tuple[str, TopicAsker]] = {}
         self._exchanges: dict[str, tuple[Exchange, Link]] = {}
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
         self._stack.close()
 
     def asker(self, model: ModelSpec, options: Mapping[str, Any]) -> Asker:
