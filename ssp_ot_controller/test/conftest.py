@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -11,6 +13,10 @@ import pytest
 from ssp_core import names
 from ssp_core.domains import free_domain
 from ssp_core.processes import remove_shared_ports, remove_stale_shared_memory
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from small_run import small_run
 
 DEADLINE_S = 30.0
 
@@ -29,49 +35,7 @@ def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
 @pytest.fixture
 def run_mapping() -> Callable[..., dict[str, Any]]:
     """Makes a run of one target that stands at 40 m; keywords replace its parts."""
-    return _run_mapping
-
-
-def _run_mapping(**changes: Any) -> dict[str, Any]:
-    start = {"x_m": 40.0, "y_m": 0.0, "yaw_rad": 0.0}
-    return {
-        "schema": "ssp.run/1",
-        "run_id": "r",
-        "scenario": "s",
-        "interaction": "cut_in",
-        "domain": "simulation",
-        "stand_in": False,
-        "event_version": "sha256:event",
-        "site": "s",
-        "site_version": "sha256:s",
-        "seed": 1,
-        "mode": "lockstep",
-        "road": {
-            "origin": {"x_m": 0.0, "y_m": 0.0, "yaw_rad": 0.0},
-            "length_m": 400.0,
-            "lanes": [{"y_m": 0.0, "width_m": 3.5, "direction": "forward"}],
-        },
-        "geofence": [(0.0, -8.0), (400.0, -8.0), (400.0, 12.0), (0.0, 12.0)],
-        "vut": {"id": "vut", "object_class": "car", "start": {**start, "x_m": 10.0}},
-        "driver": {"cruise_mps": 10.0},
-        "targets": [{"id": "ot1", "object_class": "car", "start": start}],
-        "triggers": [
-            {
-                "id": "t",
-                "condition": {"type": "relative_distance", "object_id": "ot1", "below_m": 9.0},
-                "object_id": "ot1",
-                "manoeuvre": {
-                    "kind": "lane_change",
-                    "lateral_shift_m": -3.5,
-                    "duration_s": 2.5,
-                    "cruise_mps": 8.0,
-                },
-            }
-        ],
-        "limits": {"speed_mps": 15.0, "acceleration_mps2": 5.0},
-        "camera": None,
-        **changes,
-    }
+    return small_run
 
 
 class Others:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -13,6 +15,10 @@ from ssp_core.state import DEFAULT_SIZES, ObjectState
 from ssp_core.vocab import ObjectClass, Role
 from ssp_ot_controller.core.bodies import Command
 from ssp_ot_controller.sil.world import BODY_TIMEOUT_S, World
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from small_run import small_run
 
 GO = Command(2.0, 0.0, 0.0)
 
@@ -42,32 +48,14 @@ class MemoryScene:
 def run() -> RunSpec:
     start = {"x_m": 10.0, "y_m": 0.0, "yaw_rad": 0.0}
     return RunSpec.model_validate(
-        {
-            "schema": "ssp.run/1",
-            "run_id": "r",
-            "scenario": "s",
-            "interaction": "cut_in",
-            "domain": "simulation",
-            "stand_in": False,
-            "event_version": "sha256:e",
-            "site": "s",
-            "site_version": "sha256:s",
-            "seed": 1,
-            "mode": "lockstep",
-            "road": {
-                "origin": {"x_m": 0.0, "y_m": 0.0, "yaw_rad": 0.0},
-                "length_m": 400.0,
-                "lanes": [{"y_m": 0.0, "width_m": 3.5, "direction": "forward"}],
-            },
-            "geofence": [(0.0, -8.0), (400.0, -8.0), (400.0, 12.0), (0.0, 12.0)],
-            "vut": {
+        small_run(
+            vut={
                 "id": "vut",
                 "object_class": "car",
                 "start": start,
                 "approach": {"path": [(10.0, 0.0), (390.0, 0.0)], "cruise_mps": 10.0},
             },
-            "driver": {"cruise_mps": 10.0},
-            "targets": [
+            targets=[
                 {"id": "ot1", "object_class": "car", "start": {**start, "x_m": 60.0, "y_m": 3.5}},
                 {
                     "id": "ot2",
@@ -75,21 +63,7 @@ def run() -> RunSpec:
                     "start": {"x_m": 90.0, "y_m": -6.0, "yaw_rad": 1.57},
                 },
             ],
-            "triggers": [
-                {
-                    "id": "t",
-                    "condition": {"type": "relative_distance", "object_id": "ot1", "below_m": 9.0},
-                    "object_id": "ot1",
-                    "manoeuvre": {
-                        "kind": "lane_change",
-                        "lateral_shift_m": -3.5,
-                        "duration_s": 2.5,
-                        "cruise_mps": 8.0,
-                    },
-                }
-            ],
-            "limits": {"speed_mps": 15.0, "acceleration_mps2": 5.0},
-        }
+        )
     )
 
 

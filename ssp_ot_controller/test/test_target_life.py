@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -23,6 +25,10 @@ from ssp_ot_controller.core.object_machine import ObjectEvent
 from ssp_ot_controller.core.reference_check import Refusal, RefusalCode
 from ssp_ot_controller.target.target import Outcome, Target
 
+sys.path.insert(0, str(Path(__file__).parent))
+
+from small_run import small_run
+
 S = 1_000_000_000
 STEP_NS = 20_000_000
 VERSION = "sha256:event"
@@ -31,42 +37,10 @@ VERSION = "sha256:event"
 def run_of(object_class: str = "car") -> RunSpec:
     start = {"x_m": 40.0, "y_m": 3.5, "yaw_rad": 0.0}
     return RunSpec.model_validate(
-        {
-            "schema": "ssp.run/1",
-            "run_id": "r",
-            "scenario": "s",
-            "interaction": "cut_in",
-            "domain": "simulation",
-            "stand_in": False,
-            "event_version": VERSION,
-            "site": "s",
-            "site_version": "sha256:site",
-            "seed": 1,
-            "mode": "lockstep",
-            "road": {
-                "origin": {"x_m": 0.0, "y_m": 0.0, "yaw_rad": 0.0},
-                "length_m": 400.0,
-                "lanes": [{"y_m": 0.0, "width_m": 3.5, "direction": "forward"}],
-            },
-            "geofence": [(0.0, -8.0), (400.0, -8.0), (400.0, 12.0), (0.0, 12.0)],
-            "vut": {"id": "vut", "object_class": "car", "start": {**start, "x_m": 10.0}},
-            "driver": {"cruise_mps": 10.0},
-            "targets": [{"id": "ot1", "object_class": object_class, "start": start}],
-            "triggers": [
-                {
-                    "id": "t",
-                    "condition": {"type": "relative_distance", "object_id": "ot1", "below_m": 9.0},
-                    "object_id": "ot1",
-                    "manoeuvre": {
-                        "kind": "lane_change",
-                        "lateral_shift_m": -3.5,
-                        "duration_s": 2.5,
-                        "cruise_mps": 8.0,
-                    },
-                }
-            ],
-            "limits": {"speed_mps": 15.0, "acceleration_mps2": 5.0},
-        }
+        small_run(
+            vut={"id": "vut", "object_class": "car", "start": {**start, "x_m": 10.0}},
+            targets=[{"id": "ot1", "object_class": object_class, "start": start}],
+        )
     )
 
 
