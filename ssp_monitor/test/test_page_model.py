@@ -328,6 +328,15 @@ def test_a_command_that_nobody_offers_is_not_to_be_pressed(run: RunSpec) -> None
     assert Snapshots(board).snapshot(10 * S)["session"]["commands"] == []
 
 
+def test_whether_abort_would_be_heard_is_known_before_it_is_pressed(run: RunSpec) -> None:
+    board = ready_board(run)
+    for offered, unheard in ((frozenset({"connect"}), True), (frozenset({"abort"}), False)):
+        board.offered = offered
+        assert Snapshots(board).snapshot(10 * S)["abort_unheard"] is unheard
+    board.offered, board.replay = frozenset(), True
+    assert not Snapshots(board).snapshot(10 * S)["abort_unheard"]
+
+
 def test_a_replay_takes_no_commands(run: RunSpec) -> None:
     board = ready_board(run)
     assert Snapshots(board).snapshot(10 * S)["session"]["commands"]

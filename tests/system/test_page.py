@@ -412,6 +412,32 @@ def test_a_replay_is_seen_to_be_one(stage: Stage, tab: Browser) -> None:
     keep(tab, "replay")
 
 
+TALKING = """
+import rclpy
+from ssp_core import names, ros
+from ssp_msgs.msg import Heartbeat
+rclpy.init()
+node = rclpy.create_node("early_manager", namespace=names.NAMESPACE)
+heartbeats = node.create_publisher(Heartbeat, names.HEARTBEAT, ros.STATE)
+node.create_timer(0.05, lambda: heartbeats.publish(Heartbeat()))
+rclpy.spin(node)
+"""
+
+
+def test_that_abort_would_not_be_heard_is_seen_before_it_is_pressed(
+    stage: Stage, tab: Browser
+) -> None:
+    """As long as a manager is heard whose services aren't there."""
+    stage.start("early", "-c", TALKING)
+    _, port = stage.page(run=False)
+    tab.go(f"http://127.0.0.1:{port}/#token={TOKEN}")
+    tab.wait(f"{BANNER}.innerText.includes('ABORT NOT HEARD')")
+    assert tab.text("#abort-hint") == "not heard now"
+    stage.manager()
+    tab.wait(f"{BANNER}.hidden")
+    assert tab.text("#abort-hint") == "space bar"
+
+
 def test_blocked_storage_leaves_the_page_alive(stage: Stage, tab: Browser) -> None:
     stage.manager()
     stage.objects()

@@ -73,6 +73,7 @@ class Snapshots:
             "objects": self._objects(now_ns),
             "recorder": _recorder(board.recorder),
             "replay": board.replay,
+            "abort_unheard": self._is_abort_unheard(),
             "camera_fault": board.camera_fault,
             "events_seen": board.events_seen,
         }
@@ -99,6 +100,11 @@ class Snapshots:
         """Of nothing that moves is anything known."""
         board = self._board
         return all(object_age_s(board, one, now_ns) > STALE_S for one in board.objects.values())
+
+    def _is_abort_unheard(self) -> bool:
+        """ABORT would reach nobody now; in a replay there is nobody who should hear it."""
+        board = self._board
+        return not board.replay and board.offered is not None and "abort" not in board.offered
 
     def _commands(self, state: SessionPhase) -> list[str]:
         """What may be asked for now; a service that isn't found yet would only give an error."""

@@ -131,6 +131,8 @@ function show() {
   byId("replay").hidden = !snapshot?.replay;
   setClass(document.body, "stale", state.head !== "");
   setClass(document.body, "blind", state.blind);
+  const unheard = state.head === "NOT CONNECTED" || (snapshot?.abort_unheard ?? true);
+  setText(byId("abort-hint"), unheard ? "not heard now" : "space bar");
   session.show(snapshot, state, allowed);
   recorder.show(snapshot, state);
   camera.show(snapshot, state);

@@ -28,7 +28,16 @@ export function staleness(snapshot, silentMs, refusal) {
       leaderless: true,
     };
   }
-  if (snapshot.stale.length === 0) return { head: "", text: "", blind: false, leaderless: false };
+  if (snapshot.stale.length === 0) {
+    // Known before anybody presses: the session may be seen while its services aren't found yet.
+    if (!snapshot.abort_unheard) return { head: "", text: "", blind: false, leaderless: false };
+    return {
+      head: "ABORT NOT HEARD",
+      text: "no scenario manager takes it yet; a press is tried again until one does.",
+      blind: false,
+      leaderless: false,
+    };
+  }
   const [first, second, ...more] = snapshot.stale;
   const text = [first, second].filter(Boolean).join("; ");
   return {
