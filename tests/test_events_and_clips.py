@@ -7,7 +7,7 @@ import pytest
 from ssp_core.geometry import Polyline
 from ssp_core.interaction import encounter
 from ssp_core.run_spec import ConflictThresholds
-from ssp_eval.labels.event import find_event, samples_of
+from ssp_eval.recordings.phases import find_event, samples_of
 from ssp_ot_controller.camera.clip import GENERATOR
 from ssp_ot_controller.camera.storyboard import INTERACTIONS, Storyboard, storyboard
 from ssp_scenario_manager.interactions import KINDS

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from ssp_eval.audit.identity import WORLD, Sighting, find_switches
+from ssp_eval.audit.identity import find_switches
+from ssp_eval.recordings.states import WORLD, Sighting
 
 END_S = 10.0
 

@@ -167,8 +167,8 @@ def test_a_source_that_has_a_hash_is_known_by_it(
     clip: Path, video: Callable[..., Recording]
 ) -> None:
     recording = video("--generator", "whoever", beside=labels())
-    assert recording.imported is not None
-    digest = recording.imported["source"]["sha256"]
+    assert recording.provenance.imported is not None
+    digest = recording.provenance.imported.source_sha256
     same = EVENT.model_copy(update={"source": EVENT.source.model_copy(update={"sha256": digest})})
     other = EVENT.model_copy(update={"source": EVENT.source.model_copy(update={"sha256": "no"})})
     assert "other_source" not in codes(examine_video(recording, same, VERSION))

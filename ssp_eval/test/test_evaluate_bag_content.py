@@ -21,7 +21,7 @@ from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.clip import Clip
 from ssp_eval.evaluate.model_spec import ModelSpec
 from ssp_eval.evaluate.models import bridge_spec
-from ssp_eval.evaluate.provenance import content_sha256
+from ssp_eval.recordings.provenance import content_sha256
 from ssp_vla_bridge.core.request import Request
 
 BagMaker = Callable[..., Path]

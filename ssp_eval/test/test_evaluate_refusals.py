@@ -14,7 +14,7 @@ from ssp_core.files import write_json
 from ssp_eval.evaluate.choose import model_specs
 from ssp_eval.evaluate.controls import CONTROLS
 from ssp_eval.evaluate.models import bridge_spec
-from ssp_eval.evaluate.provenance import read_provenance
+from ssp_eval.recordings.provenance import read_provenance
 from ssp_vla_bridge.core.backend import BACKENDS
 
 BagMaker = Callable[..., Path]

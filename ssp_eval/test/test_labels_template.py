@@ -18,11 +18,11 @@ from ssp_core.bag import BagReader
 from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_file
-from ssp_eval.evaluate.provenance import read_provenance
 from ssp_eval.labels.footage import pictures
 from ssp_eval.labels.model import load_labels, parse_labels
 from ssp_eval.labels.proposal_file import is_unreviewed, sidecar
 from ssp_eval.labels.template import template_json, unfilled
+from ssp_eval.recordings.provenance import read_provenance
 from ssp_scenario_manager.spec.load import load_event
 from ssp_scenario_manager.spec.log_file import read_log
 from ssp_scenario_manager.spec.write import write_event

@@ -17,10 +17,10 @@ from ssp_core.state import DEFAULT_SIZES, ObjectState
 from ssp_core.vocab import ObjectClass, Role
 from ssp_eval.evaluate.truth import event_observable, event_thresholds
 from ssp_eval.labels.basis import Truth
-from ssp_eval.labels.event import find_event, samples_of
-from ssp_eval.labels.geometry import Corridor
 from ssp_eval.labels.propose import propose
 from ssp_eval.labels.response import response_problems
+from ssp_eval.recordings.geometry import Corridor
+from ssp_eval.recordings.phases import find_event, samples_of
 from ssp_eval.sight import blocked, clear_share, surface_points
 from ssp_scenario_manager.spec.load import load_event
 

@@ -11,7 +11,7 @@ from ssp_core.files import parse_mapping, parse_model
 from ssp_core.run_spec import RunSpec
 from ssp_eval.audit.model import ChangeEntry
 from ssp_eval.audit.reasons import Finding
-from ssp_eval.evaluate.provenance import bag_folder
+from ssp_eval.recordings.provenance import bag_folder
 from ssp_scenario_manager.compile.changes import differences, explained
 from ssp_scenario_manager.compile.prepare import TASK_FOLDER
 from ssp_scenario_manager.compile.task import EVENT_FILE, SITE_FILE, TASK_FILE, Task, content_hash

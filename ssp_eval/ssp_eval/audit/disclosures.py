@@ -14,11 +14,11 @@ def disclosures(one: Examined) -> dict[str, str]:
     recording, run = one.recording, one.recording.provenance.run
     found: dict[str, str] = {}
     if run is None:
-        imported = recording.imported or {}
+        imported = recording.provenance.imported
         found["source"] = recording.provenance.origin
         found["camera"] = f"{recording.provenance.camera}, ego motion {recording.provenance.ego}"
-        source = imported.get("source", {})
-        if isinstance(source, dict) and "width_px" in source:
+        source = {} if imported is None else imported.source
+        if "width_px" in source:
             found["picture"] = (
                 f"{source['width_px']} x {source['height_px']} px at {source['fps']:g} Hz"
             )

@@ -7,39 +7,15 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
+from ssp_eval.recordings.states import WORLD, Sighting
+
 # Silence of a participant that counts as vanishing; states may be lost and late.
 GONE_S = 0.5
 # Between two states an object moves by its speed; more than this beyond it is a jump.
 JUMP_M = 1.5
-WORLD = "the world"
 
 # Kind (each is told once), clip time, text.
 Tell = Callable[[str, float, str], None]
-
-
-@dataclass(frozen=True)
-class Sighting:
-    """One recorded state of one object.
-
-    Args:
-        t_s: clip time.
-        source: id whose topic it came on, or WORLD.
-        object_id: that it names.
-        object_class: word.
-        x_m: map.
-        y_m: map.
-        speed_mps: along its heading.
-        sequence: of the source; 0: none.
-    """
-
-    t_s: float
-    source: str
-    object_id: str
-    object_class: str
-    x_m: float
-    y_m: float
-    speed_mps: float
-    sequence: int = 0
 
 
 @dataclass(frozen=True)

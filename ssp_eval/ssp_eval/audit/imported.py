@@ -81,8 +81,10 @@ def examine_video(recording: Recording, event: Event | None, version: str | None
 
 def _source(recording: Recording, event: Event) -> list[Finding]:
     """The imported video must be the clip that the K* was taken from."""
-    imported = recording.imported or {}
-    source, crop = imported.get("source", {}), imported.get("crop", {})
+    imported = recording.provenance.imported
+    if imported is None:
+        return []
+    source, crop = imported.source, imported.crop
     found = []
     if event.source.sha256 is not None:
         if source.get("sha256") != event.source.sha256:
@@ -93,11 +95,11 @@ def _source(recording: Recording, event: Event) -> list[Finding]:
                     f"{event.source.sha256}",
                 )
             )
-    elif imported.get("generator") != event.source.generator:
+    elif imported.generator != event.source.generator:
         found.append(
             Finding(
                 "other_source",
-                f"the video was made by {imported.get('generator')}, the K* was taken from one of "
+                f"the video was made by {imported.generator}, the K* was taken from one of "
                 f"{event.source.generator}",
             )
         )

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 from ssp_core.interaction import AGAINST_RAD, is_crossing, swept_stations
 from ssp_core.state import ObjectState
-from ssp_eval.labels.event import Event, Sample
-from ssp_eval.labels.geometry import Corridor, Extent
+from ssp_eval.recordings.geometry import Corridor, Extent
+from ssp_eval.recordings.phases import Event, Sample
 
 
 @dataclass(frozen=True)

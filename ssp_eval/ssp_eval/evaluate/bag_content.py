@@ -12,7 +12,7 @@ from threading import Event
 from ssp_core.bag import BagReader
 from ssp_core.closing import Closing
 from ssp_core.errors import InputError
-from ssp_eval.evaluate.provenance import content_sha256
+from ssp_eval.recordings.provenance import content_sha256
 
 
 class BagContent(Closing):

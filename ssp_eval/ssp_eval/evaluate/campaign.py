@@ -20,11 +20,12 @@ from ssp_eval.evaluate.clip import Clip
 from ssp_eval.evaluate.labelled import LabelledClip
 from ssp_eval.evaluate.model_spec import ModelSpec
 from ssp_eval.evaluate.plan import Plan, plan_of
-from ssp_eval.evaluate.provenance import SAFE_NAME, bag_folder
 from ssp_eval.evaluate.truth import truth_from_bag
 from ssp_eval.labels.model import Labels, labels_version, load_labels
 from ssp_eval.labels.proposal_file import is_unreviewed, write_proposal
 from ssp_eval.labels.propose import propose
+from ssp_eval.recordings.import_record import SAFE_NAME
+from ssp_eval.recordings.provenance import bag_folder
 from ssp_eval.score import DEFAULT
 from ssp_vla_bridge.core.window import Preprocessing
 

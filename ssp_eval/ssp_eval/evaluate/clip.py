@@ -25,8 +25,8 @@ from ssp_core.messages import object_state, peek_stamp_ns
 from ssp_core.names import CAMERA_IMAGE, CAMERA_INFO, CAMERA_MOUNT, VUT_ID, absolute, state_topic
 from ssp_core.state import ObjectState
 from ssp_eval.evaluate.bag_content import BagContent
-from ssp_eval.evaluate.provenance import Provenance, read_provenance
 from ssp_eval.evaluate.question import KeptQuestions, NoQuestion, Question
+from ssp_eval.recordings.provenance import Provenance, read_provenance
 from ssp_eval.score import DEFAULT
 from ssp_vla_bridge.core.camera import geometry_of, mounting_of
 from ssp_vla_bridge.core.request import CameraGeometry, EgoSample, Frame, Request

@@ -24,8 +24,8 @@ from ssp_core.names import CAMERA_IMAGE, VUT_ID, WORLD_TICK, absolute
 from ssp_core.run_spec import ConflictThresholds, Strict
 from ssp_core.state import ObjectState, Size
 from ssp_core.vocab import ObjectClass, Role
-from ssp_eval.evaluate.provenance import read_provenance
 from ssp_eval.labels.basis import Truth
+from ssp_eval.recordings.provenance import read_provenance
 from ssp_scenario_manager.interactions import KINDS
 from ssp_scenario_manager.spec.load import load_event
 from ssp_scenario_manager.spec.model import Event, Interval

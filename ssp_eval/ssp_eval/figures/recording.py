@@ -14,8 +14,8 @@ from ssp_core.errors import SspError
 from ssp_core.geometry import Pose2
 from ssp_core.messages import object_state, peek_stamp_ns
 from ssp_core.names import CAMERA_IMAGE, VUT_ID, absolute, state_topic
-from ssp_eval.evaluate.provenance import content_sha256
 from ssp_eval.figures.ego_path import EgoPath
+from ssp_eval.recordings.provenance import content_sha256
 from ssp_eval.report.load import CellData
 from ssp_vla_bridge.core.window import Preprocessing, choose
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from ssp_core.interaction import Observable
 from ssp_core.run_spec import ConflictThresholds
 from ssp_core.state import ObjectState
-from ssp_eval.labels.geometry import DEFAULT_MOTION, MotionThresholds
+from ssp_eval.recordings.geometry import DEFAULT_MOTION, MotionThresholds
 
 TOLERANCE_S = 1e-9
 

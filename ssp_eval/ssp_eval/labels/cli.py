@@ -18,7 +18,6 @@ from ssp_eval.evaluate.truth import UNKNOWN_VERSION, truth_from_bag, truth_from_
 from ssp_eval.labels.basis import ProposalRules, Truth
 from ssp_eval.labels.boxes_command import boxes
 from ssp_eval.labels.check import event_problems, middle_s, phase_problems, risk_warnings
-from ssp_eval.labels.event import Event
 from ssp_eval.labels.footage import About, about, pictures
 from ssp_eval.labels.model import load_labels
 from ssp_eval.labels.proposal_file import is_unreviewed, sidecar, write_proposal
@@ -26,6 +25,7 @@ from ssp_eval.labels.propose import label_times, propose
 from ssp_eval.labels.response import response_problems
 from ssp_eval.labels.sheet import LEAST_WIDTH_PX, html_sheet, picture_sheet, read_rows
 from ssp_eval.labels.template import FILL_IN, template_json, unfilled
+from ssp_eval.recordings.phases import Event
 from ssp_scenario_manager.spec.load import load_event
 
 _PATH = click.Path(path_type=Path)

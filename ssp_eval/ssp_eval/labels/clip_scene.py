@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from ssp_core.state import ObjectState
 from ssp_eval.labels.basis import TOLERANCE_S, ProposalRules, Truth
-from ssp_eval.labels.event import Event
-from ssp_eval.labels.geometry import Corridor, in_view, is_hidden
+from ssp_eval.recordings.geometry import Corridor, in_view, is_hidden
+from ssp_eval.recordings.phases import Event
 
 
 @dataclass(frozen=True)

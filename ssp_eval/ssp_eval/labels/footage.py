@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,8 +18,8 @@ from ssp_core.hashing import sha256_file
 from ssp_core.names import WORLD_TICK, absolute
 from ssp_core.video import Video
 from ssp_eval.evaluate.clip import Clip
-from ssp_eval.evaluate.provenance import IMPORT_ATTACHMENT, read_provenance
 from ssp_eval.evaluate.question import NoQuestion
+from ssp_eval.recordings.provenance import read_provenance
 from ssp_eval.score import DEFAULT
 from ssp_vla_bridge.core.window import Preprocessing
 
@@ -79,14 +78,14 @@ def about(path: Path, start_s: float = 0.0) -> About:
         with BagReader(path) as bag:
             provenance = read_provenance(bag)
             tick = bag.topics.get(absolute(WORLD_TICK))
-            video = bag.attachment(IMPORT_ATTACHMENT)
+            imported = provenance.imported
         with Clip(path) as clip:
             first_s, last_s = clip.first_s, clip.last_s
         return About(
             scenario=provenance.scenario,
             domain=provenance.domain,
             event_version=provenance.event_version,
-            video_sha256=_source_sha256(video),
+            video_sha256=None if imported is None else imported.source_sha256,
             bag_sha256=provenance.bag_sha256,
             has_states=provenance.run is not None and tick is not None and tick.count > 0,
             first_s=max(0.0, first_s),
@@ -144,14 +143,6 @@ def _of_video(path: Path, times_s: Sequence[float], start_s: float) -> list[Pict
             if i in wanted:
                 images[i] = Picture(frame.time_s - first_s, frame.image.copy())
     return [images.get(i) for i in wanted]
-
-
-def _source_sha256(attachment: bytes | None) -> str | None:
-    """Hash of an imported video, from the attachment that read_provenance has checked."""
-    if attachment is None:
-        return None
-    found = json.loads(attachment)["source"].get("sha256")
-    return found if isinstance(found, str) else None
 
 
 def _times_s(path: Path, start_s: float) -> list[float]:

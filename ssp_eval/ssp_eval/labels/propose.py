@@ -45,10 +45,10 @@ from ssp_core.state import ObjectState
 from ssp_core.vocab import LON_ACTIONS
 from ssp_eval.labels.basis import DEFAULT_RULES, TOLERANCE_S, ProposalRules, Truth
 from ssp_eval.labels.clip_scene import ClipScene
-from ssp_eval.labels.event import Event, find_event, samples_of
-from ssp_eval.labels.geometry import Corridor, motion_word, position_word
 from ssp_eval.labels.model import Label, Labels
 from ssp_eval.labels.own_motion import OwnMotion, own_motion
+from ssp_eval.recordings.geometry import Corridor, motion_word, position_word
+from ssp_eval.recordings.phases import Event, find_event, samples_of
 
 _TIME_GRID_S = 0.1
 

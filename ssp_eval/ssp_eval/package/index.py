@@ -18,14 +18,13 @@ from ssp_core.run_spec import RunSpec
 from ssp_core.verdict import VERDICT_FILE
 from ssp_eval.audit.model import RecordingEntry
 from ssp_eval.evaluate.campaign import labels_places
-from ssp_eval.evaluate.provenance import (
-    IMPORT_ATTACHMENT,
-    RUN_ATTACHMENT,
-    ImportedVideo,
-)
 from ssp_eval.labels.model import labels_version, parse_labels
 from ssp_eval.package.contents import Contents
 from ssp_eval.package.model import FileEntry
+from ssp_eval.recordings.import_record import IMPORT_ATTACHMENT, ImportRecord
+from ssp_eval.recordings.provenance import (
+    RUN_ATTACHMENT,
+)
 from ssp_scenario_manager.compile.task import TASK_FILE, Task, content_hash
 from ssp_scenario_manager.site import Site, site_version
 from ssp_scenario_manager.spec.load import event_version
@@ -73,7 +72,7 @@ class Recording:
     attachments: dict[str, bytes]
     frames: dict[int, str]
     run: RunSpec | None
-    video: ImportedVideo | None
+    video: ImportRecord | None
     task: Task | None
 
     @property
@@ -219,7 +218,7 @@ class Index:
             attachments=attachments,
             frames=frames,
             run=_parsed(RunSpec, attachments, RUN_ATTACHMENT, entry.path),
-            video=_parsed(ImportedVideo, attachments, IMPORT_ATTACHMENT, entry.path),
+            video=_parsed(ImportRecord, attachments, IMPORT_ATTACHMENT, entry.path),
             task=_attached_task(attachments, entry.path),
         )
 

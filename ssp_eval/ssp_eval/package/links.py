@@ -17,11 +17,12 @@ from ssp_eval.evaluate.cell_file import (
     RECORDS_FILE,
     SCORE_FILE,
 )
-from ssp_eval.evaluate.provenance import IMPORT_ATTACHMENT, RUN_ATTACHMENT
 from ssp_eval.evaluate.store import RAW_FILE, REQUESTS_FILE
 from ssp_eval.package.contents import nearest
 from ssp_eval.package.index import Index, Problem, Recording
 from ssp_eval.package.model import FileEntry, Kind, Link, Role
+from ssp_eval.recordings.import_record import IMPORT_ATTACHMENT
+from ssp_eval.recordings.provenance import RUN_ATTACHMENT
 from ssp_scenario_manager.compile.prepare import TASK_FOLDER
 from ssp_scenario_manager.compile.task import EVENT_FILE, SITE_FILE, TASK_FILE, Task
 from ssp_scenario_manager.spec.log import LOG_FILE

@@ -10,7 +10,7 @@ from ssp_core.bag import BagReader
 from ssp_core.errors import InputError
 from ssp_core.files import parse_mapping, parse_model, write_text
 from ssp_core.run_spec import RunSpec, load_run
-from ssp_eval.evaluate.provenance import RUN_ATTACHMENT
+from ssp_eval.recordings.provenance import RUN_ATTACHMENT
 from ssp_scenario_manager.compile.changes import (
     check_changeable,
     explained,

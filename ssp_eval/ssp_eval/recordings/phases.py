@@ -1,9 +1,10 @@
-"""When the phases of a recorded event begin (METHOD 1), measured from ground truth."""
+"""When the phases of a recorded event begin (METHOD 1), measured from states."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 from ssp_core.geometry import Polyline
 from ssp_core.interaction import (
@@ -18,6 +19,7 @@ from ssp_core.state import ObjectState
 
 # "Staying so" for a lead vehicle that brakes: it has no corridor to arrive in.
 BRAKING_HOLD_S = 0.2
+TOLERANCE_S = 1e-9
 
 
 @dataclass(frozen=True)
@@ -76,11 +78,12 @@ def find_event(
     thresholds: ConflictThresholds,
     observable: Observable = "lateral",
     harmless: bool = False,
+    for_good_s: float | None = None,
 ) -> Event | None:
     """The event of one OT, None when its manoeuvre never becomes observable.
 
     With the whole clip at hand, "staying so" means until the OT is in the corridor, or for a lead
-    vehicle at least BRAKING_HOLD_S, and "for good" means to the end of the clip.
+    vehicle at least BRAKING_HOLD_S.
 
     Args:
         samples: in time order.
@@ -89,6 +92,8 @@ def find_event(
         observable: ``lateral``: the OT enters the VUT's corridor from the side, ahead of the VUT
             or, where it never does that, behind it; ``braking``: it brakes in the corridor ahead.
         harmless: an entry behind the VUT is an event without a conflict, too.
+        for_good_s: what lasts so long is for good, or to the last sample where that is sooner
+            (METHOD 4.1); None: to the last sample.
     """
     meetings = [encounter(s.vut, s.other, path) for s in samples]
     if observable == "lateral":
@@ -113,14 +118,36 @@ def find_event(
     ]
     if ahead is None and not under and not harmless:
         return None
-    ends = bool(under) and under[-1] + 1 < len(samples)
+    resolution = _resolution(samples, under, for_good_s)
     return Event(
         object_id=samples[0].other.object_id,
         trigger_s=samples[trigger].t_s,
         arrival_s=samples[arrival].t_s,
         conflict_s=samples[under[0]].t_s if under else None,
-        resolution_s=samples[under[-1] + 1].t_s if ends else None,
+        resolution_s=None if resolution is None else samples[resolution].t_s,
     )
+
+
+def _resolution(
+    samples: Sequence[Sample], under: Sequence[int], for_good_s: float | None
+) -> int | None:
+    """Index from which no threshold is passed for good (METHOD 1); None: not in these samples.
+
+    Args:
+        samples: in time order.
+        under: rising indices of the samples in conflict.
+        for_good_s: see find_event.
+    """
+    for last, following in pairwise([*under, len(samples)]):
+        start = last + 1
+        if start == following:
+            continue
+        if following == len(samples):
+            return start
+        lasts_s = samples[following].t_s - samples[start].t_s
+        if for_good_s is not None and lasts_s > for_good_s + TOLERANCE_S:
+            return start
+    return None
 
 
 def _arrivals(

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
-
-from pydantic import Field
 
 from ssp_core.bag import BagReader
 from ssp_core.errors import InputError
@@ -15,45 +12,33 @@ from ssp_core.files import parse_mapping, parse_model
 from ssp_core.hashing import sha256_file, sha256_json
 from ssp_core.messages import stamp_ns
 from ssp_core.names import SESSION_STATE, absolute
-from ssp_core.run_spec import RunSpec, Strict
+from ssp_core.run_spec import Road, RunSpec
 from ssp_core.verdict import VERDICT_FILE, Told, read_verdict
-from ssp_core.vocab import DomainWord, SessionPhase, Verdict
+from ssp_core.vocab import SessionPhase, Verdict
+from ssp_eval.recordings.import_record import IMPORT_ATTACHMENT, ImportRecord
 
 RUN_ATTACHMENT = "run.yaml"
-IMPORT_ATTACHMENT = "import.json"
 NO_VERDICT = f"the bag holds no {VERDICT_FILE}: the runner's word on how the run ended is missing"
-# A domain is a part of a cell's folder name, and so is a scenario.
-SAFE_NAME = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"
 
 
-class ImportedEgo(Strict):
-    """How the camera moved, and how that is known."""
+@dataclass(frozen=True)
+class Participants:
+    """Who takes part in a recording's event, by the ids of their states.
 
-    provenance: Literal["declared", "unknown"]
-    speed_mps: Annotated[float, Field(ge=0)] | None
+    Args:
+        vut: id of the VUT.
+        targets: class word of every object target, by id.
+        traffic: ids of surrounding traffic.
+    """
 
+    vut: str
+    targets: Mapping[str, str]
+    traffic: tuple[str, ...] = ()
 
-class ImportedCamera(Strict):
-    """Geometry of the camera, and how that is known."""
-
-    provenance: Literal["declared", "assumed", "unknown"]
-    hfov_deg: float | None
-    height_m: float | None
-    pitch_down_rad: float | None
-
-
-class ImportedVideo(Strict):
-    """The attachment ``import.json`` (schema ``ssp.import/1``), as far as evaluation needs it."""
-
-    schema_: Literal["ssp.import/1"] = Field(alias="schema")
-    source: dict[str, object]
-    crop: dict[str, object]
-    generator: str
-    domain: DomainWord
-    scenario: Annotated[str, Field(pattern=SAFE_NAME)] | None
-    event_version: str | None
-    ego: ImportedEgo
-    camera: ImportedCamera
+    @property
+    def ids(self) -> tuple[str, ...]:
+        """The VUT first, then the object targets."""
+        return (self.vut, *self.targets)
 
 
 @dataclass(frozen=True)
@@ -65,6 +50,7 @@ class Provenance:
         bag_sha256: content hash of its MCAP file or files.
         scenario: None where an imported video doesn't say.
         domain: of METHOD 5.2.
+        domain_said_by: who says so, for people: the session's mode, or a named person.
         event_version: K* version, None where an imported video doesn't say.
         origin: one line for people.
         stand_in: a software stand-in for a physical session.
@@ -76,12 +62,14 @@ class Provenance:
             where there is none.
         session_start_ns: stamp of the first RUNNING state, None for an imported video.
         run: the run file of a session.
+        imported: what the importer wrote, None for a session.
     """
 
     name: str
     bag_sha256: str
     scenario: str | None
     domain: str
+    domain_said_by: str
     event_version: str | None
     origin: str
     stand_in: bool
@@ -92,6 +80,27 @@ class Provenance:
     verdict_sha256: str | None
     session_start_ns: int | None
     run: RunSpec | None
+    imported: ImportRecord | None
+
+    @property
+    def participants(self) -> Participants | None:
+        """Whose states the bag holds; None for a recording without states of object targets."""
+        if self.run is not None:
+            return Participants(
+                self.run.vut.id,
+                {target.id: target.object_class for target in self.run.targets},
+                tuple(one.id for one in self.run.traffic),
+            )
+        states = None if self.imported is None else self.imported.states
+        return None if states is None else Participants(states.vut, states.objects)
+
+    @property
+    def road(self) -> Road | None:
+        """The road that is bound to the recording; None where nobody bound one."""
+        if self.run is not None:
+            return self.run.road
+        site = None if self.imported is None else self.imported.site
+        return None if site is None else site.road
 
     @property
     def lacks_verdict(self) -> bool:
@@ -200,6 +209,8 @@ def _session(bag: BagReader, digest: str, data: bytes) -> Provenance:
         bag_sha256=digest,
         scenario=run.scenario,
         domain=run.domain,
+        domain_said_by=f"by the session: {'live' if run.mode == 'live' else 'simulated'} run of "
+        f"{run.compiler or 'a run file made by hand'}",
         event_version=run.event_version,
         origin=f"session {run.run_id} at {run.site}, seed {run.seed}, {run.mode}",
         stand_in=run.stand_in,
@@ -210,6 +221,7 @@ def _session(bag: BagReader, digest: str, data: bytes) -> Provenance:
         verdict_sha256=None if told is None else told[1],
         session_start_ns=min(running, default=None),
         run=run,
+        imported=None,
     )
 
 
@@ -219,21 +231,25 @@ def _seconds(value: object) -> str:
 
 def _imported(bag: BagReader, digest: str, data: bytes) -> Provenance:
     place = f"{bag.path}:{IMPORT_ATTACHMENT}"
-    video = parse_model(ImportedVideo, parse_mapping(data, place), place)
-    crop = " to ".join(_seconds(video.crop.get(key)) for key in ("start_s", "end_s")) + " s"
+    record = parse_model(ImportRecord, parse_mapping(data, place), place)
+    crop = " to ".join(_seconds(record.crop.get(key)) for key in ("start_s", "end_s")) + " s"
+    kind = record.source.get("kind", "video")
+    declared = record.declaration
     return Provenance(
         name=bag_folder(bag.path).name,
         bag_sha256=digest,
-        scenario=video.scenario,
-        domain=video.domain,
-        event_version=video.event_version,
-        origin=f"video {video.source.get('name')}, {crop}, made by {video.generator}",
+        scenario=record.scenario,
+        domain=record.domain,
+        domain_said_by="declared by nobody" if declared is None else declared.text,
+        event_version=record.event_version,
+        origin=f"{kind} {record.source_name}, {crop}, made by {record.generator}",
         stand_in=False,
-        ego=video.ego.provenance,
-        camera=video.camera.provenance,
+        ego=record.ego.provenance,
+        camera=record.camera.provenance,
         verdict=None,
         verdict_reasons=(),
         verdict_sha256=None,
         session_start_ns=None,
         run=None,
+        imported=record,
     )

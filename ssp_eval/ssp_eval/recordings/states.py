@@ -1,0 +1,192 @@
+"""The recorded states of everybody in a recording, whoever recorded them (METHOD 4.3).
+
+A simulated session holds the world's own states; a live session, another's bag and a video with a
+table of states hold what VUT and object targets reported. Both become one series that everything
+else measures.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from ssp_core.bag import BagReader, object_states
+from ssp_core.clock import ns_to_seconds
+from ssp_core.messages import object_state, stamp_ns
+from ssp_core.names import WORLD_TICK, absolute
+from ssp_core.state import ObjectState
+from ssp_core.vocab import ControlState
+from ssp_eval.recordings.provenance import Provenance
+
+WORLD = "the world"
+# Another participant's state this old isn't carried on to the VUT's stamp.
+STATE_AGE_S = 0.3
+_TICK = absolute(WORLD_TICK)
+
+States = Mapping[str, ObjectState]
+Series = Sequence[tuple[float, States]]
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """One recorded state of one object.
+
+    Args:
+        t_s: clip time.
+        source: id whose topic it came on, or WORLD.
+        object_id: that it names.
+        object_class: word.
+        x_m: map.
+        y_m: map.
+        speed_mps: along its heading.
+        sequence: of the source; 0: none.
+    """
+
+    t_s: float
+    source: str
+    object_id: str
+    object_class: str
+    x_m: float
+    y_m: float
+    speed_mps: float
+    sequence: int = 0
+
+
+@dataclass(frozen=True)
+class RecordedStates:
+    """What a recording's states say.
+
+    Args:
+        series: (clip time in s, states by id), times rising; empty where there are none.
+        source: where they come from, for people.
+        sightings: every recorded state from the start on, for identities.
+        tracking_m: per object the largest longitudinal and lateral tracking error that it reported.
+    """
+
+    series: Series
+    source: str
+    sightings: tuple[Sighting, ...] = ()
+    tracking_m: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+
+NO_STATES = RecordedStates((), "no states")
+
+
+def clip_zero_ns(provenance: Provenance, frames_ns: Sequence[int]) -> int | None:
+    """The stamp that is clip time 0: a session's start, else the first frame; None: there is none.
+
+    Args:
+        provenance: of the recording.
+        frames_ns: stamps of its frames, rising.
+    """
+    if provenance.run is not None:
+        return provenance.session_start_ns
+    return frames_ns[0] if frames_ns else None
+
+
+def read_states(bag: BagReader, provenance: Provenance, zero_ns: int | None) -> RecordedStates:
+    """The states of VUT, object targets and traffic from clip time 0 on.
+
+    Args:
+        bag: open.
+        provenance: of it.
+        zero_ns: see clip_zero_ns; None: no states.
+
+    Raises:
+        InputError: a message is damaged.
+    """
+    who = provenance.participants
+    if who is None or zero_ns is None:
+        return NO_STATES
+    is_session = provenance.run is not None
+    reported = {
+        name: _reported(states, zero_ns, is_session)
+        for name, states in object_states(bag, who.ids).items()
+    }
+    sightings = [
+        _sighting(t_s, name, state, state.sequence)
+        for name, states in reported.items()
+        for t_s, state in states
+    ]
+    tracking_m: dict[str, tuple[float, float]] = {}
+    for name, states in reported.items():
+        errors = [
+            (abs(state.error_longitudinal_m), abs(state.error_lateral_m))
+            for _, state in states
+            if state.reference_id
+        ]
+        if errors:
+            tracking_m[name] = max(e[0] for e in errors), max(e[1] for e in errors)
+    series, seen = _world_states(bag, zero_ns)
+    source = f"ground truth ({WORLD_TICK})"
+    if not series:
+        series = _joined(reported, who.vut)
+        source = "states that VUT and object targets reported"
+        if provenance.imported is not None and provenance.imported.states is not None:
+            source = f"states of {provenance.imported.states.name}"
+    return RecordedStates(
+        series, source if series else NO_STATES.source, (*seen, *sightings), tracking_m
+    )
+
+
+def _world_states(
+    bag: BagReader, zero_ns: int
+) -> tuple[list[tuple[float, States]], list[Sighting]]:
+    series: list[tuple[float, States]] = []
+    sightings: list[Sighting] = []
+    for message in bag.messages([_TICK]):
+        tick = bag.decode(message)
+        t_s = ns_to_seconds(stamp_ns(tick.header.stamp) - zero_ns)
+        if tick.running and t_s >= 0.0:
+            objects = [object_state(o) for o in tick.objects]
+            series.append((t_s, {o.object_id: o for o in objects}))
+            sightings += [_sighting(t_s, WORLD, o, 0) for o in objects]
+    return series, sightings
+
+
+def _reported(
+    states: Sequence[ObjectState], zero_ns: int, is_session: bool
+) -> list[tuple[float, ObjectState]]:
+    """An object's own states with their clip times, as they came.
+
+    An object that names its control states is followed until it is switched off; one that never
+    does, as a vehicle without such states, says OFF all the time and means nothing by it.
+    """
+    names_states = any(state.control_state is not ControlState.OFF for state in states)
+    found = []
+    for state in states:
+        t_s = ns_to_seconds(state.stamp_ns - zero_ns)
+        # Before a session's start its states repeat.
+        begun = t_s > 0.0 if is_session else t_s >= 0.0
+        if begun and not (names_states and state.control_state is ControlState.OFF):
+            found.append((t_s, state))
+    return found
+
+
+def _sighting(t_s: float, source: str, state: ObjectState, sequence: int) -> Sighting:
+    return Sighting(
+        t_s, source, state.object_id, state.object_class.word, state.x_m, state.y_m,
+        state.speed_mps, sequence,
+    )  # fmt: skip
+
+
+def _joined(
+    reported: Mapping[str, Sequence[tuple[float, ObjectState]]], vut_id: str
+) -> list[tuple[float, States]]:
+    """States of all objects at the stamps of the VUT's, the others extrapolated to them."""
+    ordered = {
+        name: sorted(((t, s) for t, s in states if s.object_id == name), key=lambda x: x[0])
+        for name, states in reported.items()
+    }
+    times = {name: [t for t, _ in states] for name, states in ordered.items()}
+    series: list[tuple[float, States]] = []
+    for t_s, vut in ordered.get(vut_id, []):
+        now: dict[str, ObjectState] = {vut_id: vut}
+        for name, states in ordered.items():
+            i = bisect_right(times[name], t_s) - 1
+            if name != vut_id and i >= 0 and t_s - times[name][i] <= STATE_AGE_S:
+                now[name] = states[i][1].extrapolated(vut.stamp_ns)
+        if not series or t_s > series[-1][0]:
+            series.append((t_s, now))
+    return series
