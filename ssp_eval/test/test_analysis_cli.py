@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import io
 import json
 import math
 import re
@@ -63,19 +62,19 @@ def call(*args: object) -> int:
     return main(["report", *map(str, args)])
 
 
+def table_names(folder: Path) -> set[str]:
+    return {path.name.split(".")[0] for path in folder.iterdir()}
+
+
 def table(file: Path) -> list[dict[str, Any]]:
-    text = "".join(
-        line
-        for line in file.read_text("utf-8").splitlines(keepends=True)
-        if not line.startswith(("#", '"#'))
-    )
-    return list(csv.DictReader(io.StringIO(text)))
+    with file.open(encoding="utf-8", newline="") as lines:
+        return list(csv.DictReader(lines))
 
 
 def test_component_scores_alone_give_all_tables_and_statistics(cells: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     assert call("--from-cells", cells, "--out", out, "--reference", "b", *FEW) == 0
-    names = {path.stem for path in (out / "tables").iterdir()}
+    names = table_names(out / "tables")
     assert {
         "matrix", "by_domain", "by_model", "by_scenario_domain", "by_scenario_model", "strata",
         "foundation_models", "ranks_model", "ranks_domain", "comparisons", "sensitivity",
@@ -83,8 +82,10 @@ def test_component_scores_alone_give_all_tables_and_statistics(cells: Path, tmp_
     } <= names  # fmt: skip
     # Without records there are no intervals over them, and no thresholds to vary.
     assert not {"intervals_cells", "intervals_groups", "curvature", "stability"} & names
-    for suffix in (".csv", ".tex", ".json", ".html"):
-        assert {path.stem for path in (out / "tables").glob(f"*{suffix}")} == names
+    for suffix in (".csv", ".notes.txt", ".tex", ".json", ".html"):
+        assert {path.name.removesuffix(suffix) for path in (out / "tables").glob(f"*{suffix}")} == (
+            names
+        )
     first = next(one for one in table(out / "tables/matrix.csv") if one["model"] == "a")
     assert float(first["ivcs"]) == pytest.approx(0.1 + 0.3 * 0.3 + 0.2 * 0.5 + 0.3 * 0.2 + 0.1)
     statistics = json.loads((out / "statistics.json").read_text())
@@ -98,6 +99,42 @@ def test_component_scores_alone_give_all_tables_and_statistics(cells: Path, tmp_
     # All six differences have one sign: 2 of 64 patterns reach it.
     assert tested["p"] == 2 / 64
     assert tested["p_holm"] == 6 / 64
+
+
+def test_tables_in_csv_are_nothing_but_a_header_and_rows(cells: Path, tmp_path: Path) -> None:
+    """Any reader takes them without options; what must be read beside them has its own file."""
+    assert call("--from-cells", cells, "--out", tmp_path, *FEW, "--format", "csv") == 0
+    files = list((tmp_path / "tables").glob("*.csv"))
+    assert len(files) > 12
+    for file in files:
+        with file.open(encoding="utf-8", newline="") as lines:
+            head, *rows = csv.reader(lines)
+        assert len(set(head)) == len(head)
+        assert {len(row) for row in rows} <= {len(head)}, file.name
+        told = file.with_suffix(".notes.txt").read_text("utf-8").split("\n\n")
+        assert told[-1] == "IVCS is no safety certificate.\n"
+        assert not any(row[0].startswith("#") for row in rows)
+
+
+def test_domains_stand_beside_each_other_in_relative_terms(cells: Path, tmp_path: Path) -> None:
+    """By hand: SemAcc of LINES in cut_in is 0.3 in synthetic and 0.34 in physical."""
+    assert call("--from-cells", cells, "--out", tmp_path, *FEW) == 0
+    rows = table(tmp_path / "tables/domain_differences.csv")
+    assert [(one["domain"], one["reference"]) for one in rows[::3]] == [
+        ("simulation", "synthetic"), ("physical", "synthetic"), ("physical", "simulation"),
+    ]  # fmt: skip
+    assert [one["scenario"] for one in rows[:3]] == ["all", "cut_in", "vru"]
+    found = {(one["domain"], one["reference"], one["scenario"]): one for one in rows}
+    sem = float(found["physical", "synthetic", "cut_in"]["d_sem_acc_eff"])
+    assert sem == pytest.approx(0.04 / 0.3, abs=1e-15)
+    assert float(found["physical", "synthetic", "all"]["d_sem_acc_eff"]) == pytest.approx(
+        0.04 / 0.35
+    )
+    assert found["physical", "simulation", "vru"]["n"] == "3"
+    # RSR is 0 in every crossing: nothing is relative to it.
+    assert found["physical", "simulation", "vru"]["d_rsr"] == ""
+    shown = (tmp_path / "tables/domain_differences.html").read_text()
+    assert "+13.3%" in shown
 
 
 def test_the_same_seed_gives_the_same_bytes_whatever_the_order(cells: Path, tmp_path: Path) -> None:
@@ -258,25 +295,28 @@ def test_the_matrix_of_a_campaign_gives_its_tables_again(campaign: Path, tmp_pat
         "intervals_groups", "intervals_cells", "curvature", "sensitivity", "first_failures",
         "first_failures_model", "notices",
     }  # fmt: skip
-    assert {path.stem for path in own.iterdir()} - needs_records == {
-        *(Path(name).stem for name in tables), "statistics",
-    } - needs_records  # fmt: skip
+    assert table_names(own) - needs_records == (
+        {*table_names(again / "tables"), "statistics"} - needs_records
+    )
     for name in tables:
-        if Path(name).stem not in needs_records:
+        if name.split(".")[0] not in needs_records:
             assert unnoticed(own / name) == unnoticed(again / "tables" / name), name
     assert len(tables) > 40
 
 
 def unnoticed(file: Path) -> Any:
     """A table without its notices: a file of scores doesn't know the recordings behind them."""
-    notices = json.loads(file.with_suffix(".json").read_text())["notices"]
+    name = file.name.split(".")[0]
+    notices = json.loads(file.with_name(f"{name}.json").read_text())["notices"]
     text = file.read_text("utf-8")
     if file.suffix == ".json":
         data = json.loads(text)
         kept = [note for note in data["notes"] if note not in notices]
         return {**data, "notices": [], "notes": kept}
     if file.suffix == ".csv":
-        return [line for line in csv.reader(io.StringIO(text)) if line[0][2:] not in notices]
+        return text
+    if file.suffix == ".txt":
+        return [note for note in text.strip().split("\n\n") if note not in notices]
     if file.suffix == ".html":
         return re.sub(r'<p class="notice">.*?</p>\n', "", text)
     return text.split(r"\end{tabular}")[0]

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from ssp_core.errors import InputError
 from ssp_eval.analysis.cells_csv import COLUMNS, OPTIONAL_COLUMNS, rows_from_csv
 from ssp_eval.analysis.matrix_table import matrix_table
-from ssp_eval.analysis.row import CellRow, entering, merged, repeated
+from ssp_eval.analysis.notices import everywhere, notices
+from ssp_eval.analysis.row import MACRO, CellRow, entering, merged, repeated
 from ssp_eval.analysis.tables import all_tables
 from ssp_eval.analysis.write import write_tables
 
@@ -107,7 +108,7 @@ def test_a_matrix_of_ours_gives_the_same_rows_again(tmp_path):
         row("#1", model="b", value=None, rsr=None, status="refused", admitted=False, reason=""),
     ]
     told = []
-    (path,) = write_tables(tmp_path, [matrix_table(rows)], ["csv"])
+    path, _ = write_tables(tmp_path, [matrix_table(rows)], ["csv"])
 
     def key(one):
         return *one.key, one.run, one.seed or 0
@@ -116,6 +117,108 @@ def test_a_matrix_of_ours_gives_the_same_rows_again(tmp_path):
     assert told == []
     tables = {table.name: table for table in all_tables(rows)}
     assert {table.name: table for table in all_tables(rows_from_csv(path))} == tables
+
+
+@pytest.mark.parametrize(
+    ("name", "word"),
+    [
+        ("Syn", "synthetic"), ("sim", "simulation"), ("PHY", "physical"), ("Physical", "physical"),
+        ("SIMULATION", "simulation"),
+    ],
+)  # fmt: skip
+def test_domains_are_read_by_their_short_names_too(tmp_path, name, word):
+    (found,) = rows_from_csv(write(tmp_path, replaced("domain", name)))
+    assert found.domain == word
+
+
+MACRO_HEAD = (
+    "model,architecture,total_b,active_b,jovr,sem_acc_eff,cia_eff,act_acc_eff,tqsr,atc_eff,"
+)
+# A table of foundation models as papers print it: one line each, means over six cells.
+PUBLISHED = f"""{MACRO_HEAD}rsr,rl_s,ivcs
+A,dense,7,7,1.00,0.60,0.40,0.50,0.70,0.40,0.67,1.25,0.64
+B,mixture,30,3,0.95,0.50,0.35,–,0.60,–,0.33,0.80,0.53
+C,dense,,,0.90,0.40,0.20,0.30,0.50,0.30,0,,0.40
+"""
+
+
+def test_a_published_table_of_macro_scores_is_read(tmp_path):
+    told = []
+    path = tmp_path / "macro.csv"
+    path.write_text(PUBLISHED, encoding="utf-8")
+    rows = rows_from_csv(path, told.append)
+    assert [one.key for one in rows] == [(MACRO, MACRO, name) for name in "ABC"]
+    assert [(one.rsr, one.rl_s) for one in rows] == [(0.67, 1.25), (0.33, 0.8), (0.0, None)]
+    # IVCS of the components of A: 0.1 + 0.18 + 0.08 + 0.21 + 0.067; the table says 0.64.
+    assert rows[0].ivcs == 0.64
+    assert any("each line is taken for a mean over all of them" in text for text in told)
+    tables = {table.name: table for table in all_tables(rows, "C")}
+    assert not {"by_domain", "strata", "by_scenario_model", "ranks_domain"} & tables.keys()
+    models = tables["foundation_models"]
+    by = {
+        line[0]: dict(zip([column.key for column in models.columns], line, strict=True))
+        for line in models.rows
+    }
+    assert list(by) == ["A", "B", "C"]
+    assert by["B"]["rsr"].value == 0.33
+    assert by["A"]["d_ivcs"] == pytest.approx(0.6)
+    assert by["A"]["d_rsr"] is None
+    assert any("Macro rows: each is a published mean" in text for text in everywhere(notices(rows)))
+    # What we write of it gives the same rows again.
+    (again, *_) = write_tables(tmp_path, [tables["matrix"]], ["csv"])
+    assert rows_from_csv(again) == rows
+
+
+@pytest.mark.parametrize(
+    ("scenario", "domain", "kept", "lost"),
+    [
+        ("cut_in", "macro", {"by_scenario_model", "ranks_model"}, {"by_domain", "ranks_domain"}),
+        (
+            "Macro", "Phy", {"by_domain", "by_domain_model", "domain_differences"},
+            {"by_scenario_model", "strata"},
+        ),
+    ],
+)  # fmt: skip
+def test_means_over_scenarios_or_domains_alone_keep_the_other(
+    tmp_path, scenario, domain, kept, lost
+):
+    line = f"{scenario},{domain},a,1,0.8,0.5,0.7,0.6,0.4,0.5,"
+    rows = rows_from_csv(write(tmp_path, line, head=OWN))
+    assert (rows[0].scenario == MACRO, rows[0].domain == MACRO) == (
+        scenario == "Macro", domain == "macro",
+    )  # fmt: skip
+    names = {table.name for table in all_tables(rows)}
+    assert kept <= names
+    assert not lost & names
+
+
+@pytest.mark.parametrize(
+    ("lines", "told"),
+    [
+        (
+            ["macro,macro,a,1,0.8,0.5,0.7,0.6,0.4,0.5,", "cut_in,Sim,a,1,0.8,0.5,0.7,0.6,0.4,0,"],
+            "cells.csv:3: is a cell, and the lines before are a mean over domains and scenarios; "
+            "analyse them apart",
+        ),
+        (["macro,macro,a,1,0.8,0.5,0.7,0.6,0.4,67,"], "rsr: is outside 0 to 1 (got '67')"),
+        (["macro,macro,a,1,0.8,0.5,0.7,0.6,0.4,0,1.5"], "rl_s: is given where no cell has"),
+        (["macro,macro,a,1,0.8,0.5,0.7,0.6,0.4,0.5,-1"], "rl_s: is negative"),
+        (
+            ["cut_in,Sim,a,1,0.8,0.5,0.7,0.6,0.4,0.5,"],
+            "rsr: is neither 1 nor 0 (got '0.5'); give each run of a cell a line of its own; of a "
+            "mean over cells, write macro as its scenario, domain or both",
+        ),
+    ],
+)
+def test_wrong_macro_rows_say_what_is_right(tmp_path, lines, told):
+    with pytest.raises(InputError) as caught:
+        rows_from_csv(write(tmp_path, *lines, head=OWN))
+    assert told in str(caught.value)
+
+
+def test_a_macro_row_has_no_single_response(tmp_path):
+    with pytest.raises(InputError, match=r"risk: is the response of a single cell.*rsr, the share"):
+        rows_from_csv(write(tmp_path, replaced("domain", "macro")))
 
 
 def replaced(column, value):
@@ -165,6 +268,7 @@ def test_wrong_values_name_file_line_column_value_and_remedy(tmp_path, column, v
         ("\n\n", "is empty"),
         (HEAD, "holds no cells"),
         (HEAD.replace(",risk", ""), "cells.csv:1: misses the column risk"),
+        (HEAD.replace("scenario,domain,", ""), "misses the columns scenario, domain"),
         (f"{HEAD},jovr\n{LINE},1", "has a column twice (got 'jovr')"),
         (f"{HEAD}\n{LINE},1", "cells.csv:2: has 11 fields, the header has 10"),
         (f'{HEAD}\n"{LINE}', "is no CSV"),

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssp_core.errors import InputError
-from ssp_eval.analysis.formats import FORMATS, to_csv, to_html, to_json
+from ssp_eval.analysis.formats import FORMATS, to_csv, to_html, to_json, to_notes
 from ssp_eval.analysis.latex import latex_text, to_latex
 from ssp_eval.analysis.row import CellRow
 from ssp_eval.analysis.sections import MOST_ROWS, page_parts
@@ -137,8 +137,8 @@ def test_a_lost_run_is_no_lost_cell():
 
 def test_no_cell_at_all_gives_empty_tables():
     for table in tables([ROWS[-1]]).values():
-        for _, convert in FORMATS.values():
-            assert "IVCS is no safety certificate." in convert(table)
+        for files in FORMATS.values():
+            assert "IVCS is no safety certificate." in files[-1][1](table)
 
 
 @given(order=st.permutations(ROWS))
@@ -174,7 +174,9 @@ def test_csv_has_all_digits_and_reads_back():
     # Text that a spreadsheet would compute is guarded; numbers are not.
     assert lines[2][:4] == ["'=1+1", "3", "0.30000000000000004", "2"]
     assert lines[3][2:7] == ["", "0", "0.0", "", ""]
-    assert lines[4:] == [["# A note: 5 % < 6 %."], ["# IVCS is no safety certificate."]]
+    assert len(lines) == 4
+    told = to_notes(SMALL).split("\n\n")
+    assert told == [EVIL, "A note: 5 % < 6 %.", "IVCS is no safety certificate.\n"]
 
 
 def test_json_has_all_digits():

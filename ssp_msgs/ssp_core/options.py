@@ -9,6 +9,7 @@ from contextlib import contextmanager
 import click
 
 from ssp_core.errors import InputError
+from ssp_core.vocab import DOMAINS_READ, DomainWord, read_domain
 
 
 @contextmanager
@@ -43,3 +44,17 @@ class Number(click.ParamType[float]):
             limits += f" up to {self._high:g}" if math.isfinite(self._high) else ""
             self.fail(f"{value!r} is no number {limits}", param, ctx)
         return number
+
+
+class Domain(click.ParamType[DomainWord]):
+    """A domain of METHOD 5.2 by its word, or by Syn, Sim or Phy, in any case."""
+
+    name = "domain"
+
+    def convert(
+        self, value: str, param: click.Parameter | None, ctx: click.Context | None
+    ) -> DomainWord:
+        word = read_domain(value)
+        if word is None:
+            self.fail(f"{value!r} is no domain; known are {DOMAINS_READ}", param, ctx)
+        return word

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from enum import IntEnum
+from types import MappingProxyType
 from typing import Literal, get_args
 
 ObjectWord = Literal["car", "truck", "bus", "motorcycle", "cyclist", "pedestrian"]
@@ -34,6 +36,18 @@ LON_ACTIONS: tuple[LonWord, ...] = get_args(LonWord)
 LAT_ACTIONS: tuple[LatWord, ...] = get_args(LatWord)
 DOMAINS: tuple[DomainWord, ...] = get_args(DomainWord)
 PHASES: tuple[PhaseWord, ...] = get_args(PhaseWord)
+
+# How papers shorten the names of domains.
+_SHORT_DOMAINS: Mapping[str, DomainWord] = MappingProxyType(
+    {"syn": "synthetic", "sim": "simulation", "phy": "physical"}
+)
+DOMAINS_READ = f"{', '.join(DOMAINS)} (or Syn, Sim, Phy)"
+
+
+def read_domain(text: str) -> DomainWord | None:
+    """The domain that a person named, by its word or by Syn, Sim or Phy in any case; else None."""
+    plain = text.casefold()
+    return next((word for word in DOMAINS if word == plain), _SHORT_DOMAINS.get(plain))
 
 
 class ObjectClass(IntEnum):

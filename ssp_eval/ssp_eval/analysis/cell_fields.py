@@ -7,9 +7,9 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from ssp_core.vocab import DOMAINS
+from ssp_core.vocab import DOMAINS_READ, read_domain
 from ssp_eval.analysis.matrix_table import NO, YES
-from ssp_eval.analysis.row import OK, CellRow
+from ssp_eval.analysis.row import MACRO, OK, CellRow
 from ssp_eval.evaluate.controls import is_control_name
 from ssp_eval.score.show import NULL
 from ssp_eval.strict import Place
@@ -57,18 +57,18 @@ def parse_row(place: Place, fields: Mapping[str, str]) -> CellRow:
     for name in ("scenario", "domain", "model"):
         if not fields[name]:
             raise place.at(name).error("is empty", remedy="name it")
-    domain = fields["domain"].casefold()
-    if domain not in DOMAINS:
-        raise place.at("domain").error(
-            "is no domain", fields["domain"], f"known are {', '.join(DOMAINS)}"
-        )
+    is_macro = [fields[name].casefold() == MACRO for name in ("scenario", "domain")]
+    domain = MACRO if is_macro[1] else read_domain(fields["domain"])
+    if domain is None:
+        remedy = f"known are {DOMAINS_READ}, and {MACRO} for a published mean over them"
+        raise place.at("domain").error("is no domain", fields["domain"], remedy)
     status = fields.get("status", "").casefold() or OK
     if status not in _STATES:
         raise place.at("status").error(
             "is no state of a cell", fields["status"], f"known are {', '.join(_STATES)}"
         )
     scores = {name: _share(place.at(name), fields.get(name, "")) for name in _SCORES}
-    rsr, rl_s = _risk_of(place, fields)
+    rsr, rl_s = (_macro_risk if any(is_macro) else _risk_of)(place, fields)
     _check_status(place, status, fields, {**scores, "rsr": rsr, "rl_s": rl_s})
     total_b, active_b = (
         _billions(place.at(name), fields.get(name, "")) for name in ("total_b", "active_b")
@@ -78,7 +78,7 @@ def parse_row(place: Place, fields: Mapping[str, str]) -> CellRow:
             "is more than total_b", fields["active_b"], f"at most {fields['total_b']}"
         )
     return CellRow(
-        scenario=text("scenario"),
+        scenario=MACRO if is_macro[0] else text("scenario"),
         domain=domain,
         model=text("model"),
         **scores,
@@ -191,19 +191,46 @@ def _risk_of(place: Place, fields: Mapping[str, str]) -> tuple[float | None, flo
         return None, None
     if _number(place.at("rsr"), text, "write 1 or 0") not in (0.0, 1.0):
         raise place.at("rsr").error(
-            "is neither 1 nor 0", text, "give each run of a cell a line of its own"
+            "is neither 1 nor 0",
+            text,
+            f"give each run of a cell a line of its own; of a mean over cells, write {MACRO} as "
+            "its scenario, domain or both",
         )
     if float(text) == 0.0:
         return 0, None
-    latency = fields.get("rl_s", "")
-    if latency in _NULLS:
+    rl_s = _latency(place, fields)
+    if rl_s is None:
         raise place.at("rl_s").error(
             "is missing for a response", remedy="give its latency in seconds"
         )
-    rl_s = _number(place.at("rl_s"), latency, "write the latency in seconds")
-    if rl_s < 0.0:
-        raise place.at("rl_s").error("is negative", latency, "write the latency in seconds")
     return 1, rl_s
+
+
+def _macro_risk(place: Place, fields: Mapping[str, str]) -> tuple[float | None, float | None]:
+    """RSR of a macro row, the share of cells with a response, and the mean RL over these."""
+    if "risk" in fields:
+        raise place.at("risk").error(
+            "is the response of a single cell, and this is a macro row",
+            fields["risk"],
+            "replace the column by rsr, the share of cells with a response (0 to 1), and rl_s, "
+            "their mean latency in seconds, which may be empty",
+        )
+    rsr, rl_s = _share(place.at("rsr"), fields["rsr"]), _latency(place, fields)
+    if rl_s is not None and not rsr:
+        raise place.at("rl_s").error(
+            "is given where no cell has a response", fields["rl_s"], "leave it empty"
+        )
+    return rsr, rl_s
+
+
+def _latency(place: Place, fields: Mapping[str, str]) -> float | None:
+    text = fields.get("rl_s", "")
+    if text in _NULLS:
+        return None
+    value = _number(place.at("rl_s"), text, "write the latency in seconds")
+    if value < 0.0:
+        raise place.at("rl_s").error("is negative", text, "write the latency in seconds")
+    return value
 
 
 def _risk(place: Place, text: str) -> tuple[float | None, float | None]:

@@ -6,12 +6,13 @@ import csv
 import io
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from ssp_core.errors import InputError
 from ssp_core.files import read_text
 from ssp_eval.analysis.cell_fields import parse_ivcs, parse_row
-from ssp_eval.analysis.row import CellRow
+from ssp_eval.analysis.row import MACRO, CellRow
 from ssp_eval.strict import Place
 
 COLUMNS = (
@@ -42,32 +43,44 @@ _LIKELY = {
     "response": "risk", "riskresponse": "risk",
 }  # fmt: skip
 _FACTS = ("total_b", "active_b", "architecture")
+# A table of models alone, each line a mean over everything, may lack both.
+_OF_CELLS = ("scenario", "domain")
 
 Tell = Callable[[str], None]
 
 
 def rows_from_csv(path: Path, tell: Tell = lambda note: None) -> list[CellRow]:
-    """The cells of a CSV file of component scores; IVCS is computed (METHOD 6.10).
+    """The rows of a CSV file of component scores, cells or macro rows.
 
-    Where nothing in it tells of an audit, all cells count as admitted.
+    IVCS of a cell is computed (METHOD 6.10). That of a macro row, a published mean over scenarios,
+    domains or both, is taken as given: a mean over cells follows from the mean components only
+    where none of them was null. Where nothing in the file tells of an audit, all cells count as
+    admitted.
 
     Args:
         path: with a header naming COLUMNS in any order, case and spelling of their underscores,
             and any of OPTIONAL_COLUMNS and OWN_COLUMNS; separated by comma, semicolon or tab.
-            Lines that begin with ``#`` are notes.
+            Without scenario and domain every line is a macro row. Lines that begin with ``#`` are
+            notes.
         tell: called with what was left aside, a sentence each.
 
     Raises:
         InputError: it can't be read, a column is missing or doubled, a value is wrong, a cell
-            stands twice, or facts of a model contradict each other; with line and column.
+            stands twice, cells and macro rows are mixed, or facts of a model contradict each
+            other; with line and column.
     """
     found: dict[tuple[str, ...], int] = {}
     facts: dict[str, tuple[int, CellRow]] = {}
-    rows = []
+    rows: list[CellRow] = []
     others: list[tuple[float, int, str]] = []
     for place, fields in _records(_text(path), path, tell):
         row = parse_row(place, fields)
         line = place.line or 0
+        if rows and row.over != rows[0].over:
+            raise place.error(
+                f"is {_kind(row)}, and the lines before are {_kind(rows[0])}",
+                remedy="analyse them apart: what is averaged already can't be averaged with cells",
+            )
         key = (*row.key, row.run, "" if row.seed is None else str(row.seed))
         if key in found:
             raise place.error(
@@ -88,6 +101,8 @@ def rows_from_csv(path: Path, tell: Tell = lambda note: None) -> list[CellRow]:
             apart = abs(given.value - row.ivcs)
             if apart > given.unit:
                 others.append((apart, line, f"{given.value:g} there, {row.ivcs:.4f} computed"))
+            if row.over and given.value != row.ivcs:
+                row = replace(row, weighted=given.value)
         rows.append(row)
     if not rows:
         raise InputError("holds no cells", file=path, remedy="give one line per cell")
@@ -99,12 +114,20 @@ def rows_from_csv(path: Path, tell: Tell = lambda note: None) -> list[CellRow]:
             )
     if others:
         _, line, example = max(others)
+        rule = (
+            "ivcs of macro rows is taken as given; from their components (METHOD 6.10) follows"
+            if rows[0].over
+            else "ivcs follows from the components (METHOD 6.10) and is computed; the file has"
+        )
         tell(
-            f"{path}: ivcs follows from the components (METHOD 6.10) and is computed; the file has "
-            f"another value in {len(others)} of {len(rows)} lines, most so in line {line}: "
-            f"{example}."
+            f"{path}: {rule} another value in {len(others)} of {len(rows)} lines, most so in line "
+            f"{line}: {example}."
         )
     return rows
+
+
+def _kind(row: CellRow) -> str:
+    return f"a mean over {'s and '.join(sorted(row.over))}s" if row.over else "a cell"
 
 
 def _spellings(names: Sequence[str]) -> list[tuple[str, str]]:
@@ -157,7 +180,7 @@ def _records(text: str, path: Path, tell: Tell) -> Iterator[tuple[Place, Mapping
                 remedy=f'put a field that holds the separator in double quotes ("){commas}',
             )
         else:
-            yield place, dict(zip(names, row, strict=True))
+            yield place, dict.fromkeys(_OF_CELLS, MACRO) | dict(zip(names, row, strict=True))
     if names is None:
         raise Place(path, 1).error("is empty", remedy=f"begin with {','.join(COLUMNS)}")
 
@@ -181,6 +204,12 @@ def _checked_names(given: list[str], place: Place, tell: Tell) -> list[str]:
         if name in _READ and names.count(name) > 1:
             raise place.error("has a column twice", written, "name each column once")
     needed = [name for name in COLUMNS if name != "risk" or "rsr" not in names]
+    if "rsr" in names and not set(_OF_CELLS) & set(names):
+        needed = [name for name in needed if name not in _OF_CELLS]
+        tell(
+            f"{place.file}: has no columns scenario and domain: each line is taken for a mean over "
+            "all of them."
+        )
     if missing := [name for name in needed if name not in names]:
         likely = [
             f"call {written!r} {wanted} if it is that"

@@ -23,7 +23,7 @@ _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 def to_csv(table: Table) -> str:
     """Comma-separated, every digit; a mean has its n in a column beside it.
 
-    The notes follow as lines that begin with ``#``.
+    There is nothing but a header and the rows, so that any reader takes it; see to_notes.
     """
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
@@ -33,9 +33,12 @@ def to_csv(table: Table) -> str:
     for row in table.rows:
         values = zip(row, kinds, strict=True)
         writer.writerow([field for value, kind in values for field in _csv_fields(value, kind)])
-    for note in table.all_notes:
-        writer.writerow([f"# {note}"])
     return stream.getvalue()
+
+
+def to_notes(table: Table) -> str:
+    """What must be read beside the CSV: the title, then a paragraph for each notice and note."""
+    return "\n\n".join((table.title, *table.all_notes)) + "\n"
 
 
 def _csv_kind(table: Table, index: int) -> type | None:
@@ -118,11 +121,13 @@ def _html_parts(table: Table) -> Iterator[str]:
     yield "</figure>\n"
 
 
-FORMATS: Mapping[str, tuple[str, Callable[[Table], str]]] = MappingProxyType(
+Files = tuple[tuple[str, Callable[[Table], str]], ...]
+# By format its files, each with what its name ends in.
+FORMATS: Mapping[str, Files] = MappingProxyType(
     {
-        "csv": (".csv", to_csv),
-        "latex": (".tex", to_latex),
-        "json": (".json", to_json),
-        "html": (".html", to_html),
+        "csv": ((".csv", to_csv), (".notes.txt", to_notes)),
+        "latex": ((".tex", to_latex),),
+        "json": ((".json", to_json),),
+        "html": ((".html", to_html),),
     }
 )

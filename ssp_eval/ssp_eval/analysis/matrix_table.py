@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ssp_eval.analysis.row import OK, CellRow
+from ssp_eval.analysis.row import OK, CellRow, over_what
 from ssp_eval.analysis.table import Column, Outcome, Table, Value
 from ssp_eval.analysis.table_columns import COUNT, SCORES, TITLES, in_order
 
@@ -47,13 +47,16 @@ def matrix_table(rows: Sequence[CellRow]) -> Table:
         table_rows.append(
             (
                 row.scenario, row.domain, row.model, *((row.run,) if runs else ()),
-                *((row.seed,) if seeds else ()), row.n, *scores[:5], Outcome(row.rsr, row.rl_s),
-                *scores[5:], _remark(row), row.sem_acc_cond, row.sem_acc_soft, row.total_b,
-                row.active_b, row.architecture, YES if row.control else NO,
-                YES if row.admitted else NO, YES if row.stand_in else NO, row.status, row.reason,
+                *((row.seed,) if seeds else ()), row.n, *scores[:5],
+                Outcome(row.rsr, row.rl_s, bool(row.over)), *scores[5:], _remark(row),
+                row.sem_acc_cond, row.sem_acc_soft, row.total_b, row.active_b, row.architecture,
+                YES if row.control else NO, YES if row.admitted else NO,
+                YES if row.stand_in else NO, row.status, row.reason,
             )
         )  # fmt: skip
     notes = ["n counts labels."]
+    if over_what(rows):
+        notes.append("risk of a macro row: the share of cells with a response, @ their mean RL.")
     if any(row.ivcs_nulls for row in rows):
         notes.append("A component without a denominator counts as 0 in IVCS.")
     return Table("matrix", "Scores per cell", columns, tuple(table_rows), tuple(notes))

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from ssp_eval.analysis.control_tables import condition_of
-from ssp_eval.analysis.row import OK, CellRow, entering
+from ssp_eval.analysis.row import OK, CellRow, entering, over_what
 from ssp_eval.analysis.table import Column, Table, some
 from ssp_eval.analysis.tables import uneven
 from ssp_eval.evaluate.admission import ADMITTED
@@ -80,6 +80,13 @@ def stand_in_text(recordings: Sequence[str]) -> str:
 
 
 def _of_rows(rows: Sequence[CellRow]) -> Iterable[Notice]:
+    if over := sorted(over_what(rows)):
+        text = (
+            f"Macro rows: each is a published mean over {' and '.join(f'{name}s' for name in over)}"
+            " and counts as one, however many cells are behind it. Which these are isn't known "
+            "here, so nothing can be said within them, and models may differ in them."
+        )
+        yield Notice(COMPARABILITY, text, (), everywhere=True)
     if names := stand_ins(rows):
         yield Notice(STAND_IN, stand_in_text(names), tuple(names), everywhere=True)
     for status in sorted({row.status for row in rows if row.status != OK}):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from ssp_eval.analysis.row import MACRO
 from ssp_eval.analysis.table import Column, Table
 from ssp_eval.score.aggregate import Cell, Ranking, means, ranking
 
@@ -21,7 +22,7 @@ def rank_table(cells: Sequence[Cell], subject: str, notes: Sequence[str]) -> Tab
         notes: to stand under it.
     """
     found = ranking(cells, subject)
-    scenarios = sorted(found.scenarios)
+    scenarios = sorted(name for name in found.scenarios if name != MACRO)
     values = {key[0]: value["ivcs"] for key, value in means(cells, (subject,)).items()}
     rows = tuple(
         (

@@ -9,6 +9,8 @@ from ssp_eval.score.aggregate import METRICS, Cell, mean
 from ssp_eval.score.ivcs import ivcs, ivcs_weights
 
 OK = "ok"
+# Scenario or domain of a row that is a published mean over scenarios or domains: a macro row.
+MACRO = "macro"
 
 
 @dataclass(frozen=True)
@@ -18,7 +20,7 @@ class CellRow:
     Args:
         scenario, domain, model: names.
         jovr, sem_acc_eff, cia_eff, act_acc_eff, tqsr, atc_eff: component scores, 0..1.
-        rsr: 1 or 0; where several runs of a cell are taken together, their mean.
+        rsr: 1 or 0; where several runs of a cell are taken together, and in a macro row, a mean.
         rl_s: latency of the risk response, s; None without one.
         sem_cov, stfr, sem_acc_cond, sem_acc_soft: further scores; None where they aren't known.
         n: labels behind the scores.
@@ -30,7 +32,8 @@ class CellRow:
         admitted: False keeps it out of domain means (METHOD 4).
         status: ok, refused or failed; only an ok one has scores.
         reason: why it is not ok.
-        weighted: IVCS where it isn't METHOD 6.10 of this row's components: the mean over runs.
+        weighted: IVCS where it isn't METHOD 6.10 of this row's components: a mean over runs, or as
+            it was published of a macro row.
     """
 
     scenario: str
@@ -85,6 +88,11 @@ class CellRow:
         """Which cell it is."""
         return self.scenario, self.domain, self.model
 
+    @property
+    def over(self) -> frozenset[str]:
+        """What a macro row is a mean over: scenario, domain or both; empty for a cell."""
+        return frozenset(name for name in ("scenario", "domain") if getattr(self, name) == MACRO)
+
     def cell(self) -> Cell:
         """As ssp_eval.score.aggregate takes it."""
         score = {name: getattr(self, name) for name in METRICS}
@@ -120,6 +128,11 @@ def _merge(group: Sequence[CellRow]) -> CellRow:
         seed=None,
         n=group[0].n if len({row.n for row in group}) == 1 else None,
     )
+
+
+def over_what(rows: Iterable[CellRow]) -> frozenset[str]:
+    """What these rows are means over, see CellRow.over; a file has rows of one kind alone."""
+    return frozenset().union(*(row.over for row in rows))
 
 
 def repeated(rows: Iterable[CellRow]) -> bool:

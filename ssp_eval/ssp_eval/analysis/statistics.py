@@ -16,7 +16,7 @@ from ssp_eval.analysis.bootstrap import (
 from ssp_eval.analysis.clusters import bootstrap_mean
 from ssp_eval.analysis.compare import Comparison, compare
 from ssp_eval.analysis.curvature import Curve, curves
-from ssp_eval.analysis.row import OK, CellRow, entering
+from ssp_eval.analysis.row import OK, CellRow, entering, over_what
 from ssp_eval.analysis.sensitivity import (
     GRID,
     Variation,
@@ -111,6 +111,7 @@ def compute(
         on_step: called steps_of times.
     """
     chosen = entering(rows)
+    over = over_what(rows)
     pairs = [
         (row, cell)
         for row, cell in zip(rows, data, strict=bool(data))
@@ -120,12 +121,14 @@ def compute(
     weights: list[WeightSamples] = []
     variations: list[Variation] = []
     for subject in SUBJECTS:
+        on_step()
+        if subject in over:
+            continue
         comparisons += compare(chosen, subject, options.seed)
         sampled = sample_weights(chosen, subject, options.seed, options.resamples)
         if sampled is not None:
             weights.append(sampled)
             variations += vary_weights(chosen, subject)
-        on_step()
     records = None
     if pairs:
         with_terms = [(row, record_terms(cell.score)) for row, cell in pairs if cell.score]
@@ -137,7 +140,7 @@ def compute(
         variations += vary_thresholds([row for row, _ in first], columns, SUBJECTS, on_step)
     return Statistics(
         records,
-        {by: _over_cells(chosen, by, options) for by in GROUPINGS},
+        {by: _over_cells(chosen, by, options) for by in GROUPINGS if over.isdisjoint(by)},
         tuple(comparisons),
         tuple(weights),
         tuple(variations),

@@ -31,10 +31,17 @@ _DIGITS = {"ratio": 3, "seconds": 2, "curvature": 5}
 
 @dataclass(frozen=True)
 class Outcome:
-    """A risk response (METHOD 6.9): rsr is 1 or 0, rl_s the latency in s, None without one."""
+    """A risk response (METHOD 6.9).
+
+    Args:
+        rsr: 1 or 0, or a share.
+        rl_s: the latency in s, None without one.
+        is_share: rsr is a mean over cells.
+    """
 
     rsr: float | None
     rl_s: float | None
+    is_share: bool = False
 
 
 Value = str | int | float | Mean | Outcome | None
@@ -145,6 +152,8 @@ def shown(column: Column, value: Value) -> str:
     if isinstance(value, Outcome):
         if value.rsr is None:
             return NULL
+        if value.is_share:
+            return f"{value.rsr:.3f}" + ("" if value.rl_s is None else f" @{value.rl_s:.2f}")
         return format_response(round(value.rsr), value.rl_s)
     if value is None:
         return NULL

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from itertools import combinations
 
 from ssp_core.errors import InputError
 from ssp_eval.analysis.control_tables import control_tables
 from ssp_eval.analysis.matrix_table import matrix_table
 from ssp_eval.analysis.rank_table import rank_table
-from ssp_eval.analysis.row import OK, CellRow, entering, repeated
+from ssp_eval.analysis.row import OK, CellRow, entering, over_what, repeated
 from ssp_eval.analysis.table import Column, Table, Value, some
 from ssp_eval.analysis.table_columns import COUNT, MEANS, TITLES, in_order
 from ssp_eval.score.aggregate import (
@@ -21,11 +22,14 @@ from ssp_eval.score.aggregate import (
     EQUAL,
     Cell,
     Mean,
+    mean,
     means,
     relative_difference,
 )
 
 BY_DOMAIN_MODEL = ("domain", "model")
+# A row over all scenarios.
+ALL = "all"
 COMPARED = ("jovr", "sem_acc_eff", "cia_eff", "tqsr", "rsr", "ivcs")
 _GROUPINGS = (
     ("by_model", "Means by model", BY_MODEL),
@@ -52,13 +56,22 @@ def all_tables(rows: Sequence[CellRow], reference: str | None = None) -> list[Ta
     chosen = entering(rows)
     cells = [row.cell() for row in chosen]
     notes = run_notes(rows)
+    over = over_what(rows)
     found = [matrix_table(rows)]
-    found += [mean_table(cells, name, title, by, notes) for name, title, by in _GROUPINGS]
-    found.append(strata_table(cells, notes))
+    found += [
+        mean_table(cells, name, title, by, notes)
+        for name, title, by in _GROUPINGS
+        if over.isdisjoint(by)
+    ]
+    if not over:
+        found.append(strata_table(cells, notes))
+    if "domain" not in over:
+        found.append(domain_differences(cells, notes))
     found.append(foundation_table(chosen, reference, notes))
     for subject in ("model", "domain"):
-        told = (*uneven(cells, subject), *_left_out(cells, (subject,)), *notes)
-        found.append(rank_table(cells, subject, told))
+        if subject not in over:
+            told = (*uneven(cells, subject), *_left_out(cells, (subject,)), *notes)
+            found.append(rank_table(cells, subject, told))
     found += control_tables(rows)
     return found
 
@@ -171,8 +184,8 @@ def strata_table(cells: Sequence[Cell], notes: Sequence[str]) -> Table:
         values = {cell.model: cell.score["ivcs"] or 0.0 for cell in group}
         low, high = min(values.values()), max(values.values())
         best = ", ".join(sorted(model for model, value in values.items() if value >= high - EQUAL))
-        mean = math.fsum(values.values()) / len(values)
-        rows.append((scenario, domain, len(values), mean, sd(values.values()), low, high, best))
+        middle = math.fsum(values.values()) / len(values)
+        rows.append((scenario, domain, len(values), middle, sd(values.values()), low, high, best))
     columns = (
         *_key_columns(BY_SCENARIO_DOMAIN), COUNT, Column("mean", "mean"), Column("sd", "sd"),
         Column("min", "min"), Column("max", "max"), Column("best", "best", "text"),
@@ -230,7 +243,7 @@ def foundation_table(
         Column("active_b", "active (B)", "billions"),
         COUNT,
         *(Column(key, TITLES[key]) for key in COMPARED),
-        *(Column(f"d_{key}", f"Δ {TITLES[key]}", "change") for key in COMPARED if base),
+        *(_changes() if base else ()),
     )
     said = ["Unweighted means over cells; n counts cells. B: billions of parameters."]
     if base is not None:
@@ -239,6 +252,60 @@ def foundation_table(
     return Table(
         "foundation_models", "Foundation models", columns, tuple(table_rows), (*said, *notes)
     )
+
+
+def domain_differences(cells: Sequence[Cell], notes: Sequence[str] = ()) -> Table:
+    """Each domain beside each other one, over all scenarios and in each (METHOD 6.13).
+
+    The means of both are over the scenarios and models that both have, so that what is shown is no
+    difference between cells.
+
+    Args:
+        cells: that enter means; those that weren't admitted are left out.
+        notes: to stand under it.
+    """
+    values: dict[str, dict[tuple[str, str], Cell]] = {}
+    for cell in cells:
+        if cell.admitted:
+            values.setdefault(cell.domain, {})[(cell.scenario, cell.model)] = cell
+    names = sorted(values, key=lambda name: in_order([name]))
+    rows: list[tuple[Value, ...]] = []
+    for first, second in combinations(names, 2):
+        shared = sorted(values[first].keys() & values[second].keys())
+        scenarios = sorted({scenario for scenario, _ in shared})
+        parts = [(name, [one for one in shared if one[0] == name]) for name in scenarios]
+        if len(scenarios) != 1:
+            parts.insert(0, (ALL, shared))
+        for scenario, places in parts:
+            base, own = (
+                {key: mean(values[d][place].score[key] for place in places) for key in COMPARED}
+                for d in (first, second)
+            )
+            rows.append((second, first, scenario, len(places), *_differences(own, base)))
+    columns = (
+        Column("domain", "domain", "text"),
+        Column("reference", "compared with", "text"),
+        Column("scenario", "scenario", "text"),
+        COUNT,
+        *_changes(),
+    )
+    said = (
+        "Δ: relative difference of the means, (domain − compared with) / |compared with|, from "
+        "unrounded values; – where the latter is 0. n counts pairs of cells, the same scenario and "
+        "model in both domains.",
+        "No domain is the true one: the difference is as much that of the one it is compared with.",
+    )
+    return Table(
+        "domain_differences",
+        "Relative differences between domains",
+        columns,
+        tuple(rows),
+        (*said, *_left_out(cells, BY_DOMAIN), *notes),
+    )
+
+
+def _changes() -> Iterable[Column]:
+    return (Column(f"d_{key}", f"Δ {TITLES[key]}", "change") for key in COMPARED)
 
 
 def _differences(values: Mapping[str, Mean], base: Mapping[str, Mean] | None) -> list[float | None]:

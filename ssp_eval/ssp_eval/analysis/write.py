@@ -28,6 +28,8 @@ def write_tables(
 ) -> list[Path]:
     """Writes each table in each format, as ``<name>.csv``, ``.tex``, ``.json``, ``.html``.
 
+    What must be read beside a CSV file stands in ``<name>.notes.txt``.
+
     Args:
         folder: made where it isn't there.
         tables: with different names.
@@ -41,10 +43,10 @@ def write_tables(
     written = []
     for table in tables:
         for name in formats:
-            suffix, convert = FORMATS[name]
-            path = folder / f"{table.name}{suffix}"
-            write_text(path, convert(table))
-            written.append(path)
+            for suffix, convert in FORMATS[name]:
+                path = folder / f"{table.name}{suffix}"
+                write_text(path, convert(table))
+                written.append(path)
         on_table()
     return written
 

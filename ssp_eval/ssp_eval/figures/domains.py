@@ -31,6 +31,9 @@ COMPONENTS = tuple(ivcs_weights())
 
 def domains(scores: Scores) -> Iterator[Drawing | LeftOut]:
     """The three figures about domains."""
+    if "domain" in scores.over:
+        yield LeftOut("domains", "the rows are means over domains")
+        return
     yield _components(scores)
     yield rank_slopes(scores, "domain", "domains_ranks")
     yield _contributions(scores)

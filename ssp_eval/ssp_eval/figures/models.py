@@ -61,8 +61,8 @@ def scenario_looks(scenarios: Sequence[str]) -> dict[str, Look]:
 
 def _range(scores: Scores) -> Iterator[Drawing | LeftOut]:
     name = "models_range"
-    if not scores.by_model:
-        yield LeftOut(name, NO_MODEL)
+    if not scores.by_model or "scenario" in scores.over:
+        yield LeftOut(name, "the rows are means over scenarios" if scores.over else NO_MODEL)
         return
     width_in = row_width_in(scores.by_model)
     names = names_in(scores.by_model, NAMES_IN[width_in])

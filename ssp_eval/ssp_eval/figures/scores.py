@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from ssp_core.vocab import DOMAINS
-from ssp_eval.analysis.row import OK, CellRow, entering, merged
+from ssp_eval.analysis.row import OK, CellRow, entering, merged, over_what
 from ssp_eval.analysis.tables import run_notes
 from ssp_eval.score.aggregate import (
     BY_DOMAIN,
@@ -60,6 +60,11 @@ class Scores:
     def cells(self) -> tuple[Cell, ...]:
         """The same for ssp_eval.score.aggregate."""
         return tuple(row.cell() for row in self.entering)
+
+    @cached_property
+    def over(self) -> frozenset[str]:
+        """What the rows are published means over; empty for cells."""
+        return over_what(self.rows)
 
     @cached_property
     def by_domain(self) -> dict[str, Group]:
@@ -132,6 +137,9 @@ class Scores:
     def n_text(self, rows: Sequence[CellRow] | None = None) -> str:
         """How many cells, scenarios, domains and models stand behind a figure."""
         rows = self.entering if rows is None else rows
+        if self.over:
+            over = " and ".join(f"{name}s" for name in sorted(self.over))
+            return f"{counted(len(rows), 'published mean')} over {over}"
         counts = (
             (len(rows), "cell"),
             (len({r.scenario for r in rows}), "scenario"),

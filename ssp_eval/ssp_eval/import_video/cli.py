@@ -11,8 +11,7 @@ from pathlib import Path
 import click
 
 from ssp_core.console import note, out, progress
-from ssp_core.options import Number
-from ssp_core.vocab import DOMAINS
+from ssp_core.options import Domain, Number
 from ssp_eval.import_video.importer import ImportSummary, import_clip
 from ssp_eval.import_video.options import CameraFacts, ImportOptions, source_log_entry
 from ssp_scenario_manager.spec.log_file import append_record, utc_now
@@ -65,7 +64,7 @@ def _matching(
     help="K* version that the video shows.",
 )
 @click.option("--generator", default="unknown", show_default=True, help="What made the video.")
-@click.option("--domain", type=click.Choice(DOMAINS), default="synthetic", show_default=True)
+@click.option("--domain", type=Domain(), default="synthetic", show_default=True)
 @click.option("--max-width", type=click.IntRange(64, 8192), help="Scale wider frames down to PX.")
 @click.option("--json", "json_", is_flag=True, help="Print JSON for programs.")
 def import_video(

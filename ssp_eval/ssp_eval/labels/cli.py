@@ -12,8 +12,7 @@ from ssp_core import console
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder, read_mapping, write_bytes, write_json, write_text
 from ssp_core.hashing import sha256_file
-from ssp_core.options import Number
-from ssp_core.vocab import DOMAINS
+from ssp_core.options import Domain, Number
 from ssp_eval.evaluate.truth import UNKNOWN_VERSION, truth_from_bag, truth_from_file
 from ssp_eval.labels.basis import ProposalRules, Truth
 from ssp_eval.labels.boxes_command import boxes
@@ -44,7 +43,7 @@ labels.add_command(boxes)
 @click.argument("source", metavar="[BAG|VIDEO]", type=_PATH, required=False)
 @click.option("--truth", type=_PATH, help="Truth file of a clip (ssp.truth/1), in place of a bag.")
 @click.option("--out", type=_PATH, required=True, help="Labels file to write.")
-@click.option("--domain", type=click.Choice(DOMAINS), help="Where the source doesn't say.")
+@click.option("--domain", type=Domain(), help="Where the source doesn't say.")
 @click.option("--scenario", help="Where the source doesn't say.")
 @click.option("--event-version", help="K* version, where the source names none.")
 @click.option("--event", help="K* of the clip, by name or file: its times, name and version.")

@@ -91,7 +91,7 @@ def _tables(cells: list[CellData]) -> dict[str, Any]:
     found = {table.name: table for table in all_tables(rows)}
     sized = any(row.total_b or row.architecture for row in rows)
     common, means = common_notes([grid(found[name]) for name in MEAN_TABLES])
-    more = ("strata", *(("foundation_models",) if sized else ()))
+    more = ("strata", "domain_differences", *(("foundation_models",) if sized else ()))
     means += [without_notes(grid(found[name]), common) for name in more]
     told, ranks = common_notes(
         [
