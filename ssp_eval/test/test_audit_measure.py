@@ -20,7 +20,15 @@ from ssp_eval.audit.expected import expected_properties
 from ssp_eval.audit.lanes import Lanes
 from ssp_eval.audit.measure import Measured, Scene, measure
 from ssp_eval.audit.reasons import explain
-from ssp_eval.audit.values import CONFLICT, FIELDS, MOTION, ORDER, ROLES, TOPOLOGY, is_equal
+from ssp_eval.recordings.properties import (
+    CONFLICT,
+    FIELDS,
+    MOTION,
+    ORDER,
+    ROLES,
+    TOPOLOGY,
+    is_equal,
+)
 from ssp_scenario_manager.spec.load import load_event
 
 STEP_S = 0.05

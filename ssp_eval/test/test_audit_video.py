@@ -19,7 +19,7 @@ from ssp_eval.audit.expected import expected_properties, review_of, timeline
 from ssp_eval.audit.imported import examine_video
 from ssp_eval.audit.reasons import explain
 from ssp_eval.audit.recording import Recording, read_recording
-from ssp_eval.audit.values import FIELDS
+from ssp_eval.recordings.properties import FIELDS
 from ssp_scenario_manager.spec.load import event_version, load_event
 from ssp_scenario_manager.spec.model import Event
 from ssp_scenario_manager.spec.seal import seal_event

@@ -17,13 +17,13 @@ from ssp_core.hashing import sha256_file
 from ssp_eval.analysis.rows import rows_from_campaign
 from ssp_eval.analysis.tables import all_tables
 from ssp_eval.audit.model import Audit, RecordingEntry, load_audit
-from ssp_eval.audit.values import FIELDS
 from ssp_eval.evaluate.admission import admission_of, load_admissions
 from ssp_eval.evaluate.asker import DirectAskers
 from ssp_eval.evaluate.campaign import find_labels, run_campaign
 from ssp_eval.evaluate.cell import CellOptions, CellResult
 from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.evaluate.show import show
+from ssp_eval.recordings.properties import FIELDS
 from ssp_eval.report.load import load_cells
 from ssp_eval.report.page import write_report
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from ssp_eval.audit.model import RecordingEntry
-from ssp_eval.audit.values import EVENT_PHASES
+from ssp_eval.recordings.properties import EVENT_PHASES
 from ssp_eval.report import svg
 
 _LEFT, _RIGHT, _TOP = 110.0, 210.0, 34.0

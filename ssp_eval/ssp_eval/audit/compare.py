@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 from ssp_eval.audit.measure import Phases
 from ssp_eval.audit.reasons import Finding
-from ssp_eval.audit.values import (
+from ssp_eval.recordings.properties import (
     CONFLICT,
     FIELDS,
     MOTION,

@@ -10,7 +10,7 @@ from ssp_eval.audit.measure import Measured, Phases
 from ssp_eval.audit.model import ChangeEntry, CoverageEntry
 from ssp_eval.audit.reasons import Finding
 from ssp_eval.audit.recording import Recording
-from ssp_eval.audit.values import Property
+from ssp_eval.recordings.properties import Property
 from ssp_scenario_manager.spec.model import Event
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from ssp_eval.audit.values import CONFLICT, MOTION, ORDER, ROLES, TOPOLOGY, Property
+from ssp_eval.recordings.properties import CONFLICT, MOTION, ORDER, ROLES, TOPOLOGY, Property
 from ssp_scenario_manager.spec.fields import owner
 from ssp_scenario_manager.spec.model import UNRESOLVED, Count, Event, Quantity, Unresolved
 from ssp_scenario_manager.spec.seal import seals

@@ -18,7 +18,7 @@ from ssp_eval.audit.model import CoverageEntry, SightEntry
 from ssp_eval.audit.ratios import phase_fraction
 from ssp_eval.audit.reasons import Finding
 from ssp_eval.audit.recording import Recording
-from ssp_eval.audit.values import EVENT_PHASES, FIELDS, Property
+from ssp_eval.recordings.properties import EVENT_PHASES, FIELDS, Property
 from ssp_scenario_manager.spec.model import Event
 
 # A time in a K* is rounded, and a label lies on a frame.

@@ -18,9 +18,9 @@ from ssp_core.state import ObjectState
 from ssp_core.vocab import MOTIONS
 from ssp_eval.audit.lanes import Lanes, Spot
 from ssp_eval.audit.meeting import Meeting, Zone, meet
-from ssp_eval.audit.values import CONFLICT, MOTION, ORDER, ROLES, TOPOLOGY, Property
 from ssp_eval.recordings.geometry import Corridor, motion_word
 from ssp_eval.recordings.phases import Event, Sample, find_event, samples_of
+from ssp_eval.recordings.properties import CONFLICT, MOTION, ORDER, ROLES, TOPOLOGY, Property
 
 # Less than this before the trigger, and the clip begins with it: one frame at 10 Hz.
 APPROACH_S = 0.1

@@ -16,7 +16,7 @@ from ssp_eval.audit.axis import phase_axis
 from ssp_eval.audit.judge import Judged
 from ssp_eval.audit.model import Audit, RecordingEntry
 from ssp_eval.audit.reasons import TABLE
-from ssp_eval.audit.values import FIELDS
+from ssp_eval.recordings.properties import FIELDS
 from ssp_eval.templates import templates
 
 _HERE = Path(__file__).parent

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from ssp_eval.audit.values import FIELDS, Property, is_equal
+from ssp_eval.recordings.properties import FIELDS, Property, is_equal
 
 
 def phase_fraction(t_s: float, start_s: float, end_s: float) -> float:

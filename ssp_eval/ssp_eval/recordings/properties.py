@@ -1,4 +1,4 @@
-"""Discrete properties of an event, q(d, k), in words that can be compared (METHOD 4)."""
+"""Discrete properties of an event, q(d, k), in words that can be compared (METHOD 4.2)."""
 
 from __future__ import annotations
 
