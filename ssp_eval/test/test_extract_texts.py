@@ -387,7 +387,53 @@ WHOLE = [
     ("   \n", ""),
 ]  # fmt: skip
 
-CASES = OBJECTS + POSITIONS + MOTIONS + CONFLICTS + LONGITUDINAL + LATERAL + WHOLE
+# A manoeuvre of ours that somebody blocks is none of his, and none that we make.
+BLOCKED = [
+    ("Keep lane because a car is on the left, blocking an immediate merge to the left.",
+     "o=car p=left lat=straight"),
+    ("Keep speed since a car alongside on the left is blocking an immediate merge to the left.",
+     "o=car p=left lon=maintain"),
+    ("Maintain speed; the truck on our left prevents us from changing lanes to the left.",
+     "o=truck p=left lon=maintain"),
+    ("The truck prevents us from changing lanes to the left, so stay in our lane.",
+     "o=truck lat=straight"),
+    ("Since a white car on our left is blocking the immediate merge, decelerate and wait for a "
+     "gap.", "o=car p=left lon=decelerate"),
+    ("A car in the blind spot keeps us from merging left.", "o=car"),
+    ("The car beside us stops us from moving over to the left.", "o=car"),
+    ("A truck on the left obstructs our merge into the left lane.", "o=truck p=left"),
+    ("Wait for a gap: a sedan in the left lane impedes merging to the left.", "o=car p=left"),
+    ("Slow down, since the bus blocks us from pulling into the left lane.",
+     "o=bus lon=decelerate"),
+    ("A merge to the left is blocked by a car on the left.", "o=car p=left"),
+    ("Lane change to the left blocked by a bus, so hold speed.", "o=bus lon=maintain"),
+    ("Merging to the left is prevented by a truck on the left; keep the lane.",
+     "o=truck p=left lat=straight"),
+    ("A cyclist on the left does not leave room to merge left, so we keep our lane.",
+     "o=cyclist p=left lat=straight"),
+    # Who blocks may move besides, a lane or path that is blocked is no manoeuvre, and the plan
+    # that follows from it is ours.
+    ("The truck blocks the left lane and merges into our lane from the left.",
+     "o=truck m=cutting_in_from_left"),
+    ("The car blocking the left lane is merging into our lane from the left, so brake.",
+     "o=car m=cutting_in_from_left lon=decelerate"),
+    ("The bus blocks our path and is moving into our lane from the right.",
+     "o=bus m=cutting_in_from_right"),
+    ("A taxi from the left merges into our lane, blocking our change to the left.",
+     "o=car m=cutting_in_from_left"),
+    ("A car blocked by the bus merges into our lane from the right.",
+     "o=car,bus m=cutting_in_from_right"),
+    ("Keep lane: the car keeping us from changing lanes is now cutting in from the left.",
+     "o=car m=cutting_in_from_left lat=straight"),
+    ("A car is on the left and is merging from the left into our lane.",
+     "o=car p=left m=cutting_in_from_left"),
+    ("Merge left because the lane ahead is blocked.", "lat=left"),
+    ("Our lane is blocked by a truck; merge left.", "o=truck lat=left"),
+    ("Lane change to the left due to stopped vehicles blocking our lane ahead.",
+     "o=car p=front m=stationary lat=left"),
+]  # fmt: skip
+
+CASES = OBJECTS + POSITIONS + MOTIONS + CONFLICTS + LONGITUDINAL + LATERAL + WHOLE + BLOCKED
 
 
 def _expected(told: str) -> dict[str, str | tuple[str, ...] | None]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from ssp_eval.extract.rules.hits import Hit, Kind
 from ssp_eval.extract.rules.scope.flags import Scope
+from ssp_eval.extract.rules.scope.thwarted import is_thwarted
 
 REACH = 24  # hits that a backward look covers, so that the whole stays linear
 
@@ -28,9 +29,13 @@ class Sentence:
         "stop",
         "verb",
         "wide",
+        "words",
     )
 
-    def __init__(self, hits: list[Hit], flags: list[int], start: int, stop: int) -> None:
+    def __init__(
+        self, words: list[str], hits: list[Hit], flags: list[int], start: int, stop: int
+    ) -> None:
+        self.words = words
         self.hits, self.flags, self.start, self.stop = hits, flags, start, stop
         self.clause = start  # first hit of the clause
         self.local = 0  # in force until the clause ends
@@ -52,6 +57,8 @@ class Sentence:
                 self._and(index)
             elif kind is Kind.VERB:
                 flags[index] |= self.local | self.wide
+                if is_thwarted(self.words, hit):
+                    flags[index] |= Scope.REJECTED
                 self.verb, self.predicate = index, False
             elif kind is Kind.OBJECT:
                 flags[index] |= self._for_object(index)

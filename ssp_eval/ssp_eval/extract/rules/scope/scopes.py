@@ -26,6 +26,6 @@ def scopes(words: list[str], hits: list[Hit], ranges: list[tuple[int, int]]) -> 
     """The flags of every hit, in the order of the hits."""
     flags = [0] * len(hits)
     for start, stop in ranges:
-        Sentence(hits, flags, start, stop).run()
+        Sentence(words, hits, flags, start, stop).run()
     mark_echoes(words, hits, flags, ranges)
     return flags

@@ -108,8 +108,16 @@ KINDS: dict[Kind, Table] = {
             refraining from, against, it would be, opposed to, as opposed to, cancel, cancelling,
             canceling, abort, aborting, abandon, abandoning, postpone, postponing, call off, hold
             off, not have to, not required to, too risky to, not safe to, could also, alternative
-            is, alternative would be, other option is, prevent, preventing, prevents
+            is, alternative would be, other option is, prevent, preventing, prevents, prevented
             """
+        ),
+        # Somebody does it to us: what follows is our own plan that he thwarts.
+        "ours": tuple(
+            f"{verb} {us} from"
+            for verb in phrases(
+                "keep, keeps, keeping, stop, stops, stopping, hold, holds, bar, bars"
+            )
+            for us in phrases("us, me, the ego, the ego vehicle, the ego car, our vehicle, our car")
         ),
     },
     Kind.REJECTED: {

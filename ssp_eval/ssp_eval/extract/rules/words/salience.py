@@ -86,7 +86,9 @@ KINDS: dict[Kind, Table] = {
             blocking, hide, hides, hiding, conceal, conceals, concealing, occlude, occludes,
             occluding, obscures, obscuring, screens, masks, narrows, narrowing, encroaches,
             encroaching, squeezes, reduces our clearance, protrudes, protruding, limits our view,
-            limiting our view, blocks our view, in our way, in the way
+            limiting our view, blocks our view, in our way, in the way, hinder, hinders, hindering,
+            hamper, hampers, hampering, impede, impedes, impeding, thwarts, thwarting, precludes,
+            precluding
             """
         ),
     },
