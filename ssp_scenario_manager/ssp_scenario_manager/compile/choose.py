@@ -67,6 +67,7 @@ def choose_block(
     choice: str | None = None,
     who: str | None = None,
     said: Callable[[str], None] = lambda block: None,
+    would_do: Callable[[Block], str | None] = lambda block: None,
 ) -> Chosen:
     """The winner of the retrieval that passes connectivity and conflict-geometry checks.
 
@@ -80,6 +81,7 @@ def choose_block(
         choice: id of the block that a person chose among ties.
         who: that person.
         said: is told each block that is tried.
+        would_do: of the best block, where none fits: what of K* alone keeps the event from it.
 
     Raises:
         NotChosen: none fits; or several that score alike fit, and no choice among them was given.
@@ -112,11 +114,14 @@ def choose_block(
             if found:
                 raise _not_the_best(search, choice, found)
     told = search.told()
+    remedy = "name another site or map; the table above says what each block lacks"
+    best = next((score.block for score in scores if score.eligible), None)
+    hint = would_do(search.blocks[best]) if best is not None else None
     raise NotChosen(
         f"no block of it fits: {_why(told)}",
         told,
         file=library.source,
-        remedy="name another site or map; the table above says what each block lacks",
+        remedy=f"{remedy}. On {best}, {hint}" if hint else remedy,
     )
 
 

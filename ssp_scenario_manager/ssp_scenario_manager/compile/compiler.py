@@ -11,6 +11,7 @@ from ssp_core.errors import InputError
 from ssp_core.files import parse_model
 from ssp_scenario_manager.compile import records
 from ssp_scenario_manager.compile.choose import Chosen, choose_block
+from ssp_scenario_manager.compile.fitting_trigger import fitting_trigger
 from ssp_scenario_manager.compile.ground import Ground
 from ssp_scenario_manager.compile.realise import COMPILER, Realisation, realise
 from ssp_scenario_manager.compile.task import (
@@ -127,21 +128,22 @@ def compile_task(request: Request, said: Callable[[str], None] = lambda text: No
     validated = None
     if request.validated_by is not None:
         validated = read_validation(request.validated_by, version)
+    placed = partial(
+        realise,
+        event_version=version,
+        ground=ground,
+        target=request.target,
+        seed=request.seed,
+        preferred=validated.values if validated is not None else {},
+    )
     chosen = choose_block(
         ground.library,
         score_blocks(event, ground.library),
-        partial(
-            realise,
-            event,
-            version,
-            ground=ground,
-            target=request.target,
-            seed=request.seed,
-            preferred=validated.values if validated is not None else {},
-        ),
+        lambda block: placed(event, block=block),
         choice=request.choose,
         who=request.who,
         said=said,
+        would_do=lambda block: fitting_trigger(event, lambda other: placed(other, block=block)),
     )
     task = _task(request, event, version, ground, chosen, validated)
     return Compiled(

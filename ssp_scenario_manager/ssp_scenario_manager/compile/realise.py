@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import islice
 
 import ssp_core
 from ssp_core.run_spec import (
@@ -30,14 +31,22 @@ from ssp_scenario_manager.compile.task import (
 )
 from ssp_scenario_manager.compile.traffic import clear_traffic
 from ssp_scenario_manager.core.runnable import cannot_fire
+from ssp_scenario_manager.in_process.event_check import Demand, why_not
 from ssp_scenario_manager.interactions import KINDS
 from ssp_scenario_manager.interactions.adapting import adaptation_of
 from ssp_scenario_manager.interactions.base import CannotPlace, Cross, Kind, PlaceLimits, Plan
 from ssp_scenario_manager.interactions.motions import Motions, motions
-from ssp_scenario_manager.interactions.wanted import classes_of, initiator_first, thresholds_of
+from ssp_scenario_manager.interactions.wanted import (
+    classes_of,
+    initiator_first,
+    thresholds_of,
+    time_gap_bounds,
+)
 from ssp_scenario_manager.spec.model import Event
 from ssp_scenario_manager.topology.block import Block, BlockLane
 
+# Plans that are run before a block is given up.
+MOST_RUN = 4
 COMPILER = f"ssp compile {ssp_core.__version__}"
 # A crossing is at a marking that lies within this of it.
 _AT_MARKING_M = 1.0
@@ -113,7 +122,7 @@ def realise(
     """
     kind = KINDS[event.interaction.type]
     limits = ground.limits(event)
-    plan = kind.plan(
+    plans = kind.plans(
         event,
         block,
         PlaceLimits(
@@ -124,6 +133,31 @@ def realise(
         ),
         preferred,
     )
+    first: CannotPlace | None = None
+    for plan in islice(plans, MOST_RUN):
+        try:
+            return _realised(event, event_version, kind, block, ground, target, plan, limits, seed)
+        except CannotPlace as error:
+            first = first or error
+    raise first or CannotPlace("it has no plan")
+
+
+def _realised(
+    event: Event,
+    event_version: str,
+    kind: Kind,
+    block: Block,
+    ground: Ground,
+    target: Target,
+    plan: Plan,
+    limits: Limits,
+    seed: int,
+) -> Realisation:
+    """One plan as a run that holds what the place demands, and whose event would happen.
+
+    Raises:
+        CannotPlace: it doesn't.
+    """
     told = motions(
         block.line, classes_of(event), event.vut_id, plan.vut, plan.targets, plan.trigger
     )
@@ -135,7 +169,7 @@ def realise(
         check_reachable(run, block, plan, reachable)
     if ground.site is not None:
         check_safe_stop(block, plan, zones)
-    problems = cannot_fire(run)
+    problems = cannot_fire(run) or why_not(run, demand_of(event))
     if problems:
         raise CannotPlace("; ".join(problems))
     return Realisation(
@@ -151,6 +185,11 @@ def realise(
         tunings=tunings(event, plan),
         left_out=tuple(left_out),
     )
+
+
+def demand_of(event: Event) -> Demand:
+    """What K* demands of the passing; a time gap that it leaves open may be any."""
+    return Demand(initiator_first(event), *time_gap_bounds(event))
 
 
 def road_of(block: Block, crossing_s_m: float | None = None) -> Road:

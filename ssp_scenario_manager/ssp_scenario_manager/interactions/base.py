@@ -5,7 +5,7 @@ A further kind is one module with one ``Kind`` and one plan function, and a line
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -159,8 +159,9 @@ class Kind:
         uses_arrival_gap: arrivals at the zone are compared; else TTC alone makes the conflict.
         same_direction_lanes: that the road must at least have.
         manoeuvres: that the road must permit.
-        plan: places the event on a block, with the speeds and gaps that are preferred or, for the
-            track, were validated in simulation (field path: value). Raises CannotPlace.
+        plans: ways to place the event on a block, from the speeds and gaps on that are preferred
+            or, for the track, were validated in simulation (field path: value). Raises CannotPlace
+            where there is none.
     """
 
     name: str
@@ -177,4 +178,4 @@ class Kind:
     uses_arrival_gap: bool
     same_direction_lanes: int
     manoeuvres: Callable[[Event], frozenset[str]]
-    plan: Callable[[Event, Block, PlaceLimits, Mapping[str, float]], Plan]
+    plans: Callable[[Event, Block, PlaceLimits, Mapping[str, float]], Iterator[Plan]]

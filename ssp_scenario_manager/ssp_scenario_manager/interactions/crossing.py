@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -35,7 +35,7 @@ from ssp_scenario_manager.interactions.on_block import (
     vut_lane_indices,
     within_block,
 )
-from ssp_scenario_manager.interactions.placing import Draft, place_on
+from ssp_scenario_manager.interactions.placing import Draft, plans_on
 from ssp_scenario_manager.interactions.travel import (
     HOLD_S,
     LEAST_HOLD_S,
@@ -221,10 +221,10 @@ def crossing_manoeuvres(event: Event) -> frozenset[str]:
     return frozenset({"keep_lane", "crossing"})
 
 
-def plan_crossing(
+def plans_crossing(
     event: Event, block: Block, limits: PlaceLimits, preferred: Mapping[str, float]
-) -> Plan:
-    """A crossing on a block, behind an occluder where K* names one.
+) -> Iterator[Plan]:
+    """Crossings on a block, behind an occluder where K* names one.
 
     Raises:
         CannotPlace: it doesn't fit.
@@ -260,8 +260,8 @@ def plan_crossing(
         y = draft.vut.start.l_m
         return rectangle(block, s - reach, s + reach, y - half, y + half)
 
-    plan = place_on(
+    for plan in plans_on(
         event, block, limits, "lateral", choices, partial(_draft, event, block, limits), zone
-    )
-    # The zone is cut square to the reference line, and the conflict point is where it begins.
-    return replace(plan, conflict=BlockPoint(plan.zone[0].s_m, plan.conflict.l_m))
+    ):
+        # The zone is cut square to the reference line, and the conflict point is where it begins.
+        yield replace(plan, conflict=BlockPoint(plan.zone[0].s_m, plan.conflict.l_m))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import partial
 
 from ssp_scenario_manager.interactions.base import (
@@ -25,7 +25,7 @@ from ssp_scenario_manager.interactions.on_block import (
     vut_lane_indices,
     within_block,
 )
-from ssp_scenario_manager.interactions.placing import Draft, place_in_lane
+from ssp_scenario_manager.interactions.placing import Draft, plans_in_lane
 from ssp_scenario_manager.interactions.travel import (
     HOLD_S,
     LEAST_HOLD_S,
@@ -121,7 +121,9 @@ def _draft(event: Event, block: Block, limits: PlaceLimits, values: Mapping[str,
     )
 
 
-def _plan(event: Event, block: Block, limits: PlaceLimits, preferred: Mapping[str, float]) -> Plan:
+def _plans(
+    event: Event, block: Block, limits: PlaceLimits, preferred: Mapping[str, float]
+) -> Iterator[Plan]:
     name, vut = event.interaction.initiator, event.vut_id
     _lanes(event, block)
     pick = partial(choose, event, preferred=preferred)
@@ -144,7 +146,7 @@ def _plan(event: Event, block: Block, limits: PlaceLimits, preferred: Mapping[st
         act = draft.trigger.act
         return seen.initiator_fired_mps * act.duration_s if isinstance(act, ShiftLane) else 0.0
 
-    return place_in_lane(
+    return plans_in_lane(
         event, block, limits, KIND.observable, choices,
         partial(_draft, event, block, limits), reach,
     )  # fmt: skip
@@ -168,5 +170,5 @@ KIND = Kind(
     uses_arrival_gap=False,
     same_direction_lanes=2,
     manoeuvres=_manoeuvres,
-    plan=_plan,
+    plans=_plans,
 )

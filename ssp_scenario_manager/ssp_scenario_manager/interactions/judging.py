@@ -7,12 +7,16 @@ import math
 from ssp_core.geometry import Polyline
 from ssp_core.run_spec import EndCondition
 from ssp_scenario_manager.interactions.base import PlaceLimits
-from ssp_scenario_manager.interactions.choosing import in_si, inside
+from ssp_scenario_manager.interactions.choosing import in_si
 from ssp_scenario_manager.interactions.foresight import Foresight
 from ssp_scenario_manager.interactions.motions import Motions
 from ssp_scenario_manager.interactions.travel import CRUISE_SHARE, stopping_m
-from ssp_scenario_manager.interactions.wanted import initiator_first, speed_bounds
-from ssp_scenario_manager.spec.model import Event, Interval
+from ssp_scenario_manager.interactions.wanted import (
+    initiator_first,
+    speed_bounds,
+    time_gap_bounds,
+)
+from ssp_scenario_manager.spec.model import Event
 
 
 def judge(event: Event, limits: PlaceLimits, told: Motions, seen: Foresight) -> list[str]:
@@ -29,7 +33,7 @@ def judge(event: Event, limits: PlaceLimits, told: Motions, seen: Foresight) -> 
         wrong.append("the conflict begins before the trigger can be seen")
     if seen.resolution_s is None and seen.conflict_s is not None:
         wrong.append("the conflict isn't resolved")
-    wrong += _wrong_order(event, seen)
+    wrong += _wrong_gap(event, seen)
     low, high = speed_bounds(event, event.vut_id, ("approach", "trigger"))
     # A driver nears its cruise speed slowly.
     if not low * CRUISE_SHARE <= seen.fired_speed_mps <= high + 1e-9:
@@ -58,16 +62,25 @@ def judge(event: Event, limits: PlaceLimits, told: Motions, seen: Foresight) -> 
     return wrong
 
 
-def _wrong_order(event: Event, seen: Foresight) -> list[str]:
-    if initiator_first(event) != seen.initiator_first:
-        return [f"{event.interaction.passing_order[0]} wouldn't reach the conflict point first"]
-    gap = event.constraints.time_gap
-    if not isinstance(gap, Interval) or math.isinf(seen.vut_arrival_s):
+def wrong_order(event: Event, still: Foresight) -> list[str]:
+    """What is wrong with the passing order of a plan; ``still``: of a VUT that holds its speed."""
+    if initiator_first(event) == still.initiator_first:
         return []
-    gap = in_si(gap)
-    if not inside(gap, seen.time_gap_s):
-        return [
-            f"the time gap at the conflict point would be {seen.time_gap_s:.2f} s, K* wants "
-            f"{gap.min} to {gap.max} s"
-        ]
-    return []
+    first, other = event.interaction.passing_order[0], event.interaction.initiator
+    own_s, vut_s = still.overlap_s - still.fired_s, still.vut_arrival_s - still.fired_s
+    if math.isinf(own_s):
+        return [f"{other} wouldn't come into the VUT's corridor"]
+    return [
+        f"{first} wouldn't reach the conflict point first: after the trigger {other} takes "
+        f"{own_s:.1f} s to the VUT's corridor, the VUT at its approach speed {vut_s:.1f} s"
+    ]
+
+
+def _wrong_gap(event: Event, seen: Foresight) -> list[str]:
+    least, most = time_gap_bounds(event)
+    if math.isinf(seen.vut_arrival_s) or least - 1e-9 <= seen.time_gap_s <= most + 1e-9:
+        return []
+    return [
+        f"the time gap at the conflict point would be {seen.time_gap_s:.2f} s, K* wants "
+        f"{least:g} to {most:g} s"
+    ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import partial
 
 from ssp_scenario_manager.interactions.base import (
@@ -24,7 +24,7 @@ from ssp_scenario_manager.interactions.on_block import (
     vut_lane_indices,
     within_block,
 )
-from ssp_scenario_manager.interactions.placing import Draft, place_in_lane
+from ssp_scenario_manager.interactions.placing import Draft, plans_in_lane
 from ssp_scenario_manager.interactions.travel import cruise_reached_s
 from ssp_scenario_manager.interactions.wanted import (
     acceleration_limit,
@@ -86,7 +86,9 @@ def _draft(event: Event, block: Block, limits: PlaceLimits, values: Mapping[str,
     )
 
 
-def _plan(event: Event, block: Block, limits: PlaceLimits, preferred: Mapping[str, float]) -> Plan:
+def _plans(
+    event: Event, block: Block, limits: PlaceLimits, preferred: Mapping[str, float]
+) -> Iterator[Plan]:
     name, vut = event.interaction.initiator, event.vut_id
     pick = partial(choose, event, preferred=preferred)
     fastest, hardest = vehicle_speed_limit(event, limits), acceleration_limit(event, limits)
@@ -112,7 +114,7 @@ def _plan(event: Event, block: Block, limits: PlaceLimits, preferred: Mapping[st
         spread = seen.initiator_fired_mps**2 - act.to_mps**2
         return max(spread, 0.0) / (2.0 * act.deceleration_mps2)
 
-    return place_in_lane(
+    return plans_in_lane(
         event, block, limits, KIND.observable, choices,
         partial(_draft, event, block, limits), reach,
     )  # fmt: skip
@@ -133,5 +135,5 @@ KIND = Kind(
     uses_arrival_gap=False,
     same_direction_lanes=1,
     manoeuvres=_manoeuvres,
-    plan=_plan,
+    plans=_plans,
 )

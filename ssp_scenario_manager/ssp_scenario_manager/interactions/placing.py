@@ -1,10 +1,10 @@
-"""The search for a plan: drafts from the preferred values on, each looked ahead and judged."""
+"""The search for plans: drafts from the preferred values on, each looked ahead and judged."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
 
 from ssp_core.interaction import Observable, corridor_half_m
 from ssp_scenario_manager.interactions.adapting import gap_before_response_s
@@ -19,7 +19,7 @@ from ssp_scenario_manager.interactions.base import (
 )
 from ssp_scenario_manager.interactions.choosing import Choice, chosen, combinations
 from ssp_scenario_manager.interactions.foresight import Foresight, foresee
-from ssp_scenario_manager.interactions.judging import judge
+from ssp_scenario_manager.interactions.judging import judge, wrong_order
 from ssp_scenario_manager.interactions.motions import Motions, motions
 from ssp_scenario_manager.interactions.on_block import ahead_of, rectangle
 from ssp_scenario_manager.interactions.wanted import (
@@ -55,7 +55,7 @@ class Draft:
     chosen: Mapping[str, tuple[float, str, str]] | None = None
 
 
-def place_on(
+def plans_on(
     event: Event,
     block: Block,
     limits: PlaceLimits,
@@ -63,8 +63,8 @@ def place_on(
     choices: Mapping[str, Choice],
     draft: Callable[[Mapping[str, float]], Draft],
     zone: Callable[[Draft, Foresight, BlockPoint], tuple[BlockPoint, ...]],
-) -> Plan:
-    """The first plan, from the preferred values on, that goes as K* says.
+) -> Iterator[Plan]:
+    """Plans that go as K* says, as far as can be foreseen, from the preferred values on.
 
     Args:
         event: K*.
@@ -80,7 +80,7 @@ def place_on(
     """
     thresholds = thresholds_of(event)
     vut_id = event.vut_id
-    first_reason, looked = "", 0
+    first_reason, looked, found = "", 0, False
     for values in itertools.islice(combinations(choices), MOST_DRAFTED):
         try:
             made = draft(values)
@@ -88,16 +88,20 @@ def place_on(
                 block.line, classes_of(event), vut_id, made.vut, made.targets, made.trigger
             )
             looked += 1
-            seen = foresee(told, observable, thresholds)
-            reasons = judge(event, limits, told, seen)
-            if made.extra is not None:
-                reasons += made.extra(told, seen)
+            still = foresee(_without_response(told), observable, thresholds)
+            reasons = wrong_order(event, still)
+            if not reasons:
+                seen = foresee(told, observable, thresholds)
+                reasons = judge(event, limits, told, seen)
+            if not reasons and made.extra is not None:
+                reasons = made.extra(told, seen)
         except CannotPlace as error:
             reasons = [str(error)]
             made = None
         if made is not None and not reasons:
             conflict = _on_block(block, made.vut, seen.conflict_station_m)
-            return Plan(
+            found = True
+            yield Plan(
                 vut=made.vut,
                 targets=made.targets,
                 trigger=made.trigger,
@@ -110,10 +114,15 @@ def place_on(
         first_reason = first_reason or "; ".join(reasons)
         if looked >= MOST_FORESEEN:
             break
-    raise CannotPlace(first_reason)
+    if not found:
+        raise CannotPlace(first_reason)
 
 
-def place_in_lane(
+def _without_response(told: Motions) -> Motions:
+    return replace(told, driver=told.driver.model_copy(update={"reacts": False}))
+
+
+def plans_in_lane(
     event: Event,
     block: Block,
     limits: PlaceLimits,
@@ -121,14 +130,14 @@ def place_in_lane(
     choices: Mapping[str, Choice],
     draft: Callable[[Mapping[str, float]], Draft],
     reach: Callable[[Draft, Foresight], float],
-) -> Plan:
-    """As ``place_on``, for an initiator that takes a part of the VUT's lane.
+) -> Iterator[Plan]:
+    """As ``plans_on``, for an initiator that takes a part of the VUT's lane.
 
     The zone begins at the conflict point, where the initiator's rear is when it comes into the
     VUT's way, and ends where its front is when it has done what it does.
 
     Args:
-        reach: how far it drives meanwhile, m; the others as for ``place_on``.
+        reach: how far it drives meanwhile, m; the others as for ``plans_on``.
     """
     half = corridor_half_m(size_of(event, event.vut_id).width_m)
     length = size_of(event, event.interaction.initiator).length_m
@@ -138,7 +147,7 @@ def place_in_lane(
         end = min(s + length + reach(made, seen), block.length_m)
         return rectangle(block, s, end, y - half, y + half)
 
-    return place_on(event, block, limits, observable, choices, draft, zone)
+    return plans_on(event, block, limits, observable, choices, draft, zone)
 
 
 def _on_block(block: Block, vut: Drive, station_m: float) -> BlockPoint:

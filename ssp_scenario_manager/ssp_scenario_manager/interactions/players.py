@@ -83,10 +83,10 @@ class Players:
     def advance(
         self, vut: ObjectState, meetings: list[tuple[ObjectState, Encounter]], dt_s: float
     ) -> None:
-        """Moves the VUT on, by its driver's law and for what it meets."""
+        """Moves the VUT on, by its driver's law and, if the driver reacts, for what it meets."""
         driver, v = self.plan.driver, self.speed_mps
         wanted = free_acceleration(v, driver)
-        for other, meeting in meetings:
+        for other, meeting in meetings if driver.reacts else ():
             if meeting.gap_m <= 0.1:
                 continue
             if other.object_class in _VULNERABLE:

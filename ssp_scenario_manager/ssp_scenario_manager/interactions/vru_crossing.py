@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ssp_scenario_manager.interactions.base import Kind
-from ssp_scenario_manager.interactions.crossing import crossing_manoeuvres, plan_crossing
+from ssp_scenario_manager.interactions.crossing import crossing_manoeuvres, plans_crossing
 
 KIND = Kind(
     name="vru_crossing",
@@ -23,5 +23,5 @@ KIND = Kind(
     uses_arrival_gap=True,
     same_direction_lanes=1,
     manoeuvres=crossing_manoeuvres,
-    plan=plan_crossing,
+    plans=plans_crossing,
 )

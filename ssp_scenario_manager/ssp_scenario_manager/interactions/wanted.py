@@ -68,6 +68,16 @@ def speed_bounds(event: Event, name: str, phases: tuple[str, ...]) -> tuple[floa
     )
 
 
+def time_gap_bounds(event: Event) -> tuple[float, float]:
+    """Least and largest time gap at the conflict point, s; infinite where K* leaves a side open."""
+    gap = event.constraints.time_gap
+    known = in_si(gap) if isinstance(gap, Interval) else Interval(min=None, max=None, unit="s")
+    return (
+        -math.inf if known.min is None else known.min,
+        math.inf if known.max is None else known.max,
+    )
+
+
 def initiator_first(event: Event) -> bool:
     """The passing order of K*."""
     return event.interaction.passing_order[0] == event.interaction.initiator

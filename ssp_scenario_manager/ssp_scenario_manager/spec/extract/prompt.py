@@ -106,7 +106,7 @@ def kind_texts() -> dict[str, str]:
     """What each known kind of interaction is: the first line of its module."""
     texts = {}
     for name, kind in KINDS.items():
-        about = sys.modules[kind.plan.__module__].__doc__ or name
+        about = sys.modules[kind.plans.__module__].__doc__ or name
         texts[name] = about.strip().splitlines()[0]
     return texts
 

@@ -1,0 +1,117 @@
+"""Would a run's event happen? The session itself is asked, in one process (METHOD 2.2).
+
+The predicate is two runs of the session that is to be held, with its triggers, phases, limits and
+object dynamics. In the first the VUT holds its approach speed and doesn't respond: trigger,
+conflict and passing order must come of the objects alone. In the second the VUT has the driver of
+the SIL: its run must be valid, and the time gap, most of which comes of the response, as K* wants.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ssp_core.run_spec import RunSpec
+from ssp_core.safety_codes import SafetyCode
+from ssp_core.vocab import Phase
+from ssp_scenario_manager.in_process.outcome import InProcessResult, run_in_process
+
+# What a VUT that doesn't respond brings about after the conflict has begun.
+_OF_NO_RESPONSE = frozenset(
+    code.name.lower()
+    for code in (SafetyCode.COLLISION, SafetyCode.SEPARATION, SafetyCode.EVENT_MISSING)
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Demand:
+    """What K* demands of how VUT and initiator pass each other.
+
+    Args:
+        initiator_first: by the passing order.
+        least_gap_s: time gap at the conflict point, at least.
+        most_gap_s: at most.
+    """
+
+    initiator_first: bool
+    least_gap_s: float
+    most_gap_s: float
+
+
+def why_not(run: RunSpec, demand: Demand) -> list[str]:
+    """Reasons for which a run's event wouldn't happen, each with the quantity that misses.
+
+    Args:
+        run: as it is compiled; a VUT that somebody else drives is driven by the SIL's driver.
+        demand: of K*.
+
+    Returns:
+        None of them: it happens.
+    """
+    still = _without_response(run)
+    reasons = _no_event(run, demand, run_in_process(still)[0])
+    if reasons:
+        return [f"{reason}, while the VUT holds its approach speed" for reason in reasons]
+    told = _not_valid(demand, run_in_process(_plain(run))[0])
+    return [f"{reason}, with the SIL's driver" for reason in told]
+
+
+def _plain(run: RunSpec) -> RunSpec:
+    """Without what needs processes of its own and doesn't change the event."""
+    driver = run.driver.model_copy(update={"external": False})
+    return run.model_copy(
+        update={"mode": "lockstep", "camera": None, "traffic": [], "faults": [], "driver": driver}
+    )
+
+
+def _without_response(run: RunSpec) -> RunSpec:
+    plain = _plain(run)
+    driver = plain.driver.model_copy(
+        update={"reacts": False, "aeb_deceleration_mps2": None, "later": []}
+    )
+    return plain.model_copy(update={"driver": driver})
+
+
+def _no_event(run: RunSpec, demand: Demand, seen: InProcessResult) -> list[str]:
+    """What is missing of trigger, conflict and passing order."""
+    who = run.initiator_id
+    told = [reason for reason in seen.reasons if _code(reason) not in _OF_NO_RESPONSE]
+    if told:
+        return told
+    late = "; ".join(reason for reason in seen.reasons if _code(reason) == "event_missing")
+    if not seen.triggers:
+        return [f"the trigger of {who} doesn't fire ({late})"]
+    met = seen.phase_s(Phase.CONFLICT) is not None
+    if seen.passing.other_first is None and not met:
+        return [f"no conflict comes of it ({late or _phases(seen)})"]
+    if seen.passing.other_first is None:
+        near = f"smallest distance {seen.min_distance_m:.2f} m"
+        return [f"{who} doesn't come into the VUT's corridor ({near})"]
+    if seen.passing.other_first is not demand.initiator_first:
+        first = who if seen.passing.other_first else run.vut.id
+        return [f"{first} reaches the conflict point first, against K*'s passing order"]
+    return []
+
+
+def _not_valid(demand: Demand, seen: InProcessResult) -> list[str]:
+    """Why a run is not valid, or not K*'s event."""
+    if not seen.ok:
+        return list(seen.reasons) or ["it doesn't begin"]
+    if seen.passing.other_first is not demand.initiator_first:
+        return ["VUT and initiator don't pass each other in K*'s order"]
+    gap_s = seen.passing.time_gap_s
+    wanted = f"K* wants {demand.least_gap_s:g} to {demand.most_gap_s:g} s"
+    if gap_s is None:
+        return [f"VUT and initiator don't both pass the conflict point: no time gap, {wanted}"]
+    if not demand.least_gap_s <= gap_s <= demand.most_gap_s:
+        return [f"the time gap at the conflict point is {gap_s:.2f} s, {wanted}"]
+    return []
+
+
+def _code(reason: str) -> str:
+    return reason.partition(":")[0]
+
+
+def _phases(seen: InProcessResult) -> str:
+    names: Sequence[str] = [p.phase.name.lower() for p in seen.phases]
+    return f"phases: {', '.join(names)}"
