@@ -70,6 +70,21 @@ class Troubled(Extractor):
         return "sha256:" + "7" * 64
 
 
+class German(Extractor):
+    """Of a model that answers in German, whatever its words are here."""
+
+    def __call__(self, text: str) -> Extracted:
+        return super().__call__("Vor uns bremst ein Lastwagen, wir halten die Spur.")
+
+
+def test_texts_in_another_language_are_said(bags: list[Path], tmp_path: Path) -> None:
+    evaluated(tmp_path / "out", bags[:1], MODELS[0], extractor=German())
+    page = " ".join(write_report(tmp_path / "out").read_text().replace("&#39;", "'").split())
+    told = "in a language that the rules don't read"
+    assert f"9 of 9 texts are {told} (de 9)" in page
+    assert f"Texts {told}, which is English: {MODELS[0]}." in page
+
+
 def test_two_extractors_and_an_llm_that_is_away_are_said(campaign: Path, bags: list[Path]) -> None:
     evaluated(campaign, bags[1:], MODELS[0], extractor=Troubled())
     page = " ".join(write_report(campaign).read_text().split())

@@ -11,11 +11,12 @@ from ssp_eval.analysis.table import Column, Table, some
 from ssp_eval.analysis.tables import uneven
 from ssp_eval.evaluate.admission import ADMITTED
 from ssp_eval.evaluate.controls import ANSWERERS, CONDITIONS
+from ssp_eval.extract.language import NOT_READ
 from ssp_eval.report.facts import CellFacts
 from ssp_eval.report.load import CellData
 
-COMPARABILITY, STAND_IN, LEFT_OUT, CONTROLS, LABELS, MEASURED, CELL = (
-    "comparability", "stand_in", "left_out", "controls", "labels", "measured", "cell",
+COMPARABILITY, STAND_IN, LEFT_OUT, CONTROLS, LABELS, LANGUAGE, MEASURED, CELL = (
+    "comparability", "stand_in", "left_out", "controls", "labels", "language", "measured", "cell",
 )  # fmt: skip
 
 
@@ -24,7 +25,7 @@ class Notice:
     """One thing to be told.
 
     Args:
-        kind: comparability, stand_in, left_out, controls, labels, measured or cell.
+        kind: comparability, stand_in, left_out, controls, labels, language, measured or cell.
         text: one or two sentences; of many names it holds the first and counts the rest.
         about: every name that it is about: recordings, cells or models.
         everywhere: it stands under every table, and first on the page.
@@ -163,6 +164,12 @@ def _of_cells(cells: Sequence[CellData]) -> Iterable[Notice]:
             f"{'all recordings' if names == every else some(names)}."
         )
         yield Notice(LABELS, text, tuple(names))
+    if names := sorted({c.model for c in cells if any(NOT_READ in note for note in c.notes)}):
+        text = (
+            f"Texts {NOT_READ}, which is English: {some(names)}. Their semantics and actions count "
+            "as missing, so that they compare with nobody's; their cells say how many texts it is."
+        )
+        yield Notice(LANGUAGE, text, tuple(names), everywhere=True)
     for what, names in _assumed(cells).items():
         yield Notice(MEASURED, f"Not measured: {what} of {some(names)}.", tuple(names))
     for cell in cells:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 
 from ssp_eval.evaluate.store import Asked
+from ssp_eval.extract.language import NOT_READ
 from ssp_eval.extract.llm import Extracted, Extractor, make_extractor
 from ssp_eval.records import BehaviourRecord
 from ssp_vla_bridge.core.adapters import adapt
@@ -63,6 +64,8 @@ def record_of(
     if no_previous:
         notes.append(f"asked without a previous answer: {no_previous}")
     found = (extractor or make_extractor())(adapted.text)
+    if found.language:
+        notes.append(f"{NOT_READ}: {found.language}")
     notes += _llm_notes(found)
     return BehaviourRecord(
         t_s=t_s,

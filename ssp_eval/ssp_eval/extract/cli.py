@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from ssp_core import console
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_file
 from ssp_eval import strict
+from ssp_eval.extract.language import NOT_READ
 from ssp_eval.extract.llm import Extracted, Extractor
 from ssp_eval.extract.llm.options import extractor_of, llm_options
 from ssp_eval.extract.measure import load_corpus, measure
@@ -59,8 +61,9 @@ def extract(
     """Extract slots with evidence from texts.
 
     FILE.jsonl has lines {"id": …, "text": …}; "-" reads standard input. For each, one line
-    {"id": …, "slots": …} goes to standard output, slots as in behaviour records (METHOD 5.3); with
-    --llm, it says which of them the LLM filled.
+    {"id": …, "slots": …} goes to standard output, slots as in behaviour records (METHOD 5.3), with
+    "language" where the text isn't English, which the rules don't read; with --llm, it says which
+    slots the LLM filled.
 
     Instead, --review OUT prepares a blind review of FILE.jsonl by two people, --returned A B
     --key KEY compares what they returned with each other and with the extractor, and --measure
@@ -81,8 +84,14 @@ def extract(
     elif file is not None and out is not None:
         _prepare(file, out, extractor, count, seed)
     elif file is not None:
+        foreign: Counter[str] = Counter()
         for key, text in _read(file):
-            click.echo(json.dumps(_line(key, text, extractor(text), extractor.uses_llm)))
+            found_slots = extractor(text)
+            foreign.update([found_slots.language] if found_slots.language else [])
+            click.echo(json.dumps(_line(key, text, found_slots, extractor.uses_llm)))
+        if foreign:
+            told = ", ".join(f"{name} {number}" for name, number in sorted(foreign.items()))
+            console.note(f"note: texts {NOT_READ}: {told}")
     if extractor.uses_llm:
         tally = ", ".join(f"{name} {number}" for name, number in extractor.tally().items())
         console.note(f"LLM: {tally}")
@@ -109,6 +118,8 @@ def _check_mode(
 def _line(key: str | int, text: str, found: Extracted, with_llm: bool) -> dict[str, Any]:
     record = record_to_json(BehaviourRecord(0.0, text, found.slots))
     line = {"id": key, "slots": json.loads(record)["slots"]}
+    if found.language:
+        line["language"] = found.language
     if with_llm:
         dropped = list(found.dropped)
         line["llm"] = {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +23,7 @@ from ssp_eval.evaluate.cell_file import (
 from ssp_eval.evaluate.controls import NEVER_MODELS, is_control_name
 from ssp_eval.evaluate.interpret import LLM_MISSING
 from ssp_eval.evaluate.store import REQUESTS_FILE
+from ssp_eval.extract.language import NOT_READ
 from ssp_eval.labels.model import Labels, load_labels
 from ssp_eval.records import MOST_BYTES, BehaviourRecord, load_records
 from ssp_eval.report.facts import CellFacts, RequestFacts, load_facts
@@ -170,7 +172,13 @@ def load_cell(file: Path) -> CellData:
         notes.append("It was evaluated with other thresholds than this page uses.")
     if losses := losses_text(facts.answers.missing_by_kind):
         notes.append(f"{losses}. They count as missing outputs.")
-    if lacking := sum(map(_lacks_llm, records)):
+    if foreign := _languages(records):
+        told = ", ".join(f"{name} {count}" for name, count in sorted(foreign.items()))
+        notes.append(
+            f"{foreign.total()} of {len(records)} texts are {NOT_READ} ({told}): what they say of "
+            "the scene and the plan counts as missing."
+        )
+    if lacking := sum(_has_note(record, LLM_MISSING) for record in records):
         notes.append(
             f"{lacking} of {len(records)} records lack what the LLM of the extraction would have "
             "filled; their notes say why."
@@ -179,9 +187,22 @@ def load_cell(file: Path) -> CellData:
     return CellData(folder, facts, labels, records, asked, score, tuple(notes))
 
 
-def _lacks_llm(record: BehaviourRecord) -> bool:
-    notes = [] if record.adapter is None else record.adapter["notes"]
-    return any(note.startswith(LLM_MISSING) for note in notes)
+def _notes(record: BehaviourRecord) -> list[str]:
+    return [] if record.adapter is None else record.adapter["notes"]
+
+
+def _has_note(record: BehaviourRecord, beginning: str) -> bool:
+    return any(note.startswith(beginning) for note in _notes(record))
+
+
+def _languages(records: Iterable[BehaviourRecord]) -> Counter[str]:
+    """How many texts are in each language that the rules don't read."""
+    return Counter(
+        note.removeprefix(NOT_READ).lstrip(": ")
+        for record in records
+        for note in _notes(record)
+        if note.startswith(NOT_READ)
+    )
 
 
 def request_lines(file: Path) -> tuple[bytes, ...]:

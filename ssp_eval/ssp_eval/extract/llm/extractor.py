@@ -13,6 +13,7 @@ from ssp_core.chat import Chat
 from ssp_core.chat_reply import NoCompletion, read_completion
 from ssp_core.errors import PeerError
 from ssp_core.hashing import sha256_bytes, sha256_json
+from ssp_eval.extract.language import foreign_language
 from ssp_eval.extract.llm.cache import Cache
 from ssp_eval.extract.llm.judge import judge
 from ssp_eval.extract.llm.prompt import build_request, prompt_hash
@@ -33,12 +34,15 @@ class Extracted:
         by_llm: names of the slots that the LLM filled.
         trouble: why the LLM's part is missing, "" where it isn't.
         dropped: proposals of the LLM that failed a check, as "slot: why".
+        language: of a text that isn't English, which the rules don't read; see
+            ssp_eval.extract.language.
     """
 
     slots: Slots
     by_llm: tuple[str, ...] = ()
     trouble: str = ""
     dropped: tuple[str, ...] = ()
+    language: str | None = None
 
 
 class Extractor:
@@ -72,6 +76,9 @@ class Extractor:
         Raises:
             InputError: the cache can't be read or written.
         """
+        return replace(self._slots(text), language=foreign_language(text))
+
+    def _slots(self, text: str) -> Extracted:
         found = extract(text)
         empty = [name for name in SLOT_NAMES if getattr(found, name) is None]
         if self._chat is None or not empty or not text.strip():
