@@ -1,0 +1,86 @@
+"""Observations as a person would write them of the recordings of conftest.py."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from pathlib import Path
+from typing import Any
+
+from ssp_core.files import write_json
+from ssp_eval.recordings.observation import REASONS
+from ssp_eval.recordings.observation_file import (
+    footage_of,
+    sealed_observation,
+    write_observation,
+)
+
+NOW = "2026-03-02T10:00:00Z"
+ALL = [[5, 90]]
+
+
+def answers() -> dict[str, Any]:
+    """Of a recording of the shipped cut_in: on two lanes, a car comes over from the left."""
+    return {
+        "schema": "ssp.observation/1",
+        "recording": None,
+        "bag_sha256": None,
+        "scenario": "cut_in",
+        "event_version": None,
+        "who": "Ada Vance",
+        "role": "reviewer",
+        "when": None,
+        "remark": None,
+        "topology": {
+            "segment": "straight",
+            "lanes_same_direction": 2,
+            "lanes_opposite": 0,
+            "vut_lane": "rightmost",
+            "frames": [5],
+        },
+        "roles": {
+            "participants": {
+                "vut": {"role": "VUT", "class": "car"},
+                "ot1": {"role": "OT", "class": "car", "starts_in": "left_lane"},
+            },
+            "initiator": "ot1",
+            "affected": "vut",
+            "frames": [5, 40],
+        },
+        "dominant_motion": {"value": "cutting_in_from_left", "frames": [[35, 60]]},
+        "conflict_type": {"value": "merge", "frames": [45]},
+        "passing_order": {"value": ["ot1", "vut"], "frames": [50]},
+        "phases": {
+            "start_s": None,
+            "end_s": None,
+            "trigger": {"t_s": 3.2, "frames": [37]},
+            "conflict": {"t_s": 4.0, "frames": [45]},
+            "resolution": {"t_s": 7.0, "frames": [75]},
+        },
+        "identity_stable": {"value": True, "frames": ALL},
+        "source_gate": {reason: {"value": False, "frames": ALL} for reason in REASONS},
+        "visibility": {
+            "participants": {"ot1": {"value": "throughout", "frames": ALL}},
+            "conflict_region": {"value": 0.9, "frames": ALL},
+        },
+        "log": {"safety_abort": False, "identity_switch": False, "site_changes": []},
+    }
+
+
+def changed(path: str, value: Any, content: dict[str, Any] | None = None) -> dict[str, Any]:
+    """The answers with another value at a path; KeyError where there is none."""
+    found = deepcopy(answers() if content is None else content)
+    *before, last = path.split(".")
+    place = found
+    for part in before:
+        place = place[part]
+    if last not in place:
+        raise KeyError(path)
+    place[last] = value
+    return found
+
+
+def seal(bag: Path, path: Path, content: dict[str, Any]) -> Path:
+    """Writes a sealed observation of a bag."""
+    write_json(path, content)
+    write_observation(path, sealed_observation(path, footage_of(bag), bag.name, NOW))
+    return path
