@@ -32,7 +32,9 @@ ROSDEP_NAMES = {
     "yaml": "python3-yaml",
 }
 # Without a rosdep key; bootstrap/runtime.in installs them.
-NO_KEY = {"av", "isal", "libsumo", "mcap", "openai", "pyclothoids", "scenariogeneration"}
+NO_KEY = {
+    "av", "isal", "libsumo", "mcap", "openai", "py3langid", "pyclothoids", "scenariogeneration",
+}  # fmt: skip
 # What a requirement brings along as a part of its own interface.
 BROUGHT_BY = {
     "lz4": "mcap",
