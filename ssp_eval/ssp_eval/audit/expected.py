@@ -11,10 +11,9 @@ from dataclasses import dataclass
 
 from ssp_eval.recordings.properties import CONFLICT, MOTION, ORDER, ROLES, TOPOLOGY, Property
 from ssp_scenario_manager.spec.fields import owner
-from ssp_scenario_manager.spec.model import UNRESOLVED, Count, Event, Quantity, Unresolved
+from ssp_scenario_manager.spec.model import UNRESOLVED, CountField, Event, Quantity, Unresolved
 from ssp_scenario_manager.spec.seal import seals
 
-_LANES = ("rightmost", "middle", "leftmost")
 _REVIEWED = ("accepted", "edited")
 PHASES_FIELD = "phases"
 
@@ -36,22 +35,21 @@ def _known(words: Mapping[str, tuple[str, ...]]) -> Property:
 
 def _topology(event: Event) -> Property:
     road = event.topology
-    for name in ("segment", "vut_lane"):
-        if getattr(road, name) == UNRESOLVED:
+    words = {
+        "lanes_same_direction": _counts(road.lanes_same_direction),
+        "lanes_opposite": _counts(road.lanes_opposite),
+        "segment": road.segment.words,
+        "vut_lane": road.vut_lane.words,
+    }
+    for name, found in words.items():
+        if not found:
             return Property(None, f"topology.{name} is unresolved in the K*")
-    return _known(
-        {
-            "lanes_same_direction": _counts(road.lanes_same_direction),
-            "lanes_opposite": _counts(road.lanes_opposite),
-            "segment": (road.segment,),
-            "vut_lane": _LANES if road.vut_lane == "any" else (road.vut_lane,),
-            "adjacency": (_adjacency(event),),
-        }
-    )
+    return _known(words | {"adjacency": (_adjacency(event),)})
 
 
-def _counts(count: Count) -> tuple[str, ...]:
-    return tuple(str(n) for n in range(count.min, count.max + 1))
+def _counts(field: CountField) -> tuple[str, ...]:
+    allowed = field.range
+    return () if allowed is None else tuple(map(str, range(allowed.min, allowed.max + 1)))
 
 
 def _adjacency(event: Event) -> str:

@@ -14,7 +14,7 @@ from ssp_eval.evaluate.store import RAW_FILE, REQUESTS_FILE
 from ssp_eval.package.model import Role
 
 _BY_SCHEMA: dict[str, Role] = {
-    "ssp.event/1": "event",
+    "ssp.event/2": "event",
     "ssp.site/1": "site",
     "ssp.task/1": "task",
     "ssp.run/1": "run",

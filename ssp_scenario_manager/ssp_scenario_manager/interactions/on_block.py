@@ -23,18 +23,20 @@ def vut_lane_indices(event: Event, block: Block) -> list[int]:
     Raises:
         CannotPlace: there is no such lane.
     """
-    count = len(block.forward_lanes)
-    word = event.topology.vut_lane
-    indices = list(range(count))
-    if word == "rightmost":
-        indices = indices[:1]
-    elif word == "leftmost":
-        indices = indices[-1:]
-    elif word == "middle":
-        indices = indices[1:-1]
+    count, words = len(block.forward_lanes), event.topology.vut_lane.words
+    indices = lanes_of_words(words, count)
     if not indices:
+        word = " or ".join(words)
         raise CannotPlace(f"of its {count} lane(s) in the VUT's direction none is the {word} one")
     return indices
+
+
+def lanes_of_words(words: tuple[str, ...], count: int) -> list[int]:
+    """Indices of lanes, counted from the right, by part T's words, as preferred; no word: all."""
+    lanes = range(count)
+    found = {"rightmost": lanes[:1], "leftmost": lanes[-1:], "middle": lanes[1:-1]}
+    chosen = [index for word in words for index in found[word]] if words else list(lanes)
+    return list(dict.fromkeys(chosen))
 
 
 def neighbour(block: Block, index: int, to_left: bool) -> BlockLane:

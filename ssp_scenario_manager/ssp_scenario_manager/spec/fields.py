@@ -10,8 +10,11 @@ from typing import Any
 Part = str | int
 
 _PART = re.compile(r"([^.\[\]]+)|\[(\d{1,6})\]")
-# Mappings that a person judges as one: a quantity, a count, one participant in one phase.
+ROAD_FIELD = frozenset({"value", "identity", "varies", "why"})
+# Mappings that a person judges as one: a field of the road, a quantity, a count, one participant
+# in one phase.
 _WHOLE = (
+    ROAD_FIELD,
     frozenset({"min", "max", "unit"}),
     frozenset({"min", "max"}),
     frozenset({"position", "motion", "heading", "speed_trend", "longitudinal", "lateral"}),

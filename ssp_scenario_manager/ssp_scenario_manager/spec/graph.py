@@ -10,7 +10,7 @@ from itertools import pairwise
 from typing import Any, Literal
 
 from ssp_core.vocab import PHASES
-from ssp_scenario_manager.spec.fields import get, granules, leaves, owner
+from ssp_scenario_manager.spec.fields import ROAD_FIELD, get, granules, leaves, owner
 from ssp_scenario_manager.spec.load import event_version
 from ssp_scenario_manager.spec.model import UNRESOLVED, Event
 from ssp_scenario_manager.spec.seal import body
@@ -173,11 +173,17 @@ def _is_interval(value: Any) -> bool:
     return isinstance(value, dict) and set(value) == {"min", "max", "unit"}
 
 
+def _is_road(value: Any) -> bool:
+    return isinstance(value, dict) and set(value) == ROAD_FIELD
+
+
 def _determined(value: dict[str, Any]) -> dict[str, Any]:
     """P: exact quantities with their units, and every word, number and list that is known."""
     found: dict[str, Any] = {}
     for path in granules(value):
         item = get(value, path)
+        if _is_road(item):
+            item = item["value"]
         if _is_interval(item):
             if item["min"] is not None and item["min"] == item["max"]:
                 found[path] = {"value": item["min"], "unit": item["unit"]}
@@ -194,5 +200,6 @@ def _uncertain(event: Event, value: dict[str, Any]) -> dict[str, Any]:
         known = event.uncertainty[entry].model_dump(mode="json") if entry else None
         open_ = UNRESOLVED in [leaf for _, leaf in leaves(item)]
         interval = _is_interval(item) and item["min"] != item["max"]
+        interval |= _is_road(item) and item["varies"] is not None
         found[path] = ({"value": item} if open_ or interval else {}) | {"known": known}
     return found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +16,10 @@ from ssp_scenario_manager.spec.model import Event
 MAX_EVENT_BYTES = 256 << 10
 # Lists that are sets: their order says nothing.
 _SETS = (
-    ("topology", "permitted_manoeuvres"),
     ("interaction", "longitudinal_responses"),
     ("interaction", "lateral_responses"),
 )
+OLD_SCHEMA = "ssp.event/1"
 
 
 def read_event_file(name_or_path: str) -> tuple[dict[str, Any], Path]:
@@ -49,8 +50,26 @@ def load_event(name_or_path: str) -> tuple[Event, str]:
             field, and how many more there are.
     """
     value, path = read_event_file(name_or_path)
+    refuse_old(value, path)
     event = parse_model(Event, value, path)
     return event, event_version(event)
+
+
+def refuse_old(value: Mapping[str, Any], path: Path) -> None:
+    """Raises where a file is of the form that had no identity fields.
+
+    Raises:
+        InputError: it is; the remedy is the command that moves it over.
+    """
+    if value.get("schema") == OLD_SCHEMA:
+        raise InputError(
+            "is of an older form, whose part T says neither what the source shows nor what "
+            "must be equal in all domains",
+            file=path,
+            field="schema",
+            value=OLD_SCHEMA,
+            remedy=f"`ssp spec check {path} --migrate NEW.event.yaml` writes the new form",
+        )
 
 
 def canonical(event: Event) -> dict[str, Any]:
@@ -58,6 +77,13 @@ def canonical(event: Event) -> dict[str, Any]:
     value: dict[str, Any] = _plain(event.model_dump(mode="json", by_alias=True))
     for part, name in _SETS:
         value[part][name] = sorted(value[part][name])
+    for field in value["topology"].values():
+        for name in ("value", "varies"):
+            if isinstance(field[name], list):
+                field[name] = sorted(field[name])
+    for participant in value["participants"].values():
+        if participant["intent"] is None:
+            del participant["intent"]
     return value
 
 

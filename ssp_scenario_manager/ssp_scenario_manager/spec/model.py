@@ -1,4 +1,4 @@
-"""``ssp.event/1``: a K* file, its seven parts T, A, M, I, E, C and U (METHOD 1).
+"""``ssp.event/2``: a K* file, its seven parts T, A, M, I, E, C and U (METHOD 1).
 
 Every part is keyed by names rather than by position, so that ``motion.ot1.trigger.lateral`` names
 one field for the file, the checks, the log and the uncertainty part alike. A quantity is an
@@ -7,18 +7,24 @@ interval with its unit; what nobody knows is ``unresolved`` and never a made-up 
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Generic, Literal, TypeVar
 
 from pydantic import ConfigDict, Field
 
 from ssp_core.run_spec import ObjectId, Strict
 from ssp_core.vocab import LatWord, LonWord, MotionWord, ObjectWord, PhaseWord, PositionWord
 
-SCHEMA: Literal["ssp.event/1"] = "ssp.event/1"
+SCHEMA: Literal["ssp.event/2"] = "ssp.event/2"
 UNRESOLVED: Literal["unresolved"] = "unresolved"
 
 Unresolved = Literal["unresolved"]
-BoundaryWord = Literal["kerb", "sidewalk", "shoulder", "verge", "any"]
+RoadTypeWord = Literal["urban", "rural", "motorway", "proving_ground"]
+SegmentWord = Literal["straight", "curve", "junction"]
+LaneWord = Literal["rightmost", "leftmost", "middle"]
+BoundaryWord = Literal["kerb", "sidewalk", "shoulder", "verge"]
+IntentWord = Literal[
+    "keep_lane", "turn_left", "turn_right", "lane_change_left", "lane_change_right", "stop"
+]
 ManoeuvreWord = Literal["keep_lane", "lane_change_left", "lane_change_right", "crossing", "stop"]
 Share = Annotated[float, Field(ge=0, le=1, strict=True)]
 # Numbers as such: neither `yes` nor "12" is one.
@@ -37,26 +43,143 @@ class Interval(Strict):
 Quantity = Interval | Unresolved
 
 
+Lanes = Annotated[int, Field(ge=0, le=16, strict=True)]
+
+
 class Count(Strict):
     """How many, from min to max."""
 
-    min: Annotated[int, Field(ge=0, le=16, strict=True)]
-    max: Annotated[int, Field(ge=0, le=16, strict=True)]
+    min: Lanes
+    max: Lanes
+
+
+class RoadField(Strict):
+    """One field of T: what the source shows, and what another place may have instead.
+
+    Either the field is identity, so that every domain must have the source's value, or it varies
+    inside a stated range and is disclosed (METHOD 1, 4.2). C2 refuses a field that says neither or
+    both, and an identity field without a value.
+    """
+
+    identity: Annotated[bool, Field(strict=True)] = False
+    why: str | None = Field(None, description="why segment, lane counts or VUT's lane may vary")
+
+    @property
+    def is_identity(self) -> bool:
+        """Whether every domain must have the source's value."""
+        return self.identity
+
+
+Word = TypeVar("Word", bound=str)
+
+
+class WordField(RoadField, Generic[Word]):
+    """A field of T that is a word."""
+
+    value: Word | Unresolved
+    varies: Annotated[list[Word], Field(min_length=1)] | None = None
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """Words that a place may have, the source's first; () where nobody knows."""
+        own = () if self.value == UNRESOLVED else (str(self.value),)
+        return own if self.varies is None else tuple(dict.fromkeys((*own, *self.varies)))
+
+    def admits(self, found: str) -> bool:
+        """Whether a place with this word agrees with K*."""
+        return found == self.value if self.varies is None else found in self.varies
+
+
+class CountField(RoadField):
+    """A field of T that is a number of lanes."""
+
+    value: Lanes | Unresolved
+    varies: Count | None = None
+
+    @property
+    def range(self) -> Count | None:
+        """How many a place may have; None where nobody knows."""
+        if self.varies is not None:
+            return self.varies
+        return None if self.value == UNRESOLVED else Count(min=self.value, max=self.value)
+
+    def admits(self, found: int) -> bool:
+        """Whether a place with so many agrees with K*."""
+        allowed = self.range
+        return allowed is not None and allowed.min <= found <= allowed.max
+
+
+class QuantityField(RoadField):
+    """A field of T that is measured, in m or 1/m."""
+
+    value: Quantity
+    varies: Interval | None = None
+
+    @property
+    def range(self) -> Interval | None:
+        """What a place may have; None where nobody knows."""
+        if self.varies is not None:
+            return self.varies
+        return self.value if isinstance(self.value, Interval) else None
+
+    def admits(self, found: float) -> bool:
+        """Whether a place with this value, m or 1/m, agrees with K*."""
+        allowed = self.range
+        if allowed is None:
+            return False
+        above = allowed.min is None or found >= allowed.min - 1e-9
+        return above and (allowed.max is None or found <= allowed.max + 1e-9)
+
+
+class ManoeuvresField(RoadField):
+    """What the road permits; ``varies`` names what a place may permit or not."""
+
+    value: Annotated[list[ManoeuvreWord], Field(min_length=1)] | Unresolved
+    varies: Annotated[list[ManoeuvreWord], Field(min_length=1)] | None = None
+
+    @property
+    def permitted(self) -> frozenset[str]:
+        """What the source's road permits; empty where nobody knows."""
+        return frozenset(() if self.value == UNRESOLVED else self.value)
+
+    @property
+    def needed(self) -> frozenset[str]:
+        """What every place must permit."""
+        return self.permitted - frozenset(self.varies or ())
+
+    def admits(self, found: frozenset[str]) -> bool:
+        """Whether a place that permits this agrees with K*."""
+        return self.value != UNRESOLVED and self.permitted ^ found <= frozenset(self.varies or ())
 
 
 class Topology(Strict):
-    """T: the road, seen in the VUT's direction of travel."""
+    """T: the road that the source shows, seen in the VUT's direction of travel."""
 
-    road_type: Literal["urban", "rural", "motorway", "proving_ground", "any", "unresolved"]
-    segment: Literal["straight", "curve", "junction", "unresolved"]
-    lanes_same_direction: Count
-    lanes_opposite: Count
-    vut_lane: Literal["rightmost", "leftmost", "middle", "any", "unresolved"]
-    left_boundary: BoundaryWord | Unresolved
-    right_boundary: BoundaryWord | Unresolved
-    lane_width: Quantity
-    curvature: Quantity = Field(description="absolute curvature of the reference line, 1/m")
-    permitted_manoeuvres: Annotated[list[ManoeuvreWord], Field(min_length=1)]
+    road_type: WordField[RoadTypeWord]
+    segment: WordField[SegmentWord]
+    lanes_same_direction: CountField
+    lanes_opposite: CountField
+    vut_lane: WordField[LaneWord]
+    left_boundary: WordField[BoundaryWord]
+    right_boundary: WordField[BoundaryWord]
+    lane_width: QuantityField
+    curvature: QuantityField = Field(description="absolute curvature of the reference line, 1/m")
+    permitted_manoeuvres: ManoeuvresField
+
+    @property
+    def by_name(self) -> dict[str, RoadField]:
+        """Every field by its name, in the file's order."""
+        return {name: getattr(self, name) for name in type(self).model_fields}
+
+    @property
+    def identity_fields(self) -> tuple[str, ...]:
+        """Names of the fields that must be equal in all domains (METHOD 4.2)."""
+        return tuple(name for name, field in self.by_name.items() if field.is_identity)
+
+    @property
+    def varying_fields(self) -> tuple[str, ...]:
+        """Names of the fields that may differ between domains, and are then disclosed."""
+        return tuple(name for name, field in self.by_name.items() if not field.is_identity)
 
 
 class Region(Strict):
@@ -76,6 +199,7 @@ class Participant(Strict):
 
     role: Literal["VUT", "OT"]
     class_: ObjectWord = Field(alias="class")
+    intent: IntentWord | Unresolved | None = Field(None, description="the VUT's; null for an OT")
     region: Region
 
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
@@ -226,7 +350,7 @@ class Source(Strict):
 class Event(Strict):
     """One K* or, before review, a candidate."""
 
-    schema_: Literal["ssp.event/1"] = Field(alias="schema")
+    schema_: Literal["ssp.event/2"] = Field(alias="schema")
     name: ObjectId
     description: str
     source: Source

@@ -79,8 +79,8 @@ class Rule:
 
 RULES: dict[str, Rule] = {
     "source.rate": Rule("exact", "source_rate"),
-    "topology.lane_width": Rule("range", "lane_width"),
-    "topology.curvature": Rule("range", "curvature"),
+    "topology.lane_width.*": Rule("range", "lane_width"),
+    "topology.curvature.*": Rule("range", "curvature"),
     "participants.*.region.gap": Rule("range", "gap"),
     "events.clip.*": Rule("exact", "clip"),
     "events.*.start": Rule("range", "clip"),

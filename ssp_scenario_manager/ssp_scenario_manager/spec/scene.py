@@ -8,7 +8,7 @@ from itertools import pairwise
 from ssp_scenario_manager.spec import drawing as d
 from ssp_scenario_manager.spec.checks.base import show
 from ssp_scenario_manager.spec.fields import get
-from ssp_scenario_manager.spec.model import Event
+from ssp_scenario_manager.spec.model import UNRESOLVED, CountField, Event
 from ssp_scenario_manager.spec.seal import body
 
 _LANE, _SIDE = 46.0, 34.0
@@ -59,13 +59,13 @@ def _strips(event: Event, top: float) -> dict[str, _Strip]:
     """From the VUT's left to its right."""
     t = event.topology
     starts = {who.region.place for who in event.participants.values()}
-    several = t.lanes_same_direction.max > 1
+    several, vut_lane = _lanes(t.lanes_same_direction) > 1, t.vut_lane.value
     wanted = {
         "left_kerb": True,
-        "oncoming_lane": t.lanes_opposite.max > 0,
-        "left_lane": "left_lane" in starts or (several and t.vut_lane in ("rightmost", "middle")),
+        "oncoming_lane": _lanes(t.lanes_opposite) > 0,
+        "left_lane": "left_lane" in starts or (several and vut_lane in ("rightmost", "middle")),
         "vut_lane": True,
-        "right_lane": "right_lane" in starts or (several and t.vut_lane in ("leftmost", "middle")),
+        "right_lane": "right_lane" in starts or (several and vut_lane in ("leftmost", "middle")),
         "right_kerb": True,
     }
     strips: dict[str, _Strip] = {}
@@ -77,11 +77,18 @@ def _strips(event: Event, top: float) -> dict[str, _Strip]:
     return strips
 
 
+def _lanes(field: CountField) -> int:
+    """As many as the source shows; where that isn't known, as there may be."""
+    if field.value != UNRESOLVED:
+        return field.value
+    return field.varies.max if field.varies else 1
+
+
 def _name(event: Event, place: str) -> str:
     side = place.removesuffix("_kerb")
     if side != place:
-        boundary = getattr(event.topology, f"{side}_boundary")
-        return f"{side} side" + ("" if boundary == "any" else f": {boundary}")
+        boundary = getattr(event.topology, f"{side}_boundary").value
+        return f"{side} side" + ("" if boundary == UNRESOLVED else f": {boundary}")
     return place.replace("_", " ").replace("vut", "VUT's")
 
 

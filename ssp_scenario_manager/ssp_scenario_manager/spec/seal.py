@@ -23,6 +23,7 @@ _APART = ("schema", "uncertainty")
 SAFETY_CRITICAL = (
     "participants.*.role",
     "participants.*.class",
+    "participants.*.intent",
     "participants.*.region.place",
     "participants.*.region.along",
     "motion.*.trigger",
@@ -48,14 +49,17 @@ def body(event: Event) -> dict[str, Any]:
 def safety_critical_fields(event: Event, value: Mapping[str, Any] | None = None) -> list[str]:
     """Paths of the fields that a person has to decide, in the file's order.
 
+    The identity fields of T are among them: they decide which recordings are admitted (METHOD 4.2).
+
     Args:
         event: the event.
         value: its body, where it is at hand.
     """
+    identity = {f"topology.{name}" for name in event.topology.identity_fields}
     return [
         path
         for path in granules(body(event) if value is None else value)
-        if any(matches(path, pattern) for pattern in SAFETY_CRITICAL)
+        if path in identity or any(matches(path, pattern) for pattern in SAFETY_CRITICAL)
     ]
 
 

@@ -51,8 +51,8 @@ UNITS: dict[str, Unit] = {
 # constraints.manoeuvre.* on the kind of interaction; both are settled in `dimension_of`.
 FIELDS: dict[str, Dimension] = {
     "source.rate": "frequency",
-    "topology.lane_width": "length",
-    "topology.curvature": "curvature",
+    "topology.lane_width.*": "length",
+    "topology.curvature.*": "curvature",
     "participants.*.region.gap": "length",
     "events.clip.start": "time",
     "events.clip.end": "time",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ from typing import Any
 import yaml
 
 from ssp_core.files import write_text
+from ssp_scenario_manager.spec.fields import ROAD_FIELD
 from ssp_scenario_manager.spec.model import Event
 
 _WIDTH = 100
@@ -30,9 +31,12 @@ _INLINE = (
     frozenset({"min", "max"}),
     frozenset({"quantity", "object", "below"}),
     frozenset({"place", "along", "gap"}),
+    ROAD_FIELD,
 )
 # What means the same when it is left out, and is then not written: less to read.
-_SILENT_NULLS = frozenset({"position", "motion", "occluder", "frames", "span_s"})
+_SILENT_NULLS = frozenset(
+    {"position", "motion", "occluder", "frames", "span_s", "intent", "varies", "why"}
+)
 _PLAIN = re.compile(r"(?:[A-Za-z_][\w /'()–:.*+^-]*|1/m)\Z", re.ASCII)
 _RESERVED = frozenset({"null", "true", "false", "yes", "no", "on", "off", "y", "n"})
 
@@ -42,8 +46,13 @@ def write_event(path: str | Path, event: Event) -> None:
     write_text(path, event_text(event))
 
 
-def event_text(event: Event) -> str:
-    """The event in YAML. Reading it gives the same event; comments of an older text are gone."""
+def event_text(event: Event, marks: Mapping[str, str] | None = None) -> str:
+    """The event in YAML. Reading it gives the same event; comments of an older text are gone.
+
+    Args:
+        event: to write.
+        marks: comments to put above fields, by path.
+    """
     value = event.model_dump(mode="json", by_alias=True)
     if not value["constraints"]["weights"]:
         del value["constraints"]["weights"]
@@ -51,17 +60,19 @@ def event_text(event: Event) -> str:
     for key, item in value.items():
         if key in _PARTS:
             lines += ["", f"# {_PARTS[key]}"]
-        lines += _block(key, item, 0)
+        lines += _block((key,), item, marks or {})
     return "\n".join(lines) + "\n"
 
 
-def _block(key: str, value: Any, depth: int) -> Iterator[str]:
-    pad = "  " * depth
+def _block(at: tuple[str, ...], value: Any, marks: Mapping[str, str]) -> Iterator[str]:
+    key, pad = at[-1], "  " * (len(at) - 1)
+    if at[0] != "uncertainty" and (mark := marks.get(".".join(at))):
+        yield f"{pad}# {mark}"
     if isinstance(value, dict) and value and not _is_inline(value):
         yield f"{pad}{_key(key)}:"
         for name, item in value.items():
             if item is not None or name not in _SILENT_NULLS:
-                yield from _block(name, item, depth + 1)
+                yield from _block((*at, name), item, marks)
         return
     line = f"{pad}{_key(key)}: {_flow(value)}"
     if len(line) <= _WIDTH or not isinstance(value, dict):
@@ -90,7 +101,11 @@ def _is_inline(value: dict[str, Any]) -> bool:
 
 
 def _spoken(value: dict[str, Any]) -> list[tuple[str, Any]]:
-    return [(k, v) for k, v in value.items() if v is not None or k not in _SILENT_NULLS]
+    spoken = [(k, v) for k, v in value.items() if v is not None or k not in _SILENT_NULLS]
+    if "identity" not in value:
+        return spoken
+    spoken.sort(key=lambda item: ("value", "identity", "varies", "why").index(item[0]))
+    return [(k, v) for k, v in spoken if (k, v) != ("identity", False)]
 
 
 def _flow(value: Any) -> str:

@@ -1,8 +1,8 @@
 """What an event needs of a block, need by need: how well it is met, and what is missing.
 
-Each function looks at one need of a K* and one block. A need that K* leaves open ("any", no
-interval, unresolved) is met by every block. A share says how well; a reason says why a block that
-lacks it can't be used. Needs without a reason make a block less fit, and don't exclude it.
+Each function looks at one need of a K* and one block. A need that K* leaves open (it may vary over
+all words, or is unresolved) is met by every block. A share says how well; a reason says why a block
+that lacks it can't be used. Needs without a reason make a block less fit, and don't exclude it.
 """
 
 from __future__ import annotations
@@ -10,10 +10,22 @@ from __future__ import annotations
 import math
 from collections.abc import Collection
 from dataclasses import dataclass
+from typing import Any, get_args
 
 from ssp_scenario_manager.interactions.base import Kind
 from ssp_scenario_manager.interactions.choosing import in_si
-from ssp_scenario_manager.spec.model import Count, Event, Interval, Quantity
+from ssp_scenario_manager.interactions.on_block import lanes_of_words
+from ssp_scenario_manager.spec.model import (
+    UNRESOLVED,
+    BoundaryWord,
+    Count,
+    CountField,
+    Event,
+    Interval,
+    Quantity,
+    RoadTypeWord,
+    WordField,
+)
 from ssp_scenario_manager.topology.bends import bend_1pm
 from ssp_scenario_manager.topology.block import Block, BlockLane
 
@@ -40,7 +52,7 @@ MET = Met(1.0)
 UNKNOWN = Met(0.5)
 
 
-def bounds(quantity: Quantity) -> tuple[float, float]:
+def bounds(quantity: Quantity | None) -> tuple[float, float]:
     """Both ends of a quantity in SI units; an open or unresolved side is infinite."""
     if not isinstance(quantity, Interval):
         return -math.inf, math.inf
@@ -54,37 +66,91 @@ def bounds(quantity: Quantity) -> tuple[float, float]:
 # -- part T ---------------------------------------------------------------------------------------
 
 
+def identity(event: Event, block: Block) -> dict[str, str]:
+    """Identity fields in which a block differs from K*, and how: it is no candidate (METHOD 2.2).
+
+    What the map doesn't say isn't known to be equal.
+    """
+    road = event.topology
+    mine = vut_lanes(event, block)
+    widths = [block.forward_lanes[i].width_m for i in mine]
+    found: dict[str, tuple[object, bool]] = {
+        "road_type": (block.road_type, road.road_type.admits(block.road_type)),
+        "segment": (block.segment, road.segment.admits(block.segment)),
+        "lanes_same_direction": _lanes(road.lanes_same_direction, block.forward_lanes),
+        "lanes_opposite": _lanes(road.lanes_opposite, block.backward_lanes),
+        "vut_lane": ("not there", bool(mine)),
+        "left_boundary": (block.left_boundary, road.left_boundary.admits(block.left_boundary)),
+        "right_boundary": (block.right_boundary, road.right_boundary.admits(block.right_boundary)),
+        "lane_width": (widths, any(road.lane_width.admits(width) for width in widths)),
+        "curvature": (bend_1pm(block.line), road.curvature.admits(bend_1pm(block.line))),
+        "permitted_manoeuvres": (
+            sorted(block.permitted),
+            road.permitted_manoeuvres.admits(block.permitted),
+        ),
+    }
+    return {
+        name: f"{name} {_said(found[name][0])}, needs {_said(getattr(road, name).value)}"
+        for name in road.identity_fields
+        if not found[name][1] and getattr(road, name).value != UNRESOLVED
+    }
+
+
+def _lanes(field: CountField, lanes: tuple[BlockLane, ...]) -> tuple[int, bool]:
+    return len(lanes), field.admits(len(lanes))
+
+
+def _said(value: object) -> str:
+    if isinstance(value, list):
+        return ", ".join(map(_said, value)) or "none"
+    if isinstance(value, Interval):
+        low, high = bounds(value)
+        return f"{low:g} {value.unit}" if low == high else f"{_range(low, high)} {value.unit}"
+    if value == "any":
+        return "unknown to the map"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
 def road_type(event: Event, block: Block) -> Met:
-    """The same type; a proving ground stands in for any, and a map that doesn't say is half met."""
-    wanted = event.topology.road_type
-    if wanted in ("any", "unresolved", block.road_type) or block.road_type == "proving_ground":
+    """A type that K* has; a proving ground stands in for any, an unknown type is half met."""
+    field = event.topology.road_type
+    if block.road_type == "proving_ground" or _may_be(field, block.road_type, RoadTypeWord):
         return MET
     return UNKNOWN if block.road_type == "any" else Met(0.0)
 
 
+def _may_be(field: WordField[Any], found: str, vocabulary: Any) -> bool:
+    """Whether a place's word is K*'s, or K* leaves open which of all it is."""
+    words = set(field.words)
+    return not words or found in words or words == set(get_args(vocabulary))
+
+
 def segment(event: Event, block: Block) -> Met:
     """Straight, curve or junction, as K* says."""
-    wanted = event.topology.segment
-    if wanted in ("unresolved", block.segment):
+    words = event.topology.segment.words
+    if not words or block.segment in words:
         return MET
-    return Met(0.0, f"segment {block.segment}, needs {wanted}")
+    return Met(0.0, f"segment {block.segment}, needs {' or '.join(words)}")
 
 
 def _count(name: str, found: int, wanted: Count, least: int) -> Met:
-    low = max(wanted.min, least)
+    low, exact = max(wanted.min, least), wanted.min == wanted.max
     if found < low:
-        return Met(found / low, f"{name} lanes {found}, needs at least {low}")
+        return Met(found / low, f"{name} lanes {found}, needs {'' if exact else 'at least '}{low}")
     if found > wanted.max:
-        return Met(wanted.max / found, f"{name} lanes {found}, needs at most {wanted.max}")
+        needs = f"needs {'' if exact else 'at most '}{wanted.max}"
+        return Met(wanted.max / found, f"{name} lanes {found}, {needs}")
     return MET
+
+
+_ANY_COUNT = Count(min=0, max=16)
 
 
 def same_direction(event: Event, block: Block, kind: Kind) -> Met:
     """Lanes in the VUT's direction: as many as K* says, and as the kind of interaction needs."""
     forward, backward = len(block.forward_lanes), len(block.backward_lanes)
-    met = _count(
-        "same-direction", forward, event.topology.lanes_same_direction, kind.same_direction_lanes
-    )
+    wanted = event.topology.lanes_same_direction.range or _ANY_COUNT
+    met = _count("same-direction", forward, wanted, kind.same_direction_lanes)
     if met.missing is not None and forward == 1 and backward <= 1 and met.share < 1.0:
         return Met(met.share, f"one driving lane per direction: {met.missing}")
     return met
@@ -92,33 +158,29 @@ def same_direction(event: Event, block: Block, kind: Kind) -> Met:
 
 def opposite(event: Event, block: Block) -> Met:
     """Oncoming lanes, as many as K* says."""
-    return _count("oncoming", len(block.backward_lanes), event.topology.lanes_opposite, 0)
+    wanted = event.topology.lanes_opposite.range or _ANY_COUNT
+    return _count("oncoming", len(block.backward_lanes), wanted, 0)
 
 
 def vut_lanes(event: Event, block: Block) -> list[int]:
     """Indices of the forward lanes, from right to left, that the VUT may drive in."""
-    indices = list(range(len(block.forward_lanes)))
-    word = event.topology.vut_lane
-    if word == "rightmost":
-        return indices[:1]
-    if word == "leftmost":
-        return indices[-1:]
-    return indices[1:-1] if word == "middle" else indices
+    return lanes_of_words(event.topology.vut_lane.words, len(block.forward_lanes))
 
 
 def vut_lane(event: Event, block: Block) -> Met:
     """A lane for the VUT."""
     if vut_lanes(event, block):
         return MET
-    lanes = len(block.forward_lanes)
-    return Met(0.0, f"same-direction lanes {lanes}, none of them is the {event.topology.vut_lane}")
+    lanes, word = len(block.forward_lanes), " or ".join(event.topology.vut_lane.words)
+    return Met(0.0, f"same-direction lanes {lanes}, none of them is the {word}")
 
 
-def boundary(wanted: str, found: str) -> Met:
+def boundary(field: WordField[Any], found: str) -> Met:
     """What lies beside the road: a sidewalk has a kerb; a kerb has half of a sidewalk."""
-    if wanted in ("any", "unresolved", found) or (wanted, found) == ("kerb", "sidewalk"):
+    words = set(field.words)
+    if _may_be(field, found, BoundaryWord) or ("kerb" in words and found == "sidewalk"):
         return MET
-    return UNKNOWN if found == "any" or (wanted, found) == ("sidewalk", "kerb") else Met(0.0)
+    return UNKNOWN if found == "any" or ("sidewalk" in words and found == "kerb") else Met(0.0)
 
 
 # -- part I ---------------------------------------------------------------------------------------
@@ -134,7 +196,7 @@ def relation(event: Event, block: Block) -> Met:
 
 def manoeuvres(event: Event, block: Block, kind: Kind) -> Met:
     """Share of the manoeuvres that K* and the kind need and the block permits."""
-    needed = kind.manoeuvres(event) | set(event.topology.permitted_manoeuvres)
+    needed = kind.manoeuvres(event) | event.topology.permitted_manoeuvres.needed
     lacking = sorted(needed - block.permitted)
     if not lacking:
         return MET
@@ -203,7 +265,7 @@ def lane_width(event: Event, block: Block, kind: Kind) -> Met:
 
     The VUT's must be among them, and so many of them side by side as the kind needs.
     """
-    low, high = bounds(event.topology.lane_width)
+    low, high = bounds(event.topology.lane_width.range)
     lanes = block.forward_lanes
     if not lanes:
         return Met(0.0)
@@ -234,7 +296,7 @@ def _range(low: float, high: float) -> str:
 
 def curvature(event: Event, block: Block) -> Met:
     """Curvature over any 10 m, within what K* says."""
-    low, high = bounds(event.topology.curvature)
+    low, high = bounds(event.topology.curvature.range)
     found = bend_1pm(block.line)
     if found > high + 1e-6:
         return Met(max(0.0, high / found), f"curvature {found:.4f} 1/m, needs at most {high:g} 1/m")

@@ -10,8 +10,8 @@ Each S is the mean of the shares in [0, 1] to which the needs of its part are me
     S_C  length; speed limit; lane width; curvature; clearance beside the road
 
 `needs` has each share's formula, and says which needs exclude a block that doesn't meet them. A
-block is eligible when no such need is unmet. Nothing here looks at who asks or in which order, so
-equal blocks get equal scores; ties are for a person.
+block is eligible when no such need is unmet and it differs from K* in no identity field. Nothing
+here looks at who asks or in which order, so equal blocks get equal scores; ties are for a person.
 """
 
 from __future__ import annotations
@@ -48,15 +48,16 @@ def _mean(met: Sequence[Met]) -> float:
 def score_block(event: Event, block: Block, kind: Kind) -> BlockScore:
     """METHOD 2.2 for one block; its reasons name each need that excludes it, with numbers."""
     t = event.topology
-    topology = [
-        needs.road_type(event, block),
-        needs.segment(event, block),
-        needs.same_direction(event, block, kind),
-        needs.opposite(event, block),
-        needs.vut_lane(event, block),
-        needs.boundary(t.left_boundary, block.left_boundary),
-        needs.boundary(t.right_boundary, block.right_boundary),
-    ]
+    # Topology first, and of it the number of lanes: what a map can't change.
+    topology = {
+        "lanes_same_direction": needs.same_direction(event, block, kind),
+        "road_type": needs.road_type(event, block),
+        "segment": needs.segment(event, block),
+        "lanes_opposite": needs.opposite(event, block),
+        "vut_lane": needs.vut_lane(event, block),
+        "left_boundary": needs.boundary(t.left_boundary, block.left_boundary),
+        "right_boundary": needs.boundary(t.right_boundary, block.right_boundary),
+    }
     interaction = [
         needs.relation(event, block),
         needs.manoeuvres(event, block, kind),
@@ -69,13 +70,13 @@ def score_block(event: Event, block: Block, kind: Kind) -> BlockScore:
         needs.curvature(event, block),
         needs.clearance(event, block),
     ]
-    s_t, s_i, s_c = _mean(topology), _mean(interaction), _mean(constraints)
+    s_t, s_i, s_c = _mean([*topology.values()]), _mean(interaction), _mean(constraints)
     total = WEIGHTS.topology * s_t + WEIGHTS.interaction * s_i + WEIGHTS.constraints * s_c
-    # Topology first, and of it the number of lanes: what a map can't change.
-    lanes, rest = topology[2], [one for one in topology if one is not topology[2]]
-    reasons = [
-        one.missing for one in (lanes, *rest, *interaction, *constraints) if one.missing is not None
-    ]
+    differs = needs.identity(event, block)
+    met = {name: one.missing for name, one in topology.items() if one.missing is not None}
+    reasons = [f"{why} (identity)" if name in differs else why for name, why in met.items()]
+    reasons += [f"{why} (identity)" for name, why in differs.items() if name not in met]
+    reasons += [one.missing for one in (*interaction, *constraints) if one.missing is not None]
     return BlockScore(
         block=block.block_id,
         topology=s_t,

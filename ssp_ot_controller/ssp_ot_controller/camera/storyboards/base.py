@@ -29,16 +29,21 @@ class Play:
     others: tuple[Actor, ...]
 
 
-def road(lanes_forward: int) -> Road:
-    """A city road with one oncoming lane and sidewalks."""
-    forward = [
-        Lane(y_m=i * LANE_M, width_m=LANE_M, direction="forward") for i in range(lanes_forward)
+def road(same: int = 2, opposite: int = 2) -> Road:
+    """A city road with sidewalks.
+
+    Args:
+        same: lanes in the VUT's direction.
+        opposite: oncoming lanes.
+    """
+    lanes = [
+        Lane(y_m=i * LANE_M, width_m=LANE_M, direction="forward" if i < same else "backward")
+        for i in range(same + opposite)
     ]
-    backward = Lane(y_m=lanes_forward * LANE_M, width_m=LANE_M, direction="backward")
     return Road(
         origin=Start(x_m=0.0, y_m=0.0, yaw_rad=0.0),
         length_m=260.0,
-        lanes=[*forward, backward],
+        lanes=lanes,
         sidewalk_left_m=2.4,
         sidewalk_right_m=2.4,
         crossing_x_m=None,
@@ -78,12 +83,12 @@ def vut(speed_mps: float, ramps: tuple[Ramp, ...]) -> Actor:
 
 
 def oncoming(start_m: float, speed_mps: float) -> Actor:
-    """A car in the oncoming lane of a road with two lanes forward."""
+    """A car in the outer oncoming lane."""
     return Actor(
         "oncoming_car",
         ObjectClass.CAR,
         Role.TRAFFIC,
         Line(start_m, -speed_mps),
-        Line(2 * LANE_M, 0.0),
+        Line(3 * LANE_M, 0.0),
         math.pi,
     )

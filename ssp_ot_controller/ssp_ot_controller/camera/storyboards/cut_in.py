@@ -29,7 +29,7 @@ def play(rng: np.random.Generator) -> base.Play:
         Line(base.LANE_M, 0.0, across),
     )
     return base.Play(
-        base.road(2),
+        base.road(),
         base.camera(),
         base.look(rng),
         base.vut(speed, (Ramp(brake_s, 2.2, -slower - 0.6),)),

@@ -34,5 +34,5 @@ def play(rng: np.random.Generator) -> base.Play:
     # In the end a little slower than the car ahead, so that the gap opens again.
     vut = base.vut(speed, (Ramp(brake_s + LATE_S, VUT_BRAKING_S, left - 0.5 - speed),))
     return base.Play(
-        base.road(2), base.camera(), base.look(rng), vut, (lead, base.oncoming(165.0, 9.5))
+        base.road(), base.camera(), base.look(rng), vut, (lead, base.oncoming(165.0, 9.5))
     )

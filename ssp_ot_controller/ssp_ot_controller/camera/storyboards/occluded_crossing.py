@@ -45,7 +45,7 @@ def play(rng: np.random.Generator) -> base.Play:
         Line(kerb - ASIDE_M - TRUCK.width_m / 2, 0.0),
     )
     return base.Play(
-        base.road(2),
+        base.road(),
         base.camera(),
         base.look(rng),
         base.vut(speed, (Ramp(brake_s, STOP_S, -speed),)),

@@ -31,7 +31,7 @@ def play(rng: np.random.Generator) -> base.Play:
         math.pi / 2,
     )
     return base.Play(
-        base.road(2),
+        base.road(),
         base.camera(),
         base.look(rng),
         base.vut(speed, (Ramp(brake_s, stop_s, -speed),)),

@@ -12,8 +12,14 @@ from ssp_core.vocab import PhaseWord
 from ssp_scenario_manager.interactions import KINDS
 from ssp_scenario_manager.interactions.base import Kind
 from ssp_scenario_manager.spec.failure import Check, Failure, Origin
-from ssp_scenario_manager.spec.fields import get, granules, owner, within
-from ssp_scenario_manager.spec.model import UNRESOLVED, Event, Interval, MotionCell
+from ssp_scenario_manager.spec.fields import ROAD_FIELD, get, granules, owner, within
+from ssp_scenario_manager.spec.model import (
+    UNRESOLVED,
+    Event,
+    Interval,
+    MotionCell,
+    QuantityField,
+)
 from ssp_scenario_manager.spec.platform import limit_of, rule_of
 from ssp_scenario_manager.spec.seal import body, safety_critical_fields
 from ssp_scenario_manager.spec.units import UNITS, Dimension, Span, dimension_of, si
@@ -59,7 +65,12 @@ class View:
     @cached_property
     def quantities(self) -> dict[str, dict[str, Any]]:
         """Every interval that could be read, by its path."""
-        found = {path: get(self.value, path) for path in granules(self.value)}
+        found: dict[str, Any] = {}
+        for path in granules(self.value):
+            item = get(self.value, path)
+            is_road = isinstance(item, dict) and set(item) == ROAD_FIELD
+            inside = ("value", "varies") if is_road else ()
+            found |= {f"{path}.{name}": item[name] for name in inside} or {path: item}
         return {
             path: item
             for path, item in found.items()
@@ -93,6 +104,12 @@ class View:
         given = [end for end in (span.low, span.high) if math.isfinite(end)]
         closed = len(given) == (1 if rule.shape in ("floor", "ceiling") else 2)
         return span if closed and all(limit.holds(Span(end, end)) for end in given) else None
+
+    def road(self, name: str) -> str:
+        """Path of the interval that a place's value of a measured field of T may lie in."""
+        field = self.event.topology.by_name[name]
+        varies = isinstance(field, QuantityField) and field.varies is not None
+        return f"topology.{name}.{'varies' if varies else 'value'}"
 
     def dimension(self, path: str) -> Dimension | None:
         """What the quantity at a path measures."""
@@ -156,6 +173,12 @@ def show(value: Any) -> str:
         return f"{low:g}{unit}" if low == high else f"{low:g}–{high:g}{unit}"
     if isinstance(value, dict) and set(value) == {"min", "max"}:
         return f"{value['min']}" if value["min"] == value["max"] else "{min}–{max}".format(**value)
+    if isinstance(value, dict) and set(value) == ROAD_FIELD:
+        if value["identity"]:
+            return f"{show(value['value'])} (identity)"
+        varies = value["varies"]
+        text = show(value["value"])
+        return text if varies is None else f"{text} (varies: {show(varies)})"
     if isinstance(value, dict):
         return "{" + ", ".join(f"{key}: {show(item)}" for key, item in value.items()) + "}"
     if isinstance(value, list):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 from ssp_core.vocab import PHASES
@@ -14,7 +15,8 @@ _HIDING_CLASSES = frozenset({"car", "truck", "bus"})
 _NEEDS_LANES = {"left_lane": 2, "right_lane": 2}
 # Where a road user stands in a walkable place beside the road: the boundary that this needs.
 _KERBS = {"left_kerb": "left_boundary", "right_kerb": "right_boundary"}
-_WALKABLE = frozenset({"kerb", "sidewalk", "any", "unresolved"})
+_WALKABLE = frozenset({"kerb", "sidewalk"})
+_NO_LANE_BESIDE = {"left_lane": ("leftmost",), "right_lane": ("rightmost",)}
 # Where who starts in a place is seen from the VUT.
 _SEEN = {
     ("vut_lane", "ahead"): "front",
@@ -75,14 +77,10 @@ def vut_drives_along_the_road(view: View) -> Iterator[Failure]:
 def places_exist(view: View) -> Iterator[Failure]:
     """The road of part T has the lanes and boundaries that part A puts participants in."""
     topology = view.event.topology
-    for name in ("lanes_same_direction", "lanes_opposite"):
-        count = getattr(topology, name)
-        if count.min > count.max:
-            path = f"topology.{name}"
-            yield _fail(path, view.said(path), "min is above max", "min at most max")
-    lanes = topology.lanes_same_direction
-    least = {"middle": 3}.get(topology.vut_lane, 1)
-    if lanes.max < least or (topology.vut_lane == "middle" and lanes.min < 3) or lanes.min < 1:
+    lanes, opposite = topology.lanes_same_direction.range, topology.lanes_opposite.range
+    fewest = math.inf if lanes is None else lanes.min
+    least = 3 if "middle" in topology.vut_lane.words else 1
+    if fewest < least:
         yield _fail(
             "topology.lanes_same_direction",
             view.said("topology.lanes_same_direction", "topology.vut_lane"),
@@ -92,21 +90,21 @@ def places_exist(view: View) -> Iterator[Failure]:
     for who, participant in view.event.participants.items():
         place = participant.region.place
         path = f"participants.{who}.region.place"
-        if lanes.min < _NEEDS_LANES.get(place, 0):
+        if fewest < _NEEDS_LANES.get(place, 0):
             yield _fail(
                 path,
                 view.said(path, "topology.lanes_same_direction"),
                 "the road need not have such a lane",
                 "another place, or at least 2 lanes in this direction",
             )
-        if (place, topology.vut_lane) in {("left_lane", "leftmost"), ("right_lane", "rightmost")}:
+        if topology.vut_lane.words == _NO_LANE_BESIDE.get(place):
             yield _fail(
                 path,
                 view.said(path, "topology.vut_lane"),
                 "the VUT has no lane on that side",
                 "a place on the VUT's other side",
             )
-        if place == "oncoming_lane" and topology.lanes_opposite.min < 1:
+        if place == "oncoming_lane" and opposite is not None and opposite.min < 1:
             yield _fail(
                 path,
                 view.said(path, "topology.lanes_opposite"),
@@ -114,7 +112,8 @@ def places_exist(view: View) -> Iterator[Failure]:
                 "another place, or at least 1 lane in the opposite direction",
             )
         side = _KERBS.get(place)
-        if side and getattr(topology, side) not in _WALKABLE:
+        words = getattr(topology, side).words if side else ()
+        if words and not _WALKABLE & set(words):
             yield _fail(
                 path,
                 view.said(path, f"topology.{side}"),

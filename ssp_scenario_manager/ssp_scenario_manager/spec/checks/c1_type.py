@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import get_args
 
 from ssp_core.vocab import PHASES
 from ssp_scenario_manager.spec.checks.base import Fail, Predicate, View, one_of
 from ssp_scenario_manager.spec.failure import Failure
+from ssp_scenario_manager.spec.model import IntentWord
 
 _fail = Fail("C1")
 
@@ -117,8 +119,24 @@ def classes_fit_roles(view: View) -> Iterator[Failure]:
         )
 
 
+def only_the_vut_has_an_intent(view: View) -> Iterator[Failure]:
+    """The VUT says where it means to go, and nobody else does."""
+    for who, participant in view.event.participants.items():
+        is_vut, path = participant.role == "VUT", f"participants.{who}.intent"
+        if is_vut == (participant.intent is None):
+            yield _fail(
+                path,
+                view.said(path, f"participants.{who}.role"),
+                "nobody says what the VUT is about to do (METHOD 1)"
+                if is_vut
+                else "the intent is the VUT's; what an OT does stands in part M",
+                one_of(get_args(IntentWord)) if is_vut else "no intent",
+            )
+
+
 PREDICATES: tuple[Predicate, ...] = (
     one_vut,
+    only_the_vut_has_an_intent,
     same_ids_everywhere,
     every_phase,
     interaction_names_participants,

@@ -45,7 +45,7 @@ def trigger_is_observable(view: View) -> Iterator[Failure]:
 
 def _lateral_speed(view: View) -> Iterator[Failure]:
     """Slowest lateral speed of the manoeuvre: walking, or a lane's width in its duration."""
-    width, time = view.span("topology.lane_width"), view.span("constraints.manoeuvre.duration")
+    width, time = view.span(view.road("lane_width")), view.span("constraints.manoeuvre.duration")
     walk = view.span("constraints.manoeuvre.walking_speed")
     path, slowest = "constraints.manoeuvre.walking_speed", walk.low if walk else None
     if width and time and time.high > 0.0:
@@ -181,7 +181,7 @@ def _early(view: View, path: str, wanted: str) -> Failure:
 def _unseen(view: View, path: str, wanted: str) -> Failure:
     return _fail(
         path,
-        view.said(path, "interaction.type", "topology.lane_width"),
+        view.said(path, "interaction.type", view.road("lane_width")),
         "the trigger starts when the manoeuvre can be seen (METHOD 1), and this can't",
         wanted,
     )

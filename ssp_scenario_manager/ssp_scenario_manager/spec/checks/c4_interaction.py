@@ -123,8 +123,9 @@ def responses_have_room(view: View) -> Iterator[Failure]:
     for side in ("left", "right"):
         if side not in view.event.interaction.lateral_responses:
             continue
-        no_lane = topology.vut_lane == _EXTREME[side] or topology.lanes_same_direction.max < 2
-        if no_lane or f"lane_change_{side}" not in topology.permitted_manoeuvres:
+        lanes = topology.lanes_same_direction.range
+        no_lane = topology.vut_lane.value == _EXTREME[side] or (lanes and lanes.max < 2)
+        if no_lane or f"lane_change_{side}" not in topology.permitted_manoeuvres.permitted:
             yield _fail(
                 path,
                 view.said(path, "topology.vut_lane", "topology.permitted_manoeuvres"),

@@ -33,6 +33,8 @@ def manoeuvre_is_complete(view: View) -> Iterator[Failure]:
 def critical_fields_are_known(view: View) -> Iterator[Failure]:
     """No safety-critical field is unresolved: nobody can execute what nobody knows."""
     for path in view.critical:
+        if path.startswith("topology."):
+            continue  # C2 speaks of identity fields
         for below, value in leaves(get(view.value, path)):
             if value == UNRESOLVED:
                 at = f"{path}.{below}" if below else path
@@ -138,7 +140,7 @@ def vut_only_brakes(view: View) -> Iterator[Failure]:
 
 def lane_change_is_drivable(view: View) -> Iterator[Failure]:
     """A lane change over the widest lane in the shortest time keeps to the safety limit."""
-    width, time = view.span("topology.lane_width"), view.span("constraints.manoeuvre.duration")
+    width, time = view.span(view.road("lane_width")), view.span("constraints.manoeuvre.duration")
     limit = view.span("constraints.safety.acceleration")
     if width is None or time is None or limit is None or time.low <= 0.0:
         return
@@ -148,7 +150,7 @@ def lane_change_is_drivable(view: View) -> Iterator[Failure]:
         path = "constraints.manoeuvre.duration"
         yield _fail(
             path,
-            view.said(path, "topology.lane_width", "constraints.safety.acceleration"),
+            view.said(path, view.road("lane_width"), "constraints.safety.acceleration"),
             f"takes at least {needed:.2f} m/s^2 of lateral acceleration",
             f"at least {math.sqrt(4.0 * width.high / limit.high):.2f} s",
         )

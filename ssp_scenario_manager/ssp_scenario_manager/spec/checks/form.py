@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import replace
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
@@ -81,15 +82,18 @@ def _place(details: ErrorDetails, value: Any) -> tuple[tuple[Part, ...], bool]:
 
 def _names_a_choice(part: str) -> bool:
     """Whether pydantic means a member of a union, which is no key of the file."""
-    return part == "Interval" or part.startswith("literal[")
+    return part in ("Interval", "int") or part.startswith(("literal[", "list[", "constrained-"))
 
 
 def _is_other_choice(details: ErrorDetails, value: Any, path: str) -> bool:
-    """Whether pydantic complains that an interval isn't the word `unresolved`."""
-    if not any(str(part).startswith("literal[") for part in details["loc"]):
+    """Whether pydantic complains that an interval, count or list isn't the word `unresolved`."""
+    if not any(str(part).startswith("literal[") for part in details["loc"]) or not has(value, path):
         return False
-    allowed = _members(_annotation(split(path)))
-    return Interval in allowed and has(value, path) and isinstance(get(value, path), dict)
+    found, allowed = get(value, path), _members(_annotation(split(path)))
+    if Interval in allowed:
+        return isinstance(found, dict)
+    several = any(get_origin(member) is list for member in allowed)
+    return isinstance(found, list) if several else int in allowed and type(found) is int
 
 
 def _describe(value: Mapping[str, Any], path: str, details: ErrorDetails, key: bool) -> Failure:
@@ -104,6 +108,10 @@ def _describe(value: Mapping[str, Any], path: str, details: ErrorDetails, key: b
     except LookupError:
         found = details.get("input")
     words = _words(annotation)
+    if found == "any" and split(path)[0] == "topology":
+        remedy = f"what the source shows ({wanted(annotation)}), and what may differ in varies"
+        failure = _failure(value, path, f"{path} = any", "says nothing about the source", remedy)
+        return replace(failure, check="C2")
     reason = "is not in the vocabulary" if words else details["msg"].partition(" [")[0]
     if words and not isinstance(found, str):
         reason = "is of another type"
