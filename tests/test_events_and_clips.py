@@ -81,14 +81,16 @@ def test_participants_and_where_they_start(event: Event, board: Storyboard) -> N
             assert {"left": offset > 1.5, "right": offset < -1.5, "vut": offset == 0.0}[side]
 
 
-def test_road_is_one_that_the_topology_allows(event: Event, board: Storyboard) -> None:
+def test_topology_has_the_values_of_the_clip_s_own_road(event: Event, board: Storyboard) -> None:
     topology = event.topology
     same = sum(lane.direction == "forward" for lane in board.road.lanes)
     opposite = len(board.road.lanes) - same
-    assert topology.lanes_same_direction.min <= same <= topology.lanes_same_direction.max
-    assert topology.lanes_opposite.min <= opposite <= topology.lanes_opposite.max
-    width = topology.lane_width
-    assert isinstance(width, Interval)
-    assert width.min is not None
-    assert width.max is not None
-    assert all(width.min <= lane.width_m <= width.max for lane in board.road.lanes)
+    assert topology.lanes_same_direction.value == same
+    assert topology.lanes_opposite.value == opposite
+    assert board.vut.state(0.0).y_m == min(lane.y_m for lane in board.road.lanes)
+    assert topology.vut_lane.value == "rightmost"
+    assert topology.segment.value == "straight"
+    assert board.road.sidewalk_left_m > 0.0
+    assert board.road.sidewalk_right_m > 0.0
+    assert (topology.left_boundary.value, topology.right_boundary.value) == ("sidewalk",) * 2
+    assert all(topology.lane_width.admits(lane.width_m) for lane in board.road.lanes)

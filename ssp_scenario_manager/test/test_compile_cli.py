@@ -330,7 +330,7 @@ def test_an_event_that_fails_its_checks_is_refused_with_all_failures(
     event = event_with(
         tmp_path,
         interaction__passing_order=["vut", "ot1"],
-        topology__lanes_same_direction={"min": 1, "max": 1},
+        topology__lanes_same_direction={"value": 1, "identity": True},
     )
     assert compile_to(str(event), "sumo", "--site", "boulevard") == 1
     told = capsys.readouterr().err

@@ -98,7 +98,11 @@ def test_a_value_that_follows_from_others_must_lie_inside() -> None:
 def test_only_known_fields_have_quantities() -> None:
     shipped = cut_in()
     assert quantity_at(shipped, "constraints.trigger.below") == Interval(min=16, max=20, unit="m")
-    for field in ("constraints.trigger.object", "topology.lane_width", "run.driver.headway_s"):
+    for field in (
+        "constraints.trigger.object",
+        "topology.lane_width.varies",
+        "run.driver.headway_s",
+    ):
         assert quantity_at(shipped, field) is None
 
 

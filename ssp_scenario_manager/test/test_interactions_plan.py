@@ -66,7 +66,7 @@ VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
         {
             "interaction.dominant_motion": "cutting_in_from_right",
             "participants.ot1.region.place": "right_lane",
-            "topology.vut_lane": "leftmost",
+            "topology.vut_lane.value": "leftmost",
         },
     ),
     "cut_in of a truck": (
@@ -309,7 +309,7 @@ REFUSED: dict[str, tuple[str, dict[str, Any], Block, str]] = {
     ),
     "no middle lane": (
         "vru_crossing",
-        {"topology.vut_lane": "middle"},
+        {"topology.vut_lane.value": "middle"},
         block(),
         "none is the middle one",
     ),

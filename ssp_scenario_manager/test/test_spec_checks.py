@@ -47,6 +47,28 @@ def span(low: float | None, high: float | None, unit: str) -> dict[str, Any]:
 CASES: list[tuple[str, str, dict[str, Any], str]] = [
     ("one_vut", "cut_in", {"participants.ot1.role": "VUT"}, "participants.ot1.role"),
     ("one_vut", "cut_in", {"participants.vut.role": "OT"}, "participants.vut.role"),
+    ("only_the_vut_has_an_intent", "cut_in", {"participants.vut.intent": GONE},
+     "participants.vut.intent"),
+    ("only_the_vut_has_an_intent", "cut_in", {"participants.ot1.intent": "keep_lane"},
+     "participants.ot1.intent"),
+    ("fields_say_whether_they_vary", "cut_in", {"topology.segment.identity": GONE},
+     "topology.segment"),
+    ("fields_say_whether_they_vary", "cut_in",
+     {"topology.segment.varies": ["straight", "curve"]}, "topology.segment"),
+    ("fields_say_whether_they_vary", "cut_in", {"topology.lanes_opposite.value": 3},
+     "topology.lanes_opposite"),
+    ("fields_say_whether_they_vary", "cut_in",
+     {"topology.lanes_opposite.varies": {"min": 2, "max": 1}}, "topology.lanes_opposite.varies"),
+    ("fields_say_whether_they_vary", "cut_in", {"topology.left_boundary.varies": ["kerb"]},
+     "topology.left_boundary"),
+    ("fields_say_whether_they_vary", "cut_in",
+     {"topology.curvature.value": span(0.001, 0.002, "1/m")}, "topology.curvature"),
+    ("identity_is_known", "cut_in", {"topology.segment.value": "unresolved"},
+     "topology.segment"),
+    ("what_varies_is_justified", "cut_in", {"topology.lanes_opposite.why": " "},
+     "topology.lanes_opposite"),
+    ("what_varies_is_justified", "cut_in",
+     {"uncertainty": {}}, "topology.lanes_opposite"),
     ("same_ids_everywhere", "cut_in", {"motion.vut": GONE}, "motion.vut"),
     (
         "same_ids_everywhere",
@@ -88,11 +110,13 @@ CASES: list[tuple[str, str, dict[str, Any], str]] = [
      "participants.vut.region.along"),
     ("vut_drives_along_the_road", "cut_in", {f"{OT1}.trigger.motion": None},
      f"{OT1}.trigger.motion"),
-    ("places_exist", "cut_in", {"topology.vut_lane": "leftmost"},
+    ("places_exist", "cut_in", {"topology.vut_lane.value": "leftmost"},
      "participants.ot1.region.place"),
-    ("places_exist", "vru_crossing", {"topology.right_boundary": "verge"},
+    ("places_exist", "vru_crossing",
+     {"topology.right_boundary": {"value": "verge", "identity": True}},
      "participants.ot1.region.place"),
-    ("places_exist", "cut_in", {"topology.lanes_opposite.min": 5}, "topology.lanes_opposite"),
+    ("places_exist", "cut_in", {"topology.vut_lane.value": "middle"},
+     "topology.lanes_same_direction"),
     ("first_seen_where_they_start", "cut_in", {f"{OT1}.approach.position": "front_right"},
      f"{OT1}.approach.position"),
     ("motion_fits_words", "cut_in", {f"{OT1}.trigger.lateral": "left"}, f"{OT1}.trigger.lateral"),
@@ -106,18 +130,19 @@ CASES: list[tuple[str, str, dict[str, Any], str]] = [
      "motion.ot2.resolution.position"),
     ("nobody_turns_round", "cut_in", {f"{OT1}.resolution.heading": "opposite"},
      f"{OT1}.resolution.heading"),
-    ("road_has_the_lanes", "cut_in", {"topology.lanes_same_direction.min": 1},
+    ("road_has_the_lanes", "cut_in", {"topology.lanes_same_direction.value": 1},
      "topology.lanes_same_direction"),
-    ("road_permits_it", "cut_in", {"topology.permitted_manoeuvres": ["keep_lane"]},
+    ("road_permits_it", "cut_in", {"topology.permitted_manoeuvres.value": ["keep_lane"]},
      "topology.permitted_manoeuvres"),
     ("initiator_comes_from_there", "cut_in", {"participants.ot1.region.place": "right_lane"},
      "participants.ot1.region.place"),
     ("path_meets_the_corridor", "vru_crossing", {f"{OT1}.resolution.position": "front_right"},
      f"{OT1}.resolution.position"),
-    ("segment_fits_curvature", "cut_in", {"topology.segment": "curve"}, "topology.curvature"),
-    ("segment_fits_curvature", "cut_in", {"topology.curvature": span(0, 0.05, "1/m")},
-     "topology.curvature"),
-    ("lanes_are_changed_on_open_road", "cut_in", {"topology.segment": "junction"},
+    ("segment_fits_curvature", "cut_in", {"topology.segment.value": "curve"},
+     "topology.curvature.varies"),
+    ("segment_fits_curvature", "cut_in", {"topology.curvature.varies": span(0, 0.05, "1/m")},
+     "topology.curvature.varies"),
+    ("lanes_are_changed_on_open_road", "cut_in", {"topology.segment.value": "junction"},
      "topology.segment"),
     ("phases_in_order", "cut_in", {"events.conflict.start": span(3, 3, "s")},
      "events.conflict.start"),
@@ -200,7 +225,7 @@ CASES: list[tuple[str, str, dict[str, Any], str]] = [
     ("every_field_is_covered", "cut_in", {"uncertainty": {}}, "topology.segment"),
     ("entries_name_fields", "cut_in", {f"{C}.manoeuvre.duration": GONE},
      f"{C}.manoeuvre.duration"),
-    ("seals_hold", "cut_in", {"topology.curvature": span(0, 0.0005, "1/m")},
+    ("seals_hold", "cut_in", {"topology.curvature.value": span(0, 0.0005, "1/m")},
      "topology.curvature"),
 ]  # fmt: skip
 BY_NAME = {p.__name__: p for predicates in PREDICATES.values() for p in predicates}
@@ -265,13 +290,15 @@ def test_quantity_that_is_neither_interval_nor_unresolved_is_one_failure() -> No
 
 
 def test_mapping_in_place_of_a_word_is_found() -> None:
-    for path in ("topology__left_boundary", "motion__ot1__trigger__motion"):
+    for path in ("topology__left_boundary__value", "motion__ot1__trigger__motion"):
         found = check_event(changed("cut_in", **{path: {}}))
         assert path.replace("__", ".") in {f.field for f in found if f.check == "form"}
 
 
 def test_order_of_failures_is_always_the_same() -> None:
-    value = changed("cut_in", constraints__trigger__object="vut", topology__segment="junction")
+    value = changed(
+        "cut_in", constraints__trigger__object="vut", topology__segment__value="junction"
+    )
     assert check_event(value) == check_event(copy.deepcopy(value))
     order = [f.check for f in check_event(value)]
     assert order == sorted(order, key=["form", *PREDICATES].index)

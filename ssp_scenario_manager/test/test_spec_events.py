@@ -137,7 +137,9 @@ def test_holder_is_sealed_without_what_has_an_entry_of_its_own(event: Event) -> 
     kept |= {"topology": doubt, "topology.segment": doubt}
     first = seal_event(event.model_copy(update={"uncertainty": kept}))
     assert check_event(first) == []
-    topology = event.topology.model_copy(update={"segment": "unresolved"})
+    topology = event.topology.model_copy(
+        update={"segment": event.topology.segment.model_copy(update={"value": "curve"})}
+    )
     second = first.model_copy(update={"topology": topology})
     changed = [f.field for f in check_event(second) if f.reason == "changed since it was reviewed"]
     assert changed == ["topology.segment"]

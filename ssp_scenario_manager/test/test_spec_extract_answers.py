@@ -106,6 +106,8 @@ def test_whatever_fits_the_schema_becomes_a_candidate(
         "events.",
         "source.rate",
         "topology.lanes",
+        "topology.lane_width.varies",
+        "topology.curvature.varies",
         "participants.vut.region.gap",
     )
     for path, value in leaves(body(event)):

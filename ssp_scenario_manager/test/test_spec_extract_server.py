@@ -82,7 +82,11 @@ GOOD: dict[str, Any] = {
         "right_boundary": field("kerb"),
         "permitted_manoeuvres": field(["keep_lane", "lane_change_right"]),
     },
-    "vut": {"class": field("unresolved"), "vut_lane": field("rightmost")},
+    "vut": {
+        "intent": field("keep_lane"),
+        "class": field("unresolved"),
+        "vut_lane": field("rightmost"),
+    },
     "targets": {
         "items": [
             {
@@ -256,9 +260,18 @@ def test_a_candidate_says_what_the_model_said(server: Server, video: Path, tmp_p
     assert event.name == "merge_clip"
     assert event.source.sha256 == sha256_file(video)
     assert event.source.rate == Interval(min=FPS, max=FPS, unit="Hz")
-    assert event.topology.road_type == "urban"
-    assert (event.topology.lanes_opposite.min, event.topology.lanes_opposite.max) == (0, 2)
-    assert event.topology.left_boundary == UNRESOLVED
+    road = event.topology
+    assert road.road_type.value == "urban"
+    # The model gave a range: how many the source shows, a person must say.
+    assert (road.lanes_same_direction.value, road.lanes_opposite.value) == (2, UNRESOLVED)
+    assert road.identity_fields == (
+        "segment",
+        "lanes_same_direction",
+        "lanes_opposite",
+        "vut_lane",
+    )
+    assert road.left_boundary.value == UNRESOLVED
+    assert event.participants["vut"].intent == "keep_lane"
     assert event.interaction.type == "cut_in"
     assert event.interaction.occluder is None
     assert event.interaction.passing_order == ["ot1", "vut"]
@@ -289,7 +302,7 @@ def test_what_the_model_cannot_know_is_no_number(
     assert set(event.constraints.manoeuvre.values()) == {UNRESOLVED}
     assert event.constraints.time_gap == UNRESOLVED
     assert event.participants["ot1"].region.gap == UNRESOLVED
-    assert event.topology.lane_width == UNRESOLVED
+    assert event.topology.lane_width.value == UNRESOLVED
     # The fourth and fifth of eight frames over six seconds; the frame before is the other end.
     assert event.events.trigger.start == Interval(min=1.7, max=2.5, unit="s")
     assert event.events.conflict.start == Interval(min=2.5, max=3.4, unit="s")
@@ -994,6 +1007,7 @@ def test_a_name_is_asked_for_where_the_file_has_none(
 # From a video to a task.
 
 KNOWN = {
+    "topology.lanes_opposite": "{value: 2, identity: true}",
     "motion.ot1.trigger": "speed_trend=any",
     "motion.ot1.conflict": "speed_trend=any",
     "constraints.speeds.vut.approach": "12..14 m/s",

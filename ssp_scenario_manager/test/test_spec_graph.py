@@ -141,14 +141,14 @@ def test_origin_follows_the_provenance(tmp_path: Path, capsys: pytest.CaptureFix
     text = find_shipped("cut_in", "event").read_text()
     for provenance, origin in (("frame", "source video"), ("model", "extraction")):
         file = tmp_path / f"{provenance}.event.yaml"
-        changed = text.replace("vut_lane: rightmost", "vut_lane: outermost")
+        changed = text.replace("vut_lane: {value: rightmost", "vut_lane: {value: outermost")
         changed = changed.replace(
             "confidence: 0.95, provenance: frame", f"confidence: 0.95, provenance: {provenance}"
         )
         file.write_text(changed)
         assert main(["spec", "check", str(file), "--json"]) == 1
         (report,) = json.loads(capsys.readouterr().out)
-        (failure,) = [f for f in report["failures"] if f["field"] == "topology.vut_lane"]
+        (failure,) = [f for f in report["failures"] if f["field"] == "topology.vut_lane.value"]
         assert failure["origin"] == origin
         assert "rightmost" in failure["remedy"]
 

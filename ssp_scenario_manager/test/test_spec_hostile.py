@@ -21,6 +21,7 @@ from ssp_scenario_manager.spec.fields import leaves, split
 from ssp_scenario_manager.spec.load import MAX_EVENT_BYTES, load_event, read_event_file
 
 GOOD = find_shipped("cut_in", "event").read_text()
+LANE = "vut_lane: {value: rightmost, identity: true}"
 
 _BOMB = "a: &a [x, x, x, x, x, x, x, x]\n" + "".join(
     f"{chr(98 + i)}: &{chr(98 + i)} [{', '.join(['*' + chr(97 + i)] * 9)}]\n" for i in range(12)
@@ -42,13 +43,13 @@ HOSTILE = {
     "infinite": GOOD.replace("max: 14,", "max: .inf,"),
     "a huge number": GOOD.replace("max: 14,", f"max: {'9' * 400},"),
     "an exponent": GOOD.replace("max: 14,", "max: 1.0e+999,"),
-    "a date": GOOD.replace("vut_lane: rightmost", "vut_lane: 2026-01-01"),
-    "bytes": GOOD.replace("vut_lane: rightmost", "vut_lane: !!binary aGVsbG8="),
-    "an object": GOOD.replace("vut_lane: rightmost", "vut_lane: !!python/object:os.system x"),
-    "a set": GOOD.replace("vut_lane: rightmost", "vut_lane: !!set {a, b}"),
+    "a date": GOOD.replace(LANE, "vut_lane: 2026-01-01"),
+    "bytes": GOOD.replace(LANE, "vut_lane: !!binary aGVsbG8="),
+    "an object": GOOD.replace(LANE, "vut_lane: !!python/object:os.system x"),
+    "a set": GOOD.replace(LANE, "vut_lane: !!set {a, b}"),
     "a number as key": GOOD + "7: x\n",
     "null bytes": "name: \x00\n",
-    "a lone surrogate": json.dumps({"schema": "ssp.event/1", "name": "\ud800"}),
+    "a lone surrogate": json.dumps({"schema": "ssp.event/2", "name": "\ud800"}),
     "a lone surrogate in a text": json.dumps(
         yaml.safe_load(GOOD) | {"description": "\ud800"}, ensure_ascii=True
     ),
@@ -138,7 +139,7 @@ _PATHS = [path for path, _ in leaves(_SHIPPED) if not path.startswith("uncertain
 @given(_ANYTHING)
 @settings(max_examples=150, deadline=None)
 def test_check_never_raises_on_any_mapping(value: Any) -> None:
-    assert check_event({"schema": "ssp.event/1", "topology": value, "name": value})
+    assert check_event({"schema": "ssp.event/2", "topology": value, "name": value})
 
 
 @given(st.lists(st.tuples(st.sampled_from(_PATHS), _ANYTHING), min_size=1, max_size=5))
@@ -190,7 +191,7 @@ def test_what_a_file_says_commands_no_terminal(
     [
         ("constraints.speeds.vut.approach.min", "five", "constraints.speeds.vut.approach.min"),
         ("constraints.speeds.vut.approach", 3, "constraints.speeds.vut.approach"),
-        ("topology.left_boundary", {}, "topology.left_boundary"),
+        ("topology.left_boundary.value", {}, "topology.left_boundary.value"),
     ],
 )
 def test_a_field_is_named_as_the_file_names_it(

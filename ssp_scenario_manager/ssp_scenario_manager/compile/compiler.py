@@ -25,7 +25,7 @@ from ssp_scenario_manager.compile.validate import Validated, read_validation
 from ssp_scenario_manager.site import find_shipped, load_site
 from ssp_scenario_manager.spec.checks import check_event
 from ssp_scenario_manager.spec.failure import Failure
-from ssp_scenario_manager.spec.load import event_version, read_event_file
+from ssp_scenario_manager.spec.load import event_version, read_event_file, refuse_old
 from ssp_scenario_manager.spec.log import Record
 from ssp_scenario_manager.spec.log_file import log_path, read_log, refusal, utc_now
 from ssp_scenario_manager.spec.model import Event
@@ -165,6 +165,7 @@ def checked_event(name_or_path: str) -> tuple[Event, str, Path]:
         InputError: there is no such event.
     """
     value, path = read_event_file(name_or_path)
+    refuse_old(value, path)
     failures = check_event(value)
     if failures:
         raise EventRefused(path, failures)

@@ -8,27 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, get_args
+from typing import Any
 
 from ssp_core.hashing import sha256_json
-from ssp_scenario_manager.spec.checks.c2_topology import IDENTITY_BY_DEFAULT
-from ssp_scenario_manager.spec.fields import owner
+from ssp_scenario_manager.spec.extract import standards
 from ssp_scenario_manager.spec.load import OLD_SCHEMA
 from ssp_scenario_manager.spec.model import (
     SCHEMA,
     UNRESOLVED,
-    BoundaryWord,
     Event,
-    ManoeuvreWord,
-    RoadTypeWord,
 )
 from ssp_scenario_manager.spec.seal import seal_event
 
-_VOCABULARIES = {
-    "road_type": get_args(RoadTypeWord),
-    "left_boundary": get_args(BoundaryWord),
-    "right_boundary": get_args(BoundaryWord),
-}
 _INTENT_SOURCE = "the older form of this file had no intent"
 
 
@@ -83,13 +74,12 @@ def migrate(value: Mapping[str, Any]) -> Migrated:
         path = f"participants.{who}.intent"
         participants[who]["intent"] = UNRESOLVED
         decisions[path] = "the older form didn't say what the VUT is about to do"
-        if owner(path, entries) is None or path not in entries:
-            known[path] = {
-                "confidence": 0.0,
-                "provenance": "person",
-                "source": _INTENT_SOURCE,
-                "review": "unreviewed",
-            }
+        known[path] = {
+            "confidence": 0.0,
+            "provenance": "person",
+            "source": _INTENT_SOURCE,
+            "review": "unreviewed",
+        }
     event = Event.model_validate(
         {
             **value,
@@ -103,20 +93,17 @@ def migrate(value: Mapping[str, Any]) -> Migrated:
 
 
 def _field(name: str, old: Any) -> tuple[dict[str, Any], str | None]:
-    """A field of T in the new form, and why a person must decide it."""
-    if name in ("lane_width", "curvature"):
-        return ({"value": UNRESOLVED, "varies": old} if isinstance(old, Mapping) else
-                {"value": UNRESOLVED, "varies": None}), (
-            None if isinstance(old, Mapping) else "no range was stated"
-        )  # fmt: skip
-    if name == "permitted_manoeuvres":
-        others = [word for word in get_args(ManoeuvreWord) if word not in old]
-        return {"value": old, "varies": others or None, "identity": not others}, None
-    if name in _VOCABULARIES:
-        shown = old if old in _VOCABULARIES[name] else UNRESOLVED
-        return {"value": shown, "varies": list(_VOCABULARIES[name])}, None
-    if name not in IDENTITY_BY_DEFAULT:
-        return {"value": old}, None
+    """A field of T in the new form, and why a person must decide it; None: it means the same."""
+    if name in standards.ROAD_RANGES:
+        if isinstance(old, Mapping):
+            return {"value": UNRESOLVED, "varies": old}, None
+        return {"value": UNRESOLVED, "varies": standards.ROAD_RANGES[name]}, (
+            "the older form stated no range; this is the usual one"
+        )
+    if name in standards.ROAD_WORDS:
+        if isinstance(old, str):
+            old = UNRESOLVED if old == "any" else old
+        return {"value": old, **standards.road_words(name, old)}, None
     if isinstance(old, Mapping):
         low, high = old.get("min"), old.get("max")
         if low == high:

@@ -16,6 +16,8 @@ from ssp_core.vocab import LatWord, LonWord, MotionWord, ObjectWord, PhaseWord, 
 
 SCHEMA: Literal["ssp.event/2"] = "ssp.event/2"
 UNRESOLVED: Literal["unresolved"] = "unresolved"
+# Fields of T that are identity unless a review record says why not (METHOD 4.2).
+IDENTITY_BY_DEFAULT = ("segment", "lanes_same_direction", "lanes_opposite", "vut_lane")
 
 Unresolved = Literal["unresolved"]
 RoadTypeWord = Literal["urban", "rural", "motorway", "proving_ground"]

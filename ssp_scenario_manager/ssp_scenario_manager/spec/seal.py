@@ -13,7 +13,7 @@ from typing import Any
 from ssp_core.hashing import sha256_json
 from ssp_scenario_manager.spec.fields import get, granules, has, join, leaves, matches, owner, split
 from ssp_scenario_manager.spec.load import canonical
-from ssp_scenario_manager.spec.model import Doubt, Event
+from ssp_scenario_manager.spec.model import IDENTITY_BY_DEFAULT, Doubt, Event
 
 # What part U doesn't speak about: the form's own name, and itself.
 _APART = ("schema", "uncertainty")
@@ -21,6 +21,7 @@ _APART = ("schema", "uncertainty")
 # Fields that decide what happens on a road with people on it, or how it is judged: a person must
 # have decided each of them, and none of them may stay unresolved.
 SAFETY_CRITICAL = (
+    *(f"topology.{name}" for name in IDENTITY_BY_DEFAULT),
     "participants.*.role",
     "participants.*.class",
     "participants.*.intent",
@@ -64,9 +65,19 @@ def safety_critical_fields(event: Event, value: Mapping[str, Any] | None = None)
 
 
 def uncovered(event: Event, value: Mapping[str, Any] | None = None) -> list[str]:
-    """Paths of the smallest fields that no entry of part U speaks about; args as above."""
-    found = (path for path, _ in leaves(body(event) if value is None else value))
-    return [path for path in found if owner(path, event.uncertainty) is None]
+    """Paths of the fields that no entry of part U, or not all of them, speaks about; args as above.
+
+    A field is what a person judges as one (`granules`).
+    """
+    value = body(event) if value is None else value
+    return [
+        path
+        for path in granules(value)
+        if any(
+            owner(leaf, event.uncertainty) is None
+            for leaf, _ in leaves(get(value, path), split(path))
+        )
+    ]
 
 
 def seal_of(event: Event, path: str) -> str:

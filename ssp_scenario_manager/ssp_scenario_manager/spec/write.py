@@ -74,12 +74,12 @@ def _block(at: tuple[str, ...], value: Any, marks: Mapping[str, str]) -> Iterato
             if item is not None or name not in _SILENT_NULLS:
                 yield from _block((*at, name), item, marks)
         return
-    line = f"{pad}{_key(key)}: {_flow(value)}"
+    line = f"{pad}{_key(key)}: {flow(value)}"
     if len(line) <= _WIDTH or not isinstance(value, dict):
         yield line
         return
     yield f"{pad}{_key(key)}:"
-    yield from _wrapped([f"{_key(k)}: {_flow(v)}" for k, v in _spoken(value)], pad + "  ")
+    yield from _wrapped([f"{_key(k)}: {flow(v)}" for k, v in _spoken(value)], pad + "  ")
 
 
 def _wrapped(items: list[str], pad: str) -> Iterator[str]:
@@ -108,11 +108,12 @@ def _spoken(value: dict[str, Any]) -> list[tuple[str, Any]]:
     return [(k, v) for k, v in spoken if (k, v) != ("identity", False)]
 
 
-def _flow(value: Any) -> str:
+def flow(value: Any) -> str:
+    """A value as it stands in one line of the file."""
     if isinstance(value, dict):
-        return "{" + ", ".join(f"{_key(k)}: {_flow(v)}" for k, v in _spoken(value)) + "}"
+        return "{" + ", ".join(f"{_key(k)}: {flow(v)}" for k, v in _spoken(value)) + "}"
     if isinstance(value, list):
-        return "[" + ", ".join(map(_flow, value)) + "]"
+        return "[" + ", ".join(map(flow, value)) + "]"
     if isinstance(value, float) and value.is_integer() and abs(value) < 1e15:
         return str(int(value))
     if isinstance(value, str):

@@ -29,15 +29,26 @@ EVENTS = ("cut_in", "vru_crossing", "lead_braking", "occluded_crossing")
 
 
 # Figures that the tests count on, whatever the shipped events say today.
+BOUNDARIES = ["kerb", "sidewalk", "shoulder", "verge"]
+
+
+def fixed(value: Any) -> dict[str, Any]:
+    return {"value": value, "identity": True}
+
+
+def varying(varies: Any, value: Any = "unresolved") -> dict[str, Any]:
+    return {"value": value, "varies": varies, "why": "the tests count on it"}
+
+
 TOPOLOGY = {
-    "road_type": "any",
-    "segment": "straight",
-    "lanes_opposite": {"min": 0, "max": 4},
-    "vut_lane": "rightmost",
-    "left_boundary": "any",
-    "right_boundary": "any",
-    "lane_width": {"min": 3.0, "max": 4.2, "unit": "m"},
-    "curvature": {"min": 0.0, "max": 0.005, "unit": "1/m"},
+    "road_type": varying(["urban", "rural", "motorway", "proving_ground"]),
+    "segment": fixed("straight"),
+    "lanes_opposite": varying({"min": 0, "max": 4}),
+    "vut_lane": fixed("rightmost"),
+    "left_boundary": varying(BOUNDARIES),
+    "right_boundary": varying(BOUNDARIES),
+    "lane_width": varying({"min": 3.0, "max": 4.2, "unit": "m"}),
+    "curvature": varying({"min": 0.0, "max": 0.005, "unit": "1/m"}),
 }
 LENGTH_M = {"cut_in": 250.0, "lead_braking": 250.0}
 APPROACH_MPS = {"cut_in": (12.0, 14.0), "lead_braking": (12.0, 14.0)}
@@ -52,7 +63,7 @@ def shipped(name: str) -> Event:
     value = load_model(Event, find_shipped(name, "event")).model_dump(by_alias=True)
     value["topology"] |= TOPOLOGY
     lanes_least = 2 if name == "cut_in" else 1
-    value["topology"]["lanes_same_direction"] = {"min": lanes_least, "max": 4}
+    value["topology"]["lanes_same_direction"] = varying({"min": lanes_least, "max": 4})
     value["constraints"]["site"] = {
         "length": metres(LENGTH_M.get(name, 120.0)),
         "lateral_clearance": metres(1.5 if "crossing" in name else 1.0),
@@ -146,7 +157,11 @@ def test_the_total_is_the_weighted_sum_of_means() -> None:
     )
     wanted = event(
         "cut_in",
-        topology={"road_type": "urban", "left_boundary": "sidewalk", "right_boundary": "kerb"},
+        topology={
+            "road_type": varying(["urban"]),
+            "left_boundary": varying(["sidewalk"]),
+            "right_boundary": varying(["kerb"]),
+        },
     )
     score = score_block(wanted, block, KINDS["cut_in"])
     # Seven needs of T, of which two aren't met; five of C: the limit is unknown, half the room.
@@ -160,17 +175,18 @@ def test_the_total_is_the_weighted_sum_of_means() -> None:
 @pytest.mark.parametrize(
     ("wanted", "found", "share"),
     [
-        ("any", "verge", 1.0),
-        ("unresolved", "verge", 1.0),
-        ("kerb", "sidewalk", 1.0),
-        ("sidewalk", "kerb", 0.5),
-        ("kerb", "any", 0.5),
-        ("kerb", "verge", 0.0),
+        (BOUNDARIES, "verge", 1.0),
+        (BOUNDARIES, "any", 1.0),
+        (None, "verge", 1.0),
+        (["kerb"], "sidewalk", 1.0),
+        (["sidewalk"], "kerb", 0.5),
+        (["kerb"], "any", 0.5),
+        (["kerb"], "verge", 0.0),
     ],
 )
-def test_boundaries(wanted: str, found: str, share: float) -> None:
+def test_boundaries(wanted: list[str] | None, found: str, share: float) -> None:
     score = score_block(
-        event("cut_in", topology={"right_boundary": wanted}),
+        event("cut_in", topology={"right_boundary": varying(wanted)}),
         made_block(right_boundary=found),
         KINDS["cut_in"],
     )
@@ -261,9 +277,9 @@ def test_places_that_a_block_hasnt() -> None:
 
 
 def test_a_lane_in_the_middle_takes_three() -> None:
-    wanted = event("lead_braking", topology={"vut_lane": "middle"})
+    wanted = event("lead_braking", topology={"vut_lane": fixed("middle")})
     score = score_block(wanted, made_block(), KINDS["lead_braking"])
-    assert score.reasons == ["same-direction lanes 2, none of them is the middle"]
+    assert score.reasons == ["same-direction lanes 2, none of them is the middle (identity)"]
     assert score_block(wanted, made_block(lanes=lanes(3, 1)), KINDS["lead_braking"]).eligible
 
 
@@ -271,10 +287,10 @@ def test_open_and_unresolved_needs_are_met() -> None:
     wanted = event(
         "cut_in",
         topology={
-            "segment": "unresolved",
-            "lane_width": "unresolved",
-            "curvature": "unresolved",
-            "vut_lane": "unresolved",
+            "segment": fixed("unresolved"),
+            "lane_width": varying(None),
+            "curvature": varying(None),
+            "vut_lane": fixed("unresolved"),
         },
     )
     block = made_block(lanes=lanes(2, 1, 9.0), line=straight(300.0, 0.01), segment="curve")
@@ -282,12 +298,64 @@ def test_open_and_unresolved_needs_are_met() -> None:
 
 
 def test_units_of_the_event_are_converted() -> None:
-    wanted = event("cut_in", topology={"lane_width": {"min": 3.0, "max": 4.2, "unit": "m"}})
+    wanted = event(
+        "cut_in", topology={"lane_width": varying({"min": 3.0, "max": 4.2, "unit": "m"})}
+    )
     speeds = wanted.constraints.model_dump(by_alias=True)
     speeds["speeds"]["vut"]["approach"] = {"min": 43.2, "max": 50.4, "unit": "km/h"}
     slow = Event.model_validate(wanted.model_dump(by_alias=True) | {"constraints": speeds})
     score = score_block(slow, made_block(speed_limit_mps=13.0), KINDS["cut_in"])
     assert score.constraints == pytest.approx(4.5 / 5)
+
+
+# -- identity -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("topology", "block", "reason"),
+    [
+        ({"lanes_opposite": fixed(2)}, {"lanes": lanes(2, 0)},
+         "oncoming lanes 0, needs 2 (identity)"),
+        ({"lanes_same_direction": fixed(2)}, {"lanes": lanes(3, 2)},
+         "same-direction lanes 3, needs 2 (identity)"),
+        ({}, {"segment": "curve"}, "segment curve, needs straight (identity)"),
+        ({"road_type": fixed("urban")}, {"road_type": "rural"},
+         "road_type rural, needs urban (identity)"),
+        ({"road_type": fixed("urban")}, {"road_type": "any"},
+         "road_type unknown to the map, needs urban (identity)"),
+        ({"left_boundary": fixed("kerb")}, {"left_boundary": "sidewalk"},
+         "left_boundary sidewalk, needs kerb (identity)"),
+        ({"lane_width": fixed({"min": 3.4, "max": 3.4, "unit": "m"})}, {},
+         "lane_width 3.5, needs 3.4 m (identity)"),
+        ({"curvature": fixed({"min": 0, "max": 0.001, "unit": "1/m"})},
+         {"line": straight(300.0, 0.004)}, "curvature 0.004, needs 0 to 0.001 1/m (identity)"),
+        ({"permitted_manoeuvres": fixed(["keep_lane", "lane_change_right"])}, {},
+         "permitted_manoeuvres crossing, keep_lane, lane_change_left, lane_change_right, stop, "
+         "needs keep_lane, lane_change_right (identity)"),
+    ],
+)  # fmt: skip
+def test_a_block_that_differs_in_an_identity_field_is_no_candidate(
+    topology: dict[str, Any], block: dict[str, Any], reason: str
+) -> None:
+    score = score_block(event("cut_in", topology=topology), made_block(**block), KINDS["cut_in"])
+    assert not score.eligible
+    assert reason in score.reasons
+
+
+def test_a_one_way_lane_and_two_lanes_each_way_are_not_the_same_road() -> None:
+    event = load_model(Event, find_shipped("lead_braking", "event"))
+    scores = score_blocks(
+        event,
+        library(made_block("two and two"), made_block("one way", lanes=lanes(1, 0))),
+    )
+    assert [(score.block, score.eligible) for score in scores] == [
+        ("two and two", True),
+        ("one way", False),
+    ]
+    assert scores[1].reasons[0] == (
+        "one driving lane per direction: same-direction lanes 1, needs 2 (identity)"
+    )
+    assert not event.topology.lanes_opposite.admits(0)
 
 
 # -- ties and order -------------------------------------------------------------------------------

@@ -11,13 +11,16 @@ from typing import Any
 from ssp_scenario_manager.spec.checks.base import Fail, Predicate, View, known, one_of
 from ssp_scenario_manager.spec.failure import Failure
 from ssp_scenario_manager.spec.fields import get, owner
-from ssp_scenario_manager.spec.model import UNRESOLVED, CountField, QuantityField, WordField
+from ssp_scenario_manager.spec.model import (
+    IDENTITY_BY_DEFAULT,
+    UNRESOLVED,
+    CountField,
+    QuantityField,
+    WordField,
+)
 from ssp_scenario_manager.topology.bends import STRAIGHT_BELOW_1PM
 
 _fail = Fail("C2")
-
-# Identity unless a review record says why not (METHOD 4.2).
-IDENTITY_BY_DEFAULT = ("segment", "lanes_same_direction", "lanes_opposite", "vut_lane")
 
 _BESIDE = {
     "left": frozenset({"front_left", "left", "rear_left"}),

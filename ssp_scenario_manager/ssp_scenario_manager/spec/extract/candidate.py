@@ -20,7 +20,14 @@ from ssp_scenario_manager.spec.extract.answers import Finding
 from ssp_scenario_manager.spec.extract.frames import Clip
 from ssp_scenario_manager.spec.extract.interview import Interview, Target
 from ssp_scenario_manager.spec.extract.questions import CELL_PHASES, NONE, PHASES_ASKED
-from ssp_scenario_manager.spec.model import SCHEMA, UNRESOLVED, Doubt, Event, Evidence
+from ssp_scenario_manager.spec.model import (
+    IDENTITY_BY_DEFAULT,
+    SCHEMA,
+    UNRESOLVED,
+    Doubt,
+    Event,
+    Evidence,
+)
 
 _Provenance = Literal["frame", "model", "person", "derived", "standard"]
 _NO_SCALE = "one camera gives no absolute speed or distance"
@@ -141,13 +148,25 @@ def _exact(value: float, unit: str) -> dict[str, Any]:
 
 
 def _topology(draft: _Draft, found: Interview) -> dict[str, Any]:
-    part: dict[str, Any] = {
-        key: draft.said(f"topology.{key}", finding) for key, finding in found.road.items()
-    }
-    part["vut_lane"] = draft.said("topology.vut_lane", found.vut["vut_lane"])
-    part["lane_width"] = draft.unknown("topology.lane_width")
-    part["curvature"] = draft.unknown("topology.curvature")
+    """Part T: segment, lane counts and the VUT's lane are identity, the rest varies by default."""
+    answers = {**found.road, "vut_lane": found.vut["vut_lane"]}
+    part: dict[str, Any] = {}
+    for name, finding in answers.items():
+        value = draft.said(f"topology.{name}", finding)
+        if name in IDENTITY_BY_DEFAULT:
+            part[name] = {"value": _counted(value), "identity": True}
+        else:
+            part[name] = {"value": value, **standards.road_words(name, value)}
+    for name, varies in standards.ROAD_RANGES.items():
+        part[name] = {"value": draft.unknown(f"topology.{name}"), "varies": varies}
     return part
+
+
+def _counted(value: Any) -> Any:
+    """A word as it is; of a count the number, `unresolved` where the model gave a range."""
+    if not isinstance(value, Mapping):
+        return value
+    return value["min"] if value["min"] == value["max"] else UNRESOLVED
 
 
 def _participants(draft: _Draft, found: Interview, vut: str) -> dict[str, Any]:
@@ -162,6 +181,7 @@ def _participants(draft: _Draft, found: Interview, vut: str) -> dict[str, Any]:
         vut: {
             "role": draft.derived(f"{at}.role", "VUT", "carries the camera"),
             "class": own_class,
+            "intent": draft.said(f"{at}.intent", found.vut["intent"]),
             "region": draft.derived(f"{at}.region", region, "carries the camera"),
         }
     }

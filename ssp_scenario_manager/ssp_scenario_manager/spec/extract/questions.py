@@ -13,7 +13,7 @@ from typing import Literal, get_args
 
 from ssp_core.hashing import sha256_json
 from ssp_core.vocab import LAT_ACTIONS, LON_ACTIONS, MOTIONS, OBJECTS, POSITIONS
-from ssp_scenario_manager.spec.model import UNRESOLVED, ManoeuvreWord
+from ssp_scenario_manager.spec.model import UNRESOLVED, IntentWord, ManoeuvreWord
 
 # word: one word; words: at least one; count: from min to max; frame: number of a frame.
 Shape = Literal["word", "words", "count", "frame"]
@@ -145,6 +145,11 @@ _VUT = Question(
     "clip",
     "Describe the VUT, which carries the camera.",
     (
+        Ask(
+            "intent",
+            "Where it means to go, judged by what it does before anybody gets in its way.",
+            words=_observable(*get_args(IntentWord)),
+        ),
         Ask(
             "class",
             "Kind of vehicle, if bonnet, mirrors or height of view show it.",

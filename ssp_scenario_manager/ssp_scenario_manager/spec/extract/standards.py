@@ -7,10 +7,16 @@ project, and marked ``standard`` and unreviewed in part U: a person confirms or 
 
 from __future__ import annotations
 
+from collections.abc import Collection
+from typing import get_args
+
 from ssp_scenario_manager.interactions.base import Kind
 from ssp_scenario_manager.spec.model import (
+    BoundaryWord,
     CameraNeed,
     Interval,
+    ManoeuvreWord,
+    RoadTypeWord,
     SafetyNeed,
     SiteNeed,
     Thresholds,
@@ -30,6 +36,27 @@ CAMERA = CameraNeed(
     rate=_interval(10, 60, "Hz"),
     visible_fraction=_interval(0.8, 1, "1"),
 )
+# Where a place may differ from the source in T, as long as the event takes place there.
+ROAD_WORDS: dict[str, tuple[str, ...]] = {
+    "road_type": get_args(RoadTypeWord),
+    "left_boundary": get_args(BoundaryWord),
+    "right_boundary": get_args(BoundaryWord),
+    "permitted_manoeuvres": get_args(ManoeuvreWord),
+}
+ROAD_RANGES = {
+    "lane_width": _interval(3, 4.2, "m"),
+    "curvature": _interval(0, 0.001, "1/m"),
+}
+
+
+def road_words(name: str, shown: Collection[str]) -> dict[str, object]:
+    """How a field of words may differ: any word; of manoeuvres, what the source doesn't show."""
+    words = ROAD_WORDS[name]
+    if name == "permitted_manoeuvres":
+        words = tuple(word for word in words if word not in shown)
+    return {"varies": words} if words else {"identity": True}
+
+
 # Room to reach city speed, for the event, and to stop from it.
 SITE = SiteNeed(
     length=_interval(250, None, "m"),

@@ -13,7 +13,7 @@ from ssp_core import console
 from ssp_core.errors import InputError
 from ssp_core.files import read_mapping
 from ssp_scenario_manager.spec.checks import check_event
-from ssp_scenario_manager.spec.load import load_event
+from ssp_scenario_manager.spec.load import load_event, refuse_old
 from ssp_scenario_manager.spec.log_file import check_not_refused, log_path, read_log, utc_now
 from ssp_scenario_manager.spec.model import SCHEMA
 from ssp_scenario_manager.spec.review.desk import Desk
@@ -61,7 +61,9 @@ def review_command(
     if reason and not accept_all:
         raise click.UsageError("--reason belongs to --accept-all")
     log = log or log_path(file)
-    schema = read_mapping(file).get("schema")
+    found = read_mapping(file)
+    refuse_old(found, file)
+    schema = found.get("schema")
     if schema in REVIEWERS:
         if video or everything or accept_all:
             raise click.UsageError("--video, --all and --accept-all are for events, not for labels")

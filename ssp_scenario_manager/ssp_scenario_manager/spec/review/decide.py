@@ -15,9 +15,9 @@ from typing import Any
 from ssp_scenario_manager.interactions import KINDS
 from ssp_scenario_manager.spec.checks import check_event
 from ssp_scenario_manager.spec.failure import Failure
-from ssp_scenario_manager.spec.fields import Part, get, leaves, owner, split, within
+from ssp_scenario_manager.spec.fields import Part, get, owner, split, within
 from ssp_scenario_manager.spec.model import UNRESOLVED, Doubt, Event
-from ssp_scenario_manager.spec.review.undecided import describe
+from ssp_scenario_manager.spec.review.undecided import describe, is_unresolved
 from ssp_scenario_manager.spec.seal import body, seal_event, seals
 
 
@@ -41,8 +41,7 @@ class NotAllowed(Exception):
 def accept(event: Event, path: str) -> Event:
     """The event with a field accepted as it is; what is unresolved is accepted as that."""
     doubt = _doubt(event, path)
-    unresolved = any(value == UNRESOLVED for _, value in leaves(get(body(event), path)))
-    state = "unresolved" if unresolved else "accepted"
+    state = "unresolved" if is_unresolved(get(body(event), path)) else "accepted"
     return _decided(event, event, path, doubt.model_copy(update={"review": state}))
 
 

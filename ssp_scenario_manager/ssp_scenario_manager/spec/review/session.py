@@ -13,7 +13,7 @@ from ssp_scenario_manager.spec.checks.form import vocabulary
 from ssp_scenario_manager.spec.extract.questions import GATE_REASONS
 from ssp_scenario_manager.spec.failure import Failure
 from ssp_scenario_manager.spec.fields import get, within
-from ssp_scenario_manager.spec.model import UNRESOLVED, Event
+from ssp_scenario_manager.spec.model import Event
 from ssp_scenario_manager.spec.platform import limit_of, rule_of
 from ssp_scenario_manager.spec.review.decide import (
     NotAllowed,
@@ -24,7 +24,12 @@ from ssp_scenario_manager.spec.review.decide import (
 from ssp_scenario_manager.spec.review.desk import Desk
 from ssp_scenario_manager.spec.review.pictures import Evidence
 from ssp_scenario_manager.spec.review.terminal import Terminal, ask_reason
-from ssp_scenario_manager.spec.review.undecided import Undecided, contradictions, undecided
+from ssp_scenario_manager.spec.review.undecided import (
+    Undecided,
+    contradictions,
+    is_unresolved,
+    undecided,
+)
 from ssp_scenario_manager.spec.review.values import Unreadable, read_value, shown
 from ssp_scenario_manager.spec.seal import body
 from ssp_scenario_manager.spec.units import units_of
@@ -183,7 +188,7 @@ class Session:
                 self.terminal.say(HELP)
 
     def _accept(self, item: Undecided) -> bool:
-        if item.critical and UNRESOLVED in _words_in(item.value):
+        if item.critical and is_unresolved(item.value):
             self.terminal.say("  is unresolved and safety-critical: edit it, or skip it")
             return False
         reason = "agrees with the evidence"
@@ -264,12 +269,6 @@ class Session:
 
 
 _WORDS = {"a": "accept", "e": "edit", "u": "unresolved"}
-
-
-def _words_in(value: Any) -> set[Any]:
-    if isinstance(value, dict):
-        return {word for item in value.values() for word in _words_in(item)}
-    return {value} if isinstance(value, str) else set()
 
 
 def _failure_line(failure: Failure, mark: str = "") -> str:

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from ssp_scenario_manager.spec.checks import check_event
 from ssp_scenario_manager.spec.failure import Failure
-from ssp_scenario_manager.spec.fields import get, granules, has, leaves, owner
+from ssp_scenario_manager.spec.fields import ROAD_FIELD, get, granules, has, leaves, owner
 from ssp_scenario_manager.spec.model import UNRESOLVED, Doubt, Event
 from ssp_scenario_manager.spec.seal import body, safety_critical_fields, seals
 
@@ -96,8 +96,15 @@ def _describe(
     )
 
 
+def is_unresolved(value: Any) -> bool:
+    """Whether something in a field's value is unresolved; what varies in a range needs no value."""
+    if isinstance(value, dict) and set(value) == ROAD_FIELD and value["varies"] is not None:
+        return False
+    return any(item == UNRESOLVED for _, item in leaves(value))
+
+
 def _why(value: Any, doubt: Doubt | None, seal: str | None, critical: bool) -> Why | None:
-    unresolved = any(item == UNRESOLVED for _, item in leaves(value))
+    unresolved = is_unresolved(value)
     if doubt is None:
         return "nobody says whence"
     if doubt.review == "unreviewed":

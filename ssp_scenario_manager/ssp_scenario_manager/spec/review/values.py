@@ -9,7 +9,9 @@ from typing import Any
 import yaml
 
 from ssp_scenario_manager.spec.checks.base import show
+from ssp_scenario_manager.spec.fields import ROAD_FIELD
 from ssp_scenario_manager.spec.model import UNRESOLVED
+from ssp_scenario_manager.spec.write import flow
 
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _END = rf"(?:{_NUMBER}|…)?"
@@ -25,6 +27,8 @@ class Unreadable(Exception):
 
 def shown(value: Any) -> str:
     """A value as read_value takes it back: a cell as its words, a quantity as a range."""
+    if isinstance(value, dict) and set(value) == ROAD_FIELD:
+        return flow(value)
     if isinstance(value, dict) and "heading" in value:
         return " ".join(f"{key}={word}" for key, word in value.items() if word is not None)
     if isinstance(value, list):
@@ -42,7 +46,8 @@ def read_value(text: str, old: Any, quantity: bool) -> Any:
 
     Quantities are ``2..3 s`` (``..3 s`` and ``2.. s`` are open, ``2 s`` is exact), counts ``2..3``,
     lists ``a, b``; of one participant in one phase, ``motion=stationary lateral=none`` changes
-    these words and leaves the others. Whatever is in braces or brackets is read as YAML.
+    these words and leaves the others. Of a field of the road a line is what the source shows;
+    whether it is identity or varies is told in braces. Whatever is in braces or brackets is YAML.
 
     Args:
         text: as typed.
@@ -55,6 +60,8 @@ def read_value(text: str, old: Any, quantity: bool) -> Any:
     text = text.strip()
     if not text:
         raise Unreadable("type a value")
+    if isinstance(old, dict) and set(old) == ROAD_FIELD:
+        return _road_field(text, old)
     if text == UNRESOLVED:
         return UNRESOLVED
     if text == "null" and (old is None or isinstance(old, str) or quantity):
@@ -78,6 +85,22 @@ def read_value(text: str, old: Any, quantity: bool) -> Any:
     if quantity:
         raise Unreadable(f"type a range with its unit, such as 2..3 s, or {UNRESOLVED}")
     return text
+
+
+def _road_field(text: str, old: dict[str, Any]) -> Any:
+    """A whole field in braces; else what the source shows, and whether it varies is as it was."""
+    if text[0] == "{":
+        found = _yaml(text)
+        nothing = {"identity": False, "varies": None, "why": None}
+        is_field = isinstance(found, dict) and "value" in found
+        return nothing | found if is_field else {**old, "value": found}
+    inside, varies = old["value"], old["varies"]
+    is_list = isinstance(inside, list)
+    measured = any(isinstance(item, dict) and "unit" in item for item in (inside, varies))
+    if text.isdecimal() and not measured:
+        return {**old, "value": int(text)}
+    value = read_value(text, inside if is_list else None, measured and not is_list)
+    return {**old, "value": value}
 
 
 def _quantity(text: str) -> Any:
