@@ -241,6 +241,7 @@ def test_vut_first() -> None:
 
 def test_from_the_wrong_side() -> None:
     right = [Lane(y_m=y, width_m=3.5, direction="forward") for y in (-3.5, 0.0)]
+    right.append(Lane(y_m=3.5, width_m=3.5, direction="backward"))
     found = measure(cut_in(side=-1.0, road=road(lanes=right)))
     assert words(found, TOPOLOGY, "vut_lane") == ("leftmost",)
     assert words(found, ROLES, "ot1 starts in") == ("right_lane",)

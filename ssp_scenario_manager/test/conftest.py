@@ -16,8 +16,14 @@ from ssp_scenario_manager.core import outbox
 from ssp_scenario_manager.core.readiness import Facts
 from ssp_scenario_manager.core.session import Session
 from ssp_scenario_manager.core.session_machine import SessionEvent
+from ssp_scenario_manager.spec.load import load_event
+from ssp_scenario_manager.spec.model import CountField
+from ssp_scenario_manager.spec.seal import seal_event
+from ssp_scenario_manager.spec.write import write_event
 
 S = 1_000_000_000
+
+EventOnRoad = Callable[[str, int, int], str]
 
 
 def _mapping() -> dict[str, Any]:
@@ -254,3 +260,21 @@ class SessionTools:
 def tools() -> type[SessionTools]:
     """bring, changes and violations."""
     return SessionTools
+
+
+@pytest.fixture
+def event_on_road(tmp_path_factory: pytest.TempPathFactory) -> EventOnRoad:
+    """Writes a shipped event as if its source showed so many lanes with and against the VUT."""
+
+    def written(name: str, same: int, opposite: int) -> str:
+        event, _ = load_event(name)
+        lanes = {
+            "lanes_same_direction": CountField(value=same, identity=True),
+            "lanes_opposite": CountField(value=opposite, identity=True),
+        }
+        road = event.topology.model_copy(update=lanes)
+        path = tmp_path_factory.mktemp("event") / f"{name}.event.yaml"
+        write_event(path, seal_event(event.model_copy(update={"topology": road})))
+        return str(path)
+
+    return written

@@ -27,6 +27,7 @@ MOTORWAY = LIBRARY / "maps" / "motorway.xodr"
 COMMON = {"task.json", "event.yaml", "run.yaml", "log.jsonl", "task.html"}
 
 Compile = Callable[..., int]
+EventOnRoad = Callable[[str, int, int], str]
 
 
 @pytest.fixture
@@ -178,29 +179,37 @@ def test_a_refused_clip_is_not_compiled(
 
 @pytest.mark.parametrize("target", ["sumo", "openscenario", "carla"])
 def test_the_same_input_gives_the_same_bytes(
-    target: str, compile_to: Compile, tmp_path: Path
+    target: str, compile_to: Compile, event_on_road: EventOnRoad, tmp_path: Path
 ) -> None:
+    event = event_on_road("lead_braking", 3, 0)
     for out in ("one", "two"):
-        assert compile_to("lead_braking", target, "--map", str(MOTORWAY), out=out) == 0
+        assert compile_to(event, target, "--map", str(MOTORWAY), out=out) == 0
     for path in sorted((tmp_path / "one").iterdir()):
         assert path.read_bytes() == (tmp_path / "two" / path.name).read_bytes(), path.name
     assert names(tmp_path / "one") == names(tmp_path / "two")
 
 
 def test_a_given_epoch_dates_the_compilers_entries(
-    compile_to: Compile, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    compile_to: Compile,
+    event_on_road: EventOnRoad,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    event = event_on_road("cut_in", 3, 0)
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "1767225600")
-    assert compile_to("cut_in", "carla", "--map", str(MOTORWAY)) == 0
+    assert compile_to(event, "carla", "--map", str(MOTORWAY)) == 0
     log = read_log(tmp_path / "out" / "log.jsonl")
     assert {record.when for record in log} == {"2026-01-01T00:00:00Z"}
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "soon")
-    assert compile_to("cut_in", "carla", "--map", str(MOTORWAY), out="two") == 1
+    assert compile_to(event, "carla", "--map", str(MOTORWAY), out="two") == 1
     assert not (tmp_path / "two").exists()
 
 
-def test_a_seal_shows_every_change(compile_to: Compile, tmp_path: Path) -> None:
-    assert compile_to("cut_in", "carla", "--map", str(MOTORWAY)) == 0
+def test_a_seal_shows_every_change(
+    compile_to: Compile, event_on_road: EventOnRoad, tmp_path: Path
+) -> None:
+    event = event_on_road("cut_in", 3, 0)
+    assert compile_to(event, "carla", "--map", str(MOTORWAY)) == 0
     file = tmp_path / "out" / "task.json"
     value = json.loads(file.read_text())
     for path in (
@@ -420,30 +429,33 @@ def test_a_writer_that_fails_leaves_nothing_behind(
 
 
 def test_a_folder_is_replaced_only_on_demand_and_only_our_own(
-    compile_to: Compile, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    compile_to: Compile,
+    event_on_road: EventOnRoad,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     out = tmp_path / "out"
-    site = ("--map", str(MOTORWAY))
-    assert compile_to("cut_in", "carla", *site) == 0
+    event, site = event_on_road("cut_in", 3, 0), ("--map", str(MOTORWAY))
+    assert compile_to(event, "carla", *site) == 0
     before = load_task(out).version
     (out / "notes.txt").write_text("mine")
-    assert compile_to("cut_in", "carla", *site, "--seed", "2") == 1
+    assert compile_to(event, "carla", *site, "--seed", "2") == 1
     assert "is not empty" in capsys.readouterr().err
     assert load_task(out).version == before
-    assert compile_to("cut_in", "carla", *site, "--seed", "2", "--force") == 1
+    assert compile_to(event, "carla", *site, "--seed", "2", "--force") == 1
     assert "notes.txt" in capsys.readouterr().err
     (out / "notes.txt").unlink()
-    assert compile_to("cut_in", "carla", *site, "--seed", "2", "--force") == 0
+    assert compile_to(event, "carla", *site, "--seed", "2", "--force") == 0
     assert load_task(out).version != before
     assert sorted(p.name for p in tmp_path.iterdir()) == ["out"]
 
     other = tmp_path / "other"
     other.mkdir()
     (other / "mine.txt").write_text("keep")
-    assert compile_to("cut_in", "carla", *site, "--force", out="other") == 1
+    assert compile_to(event, "carla", *site, "--force", out="other") == 1
     assert (other / "mine.txt").read_text() == "keep"
     (tmp_path / "file").write_text("x")
-    assert compile_to("cut_in", "carla", *site, "--force", out="file") == 1
+    assert compile_to(event, "carla", *site, "--force", out="file") == 1
     assert (tmp_path / "file").read_text() == "x"
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -67,11 +68,13 @@ def test_a_compiled_folder_is_taken_over_with_its_changes(compiled: Path, tmp_pa
     assert prepare(compiled, tmp_path / "again", seed=8).seed == 8
 
 
-def test_a_compiled_map_is_taken_over(tmp_path: Path) -> None:
+def test_a_compiled_map_is_taken_over(
+    tmp_path: Path, event_on_road: Callable[[str, int, int], str]
+) -> None:
     out = tmp_path / "compiled"
     motorway = LIBRARY / "maps" / "motorway.xodr"
     arguments = ["--target", "sumo", "--map", str(motorway), "--out", str(out)]
-    assert main(["compile", "cut_in", *arguments]) == 0
+    assert main(["compile", event_on_road("cut_in", 3, 0), *arguments]) == 0
     run = prepare(out, tmp_path / "run")
     assert run.site == "motorway.xodr"
     assert (tmp_path / "run" / TASK_FOLDER / "motorway.xodr").is_file()

@@ -7,7 +7,7 @@ from typing import Any
 from ssp_core.vocab import PHASES, PhaseWord
 from ssp_scenario_manager.spec import drawing as d
 from ssp_scenario_manager.spec.checks.base import show
-from ssp_scenario_manager.spec.fields import get, granules
+from ssp_scenario_manager.spec.fields import ROAD_FIELD, get, granules
 from ssp_scenario_manager.spec.load import event_version
 from ssp_scenario_manager.spec.model import UNRESOLVED, Event, MotionCell
 from ssp_scenario_manager.spec.scene import road_scene
@@ -211,6 +211,8 @@ def _values(event: Event, top: float) -> tuple[list[str], float]:
         here = get(value, path)
         for name in granules(here):
             item = get(here, name)
+            if isinstance(item, dict) and set(item) == ROAD_FIELD:
+                item = _of_road(item)
             if isinstance(item, list):
                 continue
             y += 19
@@ -221,6 +223,16 @@ def _values(event: Event, top: float) -> tuple[list[str], float]:
             ]
         deepest = max(deepest, y + 8)
     return shapes, deepest
+
+
+def _of_road(field: dict[str, Any]) -> Any:
+    """A field of T in a few words: what the source shows, and whether it may vary."""
+    value, varies = field["value"], field["varies"]
+    if isinstance(varies, dict):  # a range says what a place may have, and holds the value
+        return varies
+    if varies is None or isinstance(value, list):
+        return value
+    return "may vary" if value == UNRESOLVED else f"{value}, may vary"
 
 
 def _legend(event: Event, top: float) -> tuple[list[str], float]:
