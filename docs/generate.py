@@ -173,7 +173,12 @@ def limits() -> str:
 def verdicts() -> str:
     """Which events lead to which verdict."""
     rows = []
-    for verdict in (Verdict.FAILED_SAFETY, Verdict.ABORTED, Verdict.INVALID_HARNESS):
+    for verdict in (
+        Verdict.FAILED_SAFETY,
+        Verdict.ABORTED,
+        Verdict.OFF_SPEC,
+        Verdict.INVALID_HARNESS,
+    ):
         codes = [f"`{MEANINGS[c].limit_name}`" for c in SafetyCode if verdict_for(c) is verdict]
         rows.append([f"`{verdict.name.lower()}`", ", ".join(codes)])
     return _table(["verdict", "when the first reason is"], rows)

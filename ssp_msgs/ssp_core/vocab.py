@@ -90,6 +90,14 @@ class Phase(IntEnum):
     CONFLICT = 3
     RESOLUTION = 4
 
+    @property
+    def is_provisional(self) -> bool:
+        """Announced live, the rest of the recording may take it back.
+
+        A resolution is one for good (METHOD 1, 4.1), which a session can only wait for.
+        """
+        return self is Phase.RESOLUTION
+
 
 class ControlState(IntEnum):
     """Object states with the names and numbers of ISO 22133."""
@@ -129,3 +137,4 @@ class Verdict(IntEnum):
     INVALID_HARNESS = 2
     FAILED_SAFETY = 3
     ABORTED = 4
+    OFF_SPEC = 5

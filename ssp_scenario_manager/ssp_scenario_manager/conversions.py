@@ -53,6 +53,7 @@ def phase_to_msg(began: outbox.PhaseBegan) -> PhaseEvent:
     message.header.frame_id = MAP_FRAME
     message.phase = int(began.phase)
     message.evidence = began.evidence
+    message.provisional = began.phase.is_provisional
     return message
 
 

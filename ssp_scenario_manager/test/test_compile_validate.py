@@ -43,7 +43,9 @@ def record(
     messages: list[tuple[str, Any]] = [
         (
             "/ssp/phase_event",
-            types["ssp_msgs/msg/PhaseEvent"](header=header, phase=int(phase), evidence="seen"),
+            types["ssp_msgs/msg/PhaseEvent"](
+                header=header, phase=int(phase), evidence="seen", provisional=phase.is_provisional
+            ),
         )
         for phase in Phase
         if phase is not Phase.UNKNOWN

@@ -8,13 +8,13 @@ from typing import Any
 
 import pytest
 
-from ssp_core.run_spec import RunSpec
+from ssp_core.run_spec import RunSpec, WantedPassing
 from ssp_core.vocab import Phase, Verdict
 from ssp_scenario_manager.compile.compiler import load_ground
 from ssp_scenario_manager.compile.fitting_trigger import fitting_trigger
 from ssp_scenario_manager.compile.ground import Ground
-from ssp_scenario_manager.compile.realise import demand_of, realise
-from ssp_scenario_manager.in_process.event_check import Demand, why_not
+from ssp_scenario_manager.compile.realise import realise
+from ssp_scenario_manager.in_process.event_check import why_not
 from ssp_scenario_manager.in_process.outcome import run_in_process
 from ssp_scenario_manager.interactions.base import CannotPlace
 from ssp_scenario_manager.spec.load import load_event
@@ -96,10 +96,9 @@ def test_no_trigger_is_told_where_something_else_is_wrong() -> None:
 
 
 @pytest.fixture
-def crossing() -> tuple[RunSpec, Demand]:
-    """The shipped crossing on the boulevard, and what K* demands of it."""
-    event = Event.model_validate(shipped("vru_crossing"))
-    return compiled(event, ground_of("boulevard")), demand_of(event)
+def crossing() -> RunSpec:
+    """The shipped crossing on the boulevard."""
+    return compiled(Event.model_validate(shipped("vru_crossing")), ground_of("boulevard"))
 
 
 def with_trigger(run: RunSpec, **changes: Any) -> RunSpec:
@@ -107,22 +106,20 @@ def with_trigger(run: RunSpec, **changes: Any) -> RunSpec:
     return run.model_copy(update={"triggers": [trigger]})
 
 
-def test_what_happens_has_no_reason_against_it(crossing: tuple[RunSpec, Demand]) -> None:
-    run, demand = crossing
-    assert why_not(run, demand) == []
+def test_what_happens_has_no_reason_against_it(crossing: RunSpec) -> None:
+    assert why_not(crossing) == []
 
 
-def test_a_trigger_that_never_fires_is_said(crossing: tuple[RunSpec, Demand]) -> None:
-    run, demand = crossing
-    (reason,) = why_not(with_trigger(run, not_before_s=39.0), demand)
+def test_a_trigger_that_never_fires_is_said(crossing: RunSpec) -> None:
+    (reason,) = why_not(with_trigger(crossing, not_before_s=39.0))
     assert "trigger of ot1 doesn't fire" in reason
 
 
 def test_an_object_that_stays_beside_the_corridor_is_no_event(
-    crossing: tuple[RunSpec, Demand],
+    crossing: RunSpec,
 ) -> None:
     """It walks towards the VUT's path, so that a conflict is predicted, and stops before it."""
-    run, demand = crossing
+    run = crossing
     path = run.triggers[0].manoeuvre.motion.path  # type: ignore[union-attr]
     motion = run.triggers[0].manoeuvre.motion.model_copy(  # type: ignore[union-attr]
         update={"path": [path[0], (path[0][0], path[0][1] + 0.9)]}
@@ -131,28 +128,27 @@ def test_an_object_that_stays_beside_the_corridor_is_no_event(
     short = with_trigger(run, manoeuvre=manoeuvre, adaptation=None)
     result, _ = run_in_process(short)
     assert result.phase_s(Phase.CONFLICT) is not None
-    (reason,) = why_not(short, demand)
+    (reason,) = why_not(short)
     assert "ot1 doesn't come into the VUT's corridor (smallest distance" in reason
 
 
 def test_a_time_gap_outside_of_k_star_is_said_with_value_and_range(
-    crossing: tuple[RunSpec, Demand],
+    crossing: RunSpec,
 ) -> None:
-    run, demand = crossing
-    (reason,) = why_not(run, Demand(demand.initiator_first, 3.0, 4.0))
-    assert re.search(r"time gap .* is 1\.\d\d s, K\* wants 3 to 4 s, with the SIL's driver", reason)
+    wanted = WantedPassing(first="initiator", least_gap_s=3.0, most_gap_s=4.0)
+    (reason,) = why_not(crossing.model_copy(update={"passing": wanted}))
+    assert re.search(r"time gap .*: 1\.\d\d\d s, K\* wants 3 to 4 s, with the SIL's driver", reason)
 
 
-def test_the_wrong_order_is_said(crossing: tuple[RunSpec, Demand]) -> None:
-    run, _ = crossing
-    (reason,) = why_not(run, Demand(initiator_first=False, least_gap_s=0.0, most_gap_s=9.0))
+def test_the_wrong_order_is_said(crossing: RunSpec) -> None:
+    wanted = WantedPassing(first="vut", least_gap_s=0.0, most_gap_s=9.0)
+    (reason,) = why_not(crossing.model_copy(update={"passing": wanted}))
     assert "ot1 reaches the conflict point first, against K*'s passing order" in reason
 
 
 def test_a_refused_reference_is_said_as_the_session_says_it(
-    crossing: tuple[RunSpec, Demand],
+    crossing: RunSpec,
 ) -> None:
-    run, demand = crossing
-    limits = run.limits.model_copy(update={"speed_mps": 11.0, "acceleration_mps2": 1.0})
-    (reason, *_) = why_not(run.model_copy(update={"limits": limits}), demand)
+    limits = crossing.limits.model_copy(update={"speed_mps": 11.0, "acceleration_mps2": 1.0})
+    (reason, *_) = why_not(crossing.model_copy(update={"limits": limits}))
     assert reason.startswith(("reference_refused: ot1", "over_acceleration"))

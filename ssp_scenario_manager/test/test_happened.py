@@ -12,12 +12,16 @@ from typing import Any
 import pytest
 
 from ssp_core.in_process import FaultFact
-from ssp_core.run_spec import RunSpec
-from ssp_core.vocab import Phase
+from ssp_core.run_spec import RunSpec, WantedPassing
+from ssp_core.state import ObjectState
+from ssp_core.vocab import Phase, Verdict
+from ssp_scenario_manager.core.outbox import PhaseBegan
 from ssp_scenario_manager.in_process.outcome import run_in_process
+from ssp_scenario_manager.in_process.passing import Passing
 from ssp_scenario_manager.runner.happened import (
     Happened,
     happened_by,
+    misses,
     result_keys,
     shown_gap,
 )
@@ -98,3 +102,117 @@ def test_what_nothing_tells_is_null_and_not_empty(
 
 def replace_mode(run: RunSpec) -> RunSpec:
     return run.model_copy(update={"mode": "live"})
+
+
+# -- the event as K* wants it (METHOD 4.4) ---------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("first", "bounds", "seen", "said"),
+    [
+        ("initiator", (0.2, 6.0), Passing(True, 0.2), None),
+        ("initiator", (0.2, 6.0), Passing(True, 6.0), None),
+        ("initiator", (None, 6.0), Passing(True, -3.0), None),
+        ("initiator", (None, None), Passing(True, None), None),
+        ("vut", (0.2, None), Passing(False, 40.0), None),
+        ("initiator", (0.2, 6.0), Passing(True, 0.199), "0.199 s, K* wants 0.2 to 6 s"),
+        ("initiator", (0.2, 6.0), Passing(True, 6.001), "6.001 s, K* wants 0.2 to 6 s"),
+        ("initiator", (0.2, 6.0), Passing(True, math.nan), "nan s, K* wants 0.2 to 6 s"),
+        (
+            "initiator",
+            (0.2, None),
+            Passing(True, None),
+            "none, the VUT never reached the conflict zone, or ot1 never left it; "
+            "K* wants 0.2 to inf s",
+        ),
+        ("initiator", (0.2, 6.0), Passing(None, None), "passing order: ot1 never came into"),
+        (
+            "initiator",
+            (None, None),
+            Passing(False, 1.0),
+            "passing order: the VUT before ot1, K* wants ot1 before the VUT",
+        ),
+        (
+            "vut",
+            (None, None),
+            Passing(True, 1.0),
+            "passing order: ot1 before the VUT, K* wants the VUT before ot1",
+        ),
+    ],
+)
+def test_a_passing_misses_with_quantity_value_and_range(
+    run: RunSpec,
+    empty: Callable[..., Happened],
+    first: Any,
+    bounds: tuple[float | None, float | None],
+    seen: Passing,
+    said: str | None,
+) -> None:
+    wanted = WantedPassing(first=first, least_gap_s=bounds[0], most_gap_s=bounds[1])
+    found = misses(run.model_copy(update={"passing": wanted}), replace(empty(0), passing=seen))
+    assert found == [] if said is None else said in found[0]
+
+
+def test_a_range_that_nothing_lies_in_is_no_range() -> None:
+    with pytest.raises(ValueError, match="least_gap_s is above most_gap_s"):
+        WantedPassing(first="vut", least_gap_s=2.0, most_gap_s=1.0)
+
+
+def test_nobody_judges_the_passing_of_a_run_that_was_made_by_hand(
+    run: RunSpec, empty: Callable[..., Happened]
+) -> None:
+    assert run.passing is None
+    assert misses(run, replace(empty(0), passing=Passing(None, None))) == []
+
+
+def test_the_resolution_is_the_last_one_of_the_whole_recording(
+    run: RunSpec, state: Callable[..., ObjectState]
+) -> None:
+    """TTC is 2 s, 5 s from 2 s on, 2 s again from 4 s to 5 s: resolved at 5 s, announced at 2 s."""
+
+    def gap_m(t_s: float) -> float:
+        return 50.0 if 2.0 <= t_s < 4.0 or t_s >= 5.0 else 20.0
+
+    def at(t_s: float) -> tuple[ObjectState, ObjectState]:
+        vut = state("vut", stamp_ns=int(t_s * S), speed_mps=10.0)
+        nose_to_tail = vut.size.front_m + vut.size.rear_m
+        return vut, state("ot1", stamp_ns=vut.stamp_ns, x_m=gap_m(t_s) + nose_to_tail)
+
+    run = run.model_copy(update={"passing": WantedPassing(first="initiator")})
+
+    def seen(end_s: int) -> Happened:
+        pairs = [at(0.5 * k) for k in range(2 * end_s + 1)]
+        announced = [
+            PhaseBegan(S // 2, Phase.CONFLICT, "TTC 2.00 s"),
+            PhaseBegan(2 * S, Phase.RESOLUTION, "TTC 5.00 s"),
+        ]
+        truths = {"vut": [a for a, _ in pairs], "ot1": [b for _, b in pairs]}
+        return Happened.seen(run, 0, announced, (), (), truths)
+
+    (_, resolution) = result_keys(run, seen(8))["phases"]
+    assert (resolution["phase"], resolution["at_s"], resolution["announced_s"]) == (
+        "resolution",
+        5.0,
+        2.0,
+    )
+    cut = replace(seen(4), passing=Passing(True, None))
+    (only,) = result_keys(run, cut)["phases"]
+    assert (only["phase"], only["at_s"]) == ("conflict", 0.5)
+    assert misses(run, cut)[0].startswith("resolution: the conflict began again and lasts")
+
+
+def test_a_sound_run_whose_passing_is_not_as_wanted_is_off_spec(run: RunSpec) -> None:
+    limits = run.limits.model_copy(update={"jump_m": 1.0, "frozen_s": 0.3})
+    run = run.model_copy(update={"limits": limits})
+    whole, _ = run_in_process(run)
+    gap_s = whole.passing.time_gap_s
+    assert gap_s is not None
+    assert whole.verdict is Verdict.VALID
+    for wanted, verdict in (
+        (WantedPassing(first="initiator", most_gap_s=gap_s), Verdict.VALID),
+        (WantedPassing(first="initiator", most_gap_s=gap_s - 0.01), Verdict.OFF_SPEC),
+        (WantedPassing(first="vut"), Verdict.OFF_SPEC),
+    ):
+        result, _ = run_in_process(run.model_copy(update={"passing": wanted}))
+        assert (result.verdict, result.happened) == (verdict, whole.happened)
+        assert result.ok == (not result.reasons)

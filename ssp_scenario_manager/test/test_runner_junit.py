@@ -91,6 +91,7 @@ def test_a_valid_run() -> None:
     [
         (Verdict.FAILED_SAFETY, "failure"),
         (Verdict.ABORTED, "failure"),
+        (Verdict.OFF_SPEC, "failure"),
         (Verdict.INVALID_HARNESS, "error"),
         (Verdict.NONE, "error"),
     ],
@@ -118,10 +119,10 @@ def test_the_message_is_one_line() -> None:
 def test_several_runs_are_counted() -> None:
     tree = parsed(*(case(verdict, "why") for verdict in Verdict))
     assert [tree.get(k) for k in ("tests", "failures", "errors", "time")] == [
-        "5",
+        "6",
+        "3",
         "2",
-        "2",
-        "16.250",
+        "19.500",
     ]
 
 

@@ -150,7 +150,7 @@ def test_duration_and_a_missing_event(
     assert driver.session.state is SessionPhase.RUNNING
     driver.step(1)
     assert tools.violations(driver.session.outbox) == [SafetyCode.EVENT_MISSING]
-    assert driver.session.verdict is Verdict.INVALID_HARNESS
+    assert driver.session.verdict is Verdict.OFF_SPEC
     assert "phase reached: approach" in driver.session.reasons[0]
 
     run_mapping["end"] = {"at_latest_s": 50.0}

@@ -206,6 +206,8 @@ def test_no_trigger_is_judged_on_an_old_state_of_the_vut(
     while driver.session.state is SessionPhase.RUNNING:
         driver.step()
     assert "1 states of the VUT came too late for triggers" in driver.session.reasons[0]
+    # It is nobody else's fault that the event stayed away.
+    assert driver.session.verdict is Verdict.INVALID_HARNESS
 
 
 def test_stopped_by_a_person_before_the_event_is_no_valid_run(driver: Any, tools: Any) -> None:

@@ -144,7 +144,7 @@ class Snapshots:
             "mode": run.mode if run else "",
             "verdict": fact.verdict.name if fact else "NONE",
             "reasons": list(fact.reasons) if fact else [],
-            "phase": board.phase.name if board.phase is not Phase.UNKNOWN else "",
+            "phase": _phase(board.phase),
             "elapsed_s": None if elapsed_s is None else number(elapsed_s, 2),
             "commands": self._commands(state),
         }
@@ -220,6 +220,13 @@ def _order(state: ObjectState) -> tuple[bool, bool, list[tuple[int, str]]]:
     """The VUT first, traffic last, and ot2 before ot10."""
     parts = [(int(p), "") if p.isdecimal() else (-1, p) for p in _DIGITS.split(state.object_id)]
     return state.role is not Role.VUT, state.role is Role.TRAFFIC, parts
+
+
+def _phase(phase: Phase) -> str:
+    """In words; what the recording's end alone can tell is said to be provisional."""
+    if phase is Phase.UNKNOWN:
+        return ""
+    return phase.name + (", PROVISIONAL" if phase.is_provisional else "")
 
 
 def _control(state: ObjectState) -> str:

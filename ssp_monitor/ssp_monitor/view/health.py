@@ -17,7 +17,6 @@ SILENT_S = 1.0
 RECORDER_SILENT_S = 2.5
 CLOCK_STANDS_S = 1.0
 DEFAULT_STATE_AGE_S = 0.3
-_BAD_ENDS = (Verdict.INVALID_HARNESS, Verdict.FAILED_SAFETY, Verdict.ABORTED)
 
 
 _REPLAY = Status("ssp: replay", "replay", Level.WARN, "a bag is replayed: nothing of this is live")
@@ -113,7 +112,7 @@ def _session(board: Board, now_ns: int) -> Status:
     why = f": {fact.reason}" if fact.reason else ""
     if fact.state in (SessionPhase.ABORTING, SessionPhase.ABORTED):
         level, message = Level.ERROR, f"{fact.state.name}{why}"
-    elif fact.verdict in _BAD_ENDS:
+    elif fact.verdict not in (Verdict.NONE, Verdict.VALID):
         level, message = Level.ERROR, f"{fact.state.name}, {fact.verdict.name}{why}"
     elif silent_s > SILENT_S:
         for_s = "" if math.isinf(silent_s) else f" for {silent_s:.1f} s"

@@ -40,7 +40,7 @@ def session_fact(message: Any) -> SessionFact:
 def phase_of(message: Any) -> tuple[Phase, Event]:
     """A PhaseEvent. Raises ValueError for a phase that is none."""
     phase = Phase(message.phase)
-    title = f"phase {phase.name.lower()}"
+    title = f"phase {phase.name.lower()}" + (", provisional" if message.provisional else "")
     return phase, Event("phase", stamp_ns(message.header.stamp), title, message.evidence)
 
 

@@ -19,7 +19,7 @@ from ssp_core.run_spec.conditions import (
     TimeToCollision,
 )
 from ssp_core.run_spec.faults import Fault, FaultKind, LinkDisturbance
-from ssp_core.run_spec.limits import ConflictThresholds, Limits
+from ssp_core.run_spec.limits import ConflictThresholds, Limits, WantedPassing
 from ssp_core.run_spec.participants import (
     Brake,
     Driver,
@@ -107,6 +107,7 @@ __all__ = [
     "TrafficSpec",
     "Tree",
     "TriggerSpec",
+    "WantedPassing",
     "load_run",
     "without_empty_scenery",
 ]

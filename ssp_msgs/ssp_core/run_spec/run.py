@@ -13,7 +13,7 @@ from pydantic import (
 
 from ssp_core.files import load_model
 from ssp_core.run_spec.faults import LIVE_FAULTS, Fault, LinkDisturbance
-from ssp_core.run_spec.limits import ConflictThresholds, Limits
+from ssp_core.run_spec.limits import ConflictThresholds, Limits, WantedPassing
 from ssp_core.run_spec.participants import Driver, ParticipantSpec, TrafficSpec
 from ssp_core.run_spec.picture import Camera, Look
 from ssp_core.run_spec.road import Road
@@ -65,6 +65,9 @@ class RunSpec(Strict):
     targets: Annotated[list[ParticipantSpec], Field(min_length=1)]
     triggers: Annotated[list[TriggerSpec], Field(min_length=1)]
     thresholds: ConflictThresholds = ConflictThresholds()
+    passing: WantedPassing | None = Field(
+        None, description="what K* says of it; null: made by hand, nobody judges the passing"
+    )
     limits: Limits
     disturbance: LinkDisturbance = Field(LinkDisturbance(), description="of everybody's")
     disturbances: dict[ObjectId, LinkDisturbance] = Field(

@@ -31,7 +31,7 @@ from ssp_scenario_manager.compile.task import (
 )
 from ssp_scenario_manager.compile.traffic import clear_traffic
 from ssp_scenario_manager.core.runnable import cannot_fire
-from ssp_scenario_manager.in_process.event_check import Demand, why_not
+from ssp_scenario_manager.in_process.event_check import why_not
 from ssp_scenario_manager.interactions import KINDS
 from ssp_scenario_manager.interactions.adapting import adaptation_of
 from ssp_scenario_manager.interactions.base import CannotPlace, Cross, Kind, PlaceLimits, Plan
@@ -40,7 +40,7 @@ from ssp_scenario_manager.interactions.wanted import (
     classes_of,
     initiator_first,
     thresholds_of,
-    time_gap_bounds,
+    wanted_passing,
 )
 from ssp_scenario_manager.spec.model import Event
 from ssp_scenario_manager.topology.block import Block, BlockLane
@@ -169,7 +169,7 @@ def _realised(
         check_reachable(run, block, plan, reachable)
     if ground.site is not None:
         check_safe_stop(block, plan, zones)
-    problems = cannot_fire(run) or why_not(run, demand_of(event))
+    problems = cannot_fire(run) or why_not(run)
     if problems:
         raise CannotPlace("; ".join(problems))
     return Realisation(
@@ -185,11 +185,6 @@ def _realised(
         tunings=tunings(event, plan),
         left_out=tuple(left_out),
     )
-
-
-def demand_of(event: Event) -> Demand:
-    """What K* demands of the passing; a time gap that it leaves open may be any."""
-    return Demand(initiator_first(event), *time_gap_bounds(event))
 
 
 def road_of(block: Block, crossing_s_m: float | None = None) -> Road:
@@ -252,6 +247,7 @@ def _run(
         targets=list(told.targets),
         triggers=[_trigger(event, block, plan, told, limits)],
         thresholds=thresholds_of(event),
+        passing=wanted_passing(event),
         limits=limits,
         # A simulation of a track is one without what its stand-in session brings.
         disturbance=ground.disturbance if physical or not tracked else LinkDisturbance(),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.safety_codes import SafetyCode
@@ -161,7 +162,8 @@ def overdue(run: Run, now_ns: int) -> Violation | None:
     why = f"phase reached: {run.phase_watch.phase.name.lower()}"
     if run.late_vut_states:
         why += f"; {run.late_vut_states} states of the VUT came too late for triggers"
-    return _missing(run, "", now_ns, why)
+    # A trigger that wasn't judged in time may be all that was missing.
+    return replace(_missing(run, "", now_ns, why), by_us=run.late_vut_states > 0)
 
 
 def _missing(run: Run, object_id: str, now_ns: int, why: str) -> Violation:

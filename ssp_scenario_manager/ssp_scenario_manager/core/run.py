@@ -17,7 +17,7 @@ from ssp_scenario_manager.core.adaptations import Adaptations
 from ssp_scenario_manager.core.answers import ADAPTED, Answers, is_fatal
 from ssp_scenario_manager.core.dispatch import Address
 from ssp_scenario_manager.core.readying import Readiness
-from ssp_scenario_manager.core.supervisor import Violation, of_object, verdict_for
+from ssp_scenario_manager.core.supervisor import Violation, of_object
 from ssp_scenario_manager.core.triggers import OpenWatches
 
 
@@ -78,7 +78,7 @@ class Run:
         if (violation.code, violation.object_id) in self._blamed:
             return False
         self._blamed.add((violation.code, violation.object_id))
-        self.reason(verdict_for(violation.code), violation.text, violation.stamp_ns)
+        self.reason(violation.verdict, violation.text, violation.stamp_ns)
         return True
 
     def reason(self, verdict: Verdict, text: str, now_ns: int) -> None:

@@ -19,7 +19,10 @@ from ssp_core.vocab import ControlState, Verdict
 
 @dataclass(frozen=True, slots=True)
 class Violation:
-    """A limit that was passed: what, whose, how far, and when."""
+    """A limit that was passed: what, whose, how far, and when.
+
+    ``by_us``: our own side brought it about, whatever the code says by itself.
+    """
 
     code: SafetyCode
     object_id: str
@@ -27,6 +30,12 @@ class Violation:
     limit: float
     stamp_ns: int
     detail: str = ""
+    by_us: bool = False
+
+    @property
+    def verdict(self) -> Verdict:
+        """Of a run whose first reason this is."""
+        return Verdict.INVALID_HARNESS if self.by_us else verdict_for(self.code)
 
     @property
     def text(self) -> str:
@@ -180,7 +189,6 @@ _HARNESS = {
     SafetyCode.WORLD_SILENT,
     SafetyCode.PARTICIPANT_LOST,
     SafetyCode.OVERRUN,
-    SafetyCode.EVENT_MISSING,
     SafetyCode.FOREIGN_MANAGER,
 }
 
@@ -191,4 +199,6 @@ def verdict_for(code: SafetyCode) -> Verdict:
         return Verdict.INVALID_HARNESS
     if code in _ABORTED:
         return Verdict.ABORTED
+    if code is SafetyCode.EVENT_MISSING:
+        return Verdict.OFF_SPEC
     return Verdict.FAILED_SAFETY

@@ -13,6 +13,7 @@ from ssp_scenario_manager.faults.motion import Track
 from ssp_scenario_manager.faults.read_evidence import track_of
 from ssp_scenario_manager.in_process.command import for_one_process
 from ssp_scenario_manager.in_process.loop import InProcessSession
+from ssp_scenario_manager.in_process.outcome import Record, judged
 from ssp_scenario_manager.runner.inject import RUNNER_KINDS
 
 # Of the runner's faults, those that need no process.
@@ -66,8 +67,8 @@ def run_for_evidence(spec: RunSpec) -> Evidence:
     finally:
         plant.close()
     account, reports = session.account, plant.reports
-    reasons = session.session.reasons or session.problems
-    verdict = session.session.verdict
+    outcome, _ = judged(spec, session, Record(reports))
+    verdict = outcome.verdict
     if verdict is Verdict.NONE:
         verdict = Verdict.INVALID_HARNESS  # as the runner says of a session that never started
     safety = [
@@ -89,7 +90,7 @@ def run_for_evidence(spec: RunSpec) -> Evidence:
     return Evidence(
         spec=spec,
         verdict=verdict.name.lower(),
-        reasons=tuple(reasons),
+        reasons=outcome.reasons,
         truth=_truth(reports),
         own_states=_own_states(reports),
         session=tuple((ns_to_seconds(c.stamp_ns), c.state) for c in account.changes),

@@ -19,7 +19,8 @@ from ssp_core.vocab import Phase, Verdict
 from ssp_scenario_manager.core.outbox import PhaseBegan
 from ssp_scenario_manager.in_process.loop import InProcessSession
 from ssp_scenario_manager.in_process.passing import Passing
-from ssp_scenario_manager.runner.happened import Fired, Happened, result_keys, rounded
+from ssp_scenario_manager.runner.happened import Fired, Happened, misses, result_keys, rounded
+from ssp_scenario_manager.runner.outcome import Outcome
 
 _COLUMNS = ("stamp_ns", "x_m", "y_m", "yaw_rad", "speed_mps", "acceleration_mps2", "yaw_rate_radps")
 
@@ -49,7 +50,7 @@ class InProcessResult:
     """How a run ended.
 
     Args:
-        verdict: of the session; NONE when it never started.
+        verdict: of the run; NONE when the session never started.
         reasons: of the verdict, the primary one first.
         session_s: session time at the end.
         happened: its phases, triggers and faults, and what was measured of it.
@@ -65,7 +66,8 @@ class InProcessResult:
 
     @property
     def phases(self) -> tuple[PhaseBegan, ...]:
-        return self.happened.phases
+        """As the whole run has them; what was announced meanwhile stands in ``happened``."""
+        return self.happened.final_phases
 
     @property
     def triggers(self) -> tuple[Fired, ...]:
@@ -114,7 +116,26 @@ def run_in_process(spec: RunSpec, work_dir: Path | None = None) -> tuple[InProce
         if collects:
             gc.enable()
         plant.close()
-    account, reports = session.account, record.reports
+    reports = record.reports
+    outcome, happened = judged(spec, session, record)
+    return InProcessResult(
+        verdict=outcome.verdict,
+        reasons=outcome.reasons,
+        session_s=ns_to_seconds(reports[-1].now_ns) if reports else 0.0,
+        happened=happened,
+        error_rms_m=_error_rms_m(record.arrived(spec.initiator_id)),
+    ), record
+
+
+def judged(spec: RunSpec, session: InProcessSession, record: Record) -> tuple[Outcome, Happened]:
+    """How a session that is over ended, and what happened in it.
+
+    Args:
+        spec: the run.
+        session: over.
+        record: every report of it.
+    """
+    account = session.account
     happened = Happened.seen(
         spec,
         0,
@@ -123,13 +144,8 @@ def run_in_process(spec: RunSpec, work_dir: Path | None = None) -> tuple[InProce
         account.faults,
         {i: record.truths(i) for i in (spec.vut.id, *(t.id for t in spec.targets))},
     )
-    return InProcessResult(
-        verdict=session.session.verdict,
-        reasons=session.session.reasons or session.problems,
-        session_s=ns_to_seconds(reports[-1].now_ns) if reports else 0.0,
-        happened=happened,
-        error_rms_m=_error_rms_m(record.arrived(spec.initiator_id)),
-    ), record
+    told = Outcome(session.session.verdict, tuple(session.session.reasons or session.problems))
+    return told.with_misses(misses(spec, happened)), happened
 
 
 def save_states(path: Path, spec: RunSpec, record: Record) -> None:

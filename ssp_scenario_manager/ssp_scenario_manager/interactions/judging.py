@@ -14,7 +14,7 @@ from ssp_scenario_manager.interactions.travel import CRUISE_SHARE, stopping_m
 from ssp_scenario_manager.interactions.wanted import (
     initiator_first,
     speed_bounds,
-    time_gap_bounds,
+    wanted_passing,
 )
 from ssp_scenario_manager.spec.model import Event
 
@@ -77,7 +77,7 @@ def wrong_order(event: Event, still: Foresight) -> list[str]:
 
 
 def _wrong_gap(event: Event, seen: Foresight) -> list[str]:
-    least, most = time_gap_bounds(event)
+    least, most = wanted_passing(event).bounds_s
     if math.isinf(seen.vut_arrival_s) or least - 1e-9 <= seen.time_gap_s <= most + 1e-9:
         return []
     return [

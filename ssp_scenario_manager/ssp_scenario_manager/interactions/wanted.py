@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from ssp_core.run_spec import ConflictThresholds
+from ssp_core.run_spec import ConflictThresholds, WantedPassing
 from ssp_core.state import DEFAULT_SIZES, Size
 from ssp_core.vocab import ObjectClass, ObjectWord
 from ssp_scenario_manager.interactions.base import PlaceLimits
@@ -68,16 +68,17 @@ def speed_bounds(event: Event, name: str, phases: tuple[str, ...]) -> tuple[floa
     )
 
 
-def time_gap_bounds(event: Event) -> tuple[float, float]:
-    """Least and largest time gap at the conflict point, s; infinite where K* leaves a side open."""
-    gap = event.constraints.time_gap
-    known = in_si(gap) if isinstance(gap, Interval) else Interval(min=None, max=None, unit="s")
-    return (
-        -math.inf if known.min is None else known.min,
-        math.inf if known.max is None else known.max,
-    )
-
-
 def initiator_first(event: Event) -> bool:
     """The passing order of K*."""
     return event.interaction.passing_order[0] == event.interaction.initiator
+
+
+def wanted_passing(event: Event) -> WantedPassing:
+    """Order and time gap of K*; a side of the gap that it leaves open may be any."""
+    gap = event.constraints.time_gap
+    known = in_si(gap) if isinstance(gap, Interval) else None
+    return WantedPassing(
+        first="initiator" if initiator_first(event) else "vut",
+        least_gap_s=None if known is None else known.min,
+        most_gap_s=None if known is None else known.max,
+    )

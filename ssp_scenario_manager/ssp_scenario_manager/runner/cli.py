@@ -94,7 +94,8 @@ DEFAULT_SITE = "boulevard"
 @click.option(
     "--junit",
     type=click.Path(path_type=Path, dir_okay=False),
-    help="Write the verdict as JUnit XML too: failed or aborted is a failure, a harness an error.",
+    help="Write the verdict as JUnit XML too: failed, aborted or off spec is a failure, a harness "
+    "an error.",
 )
 @click.option(
     "--video",

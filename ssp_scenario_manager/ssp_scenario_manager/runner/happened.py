@@ -7,17 +7,19 @@ same keys and the same measures; docs/simulation.md says what each means.
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from ssp_core import names
-from ssp_core.bag import BagReader
-from ssp_core.clock import ns_to_seconds
+from ssp_core.bag import BagReader, object_states
+from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.errors import SspError
 from ssp_core.geometry import Polyline, box_distance
 from ssp_core.in_process import FaultFact
+from ssp_core.interaction import encounter, is_conflict
 from ssp_core.messages import stamp_ns
 from ssp_core.names import absolute
 from ssp_core.run_spec import RunSpec
@@ -29,6 +31,7 @@ from ssp_scenario_manager.core.outbox import PhaseBegan
 from ssp_scenario_manager.in_process.passing import NEVER, Passing, passing
 
 RESULT_SCHEMA = "ssp.result/1"
+_OVER = (SessionPhase.FINISHED, SessionPhase.ABORTED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +53,9 @@ class Happened:
 
     Args:
         began_ns: session time at which it began; None: it didn't, and there is no such time.
-        phases: those that began.
+        phases: those that were announced while it ran.
+        resolution_ns: session time from which the whole recording shows neither TTC nor arrival gap
+            under its threshold (METHOD 1); None: no conflict began, or it isn't over for good.
         triggers: those that fired.
         faults: injected ones that began or ended.
         passing: of VUT and initiator at the conflict zone.
@@ -59,10 +64,27 @@ class Happened:
 
     began_ns: int | None
     phases: tuple[PhaseBegan, ...]
+    resolution_ns: int | None
     triggers: tuple[Fired, ...]
     faults: tuple[FaultFact, ...]
     passing: Passing
     min_distance_m: float
+
+    @property
+    def final_phases(self) -> tuple[PhaseBegan, ...]:
+        """The phases as the whole recording has them: the announced resolution was provisional."""
+        final = []
+        for phase in self.phases:
+            if not phase.phase.is_provisional:
+                final.append(phase)
+            elif self.resolution_ns is not None:
+                final.append(replace(phase, stamp_ns=self.resolution_ns))
+        return tuple(final)
+
+    @property
+    def is_measured(self) -> bool:
+        """States of everybody are known, so that order, gap and distance could be measured."""
+        return math.isfinite(self.min_distance_m)
 
     @classmethod
     def seen(
@@ -74,20 +96,22 @@ class Happened:
         faults: Iterable[FaultFact],
         truths: Mapping[str, Sequence[ObjectState]],
     ) -> Happened:
-        """Measures a run on its true states.
+        """Measures a run on its states.
 
         Args:
-            truths: by id of the VUT and of every target, at the same instants, in time order.
+            truths: by id of the VUT and of every target, at the same instants, in time order: the
+                world's own, or in a live session those that everybody reported.
         """
         phases, triggers = tuple(phases), tuple(triggers)
-        vut = truths[spec.vut.id]
+        vut, other = truths[spec.vut.id], truths[spec.initiator_id]
         return cls(
             began_ns,
             phases,
+            _resolution_ns(spec, vut, other, phases),
             triggers,
             # Of one instant they come in any order over DDS.
             tuple(sorted(faults, key=lambda f: (f.stamp_ns, f.fault, f.target, f.active))),
-            _passing(spec, vut, truths[spec.initiator_id], phases, triggers),
+            _passing(spec, vut, other, phases, triggers),
             min((_closest_m(vut, truths[t.id]) for t in spec.targets), default=math.inf),
         )
 
@@ -98,13 +122,15 @@ class Happened:
         def decoded(topic: str) -> list[Any]:
             return [bag.decode(message) for message in bag.messages([absolute(topic)])]
 
-        starts = [
-            stamp_ns(message.header.stamp)
-            for message in decoded(names.SESSION_STATE)
-            if message.state == int(SessionPhase.RUNNING)
-        ]
+        told = [(stamp_ns(m.header.stamp), int(m.state)) for m in decoded(names.SESSION_STATE)]
+        starts = [at_ns for at_ns, state in told if state == SessionPhase.RUNNING]
         # Simulated time stands at zero until the run begins; a live session's is the wall clock's.
         began_ns = starts[0] if starts else (None if spec.mode == "live" else 0)
+        if spec.mode == "live":
+            over = [at_ns for at_ns, state in told if state in _OVER]
+            truths = _reported_states(bag, spec, began_ns, over[0] if over else None)
+        else:
+            truths = _true_states(bag, spec)
         return cls.seen(
             spec,
             began_ns,
@@ -125,8 +151,26 @@ class Happened:
                 )
                 for f in decoded(names.FAULT_EVENT)
             ],
-            _true_states(bag, spec),
+            truths,
         )
+
+
+def misses(spec: RunSpec, happened: Happened) -> list[str]:
+    """What of a run's event isn't as K* wants it (METHOD 4.4), each with quantity, value and range.
+
+    Empty for a run that was made by hand, of which no K* says anything.
+    """
+    if spec.passing is None:
+        return []
+    seen = happened.passing
+    found = spec.passing.misses(spec.initiator_id, seen.other_first, seen.time_gap_s)
+    announced = any(p.phase is Phase.RESOLUTION for p in happened.phases)
+    if announced and happened.resolution_ns is None:
+        found.append(
+            "resolution: the conflict began again and lasts to the end of the recording, K* wants "
+            "it resolved"
+        )
+    return found
 
 
 def happened_by(bag: Path, spec: RunSpec) -> Happened | None:
@@ -156,7 +200,7 @@ def result_keys(spec: RunSpec, happened: Happened | None) -> dict[str, Any]:
     )
     if happened is not None:
         known = {
-            "phases": [_phase(happened, p) for p in happened.phases],
+            "phases": [_phase(happened, p) for p in happened.final_phases],
             "triggers": [_trigger(happened, t) for t in happened.triggers],
             "faults": [_fault(happened, f) for f in happened.faults],
             "initiator_first": happened.passing.other_first,
@@ -170,6 +214,7 @@ def result_keys(spec: RunSpec, happened: Happened | None) -> dict[str, Any]:
         "site": spec.site,
         "seed": spec.seed,
         "mode": spec.mode,
+        "wanted": None if spec.passing is None else spec.passing.model_dump(),
         **known,
     }
 
@@ -193,9 +238,11 @@ def _finite(value: float) -> float | None:
 
 
 def _phase(happened: Happened, phase: PhaseBegan) -> dict[str, Any]:
+    announced = next((p.stamp_ns for p in happened.phases if p.phase is phase.phase), None)
     return {
         "phase": phase.phase.name.lower(),
         "at_s": _s(happened, phase.stamp_ns),
+        "announced_s": None if announced is None else _s(happened, announced),
         "evidence": phase.evidence,
     }
 
@@ -238,8 +285,38 @@ def _fired(message: Any) -> Fired:
     )
 
 
+def _reported_states(
+    bag: BagReader, spec: RunSpec, began_ns: int | None, ended_ns: int | None
+) -> dict[str, list[ObjectState]]:
+    """What everybody reported, by id, at the stamps of the VUT's states while the run lasted.
+
+    The others are extrapolated to them, by no more than ``limits.state_age_s``; an instant at which
+    somebody is unknown is left out.
+    """
+    everybody = (spec.vut.id, *_ids(spec))
+    found: dict[str, list[ObjectState]] = {i: [] for i in everybody}
+    if began_ns is None:
+        return found
+    ordered = {
+        name: sorted((s for s in states if s.is_finite), key=lambda state: state.stamp_ns)
+        for name, states in object_states(bag, everybody).items()
+    }
+    stamps = {name: [s.stamp_ns for s in states] for name, states in ordered.items()}
+    age_ns, last_ns = seconds_to_ns(spec.limits.state_age_s), began_ns - 1
+    for vut in ordered[spec.vut.id]:
+        now_ns = vut.stamp_ns
+        if now_ns <= last_ns or (ended_ns is not None and now_ns > ended_ns):
+            continue
+        last_ns = now_ns
+        newest = {i: bisect_right(stamps[i], now_ns) - 1 for i in everybody}
+        if all(k >= 0 and now_ns - stamps[i][k] <= age_ns for i, k in newest.items()):
+            for name, k in newest.items():
+                found[name].append(ordered[name][k].extrapolated(now_ns))
+    return found
+
+
 def _true_states(bag: BagReader, spec: RunSpec) -> dict[str, list[ObjectState]]:
-    """Of each step of the world once, by id. None of a live session, which has no such world."""
+    """Of each step of the simulated world once, by id."""
     found: dict[str, list[ObjectState]] = {i: [] for i in (spec.vut.id, *_ids(spec))}
     steps: dict[int, Sequence[ObjectState]] = {}
     for message in bag.messages([absolute(names.WORLD_TICK)]):
@@ -273,6 +350,26 @@ def _passing(
     if fired_ns is None or not met or spec.vut.approach is None:
         return NEVER
     return passing(vut, other, Polyline(spec.vut.approach.path), fired_ns)
+
+
+def _resolution_ns(
+    spec: RunSpec,
+    vut: Sequence[ObjectState],
+    other: Sequence[ObjectState],
+    phases: Sequence[PhaseBegan],
+) -> int | None:
+    """First stamp after the conflict's start from which no threshold is passed any more."""
+    began_ns = next((p.stamp_ns for p in phases if p.phase is Phase.CONFLICT), None)
+    if began_ns is None or spec.vut.approach is None:
+        return None
+    path, limits = Polyline(spec.vut.approach.path), spec.thresholds
+    since_ns = None
+    for ours, theirs in zip(reversed(vut), reversed(other), strict=True):
+        meeting = encounter(ours, theirs, path)
+        if ours.stamp_ns <= began_ns or is_conflict(meeting, limits.ttc_s, limits.arrival_gap_s):
+            break
+        since_ns = ours.stamp_ns
+    return since_ns
 
 
 def _closest_m(vut: Sequence[ObjectState], other: Sequence[ObjectState]) -> float:

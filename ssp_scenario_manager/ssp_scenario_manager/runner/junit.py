@@ -1,7 +1,8 @@
 """Runs as JUnit XML, which build servers read: what failed and what went wrong are kept apart.
 
-A run that failed on safety or was aborted is a failure: the test said no. A run that our own side
-spoiled, or that has no verdict, is an error: the test said nothing.
+A run that failed on safety, was aborted, or whose event didn't become that of K* (``off_spec``) is
+a failure: the test said no. A run that our own side spoiled, or that has no verdict, is an error:
+the test said nothing.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from ssp_core.files import write_text
 from ssp_core.vocab import Verdict
 from ssp_scenario_manager.runner.outcome import Outcome
 
-_FAILURES = (Verdict.FAILED_SAFETY, Verdict.ABORTED)
+_FAILURES = (Verdict.FAILED_SAFETY, Verdict.ABORTED, Verdict.OFF_SPEC)
 # What XML 1.0 can't hold, escaped or not; last lines of logs are full of colours.
 _NO_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 

@@ -189,7 +189,8 @@ class RunClient:
 
     def _on_phase(self, message: PhaseEvent) -> None:
         stamp_s = (ros.ns_from_stamp(message.header.stamp) - self._zero_ns) / 1e9
-        self._say(f"phase {Phase(message.phase).name.lower()} at {stamp_s:.2f} s")
+        mark = ", provisional: the recording's end tells" if message.provisional else ""
+        self._say(f"phase {Phase(message.phase).name.lower()} at {stamp_s:.2f} s{mark}")
 
     def _on_safety(self, message: SafetyEvent) -> None:
         who = f" {message.object_id}" if message.object_id else ""

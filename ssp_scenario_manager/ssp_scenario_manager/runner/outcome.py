@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ssp_core.verdict import Told
@@ -25,6 +26,14 @@ class Outcome:
             return self
         kept = self.verdict if self.verdict not in (Verdict.NONE, Verdict.VALID) else verdict
         return Outcome(kept, (*self.reasons, reason))
+
+    def with_misses(self, misses: Sequence[str]) -> Outcome:
+        """A sound run whose event didn't become that of K* is ``off_spec`` (METHOD 4.4).
+
+        Args:
+            misses: what isn't as K* wants it; a run that wasn't valid anyway keeps its verdict.
+        """
+        return Outcome(Verdict.OFF_SPEC, tuple(misses)) if self.ok and misses else self
 
     def with_word_of_recorder(self, told: Told | None) -> Outcome:
         """The same with what the recorder alone knows, which it left when it closed the bag.

@@ -22,7 +22,7 @@ from ssp_core.verdict import read_verdict, write_verdict
 from ssp_core.vocab import Verdict
 from ssp_scenario_manager.runner import inject
 from ssp_scenario_manager.runner.follow import Interrupt, follow, obituary
-from ssp_scenario_manager.runner.happened import happened_by, result_keys
+from ssp_scenario_manager.runner.happened import happened_by, misses, result_keys
 from ssp_scenario_manager.runner.live import Go, LiveSetup, describe
 from ssp_scenario_manager.runner.outcome import Outcome
 from ssp_scenario_manager.runner.page import given_token, page_beside
@@ -129,8 +129,16 @@ def run_session(
         write_json(folder / FAULTS_FILE, followed.faults)
         write_json(folder / WITNESS_FILE, followed.witness)
     outcome = _check_bag(group, bag, outcome, say)
+    happened = happened_by(bag, spec)
     if bag.is_dir():
         outcome = outcome.with_word_of_recorder(read_verdict(bag))
+        if happened is not None and happened.is_measured:
+            outcome = outcome.with_misses(misses(spec, happened))
+        elif outcome.ok:
+            why = (
+                "the bag can't be read" if happened is None else "the bag lacks states of somebody"
+            )
+            outcome = outcome.with_reason(Verdict.INVALID_HARNESS, f"{why}: nobody knows the event")
         write_verdict(bag, outcome.verdict, outcome.reasons, "runner")
     result = RunResult(
         outcome,
@@ -142,7 +150,7 @@ def run_session(
     write_json(
         folder / "result.json",
         {
-            **result_keys(spec, happened_by(bag, spec)),
+            **result_keys(spec, happened),
             "in_process": False,
             "verdict": outcome.verdict.name.lower(),
             "reasons": list(outcome.reasons),

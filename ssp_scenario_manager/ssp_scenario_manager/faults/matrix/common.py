@@ -28,6 +28,7 @@ ERROR_S = 3.0
 
 VALID = frozenset({"valid"})
 HARNESS = frozenset({"invalid_harness"})
+OFF_SPEC = frozenset({"off_spec"})
 ABORTED = frozenset({"aborted"})
 FAILED = frozenset({"failed_safety"})
 # What the runner says of a session whose end nobody could confirm.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from ssp_core import names
 from ssp_scenario_manager.faults.matrix.common import (
     ABORTED,
-    HARNESS,
+    OFF_SPEC,
     SEEN_S,
     TOLD_S,
     VALID,
@@ -14,7 +14,7 @@ from ssp_scenario_manager.faults.matrix.common import (
 from ssp_scenario_manager.faults.model import Expected, NotApplicable, Row, Stage, Within
 
 _NOT_RESOLVED = Expected(
-    HARNESS,
+    OFF_SPEC,
     "The event doesn't take place any more. The run waits for it until its time is over and says "
     "that it is missing.",
     by="the manager",
@@ -23,12 +23,13 @@ _NOT_RESOLVED = Expected(
     since="abort",
 )
 _VUT_YIELDS = Expected(
-    VALID | HARNESS,
+    VALID | OFF_SPEC,
     "A VUT that brakes for the conflict is what the test is about: if conflict and resolution "
-    "take place all the same, the run is valid. If the object can't meet it as specified any more, "
-    "however its reference is adapted, the event is missing.",
+    "take place all the same, and the VUT passes as K* wants, the run is valid. If the object "
+    "can't meet it as specified any more, however its reference is adapted, or the VUT never "
+    "reaches the conflict zone, it is off spec.",
     by="the manager",
-    primary=("event_missing",),
+    primary=("event_missing", "time gap at the conflict point"),
     since="abort",
 )
 VUT_STOPS = Row(
