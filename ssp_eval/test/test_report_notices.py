@@ -9,12 +9,21 @@ from pathlib import Path
 
 import pytest
 
+from ssp_eval.analysis.cells_csv import rows_from_csv
+from ssp_eval.analysis.matrix_table import matrix_table
+from ssp_eval.analysis.notices import notices
+from ssp_eval.analysis.row import entering
+from ssp_eval.analysis.rows import rows_from_campaign
+from ssp_eval.analysis.statistics import Options, compute
+from ssp_eval.analysis.write import write_tables
 from ssp_eval.evaluate.asker import DirectAskers
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.extract.llm import Extracted, Extractor
+from ssp_eval.report.load import load_cells
 from ssp_eval.report.page import write_report
+from ssp_eval.score import Thresholds
 
 BagMaker = Callable[..., Path]
 MODELS = ("constant_velocity", "opencv_baseline")
@@ -90,3 +99,36 @@ def test_two_extractors_and_an_llm_that_is_away_are_said(campaign: Path, bags: l
     page = " ".join(write_report(campaign).read_text().split())
     assert "were read by 2 different extractors" in page
     assert "9 of 9 records lack what the LLM of the extraction would have filled" in page
+
+
+def test_cells_of_other_thresholds_are_scored_by_these_and_enter_no_mean(
+    campaign: Path, bags: list[Path], tmp_path: Path
+) -> None:
+    """A wider window of matching changes nothing here but the hash."""
+    wide = Thresholds(match_window_s=0.2)
+    models = [bridge_spec(MODELS[0])]
+    options = CellOptions(thresholds=wide)
+    run_campaign([(bags[1], None)], models, DirectAskers(), campaign, options, True)
+    cells = {(cell.domain, cell.model): cell for cell in load_cells(campaign)}
+    apart = cells["physical", MODELS[0]]
+    assert apart.thresholds == wide
+    assert apart.score is not None
+    assert apart.score.details.thresholds_sha256 == wide.sha256
+    assert apart.notes == ()
+    rows = rows_from_campaign(campaign)
+    assert len(entering(rows)) == len(rows) - 1
+    page = " ".join(write_report(campaign).read_text().replace("&#39;", "'").split())
+    name = f"cut_in / physical / {MODELS[0]}"
+    assert f"Scored with other thresholds than METHOD's: {name}." in page
+    assert "1 cell scored with other thresholds left out." in page
+    # The matrix holds it, and is read back as it is.
+    path, _ = write_tables(tmp_path / "tables", [matrix_table(rows)], ["csv"])
+    assert {row.key: row for row in rows_from_csv(path)} == {row.key: row for row in rows}
+    # All cells alike: they enter, and everywhere it is said how they were scored.
+    run_campaign([(bag, None) for bag in bags], models, DirectAskers(), tmp_path, options, True)
+    again = rows_from_campaign(tmp_path)
+    assert len(entering(again)) == len(again) == 2
+    told = [one.text for one in notices(again) if one.everywhere]
+    assert "Scored with other thresholds than METHOD's: all cells." in told
+    found = compute(again, load_cells(tmp_path), Options(100))
+    assert {one.defined for one in found.variations if one.parameter == "match_window_s"} == {0.2}

@@ -2,11 +2,14 @@
 
 import json
 import math
+from dataclasses import asdict, fields
 
 import pytest
 
 from ssp_core.cli import main
-from ssp_eval.score import DEFAULT
+from ssp_core.errors import InputError
+from ssp_eval.score import DEFAULT, Thresholds
+from ssp_eval.score.thresholds_file import ThresholdsFile, thresholds_of
 
 KEYS = [
     "n",
@@ -213,3 +216,58 @@ def test_no_record_at_all_is_noted_beside_the_result(make_case, run):
     assert [json.loads(line)["matched"] for line in out.splitlines()] == [0, 1]
     note = "note: empty: records.jsonl holds no record; every output is missing"
     assert err.splitlines() == [note]
+
+
+def thresholds_in(folder, text):
+    file = folder / "thresholds.yaml"
+    file.write_text(f"schema: ssp.thresholds/1\n{text}")
+    return file
+
+
+def test_thresholds_of_a_file_count_and_are_told(make_case, run, tmp_path):
+    """One answer is a response where K is 1, and far from its label it matches within 0.3 s."""
+    case = make_case("one", [record(1.25)])
+    strict = json.loads(run(case, "--json")[1])
+    assert (strict["matched"], strict["rsr"]) == (0, 0)
+    file = thresholds_in(tmp_path, "match_window_s: 0.3\nresponse_count: 1\ntolerance: 1e-9\n")
+    status, out, err = run(case, "--json", "--thresholds", file)
+    found = json.loads(out)
+    assert (status, found["matched"], found["rsr"], found["rl_s"]) == (0, 1, 1, 0.5)
+    assert found["thresholds_sha256"] == Thresholds(match_window_s=0.3, response_count=1).sha256
+    told = " ".join(err.split())
+    assert "scored with other thresholds than METHOD's: match_window_s 0.3 (METHOD: 0.11)" in told
+    assert "response_count 1 (METHOD: 2)" in told
+    same = thresholds_in(tmp_path, "match_window_s: 0.11\n")
+    status, out, err = run(case, "--json", "--thresholds", same)
+    assert (json.loads(out), err) == (strict, "")
+
+
+@pytest.mark.parametrize(
+    ("text", "field", "told"),
+    [
+        ("match_window: 0.2\n", "match_window", "known"),
+        ("weight_jovr: 0.2\n", "weight_jovr", "the weights of IVCS are METHOD 6.10's"),
+        ("response_count: 0\n", "response_count", "1"),
+        ("response_count: 1.5\n", "response_count", "integer"),
+        ("response_count: true\n", "response_count", "boolean"),
+        ("match_window_s: -0.1\n", "match_window_s", "0"),
+        ("stop_speed_mps: .nan\n", "stop_speed_mps", ""),
+        ("soft_credit: 1.5\n", "soft_credit", "1"),
+        ("stop_speed_mps: fast\n", "stop_speed_mps", "number"),
+    ],
+)
+def test_wrong_thresholds_name_file_field_and_remedy(make_case, run, tmp_path, text, field, told):
+    file = thresholds_in(tmp_path, text)
+    status, out, err = run(make_case("one", [record(1.0)]), "--thresholds", file)
+    assert (status, out) == (1, "")
+    told_err = " ".join(err.split())
+    assert f"thresholds.yaml: {field}" in told_err
+    assert told in told_err
+
+
+def test_a_file_of_thresholds_can_give_each_of_them():
+    named = {field.name for field in fields(Thresholds) if not field.name.startswith("weight_")}
+    assert ThresholdsFile.model_fields.keys() - {"schema_"} == named
+    assert thresholds_of(asdict(DEFAULT), "cell.json") == DEFAULT
+    with pytest.raises(InputError, match="names other thresholds"):
+        thresholds_of({**asdict(DEFAULT), "more": 1.0}, "cell.json")

@@ -26,9 +26,10 @@ NEVER = (
     "av",
     "aiohttp",
 )
-# Only where many cells are scored at once.
+# Only where many cells are scored at once, and where files are read.
 WITH_NUMPY = (
     "batch", "cli", "columns", "driven", "encode", "judged", "load", "pairing", "terms",
+    "thresholds_file",
 )  # fmt: skip
 MODULES = sorted(path.stem for path in Path(ssp_eval.score.__file__).parent.glob("[a-z]*.py"))
 

@@ -21,6 +21,7 @@ from ssp_eval.analysis.resample import (
 from ssp_eval.analysis.row import CellRow
 from ssp_eval.score.aggregate import METRICS, Mean, mean
 from ssp_eval.score.terms import RecordTerms
+from ssp_eval.score.thresholds import DEFAULT, Thresholds
 
 RESAMPLES = 10_000
 SEED = 20_260_101
@@ -52,7 +53,10 @@ class Estimate:
 
 
 def cell_estimates(
-    terms: RecordTerms, samples: Mapping[str, Numbers], block: int = 1
+    terms: RecordTerms,
+    samples: Mapping[str, Numbers],
+    block: int = 1,
+    thresholds: Thresholds = DEFAULT,
 ) -> dict[str, Estimate]:
     """Intervals of a cell's scores over its labels.
 
@@ -60,10 +64,11 @@ def cell_estimates(
         terms: of the cell.
         samples: resampled_scores.
         block: how many labels were drawn together.
+        thresholds: that the cell was scored with.
     """
     n = len(terms)
-    values = resampled_scores(terms, np.ones((1, n)))
-    left_out = resampled_scores(terms, without_blocks(n, block)) if n > 1 else None
+    values = resampled_scores(terms, np.ones((1, n)), thresholds)
+    left_out = resampled_scores(terms, without_blocks(n, block), thresholds) if n > 1 else None
     return {
         metric: estimated(
             samples[metric],
@@ -142,6 +147,7 @@ def bootstrap_records(
     seed: int = SEED,
     on_cell: Callable[[], None] = lambda: None,
     block: int | None = None,
+    thresholds: Thresholds = DEFAULT,
 ) -> Bootstrap:
     """Resamples the labels of every clip and averages the cells.
 
@@ -157,6 +163,7 @@ def bootstrap_records(
         seed: of the random numbers; the order of the cells makes no difference.
         on_cell: called once per cell.
         block: labels that are drawn together; None: as block_of has it for each clip.
+        thresholds: that all cells were scored with.
     """
     found: dict[tuple[str, ...], dict[str, Estimate]] = {}
     sums = {by: _GroupSums(by, resamples) for by in groupings}
@@ -174,8 +181,8 @@ def bootstrap_records(
             count = len(terms)
             length = block_of(count, block)
             weights = block_draws(count, length, resamples, clip_generator(seed, row, count))
-            samples = resampled_scores(terms, weights)
-            estimates = cell_estimates(terms, samples, length)
+            samples = resampled_scores(terms, weights, thresholds)
+            estimates = cell_estimates(terms, samples, length, thresholds)
             found[(*key, row.run)] = estimates
             runs.append((samples, estimates))
             rows.append(row)

@@ -11,6 +11,7 @@ from ssp_core.vocab import DOMAINS_READ, read_domain
 from ssp_eval.analysis.matrix_table import NO, YES
 from ssp_eval.analysis.row import MACRO, OK, CellRow
 from ssp_eval.evaluate.controls import is_control_name
+from ssp_eval.score import DEFAULT
 from ssp_eval.score.show import NULL
 from ssp_eval.strict import Place
 
@@ -26,6 +27,7 @@ _STATES = (OK, "refused", "failed")
 _RESPONSE = re.compile(r"S@(\d+(?:\.\d+)?)", re.ASCII)
 _DECIMAL = re.compile(r"[+-]?(\d+\.?(\d*)|\.(\d+))([eE][+-]?\d+)?", re.ASCII)
 _COMMA = re.compile(r"[+-]?\d*,\d+", re.ASCII)
+_SHA256 = re.compile(r"sha256:[0-9a-f]{64}")
 _WHOLE = re.compile(r"\d{1,18}", re.ASCII)
 # A text that a spreadsheet would take for a formula is written with this before it.
 _GUARDED = re.compile(r"'[=+\-@\t\r]")
@@ -95,6 +97,7 @@ def parse_row(place: Place, fields: Mapping[str, str]) -> CellRow:
         stand_in=_flag(place, fields, "stand_in", NO),
         status=status,
         reason=text("reason"),
+        thresholds=_hash(place.at("thresholds"), fields.get("thresholds", "")),
     )
 
 
@@ -173,6 +176,13 @@ def _whole(place: Place, text: str, least: int) -> int | None:
     if not _WHOLE.fullmatch(text) or int(text) < least:
         raise place.error("is no whole number", text, f"give {least} or more, or nothing")
     return int(text)
+
+
+def _hash(place: Place, text: str) -> str:
+    if text and not _SHA256.fullmatch(text):
+        remedy = "give sha256:<64 hex digits> of the scorer's thresholds, nothing for METHOD's"
+        raise place.error("is no hash", text, remedy)
+    return "" if text == DEFAULT.sha256 else text
 
 
 def _flag(place: Place, fields: Mapping[str, str], name: str, usual: str) -> bool:

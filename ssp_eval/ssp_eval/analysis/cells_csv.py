@@ -31,7 +31,7 @@ OPTIONAL_COLUMNS = ("sem_cov", "total_b", "active_b", "architecture", "run", "se
 # What our own matrix.csv has besides. It gives the risk response as rsr and rl_s.
 OWN_COLUMNS = (
     "rsr", "rl_s", "n", "sem_acc_cond", "sem_acc_soft", "stfr", "control", "admitted",
-    "stand_in", "status", "reason",
+    "stand_in", "status", "reason", "thresholds",
 )  # fmt: skip
 # Follows from the others, and is only compared; what our remark says stands in other columns too.
 _COMPUTED, _REMARK = "ivcs", "remark"

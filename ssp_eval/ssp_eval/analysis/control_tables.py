@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from ssp_eval.analysis.row import OK, CellRow, merged
+from ssp_eval.analysis.row import OK, CellRow, merged, one_scale
 from ssp_eval.analysis.table import Column, Table, Value
 from ssp_eval.analysis.table_columns import COUNT, MEANS, TITLES
 from ssp_eval.evaluate.controls import CONDITIONS
@@ -26,6 +26,7 @@ def condition_of(model: str) -> tuple[str, str]:
 
 def control_tables(rows: Sequence[CellRow]) -> list[Table]:
     """The tables of the controls that there are, none where there are none."""
+    rows = one_scale(rows)
     scored = merged([row for row in rows if row.status == OK])
     asked = {row.model for row in rows if row.control and condition_of(row.model)[1]}
     blind = [row for row in scored if row.control and not condition_of(row.model)[1]]

@@ -55,7 +55,9 @@ def response_begins(terms: RecordTerms, thresholds: Thresholds = DEFAULT) -> np.
     return begins
 
 
-def resampled_scores(terms: RecordTerms, weights: Numbers) -> dict[str, Numbers]:
+def resampled_scores(
+    terms: RecordTerms, weights: Numbers, thresholds: Thresholds = DEFAULT
+) -> dict[str, Numbers]:
     """All scores of METHOD 6.14 with each label counted as often as it was drawn.
 
     RSR* = 1 if a label that begins a response was drawn; RL* is that of the earliest one drawn.
@@ -63,6 +65,7 @@ def resampled_scores(terms: RecordTerms, weights: Numbers) -> dict[str, Numbers]
     Args:
         terms: of a cell.
         weights: (B, N).
+        thresholds: that the cell was scored with.
 
     Returns:
         By metric (B,); NaN where a denominator is 0, which counts as 0 in IVCS (METHOD 6.11).
@@ -80,7 +83,7 @@ def resampled_scores(terms: RecordTerms, weights: Numbers) -> dict[str, Numbers]
         found[metric] = np.full(len(weights), np.nan)
         np.divide(sums[over], sums[under], out=found[metric], where=sums[under] > 0)
     response_s = np.full(len(weights), np.nan)
-    for place in reversed(np.flatnonzero(response_begins(terms))):
+    for place in reversed(np.flatnonzero(response_begins(terms, thresholds))):
         response_s[weights[:, place] > 0] = terms.record_t_s[place]
     found["rsr"] = (~np.isnan(response_s)).astype(np.float64)
     found["rl_s"] = np.maximum(response_s - terms.risk_onset_s, 0.0)

@@ -17,7 +17,15 @@ _BEHIND = (
     Column("active_b", "active (B)", "billions", printed=False),
     *(
         Column(key, key, "text", printed=False)
-        for key in ("architecture", "control", "admitted", "stand_in", "status", "reason")
+        for key in (
+            "architecture",
+            "control",
+            "admitted",
+            "stand_in",
+            "status",
+            "reason",
+            "thresholds",
+        )
     ),
 )
 
@@ -52,6 +60,7 @@ def matrix_table(rows: Sequence[CellRow]) -> Table:
                 row.sem_acc_cond, row.sem_acc_soft, row.total_b, row.active_b, row.architecture,
                 YES if row.control else NO, YES if row.admitted else NO,
                 YES if row.stand_in else NO, row.status, row.reason,
+                row.thresholds,
             )
         )  # fmt: skip
     notes = ["n counts labels."]
@@ -70,6 +79,8 @@ def _remark(row: CellRow) -> str:
         parts.append(f"{row.status}: {row.reason}" if row.reason else row.status)
     elif not row.admitted:
         parts.append("not admitted")
+    if row.thresholds:
+        parts.append("other thresholds")
     if row.ivcs_nulls:
         parts.append("null: " + ", ".join(TITLES[name] for name in row.ivcs_nulls))
     return "; ".join(parts)

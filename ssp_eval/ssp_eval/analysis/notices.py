@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from ssp_eval.analysis.control_tables import condition_of
-from ssp_eval.analysis.row import OK, CellRow, entering, over_what
+from ssp_eval.analysis.row import OK, CellRow, entering, one_scale, over_what
 from ssp_eval.analysis.table import Column, Table, some
 from ssp_eval.analysis.tables import uneven
 from ssp_eval.evaluate.admission import ADMITTED
@@ -103,6 +103,7 @@ def _of_rows(rows: Sequence[CellRow]) -> Iterable[Notice]:
         )
         yield Notice(LEFT_OUT, text, tuple(absent))
     scored = [row.cell() for row in entering(rows)]
+    yield from _of_thresholds(rows)
     for subject in ("model", "domain"):
         for text in uneven(scored, subject):
             yield Notice(COMPARABILITY, text)
@@ -110,6 +111,22 @@ def _of_rows(rows: Sequence[CellRow]) -> Iterable[Notice]:
     if nulls := sorted({" / ".join(row.key) for row in rows if row.ivcs_nulls}):
         text = f"A component has no denominator and counts as 0 in IVCS: {some(nulls)}."
         yield Notice(CELL, text, tuple(nulls))
+
+
+def _of_thresholds(rows: Sequence[CellRow]) -> Iterable[Notice]:
+    scored = [row for row in rows if row.status == OK]
+    others = sorted({" / ".join(row.key) for row in scored if row.thresholds})
+    if not others:
+        return
+    which = "all cells" if all(row.thresholds for row in scored) else some(others, "; ")
+    text = f"Scored with other thresholds than METHOD's: {which}."
+    kept = one_scale(scored)
+    if len(kept) < len(scored):
+        text += (
+            f" Cells of different thresholds aren't averaged together: {len(scored) - len(kept)} "
+            "of them enter no mean."
+        )
+    yield Notice(COMPARABILITY, text, tuple(others), everywhere=True)
 
 
 def _absent(rows: Sequence[CellRow]) -> list[str]:

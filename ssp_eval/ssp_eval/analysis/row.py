@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
@@ -32,6 +33,7 @@ class CellRow:
         admitted: False keeps it out of domain means (METHOD 4).
         status: ok, refused or failed; only an ok one has scores.
         reason: why it is not ok.
+        thresholds: hash of those that it was scored with; empty: METHOD's, or nobody said.
         weighted: IVCS where it isn't METHOD 6.10 of this row's components: a mean over runs, or as
             it was published of a macro row.
     """
@@ -62,6 +64,7 @@ class CellRow:
     stand_in: bool = False
     status: str = OK
     reason: str = ""
+    thresholds: str = ""
     weighted: float | None = None
 
     @property
@@ -100,19 +103,39 @@ class CellRow:
 
 
 def entering(rows: Iterable[CellRow]) -> list[CellRow]:
-    """The rows that may enter means and ranks: valid ones, controls left out; one per cell."""
-    return merged([row for row in rows if row.status == OK and not row.control])
+    """The rows that may enter means and ranks: valid ones, controls left out; one per cell.
+
+    Cells that were scored with other thresholds than the rest are left out too.
+    """
+    return merged([row for row in one_scale(rows) if row.status == OK and not row.control])
+
+
+def one_scale(rows: Iterable[CellRow]) -> list[CellRow]:
+    """The rows that one scale measures: METHOD's thresholds if any cell has them, else those of
+    most cells. Rows without a score have no scale, and stay.
+    """
+    listed = list(rows)
+    main = scale(listed)
+    return [row for row in listed if row.status != OK or row.thresholds == main]
+
+
+def scale(rows: Iterable[CellRow]) -> str:
+    """Hash of the thresholds whose cells enter means, see one_scale; empty: METHOD's."""
+    counts = Counter(row.thresholds for row in rows if row.status == OK)
+    return min(counts, key=lambda name: (name != "", -counts[name], name), default="")
 
 
 def merged(rows: Sequence[CellRow]) -> list[CellRow]:
     """One row per cell, with the means of the metrics over its runs; RL over successes only.
 
+    Runs that were scored with different thresholds stay apart.
+
     Args:
         rows: valid ones. A cell is admitted if all its runs are.
     """
-    runs: dict[tuple[str, str, str], list[CellRow]] = {}
+    runs: dict[tuple[str, ...], list[CellRow]] = {}
     for row in rows:
-        runs.setdefault(row.key, []).append(row)
+        runs.setdefault((*row.key, row.thresholds), []).append(row)
     return [group[0] if len(group) == 1 else _merge(group) for group in runs.values()]
 
 

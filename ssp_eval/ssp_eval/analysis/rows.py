@@ -7,6 +7,7 @@ from pathlib import Path
 from ssp_eval.analysis.row import CellRow
 from ssp_eval.evaluate.admission import ADMITTED
 from ssp_eval.report.load import CellData, load_cells
+from ssp_eval.score import DEFAULT
 
 
 def rows_from_campaign(out: Path, run: str = "") -> list[CellRow]:
@@ -59,4 +60,5 @@ def _row_of(cell: CellData, run: str) -> CellRow:
         stand_in=cell.facts.stand_in,
         status=cell.facts.status,
         reason="; ".join(cell.facts.reasons),
+        thresholds="" if cell.thresholds == DEFAULT else cell.thresholds.sha256,
     )

@@ -15,7 +15,7 @@ from ssp_eval.score.aggregate import EQUAL, Cell, means
 from ssp_eval.score.batch import score_columns
 from ssp_eval.score.columns import Columns
 from ssp_eval.score.ivcs import ivcs_weights
-from ssp_eval.score.thresholds import DEFAULT
+from ssp_eval.score.thresholds import DEFAULT, Thresholds
 
 SAMPLES = 10_000
 _BLOCK = 1000
@@ -228,6 +228,7 @@ def vary_thresholds(
     columns: Columns,
     subjects: Sequence[str] = ("model", "domain"),
     on_step: Callable[[], None] = lambda: None,
+    thresholds: Thresholds = DEFAULT,
 ) -> list[Variation]:
     """Every cell scored again with one threshold changed at a time (GRID).
 
@@ -236,18 +237,19 @@ def vary_thresholds(
         columns: their labels and records.
         subjects: whose ranks are looked at.
         on_step: called once per value that was tried.
+        thresholds: that are changed, one at a time.
     """
-    defined = score_columns(columns).values["ivcs"]
+    defined = score_columns(columns, thresholds).values["ivcs"]
     before = {subject: _macro(rows, defined, subject) for subject in subjects}
     found = []
     for parameter, values in GRID.items():
         for value in values:
-            changed = replace(DEFAULT, **{parameter: value})  # type: ignore[arg-type]
+            changed = replace(thresholds, **{parameter: value})  # type: ignore[arg-type]
             scores = score_columns(columns, changed).values["ivcs"]
             largest = float(np.max(np.abs(scores - defined)))
             for subject in (name for name in subjects if before[name]):
                 after = _macro(rows, scores, subject)
-                at = float(getattr(DEFAULT, parameter))
+                at = float(getattr(thresholds, parameter))
                 found.append(
                     _variation(subject, parameter, value, at, before[subject], after, largest)
                 )

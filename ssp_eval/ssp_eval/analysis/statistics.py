@@ -16,7 +16,7 @@ from ssp_eval.analysis.bootstrap import (
 from ssp_eval.analysis.clusters import bootstrap_mean
 from ssp_eval.analysis.compare import Comparison, compare
 from ssp_eval.analysis.curvature import Curve, curves
-from ssp_eval.analysis.row import OK, CellRow, entering, over_what
+from ssp_eval.analysis.row import OK, CellRow, entering, one_scale, over_what
 from ssp_eval.analysis.sensitivity import (
     GRID,
     Variation,
@@ -91,7 +91,7 @@ class Statistics:
 
 def steps_of(rows: Sequence[CellRow], has_records: bool) -> int:
     """How often compute calls on_step."""
-    valid = [row for row in rows if row.status == OK and not row.control]
+    valid = [row for row in one_scale(rows) if row.status == OK and not row.control]
     from_records = len(valid) + sum(map(len, GRID.values())) if has_records and valid else 0
     return from_records + len(SUBJECTS)
 
@@ -112,11 +112,9 @@ def compute(
     """
     chosen = entering(rows)
     over = over_what(rows)
-    pairs = [
-        (row, cell)
-        for row, cell in zip(rows, data, strict=bool(data))
-        if row.status == OK and not row.control
-    ]
+    alike = one_scale(rows)
+    kept = {id(row) for row in alike if row.status == OK and not row.control}
+    pairs = [(row, cell) for row, cell in zip(rows, data, strict=bool(data)) if id(row) in kept]
     comparisons: list[Comparison] = []
     weights: list[WeightSamples] = []
     variations: list[Variation] = []
@@ -132,19 +130,23 @@ def compute(
     records = None
     if pairs:
         with_terms = [(row, record_terms(cell.score)) for row, cell in pairs if cell.score]
+        thresholds = pairs[0][1].thresholds
         records = bootstrap_records(
-            with_terms, GROUPINGS, options.resamples, options.seed, on_step, options.block
-        )
+            with_terms, GROUPINGS, options.resamples, options.seed, on_step, options.block,
+            thresholds,
+        )  # fmt: skip
         first = _first_runs(pairs)
         columns = encode([(cell.labels, cell.records) for _, cell in first])
-        variations += vary_thresholds([row for row, _ in first], columns, SUBJECTS, on_step)
+        variations += vary_thresholds(
+            [row for row, _ in first], columns, SUBJECTS, on_step, thresholds
+        )
     return Statistics(
         records,
         {by: _over_cells(chosen, by, options) for by in GROUPINGS if over.isdisjoint(by)},
         tuple(comparisons),
         tuple(weights),
         tuple(variations),
-        stability(rows, options.resamples, options.seed),
+        stability(alike, options.resamples, options.seed),
         _curves(pairs),
     )
 

@@ -11,7 +11,7 @@ from ssp_core.errors import InputError
 from ssp_eval.analysis.control_tables import control_tables
 from ssp_eval.analysis.matrix_table import matrix_table
 from ssp_eval.analysis.rank_table import rank_table
-from ssp_eval.analysis.row import OK, CellRow, entering, over_what, repeated
+from ssp_eval.analysis.row import OK, CellRow, entering, one_scale, over_what, repeated
 from ssp_eval.analysis.table import Column, Table, Value, some
 from ssp_eval.analysis.table_columns import COUNT, MEANS, TITLES, in_order
 from ssp_eval.score.aggregate import (
@@ -84,13 +84,16 @@ def with_notices(tables: Iterable[Table], notices: Iterable[str]) -> list[Table]
 
 def run_notes(rows: Sequence[CellRow]) -> tuple[str, ...]:
     """What a mean leaves out, and what it takes together."""
-    models = [row for row in rows if not row.control]
+    models = [row for row in one_scale(rows) if not row.control]
     scored = {row.key for row in models if row.status == OK}
     lost = [row for row in models if row.status != OK]
     cells = {row.key for row in lost} - scored
     runs = sum(row.key in scored for row in lost)
     nulls = {row.key for row in models if row.ivcs_nulls}
+    apart = {row.key for row in rows if not row.control} - {row.key for row in models}
     notes = []
+    if apart:
+        notes.append(f"{_cells(len(apart))} scored with other thresholds left out.")
     if repeated(rows):
         notes.append("A cell with several runs enters as the mean over its runs.")
     if cells:

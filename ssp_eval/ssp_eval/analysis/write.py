@@ -52,9 +52,21 @@ def write_tables(
 
 
 def write_statistics(
-    folder: Path, tables: Iterable[Table], options: Options, notices: Sequence[Notice] = ()
+    folder: Path,
+    tables: Iterable[Table],
+    options: Options,
+    notices: Sequence[Notice] = (),
+    thresholds: str = "",
 ) -> Path:
-    """Writes ``statistics.json``: all digits of the statistics, and what they were made with."""
+    """Writes ``statistics.json``: all digits of the statistics, and what they were made with.
+
+    Args:
+        folder: to write into.
+        tables: of the statistics.
+        options: they were made with.
+        notices: what must be known before reading them.
+        thresholds: hash of those of the cells; empty: METHOD's.
+    """
     path = make_folder(folder) / STATISTICS_FILE
     write_json(
         path,
@@ -64,7 +76,7 @@ def write_statistics(
             "resamples": options.resamples,
             "block_labels": options.block,
             "level": LEVEL,
-            "thresholds": DEFAULT.sha256,
+            "thresholds": thresholds or DEFAULT.sha256,
             "software": f"ssp {__version__}",
             "note": DISCLAIMER,
             "notices": [asdict(notice) for notice in notices],

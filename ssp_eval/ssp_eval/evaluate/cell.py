@@ -28,7 +28,7 @@ from ssp_eval.evaluate.model_spec import ModelSpec
 from ssp_eval.extract.llm import Extractor, make_extractor
 from ssp_eval.labels.model import Labels, labels_to_json
 from ssp_eval.records import record_to_json
-from ssp_eval.score import score_cell
+from ssp_eval.score import DEFAULT, Thresholds, score_cell
 
 
 @dataclass(frozen=True)
@@ -41,6 +41,7 @@ class CellOptions:
         retry_errors: ask again at most this often after an error that may pass.
         retry_pause_s: before the first of these, s.
         extractor: of the slots in the texts.
+        thresholds: of the scorer.
     """
 
     adapter: str = ""
@@ -48,6 +49,7 @@ class CellOptions:
     retry_errors: int = 0
     retry_pause_s: float = 1.0
     extractor: Extractor = field(default_factory=make_extractor)
+    thresholds: Thresholds = DEFAULT
 
     @property
     def repeats(self) -> Repeats:
@@ -75,7 +77,8 @@ def _place(labelled: LabelledClip, model: ModelSpec, out: Path, options: CellOpt
     make_folder(folder)
     _write_labels(folder, labelled.labels)
     options.extractor.counts.clear()
-    return CellPlace(folder, labelled, model, model.read_by(options.adapter), options.extractor)
+    adapter = model.read_by(options.adapter)
+    return CellPlace(folder, labelled, model, adapter, options.extractor, options.thresholds)
 
 
 def _write_labels(folder: Path, labels: Labels) -> None:
@@ -131,6 +134,6 @@ def evaluate_cell(
         (folder / SCORE_FILE).unlink(missing_ok=True)
         reasons = list(dict.fromkeys(one.missing for one in asked if one.missing))
         return write_cell(place, "failed", reasons, asked, ignored)
-    score = score_cell(labelled.labels, records).to_json()
+    score = score_cell(labelled.labels, records, options.thresholds).to_json()
     write_json(folder / SCORE_FILE, score)
     return write_cell(place, "ok", [], asked, ignored, score)

@@ -19,7 +19,7 @@ from ssp_eval.evaluate.labelled import LabelledClip
 from ssp_eval.evaluate.model_spec import ModelSpec
 from ssp_eval.evaluate.store import RAW_FILE, REQUESTS_FILE, Asked
 from ssp_eval.extract.llm import Extractor, make_extractor
-from ssp_eval.score import DEFAULT
+from ssp_eval.score import DEFAULT, Thresholds
 
 CELL_SCHEMA = "ssp.cell/1"
 CELLS = "cells"
@@ -129,6 +129,7 @@ class CellPlace:
         model: who is asked.
         adapter: that reads the answers, with its mode.
         extractor: of the slots; its counts are of this cell.
+        thresholds: of the scorer.
     """
 
     folder: Path
@@ -136,6 +137,7 @@ class CellPlace:
     model: ModelSpec
     adapter: str
     extractor: Extractor = field(default_factory=make_extractor)
+    thresholds: Thresholds = DEFAULT
 
 
 def write_cell(
@@ -264,8 +266,9 @@ def _facts(
             "preprocessing": model.rules.sha256,
             "decoding": sha256_json(settings),
             "extractor": place.extractor.sha256,
-            "thresholds": DEFAULT.sha256,
+            "thresholds": place.thresholds.sha256,
         },
+        "thresholds": asdict(place.thresholds),
         "software": f"ssp {__version__}",
     }
 

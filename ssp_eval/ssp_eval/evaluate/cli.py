@@ -10,6 +10,7 @@ from typing import Any
 
 import click
 
+from ssp_core import console
 from ssp_eval.evaluate.admission import load_admissions
 from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.choose import driving_before, model_specs
@@ -20,6 +21,12 @@ from ssp_eval.evaluate.parallel import ENGINES, run_parallel
 from ssp_eval.evaluate.show import asking, kept_on_interrupt, result_to_json, show
 from ssp_eval.evaluate.topic_asker import CONNECT_S
 from ssp_eval.extract.llm.options import extractor_of, llm_options
+from ssp_eval.score.thresholds_file import (
+    OTHER_THRESHOLDS,
+    changes,
+    load_thresholds,
+    thresholds_option,
+)
 
 _PATH = click.Path(path_type=Path)
 
@@ -87,6 +94,7 @@ _PATH = click.Path(path_type=Path)
     help="How often a question is repeated after a timeout, an overload or a bridge that died or "
     "can't be reached; other errors would come again.",
 )
+@thresholds_option
 @llm_options("llm-")
 @click.option("--fresh", is_flag=True, help="Ask again even where an answer is stored.")
 @click.option(
@@ -124,6 +132,7 @@ def evaluate(
     timeout_s: float,
     start_timeout_s: float,
     retry_errors: int,
+    thresholds_file: Path | None,
     fresh: bool,
     controls: bool,
     workers: int | None,
@@ -146,6 +155,7 @@ def evaluate(
             f"--labels is given {len(labels_files)} times for {len(bags)} bags; give it once per "
             "bag or not at all"
         )
+    thresholds = load_thresholds(thresholds_file)
     models = model_specs(bridges, attached, models_files)
     if controls:
         models = with_controls(models, driving_before(out))
@@ -160,7 +170,9 @@ def evaluate(
                 paired,
                 models,
                 out,
-                CellOptions(adapter, fresh, retry_errors, extractor=extractor),
+                CellOptions(
+                    adapter, fresh, retry_errors, extractor=extractor, thresholds=thresholds
+                ),
                 timeout_s,
                 propose_labels,
                 load_admissions(audits),
@@ -175,6 +187,7 @@ def evaluate(
                 retry_errors=retry_errors,
                 timeout_s=timeout_s,
                 start_timeout_s=start_timeout_s,
+                thresholds=thresholds,
             )
             with asking() as (on_plan, on_record):
                 results = run_parallel(
@@ -188,6 +201,8 @@ def evaluate(
                     on_plan=on_plan,
                     on_record=on_record,
                 )
+    if changed := changes(thresholds):
+        console.note(f"{OTHER_THRESHOLDS}: {changed}")
     if as_json:
         for result in results:
             click.echo(json.dumps(result_to_json(result), sort_keys=True))

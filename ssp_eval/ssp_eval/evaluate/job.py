@@ -20,6 +20,7 @@ from ssp_eval.evaluate.model_spec import ModelSpec
 from ssp_eval.evaluate.topics import TopicAskers
 from ssp_eval.extract.llm import Extractor
 from ssp_eval.labels.model import labels_version
+from ssp_eval.score import DEFAULT, Thresholds
 
 ExtractorMaker = Callable[[], Extractor]
 
@@ -36,6 +37,7 @@ class Settings:
         start_timeout_s: until a bridge is on its topics.
         direct: models answer in the worker itself, without ROS; None: over topics.
         extractor_sha256: of the extractor that all workers must have; empty: any.
+        thresholds: of the scorer.
     """
 
     out: Path
@@ -48,6 +50,7 @@ class Settings:
     start_timeout_s: float = 60.0
     direct: Callable[[], Askers] | None = None
     extractor_sha256: str = ""
+    thresholds: Thresholds = DEFAULT
 
 
 @dataclass(frozen=True)
@@ -104,6 +107,7 @@ class JobRunner(Closing):
             settings.retry_errors,
             settings.retry_pause_s,
             extractor,
+            settings.thresholds,
         )
 
     def run(self, job: Job, on_record: Callable[[], None] = lambda: None) -> CellResult:

@@ -18,6 +18,7 @@ from ssp_eval.package.index import Index, Problem
 from ssp_eval.package.model import Chain, FileEntry, LineRef, Link, SentFrame
 from ssp_eval.records import BehaviourRecord, parse_records, record_to_json
 from ssp_eval.score import DEFAULT, score_cell
+from ssp_eval.score.thresholds_file import thresholds_of
 from ssp_vla_bridge.core.response import Response, response_from_json
 
 Lines = list[tuple[LineRef, dict[str, Any]]]
@@ -137,9 +138,11 @@ class Chains:
         records: tuple[BehaviourRecord, ...],
     ) -> list[int | None]:
         """Index of each label's record; the stored score is compared with what these give."""
-        score = score_cell(labels, records)
         stored = self._file(cell, SCORE_FILE)
-        if facts["hashes"].get("thresholds") != DEFAULT.sha256:
+        given = facts.get("thresholds")
+        thresholds = DEFAULT if given is None else thresholds_of(given, cell)
+        score = score_cell(labels, records, thresholds)
+        if facts["hashes"].get("thresholds") != thresholds.sha256:
             self.notes.append(f"{stored.path}: made with other thresholds, not scored again")
         elif self._contents.mapping(stored) != score.to_json():
             self._problem(stored, "", "is not what its records and labels give")

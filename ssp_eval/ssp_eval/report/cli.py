@@ -17,7 +17,7 @@ from ssp_eval.analysis.cells_csv import rows_from_csv
 from ssp_eval.analysis.failure_table import failures_by_cell, failures_by_model
 from ssp_eval.analysis.formats import FORMATS
 from ssp_eval.analysis.notices import everywhere, notice_table, notices
-from ssp_eval.analysis.row import CellRow
+from ssp_eval.analysis.row import CellRow, scale
 from ssp_eval.analysis.rows import rows_from_cells
 from ssp_eval.analysis.statistics import Options, compute, steps_of
 from ssp_eval.analysis.statistics_tables import statistics_tables
@@ -252,7 +252,7 @@ def _analyse(
         written = write_tables(
             wanted.folder, [*plain, *shown], wanted.formats, partial(bar.advance, task)
         )
-    target = write_statistics(statistics, shown, wanted.options, told)
+    target = write_statistics(statistics, shown, wanted.options, told, scale(rows))
     click.echo(f"{wanted.folder} ({len(written)} files)")
     click.echo(f"{target}")
     return shown

@@ -123,6 +123,8 @@ class CellFacts(_Part):
     adapter: str
     # Null where a recording has no such part: an imported video has no verdict.
     hashes: dict[str, str | None]
+    # All of the scorer's; cells of an earlier version say only their hash.
+    thresholds: dict[str, float | int] | None = None
 
 
 class FrameFacts(_Part):

@@ -27,7 +27,8 @@ from ssp_eval.extract.language import NOT_READ
 from ssp_eval.labels.model import Labels, load_labels
 from ssp_eval.records import MOST_BYTES, BehaviourRecord, load_records
 from ssp_eval.report.facts import CellFacts, RequestFacts, load_facts
-from ssp_eval.score import CellScore, score_cell
+from ssp_eval.score import DEFAULT, CellScore, Thresholds, score_cell
+from ssp_eval.score.thresholds_file import thresholds_of
 from ssp_eval.strict import Place, parse_json
 
 
@@ -43,6 +44,7 @@ class CellData:
         asked: the lines of requests.jsonl, checked; see requests.
         score: scored again from records and labels, None unless the cell is ok.
         notes: what a reader must know, one sentence each.
+        thresholds: that it is scored with.
     """
 
     folder: Path
@@ -52,6 +54,7 @@ class CellData:
     asked: tuple[bytes, ...]
     score: CellScore | None
     notes: tuple[str, ...]
+    thresholds: Thresholds = DEFAULT
 
     @property
     def requests(self) -> tuple[dict[str, Any], ...]:
@@ -160,7 +163,8 @@ def load_cell(file: Path) -> CellData:
     if facts.status != "ok":
         return CellData(folder, facts, labels, (), (), None, ())
     records = load_records(folder / RECORDS_FILE)
-    score = score_cell(labels, records)
+    thresholds = DEFAULT if facts.thresholds is None else thresholds_of(facts.thresholds, file)
+    score = score_cell(labels, records, thresholds)
     notes = []
     stored = json_object(read_text(folder / SCORE_FILE), folder / SCORE_FILE)
     if stored != score.to_json():
@@ -169,7 +173,7 @@ def load_cell(file: Path) -> CellData:
             "the latter."
         )
     if facts.hashes.get("thresholds") != score.details.thresholds_sha256:
-        notes.append("It was evaluated with other thresholds than this page uses.")
+        notes.append("It doesn't say the thresholds that it was evaluated with; these are others.")
     if losses := losses_text(facts.answers.missing_by_kind):
         notes.append(f"{losses}. They count as missing outputs.")
     if foreign := _languages(records):
@@ -184,7 +188,7 @@ def load_cell(file: Path) -> CellData:
             "filled; their notes say why."
         )
     asked = request_lines(folder / REQUESTS_FILE)
-    return CellData(folder, facts, labels, records, asked, score, tuple(notes))
+    return CellData(folder, facts, labels, records, asked, score, tuple(notes), thresholds)
 
 
 def _notes(record: BehaviourRecord) -> list[str]:

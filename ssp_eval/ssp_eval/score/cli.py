@@ -15,7 +15,13 @@ from ssp_core.errors import InputError
 from ssp_eval.score.batch import score_columns
 from ssp_eval.score.load import load_columns
 from ssp_eval.score.show import Scored, score_notes, score_table
-from ssp_eval.score.thresholds import DEFAULT
+from ssp_eval.score.thresholds import Thresholds
+from ssp_eval.score.thresholds_file import (
+    OTHER_THRESHOLDS,
+    changes,
+    load_thresholds,
+    thresholds_option,
+)
 
 LABELS_FILES = ("labels.json", "labels.yaml", "labels.yml")
 RECORDS_FILE = "records.jsonl"
@@ -27,7 +33,8 @@ _WIDEST = 10_000
     "case_dirs", metavar="CASE_DIR...", nargs=-1, required=True, type=click.Path(path_type=Path)
 )
 @click.option("--json", "as_json", is_flag=True, help="One line of JSON per folder.")
-def score(case_dirs: tuple[Path, ...], as_json: bool) -> None:
+@thresholds_option
+def score(case_dirs: tuple[Path, ...], as_json: bool, thresholds_file: Path | None) -> None:
     """Score records against labels (METHOD 5 and 6).
 
     Each CASE_DIR holds labels.json (or .yaml) and records.jsonl. The folders come out sorted by
@@ -35,18 +42,21 @@ def score(case_dirs: tuple[Path, ...], as_json: bool) -> None:
     folders share a name), the keys of METHOD 6.14, and thresholds_sha256. If any file of any
     folder is wrong, nothing is scored.
     """
+    thresholds = load_thresholds(thresholds_file)
     cases = _cases(case_dirs)
     columns = load_columns([_files(folder) for _, folder in cases])
     counts = np.diff(columns.record_start).tolist()
-    cells = score_columns(columns).cells()
+    cells = score_columns(columns, thresholds).cells()
     scored = [Scored(name, *one) for (name, _), *one in zip(cases, counts, cells, strict=True)]
     for case in scored:
         if not case.records:
             note = f"{RECORDS_FILE} holds no record; every output is missing"
             console.note(f"note: {case.name}: {note}")
+    if changed := changes(thresholds):
+        console.note(f"note: {OTHER_THRESHOLDS}: {changed}")
     if as_json:
         for case in scored:
-            click.echo(json.dumps(_line(case), allow_nan=False))
+            click.echo(json.dumps(_line(case, thresholds), allow_nan=False))
         return
     table = score_table(scored)
     # A narrow terminal or a pipe gets long lines rather than cut numbers.
@@ -79,5 +89,5 @@ def _files(folder: Path) -> tuple[Path, Path]:
     return present[0] if present else folder / LABELS_FILES[0], folder / RECORDS_FILE
 
 
-def _line(case: Scored) -> dict[str, object]:
-    return {"case": case.name, **case.metrics.to_json(), "thresholds_sha256": DEFAULT.sha256}
+def _line(case: Scored, thresholds: Thresholds) -> dict[str, object]:
+    return {"case": case.name, **case.metrics.to_json(), "thresholds_sha256": thresholds.sha256}
