@@ -20,7 +20,7 @@ from ssp_core.vocab import Verdict
 from ssp_eval.evaluate import question
 from ssp_eval.evaluate.clip import Clip
 from ssp_eval.evaluate.question import NoQuestion, Question
-from ssp_eval.evaluate.truth import truth_from_bag
+from ssp_eval.labels.proposal.truth import truth_from_bag
 from ssp_vla_bridge.core.request import request_problems
 from ssp_vla_bridge.core.window import Preprocessing
 
@@ -214,7 +214,7 @@ def test_an_imported_video_starts_at_its_first_frame(tmp_path: Path) -> None:
     assert request.history == ()
     assert request.ego_provenance == "unknown"
     assert request.camera is None
-    with pytest.raises(InputError, match="holds no ground truth"):
+    with pytest.raises(InputError, match="holds no states"):
         truth_from_bag(tmp_path / "video")
 
 

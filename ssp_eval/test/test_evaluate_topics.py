@@ -25,9 +25,9 @@ from ssp_eval.evaluate.cli import evaluate as evaluate_command
 from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.evaluate.topic_asker import Timeouts
 from ssp_eval.evaluate.topics import BRIDGE_MODULE, PROFILE, TopicAsker, TopicAskers, _in_time
-from ssp_eval.evaluate.truth import truth_from_bag
+from ssp_eval.labels.proposal.propose import propose
+from ssp_eval.labels.proposal.truth import truth_from_bag
 from ssp_eval.labels.proposal_file import write_proposal
-from ssp_eval.labels.propose import propose
 from ssp_vla_bridge.core.request import Request
 
 BagMaker = Callable[..., Path]

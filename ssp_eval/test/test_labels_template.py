@@ -113,15 +113,21 @@ def test_the_times_of_an_event_are_taken(video: Path, tmp_path: Path) -> None:
     event, version = load_event("cut_in")
     out = tmp_path / "labels.json"
     assert new(video, out, "--event", "cut_in") == 0
-    trigger, conflict = event.events.trigger.start, event.events.conflict.start
-    assert not isinstance(trigger, str)
-    assert not isinstance(conflict, str)
-    assert trigger.min is not None
-    assert conflict.min is not None
-    middle = (trigger.min + conflict.min) / 2
-    assert times(out)[4] == pytest.approx(middle, abs=0.051)
     value = json.loads(out.read_text())
-    assert (value["scenario"], value["event_version"]) == ("cut_in", version)
+    assert (value["scenario"], value["event_version"]) == (event.name, version)
+    # The plan of METHOD 5.2b, and the phases with it; nothing is said about what is seen.
+    phases = ["approach"] * 3 + ["trigger"] + ["conflict"] * 4 + ["resolution"]
+    assert [label["phase"] for label in value["labels"]] == phases
+    assert [label["at"]["phase"] for label in value["labels"]] == phases
+    assert value["plan"] == "phase"
+    starts = times(out)
+    assert starts[:4] == pytest.approx([1.708, 2.208, 2.708, 3.2705])
+    assert starts[4:] == pytest.approx([3.333 + 2.167 * k / 8 for k in (1, 3, 5, 7)] + [5.75])
+    assert len(unfilled(value)) == 9 * 3
+    with pytest.raises(InputError, match="template: fill in"):
+        load_labels(out)
+    assert new(video, out, "--event", "cut_in", "--plan", "clock", "--force") == 0
+    assert times(out) == spaced(1.3)
 
 
 def test_a_session_may_be_labelled_by_hand_too(make_bag: MakeBag, tmp_path: Path) -> None:

@@ -15,10 +15,10 @@ from ssp_core.interaction import Observable
 from ssp_core.run_spec import ConflictThresholds
 from ssp_core.state import DEFAULT_SIZES, ObjectState
 from ssp_core.vocab import ObjectClass, Role
-from ssp_eval.evaluate.truth import event_observable, event_thresholds
-from ssp_eval.labels.basis import Truth
-from ssp_eval.labels.propose import propose
+from ssp_eval.labels.proposal.basis import Truth
+from ssp_eval.labels.proposal.propose import propose
 from ssp_eval.labels.response import response_problems
+from ssp_eval.recordings.event_rules import event_observable, event_thresholds
 from ssp_eval.recordings.geometry import Corridor
 from ssp_eval.recordings.phases import find_event, samples_of
 from ssp_eval.sight import blocked, clear_share, surface_points

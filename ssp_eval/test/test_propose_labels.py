@@ -18,11 +18,11 @@ from ssp_core.errors import InputError
 from ssp_core.geometry import Pose2, wrap_angle
 from ssp_core.state import DEFAULT_SIZES, ObjectState
 from ssp_core.vocab import ObjectClass, Role
-from ssp_eval.labels.basis import ProposalRules, Truth
 from ssp_eval.labels.cli import labels as labels_command
 from ssp_eval.labels.model import Labels, labels_to_json, load_labels, parse_labels
+from ssp_eval.labels.proposal.basis import ProposalRules, Truth
+from ssp_eval.labels.proposal.propose import propose
 from ssp_eval.labels.proposal_file import is_unreviewed, sidecar, write_proposal
-from ssp_eval.labels.propose import propose
 from ssp_eval.labels.response import response_problems
 from ssp_eval.recordings.geometry import Corridor, motion_word, position_word
 from ssp_eval.recordings.phases import find_event, samples_of

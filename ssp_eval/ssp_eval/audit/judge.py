@@ -26,8 +26,8 @@ from ssp_eval.audit.ratios import phase_difference, property_retention
 from ssp_eval.audit.reasons import Finding, Reason, explain
 from ssp_eval.audit.recording import Recording
 from ssp_eval.audit.session import examine_session
-from ssp_eval.evaluate.truth import event_thresholds
 from ssp_eval.labels.model import labels_version
+from ssp_eval.recordings.event_rules import event_thresholds
 from ssp_eval.recordings.properties import EVENT_PHASES, FIELDS, Property, differences, is_equal
 from ssp_eval.recordings.provenance import bag_folder
 from ssp_scenario_manager.spec.load import event_version

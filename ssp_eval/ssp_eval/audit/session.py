@@ -20,7 +20,7 @@ from ssp_eval.audit.model import CoverageEntry, SightEntry
 from ssp_eval.audit.ratios import phase_fraction
 from ssp_eval.audit.reasons import Finding
 from ssp_eval.audit.recording import Recording
-from ssp_eval.evaluate.truth import event_observable, event_thresholds
+from ssp_eval.recordings.event_rules import event_observable, event_thresholds
 from ssp_eval.recordings.properties import EVENT_PHASES, FIELDS, Property
 from ssp_eval.recordings.provenance import NO_VERDICT
 from ssp_scenario_manager.spec.model import Event

@@ -20,10 +20,10 @@ from ssp_eval.evaluate.clip import Clip
 from ssp_eval.evaluate.labelled import LabelledClip
 from ssp_eval.evaluate.model_spec import ModelSpec
 from ssp_eval.evaluate.plan import Plan, plan_of
-from ssp_eval.evaluate.truth import truth_from_bag
 from ssp_eval.labels.model import Labels, labels_version, load_labels
+from ssp_eval.labels.proposal.propose import propose_alone
+from ssp_eval.labels.proposal.truth import truth_from_bag
 from ssp_eval.labels.proposal_file import is_unreviewed, write_proposal
-from ssp_eval.labels.propose import propose
 from ssp_eval.recordings.import_record import SAFE_NAME
 from ssp_eval.recordings.provenance import bag_folder
 from ssp_eval.score import DEFAULT
@@ -87,7 +87,7 @@ def labelled_clip(
             file=clip.path,
             remedy="give --labels FILE, or --propose-labels to make them from the ground truth",
         )
-    proposal = propose(truth_from_bag(clip.path))
+    proposal, _ = propose_alone(truth_from_bag(clip.path))
     _check_name(proposal.labels, clip.path)
     target = _beside(bag_folder(clip.path))
     make_folder(target.parent)

@@ -24,7 +24,7 @@ from ssp_core.names import CAMERA_IMAGE, WORLD_TICK, absolute
 from ssp_core.run_spec import Camera
 from ssp_core.state import ObjectState
 from ssp_eval.evaluate.clip import Clip
-from ssp_eval.evaluate.truth import truth_from_file
+from ssp_eval.labels.proposal.truth_file import truth_from_file
 from ssp_eval.recordings.provenance import read_provenance
 from ssp_eval.sight import clear_share
 

@@ -7,6 +7,8 @@ from typing import Any
 
 from ssp_core.vocab import PHASES
 from ssp_eval.labels.model import Labels
+from ssp_eval.labels.place import At
+from ssp_eval.labels.plan import APART_S
 from ssp_scenario_manager.spec.model import Event, Interval
 from ssp_scenario_manager.spec.units import si
 
@@ -23,6 +25,34 @@ def phase_problems(labels: Labels) -> list[str]:
                 f"{before.phase} at {before.t_s:g} s; phases don't go back"
             )
     return problems
+
+
+def plan_problems(labels: Labels) -> list[str]:
+    """Where labels of a plan by phase aren't as METHOD 5.2b has them; [] for a clock grid."""
+    problems = []
+    for i, label in enumerate(labels.labels):
+        if label.at is not None and label.phase != label.at.phase:
+            problems.append(
+                f"labels[{i}].phase: {label.phase}, and its place in the plan is {label.at}"
+            )
+    for i, (before, after) in enumerate(pairwise(labels.labels), start=1):
+        if before.at is None or after.at is None:
+            continue
+        if not _follows(before.at, after.at):
+            problems.append(f"labels[{i}].at: {after.at} stands after {before.at}")
+        if after.t_s - before.t_s < APART_S - _TOLERANCE_S:
+            problems.append(
+                f"labels[{i}].t_s: {after.t_s - before.t_s:.3f} s after the label before; a plan "
+                f"keeps {APART_S:g} s"
+            )
+    return problems
+
+
+def _follows(before: At, after: At) -> bool:
+    if before.phase != after.phase:
+        return PHASES.index(before.phase) < PHASES.index(after.phase)
+    is_approach = before.phase == "approach"
+    return after.value < before.value if is_approach else after.value > before.value
 
 
 def risk_warnings(labels: Labels) -> list[str]:
@@ -78,10 +108,3 @@ def _span(start: Interval | str) -> tuple[float, float] | None:
         return None
     found = si(start)
     return found.low, found.high
-
-
-def middle_s(start: Interval | str) -> float | None:
-    """The middle of an event's time, s; None where it is unresolved or open."""
-    if isinstance(start, str) or start.min is None or start.max is None:
-        return None
-    return si(start).mid

@@ -15,11 +15,13 @@ from ssp_core.bag import BagReader
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_file
-from ssp_core.names import WORLD_TICK, absolute
+from ssp_core.messages import peek_stamp_ns
+from ssp_core.names import CAMERA_IMAGE, WORLD_TICK, absolute, state_topic
 from ssp_core.video import Video
 from ssp_eval.evaluate.clip import Clip
 from ssp_eval.evaluate.question import NoQuestion
-from ssp_eval.recordings.provenance import read_provenance
+from ssp_eval.recordings.provenance import Provenance, read_provenance
+from ssp_eval.recordings.states import clip_zero_ns
 from ssp_eval.score import DEFAULT
 from ssp_vla_bridge.core.window import Preprocessing
 
@@ -36,9 +38,8 @@ class About:
         event_version: K* version.
         video_sha256: of the source video.
         bag_sha256: of the bag.
-        has_states: whether it holds ground truth that labels can be proposed from.
-        first_s: clip time of the first frame.
-        last_s: clip time of the last frame.
+        has_states: whether it holds states that labels can be proposed from.
+        frames_s: clip times of its frames, rising.
     """
 
     scenario: str | None
@@ -47,8 +48,17 @@ class About:
     video_sha256: str | None
     bag_sha256: str | None
     has_states: bool
-    first_s: float
-    last_s: float
+    frames_s: tuple[float, ...]
+
+    @property
+    def first_s(self) -> float:
+        """Clip time from which labels are possible."""
+        return max(0.0, self.frames_s[0])
+
+    @property
+    def last_s(self) -> float:
+        """Clip time of the last frame."""
+        return self.frames_s[-1]
 
 
 @dataclass(frozen=True)
@@ -77,22 +87,43 @@ def about(path: Path, start_s: float = 0.0) -> About:
     if is_bag(path):
         with BagReader(path) as bag:
             provenance = read_provenance(bag)
-            tick = bag.topics.get(absolute(WORLD_TICK))
-            imported = provenance.imported
-        with Clip(path) as clip:
-            first_s, last_s = clip.first_s, clip.last_s
+            imported, who = provenance.imported, provenance.participants
+            topics = [WORLD_TICK, *(() if who is None else map(state_topic, who.ids))]
+            infos = [bag.topics.get(absolute(topic)) for topic in topics]
+            frames_s, _ = frame_times(bag, provenance)
         return About(
             scenario=provenance.scenario,
             domain=provenance.domain,
             event_version=provenance.event_version,
             video_sha256=None if imported is None else imported.source_sha256,
             bag_sha256=provenance.bag_sha256,
-            has_states=provenance.run is not None and tick is not None and tick.count > 0,
-            first_s=max(0.0, first_s),
-            last_s=last_s,
+            has_states=who is not None and any(info is not None and info.count for info in infos),
+            frames_s=frames_s,
         )
     times_s = _times_s(path, start_s)
-    return About(None, None, None, sha256_file(path), None, False, 0.0, times_s[-1] - times_s[0])
+    frames_s = tuple(t_s - times_s[0] for t_s in times_s)
+    return About(None, None, None, sha256_file(path), None, False, frames_s)
+
+
+def frame_times(bag: BagReader, provenance: Provenance) -> tuple[tuple[float, ...], int]:
+    """Clip times of a bag's frames, rising, and the stamp that is clip time 0.
+
+    Args:
+        bag: open.
+        provenance: of it.
+
+    Raises:
+        InputError: it has no frames, or is of a session that never ran.
+    """
+    stamps_ns = sorted(peek_stamp_ns(m.data) for m in bag.messages([absolute(CAMERA_IMAGE)]))
+    if not stamps_ns:
+        raise InputError(
+            f"has no camera frames (no message on {absolute(CAMERA_IMAGE)})", file=bag.path
+        )
+    zero_ns = clip_zero_ns(provenance, stamps_ns)
+    if zero_ns is None:
+        raise InputError("holds a session that never reached RUNNING", file=bag.path)
+    return tuple(ns_to_seconds(stamp_ns - zero_ns) for stamp_ns in stamps_ns), zero_ns
 
 
 def pictures(path: Path, times_s: Sequence[float], start_s: float = 0.0) -> list[Picture | None]:

@@ -1,4 +1,4 @@
-"""The labels file (METHOD 5.2): typed model, strict loading, writing."""
+"""The labels file (METHOD 5.2, 5.2b): typed model, strict loading, writing."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ from ssp_core.vocab import (
     POSITIONS,
 )
 from ssp_eval import strict
+from ssp_eval.labels.place import BY_CLOCK, BY_PHASE, At, read_at
 from ssp_eval.labels.template import FILL_IN, SCHEMA, unfilled
 from ssp_eval.strict import Place
 
@@ -60,6 +61,7 @@ class Label:
         conflict: state of the conflict.
         lon_actions: longitudinal actions that are right here, at least one.
         lat_actions: lateral actions that are right here, at least one.
+        at: its place in the plan; None for labels on a clock grid.
     """
 
     t_s: float
@@ -71,6 +73,7 @@ class Label:
     conflict: str | None
     lon_actions: tuple[str, ...]
     lat_actions: tuple[str, ...]
+    at: At | None = None
 
 
 @dataclass(frozen=True)
@@ -84,6 +87,7 @@ class Labels:
         risk_time_s: clip time of risk onset, s; None: the first label with risk_visible.
         first_frame_dynamics: whether motion and conflict are evaluated at the earliest label.
         labels: at least one, times rising strictly.
+        plan: where the times come from: ``phase``, a plan of METHOD 5.2b, or ``clock``, a grid.
     """
 
     scenario: str
@@ -92,6 +96,7 @@ class Labels:
     risk_time_s: float | None
     first_frame_dynamics: bool
     labels: tuple[Label, ...]
+    plan: str = BY_CLOCK
 
     @property
     def risk_onset_s(self) -> float:
@@ -149,14 +154,15 @@ def parse_labels(value: object, file: str | Path) -> Labels:
     Raises:
         InputError: the first thing that is wrong, with its field path (METHOD 5.6): unknown
             schema, missing or unknown keys, a value outside its vocabulary or of the wrong type,
-            times that don't rise, an empty action set, no labels, no risk onset; or it is a
-            template that isn't filled in.
+            times that don't rise, an empty action set, no labels, no risk onset, a place in a plan
+            that is missing or that no plan has; or it is a template that isn't filled in.
     """
     place = Place(file)
-    found = strict.mapping(value, place, _KEYS)
+    found = strict.mapping(value, place, _KEYS, ("plan",))
     strict.choice(found["schema"], place.at("schema"), (SCHEMA,))
     _refuse_template(found, file)
     risk = found["risk_time_s"]
+    plan = strict.choice(found.get("plan", BY_CLOCK), place.at("plan"), (BY_PHASE, BY_CLOCK))
     result = Labels(
         scenario=_name(found["scenario"], place.at("scenario")),
         domain=strict.choice(found["domain"], place.at("domain"), DOMAINS),
@@ -165,7 +171,8 @@ def parse_labels(value: object, file: str | Path) -> Labels:
         first_frame_dynamics=strict.boolean(
             found["first_frame_dynamics"], place.at("first_frame_dynamics")
         ),
-        labels=_labels(found["labels"], place.at("labels")),
+        labels=_labels(found["labels"], place.at("labels"), plan),
+        plan=plan,
     )
     if risk is None and not any(label.risk_visible for label in result.labels):
         raise place.at("risk_time_s").error(
@@ -186,8 +193,9 @@ def _refuse_template(value: object, file: str | Path) -> None:
         )
 
 
-def _labels(value: object, place: Place) -> tuple[Label, ...]:
-    labels = tuple(_label(item, place.at(i)) for i, item in enumerate(strict.items(value, place)))
+def _labels(value: object, place: Place, plan: str) -> tuple[Label, ...]:
+    items = strict.items(value, place)
+    labels = tuple(_label(item, place.at(i), plan) for i, item in enumerate(items))
     if not labels:
         raise place.error("must hold at least one label")
     for i, (before, after) in enumerate(pairwise(labels), start=1):
@@ -201,8 +209,8 @@ def _labels(value: object, place: Place) -> tuple[Label, ...]:
     return labels
 
 
-def _label(value: object, place: Place) -> Label:
-    found = strict.mapping(value, place, LABEL_KEYS)
+def _label(value: object, place: Place, plan: str) -> Label:
+    found = strict.mapping(value, place, LABEL_KEYS, ("at",))
 
     def optional(key: str, vocabulary: tuple[str, ...]) -> str | None:
         given = found[key]
@@ -219,6 +227,7 @@ def _label(value: object, place: Place) -> Label:
         conflict=optional("conflict", CONFLICTS),
         lon_actions=_actions(found["lon_actions"], place.at("lon_actions"), LON_ACTIONS),
         lat_actions=_actions(found["lat_actions"], place.at("lat_actions"), LAT_ACTIONS),
+        at=read_at(found, place, plan),
     )
 
 
@@ -237,8 +246,13 @@ def _actions(value: object, place: Place, vocabulary: tuple[str, ...]) -> tuple[
 
 
 def labels_to_json(labels: Labels) -> dict[str, Any]:
-    """The content of a labels file (METHOD 5.2), ready for json.dump or files.write_json."""
+    """The content of a labels file (METHOD 5.2), ready for json.dump or files.write_json.
+
+    A clock grid isn't named, since a file without a plan has one: what says the same has one hash.
+    """
+    plan = {} if labels.plan == BY_CLOCK else {"plan": labels.plan}
     return {
+        **plan,
         "schema": SCHEMA,
         "scenario": labels.scenario,
         "domain": labels.domain,
@@ -265,4 +279,5 @@ def _label_json(label: Label) -> dict[str, Any]:
         "conflict": label.conflict,
         "lon_actions": list(label.lon_actions),
         "lat_actions": list(label.lat_actions),
+        **({} if label.at is None else {"at": label.at.to_json()}),
     }

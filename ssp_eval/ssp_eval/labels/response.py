@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from itertools import pairwise
 
-from ssp_eval.labels.basis import TOLERANCE_S
 from ssp_eval.labels.model import Labels
+from ssp_eval.labels.proposal.basis import TOLERANCE_S
 from ssp_eval.score import DEFAULT
 
 

@@ -1,7 +1,8 @@
-"""A labels file to be filled in by hand: nine times, and nothing said about any of them.
+"""A labels file to be filled in by hand: its times, and nothing said about what is seen at them.
 
-A template has the form of a labels file with ``phase: null`` in every label that nobody has filled
-in, which no labels file has (METHOD 5.2); so it can't be taken for an answer, whatever reads it.
+A template has the form of a labels file with ``risk_visible: null`` in every label that nobody has
+filled in, which no labels file has (METHOD 5.2); so it can't be taken for an answer, whatever reads
+it. On a clock grid ``phase`` is null too; in a plan (METHOD 5.2b) it is known.
 ``objects``, ``position``, ``motion`` and ``conflict`` may stay null: not evaluable at that time.
 """
 
@@ -10,6 +11,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from ssp_eval.labels.place import BY_PHASE, At
+
 SCHEMA = "ssp.labels/1"
 FILL_IN = "template: fill in"
 # What a label can't be without.
@@ -17,7 +20,12 @@ _NEEDED = ("phase", "risk_visible", "lon_actions", "lat_actions")
 
 
 def template_json(
-    scenario: str, domain: str, event_version: str, times_s: Sequence[float]
+    scenario: str,
+    domain: str,
+    event_version: str,
+    times_s: Sequence[float],
+    places: Sequence[At] = (),
+    risk_time_s: float | None = None,
 ) -> dict[str, Any]:
     """The content of a template.
 
@@ -26,18 +34,22 @@ def template_json(
         domain: of METHOD 5.2.
         event_version: K* version, or a word that says that nobody knows it.
         times_s: clip times, rising.
+        places: of a plan, one for each time; empty: the times lie on a clock grid.
+        risk_time_s: where the plan knows it.
     """
+    everywhere: Sequence[At | None] = places or (None,) * len(times_s)
     return {
+        **({"plan": BY_PHASE} if places else {}),
         "schema": SCHEMA,
         "scenario": scenario,
         "domain": domain,
         "event_version": event_version,
-        "risk_time_s": None,
+        "risk_time_s": risk_time_s,
         "first_frame_dynamics": False,
         "labels": [
             {
                 "t_s": t_s,
-                "phase": None,
+                "phase": None if at is None else at.phase,
                 "risk_visible": None,
                 "objects": None,
                 "position": None,
@@ -45,8 +57,9 @@ def template_json(
                 "conflict": None,
                 "lon_actions": [],
                 "lat_actions": [],
+                **({} if at is None else {"at": at.to_json()}),
             }
-            for t_s in times_s
+            for t_s, at in zip(times_s, everywhere, strict=True)
         ],
     }
 
@@ -73,4 +86,4 @@ def unfilled(value: object) -> list[str]:
 
 
 def _is_blank(label: dict[str, Any]) -> bool:
-    return "phase" in label and label["phase"] is None
+    return any(key in label and label[key] is None for key in ("phase", "risk_visible"))

@@ -21,9 +21,9 @@ from ssp_eval.evaluate.asker import DirectAskers
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.models import bridge_spec
-from ssp_eval.evaluate.truth import truth_from_bag
 from ssp_eval.labels.model import labels_to_json
-from ssp_eval.labels.propose import propose
+from ssp_eval.labels.proposal.propose import propose
+from ssp_eval.labels.proposal.truth import truth_from_bag
 from ssp_eval.package.make import make_package
 from ssp_scenario_manager.compile.task import load_task
 from ssp_scenario_manager.spec.load import load_event

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ssp_core.state import ObjectState
-from ssp_eval.labels.basis import TOLERANCE_S, ProposalRules, Truth
+from ssp_eval.labels.proposal.basis import TOLERANCE_S, ProposalRules, Truth
 from ssp_eval.recordings.geometry import Corridor, in_view, is_hidden
 from ssp_eval.recordings.phases import Event
 

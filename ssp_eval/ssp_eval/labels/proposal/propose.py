@@ -5,10 +5,11 @@ The rules, per label time (METHOD 1 and 5.1, geometry in the VUT's frame):
 ================  ===============================================================================
 slot              proposed value
 ================  ===============================================================================
-phase             by the event times measured after METHOD 1
-risk_time_s       start of the trigger phase; where something hides the critical OT then, the first
-                  instant from which it can be seen
-risk_visible      from risk_time_s on
+phase             by the event times measured after METHOD 1; in a plan, the plan's
+risk_time_s       start of the trigger phase, or in a plan the stamp of the frame shown at its first
+                  trigger label where that is earlier (METHOD 5.2b)
+risk_visible      from the start of the trigger phase on, or where something hides the critical OT
+                  then, from the first instant at which it can be seen
 objects           classes of the OTs that can be seen and matter; null when there is none. An OT
                   that stands all the time and has no event of its own matters only while it hides
                   the critical one
@@ -43,10 +44,13 @@ from ssp_core.errors import InputError
 from ssp_core.interaction import Observable
 from ssp_core.state import ObjectState
 from ssp_core.vocab import LON_ACTIONS
-from ssp_eval.labels.basis import DEFAULT_RULES, TOLERANCE_S, ProposalRules, Truth
-from ssp_eval.labels.clip_scene import ClipScene
 from ssp_eval.labels.model import Label, Labels
-from ssp_eval.labels.own_motion import OwnMotion, own_motion
+from ssp_eval.labels.place import BY_CLOCK, BY_PHASE, At
+from ssp_eval.labels.plan import NoPlan, Plan, Timeline, plan_labels
+from ssp_eval.labels.proposal.basis import DEFAULT_RULES, TOLERANCE_S, ProposalRules, Truth
+from ssp_eval.labels.proposal.clip_scene import ClipScene
+from ssp_eval.labels.proposal.own_motion import OwnMotion, own_motion
+from ssp_eval.recordings.crop import Crop, crop_of
 from ssp_eval.recordings.geometry import Corridor, motion_word, position_word
 from ssp_eval.recordings.phases import Event, find_event, samples_of
 
@@ -68,14 +72,44 @@ _ACTIONS_OF_CONFLICT = {
 
 @dataclass(frozen=True)
 class Proposal:
-    """Proposed labels with the event that they were made from."""
+    """Proposed labels with the event and the clip that they were made from."""
 
     labels: Labels
     event: Event
+    crop: Crop
+
+
+@dataclass(frozen=True)
+class _Located:
+    """A recording whose event was found: what every label of it is read from."""
+
+    truth: Truth
+    series: Sequence[tuple[float, dict[str, ObjectState]]]
+    corridor: Corridor
+    event: Event
+    crop: Crop
+
+    def timeline(self) -> Timeline:
+        """Its phases, to plan labels by.
+
+        Raises:
+            NoPlan: the event isn't resolved within the recording.
+        """
+        event, truth = self.event, self.truth
+        if event.conflict_s is None or event.resolution_s is None:
+            raise NoPlan(
+                f"no label plan (METHOD 5.2b): from the trigger at {event.trigger_s:.2f} s on the "
+                f"event isn't resolved before the recording ends, at {truth.end_s:.2f} s",
+                file=truth.source,
+            )
+        return Timeline(
+            truth.domain, event.trigger_s, event.conflict_s, event.resolution_s, self.crop,
+            truth.frames_s,
+        )  # fmt: skip
 
 
 def propose(truth: Truth, rules: ProposalRules = DEFAULT_RULES) -> Proposal:
-    """Labels from ground truth, by the rules in the module's docstring.
+    """Labels on a clock grid from ground truth, by the rules in the module's docstring.
 
     Args:
         truth: states of the whole clip.
@@ -84,30 +118,98 @@ def propose(truth: Truth, rules: ProposalRules = DEFAULT_RULES) -> Proposal:
     Raises:
         InputError: there is no VUT, no event, no conflict, or the clip is too short.
     """
+    found = _locate(truth)
+    trigger_s = found.event.trigger_s
+    span_s = (trigger_s, trigger_s if found.event.conflict_s is None else found.event.conflict_s)
+    times_s = grid_times(found.crop.start_s, found.crop.end_s, span_s, rules, truth.source)
+    return _proposal(found, times_s, (), None, rules)
+
+
+def propose_planned(
+    truths: Sequence[Truth], rules: ProposalRules = DEFAULT_RULES, others: Sequence[Timeline] = ()
+) -> tuple[Plan, list[Proposal]]:
+    """Labels of all recordings of a scenario by one plan (METHOD 5.2b).
+
+    Args:
+        truths: of the recordings with states.
+        rules: what else the proposals depend on.
+        others: phases of recordings without states.
+
+    Raises:
+        InputError: a recording has no VUT, event or conflict.
+        NoPlan: one has no resolution, or no plan fits them all.
+    """
+    found = [_locate(truth) for truth in truths]
+    timelines = [one.timeline() for one in found]
+    plan = plan_labels([*timelines, *others])
+    proposals = []
+    for one, timeline in zip(found, timelines, strict=True):
+        times_s = [timeline.time_of(at) for at in plan.at]
+        proposals.append(_proposal(one, times_s, plan.at, timeline.risk_s(plan), rules))
+    return plan, proposals
+
+
+def propose_alone(truth: Truth) -> tuple[Proposal, str]:
+    """Labels of one recording by a plan of its own; on a clock grid where there is none.
+
+    Returns:
+        The proposal, and why there is no plan, empty where there is one.
+
+    Raises:
+        InputError: see propose.
+    """
+    try:
+        _, (proposal,) = propose_planned([truth])
+    except NoPlan as error:
+        return propose(truth), str(error)
+    return proposal, ""
+
+
+def _locate(truth: Truth) -> _Located:
     series = [(t_s, {state.object_id: state for state in states}) for t_s, states in truth.series]
     vut = [states[truth.vut_id] for _, states in series if truth.vut_id in states]
     if not vut:
         raise InputError("has no states of the VUT", file=truth.source, value=truth.vut_id)
     corridor = Corridor.of(vut)
     event = _critical_event(truth, series, corridor)
-    times_s = label_times(truth.start_s, truth.end_s, event, rules, truth.source)
+    crop = crop_of(truth.start_s, truth.end_s, event.trigger_s, event.resolution_s, truth.window)
+    return _Located(truth, series, corridor, event, crop)
+
+
+def _proposal(
+    found: _Located,
+    times_s: Sequence[float],
+    places: Sequence[At],
+    onset_s: float | None,
+    rules: ProposalRules,
+) -> Proposal:
+    """Labels at these times.
+
+    Args:
+        places: of a plan, one for each time; empty: they lie on a clock grid.
+        onset_s: risk_time_s of the plan; None: from when on the risk can be seen.
+    """
+    truth, series, event = found.truth, found.series, found.event
     ticks_s = [t_s for t_s, _ in series]
-    scene = ClipScene(truth, rules, event, corridor, _standing(truth, series, event, rules))
-    risk_s = scene.risk_s(series)
+    standing = _standing(truth, series, event, rules)
+    scene = ClipScene(truth, rules, event, found.corridor, standing)
+    visible_s = scene.risk_s(series)
     labels = []
-    for t_s in times_s:
+    everywhere: Sequence[At | None] = places or (None,) * len(times_s)
+    for t_s, at in zip(times_s, everywhere, strict=True):
         now = series[max(0, bisect_right(ticks_s, t_s + TOLERANCE_S) - 1)][1]
         own = own_motion(series, ticks_s, truth.vut_id, t_s)
-        labels.append(_label(t_s, now, scene, risk_s, own))
+        labels.append(_label(t_s, at, now, scene, visible_s, own))
     result = Labels(
         scenario=truth.scenario,
         domain=truth.domain,
         event_version=truth.event_version,
-        risk_time_s=risk_s,
+        risk_time_s=visible_s if onset_s is None else onset_s,
         first_frame_dynamics=False,
         labels=tuple(labels),
+        plan=BY_PHASE if places else BY_CLOCK,
     )
-    return Proposal(result, event)
+    return Proposal(result, event, found.crop)
 
 
 def _critical_event(
@@ -119,11 +221,16 @@ def _critical_event(
     kinds: tuple[Observable, ...] = ("lateral", "braking")
     if truth.observable is not None:
         kinds = (truth.observable,)
+    for_good_s = None if truth.window is None else truth.window.after_s
     events: list[Event] = []
     for kind in kinds:
         for object_id in truth.target_ids:
             samples = samples_of(series, truth.vut_id, object_id)
-            event = find_event(samples, corridor.path, truth.thresholds, kind) if samples else None
+            if not samples:
+                continue
+            event = find_event(
+                samples, corridor.path, truth.thresholds, kind, for_good_s=for_good_s
+            )
             if event is not None:
                 events.append(event)
         if any(event.conflict_s is not None for event in events):
@@ -147,17 +254,17 @@ def _critical_event(
     return min(critical, key=lambda event: event.conflict_s or 0.0)
 
 
-def label_times(
-    start_s: float, end_s: float, event: Event, rules: ProposalRules, source: str
+def grid_times(
+    start_s: float, end_s: float, centre_s: tuple[float, float], rules: ProposalRules, source: str
 ) -> list[float]:
-    """Equally spaced times, centred on the span from trigger to conflict, inside the clip.
+    """Equally spaced times, centred on a span such as that from trigger to conflict.
 
-    They lie on a 0.1 s grid; where the clip ends too early or begins too late, they are shifted.
+    They lie inside the clip on a 0.1 s grid; where it ends too early or begins too late, they are
+    shifted.
 
     Raises:
         InputError: the clip is shorter than the labels' span.
     """
-    conflict_s = event.trigger_s if event.conflict_s is None else event.conflict_s
     span_s = (rules.count - 1) * rules.spacing_s
     first_grid = math.ceil(start_s / _TIME_GRID_S - 1e-6)
     last_grid = math.floor((end_s - span_s) / _TIME_GRID_S + 1e-6)
@@ -168,7 +275,7 @@ def label_times(
             file=source,
             remedy="give a smaller --count or --spacing",
         )
-    wanted = round(((event.trigger_s + conflict_s - span_s) / 2.0) / _TIME_GRID_S)
+    wanted = round(((sum(centre_s) - span_s) / 2.0) / _TIME_GRID_S)
     first_s = min(max(wanted, first_grid), last_grid) * _TIME_GRID_S
     return [round(first_s + k * rules.spacing_s, 6) for k in range(rules.count)]
 
@@ -190,7 +297,12 @@ def _standing(
 
 
 def _label(
-    t_s: float, now: dict[str, ObjectState], scene: ClipScene, risk_s: float, own: OwnMotion
+    t_s: float,
+    at: At | None,
+    now: dict[str, ObjectState],
+    scene: ClipScene,
+    visible_s: float,
+    own: OwnMotion,
 ) -> Label:
     vut, event = now[scene.truth.vut_id], scene.event
     seen = [
@@ -200,7 +312,7 @@ def _label(
         and (object_id not in scene.standing or scene.hides(now, by=object_id))
     ]
     critical = next((state for state in seen if state.object_id == event.object_id), None)
-    phase = event.phase_at(t_s)
+    phase = event.phase_at(t_s) if at is None else at.phase
     conflict: str | None = _CONFLICT_OF_PHASE[phase]
     actions = _lon_actions(_CONFLICT_OF_PHASE[phase], own)
     if phase in ("trigger", "conflict") and scene.hides(now):
@@ -209,13 +321,14 @@ def _label(
     return Label(
         t_s=t_s,
         phase=phase,
-        risk_visible=t_s >= risk_s - TOLERANCE_S,
+        risk_visible=t_s >= visible_s - TOLERANCE_S,
         objects=tuple(sorted({state.object_class.word for state in seen})) if seen else None,
         position=None if critical is None else position_word(scene.corridor, vut, critical),
         motion=None if critical is None else motion_word(scene.corridor, vut, critical, motion),
         conflict=conflict,
         lon_actions=actions,
         lat_actions=("straight",) if own.sideways is None else ("straight", own.sideways),
+        at=at,
     )
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from ssp_core.interaction import Observable
 from ssp_core.run_spec import ConflictThresholds
 from ssp_core.state import ObjectState
+from ssp_eval.recordings.crop import Window
 from ssp_eval.recordings.geometry import DEFAULT_MOTION, MotionThresholds
 
 TOLERANCE_S = 1e-9
@@ -19,8 +20,8 @@ class ProposalRules:
     """Everything that a proposal depends on besides the states.
 
     Args:
-        count: labels, at least one.
-        spacing_s: between labels.
+        count: labels on a clock grid, at least one.
+        spacing_s: between labels on a clock grid.
         hfov_rad: the camera's horizontal field of view where the clip doesn't know it.
         range_m: beyond it an object doesn't count as visible.
         motion: thresholds of the motion classes.
@@ -51,6 +52,8 @@ class Truth:
         thresholds: the event's own, where its K* or its run gives them.
         observable: what makes the manoeuvre observable, None: not known.
         rules_of: whose thresholds and observable these are, for people.
+        frames_s: clip times of the frames, rising.
+        window: of the source's crop (METHOD 4.1), None: nobody knows it.
     """
 
     scenario: str
@@ -66,6 +69,8 @@ class Truth:
     thresholds: ConflictThresholds = field(default_factory=ConflictThresholds)
     observable: Observable | None = None
     rules_of: str = "no K*, the defaults"
+    frames_s: Sequence[float] = ()
+    window: Window | None = None
 
 
 DEFAULT_RULES = ProposalRules()

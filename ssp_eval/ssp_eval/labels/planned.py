@@ -1,0 +1,244 @@
+"""Labels of a scenario's recordings by one plan: proposals, or templates where states are missing.
+
+A recording with states has the times of its phases measured. One without (a video alone) has those
+that persons reviewed in its K*; its labels can't be proposed, so that it gets a template.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ssp_core.bag import BagReader
+from ssp_core.errors import InputError
+from ssp_core.hashing import sha256_file
+from ssp_core.vocab import DOMAINS
+from ssp_eval.labels.footage import About, about, is_bag
+from ssp_eval.labels.plan import Plan, Timeline
+from ssp_eval.labels.proposal.basis import Truth
+from ssp_eval.labels.proposal.k_star import UNKNOWN_VERSION, KStar, attached_event, shipped_event
+from ssp_eval.labels.proposal.propose import Proposal, propose_planned
+from ssp_eval.labels.proposal.truth import truth_from_bag
+from ssp_eval.labels.proposal.truth_file import truth_from_file
+from ssp_eval.labels.proposal_file import NewFile, proposed_file
+from ssp_eval.labels.template import template_json
+from ssp_eval.recordings.crop import crop_of
+from ssp_eval.recordings.event_rules import middle_s, window_of
+
+
+@dataclass(frozen=True)
+class Given:
+    """What a user says where a recording doesn't.
+
+    Args:
+        domain: of METHOD 5.2.
+        scenario: name.
+        event_version: K* version.
+        event: K*.
+        truth: file of the states of the recording that holds none.
+        start_s: of a video's clip in its file, s.
+    """
+
+    domain: str | None = None
+    scenario: str | None = None
+    event_version: str | None = None
+    event: KStar | None = None
+    truth: Path | None = None
+    start_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A recording that is to be labelled; times on its clip clock.
+
+    Args:
+        path: of bag, video or truth file.
+        scenario: name.
+        domain: of METHOD 5.2.
+        event_version: K* version, or UNKNOWN_VERSION.
+        origin: hash or name of what it is labelled from.
+        truth: its states; None: it has none.
+        timeline: its phases as they were reviewed in K*, where it has no states; None: nobody
+            knows them.
+    """
+
+    path: Path
+    scenario: str
+    domain: str
+    event_version: str
+    origin: str
+    truth: Truth | None
+    timeline: Timeline | None = None
+
+
+@dataclass(frozen=True)
+class Planned:
+    """One plan, and what it gives for each recording.
+
+    Args:
+        plan: of all.
+        proposals: in the order of the recordings; None where there are no states.
+    """
+
+    plan: Plan
+    proposals: tuple[Proposal | None, ...]
+
+
+def read_recordings(paths: Sequence[Path], given: Given) -> list[Recording]:
+    """What is needed of recordings to plan and propose their labels.
+
+    Args:
+        paths: of bags and videos; none: the truth file alone.
+        given: what the user says.
+
+    Raises:
+        InputError: one is no recording, or realises another K*; two are of one domain or not of one
+            event; or the truth file belongs to none.
+    """
+    if not paths:
+        return [_of_truth_file(given)]
+    event = given.event or _event_in(paths)
+    told = [about(path, given.start_s) for path in paths]
+    bare = [path for path, facts in zip(paths, told, strict=True) if not facts.has_states]
+    if given.truth is not None and len(bare) != 1:
+        what = "all recordings hold states" if not bare else "several recordings hold no states"
+        raise InputError(f"can't be used: {what}", file=given.truth, field="--truth")
+    found = [_read(p, facts, event, given) for p, facts in zip(paths, told, strict=True)]
+    _check_same_event(found)
+    return found
+
+
+def _event_in(paths: Sequence[Path]) -> KStar | None:
+    """The K* that one of several recordings carries."""
+    for path in paths:
+        if is_bag(path):
+            with BagReader(path) as bag:
+                if (found := attached_event(bag)) is not None:
+                    return found
+    return None
+
+
+def _of_truth_file(given: Given) -> Recording:
+    if given.truth is None:
+        raise InputError("there is neither a recording nor a truth file", field="--truth")
+    version = given.event_version or (None if given.event is None else given.event.version)
+    truth = truth_from_file(given.truth, given.domain, version, given.event)
+    return Recording(
+        given.truth, truth.scenario, truth.domain, truth.event_version, sha256_file(given.truth),
+        truth,
+    )  # fmt: skip
+
+
+def _read(path: Path, facts: About, event: KStar | None, given: Given) -> Recording:
+    origin = facts.bag_sha256 or facts.video_sha256 or str(path)
+    truth_file = None if facts.has_states else given.truth
+    if facts.has_states or (truth_file is not None and is_bag(path)):
+        truth = truth_from_bag(path, event, truth_file, given.event_version)
+        return Recording(path, truth.scenario, truth.domain, truth.event_version, origin, truth)
+    if truth_file is not None:
+        raise InputError(
+            "is a video file and no recording", file=path,
+            remedy="import it (ssp import-video), or give its --truth file alone",
+        )  # fmt: skip
+    version = facts.event_version or given.event_version
+    known = event or shipped_event(facts.scenario or given.scenario, version)
+    scenario = facts.scenario or given.scenario or (None if known is None else known.event.name)
+    if scenario is None:
+        raise InputError(
+            "doesn't say which scenario it shows", file=path, remedy="give --scenario or --event"
+        )
+    domain = facts.domain or given.domain or "synthetic"
+    timeline = None
+    # Without a person's word that this is K*'s own clip, K*'s times say nothing of it.
+    if known is not None and (given.event is not None or version == known.version):
+        timeline = _reviewed(known, facts, domain)
+        version = version or known.version
+    return Recording(path, scenario, domain, version or UNKNOWN_VERSION, origin, None, timeline)
+
+
+def _reviewed(k_star: KStar, facts: About, name: str) -> Timeline | None:
+    """The phases of K*'s source clip; None where K* doesn't know them all."""
+    starts = k_star.event.events
+    trigger_s, conflict_s, resolution_s = (
+        middle_s(phase.start) for phase in (starts.trigger, starts.conflict, starts.resolution)
+    )
+    if trigger_s is None or conflict_s is None or resolution_s is None:
+        return None
+    window = window_of(k_star.event)
+    crop = crop_of(facts.first_s, facts.last_s, trigger_s, resolution_s, window)
+    return Timeline(name, trigger_s, conflict_s, resolution_s, crop, facts.frames_s)
+
+
+def _check_same_event(recordings: Sequence[Recording]) -> None:
+    first = recordings[0]
+    seen: dict[str, Path] = {}
+    for one in recordings:
+        for field, ours, theirs in (
+            ("scenario", first.scenario, one.scenario),
+            ("K* version", first.event_version, one.event_version),
+        ):
+            if ours != theirs:
+                raise InputError(
+                    f"is of the {field} {theirs}, {first.path} of {ours}", file=one.path,
+                    remedy="labels are planned together for recordings of one event",
+                )  # fmt: skip
+        if one.domain in seen:
+            raise InputError(
+                f"is of the domain {one.domain}, as {seen[one.domain]} is", file=one.path,
+                remedy=f"give one recording per domain ({', '.join(DOMAINS)})",
+            )  # fmt: skip
+        seen[one.domain] = one.path
+
+
+def plan_recordings(recordings: Sequence[Recording]) -> Planned:
+    """One plan for all (METHOD 5.2b), and a proposal for each that has states.
+
+    Raises:
+        InputError: there is no plan, or a recording's phases aren't known.
+    """
+    for one in recordings:
+        if one.truth is None and one.timeline is None:
+            raise InputError(
+                "holds no states, and nobody says when its phases begin", file=one.path,
+                remedy="give its clip's --truth file, or with --event the K* that was reviewed on "
+                "it",
+            )  # fmt: skip
+    truths = [one.truth for one in recordings if one.truth is not None]
+    reviewed = [one.timeline for one in recordings if one.timeline is not None]
+    plan, made = propose_planned(truths, others=reviewed)
+    proposals = iter(made)
+    return Planned(
+        plan, tuple(None if one.truth is None else next(proposals) for one in recordings)
+    )
+
+
+def planned_files(
+    recordings: Sequence[Recording], planned: Planned, targets: Sequence[Path], template: bool
+) -> list[NewFile]:
+    """The labels files of a plan.
+
+    Args:
+        recordings: as they were planned.
+        planned: their plan.
+        targets: a file for each.
+        template: nothing is to be proposed, only the times and phases of the labels.
+    """
+    files = []
+    for one, proposal, path in zip(recordings, planned.proposals, targets, strict=True):
+        if proposal is not None and not template:
+            files.append(proposed_file(path, proposal, one.origin))
+            continue
+        if proposal is not None:
+            times_s = [label.t_s for label in proposal.labels.labels]
+            onset_s = proposal.labels.risk_time_s
+        elif one.timeline is not None:
+            times_s = [one.timeline.time_of(at) for at in planned.plan.at]
+            onset_s = one.timeline.risk_s(planned.plan)
+        else:
+            raise ValueError(f"{one.path} was not planned")
+        content = template_json(
+            one.scenario, one.domain, one.event_version, times_s, planned.plan.at, onset_s
+        )
+        files.append(NewFile(path, content))
+    return files
