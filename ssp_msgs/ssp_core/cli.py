@@ -26,7 +26,11 @@ VERBS: dict[str, tuple[str, str]] = {
         "Compile an event for a simulator or a track.",
     ),
     "run": ("ssp_scenario_manager.runner.cli:run", "Run one session and record it into a bag."),
-    "import-video": ("ssp_eval.import_video.cli:import_video", "Make a bag from a video file."),
+    "import-bag": (
+        "ssp_eval.imports.bag_cli:import_bag_command",
+        "Make a recording that can be audited of anybody's ROS 2 bag.",
+    ),
+    "import-video": ("ssp_eval.imports.video_cli:import_video", "Make a bag from a video file."),
     "labels": ("ssp_eval.labels.cli:labels", "Propose and check labels files."),
     "audit": ("ssp_eval.audit.cli:audit", "Prove that three recordings show the same event."),
     "evaluate": (

@@ -16,10 +16,9 @@ from rosbags.highlevel import AnyReader
 from ssp_core.bag import BagReader
 from ssp_core.cli import main
 from ssp_core.hashing import sha256_file
-from ssp_core.video import VideoInfo
-from ssp_eval.import_video.messages import mount_quaternion
-from ssp_eval.import_video.options import keep_every, output_size
+from ssp_eval.imports.pictures import keep_every, output_size
 from ssp_scenario_manager.spec.log_file import read_log
+from ssp_vla_bridge.core.camera import mounting_of
 
 IMAGE = "/ssp/vut/front_camera/image/compressed"
 INFO = "/ssp/vut/front_camera/camera_info"
@@ -88,10 +87,10 @@ def test_import_json_says_what_is_known_and_what_is_not(video: Path, tmp_path: P
         data = reader.attachment("import.json")
     assert data is not None
     assert json.loads(data) == {
-        "schema": "ssp.import/1",
+        "schema": "ssp.import/2",
         "source": {
-            "name": "source.avi", "sha256": sha256_file(video), "width_px": 64, "height_px": 48,
-            "fps": 25.0, "frames": 100,
+            "name": "source.avi", "sha256": sha256_file(video), "kind": "video", "width_px": 64,
+            "height_px": 48, "fps": 25.0, "frames": 100,
         },
         "crop": {"start_s": 1.0, "end_s": 3.0},
         "generator": "unknown",
@@ -102,6 +101,10 @@ def test_import_json_says_what_is_known_and_what_is_not(video: Path, tmp_path: P
         "camera": {
             "provenance": "unknown", "hfov_deg": None, "height_m": None, "pitch_down_rad": None,
         },
+        "declaration": None,
+        "log": None,
+        "states": None,
+        "site": None,
     }  # fmt: skip
 
 
@@ -154,6 +157,7 @@ def test_declared_geometry_becomes_camera_info_and_mount(video: Path, tmp_path: 
     )  # fmt: skip
     assert record["camera"]["provenance"] == "declared"
     assert record["camera"]["pitch_down_rad"] == pytest.approx(math.radians(3))
+    assert mounting_of(mount.transform).pitch_down_rad == pytest.approx(math.radians(3))
     assert (record["scenario"], record["generator"]) == ("cut_in", "model x")
 
 
@@ -201,7 +205,7 @@ def test_without_a_crop_the_whole_video_is_taken(video: Path, tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("args", "status", "match"),
     [
-        (["--start", 0, "--end", 1], 2, "exactly one of --ego-speed M_PER_S and --ego-unknown"),
+        (["--start", 0, "--end", 1], 2, "exactly one of --states FILE.csv, --ego-speed"),
         (["--start", 0, "--end", 1, "--ego-unknown", "--ego-speed", 1], 2, "exactly one of"),
         (["--start", 1, "--end", 1, "--ego-unknown"], 2, "must lie before"),
         (["--start", -1, "--end", 1, "--ego-unknown"], 2, "no number from 0"),
@@ -286,25 +290,7 @@ def test_ten_hertz_at_least_by_default(fps: float, n: int) -> None:
     assert keep_every(fps, None) == n
 
 
-@given(pitch=st.floats(-1.0, 1.0))
-def test_the_mount_looks_forward_and_down(pitch: float) -> None:
-    x, y, z, w = mount_quaternion(pitch)
-    assert math.hypot(x, y, z, w) == pytest.approx(1.0)
-    rotation = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-    right, down, forward = rotation.T
-    assert forward == pytest.approx([math.cos(pitch), 0.0, -math.sin(pitch)], abs=1e-12)
-    assert right == pytest.approx([0.0, -1.0, 0.0], abs=1e-12)
-    assert down == pytest.approx([-math.sin(pitch), 0.0, -math.cos(pitch)], abs=1e-12)
-
-
 def test_narrow_frames_keep_their_size() -> None:
-    info = VideoInfo(640, 360, 25.0, 10)
-    assert output_size(info, None) == (640, 360)
-    assert output_size(info, 640) == (640, 360)
-    assert output_size(info, 320) == (320, 180)
+    assert output_size(640, 360, None) == (640, 360)
+    assert output_size(640, 360, 640) == (640, 360)
+    assert output_size(640, 360, 320) == (320, 180)

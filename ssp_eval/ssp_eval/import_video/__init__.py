@@ -1,1 +1,0 @@
-"""Makes a bag of a source video, so that it is evaluated like any recording."""

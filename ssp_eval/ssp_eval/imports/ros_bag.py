@@ -1,0 +1,257 @@
+"""Bags that other programs recorded: ROS 2, as MCAP or SQLite, with whatever types they hold."""
+
+from __future__ import annotations
+
+import math
+import sqlite3
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rosbags.highlevel import AnyReader, AnyReaderError
+from rosbags.rosbag2 import ReaderError
+from rosbags.serde import SerdeError
+
+from ssp_core.bag.mcap_file import DAMAGE
+from ssp_core.bag.types import typestore
+from ssp_core.closing import Closing
+from ssp_core.errors import InputError
+from ssp_core.hashing import sha256_file, sha256_json
+from ssp_core.messages import leading_stamp_ns, stamp_ns
+from ssp_eval.imports.clocks import Clock, Times
+from ssp_eval.imports.geodesy import Datum, local
+from ssp_eval.imports.tracks import Samples, Source
+
+ODOMETRY = "nav_msgs/msg/Odometry"
+POSE = "geometry_msgs/msg/PoseStamped"
+POSE_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
+FIX = "sensor_msgs/msg/NavSatFix"
+POSE_TYPES = (ODOMETRY, POSE, POSE_COVARIANCE, FIX)
+TF_STATIC = "/tf_static"
+# Geodetic positions name the antenna as their frame; what they are in is the datum's.
+DATUM_FRAME = "datum"
+# A quaternion whose norm is further from 1 than this was never meant as one.
+_NORM_TOLERANCE = 0.01
+_MAX_TILT_RAD = math.radians(45.0)
+_FAILURES = (AnyReaderError, ReaderError, SerdeError, sqlite3.Error, OSError, RuntimeError, *DAMAGE)
+
+
+class SourceBag(Closing):
+    """A bag directory, a .mcap or a .db3 file of any program, open; a context manager.
+
+    Args:
+        path: of it.
+
+    Raises:
+        InputError: it isn't there, is no ROS 2 bag, or is damaged.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        if path.suffix == ".bag":
+            raise InputError("is a bag of ROS 1", file=path,
+                             remedy="convert it with rosbags-convert")  # fmt: skip
+        if not path.exists():
+            raise InputError("is not there", file=path, remedy="name a bag directory or file")
+        self._stack = ExitStack()
+        with self._failures():
+            self._reader = AnyReader([path], default_typestore=typestore())
+            self._stack.enter_context(self._reader)
+            self.types = {c.topic: c.msgtype for c in self._reader.connections}
+
+    @contextmanager
+    def _failures(self, topic: str | None = None) -> Iterator[None]:
+        try:
+            yield
+        except InputError:
+            raise
+        except _FAILURES as error:
+            raise InputError(
+                f"can't be read as a ROS 2 bag: {error}", file=self.path, field=topic,
+                remedy="a damaged MCAP file is mended by `ssp bag recover`",
+            ) from error  # fmt: skip
+
+    def check_topic(self, topic: str, types: tuple[str, ...]) -> str:
+        """The type of a topic; raises InputError where there is none, or of none of these."""
+        found = self.types.get(topic)
+        if found is None:
+            like = [name for name, kind in self.types.items() if kind in types]
+            raise InputError(
+                "is no topic of this bag", file=self.path, field=topic,
+                remedy=f"of these types it has {', '.join(like) or 'none'}",
+            )  # fmt: skip
+        if found not in types:
+            raise InputError("has messages of another type", file=self.path, field=topic,
+                             value=found, remedy=f"{', '.join(types)} are read")  # fmt: skip
+        return found
+
+    def raw(self, topic: str) -> Iterator[tuple[int, bytes]]:
+        """(time of receipt in ns, serialised message) in the order of receipt."""
+        with self._failures(topic):
+            wanted = [c for c in self._reader.connections if c.topic == topic]
+            for _, received_ns, data in self._reader.messages(wanted) if wanted else ():
+                yield received_ns, bytes(data)
+
+    def decoded(self, topic: str) -> Iterator[tuple[int, Any]]:
+        """(time of receipt in ns, message) in the order of receipt."""
+        for received_ns, data in self.raw(topic):
+            with self._failures(topic):
+                message = self._reader.deserialize(data, self.types[topic])
+            yield received_ns, message
+
+    def times(self, topic: str) -> Times:
+        """Stamps and times of receipt, nothing decoded."""
+        pairs = []
+        for received_ns, data in self.raw(topic):
+            stamp = leading_stamp_ns(data)
+            if stamp is None:
+                raise InputError(f"holds a message at {received_ns} ns without a valid stamp",
+                                 file=self.path, field=topic)  # fmt: skip
+            pairs.append((stamp, received_ns))
+        if not pairs:
+            raise InputError("holds no message", file=self.path, field=topic,
+                             remedy="name a topic with messages")  # fmt: skip
+        stamps, received = np.array(pairs, dtype=np.int64).T
+        return Times(topic, stamps, received)
+
+    def sha256(self) -> str:
+        """Hash of the bag's file; of several, that of the list of their hashes."""
+        files = [self.path]
+        if self.path.is_dir():
+            files = sorted(p for p in self.path.iterdir() if p.suffix in (".mcap", ".db3", ".zstd"))
+        found = [sha256_file(file) for file in files]
+        return found[0] if len(found) == 1 else sha256_json(found)
+
+    def close(self) -> None:
+        self._stack.close()
+
+
+@dataclass(frozen=True)
+class Poses:
+    """The poses of one topic.
+
+    Args:
+        samples: on the chosen clock.
+        times: of its messages.
+        frame_id: that they are in.
+        child_frame_id: that they are of, and that speeds are in; empty: not said.
+        notes: for people.
+    """
+
+    samples: Samples
+    times: Times
+    frame_id: str
+    child_frame_id: str
+    notes: tuple[str, ...]
+
+
+def read_poses(bag: SourceBag, topic: str, clock: Clock, datum: Datum | None) -> Poses:
+    """The poses that a topic holds.
+
+    Speeds of an Odometry are in its child frame (REP 105, nav_msgs); one whose child frame is its
+    own frame gives them in that, and they are turned into the heading.
+
+    Raises:
+        InputError: no topic of poses, frames that change, or an orientation that is none.
+    """
+    kind = bag.check_topic(topic, POSE_TYPES)
+    if kind == FIX and datum is None:
+        raise InputError(
+            "holds geodetic positions", file=bag.path, field=topic, value=kind,
+            remedy="give the origin of the map's frame with --datum LAT,LON[,ALT]",
+        )  # fmt: skip
+    times: list[tuple[int, int]] = []
+    rows: list[tuple[float, ...]] = []
+    frames: set[tuple[str, str]] = set()
+    read = _READERS[kind]
+    for received_ns, message in bag.decoded(topic):
+        times.append((stamp_ns(message.header.stamp), received_ns))
+        frames.add((str(message.header.frame_id), str(getattr(message, "child_frame_id", ""))))
+        try:
+            rows.append(read(message))
+        except ValueError as error:
+            raise InputError(
+                f"{error} (message {len(rows) + 1})", file=bag.path, field=topic,
+                remedy="cut the span out of the bag, or name another topic",
+            ) from error  # fmt: skip
+    if not rows:
+        raise InputError("holds no message", file=bag.path, field=topic,
+                         remedy="name a topic with messages")  # fmt: skip
+    if len(frames) > 1:
+        shown = ", ".join(sorted(f"{a or '(none)'} of {b or '(none)'}" for a, b in frames)[:4])
+        raise InputError(f"changes its frames: {shown}", file=bag.path, field=topic,
+                         remedy="one topic must be one object in one frame")  # fmt: skip
+    frame_id, child = frames.pop()
+    stamps, received = np.array(times, dtype=np.int64).T
+    base = Times(topic, stamps, received)
+    columns = np.array(rows).T
+    notes = []
+    if kind == FIX and datum is not None:
+        x_m, y_m = local(datum, columns[0], columns[1], np.nan_to_num(columns[2]))
+        yaw = speed = rate = None
+        frame_id, child = DATUM_FRAME, frame_id
+        notes.append(f"{topic}: geodetic, in the frame of the datum")
+    elif kind == ODOMETRY:
+        x_m, y_m, yaw, forward, left, rate = columns
+        speed = forward
+        if child == frame_id and child:
+            speed = forward * np.cos(yaw) + left * np.sin(yaw)
+            notes.append(f"{topic}: speeds are in {frame_id}, and were turned into the heading")
+        elif not child:
+            notes.append(f"{topic}: names no child frame; speeds are taken as along the heading")
+    else:
+        x_m, y_m, yaw = columns
+        speed = rate = None
+    samples = Samples(base.on(clock), x_m, y_m, yaw, speed, rate, None, Source(bag.path, topic))
+    return Poses(samples, base, frame_id, child, tuple(notes))
+
+
+def _pose(pose: Any) -> tuple[float, float, float]:
+    q = pose.orientation
+    return float(pose.position.x), float(pose.position.y), yaw_of((q.x, q.y, q.z, q.w))
+
+
+def yaw_of(quaternion: tuple[float, float, float, float]) -> float:
+    """Heading of an orientation, rad, counter-clockwise from +x.
+
+    Raises:
+        ValueError: it is no unit quaternion, or tilts more than a road does.
+    """
+    x, y, z, w = quaternion
+    norm = math.sqrt(x * x + y * y + z * z + w * w)
+    if not abs(norm - 1.0) <= _NORM_TOLERANCE:
+        raise ValueError(f"holds an orientation whose norm is {norm:.3f}, not 1")
+    if 1.0 - 2.0 * (x * x + y * y) < math.cos(_MAX_TILT_RAD):
+        raise ValueError("holds an orientation that tilts more than a road does")
+    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+def _odometry(message: Any) -> tuple[float, ...]:
+    twist = message.twist.twist
+    speeds = (float(twist.linear.x), float(twist.linear.y), float(twist.angular.z))
+    return (*_pose(message.pose.pose), *speeds)
+
+
+def _pose_stamped(message: Any) -> tuple[float, ...]:
+    return _pose(message.pose)
+
+
+def _pose_covariance(message: Any) -> tuple[float, ...]:
+    return _pose(message.pose.pose)
+
+
+def _fix(message: Any) -> tuple[float, ...]:
+    if message.status.status < 0:
+        raise ValueError("holds a message without a fix")
+    return float(message.latitude), float(message.longitude), float(message.altitude)
+
+
+_READERS: dict[str, Callable[[Any], tuple[float, ...]]] = {
+    ODOMETRY: _odometry,
+    POSE: _pose_stamped,
+    POSE_COVARIANCE: _pose_covariance,
+    FIX: _fix,
+}
