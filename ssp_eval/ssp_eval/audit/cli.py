@@ -14,13 +14,14 @@ from ssp_eval.audit.judge import check_domains, judge
 from ssp_eval.audit.model import AUDIT_FILE, PAGE_FILE, Audit, RecordingEntry
 from ssp_eval.audit.page import render
 from ssp_eval.audit.recording import read_recording
+from ssp_eval.observe.verbs import AuditCommand
 from ssp_scenario_manager.spec.load import load_event
 
 _PATH = click.Path(path_type=Path)
 _WIDEST = 300
 
 
-@click.command()
+@click.command(cls=AuditCommand)
 @click.argument("synthetic", metavar="SYN", type=_PATH)
 @click.argument("simulation", metavar="SIM", type=_PATH)
 @click.argument("physical", metavar="PHY", type=_PATH)

@@ -22,6 +22,7 @@ Kind = Literal[
     "validation",  # a simulation run validated the anchors
     "site_change",  # something was changed on site
     "disclosure",  # a difference between domains that is allowed and must be known
+    "observation",  # a person looked at a recording, and what he saw was sealed
     "label_review",  # a person confirmed or edited proposed labels
 ]
 
