@@ -80,8 +80,7 @@ def good(folder: Path) -> Callable[[str, str], Path]:
 def synthetic(event: str, target: Path) -> None:
     """The K*'s own source clip, imported, with labels beside it."""
     clip = target.parent / f"{event}.mp4"
-    maker = [sys.executable, "-m", "ssp_ot_controller.camera.clip"]
-    subprocess.run([*maker, "--scenario", event, "--seed", "1", "--out", str(clip)], check=True)
+    succeed("spec", "clip", event, "--out", target.parent, "--force")
     version = load_event(event)[1]
     succeed(
         "import-video", clip, "--scenario", event, "--event-version", version,

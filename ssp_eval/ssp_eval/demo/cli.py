@@ -42,16 +42,13 @@ def demo(scenarios: tuple[str, ...], out: Path, as_json: bool) -> int:
     site with disturbances: no vehicle moves, and no figure of this demonstration says anything
     about one.
     """
-    from ssp_scenario_manager.spec.load import load_event
-
     started = time.monotonic()
-    versions = {name: load_event(name)[1] for name in dict.fromkeys(scenarios)}
     with own_folder(out) as folder:
         if folder != out:
             console.note(f"another demonstration works in {out}; this one goes to {folder}")
         console.note("the physical sessions are a software stand-in, not a vehicle")
         (folder / "clips").mkdir()
-        steps = plan.steps(folder, versions)
+        steps = plan.steps(folder, list(dict.fromkeys(scenarios)))
         with console.progress("demo", len(steps)) as bar:
             follow(
                 steps,

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+from ssp_scenario_manager.spec.load import load_event
 
 SCENARIOS = ("cut_in", "vru_crossing", "lead_braking", "occluded_crossing")
 DEFAULT_SCENARIOS = SCENARIOS[:2]
@@ -14,7 +16,6 @@ BRIDGES = ("constant_velocity", "opencv_baseline")
 SIMULATION_SITE, TRACK_SITE = "boulevard", "north_track"
 SIMULATION_SEED, TRACK_SEED = 11, 12
 CLIP_SEED = 1
-# As the K* of the shipped events name it: their source clips are made anew here.
 GENERATOR = "ssp-clip/1"
 
 
@@ -29,10 +30,9 @@ class Step:
     Args:
         name: what others know it by.
         title: for the progress display.
-        arguments: of ``ssp``; of ``python -m`` when ``module`` is set.
+        arguments: of ``ssp``.
         needs: names of the steps that must be done before.
         session: it runs a session; one at a time does.
-        module: a Python module to run instead of an ssp verb.
         more: arguments that are known only when the steps before are done.
     """
 
@@ -41,13 +41,11 @@ class Step:
     arguments: tuple[str, ...]
     needs: tuple[str, ...] = ()
     session: bool = False
-    module: str | None = None
     more: Callable[[], tuple[str, ...]] = _nothing
 
     def command(self, python: str) -> list[str]:
         """What to run, once the steps that it needs are done."""
-        module = self.module or "ssp_core.cli"
-        return [python, "-m", module, *self.arguments, *self.more()]
+        return [python, "-m", "ssp_core.cli", *self.arguments, *self.more()]
 
 
 def run_folder(out: Path, scenario: str, domain: str) -> Path:
@@ -57,6 +55,15 @@ def run_folder(out: Path, scenario: str, domain: str) -> Path:
 
 def clip_path(out: Path, scenario: str) -> Path:
     return out / "clips" / f"{scenario}.mp4"
+
+
+def event_path(out: Path, scenario: str) -> Path:
+    """The K* that is bound to the clip, from which all three domains are made."""
+    return clip_path(out, scenario).with_suffix(".event.yaml")
+
+
+def _version(out: Path, scenario: str) -> tuple[str, str]:
+    return "--event-version", load_event(str(event_path(out, scenario)))[1]
 
 
 def audit_folder(out: Path, scenario: str) -> Path:
@@ -83,16 +90,16 @@ def declared_options(clip: Path) -> tuple[str, ...]:
     )
 
 
-def steps(out: Path, versions: Mapping[str, str]) -> list[Step]:
+def steps(out: Path, scenarios: Sequence[str]) -> list[Step]:
     """All steps; each needs only ones before it.
 
     Args:
         out: folder of the demonstration.
-        versions: K* version of each scenario, which the synthetic clips are declared to show.
+        scenarios: names of shipped events.
     """
-    scenarios = list(versions)
-    plan = [step for scenario in scenarios for step in _simulation(out, scenario)]
-    plan += [step for name in scenarios for step in _synthetic(out, name, versions[name])]
+    plan = [_clip(out, scenario) for scenario in scenarios]
+    plan += [step for scenario in scenarios for step in _simulation(out, scenario)]
+    plan += [step for scenario in scenarios for step in _synthetic(out, scenario)]
     plan += [step for scenario in scenarios for step in _physical(out, scenario)]
     plan += [_audit(out, scenario) for scenario in scenarios]
     return [*plan, *_evaluation(out, scenarios)]
@@ -105,43 +112,48 @@ def _simulation(out: Path, scenario: str) -> list[Step]:
             f"{scenario}/simulation",
             f"{scenario}: compile and run the simulation",
             (
-                *("run", scenario, "--site", SIMULATION_SITE),
+                *("run", str(event_path(out, scenario)), "--site", SIMULATION_SITE),
                 *("--seed", str(SIMULATION_SEED), "--out", str(folder)),
             ),
+            needs=(f"{scenario}/clip",),
             session=True,
         ),
         _labels(out, scenario, "simulation"),
     ]
 
 
-def _synthetic(out: Path, scenario: str, version: str) -> list[Step]:
+def _clip(out: Path, scenario: str) -> Step:
+    folder = clip_path(out, scenario).parent
+    return Step(
+        f"{scenario}/clip",
+        f"{scenario}: make a synthetic clip and the K* bound to it",
+        ("spec", "clip", scenario, "--seed", str(CLIP_SEED), "--out", str(folder)),
+    )
+
+
+def _synthetic(out: Path, scenario: str) -> list[Step]:
     clip = clip_path(out, scenario)
     folder = run_folder(out, scenario, "synthetic")
     return [
         Step(
-            f"{scenario}/clip",
-            f"{scenario}: make a synthetic clip",
-            ("--scenario", scenario, "--seed", str(CLIP_SEED), "--out", str(clip)),
-            module="ssp_ot_controller.camera.clip",
-        ),
-        Step(
             f"{scenario}/synthetic",
             f"{scenario}: import the clip as a bag",
             (
-                *("import-video", str(clip), "--scenario", scenario, "--event-version", version),
+                *("import-video", str(clip), "--scenario", scenario),
                 *("--generator", GENERATOR, "--out", str(folder / "bag")),
             ),
             needs=(f"{scenario}/clip",),
-            more=lambda: declared_options(clip),
+            more=lambda: (*_version(out, scenario), *declared_options(clip)),
         ),
         Step(
             f"{scenario}/synthetic/labels",
             f"{scenario}: label the clip",
             (
                 *("labels", "new", "--truth", str(clip.with_suffix(".truth.json"))),
-                *("--event-version", version, "--out", str(folder / "labels.json")),
+                *("--out", str(folder / "labels.json")),
             ),
             needs=(f"{scenario}/synthetic",),
+            more=lambda: _version(out, scenario),
         ),
     ]
 
@@ -155,7 +167,8 @@ def _physical(out: Path, scenario: str) -> list[Step]:
             f"{scenario}/task",
             f"{scenario}: compile for the track",
             (
-                *("compile", scenario, "--target", "track", "--site", TRACK_SITE),
+                *("compile", str(event_path(out, scenario)), "--target", "track"),
+                *("--site", TRACK_SITE),
                 *("--seed", str(TRACK_SEED), "--validated-by", str(simulation)),
                 *("--out", str(task)),
             ),

@@ -1,31 +1,26 @@
-"""Makes a synthetic clip and the ground truth beside it.
+"""Makes a synthetic clip, ``NAME.mp4``, and the ground truth beside it, ``NAME.truth.json``.
 
-``python -m ssp_ot_controller.camera.clip --scenario cut_in --out clip.mp4`` writes ``clip.mp4`` and
-``clip.truth.json``. The clip stands in for a generated source video: like one, it is imported
-and evaluated as bare frames; the truth file is for labels only.
+The clip stands in for a generated source video: like one, it is imported and evaluated as bare
+frames; the truth file is for labels and for the K* that `ssp spec clip` binds to the clip.
 """
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-import click
 import cv2
 
-from ssp_core import console
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.errors import HostError
 from ssp_core.files import write_json
 from ssp_core.reference_line import ReferenceLine
 from ssp_core.state import ObjectState
-from ssp_ot_controller.camera.command import run_command
 from ssp_ot_controller.camera.indicators import AHEAD_S, Indicator, Indicators, side_of
 from ssp_ot_controller.camera.render import render
 from ssp_ot_controller.camera.scene import Scene
-from ssp_ot_controller.camera.storyboard import INTERACTIONS, Storyboard, storyboard
+from ssp_ot_controller.camera.storyboard import Storyboard
 from ssp_ot_controller.camera.travel import Odometer
 
 TRUTH_SCHEMA = "ssp.truth/1"
@@ -124,26 +119,3 @@ def write_clip(board: Storyboard, video: Path, advance: Callable[[], None] = lam
     finally:
         writer.release()
     write_json(truth_path(video), truth(board))
-
-
-@click.command()
-@click.option("--scenario", required=True, type=click.Choice(INTERACTIONS))
-@click.option("--out", required=True, type=click.Path(dir_okay=False, path_type=Path))
-@click.option("--seed", default=1, show_default=True, type=click.IntRange(0, 2**31))
-def clip(scenario: str, out: Path, seed: int) -> int:
-    """Make a synthetic clip (MP4) of a scenario and, beside it, its truth file."""
-    board = storyboard(scenario, seed)
-    with console.progress(f"drawing {out.name}", len(board.times())) as bar:
-        task = bar.task_ids[0]
-        write_clip(board, out, lambda: bar.advance(task))
-    click.echo(f"{out}\n{truth_path(out)}")
-    return 0
-
-
-def main() -> int:
-    """Runs the command line and returns its exit status."""
-    return run_command(clip, "ssp_ot_controller.camera.clip")
-
-
-if __name__ == "__main__":
-    sys.exit(main())

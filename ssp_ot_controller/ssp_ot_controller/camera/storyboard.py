@@ -21,10 +21,10 @@ from ssp_ot_controller.camera.storyboards import (
     occluded_crossing,
     vru_crossing,
 )
-from ssp_ot_controller.camera.storyboards.base import Play
+from ssp_ot_controller.camera.storyboards.base import LaneCounts, Play
 
 # New ones at the end: a scenario's number is part of its seed.
-_PLAYS: dict[str, Callable[[np.random.Generator], Play]] = {
+_PLAYS: dict[str, Callable[[np.random.Generator, LaneCounts], Play]] = {
     "cut_in": cut_in.play,
     "vru_crossing": vru_crossing.play,
     "lead_braking": lead_braking.play,
@@ -33,6 +33,7 @@ _PLAYS: dict[str, Callable[[np.random.Generator], Play]] = {
 INTERACTIONS = tuple(_PLAYS)
 FPS = 24.0
 DURATION_S = 9.0
+MOST_LANES = 4
 
 
 @dataclass(frozen=True)
@@ -59,18 +60,33 @@ class Storyboard:
         return tuple(actor.state(t_s) for actor in actors)
 
 
-def storyboard(scenario: str, seed: int) -> Storyboard:
+def storyboard(scenario: str, seed: int, lanes: LaneCounts | None = None) -> Storyboard:
     """The clip of a scenario; the seed varies speeds, timing and light a little.
 
+    Args:
+        scenario: one of `INTERACTIONS`.
+        seed: of speeds, timing and light.
+        lanes: of the road, None: two each way. They change nothing else.
+
     Raises:
-        InputError: there is no such scenario.
+        InputError: there is no such scenario, or the road has too few lanes for it.
     """
     if scenario not in INTERACTIONS:
         raise InputError(
             "is no scenario", field="scenario", value=scenario, remedy=f"one of {INTERACTIONS}"
         )
+    lanes = lanes or LaneCounts()
+    least = 2 if scenario == "cut_in" else 1
+    if not least <= lanes.same <= MOST_LANES or not 0 <= lanes.opposite <= MOST_LANES:
+        raise InputError(
+            f"can't be drawn on a road of {lanes.same}+{lanes.opposite} lanes",
+            field="scenario",
+            value=scenario,
+            remedy=f"{least} to {MOST_LANES} lanes in the VUT's direction and 0 to {MOST_LANES} "
+            "oncoming ones",
+        )
     rng = np.random.default_rng(np.random.SeedSequence([seed, INTERACTIONS.index(scenario)]))
-    play = _PLAYS[scenario](rng)
+    play = _PLAYS[scenario](rng, lanes)
     return Storyboard(
         scenario,
         seed,

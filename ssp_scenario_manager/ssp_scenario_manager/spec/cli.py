@@ -22,7 +22,12 @@ from ssp_scenario_manager.spec.model import Event
 from ssp_scenario_manager.spec.picture import picture
 
 # Loaded when they are asked for: they need what the other commands don't.
+# The clip's module lives in a package that this one doesn't depend on.
 _LAZY = {
+    "clip": (
+        "ssp_eval.recordings.source_clip:clip_command",
+        "Make a synthetic source clip, and the K* that is bound to it.",
+    ),
     "extract": (
         "ssp_scenario_manager.spec.extract.cli:extract_command",
         "Ask a vision model about a clip and write a candidate.",

@@ -29,16 +29,23 @@ class Play:
     others: tuple[Actor, ...]
 
 
-def road(same: int = 2, opposite: int = 2) -> Road:
-    """A city road with sidewalks.
+@dataclass(frozen=True)
+class LaneCounts:
+    """Lanes of the road that is drawn: in the VUT's direction, and oncoming."""
 
-    Args:
-        same: lanes in the VUT's direction.
-        opposite: oncoming lanes.
-    """
+    same: int = 2
+    opposite: int = 2
+
+    @property
+    def total(self) -> int:
+        return self.same + self.opposite
+
+
+def road(counts: LaneCounts) -> Road:
+    """A city road with sidewalks; the VUT's lane is the rightmost."""
     lanes = [
-        Lane(y_m=i * LANE_M, width_m=LANE_M, direction="forward" if i < same else "backward")
-        for i in range(same + opposite)
+        Lane(y_m=i * LANE_M, width_m=LANE_M, direction="forward" if i < counts.same else "backward")
+        for i in range(counts.total)
     ]
     return Road(
         origin=Start(x_m=0.0, y_m=0.0, yaw_rad=0.0),
@@ -82,13 +89,16 @@ def vut(speed_mps: float, ramps: tuple[Ramp, ...]) -> Actor:
     return Actor(VUT_ID, ObjectClass.CAR, Role.VUT, along, Line(0.0, 0.0))
 
 
-def oncoming(start_m: float, speed_mps: float) -> Actor:
-    """A car in the outer oncoming lane."""
-    return Actor(
+def oncoming(counts: LaneCounts, start_m: float, speed_mps: float) -> tuple[Actor, ...]:
+    """A car in the outer oncoming lane; nobody on a one-way road."""
+    if counts.opposite == 0:
+        return ()
+    car = Actor(
         "oncoming_car",
         ObjectClass.CAR,
         Role.TRAFFIC,
         Line(start_m, -speed_mps),
-        Line(3 * LANE_M, 0.0),
+        Line((counts.total - 1) * LANE_M, 0.0),
         math.pi,
     )
+    return (car,)

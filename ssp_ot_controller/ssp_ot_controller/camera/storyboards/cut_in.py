@@ -11,7 +11,7 @@ from ssp_ot_controller.camera.storyboards import base
 GAP_M = 15.0  # bumper gap when the lane change starts
 
 
-def play(rng: np.random.Generator) -> base.Play:
+def play(rng: np.random.Generator, lanes: base.LaneCounts) -> base.Play:
     """The VUT closes in, the car cuts in, the VUT brakes to less than its speed."""
     speed = float(rng.uniform(11.0, 12.0))
     slower = float(rng.uniform(4.1, 4.5))  # closing speed at the start
@@ -29,9 +29,9 @@ def play(rng: np.random.Generator) -> base.Play:
         Line(base.LANE_M, 0.0, across),
     )
     return base.Play(
-        base.road(),
+        base.road(lanes),
         base.camera(),
         base.look(rng),
         base.vut(speed, (Ramp(brake_s, 2.2, -slower - 0.6),)),
-        (other, base.oncoming(150.0, 9.0)),
+        (other, *base.oncoming(lanes, 150.0, 9.0)),
     )

@@ -12,7 +12,7 @@ GAP_M = 24.0  # bumper gap when the car ahead begins to brake
 LEAD_BRAKING_S, LATE_S, VUT_BRAKING_S = 2.7, 1.35, 3.2
 
 
-def play(rng: np.random.Generator) -> base.Play:
+def play(rng: np.random.Generator, lanes: base.LaneCounts) -> base.Play:
     """The VUT closes in slowly, the car ahead brakes nearly to a standstill, the VUT late."""
     speed = float(rng.uniform(12.2, 12.8))
     slower = float(rng.uniform(2.4, 2.8))  # closing speed at the start
@@ -34,5 +34,9 @@ def play(rng: np.random.Generator) -> base.Play:
     # In the end a little slower than the car ahead, so that the gap opens again.
     vut = base.vut(speed, (Ramp(brake_s + LATE_S, VUT_BRAKING_S, left - 0.5 - speed),))
     return base.Play(
-        base.road(), base.camera(), base.look(rng), vut, (lead, base.oncoming(165.0, 9.5))
+        base.road(lanes),
+        base.camera(),
+        base.look(rng),
+        vut,
+        (lead, *base.oncoming(lanes, 165.0, 9.5)),
     )

@@ -19,7 +19,7 @@ KERB_M = 0.6  # from the kerb to where the pedestrian waits
 ASIDE_M = 0.05  # from the carriageway's edge to the truck, which stands on the shoulder
 
 
-def play(rng: np.random.Generator) -> base.Play:
+def play(rng: np.random.Generator, lanes: base.LaneCounts) -> base.Play:
     """The pedestrian waits hidden, steps out, and the VUT stops late before the path."""
     speed = float(rng.uniform(9.5, 10.2))
     step_s = float(rng.uniform(2.5, 2.9))
@@ -45,9 +45,9 @@ def play(rng: np.random.Generator) -> base.Play:
         Line(kerb - ASIDE_M - TRUCK.width_m / 2, 0.0),
     )
     return base.Play(
-        base.road(),
+        base.road(lanes),
         base.camera(),
         base.look(rng),
         base.vut(speed, (Ramp(brake_s, STOP_S, -speed),)),
-        (pedestrian, truck, base.oncoming(140.0, 10.0)),
+        (pedestrian, truck, *base.oncoming(lanes, 140.0, 10.0)),
     )

@@ -13,7 +13,7 @@ from ssp_ot_controller.camera.storyboards import base
 STAND_M = 3.5  # from the VUT's front to the pedestrian's path in the end
 
 
-def play(rng: np.random.Generator) -> base.Play:
+def play(rng: np.random.Generator, lanes: base.LaneCounts) -> base.Play:
     """The pedestrian waits, walks, and the VUT stops before the path."""
     speed = float(rng.uniform(8.8, 9.6))
     step_s = float(rng.uniform(2.3, 2.7))
@@ -31,9 +31,9 @@ def play(rng: np.random.Generator) -> base.Play:
         math.pi / 2,
     )
     return base.Play(
-        base.road(),
+        base.road(lanes),
         base.camera(),
         base.look(rng),
         base.vut(speed, (Ramp(brake_s, stop_s, -speed),)),
-        (pedestrian, base.oncoming(118.0, 10.0)),
+        (pedestrian, *base.oncoming(lanes, 118.0, 10.0)),
     )

@@ -1,0 +1,292 @@
+"""``ssp spec clip``: a synthetic source clip, and the K* that is bound to it by hash (METHOD 4.3).
+
+The event is drawn on the road that its part T names, or on another number of lanes. What the clip
+shows goes into the new K*: its hash, the road, and the phases as METHOD 1 finds them in the ground
+truth. That is a version of its own; the event that it was made from qualifies no video.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import click
+
+from ssp_core import console
+from ssp_core.errors import InputError
+from ssp_core.files import make_folder
+from ssp_core.geometry import Polyline
+from ssp_core.hashing import sha256_file
+from ssp_core.run_spec import ConflictThresholds
+from ssp_core.vocab import PHASES, PhaseWord
+from ssp_eval.recordings.phases import find_event, samples_of
+from ssp_ot_controller.camera.clip import GENERATOR, truth_path, write_clip
+from ssp_ot_controller.camera.storyboard import Storyboard, storyboard
+from ssp_ot_controller.camera.storyboards.base import LaneCounts
+from ssp_scenario_manager.compile.compiler import EventRefused, checked_event
+from ssp_scenario_manager.interactions import KINDS
+from ssp_scenario_manager.spec.checks import check_event
+from ssp_scenario_manager.spec.load import event_version
+from ssp_scenario_manager.spec.log import Record
+from ssp_scenario_manager.spec.log_file import append_records, log_path, utc_now
+from ssp_scenario_manager.spec.model import CountField, Event, Interval, Topology
+from ssp_scenario_manager.spec.seal import seal_event, seals
+from ssp_scenario_manager.spec.write import write_event
+
+WHO = "ssp spec clip"
+_LANE_CHANGES = ("lane_change_left", "lane_change_right")
+# What a storyboard draws, whatever the event says.
+_DRAWN = {
+    "cut_in": ("cutting_in_from_left", "car"),
+    "lead_braking": ("same_direction", "car"),
+    "vru_crossing": ("crossing_from_right", "pedestrian"),
+    "occluded_crossing": ("crossing_from_right", "pedestrian"),
+}
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """When the phases start in a clip, s and frames from its first frame."""
+
+    starts_s: Mapping[PhaseWord, float]
+    first_frames: Mapping[PhaseWord, int]
+    last_frame: int
+    fps: float
+
+
+def board_of(event: Event, seed: int, lanes: LaneCounts | None = None) -> Storyboard:
+    """The clip of an event before it is drawn.
+
+    Args:
+        event: whose kind, and whose road unless ``lanes`` says otherwise, is drawn.
+        seed: of speeds, timing and light.
+        lanes: of the road; None: as part T says, two each way where it doesn't.
+
+    Raises:
+        InputError: the storyboards don't draw such an event.
+    """
+    interaction, road = event.interaction, event.topology
+    motion, class_ = _DRAWN.get(interaction.type, ("", ""))
+    initiator = event.participants[interaction.initiator]
+    found = {
+        "interaction.dominant_motion": (interaction.dominant_motion, motion),
+        f"participants.{interaction.initiator}.class": (initiator.class_, class_),
+        "topology.segment": (road.segment.value, "straight"),
+        "topology.vut_lane": (road.vut_lane.value, "rightmost"),
+    }
+    for field, (value, drawn) in found.items():
+        if value != drawn:
+            raise InputError(
+                "can't be drawn by the project's clip generator",
+                file=event.name,
+                field=field,
+                value=value,
+                remedy=f"it draws {drawn or 'no such event'}; name a source clip of your own in "
+                "source.sha256 for any other",
+            )
+    shown = [road.lanes_same_direction.value, road.lanes_opposite.value]
+    same, opposite = (count if isinstance(count, int) else 2 for count in shown)
+    return storyboard(interaction.type, seed, lanes or LaneCounts(same, opposite))
+
+
+def measure_clip(event: Event, board: Storyboard) -> Drawn:
+    """The phases of a clip, found in its ground truth with the event's thresholds (METHOD 1).
+
+    Raises:
+        InputError: the clip doesn't show the event.
+    """
+    times = board.times()
+    series = [(t_s, {s.object_id: s for s in board.states(t_s)}) for t_s in times]
+    samples = samples_of(series, event.vut_id, event.interaction.initiator)
+    limits = event.constraints.thresholds
+    thresholds = ConflictThresholds(
+        ttc_s=_exact(limits.ttc), arrival_gap_s=_exact(limits.arrival_gap)
+    )
+    road = Polyline([(0.0, 0.0), (board.road.length_m, 0.0)])
+    kind = KINDS[event.interaction.type]
+    found = find_event(samples, road, thresholds, observable=kind.observable) if samples else None
+    if found is None or found.conflict_s is None or found.resolution_s is None:
+        raise InputError(
+            "has no conflict that begins and ends in the clip, by its own ids and thresholds",
+            file=event.name,
+            field="constraints.thresholds",
+            value=f"ttc {thresholds.ttc_s} s, arrival gap {thresholds.arrival_gap_s} s",
+            remedy="other thresholds, another --seed, or the ids vut, ot1 and ot2",
+        )
+    starts_s = dict(
+        zip(PHASES, (times[0], found.trigger_s, found.conflict_s, found.resolution_s), strict=True)
+    )
+    frames = {phase: round(t_s * board.fps) for phase, t_s in starts_s.items()}
+    return Drawn(starts_s, frames, len(times) - 1, board.fps)
+
+
+def bound_event(event: Event, board: Storyboard, drawn: Drawn, sha256: str) -> Event:
+    """The event as this clip shows it: source, part T and part E, with the seals that held.
+
+    Args:
+        event: that was drawn.
+        board: of the clip.
+        drawn: its phases.
+        sha256: of the video file.
+    """
+    held = {path for path, seal in seals(event).items() if event.uncertainty[path].seal == seal}
+    counts = sum(lane.direction == "forward" for lane in board.road.lanes)
+    original = f"{board.scenario} seed {board.seed}"
+    if len(board.road.lanes) != LaneCounts().total or counts != LaneCounts().same:
+        original += f", lanes {counts}+{len(board.road.lanes) - counts}"
+    value = event.model_dump(mode="json", by_alias=True)
+    value["source"] = {
+        "generator": GENERATOR,
+        "original": original,
+        "sha256": sha256,
+        "rate": _at(board.fps, "Hz"),
+    }
+    value["topology"] = _road(event.topology, counts, len(board.road.lanes) - counts)
+    value["events"] = _events(board, drawn)
+    value["uncertainty"] = {
+        path: entry | {"source": _source(entry["source"], event, original, drawn)}
+        for path, entry in value["uncertainty"].items()
+    }
+    return seal_event(Event.model_validate(value), sorted(held))
+
+
+def _road(road: Topology, same: int, opposite: int) -> dict[str, Any]:
+    """Part T with the lanes that were drawn; a range that doesn't hold them is given up."""
+    value: dict[str, Any] = road.model_dump(mode="json", by_alias=True)
+    for name, count in (("lanes_same_direction", same), ("lanes_opposite", opposite)):
+        field = getattr(road, name)
+        drawn = CountField(value=count, identity=True)
+        if not field.is_identity and field.admits(count):
+            drawn = field.model_copy(update={"value": count})
+        value[name] = drawn.model_dump(mode="json")
+    permitted = value["permitted_manoeuvres"]
+    if same < 2 and isinstance(permitted["value"], list):
+        permitted["value"] = [word for word in permitted["value"] if word not in _LANE_CHANGES]
+    return value
+
+
+def _events(board: Storyboard, drawn: Drawn) -> dict[str, Any]:
+    """Part E: exact starts, and evidence from each phase's first frame to the next phase's."""
+    ends = [*(drawn.first_frames[phase] for phase in PHASES), drawn.last_frame]
+    part: dict[str, Any] = {"clip": {"start": _at(0.0, "s"), "end": _at(board.duration_s, "s")}}
+    for phase, (first, last) in zip(PHASES, pairwise(ends), strict=True):
+        span_s = [round(frame / drawn.fps, 3) for frame in (first, last)]
+        part[phase] = {
+            "start": _at(round(drawn.starts_s[phase], 3), "s"),
+            "evidence": [{"frames": [first, last], "span_s": span_s}],
+        }
+    return part
+
+
+def _source(text: str, event: Event, original: str, drawn: Drawn) -> str:
+    """Where something can be seen: frames of the clip before, as frames of this one."""
+    old = f"{event.source.generator} {event.source.original}"
+    before, found, after = text.partition(old)
+    if not found:
+        return text
+    frames = {}
+    for phase in PHASES:
+        evidence = getattr(event.events, phase).evidence[0].frames
+        if evidence is not None:
+            frames[evidence[0]] = drawn.first_frames[phase]
+            if phase == "resolution":
+                frames[evidence[1]] = drawn.last_frame
+
+    def of_this_clip(numbers: re.Match[str]) -> str:
+        return re.sub(r"\d+", lambda n: str(frames.get(int(n[0]), n[0])), numbers[0])
+
+    return re.sub(r"frames? [\d, -]+", of_this_clip, before) + f"{GENERATOR} {original}{after}"
+
+
+def _at(value: float, unit: str) -> dict[str, Any]:
+    return {"min": value, "max": value, "unit": unit}
+
+
+def _exact(interval: Interval | None) -> float | None:
+    return None if interval is None else interval.max
+
+
+def _lanes(_: click.Context, __: click.Parameter, text: str | None) -> LaneCounts | None:
+    if text is None:
+        return None
+    found = re.fullmatch(r"(\d)\+(\d)", text)
+    if found is None:
+        raise click.BadParameter(f"{text}: type lanes with and against the VUT, such as 1+1")
+    return LaneCounts(int(found[1]), int(found[2]))
+
+
+@click.command("clip")
+@click.argument("event")
+@click.option(
+    "--seed",
+    default=1,
+    show_default=True,
+    type=click.IntRange(0, 2**31),
+    help="Of speeds, timing and light.",
+)
+@click.option(
+    "--lanes",
+    callback=_lanes,
+    metavar="N+M",
+    help="Lanes with and against the VUT [default: as the event's part T says].",
+)
+@click.option(
+    "--out",
+    default="out/clips",
+    show_default=True,
+    metavar="DIR",
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Folder to write to.",
+)
+@click.option("--force", is_flag=True, help="Replace a clip and its K* that are there.")
+def clip_command(event: str, seed: int, lanes: LaneCounts | None, out: Path, force: bool) -> int:
+    """Make a synthetic clip of EVENT, and the K* that is bound to it.
+
+    EVENT is a K* file or the name of a shipped one. Written are NAME.mp4, NAME.truth.json (ground
+    truth, for labels), NAME.event.yaml (the K*: use this one from here on) and NAME.log.jsonl.
+    """
+    k_star, version, path = checked_event(event)
+    board = board_of(k_star, seed, lanes)
+    drawn = measure_clip(k_star, board)
+    video = out / f"{k_star.name}.mp4"
+    bound_path = out / f"{k_star.name}.event.yaml"
+    for file in (video, bound_path):
+        if file.exists() and not force:
+            raise InputError("exists already", file=file, remedy="another --out, or --force")
+    failures = check_event(bound_event(k_star, board, drawn, f"sha256:{'0' * 64}"))
+    if failures:
+        raise EventRefused(path, failures)
+    make_folder(out)
+    with console.progress(f"drawing {video.name}", len(board.times())) as bar:
+        task = bar.task_ids[0]
+        write_clip(board, video, lambda: bar.advance(task))
+    bound = bound_event(k_star, board, drawn, sha256_file(video))
+    write_event(bound_path, bound)
+    append_records(log_path(bound_path), [_record(bound, board, version)])
+    click.echo(console.visible(f"{video}\n{truth_path(video)}\n{bound_path}"))
+    click.echo(f"K* {event_version(bound)}")
+    return 0
+
+
+def _record(bound: Event, board: Storyboard, version: str) -> Record:
+    """The entry of L about the source: hash, generator, original and crop (METHOD 1)."""
+    return Record(
+        kind="source",
+        when=utc_now(),
+        who=WHO,
+        subject=bound.name,
+        reason="synthetic source clip, made for the event and bound to it",
+        details={
+            "sha256": bound.source.sha256,
+            "generator": bound.source.generator,
+            "original": bound.source.original,
+            "crop": {"start_s": 0.0, "end_s": board.duration_s, "first_frame": 0},
+            "rate_hz": board.fps,
+            "made_from": version,
+            "version_after": event_version(bound),
+        },
+    )
