@@ -1,4 +1,4 @@
-"""``ssp spec clip``: a synthetic clip and the K* that is bound to it, on the road that was drawn."""
+"""``ssp spec clip``: a synthetic clip and the K* that is bound to it."""
 
 from __future__ import annotations
 

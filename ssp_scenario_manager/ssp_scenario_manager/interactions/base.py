@@ -179,3 +179,4 @@ class Kind:
     same_direction_lanes: int
     manoeuvres: Callable[[Event], frozenset[str]]
     plans: Callable[[Event, Block, PlaceLimits, Mapping[str, float]], Iterator[Plan]]
+    vut_intents: frozenset[str] = frozenset({"keep_lane"})

@@ -13,6 +13,8 @@ from ssp_scenario_manager.spec.units import Span
 
 _fail = Fail("C3")
 
+# Of approach and resolution, for a phase to count as located (METHOD 4.1).
+LEAST_S = 0.5
 _EPS_S = 1e-6
 # Times are written to milliseconds.
 _ROUNDING_S = 0.001
@@ -58,6 +60,24 @@ def phases_inside_the_clip(view: View) -> Iterator[Failure]:
             view.said("events.resolution.start", "events.clip.end"),
             "nothing of the resolution is in the clip",
             "a start before the clip's end",
+        )
+
+
+def enough_before_and_after(view: View) -> Iterator[Failure]:
+    """The crop holds at least 0.5 s of approach and of resolution (METHOD 4.1)."""
+    for phase, first, last in (
+        ("approach", "events.clip.start", "events.trigger.start"),
+        ("resolution", "events.resolution.start", "events.clip.end"),
+    ):
+        early, late = view.span(first), view.span(last)
+        if early is None or late is None or late.mid - early.mid >= LEAST_S - _EPS_S:
+            continue
+        yield _fail(
+            last,
+            view.said(last, first),
+            f"the crop shows {late.mid - early.mid:.3f} s of the {phase}, and no recording cropped "
+            "like it can be compared",
+            f"at least {LEAST_S:g} s of it in the crop",
         )
 
 
@@ -164,6 +184,7 @@ def _span_s(evidence: Evidence, rate: Span | None) -> Span | None:
 PREDICATES: tuple[Predicate, ...] = (
     phases_in_order,
     phases_inside_the_clip,
+    enough_before_and_after,
     evidence_is_readable,
     evidence_shows_its_phase,
 )

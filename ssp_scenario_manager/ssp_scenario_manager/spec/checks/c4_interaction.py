@@ -59,6 +59,39 @@ def words_fit_the_kind(view: View) -> Iterator[Failure]:
             )
 
 
+def intent_fits_the_kind_and_the_motion(view: View) -> Iterator[Failure]:
+    """What the VUT means to do is what the kind has it do, and no cell or response denies it."""
+    vut, interaction = view.event.vut_id, view.event.interaction
+    path, intent = f"participants.{vut}.intent", view.event.participants[vut].intent
+    if not known(intent):
+        return
+    if view.kind and intent not in view.kind.vut_intents:
+        yield _fail(
+            path,
+            view.said(path, "interaction.type"),
+            f"in {view.kind.name} the VUT goes on as it came",
+            one_of(view.kind.vut_intents),
+        )
+    side = str(intent).rpartition("_")[2]
+    for phase in ("approach", "trigger"):
+        at = f"motion.{vut}.{phase}.lateral"
+        cell = view.cell(vut, phase)
+        if cell and cell.lateral == {"left": "right", "right": "left"}.get(side):
+            yield _fail(at, view.said(at, path), "the VUT goes the other way", f"none or {side}")
+    allowed = {side, "straight"} if side in ("left", "right") else {"straight"}
+    if not allowed & set(interaction.lateral_responses):
+        at = "interaction.lateral_responses"
+        yield _fail(
+            at,
+            view.said(at, path),
+            "no response lets the VUT go on as it means to, not even once the way is free",
+            f"add {one_of(allowed)}",
+        )
+    cell, at = view.cell(vut, "resolution"), f"motion.{vut}.resolution.speed_trend"
+    if intent == "stop" and cell and cell.speed_trend == "increasing":
+        yield _fail(at, view.said(at, path), "who means to stop doesn't drive on", "standing")
+
+
 def dominant_motion_is_seen(view: View) -> Iterator[Failure]:
     """The dominant motion is the initiator's in the trigger and conflict phases."""
     dominant = view.event.interaction.dominant_motion
@@ -272,6 +305,7 @@ def a_response_is_feasible(view: View) -> Iterator[Failure]:
 PREDICATES: tuple[Predicate, ...] = (
     kind_is_known,
     words_fit_the_kind,
+    intent_fits_the_kind_and_the_motion,
     dominant_motion_is_seen,
     conflict_is_closing,
     passing_order_fits,
