@@ -9,7 +9,7 @@ from ssp_core import names
 from ssp_core.cli import main
 from ssp_core.clock import seconds_to_ns
 from ssp_core.state import ObjectState
-from ssp_core.vocab import ControlState, Role
+from ssp_core.vocab import ControlState, Role, SessionPhase
 from ssp_scenario_manager.compile.compiler import Request, compile_task
 from ssp_scenario_manager.core.link_clock import Link
 from ssp_scenario_manager.doctor.checks import Status
@@ -97,17 +97,76 @@ def test_what_is_wrong_with_a_stream_is_said(live, sound, changes, status, words
     assert (found.status, words in found.text) == (status, True)
 
 
-def test_stamps_that_dont_rise_and_pauses_are_told(live, sound):
+def test_stamps_that_go_back_and_pauses_are_told(live, sound):
     standing = stream()
-    standing.stamps_ns[100] = standing.stamps_ns[99]
+    standing.stamps_ns[100] = standing.stamps_ns[98]
     heard = replace(sound, streams={**sound.streams, "vut": standing})
-    assert "1 stamps not after the one before" in finding(live, heard, "state of vut").text
+    found = finding(live, heard, "state of vut")
+    assert (found.status, "1 stamps before the one before" in found.text) == (Status.FAIL, True)
     paused = stream()
     paused.arrivals_ns[:-1] = [at - seconds_to_ns(0.2) for at in paused.arrivals_ns[:-1]]
     paused.stamps_ns[:-1] = [at - seconds_to_ns(0.2) for at in paused.stamps_ns[:-1]]
     heard = replace(sound, streams={**sound.streams, "vut": paused})
     found = finding(live, heard, "state of vut")
     assert (found.status, "a pause of 0.220 s" in found.text) == (Status.WARN, True)
+
+
+def test_an_object_that_has_nothing_new_now_and_then_is_sound(live, sound):
+    """Its loop and its body's drift past each other: some states come a second time."""
+    target = live.targets[0].id
+    drifting = stream()
+    for k in range(20, 250, 25):
+        drifting.stamps_ns[k] = drifting.stamps_ns[k - 1]
+    heard = replace(sound, streams={**sound.streams, target: drifting})
+    found = finding(live, heard, f"state of {target}")
+    assert (found.status, found.remedy) == (Status.OK, "")
+    assert "10 of 250 say the stamp before again" in found.text
+    assert not failed(session_findings(live, heard))
+
+
+def frozen(made):
+    """New messages to the end, but of one state since the middle."""
+    half = len(made.stamps_ns) // 2
+    made.stamps_ns[half:] = [made.stamps_ns[half]] * (len(made.stamps_ns) - half)
+
+
+def doubled(made):
+    """Two publishers of the same states."""
+    made.stamps_ns[1::2] = made.stamps_ns[::2]
+
+
+def interleaved(made):
+    """Two publishers, one of which is 0.1 s behind."""
+    made.stamps_ns[1::2] = [stamp - seconds_to_ns(0.1) for stamp in made.stamps_ns[1::2]]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "hz", "words"),
+    [
+        (frozen, 50.0, "the run wants 50 Hz"),
+        (frozen, 50.0, "s old, limit 0.3 s"),
+        (frozen, 50.0, "a pause of 2.4"),
+        (doubled, 50.0, "125 of 250 say the stamp before again"),
+        (doubled, 100.0, "125 of 250 say the stamp before again"),
+        (interleaved, 100.0, "125 stamps before the one before"),
+    ],
+)
+def test_a_frozen_and_a_doubled_publisher_fail(live, sound, wrong, hz, words):
+    made = stream(hz)
+    wrong(made)
+    found = finding(live, replace(sound, streams={**sound.streams, "vut": made}), "state of vut")
+    assert (found.status, words in found.text) == (Status.FAIL, True), found.text
+    assert found.remedy
+
+
+@pytest.mark.parametrize("state", [SessionPhase.ARMED, SessionPhase.RUNNING, SessionPhase.STOPPING])
+def test_of_a_session_that_is_armed_already_arming_is_not_asked(live, sound, state):
+    """Its objects run, far from their starts: that is no wrong wiring."""
+    moved = replace(sound.states["vut"], x_m=sound.states["vut"].x_m + 5.0, speed_mps=9.0)
+    heard = replace(sound, states={**sound.states, "vut": moved})
+    assert finding(live, heard, "arming").status is Status.FAIL
+    found = finding(live, replace(heard, session=state), "arming")
+    assert (found.status, state.name in found.text) == (Status.OK, True)
 
 
 def test_lost_states_are_a_warning(live, sound):

@@ -9,21 +9,27 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 from ssp_core import names
 from ssp_core.clock import ns_to_seconds
 from ssp_core.run_spec import RunSpec
 from ssp_core.state import ObjectState
+from ssp_core.vocab import SessionPhase
 from ssp_scenario_manager.core.link_clock import Link
 from ssp_scenario_manager.core.readiness import Facts, missing_to_arm
 from ssp_scenario_manager.doctor.checks import Finding, Status
 
 # A stream that comes at less than this share of its nominal rate is too slow to rely on.
 RATE_SHARE = 0.8
+# An object whose body had nothing new says its last state again. Its loop and its body's drift past
+# each other, so that a few are sound; every second one comes of two publishers, or of a slow body.
+REPEAT_SHARE = 0.2
 # A pause of more than so many periods is worth a word.
 PAUSE_PERIODS = 3.0
 # Camera frames and recorder status may be this old when they arrive.
 IMAGE_AGE_S = 0.5
+_ARMED = (SessionPhase.ARMED, SessionPhase.RUNNING, SessionPhase.STOPPING)
 
 
 @dataclass
@@ -47,16 +53,28 @@ class Stream:
             self.strange_frames.add(frame_id)
 
     @property
+    def news_ns(self) -> list[int]:
+        """Arrivals of what doesn't say the stamp before again.
+
+        What is repeated is no news: a publisher that froze has no rate, and pauses to the end.
+        """
+        before = (None, *self.stamps_ns)
+        pairs = zip(self.arrivals_ns, self.stamps_ns, before, strict=False)
+        return [arrival for arrival, stamp, last in pairs if stamp != last]
+
+    @property
     def rate_hz(self) -> float:
-        """Messages per second between the first and the last, 0 for fewer than two."""
-        if len(self.arrivals_ns) < 2:
+        """News per second while messages came, 0 for fewer than two."""
+        if len(self.news_ns) < 2:
             return 0.0
         span_s = ns_to_seconds(self.arrivals_ns[-1] - self.arrivals_ns[0])
-        return (len(self.arrivals_ns) - 1) / span_s if span_s > 0.0 else math.inf
+        return (len(self.news_ns) - 1) / span_s if span_s > 0.0 else math.inf
 
     @property
     def longest_pause_s(self) -> float:
-        pairs = zip(self.arrivals_ns, self.arrivals_ns[1:], strict=False)
+        """Between two news, or after the last one while messages still came."""
+        ends = [*self.news_ns, *self.arrivals_ns[-1:]]
+        pairs = pairwise(ends)
         return max((ns_to_seconds(b - a) for a, b in pairs), default=0.0)
 
     @property
@@ -66,10 +84,15 @@ class Stream:
         return sorted(ns_to_seconds(arrival - stamp) for arrival, stamp in pairs)
 
     @property
-    def not_rising(self) -> int:
-        """Messages whose stamp isn't later than the one before."""
-        pairs = zip(self.stamps_ns, self.stamps_ns[1:], strict=False)
-        return sum(b <= a for a, b in pairs)
+    def going_back(self) -> int:
+        """Messages whose stamp lies before the one before."""
+        pairs = pairwise(self.stamps_ns)
+        return sum(b < a for a, b in pairs)
+
+    @property
+    def repeated(self) -> int:
+        """Messages that say the stamp before again."""
+        return len(self.arrivals_ns) - len(self.news_ns)
 
 
 @dataclass(frozen=True)
@@ -84,6 +107,7 @@ class Heard:
         managers: names of those that send heartbeats.
         recorder_ready: the recorder's last word, None when it wasn't heard.
         recorder_missing: what it waits for.
+        session: its state by the newest heartbeat; UNKNOWN without one.
         now_ns: end of listening, system clock.
     """
 
@@ -95,6 +119,7 @@ class Heard:
     recorder_ready: bool | None
     recorder_missing: tuple[str, ...]
     now_ns: int
+    session: SessionPhase = SessionPhase.UNKNOWN
 
 
 def session_findings(spec: RunSpec, heard: Heard) -> list[Finding]:
@@ -128,14 +153,17 @@ def _state_finding(spec: RunSpec, heard: Heard, object_id: str, period_s: float)
             "is its node running, in this ROS domain, with the same discovery server?",
         )
     problems = _stream_problems(stream, 1.0 / period_s, spec.limits.state_age_s)
-    worst = Status.FAIL if any(status is Status.FAIL for status, _ in problems) else Status.OK
-    if worst is Status.OK and (problems or heard.lost.get(object_id)):
-        worst = Status.WARN
-    text = _stream_text(stream)
     if lost := heard.lost.get(object_id, 0):
         problems.append((Status.WARN, f"{lost} lost on the way"))
-    text = "; ".join([text, *(problem for _, problem in problems)])
-    return Finding(name, worst, text, _remedy(stream) if problems else "")
+    return _stream_finding(name, stream, problems)
+
+
+def _stream_finding(name: str, stream: Stream, problems: list[tuple[Status, str]]) -> Finding:
+    """As grave as the gravest problem."""
+    statuses = [status for status, _ in problems]
+    worst = next((s for s in (Status.FAIL, Status.WARN) if s in statuses), Status.OK)
+    text = "; ".join([_stream_text(stream), *(problem for _, problem in problems)])
+    return Finding(name, worst, text, "" if worst is Status.OK else _remedy(stream))
 
 
 def _stream_text(stream: Stream) -> str:
@@ -158,8 +186,12 @@ def _stream_problems(
         problems.append((Status.FAIL, f"stamps up to {ages[-1]:.3f} s old, limit {oldest_s:g} s"))
     if ages[0] < 0.0:
         problems.append((Status.FAIL, f"stamps up to {-ages[0]:.3f} s ahead of this host's clock"))
-    if stream.not_rising:
-        problems.append((Status.FAIL, f"{stream.not_rising} stamps not after the one before"))
+    if stream.going_back:
+        problems.append((Status.FAIL, f"{stream.going_back} stamps before the one before"))
+    if stream.repeated:
+        often = stream.repeated > REPEAT_SHARE * len(stream.stamps_ns)
+        text = f"{stream.repeated} of {len(stream.stamps_ns)} say the stamp before again"
+        problems.append((Status.FAIL if often else Status.OK, text))
     if stream.strange_frames:
         found = ", ".join(repr(frame) for frame in sorted(stream.strange_frames))
         problems.append((Status.FAIL, f"frame {found}, must be {stream.frame_id!r}"))
@@ -167,6 +199,8 @@ def _stream_problems(
 
 
 def _remedy(stream: Stream) -> str:
+    if stream.repeated > REPEAT_SHARE * len(stream.stamps_ns) or stream.going_back:
+        return "is it published twice, or is what it is made of slower than the run's rate?"
     if stream.strange_frames:
         return "set the driver's frame, or put a transform in between"
     if stream.ages_s[0] < 0.0 or stream.ages_s[0] > 0.05:
@@ -184,10 +218,7 @@ def _odometry_finding(topic: str, stream: Stream, spec: RunSpec) -> Finding:
             "is the driver of the GNSS/INS running, in this ROS domain?",
         )
     problems = _stream_problems(stream, 1.0 / spec.step_s, spec.limits.state_age_s)
-    failed = any(status is Status.FAIL for status, _ in problems)
-    status = Status.FAIL if failed else Status.WARN if problems else Status.OK
-    text = "; ".join([_stream_text(stream), *(problem for _, problem in problems)])
-    return Finding("odometry", status, text, _remedy(stream) if problems else "")
+    return _stream_finding("odometry", stream, problems)
 
 
 def _camera_finding(spec: RunSpec, heard: Heard) -> Finding:
@@ -208,10 +239,7 @@ def _camera_finding(spec: RunSpec, heard: Heard) -> Finding:
             "remap the driver's camera_info to it",
         )
     problems = _stream_problems(stream, rate_hz, IMAGE_AGE_S)
-    failed = any(status is Status.FAIL for status, _ in problems)
-    status = Status.FAIL if failed else Status.WARN if problems else Status.OK
-    text = "; ".join([_stream_text(stream), *(problem for _, problem in problems)])
-    return Finding("camera", status, text, _remedy(stream) if problems else "")
+    return _stream_finding("camera", stream, problems)
 
 
 def _recorder_finding(heard: Heard) -> Finding:
@@ -269,7 +297,10 @@ def _link_finding(spec: RunSpec, object_id: str, heard: Heard) -> Finding:
 
 
 def _arming_finding(spec: RunSpec, heard: Heard) -> Finding:
-    """What the manager would say to ``arm`` now, by the same rules."""
+    """What the manager would say to ``arm`` now, by the same rules; an armed one is not asked."""
+    if heard.session in _ARMED:
+        text = f"the session is {heard.session.name} already, so that nothing is asked of arming"
+        return Finding("arming", Status.OK, text)
     streams = heard.streams
     facts = Facts(
         recorder_ready=bool(heard.recorder_ready),

@@ -18,6 +18,7 @@ from ssp_core import names, ros
 from ssp_core.messages import object_state
 from ssp_core.run_spec import RunSpec
 from ssp_core.state import ObjectState as State
+from ssp_core.vocab import SessionPhase
 from ssp_msgs.msg import Heartbeat, LinkStatus, ObjectState, ObjectStates, RecorderStatus
 from ssp_scenario_manager.core.link_clock import Link
 from ssp_scenario_manager.doctor.session import Heard, Stream
@@ -38,6 +39,7 @@ class Listener(Node):
         self._lost: dict[str, int] = {}
         self._links: dict[str, Link] = {}
         self._managers: set[str] = set()
+        self._session = SessionPhase.UNKNOWN
         self._recorder: RecorderStatus | None = None
         self.forget()
         sub = self.create_subscription
@@ -75,6 +77,7 @@ class Listener(Node):
             recorder_ready=None if recorder is None else bool(recorder.ready),
             recorder_missing=() if recorder is None else tuple(recorder.missing_topics),
             now_ns=time.time_ns(),
+            session=self._session,
         )
 
     def _hear(self, topic: str, message: Any) -> None:
@@ -102,6 +105,8 @@ class Listener(Node):
 
     def _on_heartbeat(self, message: Heartbeat) -> None:
         self._managers.add(message.sender)
+        if message.session_state in tuple(SessionPhase):
+            self._session = SessionPhase(message.session_state)
 
     def _on_links(self, message: LinkStatus) -> None:
         rows = zip(message.object_ids, message.clock_offset, message.delay, strict=True)
