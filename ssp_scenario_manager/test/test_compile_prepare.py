@@ -12,7 +12,7 @@ import yaml
 from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_core.run_spec import RunSpec
-from ssp_scenario_manager.compile.prepare import TASK_FOLDER, prepare_run
+from ssp_scenario_manager.compile.prepare import TASK_FOLDER, mode_of, prepare_run
 from ssp_scenario_manager.compile.task import load_task
 from ssp_scenario_manager.site import LIBRARY
 
@@ -124,7 +124,7 @@ def test_a_missing_file_is_named(compiled: Path, tmp_path: Path) -> None:
 
 
 def test_what_is_neither_event_nor_compiled_folder(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="is no compiled folder"):
+    with pytest.raises(InputError, match="is no compiled folder and no session's"):
         prepare(tmp_path, tmp_path / "run", "boulevard")
     with pytest.raises(InputError, match="needs a site"):
         prepare("cut_in", tmp_path / "run")
@@ -144,3 +144,43 @@ def test_run_refuses_a_site_beside_a_compiled_folder(
     assert main(["run", str(compiled), "--out", str(tmp_path / "mine")]) == 1
     assert "is not empty" in capsys.readouterr().err
     assert not out.exists()
+
+
+def test_a_sessions_folder_is_run_again_as_it_was(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first, again = tmp_path / "first", tmp_path / "again"
+    faults = tmp_path / "faults.yaml"
+    fault = {"kind": "link_cut", "target": "ot1", "at_s": 3.0}
+    faults.write_text(yaml.safe_dump({"schema": "ssp.faults/1", "faults": [fault]}))
+    given = ["--in-process", "--seed", "7", "--faults", str(faults), "--out", str(first)]
+    assert main(["run", "cut_in", *given]) == 1
+    assert main(["run", str(first), "--in-process", "--out", str(again)]) == 1
+
+    def told(folder: Path, name: str, *but: str) -> dict[str, object]:
+        value = json.loads((folder / name).read_text())
+        return {key: value[key] for key in value if key not in but}
+
+    assert told(again, "result.json", "run_id") == told(first, "result.json", "run_id")
+    assert told(again, "run.yaml", "run_id") == told(first, "run.yaml", "run_id")
+    assert told(first, "result.json")["seed"] == 7
+    assert (again / TASK_FOLDER / "task.json").read_bytes() == (
+        first / TASK_FOLDER / "task.json"
+    ).read_bytes()
+    capsys.readouterr()
+    assert main(["run", str(first), "--in-process", "--out", str(first)]) == 1
+    assert "is not empty" in capsys.readouterr().err
+
+
+def test_the_mode_of_a_sessions_folder_is_its_own(compiled: Path, tmp_path: Path) -> None:
+    session = tmp_path / "session"
+    run = prepare(compiled, session)
+    assert mode_of(str(session)) == "lockstep"  # nothing was run there yet
+    executed = run.model_copy(update={"mode": "realtime"})
+    (session / "run.yaml").write_text(executed.model_dump_json(by_alias=True))
+    assert mode_of(str(session)) == "realtime"
+    other = executed.model_copy(update={"task_version": "sha256:other"})
+    (session / "run.yaml").write_text(other.model_dump_json(by_alias=True))
+    with pytest.raises(InputError, match="is not what the task was compiled from") as caught:
+        prepare(session, tmp_path / "again")
+    assert caught.value.file == str(session / "run.yaml")

@@ -37,7 +37,7 @@ LINKS = frozenset(
     }
 )
 # What the event is, by its K* (parts C and I): with another value it would be another event.
-OF_THE_EVENT = frozenset({"interaction", "observable", "initiator", "thresholds"})
+OF_THE_EVENT = frozenset({"interaction", "observable", "initiator", "thresholds", "passing"})
 
 _STEP = re.compile(r"\.?([A-Za-z_][A-Za-z0-9_]*)|\[(\d+)\]")
 _ABSENT = object()

@@ -1,4 +1,4 @@
-"""From a name or a compiled folder to the run that a session starts with."""
+"""From a name, a compiled folder or a session's folder to the run that a session starts with."""
 
 from __future__ import annotations
 
@@ -24,11 +24,26 @@ from ssp_scenario_manager.spec.load import load_event
 from ssp_scenario_manager.spec.log import LOG_FILE
 
 TASK_FOLDER = "task"
+Mode = Literal["lockstep", "realtime", "live"]
 
 
 def is_compiled(what: str) -> bool:
     """True for a folder that `ssp compile` wrote."""
     return (Path(what) / TASK_FILE).is_file()
+
+
+def is_session(what: str) -> bool:
+    """True for a folder that `ssp run` filled: it holds the task and the run as it was executed."""
+    return is_compiled(str(Path(what) / TASK_FOLDER)) and (Path(what) / RUN_FILE).is_file()
+
+
+def mode_of(what: str) -> Mode:
+    """The mode that a run has where nobody names one: a session's own, or lockstep.
+
+    Raises:
+        InputError: the session's run file is not valid.
+    """
+    return load_run(Path(what) / RUN_FILE).mode if is_session(what) else "lockstep"
 
 
 def prepare_run(
@@ -37,31 +52,34 @@ def prepare_run(
     folder: Path,
     *,
     seed: int | None,
-    mode: Literal["lockstep", "realtime", "live"],
+    mode: Mode,
 ) -> RunSpec:
-    """Compiles an event into ``folder/task``, or takes a compiled folder over into it.
+    """Compiles an event into ``folder/task``, or takes a compiled task over into it.
 
     Args:
-        what: name or file of a K*, or a folder that `ssp compile` wrote.
-        site: name or file of a site; not looked at with a compiled folder, which has its own.
+        what: name or file of a K*, or a folder that `ssp compile` or `ssp run` wrote.
+        site: name or file of a site; not looked at with a folder, which has its own.
         folder: of the run; its name becomes the run's id.
         seed: of the run; None: the compiled task's, or 1.
         mode: of the run.
 
     Returns:
-        The run as it will be executed: with a compiled folder that of its ``run.yaml``, changes on
-        site included; a live one as ``compile.live.as_live`` has it.
+        The run as it will be executed: with a folder that of its ``run.yaml``, changes on site and
+        faults included; a live one as ``compile.live.as_live`` has it.
 
     Raises:
         InputError: the event or the site is not valid, or they don't fit.
     """
     if is_compiled(what):
-        run = _take_over(Path(what), folder)
+        run = _take_over(Path(what), Path(what) / RUN_FILE, folder)
+    elif is_session(what):
+        run = _take_over(Path(what) / TASK_FOLDER, Path(what) / RUN_FILE, folder)
     elif Path(what).is_dir():
         raise InputError(
-            "is no compiled folder",
+            "is no compiled folder and no session's",
             file=what,
-            remedy=f"it has no {TASK_FILE}; name a folder of `ssp compile`, or an event",
+            remedy=f"it has neither {TASK_FILE} nor {TASK_FOLDER}/{TASK_FILE} with {RUN_FILE}; "
+            "name a folder of `ssp compile` or `ssp run`, or an event",
         )
     else:
         run = _compile(what, site, folder, 1 if seed is None else seed)
@@ -82,11 +100,11 @@ def _compile(what: str, site: str | None, folder: Path, seed: int) -> RunSpec:
     return compiled.task.run
 
 
-def _take_over(source: Path, folder: Path) -> RunSpec:
+def _take_over(source: Path, run_file: Path, folder: Path) -> RunSpec:
     """Copies what a recording carries of a task, and reads the run that was made of it."""
     task = load_task(source)
-    run = load_run(source / RUN_FILE)
-    _check_folder(source, task, run)
+    run = load_run(run_file)
+    _check_folder(source, run_file, task, run)
     place = SITE_FILE if task.place.kind == "site" else task.place.name
     names = [TASK_FILE, EVENT_FILE, place]
     if (source / LOG_FILE).is_file():
@@ -100,7 +118,7 @@ def _take_over(source: Path, folder: Path) -> RunSpec:
     return run
 
 
-def _check_folder(source: Path, task: Task, run: RunSpec) -> None:
+def _check_folder(source: Path, run_file: Path, task: Task, run: RunSpec) -> None:
     """What lies in the folder belongs together.
 
     Raises:
@@ -108,18 +126,18 @@ def _check_folder(source: Path, task: Task, run: RunSpec) -> None:
     """
     found = load_event(str(source / EVENT_FILE))[1]
     links = [
-        (EVENT_FILE, "content", found, task.event.version),
-        (RUN_FILE, "task_version", run.task_version, task.version),
-        (RUN_FILE, "event_version", run.event_version, task.event.version),
+        (source / EVENT_FILE, "content", found, task.event.version),
+        (run_file, "task_version", run.task_version, task.version),
+        (run_file, "event_version", run.event_version, task.event.version),
     ]
     if task.place.kind == "site":
         site = load_site(str(source / SITE_FILE))[1]
-        links.append((SITE_FILE, "content", site, task.place.sha256))
-    for name, field, value, wanted in links:
+        links.append((source / SITE_FILE, "content", site, task.place.sha256))
+    for file, field, value, wanted in links:
         if value != wanted:
             raise InputError(
                 "is not what the task was compiled from",
-                file=source / name,
+                file=file,
                 field=field,
                 value=value,
                 remedy=f"{wanted} is needed; compile the event again",

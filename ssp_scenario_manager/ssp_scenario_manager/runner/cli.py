@@ -8,7 +8,7 @@ import tempfile
 import time
 from collections import Counter
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Any
 
 import click
 
@@ -21,7 +21,14 @@ from ssp_core.run_spec import RunSpec
 from ssp_core.vocab import Verdict
 from ssp_scenario_manager.compile.changes import differences
 from ssp_scenario_manager.compile.live import check_live
-from ssp_scenario_manager.compile.prepare import TASK_FOLDER, is_compiled, prepare_run
+from ssp_scenario_manager.compile.prepare import (
+    TASK_FOLDER,
+    Mode,
+    is_compiled,
+    is_session,
+    mode_of,
+    prepare_run,
+)
 from ssp_scenario_manager.compile.task import load_task
 from ssp_scenario_manager.in_process.command import for_one_process, run_many, run_one
 from ssp_scenario_manager.in_process.sweep import is_sweep
@@ -46,11 +53,9 @@ DEFAULT_SITE = "boulevard"
 @click.option(
     "--mode",
     type=click.Choice(["lockstep", "realtime", "live"]),
-    default="lockstep",
-    show_default=True,
     help="lockstep: as fast as the machine allows and repeatable; realtime: by the wall clock; "
     "live: real objects and a real camera, in the ROS domain of the environment "
-    "(docs/deployment.md).",
+    "(docs/deployment.md). [default: lockstep, or that of a session's folder]",
 )
 @click.option(
     "--faults",
@@ -126,7 +131,7 @@ def run(
     what: str,
     site: str | None,
     seed: int | None,
-    mode: str,
+    mode: Mode | None,
     faults_file: Path | None,
     out: Path | None,
     no_camera: bool,
@@ -144,18 +149,22 @@ def run(
 ) -> int:
     """Run one session of WHAT and record it into a bag.
 
-    WHAT is an event, by name or K* file, which is compiled for the site first, or a folder that
-    `ssp compile` wrote. The nodes run as processes of their own in a ROS domain of their own, on
-    loopback; a live session leaves the simulated world and camera out and joins the domain of the
-    environment. Exit status 0 only when the run's verdict is valid.
+    WHAT is an event, by name or K* file, which is compiled for the site first, a folder that
+    `ssp compile` wrote, or one that `ssp run` wrote: its session is run again, with the same task,
+    seed, mode, faults and changes on site, into a new folder. The nodes run as processes of their
+    own in a ROS domain of their own, on loopback; a live session leaves the simulated world and
+    camera out and joins the domain of the environment. Exit status 0 only when the run's verdict is
+    valid.
 
     \b
     For example:
       ssp run cut_in
       ssp run vru_crossing --site north_track --faults faults.yaml
+      ssp run out/run-cut_in-boulevard-20250101-120000 --out again
       ssp run cut_in --in-process --runs 100 --vary driver.cruise_mps=11:15 --jobs 2
       ssp run out/task --mode live --body ot1=udp://10.0.0.21:9001 --odometry /ins/odom --wait
     """
+    mode = mode or ("lockstep" if in_process else mode_of(what))
     live = LiveSetup.of_options(mode, live_given)
     shadows = [shadow_model(text) for text in shadow_texts]
     swept = runs is not None or bool(vary)
@@ -182,10 +191,10 @@ def run(
         raise click.UsageError("--renderer is for a simulated camera; a live one has its driver")
     if no_camera and renderer is not None:
         raise click.UsageError("--no-camera and --renderer exclude each other")
-    compiled = is_compiled(what)
+    compiled = is_compiled(what) or is_session(what)
     if compiled and site is not None:
         raise InputError(
-            "is settled: a compiled folder has its site",
+            "is settled: the folder has its site",
             field="--site",
             value=site,
             remedy="leave it out, or name the event instead of the folder",
@@ -202,7 +211,7 @@ def run(
             place,
             draft,
             seed=seed,
-            mode=cast(Literal["lockstep", "realtime", "live"], mode),
+            mode=mode,
         )
         if faults_file is not None:
             spec = with_faults(spec, load_faults(faults_file), faults_file)
