@@ -11,7 +11,10 @@ SspError into one message and exit code 1; anything else is a traceback and a bu
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
+
+_MOST_TOLD = 50
 
 
 class SspError(Exception):
@@ -55,6 +58,25 @@ class InputError(SspError):
         self.value = value
         self.remedy = remedy
         super().__init__(self._message())
+
+    @classmethod
+    def of_all(cls, errors: Sequence[InputError], file: str | Path | None) -> InputError:
+        """One error that names all of these, each with its field, value and remedy.
+
+        Args:
+            errors: at least one; their own files aren't named.
+            file: that all of them stand in.
+        """
+        told = [cls(e.problem, field=e.field, value=e.value, remedy=e.remedy) for e in errors]
+        if len(told) == 1:
+            one = told[0]
+            return cls(one.problem, file=file, field=one.field, value=one.value, remedy=one.remedy)
+        lines = "".join(f"\n  {one}" for one in told[:_MOST_TOLD])
+        more = len(told) - _MOST_TOLD
+        return cls(
+            f"has {len(told)} errors:{lines}" + (f"\n  and {more} more" if more > 0 else ""),
+            file=file,
+        )
 
     def _message(self) -> str:
         place = self.file or ""

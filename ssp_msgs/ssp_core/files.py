@@ -234,16 +234,30 @@ def parse_model(model: type[Model], value: Any, file: str | Path) -> Model:
     try:
         return model.model_validate(value)
     except ValidationError as error:
-        failures = error.errors()
-        first = failures[0]
-        more = f" ({len(failures) - 1} more)" if len(failures) > 1 else ""
-        given, is_missing = first.get("input"), first["type"] == "missing"
+        first, *others = _failures(error, value)
+        more = f" ({len(others)} more)" if others else ""
         raise InputError(
-            first["msg"] + more,
-            file=file,
-            field=field_path(first["loc"], value, missing=is_missing),
-            value=given if not is_missing else None,
+            first.problem + more, file=file, field=first.field, value=first.value
         ) from error
+
+
+def parse_whole_model(model: type[Model], value: Any, file: str | Path) -> Model:
+    """As parse_model, but all failures are named: for what people write by hand, field by field."""
+    try:
+        return model.model_validate(value)
+    except ValidationError as error:
+        raise InputError.of_all(_failures(error, value), file) from error
+
+
+def _failures(error: ValidationError, value: Any) -> list[InputError]:
+    """What is wrong, each with its field and value."""
+    found = []
+    for failure in error.errors():
+        is_missing = failure["type"] == "missing"
+        field = field_path(failure["loc"], value, missing=is_missing)
+        given = None if is_missing else failure.get("input")
+        found.append(InputError(failure["msg"], field=field, value=given))
+    return found
 
 
 def load_model(model: type[Model], path: str | Path) -> Model:

@@ -6,10 +6,16 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
+from pydantic import (
+    Discriminator,
+    Field,
+    SerializerFunctionWrapHandler,
+    Tag,
+    model_serializer,
+)
 
 from ssp_core.errors import InputError
-from ssp_core.files import load_model
+from ssp_core.files import parse_whole_model, read_mapping
 from ssp_core.hashing import sha256_json
 from ssp_core.run_spec import (
     Camera,
@@ -49,7 +55,26 @@ class Polygon(Strict):
     points: Annotated[list[Point], Field(min_length=3)]
 
 
-Region = Strip | Polygon
+def _kind_of_region(value: Any) -> str | None:
+    """Which of both is meant, so that errors name what is wrong with that one."""
+    if isinstance(value, Strip | Polygon):
+        return type(value).__name__
+    if not isinstance(value, dict):
+        return None
+    if "points" in value:
+        return "Polygon"
+    return "Strip" if value.keys() & Strip.model_fields.keys() else None
+
+
+Region = Annotated[
+    Annotated[Strip, Tag("Strip")] | Annotated[Polygon, Tag("Polygon")],
+    Discriminator(
+        _kind_of_region,
+        custom_error_type="region",
+        custom_error_message="is no region: a polygon has points (at least 3, frame map), a strip "
+        "has block, from_s_m, to_s_m, from_l_m and to_l_m",
+    ),
+]
 
 
 class SiteBlock(Strict):
@@ -101,10 +126,10 @@ def load_site(name_or_path: str) -> tuple[Site, str]:
     """A site by name or file, and its version: the hash of its content, not of its text.
 
     Raises:
-        InputError: there is no such site, or the file is not valid.
+        InputError: there is no such site, or the file is not valid; all that is wrong with it.
     """
     path = find_shipped(name_or_path, "site")
-    site = load_model(Site, path)
+    site = parse_whole_model(Site, read_mapping(path), path)
     return site, site_version(site)
 
 

@@ -169,6 +169,16 @@ def test_of_a_session_that_is_armed_already_arming_is_not_asked(live, sound, sta
     assert (found.status, state.name in found.text) == (Status.OK, True)
 
 
+@pytest.mark.parametrize(("late", "status"), [(12, Status.WARN), (13, Status.FAIL)])
+def test_a_busy_moment_is_a_warning_and_a_late_link_fails(live, sound, late, status):
+    made = stream()
+    made.stamps_ns = [
+        stamp - seconds_to_ns(0.35 if k < late else 0.0) for k, stamp in enumerate(made.stamps_ns)
+    ]
+    found = finding(live, replace(sound, streams={**sound.streams, "vut": made}), "state of vut")
+    assert (found.status, f"limit 0.3 s ({late} of 250)" in found.text) == (status, True)
+
+
 def test_lost_states_are_a_warning(live, sound):
     found = finding(live, replace(sound, lost={"vut": 3}), "state of vut")
     assert (found.status, "3 lost on the way" in found.text) == (Status.WARN, True)

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import copy
 import math
+import re
+from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 from ssp_core.errors import InputError
 from ssp_core.geometry import point_in_polygon
@@ -126,7 +129,7 @@ def test_a_strip_along_a_bend_follows_it() -> None:
     ],
 )
 def test_a_site_that_contradicts_itself(path: str, value: Any, field: str, problem: str) -> None:
-    with pytest.raises(InputError, match=f"^{field}: .*{problem}"):
+    with pytest.raises(InputError, match=rf"(^|\n  ){field}: .*{problem}"):
         site_library(changed(path, value))
 
 
@@ -156,3 +159,62 @@ def test_areas_are_where_an_interaction_can_take_place() -> None:
     assert conflict_areas(100.0, one, {"keep_lane"}, 98.0)[0] == ConflictArea(
         "crossing", 94.0, 100.0
     )
+
+
+def site_file(folder: Path, **changes: Any) -> Path:
+    file = folder / "mine.site.yaml"
+    file.write_text(yaml.safe_dump({**mapping("north_track"), **changes}))
+    return file
+
+
+@pytest.mark.parametrize(
+    ("fence", "field", "says"),
+    [
+        ({"points": [[0, 0], [10, 0]]}, "geofence.points", "at least 3 items"),
+        ({"points": [[0, 0], [10, 0], [10]]}, "geofence.points[2][1]", "Field required"),
+        ({"points": [[0, 0], [1, 0], [1, 1]], "block": "main"}, "geofence.block", "not permitted"),
+        ({"block": "straight", "from_s_m": 0.0}, "geofence.to_s_m", "Field required"),
+        ({"corners": [[0, 0]]}, "geofence", "is no region: a polygon has points (at least 3"),
+        ([[0, 0], [10, 0], [10, 10]], "geofence", "is no region: a polygon has points (at least 3"),
+    ],
+)
+def test_a_wrong_fence_is_named_for_what_it_is(
+    fence: Any, field: str, says: str, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError) as caught:
+        load_site(str(site_file(tmp_path, geofence=fence)))
+    assert re.search(rf"(: |\n  ){re.escape(field)}: .*{re.escape(says)}", str(caught.value))
+    assert "block: Field required" not in str(caught.value)
+
+
+def test_everything_that_is_wrong_with_a_site_file_is_said_at_once(tmp_path: Path) -> None:
+    blocks = mapping("north_track")["blocks"]
+    blocks[0]["lanes"][0]["width_m"] = -3.0
+    del blocks[0]["road_type"]
+    file = site_file(
+        tmp_path, blocks=blocks, geofence={"points": [[0, 0], [1, 0]]}, domain="track", speed=3
+    )
+    with pytest.raises(InputError) as caught:
+        load_site(str(file))
+    head, *lines = str(caught.value).splitlines()
+    assert head == f"{file}: has 5 errors:"
+    fields = ["domain", "blocks[0].lanes[0].width_m", "blocks[0].road_type", "geofence", "speed"]
+    assert sorted(line.split(":")[0].strip().split(".points")[0] for line in lines) == sorted(
+        fields
+    )
+
+
+def test_every_contradiction_of_a_site_is_said_at_once() -> None:
+    site = changed("geofence.points", [[0, 0], [1, 1], [1, 0], [0, 1]])
+    block = site.blocks[0].model_copy(update={"leads_to": ["moon", "mars"], "crossing_x_m": -1.0})
+    site = site.model_copy(update={"blocks": [block, *site.blocks[1:]]})
+    with pytest.raises(InputError) as caught:
+        site_library(site, "mine.site.yaml")
+    head, *lines = str(caught.value).splitlines()
+    assert head == "mine.site.yaml: has 4 errors:"
+    assert [line.split(":")[0].strip() for line in lines] == [
+        "blocks[0].leads_to[0]",
+        "blocks[0].leads_to[1]",
+        "blocks[0].crossing_x_m",
+        "geofence.points",
+    ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 
@@ -32,40 +33,40 @@ def site_line(block: SiteBlock, field: str) -> ReferenceLine:
         ) from error
 
 
-def _check_lanes(block: SiteBlock, field: str) -> None:
+def _check_lanes(block: SiteBlock, field: str) -> Iterator[InputError]:
     ordered = sorted(range(len(block.lanes)), key=lambda i: block.lanes[i].y_m)
     for low, high in pairwise(ordered):
         right, left = block.lanes[low], block.lanes[high]
         overlap = right.y_m + right.width_m / 2 - (left.y_m - left.width_m / 2)
         if overlap > 1e-6:
-            raise InputError(
+            yield InputError(
                 f"overlaps lanes[{low}] by {overlap:g} m",
                 field=f"{field}.lanes[{high}]",
                 value=left.y_m,
                 remedy=f"lane centres must be {(right.width_m + left.width_m) / 2:g} m apart",
             )
     if not any(lane.direction == "forward" for lane in block.lanes):
-        raise InputError(
+        yield InputError(
             "has no forward lane", field=f"{field}.lanes", remedy="the VUT drives in one"
         )
 
 
-def _check_traffic(block: SiteBlock, line: ReferenceLine, field: str) -> None:
+def _check_traffic(block: SiteBlock, line: ReferenceLine, field: str) -> Iterator[InputError]:
     seen: set[str] = set()
     for i, vehicle in enumerate(block.traffic):
         here = f"{field}.traffic[{i}]"
         if vehicle.id in seen:
-            raise InputError("stands twice", field=f"{here}.id", value=vehicle.id)
+            yield InputError("stands twice", field=f"{here}.id", value=vehicle.id)
         seen.add(vehicle.id)
         if vehicle.lane >= len(block.lanes):
-            raise InputError(
+            yield InputError(
                 "there is no such lane",
                 field=f"{here}.lane",
                 value=vehicle.lane,
                 remedy=f"the block has lanes 0 to {len(block.lanes) - 1}",
             )
         if not 0.0 <= vehicle.x_m <= line.length_m:
-            raise InputError(
+            yield InputError(
                 "leaves the block",
                 field=f"{here}.x_m",
                 value=vehicle.x_m,
@@ -73,12 +74,12 @@ def _check_traffic(block: SiteBlock, line: ReferenceLine, field: str) -> None:
             )
 
 
-def _check_scenery(block: SiteBlock, line: ReferenceLine, field: str) -> None:
+def _check_scenery(block: SiteBlock, line: ReferenceLine, field: str) -> Iterator[InputError]:
     clearance = Clearance(line, [(lane.y_m, lane.width_m) for lane in block.lanes])
     for i, item in enumerate(block.scenery):
         problem = clearance.problem(item)
         if problem is not None:
-            raise InputError(
+            yield InputError(
                 f"{problem} (a {item.type})",
                 field=f"{field}.scenery[{i}]",
                 value=f"s_m {item.s_m:g}, l_m {item.l_m:g}",
@@ -94,28 +95,39 @@ def _sorted_lanes(lanes: list[Lane]) -> tuple[BlockLane, ...]:
     return tuple(sorted(named, key=lambda lane: lane.y_m))
 
 
-def _block(site: Site, index: int) -> Block:
+def _check_block(site: Site, index: int) -> Iterator[InputError]:
     block, field = site.blocks[index], f"blocks[{index}]"
-    line = site_line(block, field)
-    _check_lanes(block, field)
-    _check_traffic(block, line, field)
-    _check_scenery(block, line, field)
+    if block.id in (other.id for other in site.blocks[:index]):
+        yield InputError("stands twice", field=f"{field}.id", value=block.id)
+    yield from _check_lanes(block, field)
     known = [other.id for other in site.blocks]
     for i, name in enumerate(block.leads_to):
         if name not in known:
-            raise InputError(
+            yield InputError(
                 "is no block of this site",
                 field=f"{field}.leads_to[{i}]",
                 value=name,
                 remedy=f"its blocks are {', '.join(known)}",
             )
+    try:
+        line = site_line(block, field)
+    except InputError as error:
+        yield error
+        return
+    yield from _check_traffic(block, line, field)
+    yield from _check_scenery(block, line, field)
     if block.crossing_x_m is not None and not 0.0 <= block.crossing_x_m <= line.length_m:
-        raise InputError(
+        yield InputError(
             "leaves the block",
             field=f"{field}.crossing_x_m",
             value=block.crossing_x_m,
             remedy=f"0 to {line.length_m:g} m fits",
         )
+
+
+def _block(site: Site, index: int) -> Block:
+    block = site.blocks[index]
+    line = site_line(block, f"blocks[{index}]")
     lanes = _sorted_lanes(block.lanes)
     permitted = frozenset[str](block.permitted)
     return Block(
@@ -146,38 +158,33 @@ def site_library(site: Site, file: str | Path | None = None) -> Library:
         file: that it was read from, for messages.
 
     Raises:
-        InputError: blocks or regions of the site contradict each other; the field says where.
+        InputError: blocks or regions of the site contradict each other; every place where they do.
     """
-    try:
-        return _library(site)
-    except InputError as error:
-        if file is None:
-            raise
-        raise InputError(
-            error.problem, file=file, field=error.field, value=error.value, remedy=error.remedy
-        ) from error
-
-
-def _library(site: Site) -> Library:
-    seen: set[str] = set()
-    for i, block in enumerate(site.blocks):
-        if block.id in seen:
-            raise InputError("stands twice", field=f"blocks[{i}].id", value=block.id)
-        seen.add(block.id)
+    errors = list(_contradictions(site))
+    if errors:
+        raise InputError.of_all(errors, file)
     blocks = [_block(site, i) for i in range(len(site.blocks))]
-    for name, regions in (
-        ("ot_reachable", site.ot_reachable),
-        ("safe_stop_zones", site.safe_stop_zones),
-    ):
-        for i, region in enumerate(regions):
-            region_polygon(site, region, f"{name}[{i}]")
-    region_polygon(site, site.geofence, "geofence")
     return Library(
         source=site.name,
         sha256=site_version(site),
         kind="site",
         blocks=tuple(sorted(blocks, key=lambda block: block.block_id)),
     )
+
+
+def _contradictions(site: Site) -> Iterator[InputError]:
+    for i in range(len(site.blocks)):
+        yield from _check_block(site, i)
+    regions = {f"ot_reachable[{i}]": region for i, region in enumerate(site.ot_reachable)}
+    regions |= {f"safe_stop_zones[{i}]": region for i, region in enumerate(site.safe_stop_zones)}
+    regions["geofence"] = site.geofence
+    for field, region in regions.items():
+        try:
+            region_polygon(site, region, field)
+        except InputError as error:
+            # A block without a line is an error of its own.
+            if not (error.field or "").startswith("blocks"):
+                yield error
 
 
 def region_polygon(site: Site, region: Region, field: str = "region") -> list[Point]:
