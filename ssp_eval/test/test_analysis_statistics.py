@@ -11,10 +11,12 @@ from hypothesis.extra import numpy as hnp
 from scipy import stats
 
 from ssp_core.vocab import DOMAINS
-from ssp_eval.analysis.bootstrap import bootstrap_records
+from ssp_eval.analysis.blocks import block_draws, reach
+from ssp_eval.analysis.bootstrap import bootstrap_records, clip_generator
 from ssp_eval.analysis.clusters import bootstrap_mean
-from ssp_eval.analysis.compare import compare
+from ssp_eval.analysis.compare import COMPARED, compare
 from ssp_eval.analysis.drawn import resampled_scores, response_begins
+from ssp_eval.analysis.label_differences import compared_metrics
 from ssp_eval.analysis.resample import (
     NO_INTERVAL,
     Interval,
@@ -224,6 +226,53 @@ def test_repetitions_and_like_models_make_no_interval_narrower():
                 assert (mine[metric].percentile.low, mine[metric].percentile.high) == pytest.approx(
                     (expected[metric].percentile.low, expected[metric].percentile.high)
                 )
+
+
+def test_two_models_on_one_clip_have_an_interval_over_its_labels():
+    """By hand: the same draws for both, the ends where those of few blocks lie."""
+    chosen = cells()[:2]
+    found = bootstrap_records(chosen, [], 500, SEED).differences
+    (row, first), (_, second) = chosen
+    weights = block_draws(9, 2, 500, clip_generator(SEED, row, 9))
+    for metric in ("ivcs", "tqsr", "sem_acc_eff"):
+        apart = resampled_scores(first, weights)[metric] - resampled_scores(second, weights)[metric]
+        assert found[("a", "b"), metric] == percentile_interval(apart, reach(4.5))
+    # Student's interval over pairs of cells needs two of them.
+    (one,) = [c for c in compare([r for r, _ in chosen], "model", SEED) if c.metric == "ivcs"]
+    assert (one.n, one.interval) == (1, NO_INTERVAL)
+    assert found[("a", "b"), "ivcs"].low < one.difference < found[("a", "b"), "ivcs"].high
+
+
+def test_models_that_answer_alike_differ_by_nothing_in_any_resample():
+    (row, of_cell), *_ = cells()
+    same = [(row, of_cell), (replace(row, model="b"), of_cell)]
+    found = bootstrap_records(same, [], 200, SEED).differences
+    assert {(one.low, one.high) for one in found.values()} == {(0.0, 0.0)}
+
+
+def test_differences_over_labels_are_of_the_clips_that_both_models_have():
+    """Without c in two thirds of the clips, a and b are compared as before, and c where it is."""
+    every = cells()
+    whole = bootstrap_records(every, [], 200, SEED).differences
+    fewer = [one for one in every if one[0].model != "c" or one[0].domain == "physical"]
+    found = bootstrap_records(fewer, [], 200, SEED).differences
+    assert found[("a", "b"), "ivcs"] == whole[("a", "b"), "ivcs"]
+    there = [one for one in every if one[0].domain == "physical"]
+    assert (
+        found[("a", "c"), "ivcs"]
+        == (bootstrap_records(there, [], 200, SEED).differences[("a", "c"), "ivcs"])
+    )
+    unlike = [(r, terms(8, seed=3) if r.model == "b" else t) for r, t in every]
+    # Other numbers of labels aren't drawn alike.
+    assert not [
+        key for key in bootstrap_records(unlike, [], 200, SEED).differences if "b" in key[0]
+    ]
+
+
+def test_of_many_models_only_ivcs_is_compared_over_labels():
+    assert compared_metrics("abc") == COMPARED
+    assert compared_metrics([str(k) for k in range(13)]) == ("ivcs",)
+    assert compared_metrics([str(k) for k in range(61)]) == ()
 
 
 def test_unadmitted_cells_stay_out_of_domain_means():

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import groupby
 
 import numpy as np
 
 from ssp_eval.analysis.blocks import block_draws, block_of, reach, without_blocks
 from ssp_eval.analysis.drawn import resampled_scores
+from ssp_eval.analysis.label_differences import (
+    Clip,
+    LabelDifferences,
+    Pair,
+    compared_metrics,
+)
 from ssp_eval.analysis.resample import (
     NO_INTERVAL,
     Interval,
@@ -122,8 +128,6 @@ def estimated(
 
 
 Group = tuple[str, ...]
-# Scenario, domain and number of labels: what is drawn alike.
-Clip = tuple[str, str, int]
 
 
 @dataclass(frozen=True)
@@ -134,10 +138,12 @@ class Bootstrap:
         cells: by scenario, domain, model and run, then by metric.
         groups: by grouping (such as ``("model",)``) and its values, then by metric; n counts
             cells.
+        differences: of each two models, first less second by name, and metric.
     """
 
     cells: dict[tuple[str, ...], dict[str, Estimate]]
     groups: dict[Group, dict[Group, dict[str, Estimate]]]
+    differences: dict[tuple[Pair, str], Interval] = field(default_factory=dict)
 
 
 def bootstrap_records(
@@ -167,6 +173,7 @@ def bootstrap_records(
     """
     found: dict[tuple[str, ...], dict[str, Estimate]] = {}
     sums = {by: _GroupSums(by, resamples) for by in groupings}
+    differences = LabelDifferences(compared_metrics({row.model for row, _ in cells}), resamples)
     in_order = sorted(cells, key=lambda one: (*one[0].key, one[0].run))
     scenario = ""
     for key, group in groupby(in_order, key=lambda one: one[0].key):
@@ -188,9 +195,12 @@ def bootstrap_records(
             rows.append(row)
             clips[(row.scenario, row.domain, count)] = length
             on_cell()
+        drawn, scores = _over_runs(runs)
         for total in sums.values():
-            total.add(rows, clips, *_over_runs(runs))
-    return Bootstrap(found, {by: total.estimates() for by, total in sums.items()})
+            total.add(rows, clips, drawn, scores)
+        differences.add(key[2], clips, drawn)
+    groups = {by: total.estimates() for by, total in sums.items()}
+    return Bootstrap(found, groups, differences.intervals())
 
 
 def clip_generator(seed: int, row: CellRow, count: int) -> np.random.Generator:

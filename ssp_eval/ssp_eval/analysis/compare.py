@@ -56,6 +56,8 @@ class Comparison:
         p_scenarios: as p, the signs of a scenario's pairs flipped together; None where p is, or
             with fewer than two scenarios.
         p_scenarios_holm: the same after Holm's correction over those of the family that have it.
+        over_labels: of two models, 95 %, over the labels of the clips that both have; with one clip
+            too, see ssp_eval.analysis.label_differences.
     """
 
     subject: str
@@ -75,6 +77,7 @@ class Comparison:
     scenarios: int = 0
     p_scenarios: float | None = None
     p_scenarios_holm: float | None = None
+    over_labels: Interval = NO_INTERVAL
 
 
 def compare(rows: Sequence[CellRow], subject: str, seed: int) -> list[Comparison]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ssp_eval.analysis.bootstrap import (
     RESAMPLES,
@@ -16,6 +16,7 @@ from ssp_eval.analysis.bootstrap import (
 from ssp_eval.analysis.clusters import bootstrap_mean
 from ssp_eval.analysis.compare import Comparison, compare
 from ssp_eval.analysis.curvature import Curve, curves
+from ssp_eval.analysis.resample import NO_INTERVAL
 from ssp_eval.analysis.row import OK, CellRow, entering, one_scale, over_what
 from ssp_eval.analysis.sensitivity import (
     GRID,
@@ -135,6 +136,17 @@ def compute(
             with_terms, GROUPINGS, options.resamples, options.seed, on_step, options.block,
             thresholds,
         )  # fmt: skip
+        comparisons = [
+            replace(
+                one,
+                over_labels=records.differences.get(
+                    ((one.first, one.second), one.metric), NO_INTERVAL
+                ),
+            )
+            if one.subject == "model"
+            else one
+            for one in comparisons
+        ]
         first = _first_runs(pairs)
         columns = encode([(cell.labels, cell.records) for _, cell in first])
         variations += vary_thresholds(

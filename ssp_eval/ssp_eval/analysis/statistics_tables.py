@@ -48,15 +48,17 @@ def comparison_table(comparisons: Iterable[Comparison]) -> Table:
     rows = [
         (
             c.subject, c.first, c.second, c.metric, c.n, c.difference, c.interval.low,
-            c.interval.high, c.standardised, c.favour, c.p, c.p_holm, c.p_least,
-            c.family or None, c.scenarios, c.p_scenarios, c.p_scenarios_holm,
+            c.interval.high, c.over_labels.low, c.over_labels.high, c.standardised, c.favour, c.p,
+            c.p_holm, c.p_least, c.family or None, c.scenarios, c.p_scenarios, c.p_scenarios_holm,
         )
         for c in listed
     ]  # fmt: skip
     numbers: tuple[tuple[str, str, Kind], ...] = (
         ("difference", "difference", "ratio"), ("low", "95 % low", "ratio"),
-        ("high", "95 % high", "ratio"), ("d_z", "d_z", "ratio"), ("ahead", "ahead", "ratio"),
-        ("p", "p", "p"), ("p_holm", "p (Holm)", "p"), ("p_least", "least p", "p"),
+        ("high", "95 % high", "ratio"), ("labels_low", "labels low", "ratio"),
+        ("labels_high", "labels high", "ratio"), ("d_z", "d_z", "ratio"),
+        ("ahead", "ahead", "ratio"), ("p", "p", "p"), ("p_holm", "p (Holm)", "p"),
+        ("p_least", "least p", "p"),
     )  # fmt: skip
     notes = [
         "Pairs: cells of the same scenario and model for two domains, of the same scenario and "
@@ -70,6 +72,7 @@ def comparison_table(comparisons: Iterable[Comparison]) -> Table:
         "Pairs of a scenario share its event: p takes them for independent, and speaks of these "
         "recordings alone. p (scenarios): all signs of a scenario flipped together, which speaks "
         "of other scenarios too; the last column is corrected like p.",
+        *_over_labels(listed),
         METRICS_NOTE,
         *_powerless(listed),
     ]
@@ -90,6 +93,17 @@ def comparison_table(comparisons: Iterable[Comparison]) -> Table:
         tuple(rows),
         tuple(notes),
     )
+
+
+def _over_labels(comparisons: Iterable[Comparison]) -> list[str]:
+    if not any(c.over_labels.low is not None for c in comparisons):
+        return []
+    return [
+        "labels: 95 % interval of two models' difference over the labels of the clips that both "
+        "have, drawn alike for both, in blocks of neighbours. It says how far the difference "
+        "depends on which moments were labelled, also where there is one clip, and nothing of "
+        "other clips."
+    ]
 
 
 def _families(comparisons: Sequence[Comparison]) -> str:
