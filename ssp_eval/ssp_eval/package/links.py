@@ -26,6 +26,7 @@ from ssp_eval.recordings.provenance import RUN_ATTACHMENT
 from ssp_scenario_manager.compile.prepare import TASK_FOLDER
 from ssp_scenario_manager.compile.task import EVENT_FILE, SITE_FILE, TASK_FILE, Task
 from ssp_scenario_manager.spec.log import LOG_FILE
+from ssp_scenario_manager.spec.log_file import parse_log
 
 # Files beside a cell.json, and the keys under which it names them.
 _CELL_FILES: tuple[tuple[Kind, str], ...] = (
@@ -67,6 +68,8 @@ class Links:
             self._guard(entry, self._labels)
         for entry in self._contents.of("proposal"):
             self._guard(entry, self._proposal)
+        for entry in self._contents.of("log"):
+            self._guard(entry, self._shortlists)
         for path, task in self._index.seals.items():
             self._task(path, task)
         for path, named in self._index.sources.items():
@@ -79,6 +82,14 @@ class Links:
                 self._recording(recording)
         self.found.sort(key=lambda link: (link.source, link.at, link.target))
         return self.found
+
+    def _shortlists(self, entry: FileEntry) -> None:
+        """The lists that the events of a log were candidates of."""
+        for place, record in enumerate(parse_log(self._contents.text(entry), entry.path), start=1):
+            if record.kind == "shortlist":
+                named = record.details.get("sha256")
+                target = self._contents.with_hash(str(named), entry.path, "shortlist")
+                self._add("shortlist", entry.path, f"{place}:details.sha256", target, named, "list")
 
     def _guard(self, entry: FileEntry, read: Any) -> None:
         try:

@@ -39,6 +39,7 @@ Role = Literal[
     "event",  # K*
     "site",
     "map",
+    "shortlist",  # which events went on to the track
     "task",  # a sealed compiled event
     "run",  # what was to be executed
     "log",  # a part of log L
@@ -80,6 +81,7 @@ Kind = Literal[
     "map",
     "log",  # of a bag, to the log that begins with these bytes
     "verdict",  # of an audit, to the runner's word that it read
+    "shortlist",  # of a task's log, to the list that the event was a candidate of
 ]
 
 

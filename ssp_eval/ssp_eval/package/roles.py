@@ -16,6 +16,7 @@ from ssp_eval.package.model import Role
 _BY_SCHEMA: dict[str, Role] = {
     "ssp.event/2": "event",
     "ssp.site/1": "site",
+    "ssp.shortlist/1": "shortlist",
     "ssp.task/1": "task",
     "ssp.run/1": "run",
     "ssp.labels/1": "labels",

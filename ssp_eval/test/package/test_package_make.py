@@ -328,3 +328,24 @@ def test_records_that_need_their_question_are_made_again(own: Path, tmp_path: Pa
     assert model.carried[:4] == [False, True, False, True]
     assert make(own, "--out", tmp_path / "package") == 0
     assert main(["package", "verify", str(tmp_path / "package")]) == 0
+
+
+def test_the_list_that_chose_an_event_is_kept_and_linked(own: Path, tmp_path: Path) -> None:
+    """Its hash stands in the log of the task that was compiled for the track."""
+    task = own / "runs" / "cut_in-physical" / "task"
+    listed = own / "shortlist.json"
+    listed.write_text('{"schema": "ssp.shortlist/1"}')
+    record = Record(
+        kind="shortlist", when="2026-01-01T00:00:00Z", who="compiler", subject="cut_in",
+        reason="no risk response", details={"sha256": sha256_file(listed)},
+    )  # fmt: skip
+    append_record(task / "log.jsonl", record)
+    table, _ = make_package([own], tmp_path / "package")
+    (entry,) = [one for one in table.files if one.role == "shortlist"]
+    assert entry.path.endswith("/shortlist.json")
+    (link,) = [one for one in table.links if one.kind == "shortlist"]
+    assert (link.target, link.source.endswith("task/log.jsonl")) == (entry.path, True)
+    assert verify_package(tmp_path / "package").ok
+    listed.unlink()
+    with pytest.raises(InputError, match="names a list that is not in the package"):
+        make_package([own], tmp_path / "other")

@@ -63,6 +63,12 @@ def _login_name() -> str | None:
     help="Folder of the simulation run whose anchors the track task takes over.",
 )
 @click.option(
+    "--shortlist",
+    metavar="FILE.json",
+    type=click.Path(path_type=Path),
+    help="List of `ssp shortlist` that the event must be a candidate of; for a track.",
+)
+@click.option(
     "--out",
     type=click.Path(path_type=Path),
     help="New folder. [default: out/compiled/EVENT-TARGET-PLACE]",
@@ -78,6 +84,7 @@ def compile_event(
     seed: int,
     who: str | None,
     validated_by: Path | None,
+    shortlist: Path | None,
     out: Path | None,
     force: bool,
     as_json: bool,
@@ -98,6 +105,7 @@ def compile_event(
         choose=choose,
         who=who or (_login_name() if choose is not None else None),
         validated_by=validated_by,
+        shortlist=shortlist,
     )
     try:
         check_options(request)

@@ -9,6 +9,8 @@ from pathlib import Path
 
 from ssp_core.errors import InputError
 from ssp_core.files import parse_model
+from ssp_core.hashing import sha256_bytes
+from ssp_core.shortlist_file import load_candidate
 from ssp_scenario_manager.compile import records
 from ssp_scenario_manager.compile.choose import Chosen, choose_block
 from ssp_scenario_manager.compile.fitting_trigger import fitting_trigger
@@ -62,6 +64,7 @@ class Request:
         choose: id of the block that a person chose among ties.
         who: that person.
         validated_by: folder of a simulation run; None: the anchors aren't validated.
+        shortlist: that the event must be a candidate of (ssp.shortlist/1); None: nobody asked.
     """
 
     event: str
@@ -72,6 +75,7 @@ class Request:
     choose: str | None = None
     who: str | None = None
     validated_by: Path | None = None
+    shortlist: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -86,6 +90,7 @@ class Compiled:
         site_file: the site's text, None with a map.
         chosen: the winner and all scores.
         log: of the task.
+        shortlist: bytes of the list that the event was a candidate of.
     """
 
     task: Task
@@ -95,6 +100,7 @@ class Compiled:
     site_file: bytes | None
     chosen: Chosen
     log: tuple[Record, ...]
+    shortlist: bytes | None = None
 
     @property
     def realisation(self) -> Realisation:
@@ -115,6 +121,9 @@ def compile_task(request: Request, said: Callable[[str], None] = lambda text: No
     """
     check_options(request)
     event, version, event_path = checked_event(request.event)
+    candidate = None
+    if request.shortlist is not None:
+        candidate = load_candidate(request.shortlist, event.name, version)
     ground, site_file = load_ground(request.site, request.map_path)
     _check_ground(request, ground)
     before = read_log(log_path(event_path))
@@ -146,6 +155,10 @@ def compile_task(request: Request, said: Callable[[str], None] = lambda text: No
         would_do=lambda block: fitting_trigger(event, lambda other: placed(other, block=block)),
     )
     task = _task(request, event, version, ground, chosen, validated)
+    log = _log(request, event, version, before, task, chosen, validated)
+    listed = None if request.shortlist is None else request.shortlist.read_bytes()
+    if candidate is not None and listed is not None:
+        log.append(records.shortlist_record(task, candidate, sha256_bytes(listed)))
     return Compiled(
         task=task,
         event=event,
@@ -153,7 +166,8 @@ def compile_task(request: Request, said: Callable[[str], None] = lambda text: No
         ground=ground,
         site_file=site_file,
         chosen=chosen,
-        log=tuple(_log(request, event, version, before, task, chosen, validated)),
+        log=tuple(log),
+        shortlist=listed,
     )
 
 
@@ -210,6 +224,12 @@ def check_options(request: Request) -> None:
         raise WrongOptions(
             "is for the track: other targets aren't validated by a simulation",
             field="--validated-by",
+            remedy="leave it out, or give --target track",
+        )
+    if request.shortlist is not None and request.target != "track":
+        raise WrongOptions(
+            "is for the track: other targets need no choice among events",
+            field="--shortlist",
             remedy="leave it out, or give --target track",
         )
     if request.choose is not None and not (request.who or "").strip():

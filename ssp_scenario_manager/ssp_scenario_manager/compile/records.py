@@ -7,6 +7,7 @@ import os
 from collections.abc import Sequence
 
 from ssp_core.errors import InputError
+from ssp_core.shortlist_file import Listed
 from ssp_scenario_manager.compile.choose import Chosen
 from ssp_scenario_manager.compile.task import Task, Validation
 from ssp_scenario_manager.spec.log import Record
@@ -90,6 +91,30 @@ def choice_record(task: Task, chosen: Chosen, who: str, when: str) -> Record:
         new=task.block.id,
         reason=f"at least {len(chosen.tied)} blocks of {task.place.name} score alike and fit",
         details={"task_version": task.version, "tied": list(chosen.tied)},
+    )
+
+
+def shortlist_record(task: Task, candidate: Listed, sha256: str) -> Record:
+    """The list of the two virtual stages that chose the event for the track.
+
+    Args:
+        task: sealed.
+        candidate: its entry.
+        sha256: hash of the list's file.
+    """
+    return Record(
+        kind="shortlist",
+        when=compiler_time(),
+        who=COMPILER,
+        subject=task.event.name,
+        version=task.event.version,
+        reason="; ".join(candidate.reasons),
+        details={
+            "task_version": task.version,
+            "sha256": sha256,
+            "rank": candidate.rank,
+            "priority": candidate.priority,
+        },
     )
 
 

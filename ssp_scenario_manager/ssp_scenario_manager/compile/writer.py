@@ -11,6 +11,7 @@ from pathlib import Path
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder, write_bytes, write_json, write_text
 from ssp_core.run_spec import RunSpec
+from ssp_core.shortlist_file import SHORTLIST_FILE
 from ssp_scenario_manager.compile.compiler import Compiled
 from ssp_scenario_manager.compile.outputs import write_target
 from ssp_scenario_manager.compile.sheet import SHEET_FILE
@@ -19,7 +20,16 @@ from ssp_scenario_manager.spec.log import LOG_FILE
 from ssp_scenario_manager.spec.log_file import read_log, record_line
 
 _NAMES = frozenset(
-    {TASK_FILE, EVENT_FILE, SITE_FILE, RUN_FILE, LOG_FILE, SHEET_FILE, "carla_config.json"}
+    {
+        TASK_FILE,
+        EVENT_FILE,
+        SITE_FILE,
+        RUN_FILE,
+        LOG_FILE,
+        SHEET_FILE,
+        SHORTLIST_FILE,
+        "carla_config.json",
+    }
 )
 
 
@@ -32,7 +42,7 @@ def write_task_files(compiled: Compiled, folder: Path) -> list[Path]:
     """What a recording carries of its task, into a folder that is there.
 
     Returns:
-        task.json, event.yaml, site.yaml or the map, and log.jsonl.
+        task.json, event.yaml, site.yaml or the map, log.jsonl, and shortlist.json if there is one.
     """
     write_json(folder / TASK_FILE, json.loads(compiled.task.model_dump_json(by_alias=True)))
     write_bytes(folder / EVENT_FILE, compiled.event_file)
@@ -41,7 +51,11 @@ def write_task_files(compiled: Compiled, folder: Path) -> list[Path]:
     write_bytes(place, compiled.site_file or ground.map_data or b"")
     log = "".join(record_line(record) + "\n" for record in compiled.log)
     write_text(folder / LOG_FILE, log)
-    return [folder / TASK_FILE, folder / EVENT_FILE, place, folder / LOG_FILE]
+    files = [folder / TASK_FILE, folder / EVENT_FILE, place, folder / LOG_FILE]
+    if compiled.shortlist is not None:
+        write_bytes(folder / SHORTLIST_FILE, compiled.shortlist)
+        files.append(folder / SHORTLIST_FILE)
+    return files
 
 
 def write_folder(compiled: Compiled, out: Path, *, replace: bool = False) -> list[Path]:

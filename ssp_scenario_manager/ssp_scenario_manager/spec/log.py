@@ -19,6 +19,7 @@ Kind = Literal[
     "accept",  # a field was accepted as it is
     "choice",  # a person chose between tied blocks
     "tuning",  # the compiler chose or changed a value within part C
+    "shortlist",  # the event was a candidate for the track, in a list of the two virtual stages
     "validation",  # a simulation run validated the anchors
     "site_change",  # something was changed on site
     "disclosure",  # a difference between domains that is allowed and must be known
