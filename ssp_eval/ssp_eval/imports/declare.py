@@ -130,13 +130,15 @@ def declaring(domain_default: str | None) -> Callable[[Any], Any]:
     """
 
     def add(function: Any) -> Any:
+        # A default of None would count as one.
+        default = {} if domain_default is None else {"default": domain_default}
         domain = click.option(
             "--domain",
             type=Domain(),
-            default=domain_default,
             required=domain_default is None,
             show_default=True,
             help="synthetic, simulation or physical.",
+            **default,
         )
         for option in reversed((domain, *_OPTIONS)):
             function = option(function)

@@ -23,7 +23,7 @@ from ssp_core.messages import peek_stamp_ns
 from ssp_core.names import CAMERA_IMAGE, absolute
 from ssp_core.state import DEFAULT_SIZES, ObjectState
 from ssp_core.vocab import ObjectClass, Role
-from ssp_eval.evaluate.truth import event_thresholds
+from ssp_eval.recordings.event_rules import event_thresholds
 from ssp_eval.recordings.geometry import Corridor
 from ssp_eval.recordings.phases import Event, find_event, samples_of
 from ssp_eval.recordings.provenance import Provenance, read_provenance

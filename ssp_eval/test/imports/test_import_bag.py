@@ -4,23 +4,32 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import cv2
+import numpy as np
 import pytest
 from foreign_recordings import (
+    FIX,
     INFO,
     JPEG,
+    ODOMETRY,
+    POSE,
     RAW,
     TF,
     TYPES,
     Message,
     TrackDay,
     camera_info,
+    header,
     imported,
     jpeg,
     number_of,
+    picture,
+    pose,
     raw,
     starts,
     transform,
@@ -151,3 +160,278 @@ def test_the_camera_is_that_of_camera_info_and_static_transforms(
     assert info.k.tolist() == pytest.approx([32, 0, 32, 0, 32, 24, 0, 0, 1])
     assert record["camera"]["provenance"] == "measured"
     assert record["camera"]["hfov_deg"] == pytest.approx(90.0)
+
+
+def messages_of(day: TrackDay, change: Callable[[Message], Message | None]) -> list[Message]:
+    """The day's messages, each changed or left out."""
+    return [new for m in day.messages() if (new := change(m)) is not None]
+
+
+def restamped(shift_ns: Callable[[int], int], topic: str) -> Callable[[Message], Message]:
+    """Another clock on one topic: a shift by the time since the day began."""
+
+    def change(m: Message) -> Message:
+        if m[0] != topic:
+            return m
+        ns = m[3].header.stamp.sec * 10**9 + m[3].header.stamp.nanosec
+        began_ns = 1_700_000_000 * 10**9
+        head = header(ns + shift_ns(ns - began_ns), m[3].header.frame_id)
+        return (m[0], m[1], m[2], replace(m[3], header=head))
+
+    return change
+
+
+def twisted(factor: float) -> Callable[[Message], Message]:
+    """The object's speeds in another unit."""
+
+    def change(m: Message) -> Message:
+        if m[0] != "/ot1/odom":
+            return m
+        twist = m[3].twist.twist
+        linear = replace(twist.linear, x=twist.linear.x * factor)
+        return (
+            *m[:3],
+            replace(m[3], twist=replace(m[3].twist, twist=replace(twist, linear=linear))),
+        )
+
+    return change
+
+
+def moved(
+    place: Callable[[float, float, float], tuple[float, float, float]],
+) -> Callable[[Message], Message]:
+    """The object's poses (x, y, yaw) changed."""
+
+    def change(m: Message) -> Message:
+        if m[0] != "/ot1/odom":
+            return m
+        p = m[3].pose.pose
+        x, y, yaw = place(
+            p.position.x, p.position.y, 2 * math.atan2(p.orientation.z, p.orientation.w)
+        )
+        return (*m[:3], replace(m[3], pose=replace(m[3].pose, pose=pose(x, y, yaw))))
+
+    return change
+
+
+def framed(frame_id: str) -> Callable[[Message], Message]:
+    def change(m: Message) -> Message:
+        if m[0] != "/ot1/odom":
+            return m
+        return (*m[:3], replace(m[3], header=replace(m[3].header, frame_id=frame_id)))
+
+    return change
+
+
+def once_back(m: Message) -> Message:
+    """One stamp of the VUT's lies half a second early."""
+    at_ns = 1_700_000_005 * 10**9
+    return (
+        restamped(lambda t: -500_000_000 if t == 5 * 10**9 else 0, "/vut/odom")(m)
+        if m[2] > at_ns
+        else m
+    )
+
+
+WRONG_BAGS: list[tuple[str, Callable[[Message], Message | None], str]] = [
+    ("km/h", twisted(3.6), "/ot1/odom: has speeds 3.6 times those of its positions"),
+    ("degrees", moved(lambda x, y, yaw: (x, y, math.pi / 2 - yaw)),
+     "degrees off its direction of motion (they look clockwise from +y, as a compass counts)"),
+    ("left-handed", moved(lambda x, y, yaw: (x, y, yaw + math.pi)), "turned by half a turn"),
+    ("a jump", moved(lambda x, y, yaw: (x + (30.0 if x > 70.0 else 0.0), y, yaw)),
+     "/ot1/odom: jumps by 30.2 m within 0.02 s: one id must be one object"),
+    ("no number", moved(lambda x, y, yaw: (math.nan if x > 70.0 else x, y, yaw)),
+     "/ot1/odom: has a x_m that is no number"),
+    ("two frames", framed("odom"),
+     "/ot1/odom: its poses are in frame 'odom', the others' in 'map'; say how its frame lies in "
+     "theirs with --transform ot1=X,Y,YAW_DEG"),
+    ("no stamps", lambda m: (*m[:3], replace(m[3], header=header(0, m[3].header.frame_id)))
+     if m[0] == "/ot1/odom" else m,
+     "/ot1/odom: 501 of 501 messages have the stamp 0; take the times of receipt"),
+    ("a stamp back", once_back, "/vut/odom: 1 stamps go backwards, the first by 0.480 s"),
+    ("two clocks", restamped(lambda t: 2_000_000_000, "/cam"),
+     "/cam: its stamps lie 2.000 s after those of /vut/odom, by when both were received"),
+    ("a clock that drifts", restamped(lambda t: -t // 50, "/ot1/odom"),
+     "/ot1/odom: its stamps drift by 0.134 s against those of /vut/odom"),
+    ("no object", lambda m: None if m[0] == "/ot1/odom" else m,
+     "/ot1/odom: is no topic of this bag; of these types it has /vut/odom"),
+    ("an object that isn't there", lambda m: None
+     if m[0] == "/ot1/odom" and m[2] > 1_700_000_000_010_000_000 else m,
+     "/ot1/odom: holds 1 samples within the crop"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("change", "match"), [w[1:] for w in WRONG_BAGS], ids=[w[0] for w in WRONG_BAGS]
+)
+def test_a_bag_that_contradicts_itself_is_refused(
+    day: TrackDay, tmp_path: Path, refused: Callable[..., str],
+    change: Callable[[Message], Message | None], match: str,
+) -> None:  # fmt: skip
+    source = write_bag(tmp_path / "day", messages_of(day, change))
+    message = refused("import-bag", source, *OBJECTS, *DECLARED, "--out", tmp_path / "rec")
+    assert f"{source}: " in message
+    assert match in message
+
+
+@pytest.mark.parametrize(
+    ("options", "status", "match"),
+    [
+        (("--camera", "/nowhere"), 1, "is no topic of this bag; of these types it has /cam"),
+        (("--camera", "/vut/odom"), 1, "/vut/odom: has messages of another type"),
+        (("--camera-info", "/cam"), 1, "/cam: has messages of another type"),
+        (("--start", 11), 1, "/cam: has no frame from 11 s on; its frames span 10.000 s"),
+        (("--rate", 60), 1, "--rate: has 10 frames per second, fewer than 60"),
+        (("--site", "nowhere"), 1, "no such site (got 'nowhere')"),
+        (("--site", "boulevard", "--block", "side"), 1, "is no block of this map (got 'side')"),
+        (("--site", "north_track", "--transform", "all=5000,0,0"), 1,
+         "no block lies under the VUT's way"),
+        (("--event", "cut_in", "--object", "ot2=/ot1/odom:car"), 1,
+         "has the objects ot1, ot2, vut, the K* cut_in has ot1, vut"),
+        (("--event", "cut_in", "--scenario", "a"), 2, "--event gives --scenario"),
+        (("--object", "ot1=/x:car"), 2, "--object names ot1 twice"),
+        (("--object", "ot2=/x:lorry"), 2, "classes are car, truck"),
+        (("--block", "main"), 2, "--block is of no use without --site"),
+        (("--transform", "ot9=0,0,0"), 2, "--transform ot9=…: the objects are vut, ot1"),
+        (("--transform", "ot1=0,0"), 2, "give X,Y,YAW_DEG as numbers"),
+        (("--size", "ot1=4x2"), 2, "give LENGTH,WIDTH,HEIGHT as numbers"),
+        (("--reference", "ot1=roof"), 2, "give rear_axle, centre, front, rear or a number"),
+        (("--mount", "1,0,-1,0"), 2, "Z in (0, 10] m"),
+        (("--datum", "91,0"), 2, "LAT within -90 and 90"),
+        (("--log-by", "A"), 2, "what isn't declared is unknown"),
+        (("--place", "x", "--declared-on", "2999-01-01"), 2, "lies in the future"),
+    ],
+)  # fmt: skip
+def test_wrong_use_is_explained_and_leaves_nothing(
+    bag: Path, tmp_path: Path, refused: Callable[..., str], options: tuple[Any, ...], status: int,
+    match: str,
+) -> None:  # fmt: skip
+    given = ("import-bag", bag, *OBJECTS, *DECLARED, *options, "--out", tmp_path / "rec")
+    assert match in refused(*given, status=status)
+
+
+def test_what_is_no_bag_is_one_message(tmp_path: Path, refused: Callable[..., str]) -> None:
+    (tmp_path / "text.mcap").write_text("not a bag")
+    (tmp_path / "old.bag").write_text("#ROSBAG V2.0")
+    (tmp_path / "empty").mkdir()
+    for name, match in (
+        ("text.mcap", "text.mcap: can't be read as a ROS 2 bag"),
+        ("old.bag", "old.bag: is a bag of ROS 1"),
+        ("empty", "empty: can't be read as a ROS 2 bag"),
+        ("none", "none: is not there"),
+    ):
+        assert match in refused("import-bag", tmp_path / name, *OBJECTS, "--domain", "physical")
+
+
+def test_a_domain_is_declared_with_name_date_and_place(
+    bag: Path, tmp_path: Path, refused: Callable[..., str]
+) -> None:
+    given = ("import-bag", bag, *OBJECTS, "--out", tmp_path / "rec")
+    assert "Missing option '--domain'" in refused(*given, status=2)
+    more = ("--domain", "physical", "--declared-by", "A. Engineer")
+    assert "declared by a person with date and place" in refused(*given, *more, status=2)
+
+
+def test_times_of_receipt_are_used_where_that_is_asked(day: TrackDay, tmp_path: Path) -> None:
+    source = write_bag(
+        tmp_path / "day",
+        messages_of(day, lambda m: (*m[:3], replace(m[3], header=header(0, m[3].header.frame_id)))),
+    )
+    assert run(source, tmp_path / "rec", *DECLARED, "--clock", "receive") == 0
+    event, provenance = imported(tmp_path / "rec")
+    assert starts(event) == pytest.approx(starts(truth(day)), abs=0.02)
+    assert provenance.imported is not None
+    assert provenance.imported.states is not None
+    assert "times are those of receipt" in provenance.imported.states.notes[0]
+
+
+def test_poses_alone_give_speeds_and_headings_of_their_own(day: TrackDay, tmp_path: Path) -> None:
+    def as_pose(m: Message) -> Message:
+        if m[1] != ODOMETRY:
+            return m
+        return (m[0], POSE, m[2], TYPES.types[POSE](header=m[3].header, pose=m[3].pose.pose))
+
+    source = write_bag(tmp_path / "day", messages_of(day, as_pose))
+    assert run(source, tmp_path / "rec", *DECLARED) == 0
+    event, provenance = imported(tmp_path / "rec")
+    assert starts(event) == pytest.approx(starts(truth(day)), abs=0.1)
+    assert provenance.imported is not None
+    assert provenance.imported.states is not None
+    said = " ".join(provenance.imported.states.notes)
+    assert "ot1: speed derived from its positions, a line through the samples within 0.15 s" in said
+
+
+def test_geodetic_positions_need_a_datum_and_lie_in_its_frame(
+    day: TrackDay, tmp_path: Path, refused: Callable[..., str]
+) -> None:
+    """One degree of latitude at 57.7 N is 111,358 m of the meridian, one of longitude 59,718 m."""
+    lat, lon, status = 57.7, 12.9, TYPES.types["sensor_msgs/msg/NavSatStatus"](status=0, service=1)
+
+    def as_fix(m: Message) -> Message:
+        if m[1] != ODOMETRY:
+            return m
+        p = m[3].pose.pose.position
+        fix = TYPES.types[FIX](
+            header=header(m[3].header.stamp.sec * 10**9 + m[3].header.stamp.nanosec, "gps"),
+            status=status, latitude=lat + p.y / 111_358.0, longitude=lon + p.x / 59_718.0,
+            altitude=0.0, position_covariance=np.zeros(9), position_covariance_type=0,
+        )  # fmt: skip
+        return (m[0], FIX, m[2], fix)
+
+    source = write_bag(tmp_path / "day", messages_of(day, as_fix))
+    given = ("import-bag", source, *OBJECTS, *DECLARED, "--out", tmp_path / "rec")
+    assert "give the origin of the map's frame with --datum" in refused(*given)
+    assert run(source, tmp_path / "rec", *DECLARED, "--datum", f"{lat},{lon}",
+               "--site", "boulevard") == 0  # fmt: skip
+    event, _ = imported(tmp_path / "rec")
+    assert starts(event) == pytest.approx(starts(truth(day)), abs=0.1)
+
+
+def test_an_object_in_its_own_frame_is_brought_into_the_others(
+    day: TrackDay, tmp_path: Path
+) -> None:
+    away = moved(lambda x, y, yaw: (y + 30.0, -x - 50.0, yaw - math.pi / 2))
+    source = write_bag(tmp_path / "day", messages_of(day, lambda m: framed("odom")(away(m))))
+    assert run(source, tmp_path / "rec", *DECLARED, "--transform", "ot1=-50,-30,90") == 0
+    event, _ = imported(tmp_path / "rec")
+    assert starts(event) == pytest.approx(starts(truth(day)), abs=0.02)
+
+
+def test_a_crop_begins_with_its_first_frame(day: TrackDay, bag: Path, tmp_path: Path) -> None:
+    assert run(bag, tmp_path / "rec", *DECLARED, "--start", 2, "--end", 9) == 0
+    event, provenance = imported(tmp_path / "rec")
+    assert starts(event, zero_s=2.0) == pytest.approx(starts(truth(day)), abs=0.02)
+    assert provenance.imported is not None
+    assert provenance.imported.crop == {"start_s": 2.0, "end_s": 9.0}
+
+
+def test_frames_and_gaps_are_said(day: TrackDay, tmp_path: Path) -> None:
+    def silent(m: Message) -> Message | None:
+        t_s = m[2] / 1e9 - 1_700_000_000
+        lost = (m[0] == "/ot1/odom" and 2.0 < t_s < 2.6) or (m[0] == "/cam" and 7.0 < t_s < 7.5)
+        late = m[0] == "/vut/odom" and t_s < 1.0
+        return None if lost or late else m
+
+    source = write_bag(tmp_path / "day", messages_of(day, silent))
+    assert run(source, tmp_path / "rec", *DECLARED) == 0
+    _, provenance = imported(tmp_path / "rec")
+    assert provenance.imported is not None
+    assert provenance.imported.states is not None
+    said = "\n".join(provenance.imported.states.notes)
+    assert "the VUT's poses begin" in said
+    assert "ot1: 1 gaps of more than 0.3 s, the longest 0.6" in said
+    assert "camera: 1 gaps of more than 0.3 s, the longest 0.6" in said
+
+
+def test_frames_of_two_sizes_are_refused(
+    day: TrackDay, tmp_path: Path, refused: Callable[..., str]
+) -> None:
+    def cropped(m: Message) -> Message:
+        ns = m[2]
+        return (*m[:3], jpeg(ns - 3_000_000, picture(1, (128, 48)))) if (
+            m[0] == "/cam" and ns > 1_700_000_005 * 10**9
+        ) else m  # fmt: skip
+
+    source = write_bag(tmp_path / "day", messages_of(day, cropped))
+    message = refused("import-bag", source, *OBJECTS, *DECLARED, "--out", tmp_path / "rec")
+    assert "/cam: holds a frame at 5.000 s of the clip that can't be used: 128x48 px" in message
