@@ -131,7 +131,7 @@ def declaring(domain_default: str | None) -> Callable[[Any], Any]:
 
     def add(function: Any) -> Any:
         # A default of None would count as one.
-        default = {} if domain_default is None else {"default": domain_default}
+        default: dict[str, Any] = {} if domain_default is None else {"default": domain_default}
         domain = click.option(
             "--domain",
             type=Domain(),
