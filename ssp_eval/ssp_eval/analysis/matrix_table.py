@@ -78,7 +78,7 @@ def _remark(row: CellRow) -> str:
     if row.status != OK:
         parts.append(f"{row.status}: {row.reason}" if row.reason else row.status)
     elif not row.admitted:
-        parts.append("not admitted")
+        parts.append(row.reason or "not admitted")
     if row.thresholds:
         parts.append("other thresholds")
     if row.ivcs_nulls:

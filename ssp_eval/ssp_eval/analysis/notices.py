@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from ssp_core.vocab import PHASES
 from ssp_eval.analysis.control_tables import condition_of
 from ssp_eval.analysis.row import OK, CellRow, entering, one_scale, over_what
+from ssp_eval.analysis.rows import compared_labels
 from ssp_eval.analysis.table import Column, Table, some
 from ssp_eval.analysis.tables import uneven
 from ssp_eval.evaluate.admission import ADMITTED
@@ -175,6 +177,7 @@ def _of_controls(rows: Sequence[CellRow]) -> Iterable[Notice]:
 def _of_cells(cells: Sequence[CellData]) -> Iterable[Notice]:
     every = _recordings(cells)
     yield from _outside(cells)
+    yield from _label_plans(cells)
     if names := _recordings(cell for cell in cells if cell.facts.labels_proposed):
         text = (
             "Labels stand as they were proposed from ground truth; no person has reviewed them: "
@@ -261,6 +264,23 @@ def _outside(cells: Sequence[CellData]) -> Iterable[Notice]:
         )
         text = f"{why} They are scored and stay out of domain means."
         yield Notice(LEFT_OUT, text, tuple(names), everywhere=True)
+
+
+def _label_plans(cells: Sequence[CellData]) -> Iterable[Notice]:
+    """How many labels each phase has, and which domains don't compare by them (METHOD 5.2b)."""
+    order = "/".join(PHASES)
+    for scenario, found in compared_labels(cells).items():
+        if found.comparable or found.domains < 2:
+            aligned = "" if found.aligned or found.domains < 2 else ", which are not phase-aligned"
+            text = f"Labels of {scenario} in {order}: {found.text}{aligned}."
+            yield Notice(LABELS, text, (scenario,))
+            continue
+        text = (
+            f"Not comparable: the labels of {scenario} lie at other places of the phases in each "
+            f"domain ({order}: {found.text}). Its recordings are scored and stay out of domain "
+            "means; `ssp labels new SYN SIM PHY` plans their labels together."
+        )
+        yield Notice(COMPARABILITY, text, (scenario,), everywhere=True)
 
 
 def _recordings(cells: Iterable[CellData]) -> list[str]:

@@ -12,6 +12,8 @@ from ssp_eval.score.ivcs import ivcs, ivcs_weights
 OK = "ok"
 # Scenario or domain of a row that is a published mean over scenarios or domains: a macro row.
 MACRO = "macro"
+# Why an ok row stays out of domain means, where it isn't the audit that says so (METHOD 5.2b).
+OTHER_LABELS = "not comparable: labels at other places of the phases in other domains"
 
 
 @dataclass(frozen=True)
@@ -30,9 +32,9 @@ class CellRow:
         architecture: of the model.
         control: it checks the harness, and enters no mean and no rank.
         stand_in: the recording is of a software stand-in for a vehicle.
-        admitted: False keeps it out of domain means (METHOD 4).
+        admitted: False keeps it out of domain means (METHOD 4 and 5.2b).
         status: ok, refused or failed; only an ok one has scores.
-        reason: why it is not ok.
+        reason: why it is not ok, or OTHER_LABELS.
         thresholds: hash of those that it was scored with; empty: METHOD's, or nobody said.
         weighted: IVCS where it isn't METHOD 6.10 of this row's components: a mean over runs, or as
             it was published of a macro row.

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
-from ssp_eval.analysis.row import CellRow
+from ssp_eval.analysis.row import OTHER_LABELS, CellRow
 from ssp_eval.evaluate.admission import ADMITTED
+from ssp_eval.labels.comparable import LabelComparison, compare_by_scenario
 from ssp_eval.report.load import CellData, load_cells
 from ssp_eval.score import DEFAULT
 
@@ -24,12 +26,25 @@ def rows_from_campaign(out: Path, run: str = "") -> list[CellRow]:
 
 
 def rows_from_cells(cells: list[CellData], run: str = "") -> list[CellRow]:
-    """The rows of cells that were loaded already; see rows_from_campaign."""
-    return [_row_of(cell, run) for cell in cells]
+    """The rows of cells that were loaded already; see rows_from_campaign.
+
+    Recordings whose labels can't be compared between domains (METHOD 5.2b) stay out of domain
+    means, as those that the audit didn't admit.
+    """
+    compared = compared_labels(cells)
+    return [_row_of(cell, run, compared.get(cell.scenario)) for cell in cells]
 
 
-def _row_of(cell: CellData, run: str) -> CellRow:
+def compared_labels(cells: Iterable[CellData]) -> dict[str, LabelComparison]:
+    """What the labels of each scenario's scored recordings allow, within one run."""
+    return compare_by_scenario((c.scenario, c.domain, c.labels) for c in cells if c.score)
+
+
+def _row_of(cell: CellData, run: str, compared: LabelComparison | None) -> CellRow:
     facts, score = cell.facts.model_facts, cell.score
+
+    is_comparable = score is None or compared is None or compared.comparable
+    reasons = [*cell.facts.reasons, *([] if is_comparable else [OTHER_LABELS])]
 
     def value(name: str) -> float | None:
         return None if score is None else getattr(score, name)
@@ -56,9 +71,9 @@ def _row_of(cell: CellData, run: str) -> CellRow:
         active_b=facts.active_b,
         architecture=facts.architecture,
         control=cell.is_control,
-        admitted=cell.admission == ADMITTED,
+        admitted=cell.admission == ADMITTED and is_comparable,
         stand_in=cell.facts.stand_in,
         status=cell.facts.status,
-        reason="; ".join(cell.facts.reasons),
+        reason="; ".join(reasons),
         thresholds="" if cell.thresholds == DEFAULT else cell.thresholds.sha256,
     )

@@ -147,8 +147,8 @@ def _left_out(cells: Sequence[Cell], by: Sequence[str]) -> list[str]:
     if not count:
         return []
     return [
-        f"{_cells(count)} left out: the transfer audit did not admit the recording, or "
-        "there was none."
+        f"{_cells(count)} left out: the transfer audit did not admit the recording, or there was "
+        "none, or its labels don't compare with those of other domains."
     ]
 
 

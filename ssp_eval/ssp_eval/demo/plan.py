@@ -101,6 +101,7 @@ def steps(out: Path, scenarios: Sequence[str]) -> list[Step]:
     plan += [step for scenario in scenarios for step in _simulation(out, scenario)]
     plan += [step for scenario in scenarios for step in _synthetic(out, scenario)]
     plan += [step for scenario in scenarios for step in _physical(out, scenario)]
+    plan += [_labels(out, scenario) for scenario in scenarios]
     plan += [_audit(out, scenario) for scenario in scenarios]
     return [*plan, *_evaluation(out, scenarios)]
 
@@ -118,7 +119,6 @@ def _simulation(out: Path, scenario: str) -> list[Step]:
             needs=(f"{scenario}/clip",),
             session=True,
         ),
-        _labels(out, scenario, "simulation"),
     ]
 
 
@@ -144,16 +144,6 @@ def _synthetic(out: Path, scenario: str) -> list[Step]:
             ),
             needs=(f"{scenario}/clip",),
             more=lambda: (*_version(out, scenario), *declared_options(clip)),
-        ),
-        Step(
-            f"{scenario}/synthetic/labels",
-            f"{scenario}: label the clip",
-            (
-                *("labels", "new", "--truth", str(clip.with_suffix(".truth.json"))),
-                *("--out", str(folder / "labels.json")),
-            ),
-            needs=(f"{scenario}/synthetic",),
-            more=lambda: _version(out, scenario),
         ),
     ]
 
@@ -181,21 +171,22 @@ def _physical(out: Path, scenario: str) -> list[Step]:
             needs=(f"{scenario}/task",),
             session=True,
         ),
-        _labels(out, scenario, "physical"),
     ]
 
 
-def _labels(out: Path, scenario: str, domain: str) -> Step:
-    folder = run_folder(out, scenario, domain)
-    return Step(
-        f"{scenario}/{domain}/labels",
-        f"{scenario}: label the {domain} session",
-        ("labels", "new", str(folder / "bag"), "--out", str(folder / "labels.json")),
-        needs=(f"{scenario}/{domain}",),
-    )
-
-
 _DOMAINS = ("synthetic", "simulation", "physical")
+
+
+def _labels(out: Path, scenario: str) -> Step:
+    """One plan for the three recordings, so that each has as many labels in every phase."""
+    recordings = (str(run_folder(out, scenario, domain)) for domain in _DOMAINS)
+    truth = clip_path(out, scenario).with_suffix(".truth.json")
+    return Step(
+        f"{scenario}/labels",
+        f"{scenario}: label the three recordings by one plan",
+        ("labels", "new", *recordings, "--truth", str(truth)),
+        needs=tuple(f"{scenario}/{domain}" for domain in _DOMAINS),
+    )
 
 
 def _audit(out: Path, scenario: str) -> Step:
@@ -204,7 +195,7 @@ def _audit(out: Path, scenario: str) -> Step:
         f"{scenario}/audit",
         f"{scenario}: audit the three recordings",
         ("audit", *recordings, "--out", str(audit_folder(out, scenario))),
-        needs=tuple(f"{scenario}/{domain}/labels" for domain in _DOMAINS),
+        needs=(f"{scenario}/labels",),
     )
 
 

@@ -19,6 +19,7 @@ from ssp_eval.evaluate.labelled import LabelledClip
 from ssp_eval.evaluate.model_spec import ModelSpec
 from ssp_eval.evaluate.store import RAW_FILE, REQUESTS_FILE, Asked
 from ssp_eval.extract.llm import Extractor, make_extractor
+from ssp_eval.labels.comparable import phase_counts
 from ssp_eval.score import DEFAULT, Thresholds
 
 CELL_SCHEMA = "ssp.cell/1"
@@ -53,6 +54,7 @@ class CellResult:
         control: it was added to check the harness.
         condition: under which the model was asked; empty: none.
         first_missing: why the first answer is missing; empty where none is.
+        labels_per_phase: how many labels each phase has.
     """
 
     folder: Path
@@ -71,6 +73,7 @@ class CellResult:
     control: bool = False
     condition: str = ""
     first_missing: str = ""
+    labels_per_phase: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def missing(self) -> int:
@@ -182,6 +185,7 @@ def write_cell(
         control=model.control,
         condition=model.condition,
         first_missing=next((short(one.missing) for one in asked if one.missing), ""),
+        labels_per_phase=phase_counts(labelled.labels),
     )
 
 
@@ -238,6 +242,8 @@ def _facts(
         "clip": _clip_facts(labelled, place.folder.parent.parent),
         "labels_source": labelled.labels_source,
         "labels_proposed": labelled.proposed,
+        "labels_plan": labelled.labels.plan,
+        "labels_per_phase": phase_counts(labelled.labels),
         "answers": {
             "sent": len(_sent(asked)),
             "reused": sum(one.reused for one in asked),

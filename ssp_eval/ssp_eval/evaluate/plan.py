@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from ssp_eval.evaluate.labelled import LabelledClip
 from ssp_eval.evaluate.model_spec import ModelSpec
+from ssp_eval.labels.comparable import compare_by_scenario
 
 NO_CONTROLS = "--no-controls"
 
@@ -22,6 +23,8 @@ class Plan:
         to_answerers: of these, to the harness's own answerers.
         spoilt: of these, to models that are asked once more under a condition.
         goes_on: some may have an answer that is stored, and isn't asked for again.
+        label_lines: per scenario how many labels each phase has, and whether the domains compare
+            (METHOD 5.2b).
     """
 
     label_times: int
@@ -30,6 +33,7 @@ class Plan:
     to_answerers: int
     spoilt: int
     goes_on: bool = False
+    label_lines: tuple[str, ...] = field(default=(), compare=False)
 
     def line(self, leave_out: str = NO_CONTROLS) -> str:
         """The plan for people.
@@ -62,6 +66,9 @@ def plan_of(
         models: who is asked, controls included.
         goes_on: the campaign has answers already, and they count.
     """
+    compared = compare_by_scenario(
+        (clip.labels.scenario, clip.labels.domain, clip.labels) for clip in clips
+    )
     label_times = sum(len(clip.labels.labels) for clip in clips)
     asked = [clip for clip in clips if clip.refusal is None]
     each = sum(len(clip.labels.labels) for clip in asked)
@@ -72,6 +79,7 @@ def plan_of(
         to_answerers=each * sum(model.answerer for model in models),
         spoilt=each * sum(bool(model.condition) for model in models),
         goes_on=goes_on,
+        label_lines=tuple(f"{name}: {found.line}" for name, found in compared.items()),
     )
 
 

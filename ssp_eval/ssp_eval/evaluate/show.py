@@ -10,6 +10,7 @@ from typing import Any
 from rich.table import Table
 
 from ssp_core import console
+from ssp_core.vocab import PHASES
 from ssp_eval.evaluate.admission import ADMITTED, REFUSED, UNAUDITED
 from ssp_eval.evaluate.cell_file import CellResult, holds_answers, losses_text
 from ssp_eval.evaluate.plan import NO_CONTROLS, Plan
@@ -32,6 +33,8 @@ def asking(
         task = bar.task_ids[0]
 
         def on_plan(plan: Plan) -> None:
+            for line in plan.label_lines:
+                console.note(f"labels in {'/'.join(PHASES)}, {line}")
             console.note(plan.line(no_controls))
             bar.update(task, total=plan.label_times)
 
@@ -117,5 +120,6 @@ def result_to_json(result: CellResult) -> dict[str, Any]:
         "asked_again": result.again,
         "missing": result.missing,
         "missing_by_kind": dict(result.losses),
+        "labels_per_phase": dict(result.labels_per_phase),
         "score": result.score,
     }

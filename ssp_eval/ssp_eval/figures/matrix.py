@@ -222,7 +222,7 @@ def _foot(axes: Axes, y: float, cells: Sequence[CellRow]) -> None:
     if any(cell.ivcs_nulls for cell in cells):
         notes.append("*: a component without denominator counts as 0")
     if any(not cell.admitted and cell.status == OK for cell in cells):
-        notes.append(f"{NOT_ADMITTED}: not admitted, in no domain mean")
+        notes.append(f"{NOT_ADMITTED}: in no domain mean")
     # Two lines at most, which the foot has room for beside and below the legend.
     lines: list[str] = []
     line = ""
@@ -258,7 +258,10 @@ def _caption(cells: Sequence[CellRow], names: dict[str, str], scores: Scores) ->
         "open dot is 0.",
         "S@t is a risk response t seconds after the risk's onset, F none.",
         f"{refused} refused or failed: {_reasons(cells)}." if refused else "",
-        f"{unpaired} not admitted by the transfer audit ({NOT_ADMITTED})." if unpaired else "",
+        f"{unpaired} not admitted by the transfer audit, or with labels that don't compare "
+        f"({NOT_ADMITTED})."
+        if unpaired
+        else "",
         "Where a cell has several runs, their means are shown, and the share that responded."
         if runs
         else "",

@@ -121,7 +121,10 @@ class Scores:
         if not count:
             return ""
         cells = counted(count, "cell")
-        return f"Left out, since the audit didn't admit the recording or there was none: {cells}."
+        return (
+            "Left out, since the audit didn't admit the recording or there was none, or since its "
+            f"labels don't compare with those of other domains: {cells}."
+        )
 
     def uneven(self, subject: str) -> str:
         """A sentence where the models or domains don't have the same cells."""
