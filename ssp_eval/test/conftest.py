@@ -16,7 +16,7 @@ import pytest
 from ssp_core.bag import BagWriter
 from ssp_core.bag.types import serialize, typestore
 from ssp_core.files import write_json, write_text
-from ssp_core.vocab import ObjectClass, Role, SessionPhase, Verdict
+from ssp_core.vocab import ControlState, ObjectClass, Role, SessionPhase, Verdict
 from ssp_eval.extract import extract
 from ssp_scenario_manager.compile.task import Task, sealed
 from ssp_scenario_manager.site import Site, find_shipped, site_version
@@ -105,11 +105,18 @@ class RunBag:
         log_ns = LOG_START_NS + self.count * 1_000_000
         self.writer.write(topic, serialize(message), log_ns, log_ns - 500)
 
-    def state(self, stamp_ns: int, name: str, role: Role, pose: tuple[float, ...]) -> Any:
+    def state(
+        self,
+        stamp_ns: int,
+        name: str,
+        role: Role,
+        pose: tuple[float, ...],
+        control: ControlState = ControlState.RUNNING,
+    ) -> Any:
         x, y, yaw, speed, acceleration = pose
         return self.types["ssp_msgs/msg/ObjectState"](
             header=self.header(stamp_ns), object_id=name, object_class=int(ObjectClass.CAR),
-            role=int(role), control_state=4, sequence=1, x=x, y=y, yaw=yaw, speed=speed,
+            role=int(role), control_state=int(control), sequence=1, x=x, y=y, yaw=yaw, speed=speed,
             acceleration=acceleration, yaw_rate=0.0, front=3.6, rear=0.9, width=1.8, height=1.5,
             position_std=0.0, reference_id="", error_longitudinal=0.0, error_lateral=0.0,
             error_yaw=0.0,
@@ -191,16 +198,27 @@ def poses(t_s: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
     return (10.0 * t_s, 0.0, 0.0, 10.0, 0.0), car
 
 
-def k_star_poses(t_s: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """VUT at 13 m/s; a car at 8.5 m/s changes into its lane from the left, and the VUT brakes."""
-    braked_s = min(max(t_s - 5.0, 0.0), 2.0)
-    speed = 13.0 - 3.0 * braked_s
-    x_m = 13.0 * min(t_s, 5.0) + 13.0 * braked_s - 1.5 * braked_s**2 + 7.0 * max(t_s - 7.0, 0.0)
-    progress = min(max((t_s - 3.0) / 2.5, 0.0), 1.0)
+def k_star_poses(
+    t_s: float, change_s: float = 2.5, braking_s: float = 2.0, slowing_mps2: float = 3.0
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """VUT at 13 m/s; a car at 8.5 m/s changes into its lane from the left, and the VUT brakes.
+
+    Args:
+        t_s: the car begins at 3 s, the VUT at 5 s.
+        change_s: how long the change of lanes takes.
+        braking_s: how long the VUT brakes.
+        slowing_mps2: how hard.
+    """
+    braked_s = min(max(t_s - 5.0, 0.0), braking_s)
+    speed = 13.0 - slowing_mps2 * braked_s
+    x_m = 13.0 * min(t_s, 5.0) + 13.0 * braked_s - slowing_mps2 / 2.0 * braked_s**2
+    x_m += speed * max(t_s - 5.0 - braking_s, 0.0)
+    progress = min(max((t_s - 3.0) / change_s, 0.0), 1.0)
     y_m = LANE_M * 0.5 * (1.0 + math.cos(math.pi * progress))
-    right = LANE_M * 0.5 * math.pi / 2.5 * math.sin(math.pi * progress) if 0 < progress < 1 else 0.0
+    turning = 0 < progress < 1
+    right = LANE_M * 0.5 * math.pi / change_s * math.sin(math.pi * progress) if turning else 0.0
     yaw, pace = math.atan2(-right, 8.5), math.hypot(8.5, right)
-    slowing = -3.0 if 0.0 < braked_s < 2.0 else 0.0
+    slowing = -slowing_mps2 if 0.0 < braked_s < braking_s else 0.0
     return (x_m, 0.0, 0.0, speed, slowing), (38.0 + 8.5 * t_s, y_m, yaw, pace, 0.0)
 
 
@@ -315,6 +333,8 @@ def write_bag(
     task: Path | None = None,
     told: bool = True,
     like_k_star: bool = False,
+    pace: tuple[float, float, float, float] | None = None,
+    reported: ControlState | None = None,
 ) -> Path:
     """Writes a recorded cut-in of 9 s at 50 Hz with frames at 10 Hz; simulated time is not 0.
 
@@ -324,7 +344,16 @@ def write_bag(
         told: write verdict.json too, as the runner does.
         like_k_star: what the shipped cut_in asks for, rather than the simpler scene: from the left,
             far enough ahead, and seen by a camera of 640×360 px.
+        pace: the scene of K* so many seconds later and at another pace, see k_star_poses.
+        reported: no world states, as in a live session; both report their own with this control
+            state.
     """
+
+    def scene(t_s: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        if pace is not None:
+            return k_star_poses(t_s - pace[0], *pace[1:])
+        return k_star_poses(t_s) if like_k_star else poses(t_s)
+
     bag = RunBag(path)
     start_ns = LEAD_STEPS * STEP_NS
     with bag.writer:
@@ -341,11 +370,15 @@ def write_bag(
             stamp_ns = k * STEP_NS
             if stamp_ns == start_ns:
                 bag.session(stamp_ns, SessionPhase.RUNNING, Verdict.NONE, [])
-            own, other = (k_star_poses if like_k_star else poses)((stamp_ns - start_ns) / 1e9)
-            vut = bag.state(stamp_ns, "vut", Role.VUT, own)
-            car = bag.state(stamp_ns, "ot1", Role.OT, other)
-            tick = bag.tick(stamp_ns, k, [car, vut])
-            bag.write("/ssp/world/tick", tick, stamp_ns)
+            own, other = scene((stamp_ns - start_ns) / 1e9)
+            control = ControlState.RUNNING if reported is None else reported
+            vut = bag.state(stamp_ns, "vut", Role.VUT, own, control)
+            car = bag.state(stamp_ns, "ot1", Role.OT, other, control)
+            if reported is None:
+                tick = bag.tick(stamp_ns, k, [car, vut])
+                bag.write("/ssp/world/tick", tick, stamp_ns)
+            else:
+                bag.write("/ssp/ot1/state", car, stamp_ns)
             bag.write("/ssp/vut/state", vut, stamp_ns)
             if frames and k % FRAME_STEPS == 0:
                 bag.frame(stamp_ns, picture(k))

@@ -46,7 +46,12 @@ def notices(rows: Sequence[CellRow], cells: Sequence[CellData] = ()) -> list[Not
         rows: of one or several runs.
         cells: the cells behind the rows; none where only component scores are known.
     """
-    found = [*_of_rows(rows), *_comparability(rows, cells), *_of_cells(cells)]
+    found = [
+        *_of_rows(rows),
+        *_comparability(rows, cells),
+        *_label_plans(rows, cells),
+        *_of_cells(cells),
+    ]
     return sorted(found, key=lambda notice: not notice.everywhere)
 
 
@@ -177,7 +182,6 @@ def _of_controls(rows: Sequence[CellRow]) -> Iterable[Notice]:
 def _of_cells(cells: Sequence[CellData]) -> Iterable[Notice]:
     every = _recordings(cells)
     yield from _outside(cells)
-    yield from _label_plans(cells)
     if names := _recordings(cell for cell in cells if cell.facts.labels_proposed):
         text = (
             "Labels stand as they were proposed from ground truth; no person has reviewed them: "
@@ -266,12 +270,22 @@ def _outside(cells: Sequence[CellData]) -> Iterable[Notice]:
         yield Notice(LEFT_OUT, text, tuple(names), everywhere=True)
 
 
-def _label_plans(cells: Sequence[CellData]) -> Iterable[Notice]:
-    """How many labels each phase has, and which domains don't compare by them (METHOD 5.2b)."""
+def _label_plans(rows: Sequence[CellRow], cells: Sequence[CellData]) -> Iterable[Notice]:
+    """How many labels each phase has, and which domains don't compare by them (METHOD 5.2b).
+
+    Within each run, as _comparability.
+    """
+    runs: dict[str, list[CellData]] = {}
+    for row, cell in zip(rows, cells, strict=bool(cells)):
+        runs.setdefault(row.run, []).append(cell)
     order = "/".join(PHASES)
-    for scenario, found in compared_labels(cells).items():
-        if found.comparable or found.domains < 2:
-            aligned = "" if found.aligned or found.domains < 2 else ", which are not phase-aligned"
+    told = {
+        (name, found): None for of in runs.values() for name, found in compared_labels(of).items()
+    }
+    for scenario, found in told:
+        if found.domains < 2 or found.comparable:
+            clock = found.domains > 1 and not found.aligned
+            aligned = "; the labels are not phase-aligned" if clock else ""
             text = f"Labels of {scenario} in {order}: {found.text}{aligned}."
             yield Notice(LABELS, text, (scenario,))
             continue

@@ -10,6 +10,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path, PurePosixPath
 from typing import TypeVar
 
+from ssp_core import console
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder
 from ssp_eval.evaluate.admission import NO_AUDIT, Admission
@@ -21,7 +22,8 @@ from ssp_eval.evaluate.labelled import LabelledClip
 from ssp_eval.evaluate.model_spec import ModelSpec
 from ssp_eval.evaluate.plan import Plan, plan_of
 from ssp_eval.labels.model import Labels, labels_version, load_labels
-from ssp_eval.labels.proposal.propose import propose_alone
+from ssp_eval.labels.proposal.basis import Truth
+from ssp_eval.labels.proposal.propose import propose_by_plan
 from ssp_eval.labels.proposal.truth import truth_from_bag
 from ssp_eval.labels.proposal_file import is_unreviewed, write_proposal
 from ssp_eval.recordings.import_record import SAFE_NAME
@@ -57,7 +59,6 @@ def _beside(bag: AnyPath) -> AnyPath:
 def labelled_clip(
     clip: Clip,
     labels_path: Path | None,
-    propose_labels: bool,
     admission: Admission = NO_AUDIT,
 ) -> LabelledClip:
     """A clip with the labels that belong to it.
@@ -65,7 +66,6 @@ def labelled_clip(
     Args:
         clip: open.
         labels_path: given by the user; None looks beside the bag.
-        propose_labels: where there are none, propose them from the recorded ground truth.
         admission: what the audit says of the recording.
 
     Raises:
@@ -80,19 +80,33 @@ def labelled_clip(
         if labelled.refusal is None:
             _check_span(clip, labels, path)
         return labelled
-    facts = clip.provenance
-    if not propose_labels:
-        raise InputError(
-            "has no labels file inside or beside it",
-            file=clip.path,
-            remedy="give --labels FILE, or --propose-labels to make them from the ground truth",
-        )
-    proposal, _ = propose_alone(truth_from_bag(clip.path))
-    _check_name(proposal.labels, clip.path)
-    target = _beside(bag_folder(clip.path))
-    make_folder(target.parent)
-    write_proposal(target, proposal, source=facts.bag_sha256)
-    return _labelled(clip, proposal.labels, target.name, True, admission)
+    raise InputError(
+        "has no labels file inside or beside it",
+        file=clip.path,
+        remedy="give --labels FILE, or --propose-labels to make them from the recorded states",
+    )
+
+
+def _propose(clips: Sequence[Clip]) -> None:
+    """Proposes labels beside bags, those of a scenario by one plan (METHOD 5.2b).
+
+    Raises:
+        InputError: a recording has no states or no event.
+    """
+    scenarios: dict[tuple[str, str], list[tuple[Clip, Truth]]] = {}
+    for clip in clips:
+        truth = truth_from_bag(clip.path)
+        key = truth.scenario, truth.event_version
+        scenarios.setdefault(key, []).append((clip, truth))
+    for group in scenarios.values():
+        proposals, problem = propose_by_plan([truth for _, truth in group])
+        if problem:
+            console.note(f"note: {problem}: labels on a grid on the clock")
+        for (clip, _), proposal in zip(group, proposals, strict=True):
+            _check_name(proposal.labels, clip.path)
+            target = _beside(bag_folder(clip.path))
+            make_folder(target.parent)
+            write_proposal(target, proposal, source=clip.provenance.bag_sha256)
 
 
 def _labelled(
@@ -217,10 +231,13 @@ def open_clips(
         # One bag after the other is hashed, however many there are.
         _check_once(clip, opened)
         opened.append(clip)
+    if propose_labels:
+        pairs = zip(opened, bags, strict=True)
+        _propose([c for c, (_, labels) in pairs if labels is None and find_labels(c.path) is None])
     clips = []
     for clip, (_, labels) in zip(opened, bags, strict=True):
         admission = (admissions or {}).get(clip.provenance.bag_sha256, NO_AUDIT)
-        clips.append(labelled_clip(clip, labels, propose_labels, admission))
+        clips.append(labelled_clip(clip, labels, admission))
     check_distinct(clips)
     return clips
 

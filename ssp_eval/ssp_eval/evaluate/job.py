@@ -121,7 +121,7 @@ class JobRunner(Closing):
             InputError: the recording or its labels aren't those that the campaign began with.
         """
         with Clip(job.bag) as clip:
-            labelled = labelled_clip(clip, job.labels, False, job.admission)
+            labelled = labelled_clip(clip, job.labels, job.admission)
             _check_same(job, labelled)
             return evaluate_cell(
                 labelled, job.model, self._askers, self._settings.out, self._options, on_record

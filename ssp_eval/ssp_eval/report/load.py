@@ -24,6 +24,7 @@ from ssp_eval.evaluate.controls import NEVER_MODELS, is_control_name
 from ssp_eval.evaluate.interpret import LLM_MISSING
 from ssp_eval.evaluate.store import REQUESTS_FILE
 from ssp_eval.extract.language import NOT_READ
+from ssp_eval.labels.comparable import counts_text, phase_counts
 from ssp_eval.labels.model import Labels, load_labels
 from ssp_eval.records import MOST_BYTES, BehaviourRecord, load_records
 from ssp_eval.report.facts import CellFacts, RequestFacts, load_facts
@@ -86,6 +87,11 @@ class CellData:
     def audit_sha256(self) -> str | None:
         """Hash of the audit that the recording was looked up in."""
         return self.facts.admission.audit_sha256
+
+    @property
+    def labels_per_phase(self) -> str:
+        """How many labels approach, trigger, conflict and resolution have, ``3/1/4/1``."""
+        return counts_text(phase_counts(self.labels))
 
     @property
     def is_control(self) -> bool:

@@ -149,20 +149,19 @@ def propose_planned(
     return plan, proposals
 
 
-def propose_alone(truth: Truth) -> tuple[Proposal, str]:
-    """Labels of one recording by a plan of its own; on a clock grid where there is none.
+def propose_by_plan(truths: Sequence[Truth]) -> tuple[list[Proposal], str]:
+    """Labels of a scenario's recordings by one plan; each on a clock grid where there is none.
 
     Returns:
-        The proposal, and why there is no plan, empty where there is one.
+        The proposals, and why there is no plan, empty where there is one.
 
     Raises:
         InputError: see propose.
     """
     try:
-        _, (proposal,) = propose_planned([truth])
+        return propose_planned(truths)[1], ""
     except NoPlan as error:
-        return propose(truth), str(error)
-    return proposal, ""
+        return [propose(truth) for truth in truths], str(error)
 
 
 def _locate(truth: Truth) -> _Located:
