@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,10 @@ from ssp_core.speed_profile import DEFAULT_RAMP_S, SAME_TIME_S, SpeedProfile
 DEFAULT_STEP_S = 0.05
 # Heading turns over at most this far to each side of a path's vertex.
 _BLEND_M = 1.0
+# Two places along a path closer than this are one.
+_SAME_PLACE_M = 1e-7
+# So often stations and room are corrected for the path's bends.
+_MOST_ROUNDS = 60
 
 
 class _Heading:
@@ -67,15 +72,13 @@ def drive_along(
     Raises:
         ValueError: a value out of range, or too little path left to stop.
     """
-    speed = SpeedProfile(
-        start_speed_mps,
-        cruise_mps,
-        path.length_m - start_station_m,
-        acceleration_mps2,
-        deceleration_mps2,
-        ramp_s,
-    )
-    return _beside(path, start_station_m, 0.0, speed, dt_s)
+
+    def speed(room_m: float) -> SpeedProfile:
+        return SpeedProfile(
+            start_speed_mps, cruise_mps, room_m, acceleration_mps2, deceleration_mps2, ramp_s
+        )
+
+    return _driven(path, start_station_m, path.length_m, _Shift(), speed, dt_s)
 
 
 def brake_along(
@@ -110,31 +113,18 @@ def brake_along(
             f"braking goes from a speed to a lower one; this goes from {start_speed_mps:.2f} m/s "
             f"to {to_mps:.2f} m/s"
         )
-    room = path.length_m - start_station_m
-    cruise = to_mps
-    if to_mps == 0.0:
-        cruise = start_speed_mps
-        stop = 0.5 * start_speed_mps * (start_speed_mps / deceleration_mps2 + ramp_s)
-        room = min(room, stop)  # SpeedProfile says when the path is too short for it
-    speed = SpeedProfile(
-        start_speed_mps, cruise, room, deceleration_mps2, deceleration_mps2, ramp_s
-    )
-    return _beside(path, start_station_m, start_offset_m, speed, dt_s)
+    stop_m = 0.5 * start_speed_mps * (start_speed_mps / deceleration_mps2 + ramp_s)
 
+    def speed(room_m: float) -> SpeedProfile:
+        cruise = to_mps
+        if to_mps == 0.0:
+            # SpeedProfile says when the path is too short for it.
+            cruise, room_m = start_speed_mps, min(room_m, stop_m)
+        return SpeedProfile(
+            start_speed_mps, cruise, room_m, deceleration_mps2, deceleration_mps2, ramp_s
+        )
 
-def _beside(
-    path: Polyline, start_station_m: float, offset_m: float, speed: SpeedProfile, dt_s: float
-) -> Points:
-    """Points of a speed along a path, at a constant offset to its left."""
-    times = speed.times(dt_s)
-    distance, v, a = speed.over(times)
-    stations = start_station_m + distance
-    yaw, curvature = _Heading(path).over(stations)
-    x, y = _beside_foot(path, stations, yaw, offset_m)
-    stretch = 1.0 - curvature * offset_m
-    return Points(
-        np.array((times, x, y, wrap_angles(yaw), stretch * v, stretch * a, curvature / stretch))
-    )
+    return _driven(path, start_station_m, path.length_m, _Shift(start_offset_m), speed, dt_s)
 
 
 def _beside_foot(
@@ -152,12 +142,15 @@ def _beside_foot(
 class _Shift:
     """Quintic from one lateral position to another with zero rate and acceleration at both ends."""
 
-    start_m: float
-    shift_m: float
-    duration_s: float
+    start_m: float = 0.0
+    shift_m: float = 0.0
+    duration_s: float = 0.0
 
     def over(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Lateral position in m, its rate in m/s and its acceleration in m/s^2; shape (n,) each."""
+        if self.shift_m == 0.0:
+            still = np.zeros_like(times_s)
+            return still + self.start_m, still, still
         u = np.clip(times_s / self.duration_s, 0.0, 1.0)
         k, d = self.shift_m, self.duration_s
         left = 1.0 - u
@@ -166,6 +159,84 @@ class _Shift:
             30.0 * k * (u * left) ** 2 / d,
             60.0 * k * u * left * (1.0 - 2.0 * u) / (d * d),
         )
+
+
+def _driven(
+    path: Polyline,
+    start_station_m: float,
+    end_station_m: float,
+    shift: _Shift,
+    speed_over: Callable[[float], SpeedProfile],
+    dt_s: float,
+) -> Points:
+    """Points of an object that drives beside a path, at a speed and an offset over time.
+
+    The speed u is the object's own, parallel to the path. Beside a bend it passes stations faster
+    or slower than u: with curvature k and offset y, s' = u / (1 - k y), so s = s0 + integral of
+    u dt + integral of y d(heading). Its speed doesn't step where the bend begins.
+
+    Args:
+        path: frame map, m.
+        start_station_m: of the path, at t = 0.
+        end_station_m: beside which it stands at the end.
+        shift: its lateral position, m left of the path.
+        speed_over: u over time, for the room in m that there is to drive.
+        dt_s: time between points.
+
+    Raises:
+        ValueError: no such speed, or the path bends too tightly for the offset.
+    """
+    heading = _Heading(path)
+    room_m = end_station_m - start_station_m
+    for _ in range(_MOST_ROUNDS):
+        speed = speed_over(room_m)
+        times = speed.times(dt_s)
+        if 0.0 < shift.duration_s < times[-1]:
+            times = np.sort(np.append(times, shift.duration_s))
+            times = times[np.append(True, np.diff(times) > SAME_TIME_S)]
+        distance, u, u1 = speed.over(times)
+        offset, y1, y2 = shift.over(times)
+        stations = _stations(heading, start_station_m + distance, offset)
+        miss_m = end_station_m - float(stations[-1])
+        # A braking to a standstill needs less room than there is.
+        if abs(miss_m) < _SAME_PLACE_M or speed.distance_m < room_m:
+            break
+        room_m += miss_m
+    yaw, k = heading.over(stations)
+    x, y = _beside_foot(path, stations, yaw, offset)
+    v = np.hypot(u, y1)
+    moves = v > 1e-6
+    safe = np.where(moves, v, 1.0)
+    a = np.where(moves, (u * u1 + y1 * y2) / safe, u1)
+    bend = k / (1.0 - k * offset)
+    turn = bend * u + (u * y2 - y1 * u1) / (safe * safe)
+    curvature = np.where(moves, turn / safe, bend)
+    yaw = wrap_angles(yaw + np.where(moves, np.arctan2(y1, u), 0.0))
+    return Points(np.array((times, x, y, yaw, v, a, curvature)))
+
+
+def _stations(heading: _Heading, driven_m: FloatArray, offset_m: FloatArray) -> FloatArray:
+    """Stations of an object at offsets beside a path, of which it has driven so far itself.
+
+    Raises:
+        ValueError: the path bends too tightly for the offset.
+    """
+    stations = driven_m
+    if not offset_m.any():
+        return stations
+    middle = 0.5 * (offset_m[1:] + offset_m[:-1])
+    for _ in range(_MOST_ROUNDS):
+        yaw, curvature = heading.over(stations)
+        found: FloatArray = driven_m + np.append(0.0, np.cumsum(middle * np.diff(yaw)))
+        moved_m = float(np.abs(found - stations).max())
+        stations = found
+        if moved_m < _SAME_PLACE_M:
+            return stations
+    tightest = float((curvature * offset_m).max())
+    raise ValueError(
+        f"beside its path by up to {float(np.abs(offset_m).max()):.2f} m it can't drive: a bend of "
+        f"the path leaves {max(1.0 - tightest, 0.0):.2f} of its length there"
+    )
 
 
 def lane_change(
@@ -184,9 +255,9 @@ def lane_change(
 ) -> Points:
     """Points of a lane change: sideways over time while driving on, then parallel to the path.
 
-    The speed along the path goes to cruise speed meanwhile, and the motion ends in a standstill
-    beside the path's end (or ``end_station_m``). In the path's frame, with curvature k, offset y
-    and station s: v_t = (1 - k y) s', v_n = y', heading = path + atan2(v_n, v_t).
+    The speed parallel to the path goes to cruise speed meanwhile, and the motion ends in a
+    standstill beside the path's end (or ``end_station_m``). With that speed u and the offset y, the
+    heading is that of the path + atan2(y', u), and the speed hypot(u, y').
 
     Args:
         path: frame map, m.
@@ -208,36 +279,22 @@ def lane_change(
     """
     if not duration_s > 0.0:
         raise ValueError(f"the duration of a lane change must be positive, got {duration_s}")
-    end = path.length_m if end_station_m is None else end_station_m
-    speed = SpeedProfile(
-        start_speed_mps,
-        cruise_mps,
-        end - start_station_m,
-        acceleration_mps2,
-        deceleration_mps2,
-        ramp_s,
-    )
-    if duration_s >= speed.duration_s or start_speed_mps <= 0.0:
+    if start_speed_mps <= 0.0:
         raise ValueError(
-            f"a lane change of {duration_s:g} s needs a moving object all the while; this one "
-            f"starts at {start_speed_mps:.2f} m/s and stands after {speed.duration_s:.2f} s"
+            f"a lane change needs a moving object, this one starts at {start_speed_mps:.2f} m/s"
         )
+
+    def speed(room_m: float) -> SpeedProfile:
+        found = SpeedProfile(
+            start_speed_mps, cruise_mps, room_m, acceleration_mps2, deceleration_mps2, ramp_s
+        )
+        if duration_s >= found.duration_s:
+            raise ValueError(
+                f"a lane change of {duration_s:g} s needs a moving object all the while; this one "
+                f"starts at {start_speed_mps:.2f} m/s and stands after {found.duration_s:.2f} s"
+            )
+        return found
+
+    end = path.length_m if end_station_m is None else end_station_m
     shift = _Shift(start_offset_m, lateral_shift_m, duration_s)
-    times = np.sort(np.append(speed.times(dt_s), duration_s))
-    times = times[np.append(True, np.diff(times) > SAME_TIME_S)]
-    distance, s1, s2 = speed.over(times)
-    stations = start_station_m + distance
-    offset, y1, y2 = shift.over(times)
-    yaw, k = _Heading(path).over(stations)
-    x, y = _beside_foot(path, stations, yaw, offset)
-    stretch = 1.0 - k * offset
-    along, across = stretch * s1, y1
-    along_rate, across_rate = stretch * s2 - k * y1 * s1, y2
-    v = np.hypot(along, across)
-    moves = v > 1e-6
-    safe = np.where(moves, v, 1.0)
-    a = np.where(moves, (along * along_rate + across * across_rate) / safe, s2)
-    turn = k * s1 + (along * across_rate - across * along_rate) / (safe * safe)
-    curvature = np.where(moves, turn / safe, k / stretch)
-    yaw = wrap_angles(yaw + np.where(moves, np.arctan2(across, along), 0.0))
-    return Points(np.array((times, x, y, yaw, v, a, curvature)))
+    return _driven(path, start_station_m, end, shift, speed, dt_s)

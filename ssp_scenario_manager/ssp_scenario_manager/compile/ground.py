@@ -19,7 +19,7 @@ from ssp_scenario_manager.topology.block import Block, Library
 from ssp_scenario_manager.topology.site_blocks import region_polygon
 
 # A map says nothing about a fence: it is drawn this far beyond sidewalks and road.
-FENCE_MARGIN_M = 2.0
+FENCE_MARGIN_M = 3.0
 # Nor about limits where K* leaves a side open.
 DEFAULT_SPEED_MPS = 16.0
 DEFAULT_ACCELERATION_MPS2 = 5.0

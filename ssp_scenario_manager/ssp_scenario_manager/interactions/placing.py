@@ -18,10 +18,11 @@ from ssp_scenario_manager.interactions.base import (
     Wait,
 )
 from ssp_scenario_manager.interactions.choosing import Choice, chosen, combinations
-from ssp_scenario_manager.interactions.foresight import Foresight, foresee
+from ssp_scenario_manager.interactions.foresight import AFTER_S, Foresight, foresee
 from ssp_scenario_manager.interactions.judging import judge, wrong_order
 from ssp_scenario_manager.interactions.motions import Motions, motions
 from ssp_scenario_manager.interactions.on_block import ahead_of, rectangle
+from ssp_scenario_manager.interactions.travel import stopping_m
 from ssp_scenario_manager.interactions.wanted import (
     classes_of,
     initiator_first,
@@ -34,6 +35,8 @@ from ssp_scenario_manager.topology.block import Block
 # Plans that are followed to their end before a block is given up.
 MOST_FORESEEN = 20
 MOST_DRAFTED = 400
+# An initiator that drives has this much time left on its path when a run ends as foreseen.
+RUN_OUT_S = 10.0
 
 
 @dataclass(frozen=True)
@@ -103,7 +106,7 @@ def plans_on(
             found = True
             yield Plan(
                 vut=made.vut,
-                targets=made.targets,
+                targets=_ending(event, block, made, seen),
                 trigger=made.trigger,
                 conflict=conflict,
                 zone=zone(made, seen, conflict),
@@ -116,6 +119,26 @@ def plans_on(
             break
     if not found:
         raise CannotPlace(first_reason)
+
+
+def _ending(
+    event: Event, block: Block, made: Draft, seen: Foresight
+) -> Mapping[str, Drive | Wait]:
+    """The targets, of which the initiator drives on for RUN_OUT_S after the event, and stops.
+
+    It has as much way as it takes at its approach speed, so that a VUT may be slower or trigger
+    later than foreseen.
+    """
+    name = event.interaction.initiator
+    drive = made.targets[name]
+    if isinstance(drive, Wait) or seen.resolution_s is None:
+        return made.targets
+    fired = next(state for state in seen.targets_fired if state.object_id == name)
+    s, _ = block.line.to_local(fired.x_m, fired.y_m)
+    on_s = seen.resolution_s + AFTER_S + RUN_OUT_S - seen.fired_s
+    way_m = drive.cruise_mps * on_s + stopping_m(drive.cruise_mps, drive.deceleration_mps2)
+    end = round(min(drive.end_s_m, ahead_of(block, s, way_m, drive.start.l_m)), 3)
+    return {**made.targets, name: replace(drive, end_s_m=end)}
 
 
 def _without_response(told: Motions) -> Motions:
