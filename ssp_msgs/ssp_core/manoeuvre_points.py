@@ -88,6 +88,7 @@ def brake_along(
     to_mps: float,
     deceleration_mps2: float,
     start_offset_m: float = 0.0,
+    end_station_m: float | None = None,
     dt_s: float = DEFAULT_STEP_S,
     ramp_s: float = DEFAULT_RAMP_S,
 ) -> Points:
@@ -102,6 +103,7 @@ def brake_along(
         to_mps: speed to brake to, >= 0.
         deceleration_mps2: of the braking and of the stop at the path's end, > 0.
         start_offset_m: lateral position, kept all the while, m left of the path.
+        end_station_m: where to stand; the path's end when None.
         dt_s: time between points.
         ramp_s: time over which deceleration builds up.
 
@@ -124,7 +126,8 @@ def brake_along(
             start_speed_mps, cruise, room_m, deceleration_mps2, deceleration_mps2, ramp_s
         )
 
-    return _driven(path, start_station_m, path.length_m, _Shift(start_offset_m), speed, dt_s)
+    end = path.length_m if end_station_m is None else end_station_m
+    return _driven(path, start_station_m, end, _Shift(start_offset_m), speed, dt_s)
 
 
 def _beside_foot(

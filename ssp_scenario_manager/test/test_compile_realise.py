@@ -293,9 +293,9 @@ def test_a_map_has_documented_limits_and_a_camera_as_needed() -> None:
     assert place.camera(Event.model_validate(value)).hfov_deg == 80.0
     made = realise(need, "sha256:event", library.blocks[0], place, "sumo", seed=1, preferred={})
     assert (made.run.site, made.run.domain, made.run.traffic) == ("town.xodr", "simulation", [])
-    # 2 m beyond sidewalks of 3 m.
+    # 3 m beyond sidewalks of 3 m.
     xs, ys = zip(*made.run.geofence, strict=True)
-    assert (min(ys), max(ys)) == pytest.approx((-1.75 - 5.0, 12.25 + 5.0))
+    assert (min(ys), max(ys)) == pytest.approx((-1.75 - 6.0, 12.25 + 6.0))
     assert (min(xs), max(xs)) == pytest.approx((0.0, 400.0))
 
 

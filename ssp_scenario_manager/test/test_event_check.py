@@ -3,22 +3,30 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
 import pytest
 
+from ssp_core.clock import ns_to_seconds
+from ssp_core.in_process import make_plant
 from ssp_core.run_spec import RunSpec, WantedPassing
-from ssp_core.vocab import Phase, Verdict
+from ssp_core.vocab import Phase, SessionPhase, Verdict
 from ssp_scenario_manager.compile.compiler import load_ground
 from ssp_scenario_manager.compile.fitting_trigger import fitting_trigger
 from ssp_scenario_manager.compile.ground import Ground
 from ssp_scenario_manager.compile.realise import realise
 from ssp_scenario_manager.in_process.event_check import why_not
+from ssp_scenario_manager.in_process.loop import InProcessSession
 from ssp_scenario_manager.in_process.outcome import run_in_process
+from ssp_scenario_manager.interactions import KINDS
 from ssp_scenario_manager.interactions.base import CannotPlace
+from ssp_scenario_manager.site import LIBRARY
 from ssp_scenario_manager.spec.load import load_event
 from ssp_scenario_manager.spec.model import Event
+from ssp_scenario_manager.topology.block import Block
+from ssp_scenario_manager.topology.retrieve import score_blocks
 
 SITES = ("boulevard", "north_track", "south_loop")
 _OTHER_SIDE = {"left": "right", "right": "left"}
@@ -43,10 +51,18 @@ def mirrored(value: Any) -> Any:
 
 
 def from_the_other_side(name: str) -> Event:
-    """A shipped event whose OTs come from the other side; the road stays as it is."""
+    """A shipped event whose OTs come from the other side.
+
+    The road stays as it is; a VUT that is cut in on from the right drives in the left lane.
+    """
     value = dict(shipped(name))
     for part in ("participants", "motion", "interaction"):
         value[part] = mirrored(value[part])
+    if name == "cut_in":
+        value["topology"] = {
+            **value["topology"],
+            "vut_lane": {"value": "leftmost", "identity": True},
+        }
     return Event.model_validate(value)
 
 
@@ -152,3 +168,175 @@ def test_a_refused_reference_is_said_as_the_session_says_it(
     limits = crossing.limits.model_copy(update={"speed_mps": 11.0, "acceleration_mps2": 1.0})
     (reason, *_) = why_not(crossing.model_copy(update={"limits": limits}))
     assert reason.startswith(("reference_refused: ot1", "over_acceleration"))
+
+
+# -- every combination of event, side, object class and place --------------------------------------
+
+MAPS = ("bend", "motorway", "wide_verge", "wide_shoulder", "left_hand")
+_LANE = (
+    '<lane id="{id}" type="{kind}"><width sOffset="0" a="{width}"/>'
+    '<roadMark sOffset="0" type="broken"/></lane>'
+)
+
+
+def opendrive(lanes: int, beside: tuple[tuple[str, float], ...], rule: str = "RHT") -> bytes:
+    """A map of one straight road of 600 m, the same to both sides.
+
+    Args:
+        lanes: per direction, 3.5 m wide.
+        beside: types and widths in m of what lies beyond them, outwards.
+        rule: RHT or LHT.
+    """
+    kinds = [("driving", 3.5)] * lanes + list(beside)
+    numbered = list(enumerate(kinds, start=1))
+    left = "".join(_LANE.format(id=i, kind=k, width=w) for i, (k, w) in reversed(numbered))
+    right = "".join(_LANE.format(id=-i, kind=k, width=w) for i, (k, w) in numbered)
+    return (
+        '<?xml version="1.0"?><OpenDRIVE><header revMajor="1" revMinor="7"/>'
+        f'<road id="1" length="600" junction="-1" rule="{rule}"><link/>'
+        '<type s="0" type="town"><speed max="50" unit="km/h"/></type>'
+        '<planView><geometry s="0" x="0" y="0" hdg="0.3" length="600"><line/></geometry>'
+        f'</planView><lanes><laneSection s="0"><left>{left}</left><center><lane id="0" '
+        f'type="none"/></center><right>{right}</right></laneSection></lanes></road></OpenDRIVE>'
+    ).encode()
+
+
+_WRITTEN = {
+    # As esmini's maps have it: a shoulder, and then six metres of grass.
+    "wide_verge": opendrive(2, (("shoulder", 1.5), ("border", 6.0))),
+    # A motorway's, beyond which somebody starts 4.5 m from the lane.
+    "wide_shoulder": opendrive(2, (("shoulder", 4.0), ("sidewalk", 2.0))),
+    "left_hand": opendrive(2, (("sidewalk", 2.5),), "LHT"),
+}
+
+
+@pytest.fixture(scope="module")
+def grounds(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Ground]:
+    """The shipped sites and maps, and some that are written here."""
+    folder = tmp_path_factory.mktemp("maps")
+    found = {site: ground_of(site) for site in SITES}
+    for name in MAPS:
+        path = LIBRARY / "maps" / f"{name}.xodr"
+        if name in _WRITTEN:
+            path = folder / f"{name}.xodr"
+            path.write_bytes(_WRITTEN[name])
+        found[name] = load_ground(None, path)[0]
+    return found
+
+
+def combinations_of(name: str) -> Iterator[Event]:
+    """A shipped event from both sides, with every class that its initiator may have."""
+    kind = KINDS[name]
+    for event in (Event.model_validate(shipped(name)), from_the_other_side(name)):
+        if event.interaction.dominant_motion not in kind.dominant_motions:
+            continue
+        for word in sorted(kind.initiator_classes):
+            who = event.participants[event.interaction.initiator]
+            changed = who.model_copy(update={"class_": word})
+            participants = {**event.participants, event.interaction.initiator: changed}
+            yield event.model_copy(update={"participants": participants})
+        if name == "lead_braking":
+            return  # it has no sides
+
+
+def best_block(event: Event, ground: Ground) -> Block | None:
+    """The first block that the retrieval would try; those of one map are much alike."""
+    scores = score_blocks(event, ground.library)
+    assert all(score.eligible or score.reasons for score in scores)
+    best = next((score.block for score in scores if score.eligible), None)
+    return next((block for block in ground.library.blocks if block.block_id == best), None)
+
+
+def tried(event: Event, block: Block, ground: Ground) -> RunSpec | None:
+    """The run whose event would happen; None where it is refused, which says what misses."""
+    refused = ""
+    try:
+        made = realise(event, "sha256:test", block, ground, "sumo", seed=1, preferred={})
+    except CannotPlace as error:
+        refused = str(error)
+    else:
+        return made.run.model_copy(update={"camera": None})
+    assert re.search(r"-?\d+(\.\d+)? (m|s|m/s|m/s\^2)\b", refused), refused
+    return None
+
+
+@pytest.mark.parametrize("name", sorted(KINDS))
+@pytest.mark.parametrize("place", [*SITES, *MAPS])
+def test_every_combination_happens_or_is_refused_with_what_misses(
+    name: str, place: str, grounds: dict[str, Ground]
+) -> None:
+    for event in combinations_of(name):
+        block = best_block(event, grounds[place])
+        if block is not None:
+            tried(event, block, grounds[place])
+
+
+@pytest.mark.parametrize("name", sorted(KINDS))
+@pytest.mark.parametrize("site", SITES)
+@pytest.mark.parametrize("side", ["as shipped", "other"])
+def test_what_compiles_runs_valid(name: str, site: str, side: str) -> None:
+    """One run per event, side and site, with everything that a session has but a camera."""
+    shipped_one = Event.model_validate(shipped(name))
+    event = shipped_one if side == "as shipped" else from_the_other_side(name)
+    block = best_block(event, ground_of(site))
+    run = None if block is None else tried(event, block, ground_of(site))
+    if run is None:
+        assert event != shipped_one
+        return
+    result, _ = run_in_process(run)
+    assert result.verdict is Verdict.VALID, result.reasons
+    assert run.passing is not None
+    assert result.passing.time_gap_s is not None
+    gap_s = result.passing.time_gap_s
+    assert run.passing.misses("ot1", result.passing.other_first, gap_s) == []
+
+
+def test_who_waits_on_a_wide_verge_waits_at_its_inner_edge(grounds: dict[str, Ground]) -> None:
+    event, ground = Event.model_validate(shipped("vru_crossing")), grounds["wide_verge"]
+    result, _ = run_in_process(compiled(event, ground))
+    assert result.verdict is Verdict.VALID
+
+
+def test_a_shoulder_too_wide_for_the_trigger_is_refused_with_both_times(
+    grounds: dict[str, Ground],
+) -> None:
+    event, ground = Event.model_validate(shipped("vru_crossing")), grounds["wide_shoulder"]
+    with pytest.raises(CannotPlace, match=r"ot1 takes \d\.\d s .* approach speed \d\.\d s"):
+        compiled(event, ground)
+    told = fitting_trigger(event, lambda other: compiled(other, ground))
+    assert told is not None
+    assert "K* has 3 to 3.4" in told
+
+
+def test_left_hand_traffic_is_refused_for_its_side(grounds: dict[str, Ground]) -> None:
+    for name in KINDS:
+        event = Event.model_validate(shipped(name))
+        for score in score_blocks(event, grounds["left_hand"].library):
+            assert any("left-hand traffic" in reason for reason in score.reasons)
+
+
+def test_the_predicate_sees_that_nobody_crosses_in_left_hand_traffic(
+    grounds: dict[str, Ground],
+) -> None:
+    """Whatever the retrieval says: from the right, two oncoming lanes are crossed first."""
+    event, ground = Event.model_validate(shipped("vru_crossing")), grounds["left_hand"]
+    with pytest.raises(CannotPlace, match="wouldn't reach the conflict point first"):
+        compiled(event, ground)
+
+
+# -- what an object is told after the event --------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["cut_in", "lead_braking"])
+def test_references_end_soon_after_the_event_however_long_the_road_is(
+    name: str, grounds: dict[str, Ground]
+) -> None:
+    event = Event.model_validate(shipped(name))
+    run = compiled(event, grounds["wide_verge"])
+    session = InProcessSession(run, make_plant(run))
+    session.run()
+    assert session.session.verdict is Verdict.VALID, session.session.reasons
+    (over,) = [c for c in session.account.changes if c.state is SessionPhase.STOPPING]
+    last = session.account.references[-1]
+    ends_s = ns_to_seconds(last.execute_at_ns) + last.points[-1].t_s
+    assert 5.0 < ends_s - ns_to_seconds(over.stamp_ns) < 30.0

@@ -47,6 +47,9 @@ class Motion(Strict):
     deceleration_mps2: Positive = 2.0
 
 
+_RUN_OUT = "drives on for so long after it, and stops; null: goes on to its path's end"
+
+
 class LaneChange(Strict):
     """From the tracked path sideways while driving on, then parallel to it."""
 
@@ -55,6 +58,7 @@ class LaneChange(Strict):
     duration_s: Positive
     cruise_mps: Positive
     deceleration_mps2: Positive = 2.0
+    run_out_s: Positive | None = Field(None, description=_RUN_OUT)
 
 
 class FollowPath(Strict):
@@ -70,6 +74,7 @@ class Brake(Strict):
     kind: Literal["brake"]
     to_mps: NonNegative = Field(description="speed to end at; 0 is a standstill")
     deceleration_mps2: Positive
+    run_out_s: Positive | None = Field(None, description=_RUN_OUT)
 
 
 Manoeuvre = Annotated[LaneChange | FollowPath | Brake, Field(discriminator="kind")]

@@ -15,6 +15,7 @@ from ssp_core.reference_line import NotOneToOne, ReferenceLine
 from ssp_core.run_spec import FollowPath, LaneChange, Point, TriggerSpec
 from ssp_scenario_manager.compile.compiler import Compiled
 from ssp_scenario_manager.compile.task import Place, Task
+from ssp_scenario_manager.core.dispatch import run_out_end_m
 
 SHEET_FILE = "task.html"
 _WIDTH = 1100
@@ -231,6 +232,7 @@ def _act(task: Task, trigger: TriggerSpec) -> tuple[list[Point], list[Point]] | 
         manoeuvre.duration_s,
         manoeuvre.cruise_mps,
         manoeuvre.deceleration_mps2,
+        end_station_m=run_out_end_m(path, station, target.approach.cruise_mps, manoeuvre),
     )
     pose = path.pose(station)
     cut = [p for p in target.approach.path if path.project(*p)[0] < station]

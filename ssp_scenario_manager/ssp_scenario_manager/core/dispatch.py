@@ -10,7 +10,8 @@ from ssp_core.clock import seconds_to_ns
 from ssp_core.geometry import Polyline, wrap_angle
 from ssp_core.manoeuvre_points import brake_along, drive_along, lane_change
 from ssp_core.reference import Points, Reference, sample
-from ssp_core.run_spec import Brake, FollowPath, Manoeuvre, Motion, RunSpec
+from ssp_core.run_spec import Brake, FollowPath, LaneChange, Manoeuvre, Motion, RunSpec
+from ssp_core.speed_profile import DEFAULT_RAMP_S
 from ssp_core.state import ObjectState
 
 # The time between dispatch and execute_at of the approach: every link has delivered by then.
@@ -129,8 +130,33 @@ def manoeuvre_reference(
         manoeuvre.duration_s,
         manoeuvre.cruise_mps,
         manoeuvre.deceleration_mps2,
+        end_station_m=run_out_end_m(path, place.station_m, place.speed_mps, manoeuvre),
     )
     return _reference(address, points)
+
+
+def run_out_end_m(
+    path: Polyline, station_m: float, speed_mps: float, manoeuvre: LaneChange | Brake
+) -> float | None:
+    """Station at which an object stands after its run-out; None: at its path's end.
+
+    Args:
+        path: of the object.
+        station_m: at which the manoeuvre begins.
+        speed_mps: of the object then.
+        manoeuvre: that it drives.
+    """
+    if manoeuvre.run_out_s is None:
+        return None
+    rate = manoeuvre.deceleration_mps2
+    if isinstance(manoeuvre, Brake):
+        then_mps = manoeuvre.to_mps
+        done_m = (speed_mps**2 - then_mps**2) / (2.0 * rate) + speed_mps * DEFAULT_RAMP_S
+    else:
+        then_mps = manoeuvre.cruise_mps
+        done_m = max(speed_mps, then_mps) * manoeuvre.duration_s
+    stop_m = then_mps * (then_mps / (2.0 * rate) + DEFAULT_RAMP_S)
+    return min(station_m + done_m + then_mps * manoeuvre.run_out_s + stop_m, path.length_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,4 +193,5 @@ def _brake(path: Polyline, place: _Place, manoeuvre: Brake) -> Points:
         manoeuvre.to_mps,
         manoeuvre.deceleration_mps2,
         offset,
+        run_out_end_m(path, place.station_m, place.speed_mps, manoeuvre),
     )

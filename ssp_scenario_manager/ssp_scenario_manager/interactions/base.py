@@ -49,12 +49,16 @@ class Wait:
 
 @dataclass(frozen=True, slots=True)
 class ShiftLane:
-    """Sideways by ``shift_m`` (+ left) while driving on at ``cruise_mps``."""
+    """Sideways by ``shift_m`` (+ left) while driving on at ``cruise_mps``.
+
+    Afterwards it drives on for ``run_out_s`` and stops; None: to its path's end.
+    """
 
     shift_m: float
     duration_s: float
     cruise_mps: float
     deceleration_mps2: float
+    run_out_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,10 +72,11 @@ class Cross:
 
 @dataclass(frozen=True, slots=True)
 class BrakeTo:
-    """To a lower speed in the own lane."""
+    """To a lower speed in the own lane, with a run-out as ShiftLane has it."""
 
     to_mps: float
     deceleration_mps2: float
+    run_out_s: float | None = None
 
 
 Act = ShiftLane | Cross | BrakeTo

@@ -213,7 +213,15 @@ def _hidden(name: str, occluder: str, told: Motions, seen: Foresight) -> list[st
     eye_m = Camera().forward_m
     if is_hidden(seen.vut_fired, states[name], states[occluder], eye_m):
         return []
-    return [f"{occluder} doesn't hide {name} from the VUT when the trigger fires"]
+
+    def nearest_m(who: str) -> float:
+        corners = states[who].box.corners()
+        return min(abs(seen.vut_fired.pose.to_local(*corner)[1]) for corner in corners)
+
+    return [
+        f"{occluder} doesn't hide {name} from the VUT when the trigger fires: {name} stands "
+        f"{nearest_m(name):.2f} m beside the VUT's middle, {occluder} {nearest_m(occluder):.2f} m"
+    ]
 
 
 def crossing_manoeuvres(event: Event) -> frozenset[str]:

@@ -152,9 +152,15 @@ def _manoeuvre(line: ReferenceLine, trigger: Trigger, before: Drive | Wait) -> M
             duration_s=act.duration_s,
             cruise_mps=act.cruise_mps,
             deceleration_mps2=act.deceleration_mps2,
+            run_out_s=act.run_out_s,
         )
     if isinstance(act, BrakeTo):
-        return Brake(kind="brake", to_mps=act.to_mps, deceleration_mps2=act.deceleration_mps2)
+        return Brake(
+            kind="brake",
+            to_mps=act.to_mps,
+            deceleration_mps2=act.deceleration_mps2,
+            run_out_s=act.run_out_s,
+        )
     return FollowPath(
         kind="follow_path",
         motion=Motion(

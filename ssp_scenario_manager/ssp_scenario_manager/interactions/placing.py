@@ -11,6 +11,7 @@ from ssp_scenario_manager.interactions.adapting import gap_before_response_s
 from ssp_scenario_manager.interactions.base import (
     BlockPoint,
     CannotPlace,
+    Cross,
     Drive,
     PlaceLimits,
     Plan,
@@ -22,7 +23,6 @@ from ssp_scenario_manager.interactions.foresight import AFTER_S, Foresight, fore
 from ssp_scenario_manager.interactions.judging import judge, wrong_order
 from ssp_scenario_manager.interactions.motions import Motions, motions
 from ssp_scenario_manager.interactions.on_block import ahead_of, rectangle
-from ssp_scenario_manager.interactions.travel import stopping_m
 from ssp_scenario_manager.interactions.wanted import (
     classes_of,
     initiator_first,
@@ -35,7 +35,7 @@ from ssp_scenario_manager.topology.block import Block
 # Plans that are followed to their end before a block is given up.
 MOST_FORESEEN = 20
 MOST_DRAFTED = 400
-# An initiator that drives has this much time left on its path when a run ends as foreseen.
+# An initiator that drives goes on for so long after a run ends as foreseen: a VUT may take longer.
 RUN_OUT_S = 10.0
 
 
@@ -106,8 +106,8 @@ def plans_on(
             found = True
             yield Plan(
                 vut=made.vut,
-                targets=_ending(event, block, made, seen),
-                trigger=made.trigger,
+                targets=made.targets,
+                trigger=_ending(made.trigger, seen),
                 conflict=conflict,
                 zone=zone(made, seen, conflict),
                 expected=_on_block(block, made.vut, seen.fired_station_m),
@@ -121,24 +121,13 @@ def plans_on(
         raise CannotPlace(first_reason)
 
 
-def _ending(
-    event: Event, block: Block, made: Draft, seen: Foresight
-) -> Mapping[str, Drive | Wait]:
-    """The targets, of which the initiator drives on for RUN_OUT_S after the event, and stops.
-
-    It has as much way as it takes at its approach speed, so that a VUT may be slower or trigger
-    later than foreseen.
-    """
-    name = event.interaction.initiator
-    drive = made.targets[name]
-    if isinstance(drive, Wait) or seen.resolution_s is None:
-        return made.targets
-    fired = next(state for state in seen.targets_fired if state.object_id == name)
-    s, _ = block.line.to_local(fired.x_m, fired.y_m)
-    on_s = seen.resolution_s + AFTER_S + RUN_OUT_S - seen.fired_s
-    way_m = drive.cruise_mps * on_s + stopping_m(drive.cruise_mps, drive.deceleration_mps2)
-    end = round(min(drive.end_s_m, ahead_of(block, s, way_m, drive.start.l_m)), 3)
-    return {**made.targets, name: replace(drive, end_s_m=end)}
+def _ending(trigger: Trigger, seen: Foresight) -> Trigger:
+    """The trigger, after whose act the initiator drives on until the event is over, and stops."""
+    act = trigger.act
+    if isinstance(act, Cross) or seen.resolution_s is None:
+        return trigger
+    run_out_s = round(seen.resolution_s + AFTER_S + RUN_OUT_S - seen.fired_s, 1)
+    return replace(trigger, act=replace(act, run_out_s=run_out_s))
 
 
 def _without_response(told: Motions) -> Motions:

@@ -51,7 +51,7 @@ class Block:
         segment: by curvature and membership of a junction.
         left_boundary: beyond the leftmost lane.
         right_boundary: beyond the rightmost lane.
-        sidewalk_left_m: width of a walkable strip there, 0 without one.
+        sidewalk_left_m: width of a walkable strip there, a sidewalk or verge, 0 without one.
         sidewalk_right_m: as on the left.
         permitted: manoeuvres, words of spec.model.ManoeuvreWord.
         entrances: ids of blocks that lead into this one.

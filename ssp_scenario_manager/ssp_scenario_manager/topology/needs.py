@@ -157,7 +157,10 @@ def same_direction(event: Event, block: Block, kind: Kind) -> Met:
 
 
 def opposite(event: Event, block: Block) -> Met:
-    """Oncoming lanes, as many as K* says."""
+    """Oncoming lanes, as many as K* says, on the left: part T has no field for their side."""
+    mine = min((lane.y_m for lane in block.forward_lanes), default=-math.inf)
+    if any(lane.y_m < mine for lane in block.backward_lanes):
+        return Met(0.0, "left-hand traffic: oncoming lanes lie to the right of the VUT's")
     wanted = event.topology.lanes_opposite.range or _ANY_COUNT
     return _count("oncoming", len(block.backward_lanes), wanted, 0)
 

@@ -48,6 +48,8 @@ _WALKABLE = frozenset({"sidewalk", "walking"})
 _KERBS = frozenset({"border", "curb"})
 # A narrower strip beside the lanes is the edge line's, and no shoulder to stand on.
 _SHOULDER_M = 0.5
+# A border this wide is a verge: whoever waits beside the road stands on it, at its inner edge.
+_VERGE_M = 1.0
 # A stretch that ends this near to a road's end goes to its end.
 _AT_END_M = 0.01
 
@@ -73,22 +75,29 @@ def _edge_marks(section: Section, slot: Slot, leftwards: bool) -> tuple[Mark, ..
 
 def _side(outward: list[Slot], stretch: Stretch, edge: tuple[Mark, ...]) -> Side:
     """What lies beyond a driving lane, from the lanes outside of it in order and its own edge."""
-    shoulder = sidewalk = 0.0
+    shoulder = walkable = 0.0
+    sidewalk = False
     kerb = any(mark.type == "curb" for mark in edge)
     for slot in outward:
         if slot.type in _WALKABLE:
-            sidewalk += slot.width_m
-        elif sidewalk > 0.0 or slot.type == "none":
+            sidewalk = True
+            walkable += slot.width_m
+        elif sidewalk or slot.type == "none":
+            break
+        elif slot.type == "border" and slot.width_m >= _VERGE_M:
+            kerb = True
+            walkable += slot.width_m
+        elif walkable > 0.0:
             break
         else:
             kerb = kerb or slot.type in _KERBS
             shoulder += slot.width_m
         lane = next(lane for lane in stretch.section.lanes if lane.id == slot.id)
         kerb = kerb or any(mark.type == "curb" for mark in lane.marks)
-    if sidewalk > 0.0:
-        return Side("sidewalk", shoulder, sidewalk)
+    if sidewalk:
+        return Side("sidewalk", shoulder, walkable)
     if kerb:
-        return Side("kerb", shoulder)
+        return Side("kerb", shoulder, walkable)
     return Side("shoulder" if shoulder >= _SHOULDER_M else "verge", shoulder)
 
 

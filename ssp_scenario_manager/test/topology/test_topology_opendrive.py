@@ -85,7 +85,9 @@ def test_a_one_way_road_is_one_block(made: Made, words: Words) -> None:
         (["none"], "verge", 0.0, 0.0),
         (["shoulder"], "shoulder", 2.0, 0.0),
         (["parking", "sidewalk"], "sidewalk", 2.0, 2.0),
-        (["border"], "kerb", 2.0, 0.0),
+        # As wide as a verge: who waits beside the road stands on it, and not beyond it.
+        (["border"], "kerb", 0.0, 2.0),
+        (["shoulder", "border", "shoulder"], "kerb", 2.0, 2.0),
         (["sidewalk", "shoulder"], "sidewalk", 0.0, 2.0),
         (["none", "sidewalk"], "verge", 0.0, 0.0),
         (["walking", "sidewalk"], "sidewalk", 0.0, 4.0),
