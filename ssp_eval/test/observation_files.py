@@ -35,6 +35,9 @@ def answers() -> dict[str, Any]:
             "lanes_same_direction": 2,
             "lanes_opposite": 0,
             "vut_lane": "rightmost",
+            "road_type": "urban",
+            "left_boundary": "kerb",
+            "right_boundary": "kerb",
             "frames": [5],
         },
         "roles": {

@@ -23,11 +23,11 @@ from ssp_eval.recordings.observation import (
     LaneWord,
     PlaceWord,
     RelationWord,
-    SegmentWord,
     leaves,
 )
 from ssp_eval.recordings.observation_file import Footage, footage_of, load_observations
 from ssp_scenario_manager.spec.log_file import read_log
+from ssp_scenario_manager.spec.model import SegmentWord
 
 sys.path.insert(0, str(Path(__file__).parent))
 sys.path.insert(0, str(Path(__file__).parents[2]))
@@ -289,6 +289,9 @@ def test_a_person_fills_in_the_page_saves_and_seals_it(
     choose(browser, "topology.segment", "straight")
     choose(browser, "topology.lanes_same_direction", "1")
     choose(browser, "topology.lanes_opposite", "can't tell")
+    choose(browser, "topology.road_type", "urban")
+    choose(browser, "topology.left_boundary", "can't tell")
+    choose(browser, "topology.right_boundary", "kerb")
     assert "there is only one" in browser.text('[data-ask="topology.vut_lane"]')
     browser.click("#save")
     assert "lack frames that show them" in browser.text("#saved")

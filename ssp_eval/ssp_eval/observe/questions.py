@@ -8,8 +8,9 @@ from itertools import permutations
 from typing import Any, Literal, get_args
 
 from ssp_core.vocab import MOTIONS, OBJECTS
-from ssp_eval.recordings.observation import REASONS, PlaceWord, RelationWord, SegmentWord
+from ssp_eval.recordings.observation import MAY_LACK, REASONS, PlaceWord, RelationWord
 from ssp_eval.recordings.properties import EVENT_PHASES
+from ssp_scenario_manager.spec.model import BoundaryWord, RoadTypeWord, SegmentWord
 
 Kind = Literal["choice", "time", "share", "lines"]
 MOST_LANES = 8
@@ -129,7 +130,11 @@ def blank(vut: str, targets: Sequence[str], has_log: bool) -> dict[str, Any]:
     log = {"safety_abort": None, "identity_switch": None, "site_changes": None}
     return {
         "topology": seen(
-            segment=None, lanes_same_direction=None, lanes_opposite=None, vut_lane=None
+            segment=None,
+            lanes_same_direction=None,
+            lanes_opposite=None,
+            vut_lane=None,
+            **dict.fromkeys(MAY_LACK),
         ),
         "roles": seen(participants=people, initiator=None, affected=None),
         "dominant_motion": one(),
@@ -148,6 +153,7 @@ def blank(vut: str, targets: Sequence[str], has_log: bool) -> dict[str, Any]:
 
 
 def _road() -> list[Card]:
+    edges = _plain(get_args(BoundaryWord))
     counts = tuple((n, str(n)) for n in range(MOST_LANES + 1))
     asks = (
         Ask("topology.segment", "The stretch of road is", words=_plain(get_args(SegmentWord))),
@@ -159,6 +165,9 @@ def _road() -> list[Card]:
             words=tuple(_LANES.items()),
             idle_if=("topology.lanes_same_direction", 1),
         ),
+        Ask("topology.road_type", "The road is", words=_plain(get_args(RoadTypeWord))),
+        Ask("topology.left_boundary", "At its left edge is a", words=edges),
+        Ask("topology.right_boundary", "At its right edge is a", words=edges),
     )
     return [
         Card(

@@ -22,6 +22,8 @@ from ssp_eval.package.contents import nearest
 from ssp_eval.package.index import Index, Problem, Recording
 from ssp_eval.package.model import FileEntry, Kind, Link, Role
 from ssp_eval.recordings.import_record import IMPORT_ATTACHMENT
+from ssp_eval.recordings.observation import Observation
+from ssp_eval.recordings.observation_file import check_seal
 from ssp_eval.recordings.provenance import RUN_ATTACHMENT
 from ssp_scenario_manager.compile.prepare import TASK_FOLDER
 from ssp_scenario_manager.compile.task import EVENT_FILE, SITE_FILE, TASK_FILE, Task
@@ -66,6 +68,8 @@ class Links:
             self._guard(entry, self._audit)
         for entry in self._contents.of("labels"):
             self._guard(entry, self._labels)
+        for entry in self._contents.of("observation"):
+            self._guard(entry, self._observation)
         for entry in self._contents.of("proposal"):
             self._guard(entry, self._proposal)
         for entry in self._contents.of("log"):
@@ -213,6 +217,13 @@ class Links:
     def _labels(self, entry: FileEntry) -> None:
         version = self._contents.mapping(entry).get("event_version")
         self._version("event_version", entry.path, "event_version", version, "K*")
+
+    def _observation(self, entry: FileEntry) -> None:
+        """The recording that was looked at; a draft counts for nothing and names no seal."""
+        found = parse_model(Observation, self._contents.mapping(entry), entry.path)
+        if found.seal is not None:
+            check_seal(found, entry.path)
+            self._bag(entry.path, "bag_sha256", found.bag_sha256)
 
     def _proposal(self, entry: FileEntry) -> None:
         value = self._contents.mapping(entry)

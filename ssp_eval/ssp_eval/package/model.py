@@ -52,6 +52,7 @@ Role = Literal[
     "result",
     "labels",
     "proposal",
+    "observation",  # what a person saw in a recording
     "audit",
     "cell",
     "raw",  # answers as they came
@@ -80,6 +81,7 @@ Kind = Literal[
     "audit",
     "map",
     "log",  # of a bag, to the log that begins with these bytes
+    "observation",  # of an audit, to what a person saw in the recording
     "verdict",  # of an audit, to the runner's word that it read
     "shortlist",  # of a task's log, to the list that the event was a candidate of
 ]

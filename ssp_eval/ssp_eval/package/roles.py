@@ -21,6 +21,7 @@ _BY_SCHEMA: dict[str, Role] = {
     "ssp.run/1": "run",
     "ssp.labels/1": "labels",
     "ssp.proposal/1": "proposal",
+    "ssp.observation/1": "observation",
     "ssp.audit/1": "audit",
     "ssp.cell/1": "cell",
     "ssp.result/1": "result",

@@ -26,6 +26,7 @@ from ssp_eval.recordings.properties import (
     Property,
 )
 from ssp_scenario_manager.spec.extract.questions import GATE_REASONS
+from ssp_scenario_manager.spec.model import BoundaryWord, RoadTypeWord, SegmentWord
 
 SCHEMA: Literal["ssp.observation/1"] = "ssp.observation/1"
 
@@ -33,9 +34,10 @@ PlaceWord = Literal[
     "vut_lane", "left_lane", "right_lane", "oncoming_lane", "left_kerb", "right_kerb",
     "2_lanes_left", "2_lanes_right", "3_lanes_left", "3_lanes_right",
 ]  # fmt: skip
-SegmentWord = Literal["straight", "curve", "junction"]
 LaneWord = Literal["rightmost", "middle", "leftmost", "oncoming", "off the road"]
 RelationWord = Literal["merge", "crossing", "following", "oncoming", "none"]
+# Parts of the topology that an observation may leave out.
+MAY_LACK = ("road_type", "left_boundary", "right_boundary")
 # The five reasons for which the source gate refuses a clip (METHOD 1).
 REASONS = tuple(GATE_REASONS)
 
@@ -87,12 +89,18 @@ class Seen(Strict):
 
 
 class Topology(Seen):
-    """The road as the VUT drives on it. With one lane in its direction ``vut_lane`` may be any."""
+    """The road as the VUT drives on it. With one lane in its direction ``vut_lane`` may be any.
+
+    Road type and boundaries may be left out: as a rule they may vary between domains.
+    """
 
     segment: Annotated[SegmentWord | None, _Unknown]
     lanes_same_direction: Lanes
     lanes_opposite: Lanes
     vut_lane: Annotated[LaneWord | None, _Unknown]
+    road_type: Annotated[RoadTypeWord | None, _Unknown] = None
+    left_boundary: Annotated[BoundaryWord | None, _Unknown] = None
+    right_boundary: Annotated[BoundaryWord | None, _Unknown] = None
 
 
 class Participant(Strict):
@@ -328,6 +336,7 @@ class Answers(Strict):
             "segment": road.segment,
             "vut_lane": lane,
             "adjacency": self._adjacency(),
+            **{part: word for part in MAY_LACK if (word := getattr(road, part)) is not None},
         }
 
     def _adjacency(self) -> str | None:
@@ -393,9 +402,10 @@ def leaves(value: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, An
 
 
 def _is_idle(path: str, key: str, answers: Answers) -> bool:
-    """True for what isn't asked: where the VUT starts, its lane where there is but one."""
-    if path == "topology" and key == "vut_lane":
-        return answers.topology.lanes_same_direction == 1
+    """True for what needn't be said: where the VUT starts, its lane where there is but one."""
+    if path == "topology":
+        only = key == "vut_lane" and answers.topology.lanes_same_direction == 1
+        return only or key in MAY_LACK
     return path == "roles" and key == f"participants.{answers.roles.vut}.starts_in"
 
 

@@ -150,16 +150,21 @@ def read_observation(path: Path) -> Observation:
             field="seal",
             remedy=f"`ssp audit observe BAG --seal {path.name}` checks and seals it",
         )
+    check_seal(observation, path)
+    return observation
+
+
+def check_seal(observation: Observation, file: str | Path) -> None:
+    """Raises InputError where a sealed observation isn't what was sealed."""
     if observation.seal != observation.content_sha256:
         raise InputError(
             f"was changed after {observation.who} sealed it: its content has the hash "
             f"{observation.content_sha256}",
-            file=path,
+            file=file,
             field="seal",
             value=observation.seal,
             remedy="take the sealed file again, or let the observer look again and seal that",
         )
-    return observation
 
 
 def check_observation(observation: Observation, footage: Footage, file: Path) -> None:
