@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from matplotlib.colors import to_rgb
 from matplotlib.text import Text
 
 from ssp_core.vocab import DOMAINS
@@ -23,7 +24,7 @@ from ssp_eval.figures.foundation import foundation
 from ssp_eval.figures.matrix import matrix
 from ssp_eval.figures.models import models
 from ssp_eval.figures.scores import Scores, pareto_front, words
-from ssp_eval.figures.style import SMALL_PT, drawing
+from ssp_eval.figures.style import COMPONENT_LOOKS, DOMAIN_LOOKS, SMALL_PT, drawing
 from ssp_eval.score.aggregate import ranking
 from ssp_eval.score.ivcs import ivcs_weights
 
@@ -241,6 +242,55 @@ def test_slopes_show_ranks_and_tell_every_change() -> None:
     for artist in figure.figure.findobj():
         if (artist.get_gid() or "").startswith("line-"):
             assert (artist.get_linestyle() == ":") == (artist.get_gid()[5:] not in changed)
+
+
+def grey(colour: str) -> float:
+    """Lightness of a colour in print without colour, 0 to 1 (Rec. 601)."""
+    red, green, blue = to_rgb(colour)
+    return 0.299 * red + 0.587 * green + 0.114 * blue
+
+
+def test_domains_are_told_apart_without_colour() -> None:
+    """By their marks, their hatches, and, where there is a line alone, by how light it is."""
+    looks = [DOMAIN_LOOKS[domain] for domain in DOMAINS]
+    assert len({look.marker for look in looks}) == len({look.hatch for look in looks}) == 3
+    for one, other in itertools.combinations(looks, 2):
+        assert abs(grey(one.colour) - grey(other.colour)) > 0.15
+    figures = drawn(CASES["18 cells"], "domains")
+    for name, start in (("domains_components", "mean-"), ("domains_ranks", "line-")):
+        markers = {
+            artist.get_gid().rpartition("-")[2]: artist.get_marker()
+            for artist in figures[name].figure.findobj()
+            if (artist.get_gid() or "").startswith(start)
+        }
+        assert markers == {domain: DOMAIN_LOOKS[domain].marker for domain in DOMAINS}
+
+
+def test_neighbouring_parts_of_ivcs_are_told_apart_without_colour() -> None:
+    looks = [COMPONENT_LOOKS[key] for key in ivcs_weights()]
+    for one, other in itertools.combinations(looks, 2):
+        assert one.hatch != other.hatch or abs(grey(one.colour) - grey(other.colour)) > 0.15
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"), [("domains", "domains_ranks"), ("models", "models_ranks")]
+)
+def test_slopes_mark_the_macro_average_of_each_line(kind: str, name: str) -> None:
+    scores = Scores(tuple(CASES["18 cells"]))
+    groups = scores.by_domain if kind == "domains" else scores.by_model
+    figure = drawn(CASES["18 cells"], kind)[name]
+    marks = {
+        artist.get_gid().removeprefix("macro-"): (artist.get_xdata()[0], artist.get_ydata()[0])
+        for artist in figure.figure.findobj()
+        if (artist.get_gid() or "").startswith("macro-")
+    }
+    assert marks.keys() == groups.keys()
+    assert len({x for x, _ in marks.values()}) == 1
+    by_height = sorted(marks, key=lambda one: marks[one][1])
+    by_score = sorted(groups, key=lambda one: -(groups[one]["ivcs"].value or 0.0))
+    assert by_height == by_score  # y grows downwards
+    for one, group in groups.items():
+        assert f"{one} {group['ivcs'].value:.3f} (#" in figure.caption
 
 
 def test_of_many_scenarios_the_caption_names_best_and_worst_ranks() -> None:

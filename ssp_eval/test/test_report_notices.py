@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from ssp_core.bag import BagReader
 from ssp_eval.analysis.cells_csv import rows_from_csv
 from ssp_eval.analysis.matrix_table import matrix_table
 from ssp_eval.analysis.notices import notices
@@ -21,6 +22,8 @@ from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.extract.llm import Extracted, Extractor
+from ssp_eval.recordings.import_record import ImportRecord
+from ssp_eval.recordings.provenance import OUR_RENDERER, read_provenance
 from ssp_eval.report.load import load_cells
 from ssp_eval.report.page import write_report
 from ssp_eval.score import Thresholds
@@ -132,3 +135,30 @@ def test_cells_of_other_thresholds_are_scored_by_these_and_enter_no_mean(
     assert "Scored with other thresholds than METHOD's: all cells." in told
     found = compute(again, load_cells(tmp_path), Options(100))
     assert {one.defined for one in found.variations if one.parameter == "match_window_s"} == {0.2}
+
+
+def test_domains_that_one_renderer_drew_are_told(campaign: Path) -> None:
+    """Both recordings are sessions of ours, and the camera of these draws them."""
+    told = "The camera of ssp drew the pictures of 2 domains: simulation, physical."
+    assert told in " ".join(write_report(campaign).read_text().split())
+    for path in campaign.glob("cells/cut_in__physical__*/cell.json"):
+        facts = json.loads(path.read_text())
+        facts["clip"]["renderer"] = None  # as of a camera on a vehicle
+        path.write_text(json.dumps(facts))
+    assert "drew the pictures" not in write_report(campaign).read_text()
+
+
+def test_who_drew_a_recording_is_known_of_ours_and_of_what_names_a_generator(
+    bags: list[Path],
+) -> None:
+    with BagReader(bags[0]) as bag:
+        ours = read_provenance(bag)
+    assert ours.run is not None
+    assert ours.renderer == OUR_RENDERER
+    live = ours.run.model_copy(update={"mode": "live", "stand_in": False})
+    assert replace(ours, run=live).renderer is None
+    for generator, renderer in (
+        ("ssp-clip/1", OUR_RENDERER), ("esmini 3.2", "esmini 3.2"), ("unknown", None),
+    ):  # fmt: skip
+        said = ImportRecord.model_construct(generator=generator)
+        assert replace(ours, run=None, imported=said).renderer == renderer

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from ssp_core.vocab import PHASES
+from ssp_core.vocab import DOMAINS, PHASES
 from ssp_eval.analysis.control_tables import condition_of
 from ssp_eval.analysis.row import OK, CellRow, entering, one_scale, over_what
 from ssp_eval.analysis.rows import compared_labels
@@ -17,8 +17,9 @@ from ssp_eval.extract.language import NOT_READ
 from ssp_eval.report.facts import CellFacts
 from ssp_eval.report.load import CellData
 
-COMPARABILITY, STAND_IN, LEFT_OUT, CONTROLS, LABELS, LANGUAGE, MEASURED, CELL = (
-    "comparability", "stand_in", "left_out", "controls", "labels", "language", "measured", "cell",
+COMPARABILITY, STAND_IN, LEFT_OUT, CONTROLS, LABELS, LANGUAGE, MEASURED, RENDERER, CELL = (
+    "comparability", "stand_in", "left_out", "controls", "labels", "language", "measured",
+    "renderer", "cell",
 )  # fmt: skip
 
 
@@ -27,7 +28,8 @@ class Notice:
     """One thing to be told.
 
     Args:
-        kind: comparability, stand_in, left_out, controls, labels, language, measured or cell.
+        kind: comparability, stand_in, left_out, controls, labels, language, measured,
+            renderer or cell.
         text: one or two sentences; of many names it holds the first and counts the rest.
         about: every name that it is about: recordings, cells or models.
         everywhere: it stands under every table, and first on the page.
@@ -182,6 +184,7 @@ def _of_controls(rows: Sequence[CellRow]) -> Iterable[Notice]:
 def _of_cells(cells: Sequence[CellData]) -> Iterable[Notice]:
     every = _recordings(cells)
     yield from _outside(cells)
+    yield from _of_renderers(cells)
     if names := _recordings(cell for cell in cells if cell.facts.labels_proposed):
         text = (
             "Labels stand as they were proposed from ground truth; no person has reviewed them: "
@@ -295,6 +298,22 @@ def _label_plans(rows: Sequence[CellRow], cells: Sequence[CellData]) -> Iterable
             "means; `ssp labels new SYN SIM PHY` plans their labels together."
         )
         yield Notice(COMPARABILITY, text, (scenario,), everywhere=True)
+
+
+def _of_renderers(cells: Sequence[CellData]) -> Iterable[Notice]:
+    """Domains whose pictures one renderer drew (METHOD 4.4)."""
+    found: dict[str, set[str]] = {}
+    for cell in cells:
+        if cell.facts.clip.renderer is not None:
+            found.setdefault(cell.facts.clip.renderer, set()).add(cell.domain)
+    for renderer, domains in sorted(found.items()):
+        if len(domains) > 1:
+            text = (
+                f"{renderer[0].upper()}{renderer[1:]} drew the pictures of {len(domains)} domains: "
+                f"{', '.join(name for name in DOMAINS if name in domains)}. What tells these apart "
+                "is motion, place and disturbance, not how a scene looks."
+            )
+            yield Notice(RENDERER, text, tuple(sorted(domains)), everywhere=True)
 
 
 def _recordings(cells: Iterable[CellData]) -> list[str]:

@@ -10,9 +10,9 @@ from ssp_eval.audit.log_order import order_remark
 
 
 def disclosures(one: Examined) -> dict[str, str]:
-    """Local speed, tracking error, disturbance, stand-in, camera, look; and what the log adds."""
+    """Renderer, local speed, tracking error, disturbance, camera, look; and what the log adds."""
     recording, run = one.recording, one.recording.provenance.run
-    found: dict[str, str] = {}
+    found: dict[str, str] = {"renderer": recording.provenance.renderer or "none is known"}
     if run is None:
         imported = recording.provenance.imported
         found["source"] = recording.provenance.origin

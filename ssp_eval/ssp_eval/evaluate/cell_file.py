@@ -283,6 +283,7 @@ def _clip_facts(labelled: LabelledClip, out: Path) -> dict[str, Any]:
     facts, camera, mount = labelled.clip.provenance, labelled.clip.camera, labelled.clip.mount
     return {
         "origin": facts.origin,
+        "renderer": facts.renderer,
         # From the campaign's folder, so that both can be moved together.
         "path": os.path.relpath(labelled.clip.path.resolve(), out.resolve()),
         "start_ns": labelled.clip.start_ns,

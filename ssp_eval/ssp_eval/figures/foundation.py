@@ -19,6 +19,7 @@ from ssp_eval.figures.drawing import (
     renamed,
     shown_mean,
 )
+from ssp_eval.figures.legend import SQUARE
 from ssp_eval.figures.named_rows import NO_MODEL, ROW_IN, named_rows, row_pages
 from ssp_eval.figures.place import Point
 from ssp_eval.figures.scores import Scores, listed, pareto_front
@@ -181,7 +182,9 @@ def _ranking(scores: Scores) -> Iterator[Drawing | LeftOut]:
     labels = {model: f"{places[model]}  {names[model]}" for model in scores.by_model}
     size = {model: _size(scores, model) for model in scores.by_model}
     right_in = max(0.12, widest_in(size.values()) + 0.15)
-    legend = {a: Look(k.colour, "s", "") for a, k in looks.items()} if len(looks) > 1 else {}
+    legend = (
+        {a: Look(k.colour, SQUARE, k.hatch) for a, k in looks.items()} if len(looks) > 1 else {}
+    )
     pages = row_pages(list(scores.by_model))
     for number, members in enumerate(pages, start=1):
         sheet, axes, head_in = named_rows(width_in, [labels[m] for m in members], legend, right_in)

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 
+from matplotlib.patches import Rectangle
+
 from ssp_eval.figures.style import INK, Look, Sheet, fitted, text_width_in
 
-_LINE_IN = 0.15
+# The mark of bars; only it can show their hatch.
+SQUARE = "s"
+_LINE_IN, _BOX_IN = 0.15, 0.09
 _LEFT_IN = 0.12
 
 
@@ -40,7 +44,15 @@ def mark_legend(sheet: Sheet, looks: Mapping[str, Look], top_in: float) -> None:
         _places(list(looks), sheet.width_in), looks.values(), strict=True
     ):
         y = top_in + line * _LINE_IN
-        page.plot(
-            [x], [y], look.marker, color=look.colour, markeredgecolor=INK, markeredgewidth=0.5
-        )
+        if look.hatch and look.marker == SQUARE:
+            page.add_patch(
+                Rectangle(
+                    (x - _BOX_IN / 2, y - _BOX_IN / 2), _BOX_IN, _BOX_IN, facecolor=look.colour,
+                    edgecolor=INK, linewidth=0.5, hatch=look.hatch,
+                )
+            )  # fmt: skip
+        else:
+            page.plot(
+                [x], [y], look.marker, color=look.colour, markeredgecolor=INK, markeredgewidth=0.5
+            )
         page.text(x + 0.08, y, text, va="center_baseline")

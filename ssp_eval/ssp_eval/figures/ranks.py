@@ -14,15 +14,17 @@ from ssp_eval.figures.drawing import (
     shown_mean,
 )
 from ssp_eval.figures.place import spread
-from ssp_eval.figures.scores import Scores, words
+from ssp_eval.figures.scores import Group, Scores, words
 from ssp_eval.figures.style import (
     BLUE,
     COLUMN_IN,
+    DOMAIN_LOOKS,
     GREY,
     INK,
     LINE_IN,
     PAGE_IN,
     RED,
+    Look,
     Sheet,
     drawable,
     fitted,
@@ -70,7 +72,8 @@ def rank_slopes(scores: Scores, subject: str, name: str) -> Drawing | LeftOut:
         one: [(found.macro if c is None else found.scenarios[c]).get(one) for c in columns]
         for one in groups
     }
-    sheet, names = _draw(columns, values, ranks, {c.subject for c in found.changes})
+    looks = DOMAIN_LOOKS if subject == "domain" else {}
+    sheet, names = _draw(columns, values, ranks, {c.subject for c in found.changes}, looks)
     admission = "admitted cells" if subject == "domain" else "cells"
     uneven = scores.uneven(subject)
     counts = ", ".join(f"{one} {group['ivcs'].n}" for one, group in groups.items())
@@ -79,7 +82,8 @@ def rank_slopes(scores: Scores, subject: str, name: str) -> Drawing | LeftOut:
         sheet.figure,
         caption(
             f"IVCS by {subject} per scenario and over all of them (macro average), unweighted "
-            f"means over {admission}; # stands before a rank, beside it the score.",
+            f"means over {admission}; # stands before a rank, beside it the score. The large open "
+            f"marks in the middle are the macro averages: {_macro(groups, found)}.",
             "" if uneven else f"Cells: {counts}.",
             "A solid line ends on a better rank than it began, a dashed one on a worse, a dash-dot "
             "one changes its rank in between only, a dotted one never.",
@@ -89,6 +93,13 @@ def rank_slopes(scores: Scores, subject: str, name: str) -> Drawing | LeftOut:
             scores.left_out,
             renamed(names),
         ),
+    )
+
+
+def _macro(groups: Mapping[str, Group], found: Ranking) -> str:
+    return ", ".join(
+        f"{one} {shown_mean(group['ivcs'].value, 3)} (#{found.macro[one]})"
+        for one, group in groups.items()
     )
 
 
@@ -114,6 +125,7 @@ def _draw(
     values: Mapping[str, Sequence[float | None]],
     ranks: Mapping[str, Sequence[int | None]],
     changed: Collection[str],
+    looks: Mapping[str, Look],
 ) -> tuple[Sheet, dict[str, str]]:
     plain_in, lead_in = text_width_in("0.88 #00"), 0.24
     whole = len(columns) <= 3 and len(values) <= 12 and widest_in(map(drawable, values)) <= 1.0
@@ -146,12 +158,21 @@ def _draw(
             )  # fmt: skip
     for one, line in values.items():
         style, colour = _style(ranks[one], columns, one in changed)
+        colour, marker = (looks[one].colour, looks[one].marker) if one in looks else (colour, "o")
         known = [(x, y_of(v)) for x, v in zip(xs, line, strict=True) if v is not None]
         page.plot(
-            [x for x, _ in known], [y for _, y in known], style, color=colour, marker="o",
-            markersize=3.2, markerfacecolor="white" if colour == GREY else colour,
-            markeredgewidth=0.7, linewidth=1.2 if one in changed else 0.9, gid=f"line-{one}",
+            [x for x, _ in known], [y for _, y in known], style, color=colour,
+            marker=marker, markersize=4.0 if one in looks else 3.2,
+            markerfacecolor="white" if colour == GREY else colour, markeredgewidth=0.7,
+            linewidth=1.2 if one in changed else 0.9, gid=f"line-{one}",
         )  # fmt: skip
+        macro = line[columns.index(None)]
+        if macro is not None:
+            page.plot(
+                [xs[columns.index(None)]], [y_of(macro)], marker if one in looks else "D",
+                color=colour, markersize=6.0 if len(values) <= 12 else 4.0,
+                markerfacecolor="white", markeredgewidth=1.3, zorder=4, gid=f"macro-{one}",
+            )  # fmt: skip
     bounds = (top_in + 0.05, top_in + height_in - 0.05)
     for index, side in ((0, -1), (len(columns) - 1, 1)):
         ends = {

@@ -39,9 +39,10 @@ class Look:
     hatch: str
 
 
+# Dark, light and between, so that a line without a mark is told apart in grey too.
 DOMAIN_LOOKS = {
-    "synthetic": Look(BLUE, "o", ""),
-    "simulation": Look(ORANGE, "^", "//"),
+    "synthetic": Look("#004a75", "o", ""),
+    "simulation": Look("#f0b030", "^", "//"),
     "physical": Look(GREEN, "s", ".."),
 }
 # For scenarios and architectures, in the order of their names.
@@ -59,7 +60,7 @@ COMPONENT_LOOKS = {
     "jovr": Look("#bdbdbd", "o", ""),
     "sem_acc_eff": Look(BLUE, "^", ""),
     "cia_eff": Look(SKY, "s", "////"),
-    "tqsr": Look(ORANGE, "D", ""),
+    "tqsr": Look(ORANGE, "D", "\\\\\\\\"),
     "rsr": Look(YELLOW, "v", "...."),
 }
 COMPONENT_NAMES = {

@@ -17,6 +17,9 @@ from ssp_core.verdict import VERDICT_FILE, Told, read_verdict
 from ssp_core.vocab import SessionPhase, Verdict
 from ssp_eval.recordings.import_record import IMPORT_ATTACHMENT, ImportRecord
 
+OUR_RENDERER = "the camera of ssp"
+# Generators of clips that the same camera draws, see ssp_ot_controller.camera.clip.
+_OUR_CLIPS = "ssp-clip/"
 RUN_ATTACHMENT = "run.yaml"
 NO_VERDICT = f"the bag holds no {VERDICT_FILE}: the runner's word on how the run ended is missing"
 
@@ -101,6 +104,18 @@ class Provenance:
             return self.run.road
         site = None if self.imported is None else self.imported.site
         return None if site is None else site.road
+
+    @property
+    def renderer(self) -> str | None:
+        """What drew the pictures; None where a camera took them, or nobody says."""
+        if self.imported is not None:
+            made_by = self.imported.generator
+            if made_by.startswith(_OUR_CLIPS):
+                return OUR_RENDERER
+            return None if made_by == "unknown" else made_by
+        if self.run is None or (self.run.mode == "live" and not self.run.stand_in):
+            return None
+        return OUR_RENDERER
 
     @property
     def lacks_verdict(self) -> bool:

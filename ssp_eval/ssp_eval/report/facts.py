@@ -43,6 +43,8 @@ class ClipFacts(_Part):
     """The recording that was shown; its path is from the campaign's folder."""
 
     origin: str
+    # None where nobody knows of one; cells of an earlier version don't say.
+    renderer: str | None = None
     path: str | None = None
     start_ns: int | None = None
     verdict: str | None
