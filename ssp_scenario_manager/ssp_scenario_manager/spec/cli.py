@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,15 +13,21 @@ import click
 from ssp_core.console import note, visible
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder, write_json, write_text
+from ssp_scenario_manager.interactions import KINDS
 from ssp_scenario_manager.spec.checks import check_event
 from ssp_scenario_manager.spec.checks.base import show
 from ssp_scenario_manager.spec.diff import Difference, differences
-from ssp_scenario_manager.spec.failure import Failure
+from ssp_scenario_manager.spec.failure import Failure, summed_up
 from ssp_scenario_manager.spec.graph import interaction_graph
-from ssp_scenario_manager.spec.load import event_version, load_event, read_event_file
+from ssp_scenario_manager.spec.load import event_version, load_event, read_event_file, refuse_old
+from ssp_scenario_manager.spec.migrate import migrate as migrate_event
 from ssp_scenario_manager.spec.model import Event
+from ssp_scenario_manager.spec.new import blank_event
 from ssp_scenario_manager.spec.picture import picture
+from ssp_scenario_manager.spec.write import event_text
 
+# Of fields with one cause, how many are named.
+MOST_NAMED = 8
 # Loaded when they are asked for: they need what the other commands don't.
 # The clip's module lives in a package that this one doesn't depend on.
 _LAZY = {
@@ -69,11 +76,19 @@ def spec() -> None:
 @spec.command()
 @click.argument("files", nargs=-1, required=True, metavar="FILE...")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
-def check(files: tuple[str, ...], as_json: bool) -> int:
+@click.option("--migrate", type=click.Path(dir_okay=False, path_type=Path), metavar="NEW",
+              help="Write an ssp.event/1 file in today's form to NEW, and check that.")  # fmt: skip
+def check(files: tuple[str, ...], as_json: bool, migrate: Path | None) -> int:
     """Hold K* files, or shipped events by name, against all checks (METHOD 1).
 
-    All failures are reported together: form, C1-C5, and the review state with its seals.
+    All failures are reported together: form, C1-C5, and the review state with its seals; what one
+    action mends is said once (--json has each by itself).
     """
+    if migrate is not None:
+        if len(files) != 1:
+            raise click.UsageError("--migrate takes one FILE")
+        _migrate(files[0], migrate)
+        files = (str(migrate),)
     reports = [_report(name) for name in files]
     if as_json:
         click.echo(json.dumps(reports, indent=1, sort_keys=True))
@@ -83,11 +98,23 @@ def check(files: tuple[str, ...], as_json: bool) -> int:
     return 0 if all(report["ok"] for report in reports) else 1
 
 
+def _migrate(name: str, target: Path) -> None:
+    """Writes an older file in today's form, with what a person must decide marked."""
+    value, path = read_event_file(name)
+    if target.exists():
+        raise InputError("exists already", file=target, remedy="another NEW")
+    found = migrate_event(value, path)
+    marks = {field: f"decide: {why}" for field, why in found.decisions.items()}
+    write_text(target, event_text(found.event, marks))
+    note(f"{target}: {len(found.decisions)} fields are marked `decide`")
+
+
 def _report(name: str) -> dict[str, Any]:
     """What is to be said about one file; one that can't be read has an error."""
     report: dict[str, Any] = {"file": name, "ok": False, "version": None, "error": None}
     try:
         value, path = read_event_file(name)
+        refuse_old(value, path)
     except InputError as error:
         return report | {"error": str(error), "failures": []}
     failures = check_event(value)
@@ -108,15 +135,54 @@ def _print_report(report: dict[str, Any]) -> None:
         return
     checks = "1 failure" if count == 1 else f"{count} failures"
     click.echo(f"{click.style(checks, fg='red', bold=True)}  {visible(report['file'])}")
-    for item in report["failures"]:
-        _print_failure(Failure(**item))
+    for group in summed_up([Failure(**item) for item in report["failures"]]):
+        _print_group(group, report["file"])
 
 
-def _print_failure(failure: Failure) -> None:
-    click.echo(f"\n  {click.style(f'{failure.check:<6}', bold=True)} {visible(failure.field)}")
-    for name in ("evidence", "reason", "origin", "remedy"):
-        said = visible(getattr(failure, name))
-        click.echo(f"    {click.style(f'{name:<9}', dim=True)} {said}")
+def _print_group(group: Sequence[Failure], file: str) -> None:
+    """What one action mends, said once; `--json` has every failure by itself."""
+    first = group[0]
+    fields = [failure.field for failure in group]
+    said = {name: getattr(first, name) for name in ("evidence", "reason", "origin", "remedy")}
+    said["remedy"] = said["remedy"].replace(" FILE", f" {file}")
+    title = first.field
+    if first.origin == "open decision":
+        click.echo(f"\n  {click.style(f'{len(group)} open decisions', bold=True)}")
+        for failure in group:
+            click.echo(visible(f"    {failure.field:<36} {failure.remedy}"))
+        click.echo(
+            f"    fill them in, or `ssp spec review {visible(file)} --who NAME` asks for each"
+        )
+        return
+    if len(group) > 1:
+        title, said["evidence"] = f"{len(group)} fields", _named(fields)
+    click.echo(f"\n  {click.style(f'{first.check:<6}', bold=True)} {visible(title)}")
+    for name, text in said.items():
+        label = "fields" if name == "evidence" and len(group) > 1 else name
+        click.echo(f"    {click.style(f'{label:<9}', dim=True)} {visible(text)}")
+
+
+def _named(fields: Sequence[str]) -> str:
+    shown = ", ".join(fields[:MOST_NAMED])
+    more = len(fields) - MOST_NAMED
+    return f"{shown} and {more} more" if more > 0 else shown
+
+
+@spec.command()
+@click.argument("kind", type=click.Choice(list(KINDS)), metavar="KIND")
+@click.option("--name", help="Of the event [default: new_KIND].")
+@click.option("--out", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
+              help="File to write [default: NAME.event.yaml].")  # fmt: skip
+def new(kind: str, name: str | None, out: Path | None) -> None:
+    """Write a commented K* of a KIND of interaction that lacks nothing but decisions."""
+    name = name or f"new_{kind}"
+    out = out or Path(f"{name}.event.yaml")
+    if out.exists():
+        raise InputError("exists already", file=out, remedy="another --out")
+    blank = blank_event(kind, name)
+    write_text(out, event_text(blank.event, blank.marks))
+    click.echo(visible(out))
+    note(f"fill in what is marked `decide`; `ssp spec check {out}` lists what is left")
 
 
 @spec.command()

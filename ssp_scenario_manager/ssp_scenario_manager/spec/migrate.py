@@ -8,8 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+from ssp_core.errors import InputError
+from ssp_core.files import parse_model
 from ssp_core.hashing import sha256_json
 from ssp_scenario_manager.spec.extract import standards
 from ssp_scenario_manager.spec.load import OLD_SCHEMA
@@ -36,18 +39,23 @@ class Migrated:
     decisions: Mapping[str, str]
 
 
-def migrate(value: Mapping[str, Any]) -> Migrated:
-    """The event of an ``ssp.event/1`` mapping in today's form.
+def migrate(value: Mapping[str, Any], path: Path) -> Migrated:
+    """The event of an ``ssp.event/1`` file in today's form.
+
+    Args:
+        value: the mapping in the file.
+        path: of the file, for messages.
 
     Raises:
-        ValueError: it is of another form, or its part T or A can't be read.
-        pydantic.ValidationError: what wasn't changed can't be read.
+        InputError: it is of another form, or can't be read.
     """
-    road, people = value.get("topology"), value.get("participants")
     if value.get("schema") != OLD_SCHEMA:
-        raise ValueError(f"schema is {value.get('schema')!r}, not {OLD_SCHEMA}")
-    if not isinstance(road, Mapping) or not isinstance(people, Mapping):
-        raise ValueError("topology and participants must be mappings")
+        found, remedy = value.get("schema"), f"only {OLD_SCHEMA} is moved over"
+        raise InputError("is not of the older form", file=path, field="schema", value=found,
+                         remedy=remedy)  # fmt: skip
+    road, people, entries = (
+        _mapping(value, part, path) for part in ("topology", "participants", "uncertainty")
+    )
     decisions: dict[str, str] = {}
     fields, kept = {}, set()
     for name, old in road.items():
@@ -56,40 +64,45 @@ def migrate(value: Mapping[str, Any]) -> Migrated:
             kept.add(f"topology.{name}")
         else:
             decisions[f"topology.{name}"] = why
-    entries = dict(value.get("uncertainty") or {})
-    known = {}
-    for path, entry in entries.items():
-        known[path] = dict(entry)
-        if path != "topology" and not path.startswith("topology."):
+    known = {field: dict(entry) for field, entry in entries.items()}
+    for field, entry in known.items():
+        if field != "topology" and not field.startswith("topology."):
             continue
-        name = path.removeprefix("topology.")
-        if path not in kept or entry.get("seal") != _old_seal(path, road.get(name), entry):
-            known[path] |= {"review": "unreviewed", "seal": None}
-            kept.discard(path)
+        name = field.removeprefix("topology.")
+        if field not in kept or entry.get("seal") != _old_seal(field, road.get(name), entry):
+            entry |= {"review": "unreviewed", "seal": None}
+            kept.discard(field)
     participants = {}
     for who, participant in people.items():
         participants[who] = dict(participant)
         if participant.get("role") != "VUT":
             continue
-        path = f"participants.{who}.intent"
+        field = f"participants.{who}.intent"
         participants[who]["intent"] = UNRESOLVED
-        decisions[path] = "the older form didn't say what the VUT is about to do"
-        known[path] = {
+        decisions[field] = "the older form didn't say what the VUT is about to do"
+        known[field] = {
             "confidence": 0.0,
             "provenance": "person",
             "source": _INTENT_SOURCE,
             "review": "unreviewed",
         }
-    event = Event.model_validate(
-        {
-            **value,
-            "schema": SCHEMA,
-            "topology": fields,
-            "participants": participants,
-            "uncertainty": known,
-        }
-    )
+    new = {
+        "schema": SCHEMA,
+        "topology": fields,
+        "participants": participants,
+        "uncertainty": known,
+    }
+    event = parse_model(Event, {**value, **new}, path)
     return Migrated(seal_event(event, sorted(kept & set(known))), decisions)
+
+
+def _mapping(value: Mapping[str, Any], part: str, path: Path) -> dict[str, Any]:
+    """A part of the file; part U may be missing."""
+    found = value.get(part, {} if part == "uncertainty" else None)
+    inside = found.values() if isinstance(found, dict) and part != "topology" else ()
+    if not isinstance(found, dict) or not all(isinstance(item, dict) for item in inside):
+        raise InputError("can't be read", file=path, field=part, remedy="a mapping, as it was")
+    return found
 
 
 def _field(name: str, old: Any) -> tuple[dict[str, Any], str | None]:
@@ -119,11 +132,15 @@ def _field(name: str, old: Any) -> tuple[dict[str, Any], str | None]:
 def _old_seal(path: str, own: Any, entry: Mapping[str, Any]) -> str:
     """The seal of an entry as the older form made it."""
     if isinstance(own, Mapping) and "unit" in own:
-        ends = {key: None if own.get(key) is None else float(own[key]) for key in ("min", "max")}
+        ends = {key: _number(own.get(key)) for key in ("min", "max")}
         own = {**ends, "unit": own["unit"]}
     if isinstance(own, list):
         own = sorted(own)
     names = ("confidence", "provenance", "source", "review")
     known = [entry.get(name) for name in names]
-    known[0] = float(known[0]) if isinstance(known[0], int | float) else known[0]
+    known[0] = _number(known[0])
     return sha256_json([path, own, *known])
+
+
+def _number(value: Any) -> Any:
+    return float(value) if isinstance(value, int) else value

@@ -156,9 +156,12 @@ class Fail:
         evidence: str,
         reason: str,
         remedy: str,
-        origin: Origin = "contradiction in the structure",
+        origin: Origin | None = None,
     ) -> Failure:
-        return Failure(self.check, path, evidence, reason, origin, remedy)
+        usual: Origin = "contradiction in the structure"
+        if self.check == "review":
+            usual = "missing review"
+        return Failure(self.check, path, evidence, reason, origin or usual, remedy)
 
 
 def show(value: Any) -> str:

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from ssp_scenario_manager.spec.checks.base import Fail, Predicate, View, known, one_of
+from ssp_scenario_manager.spec.checks.form import allowed
 from ssp_scenario_manager.spec.failure import Failure
 from ssp_scenario_manager.spec.fields import get, owner
 from ssp_scenario_manager.spec.model import (
@@ -92,8 +93,8 @@ def identity_is_known(view: View) -> Iterator[Failure]:
                 path,
                 view.said(path),
                 "is identity, so that no other domain can be shown to have the same",
-                "what the source shows, by `ssp spec review FILE`",
-                view.origin(path),
+                allowed(f"{path}.value"),
+                "open decision",
             )
 
 

@@ -96,7 +96,7 @@ def evidence_is_readable(view: View) -> Iterator[Failure]:
                 view.said(path),
                 "says nothing",
                 "frames or span_s",
-                view.origin(path),
+                "open decision",
             )
         for name in ("frames", "span_s"):
             ends = getattr(evidence, name)

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 
 from ssp_scenario_manager.spec.checks.base import Fail, Predicate, View, one_of, show
+from ssp_scenario_manager.spec.checks.form import allowed
 from ssp_scenario_manager.spec.failure import Failure
 from ssp_scenario_manager.spec.fields import get, leaves
 from ssp_scenario_manager.spec.model import UNRESOLVED
@@ -42,8 +43,8 @@ def critical_fields_are_known(view: View) -> Iterator[Failure]:
                     at,
                     view.said(at),
                     "is safety-critical and may not stay unresolved",
-                    "a value that is known, by `ssp spec review FILE`",
-                    view.origin(at),
+                    allowed(at),
+                    "open decision",
                 )
 
 

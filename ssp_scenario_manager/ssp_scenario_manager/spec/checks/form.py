@@ -63,6 +63,11 @@ def vocabulary(path: str) -> tuple[str, ...]:
     return tuple(word for word in _words(_annotation(split(path))) if isinstance(word, str))
 
 
+def allowed(path: str) -> str:
+    """What a field may hold once it is known, in words for a remedy."""
+    return wanted(_annotation(split(path))).removesuffix(f" or {UNRESOLVED}")
+
+
 def _place(details: ErrorDetails, value: Any) -> tuple[tuple[Part, ...], bool]:
     """Where an error stands in the file, and whether a key rather than its value is wrong."""
     parts: list[Part] = []

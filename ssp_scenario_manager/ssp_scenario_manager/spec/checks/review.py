@@ -10,18 +10,19 @@ from ssp_scenario_manager.spec.fields import has, owner, within
 from ssp_scenario_manager.spec.seal import seals, uncovered
 
 _fail = Fail("review")
-_REVIEW = "`ssp spec review FILE`"
+_REVIEW = "`ssp spec review FILE --who NAME`"
 
 
 def every_field_is_covered(view: View) -> Iterator[Failure]:
     """Every field has an entry in part U, of its own or of what holds it."""
+    nothing = "" if view.event.uncertainty else "part U is missing: "
     for path in uncovered(view.event, view.value):
         if not view.is_broken(path):
             yield _fail(
                 path,
                 view.said(path) + "; no entry in uncertainty",
-                "nobody says where this comes from",
-                f"an entry uncertainty.{path}, by {_REVIEW}",
+                f"{nothing}nobody says where this comes from",
+                "one entry in part U for each field, by `ssp spec review FILE --who NAME --all`",
             )
 
 
@@ -64,7 +65,7 @@ def seals_hold(view: View) -> Iterator[Failure]:
                 f"{view.said(path)}; confidence = {entry.confidence:g}, provenance = "
                 f"{entry.provenance}, source = {entry.source}, review = {entry.review}",
                 "changed since it was reviewed",
-                f"the value that was reviewed, or {_REVIEW} of the new one",
+                f"the value that was reviewed, or {_REVIEW}",
             )
 
 
@@ -81,7 +82,6 @@ def critical_fields_are_decided(view: View) -> Iterator[Failure]:
                 f"{view.said(path)}; uncertainty.{entry}.review = {entries[entry].review}",
                 "is safety-critical, and no person has decided it",
                 _REVIEW,
-                view.origin(path),
             )
 
 

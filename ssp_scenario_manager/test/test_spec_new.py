@@ -1,0 +1,226 @@
+"""``ssp spec new`` and ``--migrate``: files that lack nothing but decisions, and say which."""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from ssp_core.cli import main
+from ssp_scenario_manager.interactions import KINDS
+from ssp_scenario_manager.spec.checks import check_event
+from ssp_scenario_manager.spec.load import load_event, read_event_file
+from ssp_scenario_manager.spec.model import UNRESOLVED
+from ssp_scenario_manager.spec.review.session import to_decide
+from ssp_scenario_manager.spec.write import event_text
+
+OLDER = Path(__file__).parent / "data" / "older_form.event.yaml"
+ROAD = {
+    "road_type": "urban",
+    "segment": "straight",
+    "lanes_same_direction": 2,
+    "lanes_opposite": 1,
+    "vut_lane": "rightmost",
+    "left_boundary": "kerb",
+    "right_boundary": "sidewalk",
+}
+
+
+def failures(path: Path, capsys: pytest.CaptureFixture[str]) -> list[dict[str, Any]]:
+    capsys.readouterr()
+    main(["spec", "check", str(path), "--json"])
+    (report,) = json.loads(capsys.readouterr().out)
+    found: list[dict[str, Any]] = report["failures"]
+    return found
+
+
+def seconds(value: float) -> dict[str, Any]:
+    return {"min": value, "max": value, "unit": "s"}
+
+
+def fill_in(path: Path) -> None:
+    """What an author reads off a clip: the road, and when the phases start."""
+    value = yaml.safe_load(path.read_text())
+    for name, word in ROAD.items():
+        value["topology"][name]["value"] = word
+    starts = {"approach": 0.0, "trigger": 2.0, "conflict": 3.0, "resolution": 6.0, "end": 8.0}
+    ends = list(starts.values())[1:]
+    for (phase, start), end in zip(list(starts.items())[:4], ends, strict=True):
+        value["events"][phase] = {"start": seconds(start), "evidence": [{"span_s": [start, end]}]}
+    value["events"]["clip"]["end"] = seconds(8.0)
+    value["source"] |= {"generator": "mine/3", "original": "take 4"}
+    path.write_text(yaml.safe_dump(value))
+
+
+def accept_everything(path: Path, monkeypatch: pytest.MonkeyPatch) -> int:
+    event, _ = load_event(str(path))
+    lines = ["a"] * len(to_decide(event)) + [""]
+    monkeypatch.setattr("sys.stdin", io.StringIO("\n".join(lines)))
+    options = ["--who", "A. Author", "--accept-all", "--reason", "as usual"]
+    return main(["spec", "review", str(path), *options])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_new_event_lacks_only_decisions_and_with_them_is_a_k_star(
+    kind: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    path = tmp_path / "mine.event.yaml"
+    assert main(["spec", "new", kind, "--name", "mine", "--out", str(path)]) == 0
+    found = failures(path, capsys)
+    assert {item["origin"] for item in found} == {"open decision", "missing review"}
+    open_ = {item["field"] for item in found if item["origin"] == "open decision"}
+    assert open_ == {
+        *(f"topology.{name}" for name in ("segment", "vut_lane")),
+        *(f"topology.lanes_{name}" for name in ("same_direction", "opposite")),
+        "events.clip.end",
+        *(f"events.{phase}.start" for phase in ("trigger", "conflict", "resolution")),
+        *(f"events.{p}.evidence[0]" for p in ("approach", "trigger", "conflict", "resolution")),
+    }
+    text = path.read_text()
+    for field in open_:
+        # Each is marked in the file, by a comment above it.
+        name = field.removesuffix("[0]").split(".")[-1]
+        marks = [a for a, b in zip(text.splitlines(), text.splitlines()[1:], strict=False)
+                 if b.strip().startswith(f"{name}:")]  # fmt: skip
+        assert any("# decide:" in line for line in marks), field
+    assert accept_everything(path, monkeypatch) == 1
+    assert main(["spec", "new", kind, "--name", "mine", "--out", str(path)]) == 1
+    assert "exists already" in capsys.readouterr().err
+    fill_in(path)
+    assert accept_everything(path, monkeypatch) == 0
+    assert check_event(read_event_file(str(path))[0]) == []
+    assert load_event(str(path))[0].interaction.type == kind
+
+
+def test_open_decisions_are_a_short_list_and_what_one_action_mends_is_said_once(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "mine.event.yaml"
+    assert main(["spec", "new", "vru_crossing", "--out", str(path)]) == 0
+    capsys.readouterr()
+    assert main(["spec", "check", str(path)]) == 1
+    told = capsys.readouterr().out
+    assert "12 open decisions" in told
+    assert "topology.segment" in told
+    assert "straight, curve, junction\n" in told
+    assert told.count("no person has decided it") == 1
+    assert f"`ssp spec review {path} --who NAME`" in told
+    assert len(told.splitlines()) < 30
+
+
+def test_a_missing_part_u_is_one_message_with_its_count_and_remedy(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    event, _ = load_event("cut_in")
+    path = tmp_path / "bare.event.yaml"
+    path.write_text(event_text(event.model_copy(update={"uncertainty": {}})))
+    found = failures(path, capsys)
+    assert len({item["field"] for item in found}) == len(event.uncertainty)
+    assert "contradiction in the structure" not in {
+        item["origin"] for item in found if item["check"] == "review"
+    }
+    assert main(["spec", "check", str(path)]) == 1
+    told = capsys.readouterr().out
+    assert told.count("part U is missing") == 1
+    assert f"{len(event.uncertainty)} fields" in told
+    assert (
+        f"one entry in part U for each field, by `ssp spec review {path} --who NAME --all`" in told
+    )
+
+
+def test_an_id_that_changed_is_not_told_field_by_field(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = event_text(load_event("cut_in")[0])
+    path = tmp_path / "other.event.yaml"
+    path.write_text(text.replace("review: accepted", "review: edited"))
+    found = failures(path, capsys)
+    assert len(found) > 80
+    assert main(["spec", "check", str(path)]) == 1
+    assert capsys.readouterr().out.count("changed since it was reviewed") == 1
+
+
+def test_an_older_file_is_refused_with_the_command_that_moves_it_over(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for verb in (
+        ["spec", "check", str(OLDER)],
+        ["spec", "graph", str(OLDER)],
+        ["spec", "review", str(OLDER), "--who", "A. Author"],
+        ["compile", str(OLDER), "--target", "sumo", "--site", "boulevard", "--out", str(tmp_path)],
+    ):
+        assert main(verb) == 1
+        captured = capsys.readouterr()
+        assert f"`ssp spec check {OLDER} --migrate" in captured.out + captured.err, verb
+
+
+def test_an_older_file_keeps_the_reviews_of_what_means_the_same(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "moved.event.yaml"
+    assert main(["spec", "check", str(OLDER), "--migrate", str(path)]) == 1
+    capsys.readouterr()
+    event, _ = load_event(str(path))
+    open_ = {item["field"] for item in failures(path, capsys) if item["check"] != "review"}
+    assert open_ == {
+        "topology.lanes_same_direction",
+        "topology.lanes_opposite",
+        "participants.vut.intent",
+    }
+    unsealed = {field for field, doubt in event.uncertainty.items() if doubt.seal is None}
+    assert unsealed == open_
+    assert event.topology.segment.value == "straight"
+    assert event.topology.segment.is_identity
+    assert event.topology.left_boundary.value == UNRESOLVED
+    assert path.read_text().count("# decide:") == 3
+    assert main(["spec", "check", str(OLDER), "--migrate", str(path)]) == 1
+    assert "exists already" in capsys.readouterr().err
+    value = yaml.safe_load(path.read_text())
+    value["topology"]["lanes_same_direction"]["value"] = 2
+    value["topology"]["lanes_opposite"]["value"] = 2
+    value["participants"]["vut"]["intent"] = "keep_lane"
+    path.write_text(yaml.safe_dump(value))
+    assert accept_everything(path, monkeypatch) == 0
+    assert check_event(read_event_file(str(path))[0]) == []
+
+
+def test_a_field_that_was_changed_after_its_review_is_not_sealed_again_by_moving_over(
+    tmp_path: Path,
+) -> None:
+    old = tmp_path / "old.event.yaml"
+    text = OLDER.read_text()
+    changed = text.replace("segment: straight", "segment: curve").replace("max: 4.2", "max: 4.0")
+    assert changed.count("curve\n") == 1
+    old.write_text(changed)
+    path = tmp_path / "moved.event.yaml"
+    assert main(["spec", "check", str(old), "--migrate", str(path)]) == 1
+    entries = load_event(str(path))[0].uncertainty
+    for field in ("topology.segment", "topology.lane_width"):
+        assert (entries[field].review, entries[field].seal) == ("unreviewed", None)
+    assert entries["topology.curvature"].review == "accepted"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "named"),
+    [
+        ("ssp.event/1", "ssp.event/2", "schema"),
+        ("topology:", "topologie:", "topology"),
+        ("role: VUT", "role: EGO", "participants.vut.role"),
+        ("min: 3, max: 4.2", "min: three, max: 4.2", "topology.lane_width"),
+    ],
+)
+def test_what_cannot_be_moved_over_is_named_and_nothing_is_written(
+    old: str, new: str, named: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "old.event.yaml"
+    file.write_text(OLDER.read_text().replace(old, new, 1))
+    assert main(["spec", "check", str(file), "--migrate", str(tmp_path / "new.event.yaml")]) == 1
+    assert named in capsys.readouterr().err
+    assert not (tmp_path / "new.event.yaml").exists()
