@@ -23,7 +23,7 @@ from ssp_eval.imports.bag_camera import camera_facts
 from ssp_eval.imports.clocks import Clock, check_clocks
 from ssp_eval.imports.declare import Declared
 from ssp_eval.imports.geodesy import Datum
-from ssp_eval.imports.motion_options import MotionOptions
+from ssp_eval.imports.motion_options import ALL, MotionOptions
 from ssp_eval.imports.pictures import CameraFacts, jpeg, keep_every, output_size
 from ssp_eval.imports.road import bind_road
 from ssp_eval.imports.ros_bag import Poses, SourceBag, read_poses
@@ -242,7 +242,7 @@ def _track(options: BagOptions, name: str, poses: Poses, clip: _Clip) -> Track:
 def _said(options: BagOptions, poses: Poses, track: Track) -> list[str]:
     """What was taken for granted of an object's frames."""
     name = track.body.object_id
-    if name in options.motion.references:
+    if {name, ALL} & set(options.motion.references):
         return []
     point = poses.child_frame_id or "the reported point"
     return [f"{name}: {point} is taken as its reference point (rear axle, or middle of a person)"]

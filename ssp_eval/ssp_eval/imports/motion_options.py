@@ -62,7 +62,7 @@ class MotionOptions:
             object_class,
             role,
             size,
-            self.references.get(object_id, reference),
+            self.references.get(object_id, self.references.get(ALL, reference)),
             object_id in self.from_motion or ALL in self.from_motion,
             self.transforms.get(object_id, self.transforms.get(ALL, Rigid())),
         )
@@ -95,8 +95,8 @@ _OPTIONS: tuple[Callable[[Any], Any], ...] = (
         "references",
         multiple=True,
         metavar="ID=POINT",
-        help="The point that poses are of: rear_axle, centre, front, rear, or m ahead of the rear "
-        "axle [default: rear_axle in a bag, centre in a table].",
+        help="The point that an object's poses (or those of `all`) are of: rear_axle, centre, "
+        "front, rear, or m ahead of the rear axle [default: a bag's rear_axle, a table's centre].",
     ),
     click.option(
         "--heading",

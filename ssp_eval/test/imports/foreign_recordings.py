@@ -27,7 +27,7 @@ from ssp_eval.recordings.event_rules import event_thresholds
 from ssp_eval.recordings.geometry import Corridor
 from ssp_eval.recordings.phases import Event, find_event, samples_of
 from ssp_eval.recordings.provenance import Provenance, read_provenance
-from ssp_eval.recordings.states import Series, clip_zero_ns, read_states
+from ssp_eval.recordings.states import RecordedStates, Series, clip_zero_ns, read_states
 from ssp_scenario_manager.spec.load import load_event
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)
@@ -263,12 +263,17 @@ def truth(day: TrackDay) -> Event:
     )
 
 
-def imported(bag: Path) -> tuple[Event, Provenance]:
-    """The event and the provenance of a recording, as audit, labels and evaluation read them."""
+def read(bag: Path) -> tuple[RecordedStates, Provenance]:
+    """States and provenance of a recording, as audit, labels and evaluation read them."""
     with BagReader(bag) as reader:
         provenance = read_provenance(reader)
         frames_ns = sorted(peek_stamp_ns(m.data) for m in reader.messages([absolute(CAMERA_IMAGE)]))
-        states = read_states(reader, provenance, clip_zero_ns(provenance, frames_ns))
+        return read_states(reader, provenance, clip_zero_ns(provenance, frames_ns)), provenance
+
+
+def imported(bag: Path) -> tuple[Event, Provenance]:
+    """The event that a recording shows, and its provenance."""
+    states, provenance = read(bag)
     return event_of(states.series), provenance
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ import pytest
 from foreign_recordings import (
     TrackDay,
     imported,
+    read,
     starts,
     truth,
     write_table,
@@ -176,3 +178,131 @@ def test_a_table_that_contradicts_itself_or_the_video_is_refused(
     message = refused("import-video", video, "--states", table, "--out", tmp_path / "rec")
     assert "states.csv:" in message
     assert match in message
+
+
+def with_text(old: str, new: str, line: int | None = None) -> Callable[[str], str]:
+    """A text with one place changed: the first, or the first in a line (from 1)."""
+
+    def change(text: str) -> str:
+        if line is None:
+            return text.replace(old, new, 1)
+        lines = text.splitlines(keepends=True)
+        lines[line - 1] = lines[line - 1].replace(old, new, 1)
+        return "".join(lines)
+
+    return change
+
+
+WRONG_TEXTS: list[tuple[str, Callable[[str], str], str]] = [
+    ("a column missing", with_text("speed_mps", "speed_kmh"),
+     "states.csv:1: speed_mps: is missing"),
+    ("its unit named", with_text("speed_mps", "speed_kmh"),
+     "speed_kmh has another unit, convert it"),
+    ("a column twice", with_text("speed_mps", "yaw_rad"), "states.csv:1: yaw_rad: stands twice"),
+    ("no number", with_text(",10.0,", ",fast,", 9), "states.csv:9: speed_mps: is no number"),
+    ("not finite", with_text(",10.0,", ",nan,", 9), "states.csv:9: speed_mps: is no number"),
+    ("an unknown class", with_text("car", "lorry", 300),
+     "states.csv:300: class: is no class (got 'lorry'); known are car, truck"),
+    ("a class that changes", with_text("car", "truck", 300),
+     "states.csv:300: class: ot1 was a car until line 299: one id must be one object"),
+    ("a size that changes", with_text("4.5", "12.0", 300),
+     "states.csv:300: length_m: was 4.5 in line 253: one id must be one object (got 12.0)"),
+    ("a size of nobody", with_text(",4.5,1.8", ",4.5,0", 300),
+     "states.csv:300: width_m: is no extent of a road user"),
+    ("no id", with_text("ot1", "", 300), "states.csv:300: id: is empty"),
+    ("a value too many", with_text("car", "car,1", 300),
+     "states.csv:300: has 10 values, the header 9"),
+    ("time that goes back", with_text("4.0,", "3.0,", 102),
+     "states.csv:102: id vut: goes back in time by 0.960 s"),
+    ("two objects of one id", with_text("\n", "\n0.0,vut,car,90.0,0.0,0.0,10.0,4.5,1.8\n"),
+     "states.csv:3: id vut: has two positions at one time"),
+    ("nothing", lambda text: text.splitlines()[0], "states.csv: holds no row"),
+    ("no header", lambda text: text.split("\n", 1)[1], "states.csv:1: t_s: is missing"),
+    ("nobody else", lambda text: "".join(text.splitlines(keepends=True)[:252]),
+     "states.csv: id: holds no object beside the VUT"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("change", "match"), [w[1:] for w in WRONG_TEXTS], ids=[w[0] for w in WRONG_TEXTS]
+)
+def test_a_wrong_table_is_named_by_file_line_and_column(
+    video: Path, table: Path, tmp_path: Path, refused: Callable[..., str],
+    change: Callable[[str], str], match: str,
+) -> None:  # fmt: skip
+    text = table.read_text()
+    table.write_text(change(text))
+    assert table.read_text() != text
+    message = refused("import-video", video, "--states", table, "--out", tmp_path / "rec")
+    assert match in message
+
+
+def test_ids_that_switch_are_refused_where_they_do(
+    video: Path, table: Path, tmp_path: Path, refused: Callable[..., str]
+) -> None:
+    def switched(rows: list[dict[str, Any]]) -> None:
+        """From 6 s on each has the other's id."""
+        for row in rows:
+            if float(row["t_s"]) >= 6.0:
+                row["id"] = {"vut": "ot1", "ot1": "vut"}[row["id"]]
+
+    changed(table, switched)
+    with table.open(newline="") as stream:
+        header, *rows = csv.reader(stream)
+    rows.sort(key=lambda row: (row[1], float(row[0])))
+    with table.open("w", newline="") as stream:
+        csv.writer(stream).writerows([header, *rows])
+    message = refused("import-video", video, "--states", table, "--out", tmp_path / "rec")
+    assert re.search(r"states.csv:\d+: id (vut|ot1): jumps by 1\d\.\d m within 0.04 s", message)
+
+
+@pytest.mark.parametrize(
+    ("options", "status", "match"),
+    [
+        (("--vut", "ego"), 1, "--vut: is no id of the table (got 'ego'); its ids are vut, ot1"),
+        (("--object", "ot1=9"), 1, "--object ot1: is no id of the table (got '9')"),
+        (("--object", "ot1=vut"), 1, "--object: is named twice (got 'vut')"),
+        (
+            ("--time-offset", "-9.9"),
+            1,
+            "covers the clip from 0.02 s after its first frame to 9.90 s before its last",
+        ),
+        (("--ego-unknown",), 2, "give exactly one of --states FILE.csv"),
+        (("--site", "north_track"), 1, "no block lies under the VUT's way, which goes by x"),
+    ],
+)
+def test_wrong_use_of_a_table_is_explained(
+    video: Path, table: Path, tmp_path: Path, refused: Callable[..., str],
+    options: tuple[str, ...], status: int, match: str,
+) -> None:  # fmt: skip
+    given = ("import-video", video, "--states", table, *options, "--out", tmp_path / "rec")
+    assert match in refused(*given, status=status)
+
+
+def test_options_about_states_need_a_table(
+    video: Path, tmp_path: Path, refused: Callable[..., str]
+) -> None:
+    given = ("import-video", video, "--ego-unknown", "--site", "boulevard")
+    message = refused(*given, "--out", tmp_path / "rec", status=2)
+    assert "of no use without --states" in message
+
+
+def test_a_motion_across_the_heading_is_said_and_can_be_taken_for_the_heading(
+    day: TrackDay, video: Path, table: Path, tmp_path: Path
+) -> None:
+    """Some simulators move a car sideways and keep its heading."""
+
+    def straight(rows: list[dict[str, Any]]) -> None:
+        for row in rows:
+            row["yaw_rad"] = 0.0
+
+    changed(table, straight)
+    assert run(video, table, tmp_path / "kept") == 0
+    _, provenance = read(tmp_path / "kept")
+    assert provenance.imported is not None
+    assert provenance.imported.states is not None
+    said = " ".join(provenance.imported.states.notes)
+    assert "ot1: moves across its heading by up to 2." in said
+    assert run(video, table, tmp_path / "taken", "--heading", "ot1=motion") == 0
+    event, _ = imported(tmp_path / "taken")
+    assert starts(event) == pytest.approx(starts(truth(day)), abs=0.15)

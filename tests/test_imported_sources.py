@@ -1,0 +1,175 @@
+"""Our own sessions and clips, turned into what others would record, measure the same event."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from ssp_core.bag import BagReader
+from ssp_core.cli import main
+from ssp_core.state import DEFAULT_SIZES, ObjectState
+from ssp_core.vocab import ObjectClass, Role
+from ssp_eval.recordings.import_record import ImportedSite
+from ssp_eval.recordings.provenance import read_provenance
+from ssp_ot_controller.camera.clip import write_clip
+from ssp_ot_controller.camera.storyboard import storyboard
+from ssp_scenario_manager.site import find_shipped
+from ssp_scenario_manager.topology.load import load_library
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "ssp_eval" / "test" / "imports"))
+
+from foreign_recordings import (
+    TrackDay,
+    event_of,
+    imported,
+    starts,
+    truth,
+    write_bag,
+    write_table,
+    write_video,
+)
+
+MAPS = Path(find_shipped("boulevard", "site")).parent.parent / "maps"
+OBJECTS = ("--vut", "/vut/odom", "--object", "ot1=/ot1/odom:car", "--camera", "/cam")
+ROLES = {"vut": Role.VUT, "ot1": Role.OT}
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> TrackDay:
+    """The states of a session of the shipped cut-in on the boulevard, from its start on."""
+    folder = tmp_path_factory.mktemp("session")
+    task = ("cut_in", "--site", "boulevard", "--target", "sumo", "--out", str(folder / "task"))
+    assert main(["compile", *task]) == 0
+    assert main(["run", str(folder / "task"), "--in-process", "--out", str(folder / "run")]) == 0
+    size = DEFAULT_SIZES[ObjectClass.CAR]
+    with np.load(folder / "run" / "states.npz") as kept:
+        columns = [str(name) for name in kept["columns"]]
+        rows = {name: kept[f"{name}_true"].tolist() for name in ROLES}
+    zero_ns = round(rows["vut"][0][0])
+    states: dict[str, list[ObjectState]] = {}
+    for name, values in rows.items():
+        for row in values:
+            of = dict(zip(columns, row, strict=True))
+            ns = round(of.pop("stamp_ns")) - zero_ns
+            one = ObjectState(name, ObjectClass.CAR, ROLES[name], stamp_ns=ns, size=size, **of)
+            states.setdefault(name, []).append(one)
+    return TrackDay(states)
+
+
+def test_a_session_as_a_plain_bag_measures_the_same_event(
+    session: TrackDay, tmp_path: Path
+) -> None:
+    source = write_bag(tmp_path / "day", session.messages(), sqlite=True)
+    out = tmp_path / "rec"
+    declared = ("--domain", "physical", "--site", "boulevard", "--event", "cut_in")
+    assert main(["import-bag", str(source), *OBJECTS, *declared, "--out", str(out)]) == 0
+    event, provenance = imported(out)
+    assert starts(event) == pytest.approx(starts(truth(session)), abs=0.02)
+    assert provenance.road is not None
+    (block,) = load_library(find_shipped("boulevard", "site")).blocks
+    assert [lane.y_m for lane in provenance.road.lanes] == [lane.y_m for lane in block.lanes]
+
+
+def test_a_session_as_a_video_with_a_table_measures_the_same_event(
+    session: TrackDay, tmp_path: Path
+) -> None:
+    video = write_video(tmp_path / "clip.avi", len(session.frames_ns))
+    table = write_table(tmp_path / "clip.csv", session.states)
+    out = tmp_path / "rec"
+    given = ("--states", str(table), "--domain", "simulation", "--out", str(out))
+    assert main(["import-video", str(video), *given]) == 0
+    event, _ = imported(out)
+    assert starts(event) == pytest.approx(starts(truth(session)), abs=0.02)
+
+
+def test_a_clip_with_its_truth_as_a_table_measures_the_clips_event(tmp_path: Path) -> None:
+    whole = storyboard("cut_in", 1)
+    small = whole.camera.model_copy(update={"width_px": 192, "height_px": 108})
+    board = replace(whole, camera=small)
+    video = tmp_path / "clip.mp4"
+    write_clip(board, video)
+    times = board.times()
+    states: dict[str, list[ObjectState]] = {}
+    for t_s in times:
+        for one in board.states(t_s):
+            states.setdefault(one.object_id, []).append(one)
+    table = write_table(tmp_path / "clip.csv", states)
+    # The clip's road as a site file: its lanes, and what a site must say.
+    site = yaml.safe_load(find_shipped("boulevard", "site").read_text())
+    road = board.road.model_dump(mode="json")
+    block = site["blocks"][0]
+    block |= {"origin": road["origin"], "pieces": [{"length_m": road["length_m"]}],
+              "lanes": road["lanes"], "traffic": [], "crossing_x_m": None}  # fmt: skip
+    whole_road = {"block": "main", "from_s_m": 0.0, "to_s_m": road["length_m"], "from_l_m": -4.0,
+                  "to_l_m": 14.0}  # fmt: skip
+    site |= {"ot_reachable": [whole_road], "safe_stop_zones": [whole_road], "geofence": whole_road}
+    (tmp_path / "clip.site.yaml").write_text(json.dumps(site))
+    out = tmp_path / "rec"
+    given = ("--object", "ot1=ot1", "--site", str(tmp_path / "clip.site.yaml"), "--rate", "24")
+    assert main(["import-video", str(video), "--states", str(table), *given,
+                 "--out", str(out)]) == 0  # fmt: skip
+    event, provenance = imported(out)
+    series = [(t_s, {s.object_id: s for s in board.states(t_s)}) for t_s in times]
+    assert starts(event) == pytest.approx(starts(event_of(series)), abs=1 / board.fps)
+    assert provenance.road is not None
+    assert provenance.road.lanes == board.road.lanes
+
+
+@pytest.mark.parametrize("name", ["motorway.xodr", "bend.xodr"])
+def test_a_way_along_any_road_of_a_map_binds_that_road(name: str, tmp_path: Path) -> None:
+    """Each direction of each road that is driven along gets its own block."""
+    library = load_library(MAPS / name)
+    bound = 0
+    for block in library.blocks:
+        if block.segment == "junction" or block.length_m < 60.0 or "[" in block.block_id:
+            continue
+        lane = block.forward_lanes[0]
+        states: dict[str, list[ObjectState]] = {"vut": [], "ot1": []}
+        for k in range(101):
+            for who, ahead_m in (("vut", 5.0), ("ot1", 20.0)):
+                s_m = ahead_m + 0.3 * k
+                x, y = block.line.to_map(s_m, lane.y_m)
+                pose = block.line.pose(s_m)
+                # Along an offset of a bend the speed isn't that of the line.
+                speed = 3.0 * (1.0 - lane.y_m * block.line.curvature_1pm(s_m))
+                states[who].append(
+                    ObjectState(
+                        who,
+                        ObjectClass.CAR,
+                        ROLES[who],
+                        k * 100_000_000,
+                        x,
+                        y,
+                        pose.yaw_rad,
+                        speed,
+                        0.0,
+                        0.0,
+                        DEFAULT_SIZES[ObjectClass.CAR],
+                    )
+                )
+        folder = tmp_path / f"{bound}"
+        folder.mkdir()
+        video = write_video(folder / "clip.avi", 100)
+        table = write_table(folder / "clip.csv", states)
+        out = folder / "rec"
+        given = ("--states", str(table), "--site", str(MAPS / name), "--out", str(out))
+        assert main(["import-video", str(video), *given]) == 0
+        site = imported_site(out)
+        assert site.block == block.block_id
+        assert [lane.y_m for lane in site.road.lanes] == [lane.y_m for lane in block.lanes]
+        bound += 1
+    assert bound >= 1
+
+
+def imported_site(bag: Path) -> ImportedSite:
+    with BagReader(bag) as reader:
+        record = read_provenance(reader).imported
+    assert record is not None
+    assert record.site is not None
+    return record.site
