@@ -1,0 +1,68 @@
+"""docs/sites.md shows what a site file is: every field with its default, and a working example."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+import yaml
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+from ssp_core.geometry import point_in_polygon
+from ssp_core.run_spec import Camera, Limits, LinkDisturbance, Look
+from ssp_scenario_manager.compile.compiler import Request, compile_task
+from ssp_scenario_manager.site import Polygon, Site, SiteBlock, Strip, load_site
+from ssp_scenario_manager.topology.site_blocks import region_polygon, site_library
+
+TEXT = (Path(__file__).resolve().parent.parent / "docs" / "sites.md").read_text()
+SECTIONS = {
+    "Site": Site,
+    "Block": SiteBlock,
+    "Strip": Strip,
+    "Polygon": Polygon,
+    "Limits": Limits,
+    "Camera": Camera,
+    "Look": Look,
+    "Disturbance": LinkDisturbance,
+}
+
+
+def shown(field: FieldInfo) -> set[str]:
+    """What a table may give as a field's default."""
+    if field.is_required():
+        return {"–"}
+    if isinstance(field.default, BaseModel):
+        return {"all defaults", "none"}
+    if field.default in (None, []):
+        return {"none", "two periods"}
+    return {str(field.default)}
+
+
+@pytest.mark.parametrize("title", SECTIONS)
+def test_every_field_stands_in_its_table_with_its_default(title: str) -> None:
+    (part,) = re.findall(rf"^### {title}$(.*?)(?=^###|\Z)", TEXT, re.M | re.S)
+    rows = dict(re.findall(r"^\| `(\w+)` \| ([^|]+) \|", part, re.M))
+    fields = {f.alias or name: f for name, f in SECTIONS[title].model_fields.items()}
+    assert list(rows) == list(fields)
+    for name, field in fields.items():
+        assert rows[name] in shown(field), name
+
+
+def test_the_example_is_a_site_that_an_event_is_compiled_for(tmp_path: Path) -> None:
+    (example,) = re.findall(r"```yaml\n(.*?)```", TEXT, re.S)
+    file = tmp_path / "mine.site.yaml"
+    file.write_text(example)
+    site, _ = load_site(str(file))
+    (block,) = site_library(site).blocks
+    assert isinstance(site.geofence, Polygon)
+    fence = region_polygon(site, site.geofence)
+    for s_m in (0.5, 200.0, 399.5):
+        for l_m in (block.right_edge_m, block.left_edge_m):
+            assert point_in_polygon(*block.line.to_map(s_m, l_m), fence)
+    assert set(yaml.safe_load(example)) >= {
+        n for n, f in Site.model_fields.items() if f.is_required()
+    } - {"schema_"}
+    task = compile_task(Request(event="cut_in", target="track", site=str(file))).task
+    assert task.place.name == "my_track"
