@@ -231,6 +231,18 @@ def test_a_stray_publisher_fills_no_memory() -> None:
     assert len(board.objects) == MOST_OBJECTS
 
 
+def test_every_state_says_what_comes_next(run: RunSpec) -> None:
+    board = ready_board(run)
+    for state, commands in COMMANDS.items():
+        board.hear_session(SessionFact(5 * S, state), 10 * S)
+        told = Snapshots(board).snapshot(10 * S)["session"]["next"].lower()
+        assert told
+        # What a person may press first is named.
+        assert not commands or commands[0].replace("_", " ") in told, state
+    board.replay = True
+    assert Snapshots(board).snapshot(10 * S)["session"]["next"] == ""
+
+
 def test_every_state_has_its_commands_and_none_has_abort() -> None:
     assert set(COMMANDS) == set(SessionPhase)
     # Abort is no matter of state: its button never asks.

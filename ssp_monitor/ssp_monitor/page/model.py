@@ -35,6 +35,21 @@ COMMANDS: dict[SessionPhase, tuple[str, ...]] = {
     SessionPhase.ABORTED: ("all_clear",),
 }
 
+# What a person does next in each state; the manager has the last word here, too.
+NEXT: dict[SessionPhase, str] = {
+    SessionPhase.UNKNOWN: "start the scenario manager: nothing was heard of a session",
+    SessionPhase.IDLE: "load a run: ssp run, or the service load_scenario",
+    SessionPhase.LOADED: "connect; a session of ssp run does it by itself, with --wait after Enter "
+    "in its terminal",
+    SessionPhase.CONNECTED: "arm, once nothing below keeps it from arming",
+    SessionPhase.ARMED: "start, when everybody is clear; objects drive then. Disarm goes back",
+    SessionPhase.RUNNING: "watch; ABORT stops everybody at once, stop ends the run in order",
+    SessionPhase.STOPPING: "wait until everything stands",
+    SessionPhase.FINISHED: "over: reset for another run",
+    SessionPhase.ABORTING: "wait until everything stands",
+    SessionPhase.ABORTED: "all clear, once you have seen that everything stands",
+}
+
 _DIGITS = re.compile(r"(\d+)")
 
 
@@ -147,6 +162,7 @@ class Snapshots:
             "phase": _phase(board.phase),
             "elapsed_s": None if elapsed_s is None else number(elapsed_s, 2),
             "commands": self._commands(state),
+            "next": "" if board.replay else NEXT[state],
         }
 
     def _ages(self, now_ns: int) -> dict[str, float | None]:

@@ -1,4 +1,4 @@
-"""``python -m ssp_ot_controller.rehearsal RUN_FILE``: a live session without its hardware.
+"""``python -m ssp_ot_controller.rehearsal FOLDER``: a live session without its hardware.
 
 It plays what a session connects to: the VUT's GNSS/INS, the camera driver and the bodies of the
 objects, in the ROS domain of the environment, so that a track's network, clocks and limits can be
@@ -7,6 +7,8 @@ rehearsed with `ssp run --mode live` before a vehicle moves.
 
 from __future__ import annotations
 
+import os
+import shutil
 import signal
 import tempfile
 import time
@@ -23,11 +25,13 @@ from ssp_core.run_spec import RunSpec, load_run
 from ssp_ot_controller.rehearsal.bodies import PlayedBodies
 
 PARTS = ("vut", "camera", "bodies")
+RUN_FILE = "run.yaml"
+FIRST_PORT = 9001
 PROFILE = Path(ssp_core.__file__).parent / "config" / "fastdds_hosts.xml"
 
 
 @click.command()
-@click.argument("run_file", type=click.Path(path_type=Path))
+@click.argument("what", metavar="FOLDER", type=click.Path(path_type=Path))
 @click.option(
     "--play", "parts", type=click.Choice(PARTS), multiple=True, help="May be repeated. [all]"
 )
@@ -47,12 +51,15 @@ PROFILE = Path(ssp_core.__file__).parent / "config" / "fastdds_hosts.xml"
     "--host", default="127.0.0.1", show_default=True, help="Address that the bodies listen at."
 )
 @click.option(
-    "--first-port", default=0, show_default=True, help="Of the first body; 0: any that are free."
+    "--first-port",
+    default=FIRST_PORT,
+    show_default=True,
+    help="Of the first body, the others follow; 0: any that are free.",
 )
 @click.option("--log", type=click.Path(path_type=Path), help="CSV of the bodies' true states.")
 @click.option("--remap", "remappings", multiple=True, metavar="FROM:=TO", help="Of our topics.")
 def main(
-    run_file: Path,
+    what: Path,
     parts: tuple[str, ...],
     odometry: str,
     rate_hz: float,
@@ -63,22 +70,25 @@ def main(
     log: Path | None,
     remappings: tuple[str, ...],
 ) -> int:
-    """Plays the hardware of the live session RUN_FILE until it is interrupted.
+    """Plays the hardware of a live session until it is interrupted.
 
-    On standard output it says how `ssp run --mode live` reaches what it plays.
+    FOLDER is what `ssp compile --target track` or `ssp run --mode live` wrote, or a run.yaml.
+    Start it first: it says how `ssp run --mode live`, in another terminal, reaches what it plays.
     """
     if not rate_hz > 0.0:
         raise click.BadParameter(f"must be positive, got {rate_hz:g}", param_hint="--rate")
     try:
+        run_file = what / RUN_FILE if what.is_dir() else what
         run = load_run(run_file)
-        if run.mode != "live":
+        if run.domain != "physical":
             raise InputError(
-                "is no live session's",
+                "is no proving ground's: nothing of it is ever live",
                 file=run_file,
-                field="mode",
-                value=run.mode,
-                remedy="`ssp run --mode live --wait` writes one into the run's folder",
+                field="domain",
+                value=run.domain,
+                remedy="name a folder of `ssp compile --target track`, or of a live session",
             )
+        whole = not parts
         parts = parts or tuple(part for part in PARTS if part != "camera" or run.camera is not None)
         vut: dict[str, object] = {
             "odometry": odometry,
@@ -97,35 +107,63 @@ def main(
                 for name, parameters in wanted.items():
                     module = f"ssp_ot_controller.rehearsal.{name}.node"
                     group.start_node(f"played_{name}", module, parameters, remappings)
-                if "vut" in parts:
-                    click.echo(f"--odometry {odometry}")
-                return _play(run, group, (host, first_port) if "bodies" in parts else None, log)
+                told = [f"--odometry {odometry}"] if "vut" in parts else []
+                told += [f"--remap {rule}" for rule in remappings]
+                bodies = (host, first_port) if "bodies" in parts else None
+                return _play(run, group, bodies, log, told, what if whole else None)
     except SspError as error:
         report_error(str(error))
         return 1
 
 
 def _play(
-    run: RunSpec, group: ProcessGroup, address: tuple[str, int] | None, log: Path | None
+    run: RunSpec,
+    group: ProcessGroup,
+    address: tuple[str, int] | None,
+    log: Path | None,
+    told: list[str],
+    what: Path | None,
 ) -> int:
+    """Plays until something ends.
+
+    Args:
+        run: that is played for.
+        group: the nodes that play, started.
+        address: host and first port of the bodies; None: they aren't played.
+        log: of the bodies.
+        told: options of `ssp run` that reach the rest.
+        what: folder of the run where all of it is played: the whole command is said; None: not.
+    """
     stop = _Stop()
 
     def over() -> bool:
         return stop.asked or bool(group.ended())
 
+    def tell(options: list[str]) -> None:
+        for option in options:
+            click.echo(option)
+        if what is not None and what.is_dir():
+            click.echo("to begin the session, in another terminal with the same environment:")
+            click.echo(f"  {_ssp()} run {what} --mode live --wait --page {' '.join(options)}")
+        click.echo("playing; Ctrl-C ends it")
+
     if address is None:
-        click.echo("playing")
+        tell(told)
         while not over():
             time.sleep(0.05)
     else:
         with PlayedBodies(run, *address, log) as bodies:
-            for object_id, where in bodies.addresses.items():
-                click.echo(f"--body {object_id}={where}")
-            click.echo("playing")
+            tell([*told, *(f"--body {i}={where}" for i, where in bodies.addresses.items())])
             bodies.serve(over)
     for node in group.ended():
         report_error(f"{node.name} {node.describe_exit()}\n{node.log_tail()}")
     return 0 if stop.asked else 1
+
+
+def _ssp() -> str:
+    """How a shell calls our command line: installed, or by the launcher of this environment."""
+    root = os.environ.get("SSP_ROOT")
+    return "ssp" if shutil.which("ssp") or root is None else str(Path(root) / "ssp")
 
 
 class _Stop:

@@ -47,7 +47,10 @@ class PlayedBodies(Closing):
                 sock.bind((host, port))
             except OSError as error:
                 self.close()
-                raise HostError(f"can't listen at {host}:{port}: {error.strerror}") from None
+                raise HostError(
+                    f"can't listen at {host}:{port}: {error.strerror}; choose other ports with "
+                    "--first-port, or 0 for any that are free"
+                ) from None
 
     @property
     def addresses(self) -> dict[str, str]:

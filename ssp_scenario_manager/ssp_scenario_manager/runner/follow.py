@@ -171,7 +171,10 @@ class _Following:
             self._client.spin(0.05)
         if self._client.loaded:
             return Outcome(Verdict.INVALID_HARNESS, self._client.loaded)
-        self._say("loaded; press Enter to begin the run, Ctrl-C to give up")
+        self._say(
+            "loaded: look at what is connected, then press Enter here to connect, arm and start "
+            "(or do so on the operator page); Ctrl-C gives up, later it aborts"
+        )
         while (word := go.poll()) is None:
             self._client.spin(0.05)
             if self._client.under_way:

@@ -181,7 +181,10 @@ def describe(setup: LiveSetup, spec: RunSpec, run_file: Path, env: dict[str, str
         lines.append(f"on other hosts: object_target of {', '.join(elsewhere)}, with {run_file}")
     if setup.odometry is None:
         lines.append(f"waiting for the VUT on {names.absolute(names.state_topic(spec.vut.id))}")
-    lines.append(f"to see what is connected: ssp doctor --session {run_file}")
+    look = f"to see what is connected: ssp doctor --session {run_file}"
+    if setup.odometry is not None:
+        look += f" --odometry {setup.odometry}"
+    lines.append("".join([look, *(f" --remap {rule}" for rule in setup.remappings)]))
     return lines
 
 

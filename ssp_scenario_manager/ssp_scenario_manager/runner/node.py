@@ -13,6 +13,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from ssp_core import names, ros
+from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import PeerError
 from ssp_core.safety_codes import SafetyCode
 from ssp_core.vocab import Phase, SessionPhase, Verdict
@@ -179,6 +180,10 @@ class RunClient:
         if message.state in (SessionState.STATE_FINISHED, SessionState.STATE_ABORTED):
             self._end = message
             self._ended_at = time.monotonic()
+            if not self._begun and self._zero_ns:
+                # Of a run that somebody else led no feedback comes.
+                passed_ns = ros.ns_from_stamp(message.header.stamp) - self._zero_ns
+                self.elapsed_s = ns_to_seconds(passed_ns)
 
     def _on_trigger(self, message: TriggerEvent) -> None:
         crossing_s = (ros.ns_from_stamp(message.crossing_time) - self._zero_ns) / 1e9

@@ -108,21 +108,31 @@ class Stage:
         self, task: Path, *arguments: str, host: Sequence[str] = ()
     ) -> subprocess.Popen[Any]:
         """``ssp run --mode live --wait``, up to where it waits."""
-        command = [sys.executable, "-m", "ssp_core.cli", "run", str(task), "--mode", "live"]
-        command += ["--out", str(self.folder / "run"), "--wait", "--odometry", ODOMETRY]
-        process = self.start("ssp_run", [*command, *arguments], host, stdin=subprocess.PIPE)
-        self.wait_for(
-            lambda: "press Enter" in self.said("ssp_run") or process.poll() is not None,
-            "the loaded session",
-        )
-        assert process.poll() is None, self.said("ssp_run")
+        command = ["run", str(task), "--mode", "live", "--out", str(self.folder / "run"), "--wait"]
+        return self.start_run([*command, "--odometry", ODOMETRY, *arguments], host)
+
+    def start_run(
+        self, arguments: Sequence[str], host: Sequence[str] = ()
+    ) -> subprocess.Popen[Any]:
+        """``ssp`` with these arguments, up to where a loaded session waits."""
+        command = [sys.executable, "-m", "ssp_core.cli", *arguments]
+        process = self.start("ssp_run", command, host, stdin=subprocess.PIPE)
+        self.said_after(process, "press Enter")
         return process
 
-    def play(self, name: str, *arguments: str, host: Sequence[str] = ()) -> subprocess.Popen[Any]:
-        """Played hardware, once it plays."""
+    def said_after(self, run: subprocess.Popen[Any], words: str) -> str:
+        """What `ssp run` has said once these words are in it."""
+        self.wait_for(lambda: words in self.said("ssp_run") or run.poll() is not None, f"{words!r}")
+        assert run.poll() is None, self.said("ssp_run")
+        return self.said("ssp_run")
+
+    def play(
+        self, name: str, *arguments: str, host: Sequence[str] = (), what: Path | None = None
+    ) -> subprocess.Popen[Any]:
+        """Played hardware of a folder, or of the run's own file, once it plays."""
         command = [sys.executable, "-m", "ssp_ot_controller.rehearsal"]
-        run_file = str(self.folder / "run" / "run.yaml")
-        process = self.start(name, [*command, run_file, *arguments], host)
+        played = what or self.folder / "run" / "run.yaml"
+        process = self.start(name, [*command, str(played), *arguments], host)
         self.wait_for(
             lambda: "playing" in self.said(name) or process.poll() is not None, f"{name} to play"
         )

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import json
 import os
+import re
+import shlex
 import signal
 import subprocess
 import sys
+import urllib.error
+import urllib.request
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -74,6 +79,43 @@ def test_a_session_that_the_doctor_lets_arm(stage: Any, task: Callable[[str], Pa
     result = stage.finish(run)
     assert (result["verdict"], result["status"]) == ("valid", 0), (result, stage.said("ssp_run"))
     check_bag(stage.folder / "run" / "bag")
+
+
+def test_the_rehearsal_says_how_its_session_is_begun(
+    stage: Any, task: Callable[[str], Path]
+) -> None:
+    """Started first, with the compiled folder alone; then its command, then the page's buttons."""
+    stage.play("rehearsal", "--first-port", "0", what=task("vru_crossing"))
+    (said,) = re.findall(r"^  \S*ssp (run .*)$", stage.said("rehearsal"), re.M)
+    arguments = [*shlex.split(said), "0", "--out", str(stage.folder / "run")]
+    # The page on any free port: its option takes one, wherever it stands.
+    page = arguments.index("--page")
+    arguments.insert(page + 1, arguments.pop(arguments.index("0")))
+    run = stage.start_run(arguments)
+    (url,) = re.findall(r"operator page: (\S+)#token=(\S+)", stage.said_after(run, "operator page"))
+    for command, state in (("connect", "CONNECTED"), ("arm", "ARMED"), ("start", "RUNNING")):
+        stage.wait_for(partial(pressed, *url, command), f"{command} to be accepted")
+        stage.wait_for(lambda s=state: f"session {s}" in stage.said("ssp_run"), state)
+    result = stage.finish(run)
+    assert (result["verdict"], result["status"]) == ("valid", 0), (result, stage.said("ssp_run"))
+    assert 10.0 < result["session_s"] < 40.0
+    assert result["initiator_first"] is True
+    low_s, high_s = result["wanted"]["least_gap_s"], result["wanted"]["most_gap_s"]
+    assert low_s <= result["time_gap_s"] <= high_s
+
+
+def pressed(url: str, token: str, command: str) -> bool:
+    """A button of the page; False while it isn't taken."""
+    request = urllib.request.Request(
+        f"{url}api/command/{command}",
+        data=b"",
+        headers={"Authorization": f"Bearer {token}", "Origin": url.rstrip("/")},
+    )
+    try:
+        with urllib.request.urlopen(request, timeout=5.0) as response:
+            return bool(json.load(response)["accepted"])
+    except urllib.error.HTTPError:
+        return False
 
 
 def check_policy(stage: Any) -> None:

@@ -37,6 +37,7 @@ export class SessionPanel {
     setText(byId("run"), run ? run + stand : DASH);
     setText(byId("phase"), known && session.phase ? session.phase.toLowerCase() : DASH);
     setText(byId("elapsed"), known ? clock(session.elapsed_s) : DASH);
+    setText(byId("next"), known && session.next ? `Next: ${session.next}.` : "");
     for (const [name, button] of this.buttons) {
       const disabled = !(allowed && known && session.commands.includes(name));
       if (button.disabled !== disabled) button.disabled = disabled;
