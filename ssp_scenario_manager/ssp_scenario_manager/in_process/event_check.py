@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from ssp_core.run_spec import RunSpec
 from ssp_core.safety_codes import SafetyCode
 from ssp_core.vocab import Phase
-from ssp_scenario_manager.in_process.outcome import InProcessResult, run_in_process
+from ssp_scenario_manager.in_process.outcome import InProcessResult, Record, run_in_process
 
 # What a VUT that doesn't respond brings about after the conflict has begun.
 _OF_NO_RESPONSE = frozenset(
@@ -36,9 +36,14 @@ def why_not(run: RunSpec) -> list[str]:
     reasons = _no_event(run, run_in_process(still)[0])
     if reasons:
         return [f"{reason}, while the VUT holds its approach speed" for reason in reasons]
-    driven, _ = run_in_process(_plain(run))
-    told = [] if driven.ok else driven.reasons or ["it doesn't begin"]
+    result, _ = driven(run)
+    told = [] if result.ok else result.reasons or ["it doesn't begin"]
     return [f"{reason}, with the SIL's driver" for reason in told]
+
+
+def driven(run: RunSpec) -> tuple[InProcessResult, Record]:
+    """The second of the two runs: with the SIL's driver, without camera, traffic and faults."""
+    return run_in_process(_plain(run))
 
 
 def _plain(run: RunSpec) -> RunSpec:

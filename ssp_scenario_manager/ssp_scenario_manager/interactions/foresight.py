@@ -56,7 +56,6 @@ class Foresight:
         early_conflict: a conflict stood before the trigger could be seen.
         vut_fired: the VUT's state when the trigger fires.
         targets_fired: the targets' states then.
-        vut_speeds: (session time in s, VUT's speed in m/s) from the start to the end.
     """
 
     fired_s: float
@@ -76,7 +75,6 @@ class Foresight:
     early_conflict: bool
     vut_fired: ObjectState
     targets_fired: tuple[ObjectState, ...]
-    vut_speeds: tuple[tuple[float, float], ...]
 
     @property
     def time_gap_s(self) -> float:
@@ -117,10 +115,8 @@ def foresee(plan: Motions, observable: Observable, thresholds: ConflictThreshold
     t, fired = 0.0, None
     instants: list[_Instant] = []
     early = False
-    speeds: list[tuple[float, float]] = []
     while t < LONGEST_S:
         vut = players.vut(t)
-        speeds.append((t, vut.speed_mps))
         others = [players.target(spec, t) for spec in plan.targets]
         meetings = [(other, encounter(vut, other, players.path)) for other in others]
         subject, meeting = next((o, m) for o, m in meetings if o.object_id == initiator.id)
@@ -154,7 +150,7 @@ def foresee(plan: Motions, observable: Observable, thresholds: ConflictThreshold
     if fired is None:
         never = condition_text(plan.trigger.condition)
         raise CannotPlace(f"its trigger never fires, as far as can be foreseen: {never}")
-    return _summary(players, fired, instants, early, initiator.id, speeds)
+    return _summary(players, fired, instants, early, initiator.id)
 
 
 def _is_far(watch: TriggerWatch) -> bool:
@@ -182,7 +178,6 @@ def _summary(
     instants: list[_Instant],
     early: bool,
     initiator_id: str,
-    speeds: list[tuple[float, float]],
 ) -> Foresight:
     fired_s, station, speed, vut, others = fired
     trigger_s = next((i.t_s for i in instants if i.observable), None)
@@ -226,7 +221,6 @@ def _summary(
         early_conflict=early,
         vut_fired=replace(vut, speed_mps=speed),
         targets_fired=others,
-        vut_speeds=tuple(speeds),
     )
 
 

@@ -29,6 +29,7 @@ from ssp_core.run_spec import (
     TimeToArrival,
     TriggerSpec,
 )
+from ssp_scenario_manager.compile.ground import strip_polygon
 from ssp_scenario_manager.compile.task import (
     Anchors,
     BlockScore,
@@ -233,10 +234,7 @@ def make_case(
         )
         for lane in block.lanes
     ]
-    fence = [
-        line.to_map(s, side)
-        for s, side in ((0.0, -8.0), (block.length_m, -8.0), (block.length_m, 17.0), (0.0, 17.0))
-    ]
+    fence = strip_polygon(line, 0.0, block.length_m, -8.0, 17.0)
     limits = Limits(speed_mps=16.0, acceleration_mps2=5.0)
     run = RunSpec(
         schema_="ssp.run/1",
@@ -255,7 +253,10 @@ def make_case(
         road=Road(origin=origin, length_m=block.length_m, pieces=[*line.pieces], lanes=lanes),
         geofence=fence,
         vut=_participant(line, "vut", "car", plan.vut),
-        driver=Driver(cruise_mps=plan.vut.cruise_mps),
+        # Behind a lead that brakes, the usual headway leaves no conflict.
+        driver=Driver(
+            cruise_mps=plan.vut.cruise_mps, headway_s=0.8 if name == "lead_braking" else 1.4
+        ),
         targets=[
             _participant(line, who, event.participants[who].class_, motion)
             for who, motion in plan.targets.items()

@@ -17,12 +17,14 @@ from lxml import etree  # type: ignore[import-untyped]  # it ships no types
 from pydantic import TypeAdapter
 
 from ssp_core.errors import InputError
+from ssp_core.geometry import Polyline
 from ssp_core.run_spec import Condition, FollowPath, RelativeDistance, TimeToArrival
 from ssp_core.state import DEFAULT_SIZES
-from ssp_core.vocab import ObjectClass
+from ssp_core.vocab import ObjectClass, Phase
 from ssp_scenario_manager.compile.export.motion import legs
 from ssp_scenario_manager.compile.export.openscenario import export_openscenario
 from ssp_scenario_manager.compile.task import PlaceLink, Task, sealed
+from ssp_scenario_manager.in_process.event_check import driven
 
 EVENTS = ("cut_in", "vru_crossing", "lead_braking", "occluded_crossing")
 
@@ -369,14 +371,27 @@ def speed_at(course: list[tuple[float, float]], t_s: float) -> float:
     return course[-1][1]
 
 
-def test_the_vut_speeds_up_as_its_driver_does(case_of: Any, tmp_path: Path) -> None:
-    """The free road's a (1 - (v / v0)^4), before anything is in its way."""
-    course = vut_speeds(written(case_of("vru_crossing"), tmp_path))
-    driver = case_of("vru_crossing").task.run.driver
-    speed, dt = 0.0, 0.01
-    for i in range(600):
-        assert speed_at(course, i * dt) == pytest.approx(speed, abs=0.08)
-        speed += driver.acceleration_mps2 * (1.0 - (speed / driver.cruise_mps) ** 4) * dt
+@pytest.mark.parametrize("name", EVENTS)
+def test_the_vut_drives_slows_and_waits_as_in_a_session(
+    name: str, case_of: Any, tmp_path: Path
+) -> None:
+    """So that it passes who crosses as late as a session's does."""
+    run = case_of(name).task.run
+    course = vut_speeds(written(case_of(name), tmp_path))
+    result, record = driven(run)
+    assert result.ok
+    path = Polyline(run.vut.approach.path)
+    station, t_s = 0.0, 0.0
+    for state in record.truths("vut"):
+        now_s = state.stamp_ns / 1e9
+        if now_s > course[-1][0]:
+            break
+        station += 0.5 * (speed_at(course, t_s) + speed_at(course, now_s)) * (now_s - t_s)
+        t_s = now_s
+        assert station == pytest.approx(path.project(state.x_m, state.y_m)[0], abs=0.4)
+    resolution_s = result.phase_s(Phase.RESOLUTION)
+    assert resolution_s is not None
+    assert t_s > resolution_s + run.end.after_resolution_s
 
 
 @pytest.mark.parametrize("name", EVENTS)
@@ -388,10 +403,9 @@ def test_the_vut_slows_down_for_what_happens(name: str, case_of: Any, tmp_path: 
 
 def test_nothing_is_written_of_a_task_that_never_fires(case_of: Any, tmp_path: Path) -> None:
     case = case_of("cut_in")
-    targets = [case.task.run.targets[0].model_copy(update={"approach": None})]
     condition = case.task.run.triggers[0].condition.model_copy(update={"below_m": 0.001})
     trigger = case.task.run.triggers[0].model_copy(update={"condition": condition})
-    task = changed(case, targets=targets, triggers=[trigger])
+    task = changed(case, triggers=[trigger])
     with pytest.raises(InputError, match="never fires"):
         export_openscenario(task, case.event, case.block, case.plan, None, tmp_path)
     assert list(tmp_path.iterdir()) == []
@@ -485,7 +499,7 @@ def _with_shift(case: Any, shift_m: float) -> Task:
     [
         ("cut_in", lambda c: _with_trigger(c, held_for_s=0.2), "held_for_s"),
         ("cut_in", lambda c: _with_condition(c, REGION), r"triggers\[0\].condition.type.*polygons"),
-        ("cut_in", lambda c: _with_condition(c, PHASE), "never fires.* phase conflict"),
+        ("cut_in", lambda c: _with_condition(c, PHASE), "triggers.*phases, which are measured"),
         (
             "cut_in",
             lambda c: _with_condition(c, {"type": "any", "of": [LATE, PHASE]}),

@@ -11,14 +11,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
+from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError
 from ssp_core.geometry import Polyline
 from ssp_core.run_spec import Motion, RunSpec
 from ssp_core.speed_profile import DEFAULT_RAMP_S
+from ssp_core.vocab import Phase
+from ssp_scenario_manager.core.conditions import condition_text
 from ssp_scenario_manager.core.dispatch import APPROACH_LEAD_S
-from ssp_scenario_manager.interactions.base import CannotPlace
-from ssp_scenario_manager.interactions.foresight import foresee
-from ssp_scenario_manager.interactions.motions import Motions
+from ssp_scenario_manager.core.phases import RESOLUTION_CONFIRMATION_S
+from ssp_scenario_manager.in_process.event_check import driven
 
 # When a target's ramp begins, s after the session's start.
 TARGET_START_S = APPROACH_LEAD_S + DEFAULT_RAMP_S / 2
@@ -107,17 +109,26 @@ def _knots(speeds: Sequence[tuple[float, float]], a: int, b: int, error_mps: flo
     return _knots(speeds, a, at, error_mps) + _knots(speeds, at, b, error_mps)
 
 
-def foreseen_speeds(run: RunSpec) -> tuple[tuple[float, float], ...]:
-    """The VUT's speeds as the compiler foresees them, its reaction included: (t in s, m/s).
+def driven_speeds(run: RunSpec) -> tuple[tuple[float, float], ...]:
+    """The VUT's speeds as the SIL's driver drives, its reaction included: (t in s, m/s).
+
+    They are those of a session: until it ends, which is soon after the resolution.
 
     Raises:
-        InputError: its trigger never fires, or its manoeuvre can't be driven.
+        InputError: its trigger never fires.
     """
-    told = Motions(run.vut, run.driver, tuple(run.targets), run.triggers[0])
-    try:
-        return foresee(told, run.observable, run.thresholds).vut_speeds
-    except CannotPlace as error:
-        raise InputError(str(error), field="run.triggers[0]") from error
+    result, record = driven(run)
+    if not result.triggers:
+        raise InputError(
+            f"its trigger never fires: {condition_text(run.triggers[0].condition)}",
+            field="run.triggers[0]",
+        )
+    resolved_s = result.phase_s(Phase.RESOLUTION)
+    until_s = math.inf
+    if resolved_s is not None:
+        until_s = resolved_s + RESOLUTION_CONFIRMATION_S + run.end.after_resolution_s
+    speeds = [(ns_to_seconds(s.stamp_ns), s.speed_mps) for s in record.truths(run.vut.id)]
+    return ((0.0, 0.0), *((t, v) for t, v in speeds if 0.0 < t <= until_s))
 
 
 def times_along(motion: Motion) -> list[tuple[float, float, float]]:

@@ -37,7 +37,7 @@ from ssp_scenario_manager.compile.export.motion import (
     TARGET_START_S,
     Ramp,
     distance_during,
-    foreseen_speeds,
+    driven_speeds,
     journey,
     legs,
     ramp,
@@ -99,7 +99,7 @@ def scenario_xml(task: Task, block: Block, chart: MapFile, *, external: bool) ->
         block: that it was placed on.
         chart: its map, by the name that the scenario gives it.
         external: the VUT stands until the user's controller drives it; else it drives in its lane
-            at the speeds that the compiler foresees, whatever it meets.
+            at the speeds of a session, whatever it meets.
 
     Raises:
         InputError: the task has something that OpenSCENARIO 1.0 can't tell.
@@ -142,6 +142,13 @@ def _storyboard(run: RunSpec, block: Block, heights: Heights, external: bool) ->
     def stop() -> xosc.Trigger:
         return stop_at(journey(route).braking_from_m, run.end.at_latest_s)
 
+    acts = []
+    for trigger in run.triggers:
+        act = xosc.Act(
+            f"act_{trigger.id}", after(f"{trigger.id}_not_before", trigger.not_before_s), stop()
+        )
+        act.add_maneuver_group(_manoeuvre(run, block, trigger, route, heights))
+        acts.append(act)
     story = xosc.Story("story")
     approach = xosc.Act("approach", after("approach_starts", 0.0), stop())
     movers = [t for t in run.targets if t.approach is not None]
@@ -151,11 +158,7 @@ def _storyboard(run: RunSpec, block: Block, heights: Heights, external: bool) ->
         approach.add_maneuver_group(_approach(who))
     if movers or not external:
         story.add_act(approach)
-    for trigger in run.triggers:
-        act = xosc.Act(
-            f"act_{trigger.id}", after(f"{trigger.id}_not_before", trigger.not_before_s), stop()
-        )
-        act.add_maneuver_group(_manoeuvre(run, block, trigger, route, heights))
+    for act in acts:
         story.add_act(act)
     board = xosc.StoryBoard(init, stop())
     board.add_story(story)
@@ -205,10 +208,10 @@ def _event(
 
 
 def _vut_drive(run: RunSpec) -> xosc.ManeuverGroup:
-    """The VUT's speeds as the compiler foresees them, leg by leg."""
+    """The VUT's speeds as the SIL's driver drives, leg by leg."""
     events = [
         _event(f"vut_{i}", after(f"vut_{i}_starts", leg.start_s), [_speed(leg.change)])
-        for i, leg in enumerate(legs(foreseen_speeds(run)))
+        for i, leg in enumerate(legs(driven_speeds(run)))
     ]
     return _group(VUT_ID, "vut_drive", events)
 
