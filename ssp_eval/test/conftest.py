@@ -199,7 +199,11 @@ def poses(t_s: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
 
 
 def k_star_poses(
-    t_s: float, change_s: float = 2.5, braking_s: float = 2.0, slowing_mps2: float = 3.0
+    t_s: float,
+    change_s: float = 2.5,
+    braking_s: float = 2.0,
+    slowing_mps2: float = 3.0,
+    ahead_m: float = 38.0,
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """VUT at 13 m/s; a car at 8.5 m/s changes into its lane from the left, and the VUT brakes.
 
@@ -208,6 +212,7 @@ def k_star_poses(
         change_s: how long the change of lanes takes.
         braking_s: how long the VUT brakes.
         slowing_mps2: how hard.
+        ahead_m: how far ahead the car is at first.
     """
     braked_s = min(max(t_s - 5.0, 0.0), braking_s)
     speed = 13.0 - slowing_mps2 * braked_s
@@ -219,7 +224,7 @@ def k_star_poses(
     right = LANE_M * 0.5 * math.pi / change_s * math.sin(math.pi * progress) if turning else 0.0
     yaw, pace = math.atan2(-right, 8.5), math.hypot(8.5, right)
     slowing = -slowing_mps2 if 0.0 < braked_s < braking_s else 0.0
-    return (x_m, 0.0, 0.0, speed, slowing), (38.0 + 8.5 * t_s, y_m, yaw, pace, 0.0)
+    return (x_m, 0.0, 0.0, speed, slowing), (ahead_m + 8.5 * t_s, y_m, yaw, pace, 0.0)
 
 
 def lanes_of(count: int) -> list[dict[str, Any]]:
@@ -333,7 +338,7 @@ def write_bag(
     task: Path | None = None,
     told: bool = True,
     like_k_star: bool = False,
-    pace: tuple[float, float, float, float] | None = None,
+    pace: tuple[float, ...] | None = None,
     reported: ControlState | None = None,
 ) -> Path:
     """Writes a recorded cut-in of 9 s at 50 Hz with frames at 10 Hz; simulated time is not 0.
@@ -399,6 +404,12 @@ def bag_writer() -> Callable[..., Path]:
 def task_writer() -> Callable[..., Path]:
     """write_task, for fixtures that outlive a test."""
     return write_task
+
+
+@pytest.fixture(scope="session")
+def poses_of_k_star() -> Callable[..., tuple[tuple[float, ...], tuple[float, ...]]]:
+    """k_star_poses: x, y, yaw, speed and acceleration of VUT and car at a time."""
+    return k_star_poses
 
 
 @pytest.fixture

@@ -10,7 +10,10 @@ import json
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
+import cv2
+import numpy as np
 import pytest
 
 from ssp_core.cli import main
@@ -33,6 +36,7 @@ from ssp_eval.labels.proposal.truth import truth_from_bag
 from ssp_eval.labels.proposal_file import is_unreviewed
 from ssp_eval.report.load import load_cells
 from ssp_eval.score.aggregate import means
+from ssp_scenario_manager.spec.load import load_event
 
 Writer = Callable[..., Path]
 # Run-up beyond 3 s, seconds for the change of lanes, of the VUT's braking, and how hard it brakes.
@@ -288,3 +292,101 @@ def test_templates_of_several_recordings_have_the_plans_times(
         assert template["risk_time_s"] == proposed.risk_time_s
         with pytest.raises(InputError, match="template: fill in"):
             load_labels(tmp_path / f"{domain}.labels.json")
+
+
+@pytest.fixture
+def of_k_star(tmp_path: Path, record: Callable[..., Path], task_writer: Writer) -> list[Path]:
+    """Simulation and Physical, compiled from the shipped cut_in."""
+    bags = []
+    for domain in DOMAINS[1:]:
+        task = task_writer(tmp_path / domain / "task", domain, lanes=2)
+        # Nearer than above: the conflict begins half a second after the trigger.
+        pace = (*PACES[domain], 34.0)
+        bags.append(record(tmp_path, domain, task=task, pace=pace))
+    return bags
+
+
+@pytest.fixture
+def video(tmp_path: Path) -> Path:
+    """Nine seconds at 24 Hz."""
+    path = tmp_path / "clip.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 24.0, (96, 54))
+    for k in range(216):
+        writer.write(np.full((54, 96, 3), k, np.uint8))
+    writer.release()
+    return path
+
+
+@pytest.fixture
+def imported(video: Path) -> Path:
+    """The video as a bag that is declared to show the shipped cut_in."""
+    out, version = video.parent / "synthetic" / "bag", load_event("cut_in")[1]
+    assert main(
+        ["import-video", str(video), "--ego-unknown", "--scenario", "cut_in", "--event-version",
+         version, "--domain", "synthetic", "--rate", "24", "--out", str(out)]
+    ) == 0  # fmt: skip
+    return out
+
+
+@pytest.mark.parametrize("kind", ["bag", "video"])
+def test_a_video_alone_gets_a_template_by_the_phases_of_its_k_star(
+    kind: str, of_k_star: list[Path], video: Path, imported: Path, tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    out = tmp_path / "out"
+    given = [str(imported if kind == "bag" else video), *map(str, of_k_star), "--out", str(out)]
+    if kind == "video":
+        # Nobody said that it is the clip of this K*.
+        assert main(["labels", "new", *given]) == 1
+        assert "nobody says when its phases begin" in " ".join(capsys.readouterr().err.split())
+        given += ["--event", "cut_in"]
+    assert main(["labels", "new", *given]) == 0
+    told = " ".join(capsys.readouterr().err.split())
+    template = json.loads((out / "synthetic.labels.json").read_text())
+    proposed = [load_labels(out / f"{domain}.labels.json") for domain in DOMAINS[1:]]
+    for labels in proposed:
+        places = [None if x.at is None else x.at.to_json() for x in labels.labels]
+        assert [label["at"] for label in template["labels"]] == places
+    assert [label["phase"] for label in template["labels"]] == [x.phase for x in proposed[0].labels]
+    assert template["event_version"] == load_event("cut_in")[1]
+    # K* has trigger, conflict and resolution at 3.208, 3.333 and 5.5 s.
+    starts = {"trigger": 3.208, "conflict": 3.333, "resolution": 5.5}
+    ends = {"trigger": 3.333, "conflict": 5.5, "resolution": 9.0}
+    for label in template["labels"]:
+        if label["phase"] in starts:
+            assert starts[label["phase"]] <= label["t_s"] < ends[label["phase"]]
+    with pytest.raises(InputError, match="template: fill in"):
+        load_labels(out / "synthetic.labels.json")
+    assert "METHOD 4.1 from K* cut_in" in told
+    mark = json.loads((out / "simulation.labels.proposal.json").read_text())
+    window_s = proposed[0].labels[0].t_s, proposed[0].labels[-1].t_s
+    assert mark["crop"]["start_s"] <= window_s[0] < window_s[1] <= mark["crop"]["end_s"]
+    # a = 3.208 s before the trigger, r = 3.5 s from the resolution on.
+    event = mark["event"]
+    assert mark["crop"]["start_s"] == pytest.approx(event["trigger_s"] - 3.208)
+    assert mark["crop"]["end_s"] == pytest.approx(event["resolution_s"] + 3.5)
+
+
+def test_the_states_of_an_imported_clip_may_lie_in_its_truth_file(
+    of_k_star: list[Path], imported: Path, tmp_path: Path, poses_of_k_star: Callable[..., Any]
+) -> None:
+    truth = tmp_path / "clip.truth.json"
+    frames = []
+    for k in range(216):
+        t_s = k / 24.0
+        objects = []
+        for name, (x, y, yaw, speed, _) in zip(
+            ("vut", "ot1"), poses_of_k_star(t_s, ahead_m=34.0), strict=True
+        ):
+            objects.append(
+                {"object_id": name, "object_class": "car", "role": "vut" if name == "vut" else "ot",
+                 "x_m": x, "y_m": y, "yaw_rad": yaw, "speed_mps": speed,
+                 "size": {"front_m": 3.6, "rear_m": 0.9, "width_m": 1.8, "height_m": 1.5}}
+            )  # fmt: skip
+        frames.append({"t_s": t_s, "objects": objects})
+    truth.write_text(json.dumps({"schema": "ssp.truth/1", "scenario": "cut_in", "frames": frames}))
+    runs = [str(bag.parent) for bag in (imported, *of_k_star)]
+    assert main(["labels", "new", *runs, "--truth", str(truth)]) == 0
+    labels = {Path(run).name: load_labels(Path(run) / "labels.json") for run in runs}
+    assert compare_labels(labels).aligned
+    assert {one.event_version for one in labels.values()} == {load_event("cut_in")[1]}

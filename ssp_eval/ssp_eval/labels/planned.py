@@ -178,7 +178,7 @@ def _check_same_event(recordings: Sequence[Recording]) -> None:
             ("scenario", first.scenario, one.scenario),
             ("K* version", first.event_version, one.event_version),
         ):
-            if ours != theirs:
+            if ours != theirs and UNKNOWN_VERSION not in (ours, theirs):
                 raise InputError(
                     f"is of the {field} {theirs}, {first.path} of {ours}", file=one.path,
                     remedy="labels are planned together for recordings of one event",
