@@ -78,15 +78,25 @@ def test_controls_are_bridges_of_ours() -> None:
         bridge_spec("perfect={")
 
 
-def test_the_runners_verdict_holds_for_the_file_in_the_bag_too(make_bag: BagMaker) -> None:
+@pytest.mark.parametrize(
+    ("verdict", "reason"),
+    [
+        ("invalid_harness", "a node died"),
+        # The session itself said valid: the runner alone measures the whole recording.
+        ("off_spec", "time gap at the conflict point: 9.100 s, K* wants 0.2 to 6 s"),
+    ],
+)
+def test_the_runners_verdict_holds_for_the_file_in_the_bag_too(
+    verdict: str, reason: str, make_bag: BagMaker
+) -> None:
     bag = make_bag()
-    told = {"schema": "ssp.verdict/1", "verdict": "invalid_harness", "reasons": ["a node died"]}
+    told = {"schema": "ssp.verdict/1", "verdict": verdict, "reasons": [reason]}
     write_json(bag / "verdict.json", told)
     (file,) = bag.glob("*.mcap")
     for path in (bag, file):
         with BagReader(path) as reader:
             facts = read_provenance(reader)
-        assert facts.refusal == "the run's verdict is invalid_harness: a node died"
+        assert facts.refusal == f"the run's verdict is {verdict}: {reason}"
 
 
 @pytest.mark.parametrize("scenario", ["../../elsewhere", "a/b", ".hidden", "x" * 65])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 import yaml
@@ -184,3 +185,24 @@ def test_the_mode_of_a_sessions_folder_is_its_own(compiled: Path, tmp_path: Path
     with pytest.raises(InputError, match="is not what the task was compiled from") as caught:
         prepare(session, tmp_path / "again")
     assert caught.value.file == str(session / "run.yaml")
+
+
+def test_a_run_off_its_specification_exits_with_1_and_is_a_failure_for_build_servers(
+    compiled: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    value = yaml.safe_load((compiled / "run.yaml").read_text())
+    value["passing"]["most_gap_s"] = 0.5
+    (compiled / "run.yaml").write_text(yaml.safe_dump(value))
+    out, junit = tmp_path / "run", tmp_path / "junit.xml"
+    given = ["--in-process", "--junit", str(junit), "--json", "--out", str(out)]
+    assert main(["run", str(compiled), *given]) == 1
+    told = json.loads(capsys.readouterr().out)
+    (reason,) = told["reasons"]
+    assert (told["verdict"], told["wanted"]["most_gap_s"]) == ("off_spec", 0.5)
+    assert reason == (
+        f"time gap at the conflict point: {told['time_gap_s']:.3f} s, K* wants 0.2 to 0.5 s"
+    )
+    (run,) = ElementTree.parse(junit).iter("testcase")
+    assert [(part.tag, part.get("type")) for part in run if part.tag != "properties"] == [
+        ("failure", "off_spec")
+    ]

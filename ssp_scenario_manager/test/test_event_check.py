@@ -144,6 +144,11 @@ def test_an_object_that_stays_beside_the_corridor_is_no_event(
     short = with_trigger(run, manoeuvre=manoeuvre, adaptation=None)
     result, _ = run_in_process(short)
     assert result.phase_s(Phase.CONFLICT) is not None
+    # Whoever runs it all the same is told that nobody crossed: before, such a run was valid.
+    near = short.limits.model_copy(update={"separation_m": 0.1})
+    sound, _ = run_in_process(short.model_copy(update={"limits": near}))
+    assert sound.verdict is Verdict.OFF_SPEC
+    assert sound.reasons[0].startswith("passing order: ot1 never came into the VUT's corridor")
     (reason,) = why_not(short)
     assert "ot1 doesn't come into the VUT's corridor (smallest distance" in reason
 
