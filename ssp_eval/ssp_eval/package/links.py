@@ -220,10 +220,12 @@ class Links:
 
     def _observation(self, entry: FileEntry) -> None:
         """The recording that was looked at; a draft counts for nothing and names no seal."""
-        found = parse_model(Observation, self._contents.mapping(entry), entry.path)
-        if found.seal is not None:
-            check_seal(found, entry.path)
-            self._bag(entry.path, "bag_sha256", found.bag_sha256)
+        value = self._contents.mapping(entry)
+        if value.get("seal") is None:
+            return
+        found = parse_model(Observation, value, entry.path)
+        check_seal(found, entry.path)
+        self._bag(entry.path, "bag_sha256", found.bag_sha256)
 
     def _proposal(self, entry: FileEntry) -> None:
         value = self._contents.mapping(entry)

@@ -67,7 +67,6 @@ def test_a_changed_observation_or_one_of_another_recording_is_not_packed(
 
 
 def test_a_draft_is_kept_and_counts_for_nothing(run: Path, tmp_path: Path) -> None:
-    write_json(run / "observation_ada.json", answers() | {"when": "2026-03-02T10:00:00Z",
-               "recording": "run", "bag_sha256": "sha256:" + "0" * 64})  # fmt: skip
+    write_json(run / "observation_ada.json", answers())
     table, _ = make_package([run], tmp_path / "package")
     assert not [link for link in table.links if link.source == "run/observation_ada.json"]
