@@ -9,20 +9,25 @@ from typing import Any
 from ssp_core.bag.metadata import ROOT_KEY
 from ssp_core.errors import InputError
 from ssp_core.files import MAX_TEXT_BYTES, parse_mapping
+from ssp_eval.audit.model import SCHEMA as AUDIT_SCHEMA
 from ssp_eval.evaluate.cell_file import CELL_FILE, RECORDS_FILE, SCORE_FILE
 from ssp_eval.evaluate.store import RAW_FILE, REQUESTS_FILE
+from ssp_eval.labels.template import SCHEMA as LABELS_SCHEMA
 from ssp_eval.package.model import Role
+from ssp_eval.recordings.observation import SCHEMA as OBSERVATION_SCHEMA
+from ssp_scenario_manager.compile.task import SCHEMA as TASK_SCHEMA
+from ssp_scenario_manager.spec.model import SCHEMA as EVENT_SCHEMA
 
 _BY_SCHEMA: dict[str, Role] = {
-    "ssp.event/2": "event",
+    EVENT_SCHEMA: "event",
     "ssp.site/1": "site",
     "ssp.shortlist/1": "shortlist",
-    "ssp.task/1": "task",
+    TASK_SCHEMA: "task",
     "ssp.run/1": "run",
-    "ssp.labels/1": "labels",
+    LABELS_SCHEMA: "labels",
     "ssp.proposal/1": "proposal",
-    "ssp.observation/1": "observation",
-    "ssp.audit/1": "audit",
+    OBSERVATION_SCHEMA: "observation",
+    AUDIT_SCHEMA: "audit",
     "ssp.cell/1": "cell",
     "ssp.result/1": "result",
     "ssp.verdict/1": "verdict",
