@@ -14,7 +14,7 @@ import yaml
 from ssp_core.bag import BagReader
 from ssp_core.cli import main
 from ssp_core.state import DEFAULT_SIZES, ObjectState
-from ssp_core.vocab import ObjectClass, Role
+from ssp_core.vocab import PHASES, ObjectClass, Role
 from ssp_eval.recordings.import_record import ImportedSite
 from ssp_eval.recordings.provenance import read_provenance
 from ssp_ot_controller.camera.clip import write_clip
@@ -72,6 +72,10 @@ def test_a_session_as_a_plain_bag_measures_the_same_event(
     event, provenance = imported(out)
     assert starts(event) == pytest.approx(starts(truth(session)), abs=0.02)
     assert provenance.road is not None
+    # Labels are planned from its states as from a session's own.
+    assert main(["labels", "new", str(out), "--out", str(tmp_path / "labels.json")]) == 0
+    labels = json.loads((tmp_path / "labels.json").read_text())["labels"]
+    assert {label["phase"] for label in labels} == set(PHASES)
     (block,) = load_library(find_shipped("boulevard", "site")).blocks
     assert [lane.y_m for lane in provenance.road.lanes] == [lane.y_m for lane in block.lanes]
 

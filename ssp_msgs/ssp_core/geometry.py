@@ -14,11 +14,33 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
+# A quaternion whose norm is further from 1 than this was never meant as one.
+_NORM_TOLERANCE = 0.01
+# Roll or pitch beyond this is no road; who reports it is mounted or configured wrongly.
+_MAX_TILT_RAD = 0.35
+
 
 def wrap_angle(angle_rad: float) -> float:
     """The same angle in (-pi, pi]."""
     wrapped = math.remainder(angle_rad, 2.0 * math.pi)
     return math.pi if wrapped <= -math.pi else wrapped
+
+
+def yaw_of(quaternion: tuple[float, float, float, float]) -> float:
+    """Heading of an orientation (x, y, z, w), rad, counter-clockwise from +x.
+
+    Raises:
+        ValueError: it is no unit quaternion, or tilts more than a road does.
+    """
+    x, y, z, w = quaternion
+    norm = math.sqrt(x * x + y * y + z * z + w * w)
+    if not abs(norm - 1.0) <= _NORM_TOLERANCE:
+        raise ValueError(f"the orientation's norm is {norm:.3f}, not 1")
+    upright = 1.0 - 2.0 * (x * x + y * y) / (norm * norm)
+    if upright < math.cos(_MAX_TILT_RAD):
+        tilt = math.degrees(math.acos(max(-1.0, min(1.0, upright))))
+        raise ValueError(f"the orientation tilts by {tilt:.0f} degrees; no road does")
+    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
 def wrap_angles(angles_rad: FloatArray) -> FloatArray:

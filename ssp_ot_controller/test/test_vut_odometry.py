@@ -8,9 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssp_core.clock import seconds_to_ns
+from ssp_core.geometry import yaw_of
 from ssp_core.run_spec import ParticipantSpec, Start
 from ssp_core.vocab import ObjectClass, Role
-from ssp_ot_controller.vut.odometry import Fix, LeverArm, Unusable, VutStates, yaw_of
+from ssp_ot_controller.vut.odometry import Fix, LeverArm, Unusable, VutStates
 
 VUT = ParticipantSpec(
     id="vut", object_class="car", start=Start(x_m=0.0, y_m=0.0, yaw_rad=0.0), approach=None

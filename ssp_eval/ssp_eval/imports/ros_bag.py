@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import sqlite3
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -19,6 +18,7 @@ from ssp_core.bag.mcap_file import DAMAGE
 from ssp_core.bag.types import typestore
 from ssp_core.closing import Closing
 from ssp_core.errors import InputError
+from ssp_core.geometry import yaw_of
 from ssp_core.hashing import sha256_file, sha256_json
 from ssp_core.messages import leading_stamp_ns, stamp_ns
 from ssp_eval.imports.clocks import Clock, Times
@@ -33,9 +33,6 @@ POSE_TYPES = (ODOMETRY, POSE, POSE_COVARIANCE, FIX)
 TF_STATIC = "/tf_static"
 # Geodetic positions name the antenna as their frame; what they are in is the datum's.
 DATUM_FRAME = "datum"
-# A quaternion whose norm is further from 1 than this was never meant as one.
-_NORM_TOLERANCE = 0.01
-_MAX_TILT_RAD = math.radians(45.0)
 _FAILURES = (AnyReaderError, ReaderError, SerdeError, sqlite3.Error, OSError, RuntimeError, *DAMAGE)
 
 
@@ -174,7 +171,7 @@ def read_poses(bag: SourceBag, topic: str, clock: Clock, datum: Datum | None) ->
             rows.append(read(message))
         except ValueError as error:
             raise InputError(
-                f"{error} (message {len(rows) + 1})", file=bag.path, field=topic,
+                f"message {len(rows) + 1}: {error}", file=bag.path, field=topic,
                 remedy="cut the span out of the bag, or name another topic",
             ) from error  # fmt: skip
     if not rows:
@@ -214,21 +211,6 @@ def _pose(pose: Any) -> tuple[float, float, float]:
     return float(pose.position.x), float(pose.position.y), yaw_of((q.x, q.y, q.z, q.w))
 
 
-def yaw_of(quaternion: tuple[float, float, float, float]) -> float:
-    """Heading of an orientation, rad, counter-clockwise from +x.
-
-    Raises:
-        ValueError: it is no unit quaternion, or tilts more than a road does.
-    """
-    x, y, z, w = quaternion
-    norm = math.sqrt(x * x + y * y + z * z + w * w)
-    if not abs(norm - 1.0) <= _NORM_TOLERANCE:
-        raise ValueError(f"holds an orientation whose norm is {norm:.3f}, not 1")
-    if 1.0 - 2.0 * (x * x + y * y) < math.cos(_MAX_TILT_RAD):
-        raise ValueError("holds an orientation that tilts more than a road does")
-    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-
-
 def _odometry(message: Any) -> tuple[float, ...]:
     twist = message.twist.twist
     speeds = (float(twist.linear.x), float(twist.linear.y), float(twist.angular.z))
@@ -245,7 +227,7 @@ def _pose_covariance(message: Any) -> tuple[float, ...]:
 
 def _fix(message: Any) -> tuple[float, ...]:
     if message.status.status < 0:
-        raise ValueError("holds a message without a fix")
+        raise ValueError("it is without a fix")
     return float(message.latitude), float(message.longitude), float(message.altitude)
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ssp_core.bag import BagWriter
 from ssp_core.bag.qos import offered_qos
@@ -20,6 +21,7 @@ from ssp_core.video import Video
 from ssp_core.vocab import ObjectClass, Role
 from ssp_eval.imports import messages
 from ssp_eval.imports.declare import NOTHING, Declared
+from ssp_eval.imports.frame_change import CONTRARY, FrameChange
 from ssp_eval.imports.motion_options import MotionOptions
 from ssp_eval.imports.pictures import CameraFacts, jpeg, keep_every, output_size, pinhole
 from ssp_eval.imports.road import BoundRoad, bind_road
@@ -176,11 +178,15 @@ def _write(
     camera = options.lens.facts(width_px, height_px)
     writer.add_topic(IMAGE, messages.IMAGE_TYPE, offered_qos(20))
     start_s, stamp_ns, count = 0.0, 0, 0
+    change, stamps_ns = FrameChange(), list[int]()
     for frame in video.frames(options.start_s, options.end_s, step):
         if count == 0:
             start_s = frame.time_s
             camera.write(writer, 0)
         stamp_ns = seconds_to_ns(frame.time_s - start_s)
+        stamps_ns.append(stamp_ns)
+        if table is not None:
+            change.take(frame.image)
         data = jpeg(frame.image, width_px, height_px)
         writer.write(IMAGE, messages.image(stamp_ns, data), stamp_ns, stamp_ns, count + 1)
         count += 1
@@ -190,8 +196,9 @@ def _write(
         raise _outside(options, video.reached_s)
     measured = None
     if table is not None and options.table is not None:
-        measured = _measured(options, options.table, table, start_s, stamp_ns)
         zero_ns = seconds_to_ns(start_s)
+        measured = _measured(options, options.table, table, start_s, stamp_ns)
+        _check_motion(measured, change, np.array(stamps_ns) + zero_ns)
         for track in measured.tracks:
             write_states(writer, track.body.object_id, track.states(zero_ns))
         writer.attach(TABLE_ATTACHMENT, measured.data, "text/csv")
@@ -323,6 +330,34 @@ def _measured(
         ),
         given.file.read_bytes(),
     )
+
+
+def _check_motion(measured: _Measured, change: FrameChange, frames_ns: NDArray[np.int64]) -> None:
+    """Refuses a table whose VUT stands while the frames move, and says where they may.
+
+    Args:
+        measured: the table's tracks.
+        change: of the frames.
+        frames_ns: their times in the video.
+    """
+    vut = measured.tracks[0]
+    if vut.samples.speed_mps is None:
+        raise ValueError("a track has speeds")
+    speed = np.interp(frames_ns, vut.samples.stamps_ns, vut.samples.speed_mps)
+    ratio = change.contrast(speed)
+    if ratio is None or ratio < 1.0:
+        return
+    text = (
+        f"says that the VUT stands where the frames change {ratio:.1f} times as much as where it "
+        "drives"
+    )
+    if ratio >= CONTRARY:
+        raise vut.samples.source.error(
+            f"{text}: another run's table, or another time base?",
+            "give the table of this run; --time-offset S is added to its times",
+            index=0,
+        )
+    measured.record.notes.append(f"the table {text}: is it of this run?")
 
 
 def _names(given: TableOptions, table: Table) -> dict[str, str]:

@@ -202,13 +202,18 @@ def write_table(path: Path, states: Mapping[str, Sequence[ObjectState]], every: 
     return path
 
 
-def write_video(path: Path, frames: int, fps: float = 10.0) -> Path:
-    """A video whose frame k shows k."""
+def write_frames(path: Path, images: Sequence[Any], fps: float = 10.0) -> Path:
+    """A video of these pictures."""
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), fps, (64, 48))
-    for k in range(frames):
-        writer.write(picture(k))
+    for image in images:
+        writer.write(image)
     writer.release()
     return path
+
+
+def write_video(path: Path, frames: int) -> Path:
+    """A video whose frame k shows k, 10 a second."""
+    return write_frames(path, [picture(k) for k in range(frames)])
 
 
 CUT_IN = load_event("cut_in")[0]

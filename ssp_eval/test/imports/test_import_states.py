@@ -14,9 +14,11 @@ import pytest
 from foreign_recordings import (
     TrackDay,
     imported,
+    picture,
     read,
     starts,
     truth,
+    write_frames,
     write_table,
     write_video,
 )
@@ -306,3 +308,28 @@ def test_a_motion_across_the_heading_is_said_and_can_be_taken_for_the_heading(
     assert run(video, table, tmp_path / "taken", "--heading", "ot1=motion") == 0
     event, _ = imported(tmp_path / "taken")
     assert starts(event) == pytest.approx(starts(truth(day)), abs=0.15)
+
+
+def test_a_vut_that_stands_where_the_frames_move_is_another_runs(
+    table: Path, tmp_path: Path, refused: Callable[..., str]
+) -> None:
+    """The video stands for 4 s, then moves on; one table does the reverse, the other that."""
+    video = tmp_path / "clip.avi"
+    write_frames(video, [picture(0)] * 41 + [picture(k) for k in range(60)])
+
+    def driving(from_s: float, to_s: float) -> Callable[[list[dict[str, Any]]], None]:
+        def change(rows: list[dict[str, Any]]) -> None:
+            for row in rows:
+                if row["id"] == "vut":
+                    t_s = float(row["t_s"])
+                    row["x_m"] = 20.0 + 5.0 * (min(max(t_s, from_s), to_s) - from_s)
+                    row["speed_mps"] = 5.0 if from_s <= t_s <= to_s else 0.0
+
+        return change
+
+    changed(table, driving(0.0, 4.0))
+    message = refused("import-video", video, "--states", table, "--out", tmp_path / "rec")
+    assert "id vut: says that the VUT stands where the frames change" in message
+    assert "another run's table, or another time base?" in message
+    changed(table, driving(4.0, 10.0))
+    assert run(video, table, tmp_path / "rec") == 0

@@ -12,15 +12,11 @@ from dataclasses import dataclass, replace
 
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import PeerError
-from ssp_core.geometry import wrap_angle
+from ssp_core.geometry import wrap_angle, yaw_of
 from ssp_core.run_spec import ParticipantSpec
 from ssp_core.state import ObjectState
 from ssp_core.vocab import ControlState, Role
 
-# A quaternion whose norm is further from 1 than this was never meant as one.
-_NORM_TOLERANCE = 0.01
-# Roll or pitch beyond this is no road; the unit is mounted or configured wrongly.
-_MAX_TILT_RAD = 0.35
 # Time constant of the acceleration that is made of differences of speed.
 ACCELERATION_FILTER_S = 0.1
 # After a pause longer than this a difference of speeds says nothing about the acceleration now.
@@ -75,23 +71,6 @@ class LeverArm:
     yaw_left_rad: float = 0.0
 
 
-def yaw_of(quaternion: tuple[float, float, float, float]) -> float:
-    """Heading of an orientation, rad, counter-clockwise from east.
-
-    Raises:
-        Unusable: it is no unit quaternion, or tilts more than a road does.
-    """
-    x, y, z, w = quaternion
-    norm = math.sqrt(x * x + y * y + z * z + w * w)
-    if not abs(norm - 1.0) <= _NORM_TOLERANCE:
-        raise Unusable(f"the orientation's norm is {norm:.3f}, not 1")
-    upright = 1.0 - 2.0 * (x * x + y * y) / (norm * norm)
-    if upright < math.cos(_MAX_TILT_RAD):
-        tilt = math.degrees(math.acos(max(-1.0, min(1.0, upright))))
-        raise Unusable(f"the orientation tilts by {tilt:.0f} degrees; no road does")
-    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-
-
 class VutStates:
     """Makes the VUT's states of fixes, numbered from 1. Reads no clock.
 
@@ -123,7 +102,10 @@ class VutStates:
         if self._last is not None and fix.stamp_ns <= self._last.stamp_ns:
             late_s = ns_to_seconds(self._last.stamp_ns - fix.stamp_ns)
             raise Unusable(f"its stamp lies {late_s:.3f} s before the newest one, or equals it")
-        yaw = wrap_angle(yaw_of(fix.quaternion) - self._lever.yaw_left_rad)
+        try:
+            yaw = wrap_angle(yaw_of(fix.quaternion) - self._lever.yaw_left_rad)
+        except ValueError as error:
+            raise Unusable(str(error)) from error
         state = self._state(fix, yaw)
         self._last = state
         self._sequence += 1
