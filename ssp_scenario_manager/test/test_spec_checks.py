@@ -303,6 +303,31 @@ def test_quantity_that_is_neither_interval_nor_unresolved_is_one_failure() -> No
         assert "{min, max, unit} or unresolved" in failure.remedy
 
 
+@pytest.mark.parametrize("name", ["segment", "road_type", "vut_lane", "left_boundary"])
+def test_any_is_no_value_of_the_road(name: str) -> None:
+    path = f"topology.{name}.value"
+    found = [f for f in check_event(changed("cut_in", **{path: "any"})) if f.field == path]
+    assert [failure.check for failure in found] == ["C2"]
+    assert "what the source shows" in found[0].remedy
+
+
+def test_a_field_of_the_road_admits_its_value_or_what_it_may_vary_to() -> None:
+    road = Event.model_validate(shipped("cut_in")).topology
+    assert road.identity_fields == ("segment", "lanes_same_direction", "vut_lane")
+    assert set(road.identity_fields) | set(road.varying_fields) == set(
+        shipped("cut_in")["topology"]
+    )
+    assert [road.lanes_same_direction.admits(n) for n in (1, 2, 3)] == [False, True, False]
+    assert [road.lanes_opposite.admits(n) for n in (0, 1, 2, 3)] == [False, True, True, False]
+    assert [road.segment.admits(w) for w in ("straight", "curve")] == [True, False]
+    assert [road.left_boundary.admits(w) for w in ("verge", "any")] == [True, False]
+    assert [road.lane_width.admits(w) for w in (2.9, 3.0, 4.2, 4.3)] == [False, True, True, False]
+    needed = {"keep_lane", "lane_change_right"}
+    assert road.permitted_manoeuvres.admits(frozenset(needed))
+    assert road.permitted_manoeuvres.admits(frozenset(needed | {"crossing", "stop"}))
+    assert not road.permitted_manoeuvres.admits(frozenset({"keep_lane"}))
+
+
 def test_mapping_in_place_of_a_word_is_found() -> None:
     for path in ("topology__left_boundary__value", "motion__ot1__trigger__motion"):
         found = check_event(changed("cut_in", **{path: {}}))
