@@ -268,6 +268,7 @@ def test_two_persons_agree_within_the_tolerance(bag: Path, tmp_path: Path) -> No
     assert rows["phases.trigger.t_s"].result == "3.25"
     assert agree([ada], 0.5).tolerance_s == 0.5
     assert agree([ada]).properties() == ada.properties()
+    assert {row.verdict for row in agree([ada]).rows} == {"one alone"}
 
 
 def test_what_two_say_alone_must_fit_together(bag: Path, tmp_path: Path) -> None:

@@ -28,8 +28,8 @@ class AgreementRow:
     Args:
         field: its path.
         values: of each observer, for people; ``unknown`` where he couldn't tell.
-        verdict: ``one alone``: only one of several could tell; ``contradict``: what is left after
-            differing answers were dropped can't be together.
+        verdict: ``one alone``: only one person could tell, or looked; ``contradict``: what is left
+            after differing answers were dropped can't be together.
         result: what counts, ``unverified`` where nothing does.
     """
 
@@ -194,7 +194,7 @@ def _verdict(
     known = [value for value in values if value is not None]
     if not known:
         return "unknown", None
-    agreed: Verdict = "one alone" if len(known) == 1 < len(values) else "agree"
+    agreed: Verdict = "one alone" if len(known) == 1 else "agree"
     if kind == "word":
         return (agreed, known[0]) if all(v == known[0] for v in known) else ("differ", None)
     numbers = [{"throughout": 1.0, "never": 0.0}.get(value, value) for value in known]
