@@ -13,6 +13,7 @@ import yaml
 
 from ssp_core.errors import InputError
 from ssp_core.files import write_json, write_text
+from ssp_core.run_spec import load_run
 from ssp_eval.audit.judge import judge
 from ssp_eval.audit.recording import read_recording
 from ssp_eval.recordings.agreement import agree
@@ -54,7 +55,10 @@ def test_who_looks_rightly_sees_what_the_states_say_part_by_part(
         make_bag("phy/bag", domain="physical"),
     ]
     entry = judge([read_recording(b) for b in bags], load_event("cut_in")[0]).audit.recordings[1]
-    seen = loaded(bags[1], tmp_path, answers()).properties()
+    lanes = load_run(task / "run.yaml").road.lanes
+    oncoming = sum(lane.direction == "backward" for lane in lanes)
+    content = changed("topology.lanes_opposite", oncoming)
+    seen = loaded(bags[1], tmp_path, content).properties()
     for field in FIELDS:
         found, measured = seen[field].words, entry.properties[field].words
         assert found is not None
