@@ -6,6 +6,7 @@ domains of a scenario do.
 
 from __future__ import annotations
 
+import io
 import json
 from collections.abc import Callable
 from itertools import pairwise
@@ -390,3 +391,24 @@ def test_the_states_of_an_imported_clip_may_lie_in_its_truth_file(
     labels = {Path(run).name: load_labels(Path(run) / "labels.json") for run in runs}
     assert compare_labels(labels).aligned
     assert {one.event_version for one in labels.values()} == {load_event("cut_in")[1]}
+
+
+def test_a_review_keeps_the_plan(
+    recordings: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    out = tmp_path / "labels.json"
+    assert main(["labels", "new", str(recordings["simulation"]), "--out", str(out)]) == 0
+    before = load_labels(out)
+    edits = ["e", "phase=conflict", "e", "conflict=null", "hidden"]
+    lines = ["a", *edits, *["a"] * (len(before.labels) - 1)]
+    monkeypatch.setattr("sys.stdin", io.StringIO("".join(line + "\n" for line in lines)))
+    assert main(["spec", "review", str(out), "--who", "A. Author"]) == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert "not understood: the phase of a label is its plan's" in told
+    assert "at phase approach, s 1.0" in told
+    after = load_labels(out)
+    assert not is_unreviewed(out)
+    assert after.labels[0].conflict is None
+    assert [x.at for x in after.labels] == [x.at for x in before.labels]
+    assert after.plan == "phase"

@@ -11,8 +11,9 @@ from typing import Any
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_bytes, sha256_file
 from ssp_core.vocab import CONFLICTS, LAT_ACTIONS, LON_ACTIONS, MOTIONS, OBJECTS, PHASES, POSITIONS
-from ssp_eval.labels.check import phase_problems, risk_warnings
+from ssp_eval.labels.check import phase_problems, plan_problems, risk_warnings
 from ssp_eval.labels.model import Labels, labels_to_json, load_labels, parse_labels
+from ssp_eval.labels.place import BY_PHASE
 from ssp_eval.labels.proposal_file import (
     confirm,
     decided_fields,
@@ -108,7 +109,7 @@ def review_labels(
         if not _ask(desk, field, terminal):
             break
     left = [field for field in fields if field not in desk.decided]
-    problems = phase_problems(desk.labels)
+    problems = [*phase_problems(desk.labels), *plan_problems(desk.labels)]
     for problem in problems:
         terminal.say(f"! {problem}")
     for warning in [*response_problems(desk.labels), *risk_warnings(desk.labels)]:
@@ -163,6 +164,8 @@ def _edit(desk: _Desk, field: str, terminal: Terminal) -> bool:
     content = labels_to_json(desk.labels)
     try:
         changes = _risk_change(text) if field == _RISK else _changes(text)
+        if "phase" in changes and desk.labels.plan == BY_PHASE:
+            raise _BadLine("the phase of a label is its plan's; change the plan (ssp labels new)")
         old = {path: _get(content, path) for path in (_at(field, slot) for slot in changes)}
         for slot, value in changes.items():
             _put(content, _at(field, slot), value)
@@ -242,6 +245,8 @@ def _place(content: dict[str, Any], path: str) -> tuple[Any, Any]:
 def _text(value: Any) -> str:
     if value is None:
         return "null"
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {_text(given)}" for key, given in value.items())
     if isinstance(value, bool):
         return str(value).lower()
     return ", ".join(value) or "(nobody)" if isinstance(value, list) else str(value)
