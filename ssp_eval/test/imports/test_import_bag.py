@@ -435,3 +435,108 @@ def test_frames_of_two_sizes_are_refused(
     source = write_bag(tmp_path / "day", messages_of(day, cropped))
     message = refused("import-bag", source, *OBJECTS, *DECLARED, "--out", tmp_path / "rec")
     assert "/cam: holds a frame at 5.000 s of the clip that can't be used: 128x48 px" in message
+
+
+def test_speeds_in_the_poses_frame_are_turned_into_the_heading(
+    day: TrackDay, tmp_path: Path
+) -> None:
+    def in_map(m: Message) -> Message:
+        """The day turned by a quarter, speeds given along the map's axes."""
+        if m[1] != ODOMETRY:
+            return m
+        p, twist = m[3].pose.pose, m[3].twist.twist
+        yaw = 2 * math.atan2(p.orientation.z, p.orientation.w) + math.pi / 2
+        speed = twist.linear.x
+        linear = replace(twist.linear, x=speed * math.cos(yaw), y=speed * math.sin(yaw))
+        turned = pose(-p.position.y, p.position.x, yaw)
+        message = replace(
+            m[3],
+            child_frame_id="map",
+            pose=replace(m[3].pose, pose=turned),
+            twist=replace(m[3].twist, twist=replace(twist, linear=linear)),
+        )
+        return (*m[:3], message)
+
+    source = write_bag(tmp_path / "day", messages_of(day, in_map))
+    assert run(source, tmp_path / "rec", *DECLARED) == 0
+    event, provenance = imported(tmp_path / "rec")
+    assert starts(event) == pytest.approx(starts(truth(day)), abs=0.02)
+    assert provenance.imported is not None
+    assert provenance.imported.states is not None
+    said = " ".join(provenance.imported.states.notes)
+    assert "/vut/odom: speeds are in map, and were turned into the heading" in said
+
+
+def test_samples_that_are_repeated_are_left_out_and_said(day: TrackDay, tmp_path: Path) -> None:
+    again = [(t, kind, ns + 1_000_000, m) for t, kind, ns, m in day.messages() if t == "/ot1/odom"]
+    source = write_bag(tmp_path / "day", [*day.messages(), *again])
+    assert run(source, tmp_path / "rec", *DECLARED) == 0
+    event, provenance = imported(tmp_path / "rec")
+    assert starts(event) == pytest.approx(starts(truth(day)), abs=0.02)
+    assert provenance.imported is not None
+    assert provenance.imported.states is not None
+    assert (
+        "ot1: 501 samples that repeat the one before were left out"
+        in provenance.imported.states.notes
+    )
+
+
+def test_an_orientation_that_is_none_is_named(
+    day: TrackDay, tmp_path: Path, refused: Callable[..., str]
+) -> None:
+    def unset(m: Message) -> Message:
+        if m[0] != "/vut/odom":
+            return m
+        p = m[3].pose.pose
+        none = replace(p, orientation=replace(p.orientation, w=0.0, z=0.0))
+        return (*m[:3], replace(m[3], pose=replace(m[3].pose, pose=none)))
+
+    source = write_bag(tmp_path / "day", messages_of(day, unset))
+    message = refused("import-bag", source, *OBJECTS, *DECLARED, "--out", tmp_path / "rec")
+    assert "/vut/odom: message 1: the orientation's norm is 0.000, not 1" in message
+
+
+@pytest.mark.parametrize(
+    ("info", "match"),
+    [
+        (camera_info(0, 32.0, (128, 48)), "/info: is of frames of 128x48 px, the camera's have"),
+        (camera_info(0, 0.0), "/info.k: says that the camera isn't calibrated"),
+    ],
+)
+def test_a_camera_info_of_another_camera_is_refused(
+    day: TrackDay, tmp_path: Path, refused: Callable[..., str], info: Any, match: str
+) -> None:
+    more: Message = ("/info", INFO, day.zero_ns, info)
+    source = write_bag(tmp_path / "day", [*day.messages(), more])
+    given = (*OBJECTS, *DECLARED, "--camera-info", "/info", "--out", tmp_path / "rec")
+    assert match in refused("import-bag", source, *given)
+
+
+def test_a_camera_whose_place_nobody_says_has_none(day: TrackDay, tmp_path: Path) -> None:
+    elsewhere = TYPES.types[TF](
+        transforms=[transform("roof", "camera_optical", (0, 0, 0), (-0.5, 0.5, -0.5, 0.5))]
+    )
+    more: list[Message] = [
+        ("/info", INFO, day.zero_ns, camera_info(day.zero_ns, 32.0)),
+        ("/tf_static", TF, day.zero_ns, elsewhere),
+    ]
+    source = write_bag(tmp_path / "day", [*day.messages(), *more])
+    assert run(source, tmp_path / "rec", *DECLARED, "--camera-info", "/info") == 0
+    _, provenance = imported(tmp_path / "rec")
+    assert provenance.imported is not None
+    assert provenance.imported.states is not None
+    assert provenance.imported.camera.height_m is None
+    assert (
+        "camera: /tf_static doesn't lead from camera_optical to base_link; its place isn't known "
+        "(--mount says it)"
+    ) in provenance.imported.states.notes
+
+
+def test_programs_get_the_summary_as_json(
+    bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(bag, tmp_path / "rec", *DECLARED, "--max-width", 64, "--rate", 5, "--json") == 0
+    shown = json.loads(capsys.readouterr().out)
+    assert (shown["frames"], shown["keep_every"], shown["rate_hz"]) == (51, 2, 5.0)
+    assert (shown["width_px"], shown["height_px"], shown["duration_s"]) == (64, 48, 10.0)
+    assert shown["import"]["states"]["objects"] == {"ot1": "car"}
