@@ -540,3 +540,18 @@ def test_programs_get_the_summary_as_json(
     assert (shown["frames"], shown["keep_every"], shown["rate_hz"]) == (51, 2, 5.0)
     assert (shown["width_px"], shown["height_px"], shown["duration_s"]) == (64, 48, 10.0)
     assert shown["import"]["states"]["objects"] == {"ot1": "car"}
+
+
+def test_a_simulators_time_may_run_slower_than_the_recorders(day: TrackDay, tmp_path: Path) -> None:
+    """Stamps from 0 on, at half the speed; one topic begins two seconds late."""
+    slow = replace(day, zero_ns=0)
+    wall_ns = 1_700_000_000 * 10**9
+    messages = [
+        (topic, kind, wall_ns + 2 * ns, message)
+        for topic, kind, ns, message in slow.messages()
+        if topic != "/ot1/odom" or ns > 2 * 10**9
+    ]
+    source = write_bag(tmp_path / "day", messages)
+    assert run(source, tmp_path / "rec", *DECLARED) == 0
+    event, _ = imported(tmp_path / "rec")
+    assert starts(event) == pytest.approx(starts(truth(day)), abs=0.02)
