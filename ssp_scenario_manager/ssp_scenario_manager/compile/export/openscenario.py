@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import datetime
 import math
+from dataclasses import replace
 from pathlib import Path
 
 from scenariogeneration import xosc  # type: ignore[import-untyped]  # it ships no types
@@ -25,6 +26,7 @@ from ssp_core.run_spec import (
     RunSpec,
     TriggerSpec,
 )
+from ssp_core.speed_profile import DEFAULT_RAMP_S
 from ssp_scenario_manager.compile.export.conditions import after, driven, fires, stop_at
 from ssp_scenario_manager.compile.export.entities import (
     entity,
@@ -289,11 +291,13 @@ def _walk(
         xosc.Polyline([t for t, _, _ in points], [position((x, y), heights) for _, x, y in points])
     )
     trip = journey(motion)
+    # A session's ramp is rounded, and lags behind a straight one by half of the rounding.
+    start = replace(trip.start, duration_s=trip.start.duration_s + DEFAULT_RAMP_S)
     follow = xosc.FollowTrajectoryAction(trajectory, xosc.FollowingMode.position)
     stop_name = f"{name}_stop"
     stop = driven(f"{stop_name}_starts", who.id, trip.braking_from_m)
     return [
-        _event(name, condition, [follow, _speed(trip.start)]),
+        _event(name, condition, [follow, _speed(start)]),
         _event(stop_name, stop, [_speed(trip.stop)]),
     ]
 
