@@ -53,7 +53,7 @@ def test_tables_of_three_recordings_scroll_on_a_narrow_screen() -> None:
     here = Path(page.__file__).parent
     source = (here / "page.html.j2").read_text()
     tables = re.findall(r'(<div class="scroll">)?<table class="compare">', source)
-    assert len(tables) == source.count("</tbody></table></div>") == 4
+    assert len(tables) == source.count("</tbody></table></div>") == 7
     assert all(tables)
     narrow = (here / "style.css").read_text().split("@media (max-width: 900px)")[1]
     assert ".compare { min-width:" in narrow

@@ -27,7 +27,7 @@ def seen(*, reported: bool = True) -> list[Sighting]:
 
 
 def texts(found: list[Sighting], traffic: tuple[str, ...] = ()) -> list[str]:
-    switches = find_switches(found, ("vut", "ot1", "ot2"), traffic, END_S)
+    switches = find_switches(found, ("vut", "ot1", "ot2"), traffic, 0.0, END_S)
     assert switches == sorted(switches, key=lambda s: (s.t_s, s.text))
     return [switch.text for switch in switches]
 

@@ -14,9 +14,9 @@ from ssp_core.files import parse_mapping, parse_model
 from ssp_core.run_spec import RunSpec
 from ssp_eval.audit.changes import Attached, disclosed, read_attached, site_changes
 from ssp_eval.audit.disclosures import disclosures
+from ssp_eval.audit.examine import examine
 from ssp_eval.audit.log_order import order_remark
 from ssp_eval.audit.recording import read_recording
-from ssp_eval.audit.session import examine_session
 from ssp_scenario_manager.compile.records import COMPILER
 from ssp_scenario_manager.spec.log import Record
 
@@ -129,6 +129,5 @@ def test_the_audit_tells_of_an_entry_that_was_dated_back(run: Path) -> None:
     text = (run / "task" / "log.jsonl").read_text()
     with (run / "task" / "log.jsonl").open("a") as stream:
         stream.write(text.splitlines()[-1].replace("T10:", "T09:") + "\n")
-    _, executed = read(run)
-    found = disclosures(examine_session(read_recording(run), executed, None, None))
+    found = disclosures(examine(read_recording(run), None, None))
     assert "T09:00:00Z, and one above it 2025-03-01T10:00:00Z" in found["times in the log"]

@@ -1,4 +1,4 @@
-"""A video without states: what persons reviewed counts, and nothing else (METHOD 4)."""
+"""A video without states: what persons reviewed or saw counts, and nothing else (METHOD 4.3)."""
 
 from __future__ import annotations
 
@@ -13,10 +13,11 @@ import numpy as np
 import pytest
 
 from ssp_core.cli import main
-from ssp_core.files import write_json
-from ssp_eval.audit.examined import Examined, version_findings
+from ssp_core.hashing import sha256_file
+from ssp_eval.audit.examine import examine, version_findings
+from ssp_eval.audit.examined import Examined
 from ssp_eval.audit.expected import expected_properties, review_of, timeline
-from ssp_eval.audit.imported import examine_video
+from ssp_eval.audit.judge import judge
 from ssp_eval.audit.reasons import explain
 from ssp_eval.audit.recording import Recording, read_recording
 from ssp_eval.recordings.properties import FIELDS
@@ -26,29 +27,6 @@ from ssp_scenario_manager.spec.seal import seal_event
 
 EVENT, VERSION = load_event("cut_in")
 TIMES = timeline(EVENT)
-
-
-def phase_at(t_s: float) -> str:
-    starts = (TIMES.trigger, TIMES.conflict, TIMES.resolution)
-    names = ("approach", "trigger", "conflict", "resolution")
-    return names[sum(when is not None and t_s >= when.middle_s for when in starts)]
-
-
-def labels(**changed: Any) -> dict[str, Any]:
-    times = [1.3 + 0.5 * k for k in range(9)]
-    return {
-        "schema": "ssp.labels/1", "scenario": "cut_in", "domain": "synthetic",
-        "event_version": VERSION, "risk_time_s": 3.21, "first_frame_dynamics": False,
-        "labels": [
-            {
-                "t_s": t, "phase": phase_at(t), "risk_visible": t > 3.2, "objects": ["car"],
-                "position": "front", "motion": "same_direction", "conflict": "potential",
-                "lon_actions": ["maintain"], "lat_actions": ["straight"],
-            }
-            for t in times
-        ],
-        **changed,
-    }  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -63,40 +41,113 @@ def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.fixture
-def video(clip: Path, tmp_path: Path) -> Callable[..., Recording]:
-    """The clip as an imported bag with labels beside it."""
+@pytest.fixture(scope="module")
+def event(clip: Path) -> Event:
+    """The shipped K*, bound to that clip."""
+    return bound(EVENT, clip)
 
-    def make(*options: str, beside: dict[str, Any] | None = None) -> Recording:
+
+def bound(event: Event, clip: Path) -> Event:
+    source = event.source.model_copy(update={"sha256": sha256_file(clip)})
+    return seal_event(event.model_copy(update={"source": source}))
+
+
+@pytest.fixture
+def video(clip: Path, event: Event, tmp_path: Path) -> Callable[..., Recording]:
+    """The clip as an imported bag."""
+
+    def make(*options: str, of: Event = event) -> Recording:
         target = tmp_path / "syn"
         given = [
-            "--scenario", "cut_in", "--event-version", VERSION, "--generator", "ssp-clip/1",
-            "--ego-unknown", "--out", str(target / "bag"), *options,
+            "--scenario", "cut_in", "--event-version", event_version(of),
+            "--generator", "ssp-clip/1", "--ego-unknown", "--out", str(target / "bag"), *options,
         ]  # fmt: skip
         assert main(["import-video", str(clip), *given]) == 0
-        if beside is not None:
-            write_json(target / "labels.json", beside)
         return read_recording(target)
 
     return make
+
+
+def look(recording: Recording, event: Event | None) -> Examined:
+    return examine(recording, event, None if event is None else event_version(event))
 
 
 def codes(one: Examined) -> dict[str, list[str]]:
     return {r.finding.code: [c.code for c in r.consequences] for r in explain(one.findings)}
 
 
-def test_a_reviewed_clip_has_everything(video: Callable[..., Recording]) -> None:
-    one = examine_video(video(beside=labels()), EVENT, VERSION)
+def test_the_source_clip_has_what_was_reviewed_of_it(
+    video: Callable[..., Recording], event: Event
+) -> None:
+    one = look(video(), event)
     assert codes(one) == {}
-    wanted = expected_properties(EVENT)
+    wanted = expected_properties(event)
     for field in FIELDS:
+        assert one.values[field].source == "reviewed"
         assert one.properties[field].words == wanted[field].words
         assert one.properties[field].how.startswith("reviewed in the K*; evidence: ")
     assert one.phases is not None
+    assert one.crop is not None
+    assert (one.crop.start_s, one.crop.end_s) == (0.0, 9.0)
     assert TIMES.trigger is not None
     assert one.phases.trigger_s == TIMES.trigger.middle_s
     assert one.phi["trigger"] == pytest.approx(TIMES.trigger.middle_s / 9.0)
     assert one.coverage.participants["ot1"].fraction == 1.0
+    assert one.coverage.source == "reviewed"
+    assert one.log_said_by == "the source gate of the K*"
+
+
+@pytest.mark.parametrize(
+    ("options", "source", "why"),
+    [
+        # An unrelated clip that names the K* and our generator.
+        ([], "sha256:" + "0" * 64, "the K* was taken from sha256:000"),
+        # A K* that doesn't know its source.
+        ([], None, "the K* doesn't know its source's hash and qualifies no video"),
+        # The source clip itself, declared to be another domain.
+        (["--domain", "physical"], "clip", "the K*'s source clip is synthetic"),
+    ],
+)
+def test_no_other_video_gets_the_values_of_the_specification(
+    options: list[str],
+    source: str | None,
+    why: str,
+    video: Callable[..., Recording],
+    event: Event,
+    clip: Path,
+) -> None:
+    digest = sha256_file(clip) if source == "clip" else source
+    other = event.model_copy(update={"source": event.source.model_copy(update={"sha256": digest})})
+    other = seal_event(other)
+    one = look(video(*options, of=other), other)
+    assert not one.is_verified
+    assert all(one.properties[field].words is None for field in FIELDS)
+    assert one.phases is None
+    assert one.phi == {}
+    assert next(iter(codes(one))) == "unverified"
+    assert any(why in finding.detail for finding in one.findings)
+
+
+def test_a_video_that_nobody_vouches_for_has_neither_kpr_nor_epd(
+    video: Callable[..., Recording], make_bag: Callable[..., Path]
+) -> None:
+    """The shipped K* knows no source: the same clip, named and generated as it says, is refused."""
+    syn = video("--event-version", VERSION)
+    others = [
+        read_recording(make_bag("sim")),
+        read_recording(make_bag("phy", domain="physical", stand_in=True)),
+    ]
+    entry = judge([syn, *others], EVENT).audit.recordings[0]
+    assert (entry.status, entry.evidence, entry.kpr, entry.epd) == (
+        "refused",
+        "unverified",
+        None,
+        None,
+    )
+    assert {q.words is None and q.source == "unverified" for q in entry.properties.values()} == {
+        True
+    }
+    assert entry.reasons[0].code == "unverified"
 
 
 def unreviewed(path: str, **changed: Any) -> Event:
@@ -120,15 +171,15 @@ def unreviewed(path: str, **changed: Any) -> Event:
     ],
 )
 def test_without_a_review_a_property_is_unverified(
-    path: str, field: str, video: Callable[..., Recording]
+    path: str, field: str, video: Callable[..., Recording], clip: Path
 ) -> None:
-    event = unreviewed(path)
-    version = event_version(event)
-    recording = video("--event-version", version, beside=labels(event_version=version))
-    one = examine_video(recording, event, version)
-    assert codes(one) == {"unverified": []}
+    entry = unreviewed(path).uncertainty[path]
+    event = bound(unreviewed(path), clip)
+    event = event.model_copy(update={"uncertainty": {**event.uncertainty, path: entry}})
+    one = look(video(of=event), event)
+    assert set(codes(one)) == {"unverified"}
     assert f"{field}: {path} is unreviewed" in one.findings[0].detail
-    undetermined = [k for k in FIELDS if one.properties[k].words is None]
+    undetermined = [k for k in FIELDS if one.values[k].source == "unverified"]
     assert undetermined == ([] if field == "phases" else [field.replace(" ", "_")])
 
 
@@ -152,62 +203,32 @@ def test_a_review_that_no_longer_fits_or_names_nothing_is_none() -> None:
 @pytest.mark.parametrize(
     ("options", "text"),
     [
-        (["--generator", "somebody"], "was made by somebody"),
         (["--end", "6"], "the crop's end is 6 s, the K*'s clip's is 9 s"),
         (["--start", "1"], "the crop's start is 1 s"),
     ],
 )
-def test_another_source(options: list[str], text: str, video: Callable[..., Recording]) -> None:
-    one = examine_video(video(*options, beside=labels()), EVENT, VERSION)
-    assert set(codes(one)) == {"other_source"}
+def test_another_crop_of_the_source(
+    options: list[str], text: str, video: Callable[..., Recording], event: Event
+) -> None:
+    one = look(video(*options), event)
+    assert "other_source" in codes(one)
     assert text in one.findings[0].detail
 
 
-def test_a_source_that_has_a_hash_is_known_by_it(
-    clip: Path, video: Callable[..., Recording]
-) -> None:
-    recording = video("--generator", "whoever", beside=labels())
-    assert recording.provenance.imported is not None
-    digest = recording.provenance.imported.source_sha256
-    same = EVENT.model_copy(update={"source": EVENT.source.model_copy(update={"sha256": digest})})
-    other = EVENT.model_copy(update={"source": EVENT.source.model_copy(update={"sha256": "no"})})
-    assert "other_source" not in codes(examine_video(recording, same, VERSION))
-    assert "other_source" in codes(examine_video(recording, other, VERSION))
-
-
-def test_labels_must_know_the_phases(video: Callable[..., Recording]) -> None:
-    beside = labels()
-    beside["labels"][0]["phase"] = "trigger"
-    one = examine_video(video(beside=beside), EVENT, VERSION)
-    assert codes(one) == {"labels_disagree": []}
-    assert one.findings[0].detail == "labels[0] at 1.3 s says trigger, by the K* it is approach"
-
-
-def test_labels_that_do_not_see_the_participant(video: Callable[..., Recording]) -> None:
-    beside = labels()
-    for label in beside["labels"][5:]:
-        label["position"] = None
-    one = examine_video(video(beside=beside), EVENT, VERSION)
-    assert set(codes(one)) == {"participant_off_camera"}
-
-
-def test_without_labels_or_a_version_or_a_k_star(video: Callable[..., Recording]) -> None:
+def test_without_a_k_star_or_of_another_one(video: Callable[..., Recording], event: Event) -> None:
     recording = video()
-    assert codes(examine_video(recording, EVENT, VERSION)) == {"coverage_unknown": []}
-    assert set(codes(examine_video(recording, EVENT, "sha256:other"))) == {
-        "other_event", "coverage_unknown",
-    }  # fmt: skip
-    bare = examine_video(recording, None, None)
-    assert set(codes(bare)) == {"not_compiled"}
+    assert set(codes(examine(recording, event, "sha256:other"))) == {"other_event"}
+    bare = look(recording, None)
+    assert next(iter(codes(bare))) == "not_compiled"
     assert all(bare.properties[field].words is None for field in FIELDS)
     nameless = replace(
         recording, provenance=replace(recording.provenance, event_version=None, scenario=None)
     )
-    assert "other_event" in codes(examine_video(nameless, EVENT, VERSION))
+    assert "other_event" in codes(look(nameless, event))
 
 
 def test_a_recording_of_another_event_is_one_cause(video: Callable[..., Recording]) -> None:
-    recording = video(beside=labels())
+    recording = video()
     foreign = replace(recording.provenance, event_version="sha256:other", scenario="swerve")
     (found,) = version_findings(replace(recording, provenance=foreign), EVENT, VERSION)
     assert found.code == "other_event"
@@ -217,29 +238,25 @@ def test_a_recording_of_another_event_is_one_cause(video: Callable[..., Recordin
     )
 
 
-def test_open_times_are_not_filled_in(video: Callable[..., Recording]) -> None:
+def test_open_times_are_not_filled_in(video: Callable[..., Recording], clip: Path) -> None:
     events = EVENT.events.model_copy(
         update={"conflict": EVENT.events.conflict.model_copy(update={"start": "unresolved"})}
     )
-    event = seal_event(EVENT.model_copy(update={"events": events}))
-    version = event_version(event)
-    recording = video("--event-version", version, beside=labels(event_version=version))
-    one = examine_video(recording, event, version)
-    assert {"conflict_phase", "epd_missing"} <= set(codes(one))
+    event = bound(EVENT.model_copy(update={"events": events}), clip)
+    one = look(video(of=event), event)
+    assert "conflict_phase" in codes(one) or "conflict_missing" in codes(one)
     assert set(one.phi) == {"trigger", "resolution"}
 
 
-def test_an_interval_stays_one(video: Callable[..., Recording]) -> None:
+def test_an_interval_stays_one(video: Callable[..., Recording], clip: Path) -> None:
     start = EVENT.events.trigger.start
     assert start != "unresolved"
     wide = start.model_copy(update={"min": 2.8, "max": 3.3})
     events = EVENT.events.model_copy(
         update={"trigger": EVENT.events.trigger.model_copy(update={"start": wide})}
     )
-    event = seal_event(EVENT.model_copy(update={"events": events}))
-    version = event_version(event)
-    recording = video("--event-version", version, beside=labels(event_version=version))
-    one = examine_video(recording, event, version)
+    event = bound(EVENT.model_copy(update={"events": events}), clip)
+    one = look(video(of=event), event)
     assert codes(one) == {}
     assert one.phi["trigger"] == pytest.approx(3.05 / 9.0)
     assert one.phi_half == {"trigger": pytest.approx(0.25 / 9.0)}
@@ -251,7 +268,7 @@ def test_the_command_line_says_what_is_missing(
     tmp_path: Path,
     capfd: pytest.CaptureFixture[str],
 ) -> None:
-    video(beside=labels())
+    video("--event-version", VERSION)
     capfd.readouterr()
     simulation, physical = make_bag("sim"), make_bag("phy", domain="physical", stand_in=True)
     arguments = ["audit", str(tmp_path / "syn"), str(simulation), str(physical)]
@@ -260,7 +277,7 @@ def test_the_command_line_says_what_is_missing(
     told = capfd.readouterr()
     value = json.loads(told.out)
     assert status == 1
-    assert [r["status"] for r in value["recordings"]] == ["unpaired", "refused", "refused"]
+    assert [r["status"] for r in value["recordings"]] == ["refused", "refused", "refused"]
     assert [r["reasons"][0]["code"] for r in value["recordings"][1:]] == ["not_compiled"] * 2
     assert "the bag has no attachment task.json" in (out / "audit.html").read_text()
     assert json.loads((out / "audit.json").read_text()) == value

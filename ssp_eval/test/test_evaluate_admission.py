@@ -16,13 +16,16 @@ from ssp_core.files import write_json
 from ssp_core.hashing import sha256_file
 from ssp_eval.analysis.rows import rows_from_campaign
 from ssp_eval.analysis.tables import all_tables
-from ssp_eval.audit.model import Audit, RecordingEntry, load_audit
-from ssp_eval.evaluate.admission import admission_of, load_admissions
+from ssp_eval.audit.model import Audit, load_audit
+from ssp_eval.evaluate.admission import load_admissions
 from ssp_eval.evaluate.asker import DirectAskers
 from ssp_eval.evaluate.campaign import find_labels, run_campaign
 from ssp_eval.evaluate.cell import CellOptions, CellResult
+from ssp_eval.evaluate.clip import Clip
 from ssp_eval.evaluate.models import bridge_spec
+from ssp_eval.evaluate.question import NoQuestion, Question
 from ssp_eval.evaluate.show import show
+from ssp_eval.recordings.crop import Crop
 from ssp_eval.recordings.properties import FIELDS
 from ssp_eval.report.load import load_cells
 from ssp_eval.report.page import write_report
@@ -43,9 +46,12 @@ def entry(domain: str, sha256: str, status: str, **more: Any) -> dict[str, Any]:
     return {
         "domain": domain, "name": f"r-{domain}", "bag": "bag", "bag_sha256": sha256,
         "origin": "made up", "stand_in": False, "evidence": "states", "measured_from": "ticks",
+        "domain_said_by": "somebody", "log_said_by": "somebody", "crop": None,
         "scenario": "cut_in", "event_version": "sha256:1", "task_version": None, "status": status,
         "reasons": [{**reason, "consequences": []}] if status == "refused" else [],
-        "properties": {k: {"words": None, "how": "", "equal": None} for k in FIELDS},
+        "properties": {
+            k: {"source": "states", "words": None, "how": "", "equal": None} for k in FIELDS
+        },
         "phases": {
             "source": "states", "start_s": 0.0, "end_s": 9.0, "trigger_s": 4.0, "conflict_s": 4.5,
             "resolution_s": 6.0,
@@ -62,7 +68,7 @@ def audit_file(path: Path, status: str, sha256: str, others: str = "unpaired", *
     ]
     audit = Audit.model_validate(
         {
-            "schema": "ssp.audit/1", "software": "ssp", "scenario": "cut_in",
+            "schema": "ssp.audit/2", "software": "ssp", "scenario": "cut_in",
             "event_version": "sha256:1", "weights": dict.fromkeys(FIELDS, 1.0), "thresholds": {},
             "recordings": entries,
         }
@@ -106,7 +112,7 @@ def test_an_admitted_recording_enters_domain_means(make_bag: BagMaker, tmp_path:
     result = evaluate(bag, out, file)
     assert (result.status, result.admission) == ("ok", "admitted")
     assert facts(result)["admission"] == {
-        "status": "admitted", "audit_sha256": sha256_file(file), "reasons": [],
+        "status": "admitted", "audit_sha256": sha256_file(file), "reasons": [], "crop": None,
     }  # fmt: skip
     assert domain_rows(out) == (1, 1)
     page = write_report(out).read_text()
@@ -170,28 +176,45 @@ def test_a_session_s_labels_are_not_bound_and_its_verdict_is(
     assert f"counts as unaudited, audit it again: {why}" in capfd.readouterr().err
 
 
-def test_a_video_s_labels_are_bound() -> None:
-    by_labels = {"evidence": "reviewed", "labels_sha256": "sha256:l"}
-    for status in ("admitted", "unpaired"):
-        found = admission_of(
-            RecordingEntry.model_validate(entry("synthetic", "sha256:b", status, **by_labels)), "a"
-        )
-        assert found.held_against("sha256:l", None) == found
-        other = found.held_against("sha256:m", None)
-        assert other.status == "unaudited"
-        assert other.reasons == ("the audit rests on the labels sha256:l, these are sha256:m",)
-    refused = admission_of(
-        RecordingEntry.model_validate(entry("synthetic", "sha256:b", "refused", **by_labels)), "a"
-    )
-    assert refused.held_against("sha256:m", "sha256:v") == refused
+CROP = {"start_s": 0.5, "end_s": 6.0, "chosen_by": "METHOD 4.1"}
 
 
-def test_audits_of_other_labels_contradict_each_other(tmp_path: Path) -> None:
+def test_only_the_clip_that_was_audited_is_evaluated(make_bag: BagMaker, tmp_path: Path) -> None:
+    """No frame and no state before the clip is in any question (METHOD 4.1)."""
+    bag = make_bag()
+    with Clip(bag) as clip:
+        whole = clip.question(0.9)
+        clip.crop_to(Crop(0.5, 6.0, "METHOD 4.1"))
+        cut = clip.question(0.9)
+        assert isinstance(whole, Question)
+        assert isinstance(cut, Question)
+        first_ns = clip.start_ns + 500_000_000
+        assert min(f.stamp_ns for f in whole.request.frames) < first_ns
+        assert min(f.stamp_ns for f in cut.request.frames) >= first_ns
+        assert cut.request.frames[-1] == whole.request.frames[-1]
+        assert len(cut.request.history) < len(whole.request.history)
+        assert isinstance(clip.question(0.4), NoQuestion)
+        assert isinstance(clip.question(6.3), NoQuestion)
+
+
+def test_a_label_outside_the_audited_clip_is_not_scored(make_bag: BagMaker, tmp_path: Path) -> None:
+    bag, out = make_bag(), tmp_path / "out"
+    more = {"verdict_sha256": verdict_hash(bag), "crop": {**CROP, "end_s": 3.0}}
+    file = audit_file(tmp_path / "audit.json", "admitted", bag_hash(bag), "admitted", **more)
+    result = evaluate(bag, out, file)
+    assert (result.status, result.admission) == ("refused", "admitted")
+    assert "lies outside the clip that the audit compared, 0.500 to 3.000 s" in result.reasons[0]
+
+
+def test_audits_of_another_clip_contradict_each_other(tmp_path: Path) -> None:
     files = [
-        audit_file(tmp_path / f"{n}.json", "admitted", "sha256:x", "admitted", labels_sha256=n)
-        for n in ("a", "b")
-    ]
-    with pytest.raises(InputError, match="is of other labels or another verdict of r-simulation"):
+        audit_file(
+            tmp_path / f"{end_s}.json", "admitted", "sha256:x", "admitted",
+            crop={**CROP, "end_s": end_s},
+        )
+        for end_s in (6.0, 7.0)
+    ]  # fmt: skip
+    with pytest.raises(InputError, match="is of another verdict or another clip of r-simulation"):
         load_admissions(files)
 
 
@@ -290,7 +313,7 @@ def test_what_is_no_audit_is_an_input_error(
     make_bag: BagMaker, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     wrong = tmp_path / "wrong.json"
-    wrong.write_text('{"schema": "ssp.audit/2"}')
+    wrong.write_text('{"schema": "ssp.audit/9"}')
     arguments = ["--bridge", "silent", "--propose-labels", "--out", str(tmp_path / "out")]
     status = main(["evaluate", str(make_bag()), *arguments, "--audit", str(wrong)])
     assert status == 1

@@ -42,8 +42,9 @@ def audit(
 ) -> int:
     """Holds three recordings of one event against its K* and against each other (METHOD 4).
 
-    SYN, SIM and PHY are bag directories, or run folders that hold bag/; labels.json is looked for
-    beside each bag. Exit status 0 when all three are admitted, 1 when one is refused.
+    SYN, SIM and PHY are bag directories, or run folders that hold bag/. What their states show is
+    measured; observation files and labels.json are looked for beside each bag. Exit status 0 when
+    all three are admitted, 1 when one is refused.
     """
     for file in (out / AUDIT_FILE, out / PAGE_FILE):
         if file.exists() and not force:
@@ -75,12 +76,21 @@ def audit(
 def show(found: Audit) -> None:
     """The audit as a table, and every reason under it."""
     table = Table(box=None, pad_edge=False)
-    for name in ("domain", "recording", "status", "KPR", "EPD", "visible", "primary reason"):
+    names = ("domain", "recording", "status", "evidence", "KPR", "EPD", "visible", "labels")
+    for name in (*names, "primary reason"):
         table.add_column(name, no_wrap=True)
     for r in found.recordings:
         primary = r.reasons[0].text if r.reasons else "·"
         table.add_row(
-            r.domain, r.name, r.status, _number(r.kpr, 2), _number(r.epd, 3), _visible(r), primary
+            r.domain,
+            r.name,
+            r.status,
+            r.evidence if r.observations is None else " and ".join(r.observations.observers),
+            _number(r.kpr, 2),
+            _number(r.epd, 3),
+            _visible(r),
+            "–" if r.labels is None else "/".join(map(str, r.labels.per_phase.values())),
+            primary,
         )
     unbounded = console.out.options.update(max_width=_WIDEST)
     table.width = console.out.measure(table, options=unbounded).maximum
@@ -90,6 +100,9 @@ def show(found: Audit) -> None:
             console.out.print(f"{r.domain}: {reason.text}: {reason.detail}", markup=False)
             for following in reason.consequences:
                 console.out.print(f"  so {following.text}: {following.detail}", markup=False)
+        console.note(f"{r.domain}: {r.domain_said_by}")
+        if r.crop is not None and (r.crop.short_before_s > 0.0 or r.crop.short_after_s > 0.0):
+            console.note(f"{r.domain}: {r.disclosures.get('clip', '')}")
         if r.stand_in:
             console.note(f"{r.domain} is a software stand-in, not a vehicle")
         for contradiction in r.contradictions:

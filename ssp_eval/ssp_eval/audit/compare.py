@@ -7,6 +7,7 @@ from collections.abc import Mapping
 
 from ssp_eval.audit.measure import Phases
 from ssp_eval.audit.reasons import Finding
+from ssp_eval.recordings.crop import LOCATED_S
 from ssp_eval.recordings.properties import (
     CONFLICT,
     FIELDS,
@@ -31,27 +32,27 @@ _CODES = {CONFLICT: "conflict_type_differs", ORDER: "order_differs", MOTION: "mo
 def property_findings(
     found: Mapping[str, Property],
     wanted: Mapping[str, Property],
-    phases: Phases,
+    phases: Phases | None,
     first_arrival_s: float | None,
 ) -> list[Finding]:
     """What of the mandatory properties isn't preserved.
 
     Args:
-        found: q(d, k), measured.
+        found: q(d, k) of the fields that are verified.
         wanted: what it must be equal to; a field that isn't determined there judges nothing.
-        phases: of this recording.
+        phases: of this recording; None: nobody located any.
         first_arrival_s: at the conflict zone, None: nobody arrives.
     """
     # From when on nothing that happens can change the value.
     decided_s = {
-        MOTION: math.inf if phases.resolution_s is None else phases.resolution_s,
+        MOTION: math.inf if phases is None or phases.resolution_s is None else phases.resolution_s,
         CONFLICT: math.inf if first_arrival_s is None else first_arrival_s,
         ORDER: math.inf if first_arrival_s is None else first_arrival_s,
     }
     findings: list[Finding] = []
     for field in FIELDS:
-        value, reference = found[field], wanted[field]
-        if reference.words is None:
+        value, reference = found.get(field), wanted[field]
+        if value is None or reference.words is None:
             continue
         if value.words is None:
             code = _CODES.get(field, "topology_differs" if field == TOPOLOGY else "roles_differ")
@@ -113,14 +114,20 @@ def phase_findings(phases: Phases, closest: str) -> list[Finding]:
 
     Args:
         phases: of the recording.
-        closest: how near it came to a conflict, for people.
+        closest: how near it came to a conflict, for people; empty where nobody measured it.
     """
     findings = []
     never = math.inf
-    if not phases.has_approach:
-        findings.append(
-            Finding("approach_phase", "the manoeuvre is under way when the clip begins", 0.0)
+    if not phases.has_approach and phases.trigger_s is not None:
+        text = (
+            f"{phases.trigger_s - phases.start_s:.2f} s of it lie in the clip, of {LOCATED_S:g} s"
         )
+        findings.append(Finding("approach_phase", text, 0.0))
+    if not phases.has_resolution and phases.resolution_s is not None:
+        text = (
+            f"{phases.end_s - phases.resolution_s:.2f} s of it lie in the clip, of {LOCATED_S:g} s"
+        )
+        findings.append(Finding("resolution_phase", text, phases.resolution_s))
     missing = []
     if phases.trigger_s is None:
         findings.append(
@@ -128,7 +135,7 @@ def phase_findings(phases: Phases, closest: str) -> list[Finding]:
         )
         missing = ["trigger", "conflict", "resolution"]
     elif phases.conflict_s is None:
-        text = f"after the trigger at {phases.trigger_s:.2f} s {closest}"
+        text = f"after the trigger at {phases.trigger_s:.2f} s {closest or 'nobody saw one'}"
         findings.append(Finding("conflict_missing", text, never))
         missing = ["conflict", "resolution"]
     elif phases.resolution_s is None:
@@ -144,3 +151,8 @@ def phase_findings(phases: Phases, closest: str) -> list[Finding]:
             Finding("epd_missing", f"there is no time of {' and '.join(missing)}", never)
         )
     return findings
+
+
+def _too_short(phase: str, lasts_s: float, at_s: float) -> Finding:
+    text = f"only {lasts_s:.2f} s of it lie in the clip, needed are {LOCATED_S:g} s"
+    return Finding(f"{phase}_phase", text, at_s)

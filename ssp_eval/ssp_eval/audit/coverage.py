@@ -1,4 +1,4 @@
-"""Does the forward camera show the participants and the conflict zone (METHOD 4)?
+"""Does the forward camera show the participants and the conflict zone (METHOD 4.4)?
 
 An object is projected as a box with its height. At the time of a frame it is visible when at least
 a quarter of the points round its box lie in the image with nothing in the way (sight.py), and its

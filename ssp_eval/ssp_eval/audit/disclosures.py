@@ -1,43 +1,31 @@
-"""Differences that are allowed and must be known (METHOD 4), measured or as they were set."""
+"""Differences that are allowed and must be known (METHOD 4.4), measured or as they were set."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 
 from ssp_eval.audit.changes import disclosed
 from ssp_eval.audit.examined import Examined
 from ssp_eval.audit.log_order import order_remark
+from ssp_eval.recordings.provenance import Provenance
+
+RENDERER = "renderer"
+NO_RENDERER = "none is known"
 
 
 def disclosures(one: Examined) -> dict[str, str]:
     """Renderer, local speed, tracking error, disturbance, camera, look; and what the log adds."""
     recording, run = one.recording, one.recording.provenance.run
-    found: dict[str, str] = {"renderer": recording.provenance.renderer or "none is known"}
+    found: dict[str, str] = {RENDERER: recording.provenance.renderer or NO_RENDERER}
+    if one.crop is not None and one.crop.shortfall:
+        found["clip"] = f"{one.crop.shortfall}: the recording holds no more"
+    found |= _local_speed(one)
     if run is None:
-        imported = recording.provenance.imported
-        found["source"] = recording.provenance.origin
-        found["camera"] = f"{recording.provenance.camera}, ego motion {recording.provenance.ego}"
-        source = {} if imported is None else imported.source
-        if "width_px" in source:
-            found["picture"] = (
-                f"{source['width_px']} x {source['height_px']} px at {source['fps']:g} Hz"
-            )
-        return found
+        return found | _of_import(recording.provenance)
     found["site"] = f"{run.site}, {run.mode}, seed {run.seed}"
     if run.stand_in:
         found["stand-in"] = "software stands in for vehicles on a track"
-    if one.measured is not None:
-        facts = one.measured.facts
-        speeds = [
-            f"{who} {facts[key]:.1f} m/s"
-            for who, key in (
-                ("VUT", "vut_speed_at_trigger_mps"),
-                ("OT", "ot_speed_at_trigger_mps"),
-            )
-            if facts.get(key) is not None
-        ]
-        if speeds:
-            found["local speed"] = f"at the trigger {', '.join(speeds)}"
     for name, (along_m, aside_m) in recording.tracking_m.items():
         found[f"tracking error of {name}"] = (
             f"at most {along_m:.2f} m along and {aside_m:.2f} m beside its reference"
@@ -63,3 +51,50 @@ def disclosures(one: Examined) -> dict[str, str]:
         **disclosed(attached),
         **order_remark([*attached.records, *attached.later]),
     }
+
+
+def shared_renderers(found: Sequence[Mapping[str, str]], domains: Sequence[str]) -> list[str]:
+    """For each recording, which other domains were drawn by the same renderer; empty: none.
+
+    Args:
+        found: disclosures of each recording.
+        domains: of each.
+    """
+    drawn = [one[RENDERER] for one in found]
+    return [
+        ", ".join(
+            other
+            for other, by in zip(domains, drawn, strict=True)
+            if other != domain and by == mine and mine != NO_RENDERER
+        )
+        for domain, mine in zip(domains, drawn, strict=True)
+    ]
+
+
+def _of_import(facts: Provenance) -> dict[str, str]:
+    imported = facts.imported
+    found = {"source": facts.origin, "camera": f"{facts.camera}, ego motion {facts.ego}"}
+    if imported is None:
+        return found
+    source = imported.source
+    if "width_px" in source:
+        found["picture"] = (
+            f"{source['width_px']} x {source['height_px']} px at {source['fps']:g} Hz"
+        )
+    if imported.site is not None:
+        found["site"] = f"{imported.site.name}, {imported.site.block}"
+    if imported.states is not None and imported.states.notes:
+        found["states"] = "; ".join(imported.states.notes)
+    return found
+
+
+def _local_speed(one: Examined) -> dict[str, str]:
+    if one.measured is None:
+        return {}
+    facts = one.measured.facts
+    speeds = [
+        f"{who} {facts[key]:.1f} m/s"
+        for who, key in (("VUT", "vut_speed_at_trigger_mps"), ("OT", "ot_speed_at_trigger_mps"))
+        if facts.get(key) is not None
+    ]
+    return {"local speed": f"at the trigger {', '.join(speeds)}"} if speeds else {}

@@ -1,4 +1,4 @@
-"""What the examination of one recording leaves (METHOD 4), and what all recordings must meet."""
+"""What the examination of one recording leaves (METHOD 4)."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from ssp_eval.audit.coverage import Moment
+from ssp_eval.audit.evidence import Source, Value
 from ssp_eval.audit.measure import Measured, Phases
 from ssp_eval.audit.model import ChangeEntry, CoverageEntry
 from ssp_eval.audit.reasons import Finding
 from ssp_eval.audit.recording import Recording
-from ssp_eval.recordings.properties import Property
-from ssp_scenario_manager.spec.model import Event
+from ssp_eval.recordings.crop import Crop
+from ssp_eval.recordings.properties import FIELDS, Property
 
 
 @dataclass(frozen=True)
@@ -19,9 +20,11 @@ class Examined:
     """One recording, examined.
 
     Args:
-        recording: as it was read.
-        properties: q(d, k) per field.
-        phases: None: the recording never began.
+        recording: as it was read, within its clip.
+        values: q(d, k) per field, with its source.
+        phases: None: nobody located any.
+        phases_source: where they come from.
+        crop: the clip that all of this is of; None: the recording never began.
         phi: φ(d, e) per event that could be located.
         phi_half: half width of φ where a K* gives intervals.
         measured: None without states.
@@ -29,12 +32,16 @@ class Examined:
         coverage: of the camera.
         identities: switches, for people.
         changes: on site.
+        log_said_by: who says what happened beside the event.
         contradictions: between what was announced and what was measured.
+        moments: the states at each frame.
     """
 
     recording: Recording
-    properties: Mapping[str, Property]
+    values: Mapping[str, Value]
     phases: Phases | None
+    phases_source: Source
+    crop: Crop | None
     phi: Mapping[str, float]
     phi_half: Mapping[str, float]
     measured: Measured | None
@@ -42,34 +49,22 @@ class Examined:
     coverage: CoverageEntry
     identities: tuple[str, ...] = ()
     changes: tuple[ChangeEntry, ...] = ()
+    log_said_by: str = ""
     contradictions: tuple[str, ...] = ()
     moments: tuple[Moment, ...] = field(default=(), repr=False)
 
+    @property
+    def properties(self) -> dict[str, Property]:
+        """q(d, k) per field; words are None where it isn't determined."""
+        return {name: self.values[name].property for name in FIELDS}
 
-def version_findings(
-    recording: Recording, event: Event | None, version: str | None
-) -> list[Finding]:
-    """Whether a recording is of the K* that the audit is of."""
-    facts = recording.provenance
-    found = []
-    # One cause, however many of its signs there are.
-    other = []
-    if version is None:
-        found.append(Finding("not_compiled", "there is no K* to hold the recording against"))
-    elif facts.event_version is None:
-        other.append("the recording names no K* version")
-    elif facts.event_version != version:
-        other.append(f"it realises {facts.event_version}, the audit is of {version}")
-    if event is not None and facts.scenario not in (None, event.name):
-        other.append(f"it is of {facts.scenario}, the audit is of {event.name}")
-    if other:
-        found.append(Finding("other_event", "; ".join(other)))
-    task = recording.attached.task
-    if task is not None and facts.event_version not in (None, task.event.version):
-        found.append(
-            Finding(
-                "seal_broken",
-                f"the run names K* {facts.event_version}, its task {task.event.version}",
-            )
-        )
-    return found
+    @property
+    def is_verified(self) -> bool:
+        """True when every q(d, k) was measured, observed or reviewed."""
+        return all(self.values[name].source != "unverified" for name in FIELDS)
+
+    @property
+    def evidence(self) -> Source:
+        """The weakest source of any q(d, k)."""
+        order: tuple[Source, ...] = ("states", "reviewed", "observed", "unverified")
+        return max((self.values[name].source for name in FIELDS), key=order.index)

@@ -1,7 +1,7 @@
 """What a K* says of its event: q(k), the times of its phases, and whether a person reviewed them.
 
-For a recording with states this is what it is held against; for an imported video, which has none,
-it is all that is known (METHOD 4).
+Synthetic's states are held against it. It is evidence for one recording alone: the source clip that
+the K* was taken from (METHOD 4.3).
 """
 
 from __future__ import annotations
@@ -11,11 +11,29 @@ from dataclasses import dataclass
 
 from ssp_eval.recordings.properties import CONFLICT, MOTION, ORDER, ROLES, TOPOLOGY, Property
 from ssp_scenario_manager.spec.fields import owner
-from ssp_scenario_manager.spec.model import UNRESOLVED, CountField, Event, Quantity, Unresolved
+from ssp_scenario_manager.spec.model import (
+    UNRESOLVED,
+    Count,
+    CountField,
+    Event,
+    Quantity,
+    Unresolved,
+    WordField,
+)
 from ssp_scenario_manager.spec.seal import seals
 
 _REVIEWED = ("accepted", "edited")
 PHASES_FIELD = "phases"
+# The fields of T that a road can be measured in; the others are disclosed as K* has them.
+ROAD_FIELDS = (
+    "lanes_same_direction",
+    "lanes_opposite",
+    "segment",
+    "vut_lane",
+    "road_type",
+    "left_boundary",
+    "right_boundary",
+)
 
 
 def expected_properties(event: Event) -> dict[str, Property]:
@@ -33,23 +51,41 @@ def _known(words: Mapping[str, tuple[str, ...]]) -> Property:
     return Property(words, "from the K*")
 
 
+def varying_parts(event: Event) -> frozenset[str]:
+    """Parts of the topology that may differ between domains (METHOD 4.2)."""
+    return frozenset(event.topology.varying_fields)
+
+
+def outside_ranges(event: Event, found: Property) -> list[str]:
+    """Parts of a measured topology that vary, but not inside the K*'s range, for people."""
+    wrong = []
+    for part in varying_parts(event) & set(found.words or {}):
+        field = getattr(event.topology, part)
+        words = (found.words or {})[part]
+        if field.varies is not None and not any(_admits(field, word) for word in words):
+            ranges = field.varies
+            text = (
+                f"{ranges.min} to {ranges.max}" if isinstance(ranges, Count) else ", ".join(ranges)
+            )
+            wrong.append(f"{part} {' or '.join(words)}, K* has {text}")
+    return sorted(wrong)
+
+
+def _admits(field: WordField[str] | CountField, word: str) -> bool:
+    return field.admits(int(word)) if isinstance(field, CountField) else field.admits(word)
+
+
 def _topology(event: Event) -> Property:
     road = event.topology
     words = {
-        "lanes_same_direction": _counts(road.lanes_same_direction),
-        "lanes_opposite": _counts(road.lanes_opposite),
-        "segment": road.segment.words,
-        "vut_lane": road.vut_lane.words,
+        name: (str(field.value),)
+        for name in ROAD_FIELDS
+        if (field := getattr(road, name)).value != UNRESOLVED
     }
-    for name, found in words.items():
-        if not found:
-            return Property(None, f"topology.{name} is unresolved in the K*")
-    return _known(words | {"adjacency": (_adjacency(event),)})
-
-
-def _counts(field: CountField) -> tuple[str, ...]:
-    allowed = field.range
-    return () if allowed is None else tuple(map(str, range(allowed.min, allowed.max + 1)))
+    open_fields = [n for n in road.identity_fields if getattr(road, n).value == UNRESOLVED]
+    if open_fields:
+        return Property(None, f"topology.{open_fields[0]} is unresolved in the K*")
+    return _known({**words, "adjacency": (_adjacency(event),)})
 
 
 def _adjacency(event: Event) -> str:
@@ -118,7 +154,12 @@ def _when(quantity: Quantity | Unresolved) -> When | None:
     return When(quantity.min, quantity.max)
 
 
-# What a person must have reviewed for each field of KPR, and for the phases.
+def seen_field(who: str) -> str:
+    """What the review of an OT's visibility stands under."""
+    return f"seen {who}"
+
+
+# What a person must have reviewed for each field of KPR, for the phases, and for what is seen.
 def reviewed_paths(event: Event) -> dict[str, tuple[str, ...]]:
     """Paths of the K* that each q(k), and the phases, rest on."""
     participants = [
@@ -127,14 +168,18 @@ def reviewed_paths(event: Event) -> dict[str, tuple[str, ...]]:
         for name in ("role", "class", *(("region.place",) if participant.role == "OT" else ()))
     ]
     return {
-        TOPOLOGY: tuple(
-            f"topology.{name}"
-            for name in ("lanes_same_direction", "lanes_opposite", "segment", "vut_lane")
-        ),
+        TOPOLOGY: tuple(f"topology.{name}" for name in event.topology.identity_fields),
         ROLES: (*participants, "interaction.initiator", "interaction.affected"),
         MOTION: ("interaction.dominant_motion",),
         CONFLICT: ("interaction.relation",),
         ORDER: ("interaction.passing_order",),
+        **{
+            seen_field(who): tuple(
+                f"motion.{who}.{phase}.position" for phase in ("trigger", "conflict")
+            )
+            for who, participant in event.participants.items()
+            if participant.role == "OT"
+        },
         PHASES_FIELD: (
             "events.clip.start",
             "events.clip.end",

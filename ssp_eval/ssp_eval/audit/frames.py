@@ -130,20 +130,21 @@ def _fetch(one: Examined, indices: Sequence[int]) -> dict[int, bytes]:
 
 def _overlay(one: Examined, index: int) -> str:
     """Outlines of participants and conflict zone in the picture."""
-    run, optics, measured = one.recording.provenance.run, one.recording.optics, one.measured
-    if run is None or optics is None or measured is None or index >= len(one.moments):
+    who, optics = one.recording.provenance.participants, one.recording.optics
+    measured = one.measured
+    if who is None or optics is None or measured is None or index >= len(one.moments):
         return ""
     states = one.moments[index].states
-    if run.vut.id not in states:
+    if who.vut not in states:
         return ""
-    view = optics.view(states[run.vut.id].pose)
+    view = optics.view(states[who.vut].pose)
     parts = []
     if measured.zone is not None:
         parts.append(_zone(view, measured.zone))
-    for target in run.targets:
-        if target.id in states:
-            kind = "ot main" if target.id in (measured.initiator, measured.affected) else "ot"
-            parts.append(_outline(view, states[target.id], target.id, kind))
+    for target in who.targets:
+        if target in states:
+            kind = "ot main" if target in (measured.initiator, measured.affected) else "ot"
+            parts.append(_outline(view, states[target], target, kind))
     box = f"0 0 {optics.lens.width_px} {optics.lens.height_px}"
     return svg.element(
         "svg", "".join(parts), class_="overlay", viewBox=box, preserveAspectRatio="none"

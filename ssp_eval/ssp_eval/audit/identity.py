@@ -35,6 +35,7 @@ def find_switches(
     sightings: Sequence[Sighting],
     participants: Sequence[str],
     traffic: Iterable[str],
+    start_s: float,
     end_s: float,
 ) -> list[Switch]:
     """Everything that contradicts one id for one object.
@@ -43,7 +44,8 @@ def find_switches(
         sightings: in time order per source.
         participants: ids of the VUT and the OTs, who are there from start to end.
         traffic: ids of other objects that may be there.
-        end_s: clip time up to which participants must be there.
+        start_s: clip time from which on participants must be there.
+        end_s: clip time up to which they must be there.
 
     Returns:
         In time order, each kind once per object.
@@ -91,7 +93,7 @@ def find_switches(
             jumps.append((before, now))
     for source, who in [(WORLD, p) for p in participants] + [(p, p) for p in participants]:
         if source in sources:
-            _gone(source, who, sightings, end_s, tell)
+            _gone(source, who, sightings, (start_s, end_s), tell)
     for (old_a, new_a), (old_b, new_b) in combinations(jumps, 2):
         same_time = old_a.source == old_b.source == WORLD and abs(new_a.t_s - new_b.t_s) < 1e-6
         if same_time and _near(old_a, new_b) and _near(old_b, new_a):
@@ -108,12 +110,18 @@ def find_switches(
     return sorted(found.values(), key=lambda switch: (switch.t_s, switch.text))
 
 
-def _gone(source: str, who: str, sightings: Sequence[Sighting], end_s: float, tell: Tell) -> None:
+def _gone(
+    source: str,
+    who: str,
+    sightings: Sequence[Sighting],
+    span_s: tuple[float, float],
+    tell: Tell,
+) -> None:
     """Reports a participant that is silent for too long within the clip."""
     times = [s.t_s for s in sightings if s.source == source and s.object_id == who]
     where = "" if source == WORLD else "its own states: "
-    before = 0.0
-    for t_s in [*(t for t in times if 0.0 <= t <= end_s), end_s]:
+    before, end_s = span_s
+    for t_s in [*(t for t in times if before <= t <= end_s), end_s]:
         if t_s - before > GONE_S:
             tell(
                 f"gone {who}",

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 from ssp_core import __version__
 from ssp_core.errors import InputError
-from ssp_core.vocab import DOMAINS
+from ssp_core.hashing import sha256_file
+from ssp_core.vocab import DOMAINS, PHASES
 from ssp_eval.audit.compare import property_findings
-from ssp_eval.audit.disclosures import disclosures
+from ssp_eval.audit.disclosures import disclosures, shared_renderers
+from ssp_eval.audit.examine import examine
 from ssp_eval.audit.examined import Examined
-from ssp_eval.audit.expected import expected_properties
-from ssp_eval.audit.imported import examine_video
+from ssp_eval.audit.expected import expected_properties, outside_ranges, varying_parts
 from ssp_eval.audit.model import (
+    AgreementEntry,
     Audit,
     FindingEntry,
+    LabelCount,
+    ObservationsEntry,
     PhasesEntry,
     PropertyEntry,
     ReasonEntry,
@@ -25,10 +29,16 @@ from ssp_eval.audit.model import (
 from ssp_eval.audit.ratios import phase_difference, property_retention
 from ssp_eval.audit.reasons import Finding, Reason, explain
 from ssp_eval.audit.recording import Recording
-from ssp_eval.audit.session import examine_session
 from ssp_eval.labels.model import labels_version
 from ssp_eval.recordings.event_rules import event_thresholds
-from ssp_eval.recordings.properties import EVENT_PHASES, FIELDS, Property, differences, is_equal
+from ssp_eval.recordings.properties import (
+    EVENT_PHASES,
+    FIELDS,
+    TOPOLOGY,
+    Property,
+    differences,
+    is_equal,
+)
 from ssp_eval.recordings.provenance import bag_folder
 from ssp_scenario_manager.spec.load import event_version
 from ssp_scenario_manager.spec.model import Event
@@ -82,13 +92,18 @@ def judge(recordings: Sequence[Recording], event: Event | None = None) -> Judged
     check_domains(recordings)
     event = event or find_event(recordings)
     version = None if event is None else event_version(event)
-    examined = tuple(_examine(recording, event, version) for recording in recordings)
-    reference = _reference(examined[0], event)
+    examined = tuple(examine(recording, event, version) for recording in recordings)
+    varying = frozenset() if event is None else varying_parts(event)
+    counted = [_without(one.properties, varying) for one in examined]
+    wanted = _without(_wanted(event), varying)
+    # Synthetic is held against the K*; against itself it would always do.
+    references = [wanted, *[_reference(counted[0], wanted)] * 2]
     weights = {} if event is None else {str(k): w for k, w in event.constraints.weights.items()}
-    # Measured states of Synthetic are held against the K*; against themselves they would always do.
-    wanted = [_wanted(event), reference, reference]
-    pairs = zip(examined, wanted, strict=True)
-    reasons = [explain(_findings(one, properties)) for one, properties in pairs]
+    doubles = _doubles(recordings)
+    reasons = [
+        explain([*_findings(one, mine, reference), *_ranges(one, event), *same])
+        for one, mine, reference, same in zip(examined, counted, references, doubles, strict=True)
+    ]
     refused = [bool(found) for found in reasons]
     entries = []
     for index, one in enumerate(examined):
@@ -97,7 +112,17 @@ def judge(recordings: Sequence[Recording], event: Event | None = None) -> Judged
             status = "refused"
         elif any(refused):
             status = "unpaired"
-        entries.append(_entry(one, examined[0], weights, status, reasons[index]))
+        compared = Compared(counted[index], counted[0], index == 0)
+        entries.append(_entry(one, examined[0], compared, varying, weights, status, reasons[index]))
+    shared = shared_renderers([e.disclosures for e in entries], [e.domain for e in entries])
+    entries = [
+        entry.model_copy(
+            update={"disclosures": entry.disclosures | {"shares its renderer with": others}}
+        )
+        if others
+        else entry
+        for entry, others in zip(entries, shared, strict=True)
+    ]
     thresholds = None if event is None else event_thresholds(event)
     audit = Audit(
         software=f"ssp {__version__}",
@@ -110,26 +135,54 @@ def judge(recordings: Sequence[Recording], event: Event | None = None) -> Judged
     return Judged(audit, examined)
 
 
-def _examine(recording: Recording, event: Event | None, version: str | None) -> Examined:
-    run = recording.provenance.run
-    if run is None:
-        return examine_video(recording, event, version)
-    return examine_session(recording, run, event, version)
-
-
 def _scenario(recordings: Sequence[Recording], event: Event | None) -> str:
     if event is not None:
         return event.name
     return next((r.provenance.scenario for r in recordings if r.provenance.scenario), "unknown")
 
 
-def _reference(synthetic: Examined, event: Event | None) -> dict[str, Property]:
-    """q(Syn, k), and where Synthetic doesn't have it the K*'s."""
-    wanted = _wanted(event)
+@dataclass(frozen=True)
+class Compared:
+    """q(d, k) and q(Syn, k) without what may vary (METHOD 4.2)."""
+
+    found: Mapping[str, Property]
+    reference: Mapping[str, Property]
+    is_reference: bool
+
+
+def _without(properties: Mapping[str, Property], varying: frozenset[str]) -> dict[str, Property]:
+    return {k: q.without(varying) if k == TOPOLOGY else q for k, q in properties.items()}
+
+
+def _doubles(recordings: Sequence[Recording]) -> list[list[Finding]]:
+    """Recordings that are one another's: the same bag, or made from the same file."""
+    found: list[list[Finding]] = []
+    seen: dict[str, str] = {}
+    for recording in recordings:
+        facts = recording.provenance
+        imported = facts.imported
+        states = None if imported is None else imported.states
+        files: list[tuple[str, str | None]] = [
+            ("bag", facts.bag_sha256),
+            ("source file", None if imported is None else imported.source_sha256),
+            ("table of states", None if states is None else states.sha256),
+        ]
+        twins = [
+            f"the {what} is that of the {seen[digest]} recording"
+            for what, digest in files
+            if digest is not None and digest in seen
+        ]
+        seen |= {digest: facts.domain for _, digest in files if digest is not None}
+        found.append([Finding("same_recording", "; ".join(twins))] if twins else [])
+    return found
+
+
+def _reference(
+    synthetic: Mapping[str, Property], wanted: Mapping[str, Property]
+) -> dict[str, Property]:
+    """q(Syn, k); where nobody verified it, what the K* wants is at least no other event."""
     return {
-        field: synthetic.properties[field]
-        if synthetic.properties[field].words is not None
-        else wanted[field]
+        field: synthetic[field] if synthetic[field].words is not None else wanted[field]
         for field in FIELDS
     }
 
@@ -141,50 +194,64 @@ def _wanted(event: Event | None) -> dict[str, Property]:
     return {field: wanted.get(field, unknown) for field in FIELDS}
 
 
-def _findings(one: Examined, reference: Mapping[str, Property]) -> list[Finding]:
-    found = list(one.findings)
-    if one.measured is None:
-        return found
-    phases, arrival_s = one.measured.phases, one.measured.first_arrival_s
-    return found + property_findings(one.properties, reference, phases, arrival_s)
+def _findings(
+    one: Examined, found: Mapping[str, Property], reference: Mapping[str, Property]
+) -> list[Finding]:
+    verified = {k: q for k, q in found.items() if one.values[k].source != "unverified"}
+    arrival_s = None if one.measured is None else one.measured.first_arrival_s
+    return [*one.findings, *property_findings(verified, reference, one.phases, arrival_s)]
+
+
+def _ranges(one: Examined, event: Event | None) -> list[Finding]:
+    """Topology that may vary does so inside the K*'s ranges (METHOD 4.2)."""
+    if event is None or not one.is_verified:
+        return []
+    wrong = outside_ranges(event, one.properties[TOPOLOGY])
+    return [Finding("topology_differs", "; ".join(wrong))] if wrong else []
 
 
 def _entry(
     one: Examined,
     synthetic: Examined,
+    compared: Compared,
+    varying: frozenset[str],
     weights: Mapping[str, float],
     status: Status,
     reasons: Sequence[Reason],
 ) -> RecordingEntry:
     recording, facts = one.recording, one.recording.provenance
-    is_reference = one is synthetic
     task = recording.attached.task
+    is_verified = one.is_verified and synthetic.is_verified
     return RecordingEntry.model_validate(
         {
             "domain": facts.domain,
+            "domain_said_by": "the source clip of the K*"
+            if "reviewed" in (one.phases_source, *(v.source for v in one.values.values()))
+            else facts.domain_said_by,
             "name": _name(recording),
             "bag": str(recording.path),
             "bag_sha256": facts.bag_sha256,
             "origin": facts.origin,
             "stand_in": facts.stand_in,
-            "evidence": "reviewed" if facts.run is None else "states",
-            "measured_from": _source(one),
+            "evidence": one.evidence,
+            "measured_from": "; ".join(dict.fromkeys(v.said_by for v in one.values.values())),
             "scenario": facts.scenario,
             "event_version": facts.event_version,
             "task_version": None if task is None else task.version,
             "verdict": facts.verdict,
             "verdict_reasons": list(facts.verdict_reasons),
             "verdict_sha256": facts.verdict_sha256,
-            "labels_sha256": None if recording.labels is None else labels_version(recording.labels),
+            "labels": _labels(one),
+            "observations": _observations(recording),
+            "log_said_by": one.log_said_by,
             "status": status,
             "reasons": [_reason(reason) for reason in reasons],
-            "properties": {
-                field: _property(one.properties[field], synthetic.properties[field], is_reference)
-                for field in FIELDS
-            },
+            "properties": {field: _property(one, compared, field) for field in FIELDS},
+            "varying": _varying(one, synthetic, varying),
+            "crop": None if one.crop is None else asdict(one.crop),
             "phases": _phases(one),
-            "kpr": _kpr(one, synthetic, weights),
-            "epd": _epd(one, synthetic),
+            "kpr": _kpr(compared, weights) if is_verified else None,
+            "epd": _epd(one, synthetic) if is_verified else None,
             "coverage": one.coverage,
             "safety_events": [event.text for event in recording.safety],
             "identities": list(one.identities),
@@ -202,14 +269,6 @@ def _name(recording: Recording) -> str:
     return folder.parent.name if folder.name == "bag" else folder.name
 
 
-def _source(one: Examined) -> str:
-    recording = one.recording
-    if recording.provenance.run is not None:
-        return recording.source
-    labels = recording.labels_file
-    return "the reviewed K*" + (f" and {labels.name}" if labels is not None else ", without labels")
-
-
 def _reason(reason: Reason) -> ReasonEntry:
     def plain(finding: Finding) -> dict[str, str]:
         return {"code": finding.code, "text": finding.text, "detail": finding.detail}
@@ -220,21 +279,64 @@ def _reason(reason: Reason) -> ReasonEntry:
     )
 
 
-def _property(found: Property, reference: Property, is_reference: bool) -> PropertyEntry:
-    parts = differences(found, reference)
-    known = not is_reference and parts is not None
+def _property(one: Examined, compared: Compared, field: str) -> PropertyEntry:
+    value = one.values[field]
+    parts = differences(compared.found[field], compared.reference[field])
+    known = not compared.is_reference and parts is not None
+    words = value.property.words
     return PropertyEntry(
-        words=None if found.words is None else {k: list(v) for k, v in found.words.items()},
-        how=found.how,
-        equal=is_equal(found, reference) if known else None,
+        source=value.source,
+        said_by=value.said_by,
+        words=None if words is None else {k: list(v) for k, v in words.items()},
+        how=value.property.how,
+        equal=is_equal(compared.found[field], compared.reference[field]) if known else None,
         differences=parts if known and parts else {},
+    )
+
+
+def _varying(
+    one: Examined, synthetic: Examined, varying: frozenset[str]
+) -> dict[str, tuple[str, str]]:
+    """What of the topology may differ, here and in Synthetic (METHOD 4.2)."""
+    here = one.properties[TOPOLOGY].words or {}
+    there = synthetic.properties[TOPOLOGY].words or {}
+    return {
+        part: (" or ".join(here.get(part, ("–",))), " or ".join(there.get(part, ("–",))))
+        for part in sorted(varying)
+        if part in here or part in there
+    }
+
+
+def _observations(recording: Recording) -> ObservationsEntry | None:
+    agreement = recording.agreement
+    if agreement is None:
+        return None
+    return ObservationsEntry(
+        observers=list(agreement.observers),
+        files={file.name: sha256_file(file) for file in recording.observation_files},
+        tolerance_s=agreement.tolerance_s,
+        rows=[AgreementEntry.model_validate(asdict(row)) for row in agreement.rows],
+    )
+
+
+def _labels(one: Examined) -> LabelCount | None:
+    labels, crop = one.recording.labels, one.crop
+    if labels is None:
+        return None
+    per_phase = {phase: sum(x.phase == phase for x in labels.labels) for phase in PHASES}
+    outside = 0 if crop is None else sum(not crop.holds(x.t_s) for x in labels.labels)
+    return LabelCount(
+        sha256=labels_version(labels),
+        plan=labels.plan,
+        per_phase=per_phase,
+        outside_crop=outside,
     )
 
 
 def _phases(one: Examined) -> PhasesEntry:
     phases = one.phases
     return PhasesEntry(
-        source="reviewed" if one.recording.provenance.run is None else "states",
+        source=one.phases_source,
         start_s=None if phases is None else phases.start_s,
         end_s=None if phases is None else phases.end_s,
         trigger_s=None if phases is None else phases.trigger_s,
@@ -245,12 +347,12 @@ def _phases(one: Examined) -> PhasesEntry:
     )
 
 
-def _kpr(one: Examined, synthetic: Examined, weights: Mapping[str, float]) -> float | None:
-    """None where Synthetic's own properties aren't all known: then there is nothing to retain."""
-    if any(synthetic.properties[field].words is None for field in FIELDS):
+def _kpr(compared: Compared, weights: Mapping[str, float]) -> float | None:
+    """None where Synthetic's own properties don't all exist: then there is nothing to retain."""
+    if any(compared.reference[field].words is None for field in FIELDS):
         return None
     try:
-        return property_retention(one.properties, synthetic.properties, weights)
+        return property_retention(compared.found, compared.reference, weights)
     except ValueError:  # the K*'s weights sum to 0
         return None
 

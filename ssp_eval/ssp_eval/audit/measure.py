@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 from ssp_core.geometry import box_distance
@@ -18,14 +18,24 @@ from ssp_core.state import ObjectState
 from ssp_core.vocab import MOTIONS
 from ssp_eval.audit.lanes import Lanes, Spot
 from ssp_eval.audit.meeting import Meeting, Zone, meet
+from ssp_eval.recordings.crop import LOCATED_S, TOLERANCE_S
 from ssp_eval.recordings.geometry import Corridor, motion_word
 from ssp_eval.recordings.phases import Event, Sample, find_event, samples_of
 from ssp_eval.recordings.properties import CONFLICT, MOTION, ORDER, ROLES, TOPOLOGY, Property
+from ssp_eval.recordings.states import Series
 
-# Less than this before the trigger, and the clip begins with it: one frame at 10 Hz.
-APPROACH_S = 0.1
 
-States = Mapping[str, ObjectState]
+@dataclass(frozen=True)
+class RoadFacts:
+    """The road that is bound to a recording, with what its lanes don't say.
+
+    Args:
+        road: the stretch that the VUT drives on.
+        words: road type and boundaries, as far as the site or the map says.
+    """
+
+    road: Road
+    words: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -36,27 +46,29 @@ class Scene:
         series: (clip time in s, states by id), times rising, from the clip's start to its end.
         vut_id: id of the VUT.
         target_ids: ids of the OTs.
-        road: that they drive on.
+        road: that they drive on; None: nobody bound one, and there is no topology.
         start_s: clip time of the clip's start.
         end_s: clip time of its end.
         thresholds: of the K*.
         observable: what the K*'s kind of interaction makes observable.
+        for_good_s: what lasts so long is for good (METHOD 4.1); None: to the last state.
     """
 
-    series: Sequence[tuple[float, States]]
+    series: Series
     vut_id: str
     target_ids: tuple[str, ...]
-    road: Road
+    road: RoadFacts | None
     start_s: float
     end_s: float
     thresholds: ConflictThresholds
     observable: Observable
+    for_good_s: float | None = None
 
 
 @dataclass(frozen=True)
 class Phases:
     """Starts of the phases in clip time, None where one can't be located; the approach starts with
-    the clip, and can't be located where the clip begins with the trigger."""
+    the clip."""
 
     start_s: float
     end_s: float
@@ -66,7 +78,15 @@ class Phases:
 
     @property
     def has_approach(self) -> bool:
-        return self.trigger_s is None or self.trigger_s - self.start_s >= APPROACH_S
+        """METHOD 4.1: at least 0.5 s of the approach lies in the clip."""
+        return self.trigger_s is None or self.trigger_s - self.start_s >= LOCATED_S - TOLERANCE_S
+
+    @property
+    def has_resolution(self) -> bool:
+        """METHOD 4.1: at least 0.5 s of the resolution lies in the clip."""
+        return (
+            self.resolution_s is None or self.end_s - self.resolution_s >= LOCATED_S - TOLERANCE_S
+        )
 
     @property
     def critical_s(self) -> tuple[float, float] | None:
@@ -81,7 +101,7 @@ class Measured:
     """What the states say.
 
     Args:
-        properties: q(d, k) per field.
+        properties: q(d, k) per field; without a road there is no topology.
         phases: of the event.
         initiator: whose manoeuvre is the event, None: there is none.
         affected: who is affected by it.
@@ -135,10 +155,9 @@ def measure(scene: Scene) -> Measured:
     meeting = meet(pair.samples, pair.corridor, event)
     target_id = pair.other if pair.observer == scene.vut_id else pair.observer
     own = Corridor.of(vut)
-    lanes = Lanes.of(scene.road, vut)
+    lanes = None if scene.road is None else Lanes.of(scene.road.road, vut)
     swapped = pair.observer != scene.vut_id
     properties = {
-        TOPOLOGY: _topology(scene, lanes, vut, target_id, meeting),
         ROLES: _roles(scene, lanes, pair),
         MOTION: _dominant_motion(scene, own, target_id, phases),
         CONFLICT: Property(
@@ -147,6 +166,8 @@ def measure(scene: Scene) -> Measured:
         ),
         ORDER: _order(pair, meeting),
     }
+    if scene.road is not None and lanes is not None:
+        properties[TOPOLOGY] = _topology(scene, lanes, scene.road.words, vut, target_id)
     zone = None
     if meeting.zone is not None:
         zone = _outline(pair.corridor, meeting.zone)
@@ -204,12 +225,23 @@ def _urgency(pair: _Pair) -> tuple[float, float]:
 def _pair(
     scene: Scene, observer: str, other: str, samples: Sequence[Sample], corridor: Corridor
 ) -> _Pair:
-    event = find_event(samples, corridor.path, scene.thresholds, scene.observable, harmless=True)
+    event = find_event(
+        samples,
+        corridor.path,
+        scene.thresholds,
+        scene.observable,
+        harmless=True,
+        for_good_s=scene.for_good_s,
+    )
     return _Pair(observer, other, samples, corridor, event)
 
 
 def _topology(
-    scene: Scene, lanes: Lanes, vut: Sequence[ObjectState], target_id: str, meeting: Meeting
+    scene: Scene,
+    lanes: Lanes,
+    words: Mapping[str, str],
+    vut: Sequence[ObjectState],
+    target_id: str,
 ) -> Property:
     spots = [spot for state in vut if (spot := lanes.spot(state)) is not None]
     if not spots:
@@ -227,6 +259,7 @@ def _topology(
             "segment": (lanes.segment(min(s.s_m for s in spots), max(s.s_m for s in spots)),),
             "vut_lane": lanes.lane_words(held),
             "adjacency": (adjacency,),
+            **{name: (word,) for name, word in words.items()},
         },
         how,
     )
@@ -251,8 +284,8 @@ def _first_spot(scene: Scene, lanes: Lanes, object_id: str) -> Spot | None:
     return None if first is None else lanes.spot(first)
 
 
-def _roles(scene: Scene, lanes: Lanes, pair: _Pair) -> Property:
-    own = _first_spot(scene, lanes, scene.vut_id)
+def _roles(scene: Scene, lanes: Lanes | None, pair: _Pair) -> Property:
+    own = None if lanes is None else _first_spot(scene, lanes, scene.vut_id)
     own_lane = None if own is None else own.lane
     words: dict[str, tuple[str, ...]] = {}
     for object_id in (scene.vut_id, *scene.target_ids):
@@ -261,8 +294,8 @@ def _roles(scene: Scene, lanes: Lanes, pair: _Pair) -> Property:
         }
         role = "VUT" if object_id == scene.vut_id else "OT"
         words[object_id] = (f"{role}, {' then '.join(sorted(classes)) or 'never there'}",)
-        spot = _first_spot(scene, lanes, object_id)
-        if object_id != scene.vut_id and spot is not None:
+        spot = None if lanes is None else _first_spot(scene, lanes, object_id)
+        if object_id != scene.vut_id and spot is not None and lanes is not None:
             words[f"{object_id} starts in"] = (lanes.place_word(spot, own_lane),)
     # Without an event nobody has the wrong part in it.
     everybody = (scene.vut_id, *scene.target_ids)

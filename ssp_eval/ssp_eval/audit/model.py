@@ -1,4 +1,4 @@
-"""``ssp.audit/1``: what an audit found, as a file; evaluation and evidence packages read it."""
+"""``ssp.audit/2``: what an audit found, as a file; evaluation and evidence packages read it."""
 
 from __future__ import annotations
 
@@ -8,14 +8,15 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import ConfigDict, Field, model_validator
 
 from ssp_core.files import load_model
-from ssp_core.run_spec import Finite, Strict
-from ssp_core.vocab import DomainWord
+from ssp_core.run_spec import Finite, NonNegative, Strict
+from ssp_core.vocab import DomainWord, PhaseWord
 
-SCHEMA: Literal["ssp.audit/1"] = "ssp.audit/1"
+SCHEMA: Literal["ssp.audit/2"] = "ssp.audit/2"
 AUDIT_FILE = "audit.json"
 PAGE_FILE = "audit.html"
 
 Status = Literal["admitted", "refused", "unpaired"]
+Evidence = Literal["states", "reviewed", "observed", "unverified"]
 Share = Annotated[float, Field(ge=0, le=1)]
 
 
@@ -36,6 +37,8 @@ class ReasonEntry(FindingEntry):
 class PropertyEntry(Strict):
     """q(d, k): words per part; several words mean any of them. Null: not determined."""
 
+    source: Evidence
+    said_by: str = Field("", description="which states, which K*, or who looked")
     words: dict[str, list[str]] | None
     how: str
     equal: bool | None = Field(description="to q(Syn, k); null for Syn, or where one is unknown")
@@ -45,7 +48,7 @@ class PropertyEntry(Strict):
 class PhasesEntry(Strict):
     """Clip times in s, null where a phase can't be located; φ of METHOD 4 and its half width."""
 
-    source: Literal["states", "reviewed"]
+    source: Evidence
     start_s: Finite | None
     end_s: Finite | None
     trigger_s: Finite | None
@@ -53,6 +56,43 @@ class PhasesEntry(Strict):
     resolution_s: Finite | None
     phi: dict[str, Share] = {}
     phi_half_width: dict[str, Share] = Field({}, description="where K* gives an interval")
+
+
+class CropEntry(Strict):
+    """The clip that was compared (METHOD 4.1); clip times in s of the recording."""
+
+    start_s: Finite
+    end_s: Finite
+    chosen_by: str
+    short_before_s: NonNegative = Field(0.0, description="the recording begins so much too late")
+    short_after_s: NonNegative = Field(0.0, description="the recording ends so much too early")
+
+
+class AgreementEntry(Strict):
+    """One answer of those who looked at a recording, and what counts of it (METHOD 4.3)."""
+
+    field: str
+    values: list[str]
+    verdict: Literal["agree", "differ", "one alone", "contradict", "unknown"]
+    result: str
+
+
+class ObservationsEntry(Strict):
+    """What persons wrote down of a recording, in files beside its bag."""
+
+    observers: Annotated[list[str], Field(min_length=1)]
+    files: dict[str, str] = Field(description="SHA-256 of each file")
+    tolerance_s: Finite = Field(description="of times")
+    rows: list[AgreementEntry]
+
+
+class LabelCount(Strict):
+    """Labels that lie beside the recording (METHOD 4.5); they decide nothing here."""
+
+    sha256: str = Field(description="of what the labels say")
+    plan: Literal["phase", "clock"]
+    per_phase: dict[PhaseWord, Annotated[int, Field(ge=0)]]
+    outside_crop: Annotated[int, Field(ge=0)] = 0
 
 
 class SightEntry(Strict):
@@ -66,7 +106,7 @@ class SightEntry(Strict):
 class CoverageEntry(Strict):
     """Camera coverage from trigger to resolution."""
 
-    source: Literal["projection", "labels", "none"]
+    source: Literal["projection", "reviewed", "observed", "none"]
     participants: dict[str, SightEntry] = {}
     zone: SightEntry | None = None
     frames: int = Field(0, description="in that time")
@@ -91,17 +131,18 @@ class RecordingEntry(Strict):
 
     ``facts`` are measured quantities with their unit in the name, null where they don't exist;
     ``contradictions`` are between what was recorded during the run and what the states say.
-    What lies outside the MCAP file and was read all the same is bound by its hash: the labels of
-    a video without states by what they say, verdict.json of a session by its bytes.
+    What lies outside the MCAP file and was read all the same is bound by its hash: verdict.json of
+    a session and observation files by their bytes, labels by what they say.
     """
 
     domain: DomainWord
+    domain_said_by: str = Field(description="a named person with date and place, or our session")
     name: str
     bag: str
     bag_sha256: str
     origin: str
     stand_in: bool
-    evidence: Literal["states", "reviewed"]
+    evidence: Evidence = Field(description="the weakest source of any property")
     measured_from: str
     scenario: str | None
     event_version: str | None
@@ -109,10 +150,16 @@ class RecordingEntry(Strict):
     verdict: str | None = Field(None, description="of the run; null for an imported video")
     verdict_reasons: list[str] = []
     verdict_sha256: str | None = Field(None, description="of the bag's verdict.json")
-    labels_sha256: str | None = Field(None, description="of what the labels say; null: not read")
+    labels: LabelCount | None = Field(None, description="null: none beside the bag")
+    observations: ObservationsEntry | None = None
+    log_said_by: str
     status: Status
     reasons: list[ReasonEntry]
     properties: dict[str, PropertyEntry]
+    varying: dict[str, tuple[str, str]] = Field(
+        {}, description="topology that may vary: (here, in Synthetic)"
+    )
+    crop: CropEntry | None = Field(description="null: the recording never began")
     phases: PhasesEntry
     kpr: Share | None
     epd: Finite | None
@@ -128,7 +175,7 @@ class RecordingEntry(Strict):
 class Audit(Strict):
     """A scenario's three recordings, Synthetic first."""
 
-    schema_: Literal["ssp.audit/1"] = Field(SCHEMA, alias="schema")
+    schema_: Literal["ssp.audit/2"] = Field(SCHEMA, alias="schema")
     software: str
     scenario: str
     event_version: str | None
@@ -150,6 +197,10 @@ class Audit(Strict):
                 continue
             if refused:
                 raise ValueError(f"{entry.domain} is admitted, though {refused[0]} is refused")
+            if unsaid := [k for k, q in entry.properties.items() if q.source == "unverified"]:
+                raise ValueError(
+                    f"{entry.domain} is admitted, though its {unsaid[0]} is unverified"
+                )
             if differing := [k for k, found in entry.properties.items() if found.equal is False]:
                 raise ValueError(f"{entry.domain} is admitted, though its {differing[0]} differs")
         return self

@@ -14,7 +14,7 @@ from ssp_core import __version__
 from ssp_eval.audit import frames
 from ssp_eval.audit.axis import phase_axis
 from ssp_eval.audit.judge import Judged
-from ssp_eval.audit.model import Audit, RecordingEntry
+from ssp_eval.audit.model import Audit, PropertyEntry, RecordingEntry
 from ssp_eval.audit.reasons import TABLE
 from ssp_eval.recordings.properties import FIELDS
 from ssp_eval.templates import templates
@@ -70,7 +70,8 @@ def field_rows(audit: Audit) -> list[FieldRows]:
             for name in names
         ]
         if not parts:
-            parts = [PartRow("", tuple(("not determined", "unknown") for _ in entries))]
+            cells = ((_lacking(entry), "unknown") for entry in entries)
+            parts = [PartRow("", tuple(cells))]
         rows.append(
             FieldRows(
                 field.replace("_", " "),
@@ -85,11 +86,15 @@ def field_rows(audit: Audit) -> list[FieldRows]:
 def _cell(recording: RecordingEntry, field: str, part: str) -> tuple[str, str]:
     entry = recording.properties[field]
     if entry.words is None:
-        return "not determined", "unknown"
+        return _lacking(entry), "unknown"
     words = entry.words.get(part, ["–"])
     digits = len(words) > 2 and all(word.isdigit() for word in words)
     text = f"{words[0]} to {words[-1]}" if digits else " or ".join(words)
     return text.replace("_", " "), "other" if part in entry.differences else "same"
+
+
+def _lacking(entry: PropertyEntry) -> str:
+    return "unverified" if entry.source == "unverified" else "not determined"
 
 
 def fact_rows(audit: Audit) -> list[tuple[str, str, tuple[str, ...]]]:
@@ -101,6 +106,15 @@ def fact_rows(audit: Audit) -> list[tuple[str, str, tuple[str, ...]]]:
             cells = tuple("–" if value is None else f"{value:.2f}" for value in values)
             rows.append((name, unit, cells))
     return rows
+
+
+def varying_rows(audit: Audit) -> list[tuple[str, tuple[str, ...]]]:
+    """Topology that may vary (METHOD 4.2), one column per recording."""
+    names = dict.fromkeys(name for r in audit.recordings for name in r.varying)
+    return [
+        (name, tuple(r.varying.get(name, ("–", "–"))[0] for r in audit.recordings))
+        for name in names
+    ]
 
 
 def disclosure_rows(audit: Audit) -> list[tuple[str, tuple[str, ...]]]:
@@ -134,6 +148,7 @@ def render(judged: Judged, on_picture: Callable[[int, int], None] = lambda done,
         strips=strips,
         axis=Markup(phase_axis(audit.recordings)),
         fields=field_rows(audit),
+        varying=varying_rows(audit),
         facts=fact_rows(audit),
         disclosures=disclosure_rows(audit),
         checks=TABLE,

@@ -62,6 +62,11 @@ TABLE: dict[str, Meaning] = {
         "an imported video is the one that the K* was taken from, in its crop",
         frozenset(),
     ),
+    "same_recording": Meaning(
+        "the recording of another domain",
+        "no two of the recordings are the same bag or were made from the same file",
+        frozenset(),
+    ),
     "unlogged_change": Meaning(
         "changed on site without a record",
         "every difference between what was compiled and what ran has a record in the log",
@@ -88,13 +93,20 @@ TABLE: dict[str, Meaning] = {
         frozenset(),
     ),
     "unverified": Meaning(
-        "not reviewed",
-        "where there are no states, a person has reviewed the property, with evidence",
+        "unverified",
+        "every property, the phases and the log are measured, observed by a named person, or "
+        "reviewed in the K* of which this is the source clip",
         frozenset({"epd_missing", "coverage_unknown"}),
     ),
-    "labels_disagree": Meaning(
-        "labels and K* disagree",
-        "the phases of an imported video's labels are those of the K*",
+    "observation_differs": Meaning(
+        "an observation differs",
+        "what a person saw is what the states show",
+        frozenset(),
+    ),
+    "source_rejected": Meaning(
+        "rejected by who looked at it",
+        "no participant is deformed or changes, motion and road hold together, and there is a "
+        "conflict",
         frozenset(),
     ),
     "no_video": Meaning(
@@ -125,22 +137,17 @@ TABLE: dict[str, Meaning] = {
     "no_manoeuvre": Meaning(
         "no observable manoeuvre",
         "the OT's manoeuvre becomes observable",
-        _PHASES | _CAMERA | _PROPERTIES | {"event_awaited", "conflict_missing"},
+        _PHASES | _CAMERA | _PROPERTIES | {"event_awaited", "conflict_missing", "off_spec"},
     ),
     "conflict_missing": Meaning(
         "conflict missing",
         "TTC or the gap between the arrivals falls under the K*'s threshold after the trigger",
-        _PHASES | _CAMERA | _PROPERTIES | {"event_awaited", "conflict_unresolved"},
+        _PHASES | _CAMERA | _PROPERTIES | {"event_awaited", "conflict_unresolved", "off_spec"},
     ),
     "conflict_unresolved": Meaning(
         "conflict not resolved",
         "the conflict ends within the clip",
         _PHASES | _CAMERA | {"event_awaited"},
-    ),
-    "event_awaited": Meaning(
-        "the session ended for want of the event",
-        "no safety event says that the event did not take place in time",
-        frozenset(),
     ),
     "conflict_type_differs": Meaning(
         "another type of conflict",
@@ -155,7 +162,17 @@ TABLE: dict[str, Meaning] = {
     "order_differs": Meaning(
         "another passing order",
         "the participants reach the conflict zone in the K*'s order",
-        _CAMERA,
+        _CAMERA | {"off_spec"},
+    ),
+    "off_spec": Meaning(
+        "outside the K*",
+        "time gap and passing order lie in the K*'s range, and the run's verdict isn't off_spec",
+        frozenset({"event_awaited"}),
+    ),
+    "event_awaited": Meaning(
+        "the session ended for want of the event",
+        "no safety event says that the event did not take place in time",
+        frozenset(),
     ),
     "lane_differs": Meaning(
         "another lane", "the VUT drives, and the OT comes, in the lanes of the K*", frozenset()
@@ -164,7 +181,7 @@ TABLE: dict[str, Meaning] = {
         "another initial region", "every participant starts in the region of the K*", frozenset()
     ),
     "approach_phase": Meaning(
-        "approach phase not located", "the clip begins before the trigger", frozenset()
+        "approach phase not located", "at least 0.5 s of it lie in the clip", frozenset()
     ),
     "trigger_phase": Meaning(
         "trigger phase not located", "the trigger's start is found", frozenset()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ssp_core.bag import BagReader
@@ -22,13 +22,21 @@ from ssp_core.safety_codes import MEANINGS, SafetyCode
 from ssp_core.vocab import Phase
 from ssp_eval.audit.changes import Attached, read_attached
 from ssp_eval.audit.coverage import Moment, Optics
+from ssp_eval.audit.measure import RoadFacts
 from ssp_eval.evaluate.campaign import find_labels
 from ssp_eval.evaluate.clip import Clip
 from ssp_eval.labels.model import Labels, load_labels
+from ssp_eval.recordings.agreement import Agreement, agree
+from ssp_eval.recordings.crop import Crop
+from ssp_eval.recordings.import_record import ImportedSite
+from ssp_eval.recordings.observation_file import Footage, load_observations
 from ssp_eval.recordings.provenance import Provenance, read_provenance
 from ssp_eval.recordings.states import STATE_AGE_S, Series, Sighting, clip_zero_ns, read_states
+from ssp_scenario_manager.site import SiteBlock
+from ssp_scenario_manager.spec.model import UNRESOLVED
 
 _IMAGE = absolute(CAMERA_IMAGE)
+_ROAD_WORDS = ("road_type", "left_boundary", "right_boundary")
 
 
 @dataclass(frozen=True)
@@ -47,10 +55,10 @@ class Recording:
     Args:
         path: of the bag.
         provenance: what the bag says of itself.
-        start_s: clip time of the clip's start, None: it never began.
+        start_s: clip time of its beginning, None: it never began.
         end_s: clip time of its last frame, or of its last state where there are no frames.
         frames_s: clip times of the frames from start to end.
-        series: (clip time, states by id) from start to end; empty for an imported video.
+        series: (clip time, states by id) from start to end; empty where there are no states.
         source: where the states come from, for people.
         sightings: every recorded state from the start on, for identities.
         tracking_m: per OT the largest longitudinal and lateral tracking error that it reported.
@@ -58,9 +66,9 @@ class Recording:
         safety: safety events.
         optics: None: the camera isn't known.
         attached: task, K*, site and log.
-        labels: beside the bag of an imported video, None where there are none; a session's aren't
-            read, since its states say more.
-        labels_file: their file.
+        labels: beside the bag, None where there are none; they are counted and decide nothing.
+        agreement: what those who looked at it wrote down, sealed and bound to it; None: nobody did.
+        observation_files: their files.
     """
 
     path: Path
@@ -77,7 +85,33 @@ class Recording:
     optics: Optics | None
     attached: Attached
     labels: Labels | None
-    labels_file: Path | None
+    agreement: Agreement | None = None
+    observation_files: tuple[Path, ...] = ()
+
+    @property
+    def road(self) -> RoadFacts | None:
+        """The road that is bound to the recording, with road type and boundaries where known."""
+        road = self.provenance.road
+        if road is None:
+            return None
+        imported = self.provenance.imported
+        about: ImportedSite | SiteBlock | None = None if imported is None else imported.site
+        if self.attached.site is not None and self.attached.task is not None:
+            chosen = self.attached.task.block.id
+            about = next((b for b in self.attached.site.blocks if b.id == chosen), None)
+        if about is None:
+            return RoadFacts(road)
+        words = {name: str(getattr(about, name)) for name in _ROAD_WORDS}
+        return RoadFacts(road, {name: word for name, word in words.items() if word != UNRESOLVED})
+
+    def within(self, crop: Crop) -> Recording:
+        """The recording as if it had been cut to its clip."""
+        return replace(
+            self,
+            frames_s=tuple(t_s for t_s in self.frames_s if crop.holds(t_s)),
+            series=[(t_s, states) for t_s, states in self.series if crop.holds(t_s)],
+            sightings=tuple(s for s in self.sightings if crop.holds(s.t_s)),
+        )
 
     def moments(self) -> list[Moment]:
         """The states at each frame, extrapolated from the newest ones."""
@@ -119,13 +153,14 @@ def find_bag(path: Path) -> Path:
 
 
 def read_recording(path: str | Path) -> Recording:
-    """Reads a recording.
+    """Reads a recording, and the observation files beside it.
 
     Args:
         path: bag directory, or a run folder that holds ``bag/``.
 
     Raises:
-        InputError: it is no recording of this project, or is damaged.
+        InputError: it is no recording of this project, or is damaged; an observation file isn't
+            of it, or was changed since it was sealed.
     """
     bag_path = find_bag(Path(path))
     with BagReader(bag_path) as bag:
@@ -145,7 +180,10 @@ def read_recording(path: str | Path) -> Recording:
     inside = [
         t for t in frames if first_s is not None and last_s is not None and first_s <= t <= last_s
     ]
-    labels_file = find_labels(bag_path) if provenance.run is None else None
+    labels_file = find_labels(bag_path)
+    footage = Footage(provenance.bag_sha256, tuple(frames))
+    observed = load_observations(bag_path, footage)
+    told = [observation for _, observation in observed]
     return Recording(
         path=bag_path,
         provenance=provenance,
@@ -165,7 +203,8 @@ def read_recording(path: str | Path) -> Recording:
         optics=_optics(bag_path) if frames_ns else None,
         attached=attached,
         labels=None if labels_file is None else load_labels(labels_file),
-        labels_file=labels_file,
+        agreement=agree(told, footage.period_s) if told else None,
+        observation_files=tuple(file for file, _ in observed),
     )
 
 

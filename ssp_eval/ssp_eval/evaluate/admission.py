@@ -7,13 +7,14 @@ A recording is known by the hash of its bag. What an audit refused is not evalua
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_file
 from ssp_eval.audit.model import AUDIT_FILE, RecordingEntry, load_audit
+from ssp_eval.recordings.crop import Crop
 
 ADMITTED, REFUSED, UNPAIRED, UNAUDITED = "admitted", "refused", "unpaired", "unaudited"
 
@@ -26,22 +27,16 @@ class Admission:
         status: admitted, refused, unpaired, or unaudited where no audit knows the bag.
         audit_sha256: hash of the audit's file, None where there is none.
         reasons: of a refusal, the primary one first; or why an audit doesn't hold any more.
-        by_labels: the audit rests on labels, since the recording has no states.
-        labels_sha256: hash of what these labels say, None where there were none.
         verdict_sha256: hash of the runner's verdict.json as the audit read it.
+        crop: the clip that the audit compared (METHOD 4.1), which is evaluated and nothing else;
+            None: the whole recording.
     """
 
     status: str = UNAUDITED
     audit_sha256: str | None = None
     reasons: tuple[str, ...] = ()
-    by_labels: bool = False
-    labels_sha256: str | None = None
     verdict_sha256: str | None = None
-
-    @property
-    def read(self) -> tuple[str | None, str | None]:
-        """What the audit read beside the MCAP file."""
-        return (self.labels_sha256, self.verdict_sha256)
+    crop: Crop | None = None
 
     @property
     def refusal(self) -> str | None:
@@ -50,28 +45,19 @@ class Admission:
             return None
         return f"refused by the audit: {'; '.join(self.reasons)}"
 
-    def held_against(self, labels_sha256: str | None, verdict_sha256: str | None) -> Admission:
-        """The admission, if what the audit read beside the MCAP file is as it was then.
+    def held_against(self, verdict_sha256: str | None) -> Admission:
+        """The admission, if the verdict that the audit read beside the MCAP file is as it was then.
 
         A refusal stays: it needs another audit to be lifted. Whatever else it says isn't said of
-        other labels or of another verdict: the recording is unaudited then.
+        another verdict: the recording is unaudited then.
 
         Args:
-            labels_sha256: of the labels that the recording is scored against (labels_version).
             verdict_sha256: of verdict.json in the bag, None where there is none.
         """
-        if self.status in (REFUSED, UNAUDITED):
+        if self.status in (REFUSED, UNAUDITED) or verdict_sha256 == self.verdict_sha256:
             return self
-        why = []
-        if self.by_labels and labels_sha256 != self.labels_sha256:
-            why.append(
-                f"the audit rests on the labels {self.labels_sha256}, these are {labels_sha256}"
-            )
-        if verdict_sha256 != self.verdict_sha256:
-            why.append(
-                f"the audit read the verdict {self.verdict_sha256}, the bag's is {verdict_sha256}"
-            )
-        return replace(self, status=UNAUDITED, reasons=tuple(why)) if why else self
+        why = f"the audit read the verdict {self.verdict_sha256}, the bag's is {verdict_sha256}"
+        return replace(self, status=UNAUDITED, reasons=(why,))
 
     def to_json(self) -> dict[str, Any]:
         """As it stands in cell.json."""
@@ -79,6 +65,7 @@ class Admission:
             "status": self.status,
             "audit_sha256": self.audit_sha256,
             "reasons": list(self.reasons),
+            "crop": None if self.crop is None else asdict(self.crop),
         }
 
 
@@ -108,9 +95,12 @@ def load_admissions(files: Iterable[Path]) -> dict[str, Admission]:
                     file=file,
                     remedy="give the audit that this evaluation is to go by",
                 )
-            if known[0].read != admission.read:
+            if (known[0].verdict_sha256, known[0].crop) != (
+                admission.verdict_sha256,
+                admission.crop,
+            ):
                 raise InputError(
-                    f"is of other labels or another verdict of {entry.name} than {known[1]}",
+                    f"is of another verdict or another clip of {entry.name} than {known[1]}",
                     file=file,
                     remedy="give the audit that this evaluation is to go by",
                 )
@@ -128,7 +118,6 @@ def admission_of(entry: RecordingEntry, audit_sha256: str) -> Admission:
         status=entry.status,
         audit_sha256=audit_sha256,
         reasons=tuple(f"{reason.text} ({reason.detail})" for reason in entry.reasons),
-        by_labels=entry.evidence == "reviewed",
-        labels_sha256=entry.labels_sha256,
         verdict_sha256=entry.verdict_sha256,
+        crop=None if entry.crop is None else Crop(**entry.crop.model_dump()),
     )

@@ -21,7 +21,7 @@ from ssp_eval.evaluate.clip import Clip
 from ssp_eval.evaluate.labelled import LabelledClip
 from ssp_eval.evaluate.model_spec import ModelSpec
 from ssp_eval.evaluate.plan import Plan, plan_of
-from ssp_eval.labels.model import Labels, labels_version, load_labels
+from ssp_eval.labels.model import Labels, load_labels
 from ssp_eval.labels.proposal.basis import Truth
 from ssp_eval.labels.proposal.propose import propose_by_plan
 from ssp_eval.labels.proposal.truth import truth_from_bag
@@ -112,7 +112,8 @@ def _propose(clips: Sequence[Clip]) -> None:
 def _labelled(
     clip: Clip, labels: Labels, source: str, proposed: bool, admission: Admission
 ) -> LabelledClip:
-    held = admission.held_against(labels_version(labels), clip.provenance.verdict_sha256)
+    held = admission.held_against(clip.provenance.verdict_sha256)
+    clip.crop_to(held.crop)
     return LabelledClip(clip, labels, source, proposed, held)
 
 

@@ -7,7 +7,7 @@ it is built, so that the memory used doesn't grow with the recording.
 from __future__ import annotations
 
 from array import array
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import cached_property
@@ -26,6 +26,7 @@ from ssp_core.names import CAMERA_IMAGE, CAMERA_INFO, CAMERA_MOUNT, VUT_ID, abso
 from ssp_core.state import ObjectState
 from ssp_eval.evaluate.bag_content import BagContent
 from ssp_eval.evaluate.question import KeptQuestions, NoQuestion, Question
+from ssp_eval.recordings.crop import Crop
 from ssp_eval.recordings.provenance import Provenance, read_provenance
 from ssp_eval.score import DEFAULT
 from ssp_vla_bridge.core.camera import geometry_of, mounting_of
@@ -60,6 +61,12 @@ class _Entries:
     def __getitem__(self, index: int) -> _Entry:
         return _Entry(self.stamps_ns[index], self._log_times_ns[index])
 
+    def within(self, first_ns: int, last_ns: int) -> _Entries:
+        """Those whose stamps lie between two instants, ends included."""
+        low = bisect_left(self.stamps_ns, first_ns)
+        high = bisect_right(self.stamps_ns, last_ns)
+        return _Entries([self[index] for index in range(low, high)])
+
 
 class Clip(Closing):
     """A recorded session or an imported video, open for evaluation; a context manager.
@@ -90,6 +97,7 @@ class Clip(Closing):
         self._state_stamps = self._states.stamps_ns
         self._frame_stamps = self._frames.stamps_ns
         self._kept = KeptQuestions()
+        self.crop: Crop | None = None
         start_ns = self._told.session_start_ns
         self.start_ns = self._frame_stamps[0] if start_ns is None else start_ns
 
@@ -177,6 +185,25 @@ class Clip(Closing):
             InputError: a file of the bag can't be read, or was changed since the clip was opened.
         """
         return self._kept.get(label_t_s, rules, self._made)
+
+    def crop_to(self, crop: Crop | None) -> None:
+        """From here on the recording is as if it had been cut to a clip (METHOD 4.1).
+
+        No frame and no state outside it is in any question, so that a recording with a long
+        run-up gives a model no more than its source clip does.
+
+        Args:
+            crop: on the recording's clip clock; None: the whole recording.
+        """
+        if crop is None:
+            return
+        first_ns = self.start_ns + seconds_to_ns(crop.start_s)
+        last_ns = self.start_ns + seconds_to_ns(crop.end_s)
+        self._frames = self._frames.within(first_ns, last_ns)
+        self._states = self._states.within(first_ns, last_ns)
+        self._frame_stamps, self._state_stamps = self._frames.stamps_ns, self._states.stamps_ns
+        self.crop = crop
+        self.forget_questions()
 
     def forget_questions(self) -> None:
         """Gives free what is kept of questions, once all models were asked."""

@@ -45,4 +45,11 @@ class LabelledClip:
                 f"the labels are for event version {self.labels.event_version}, the recording "
                 f"realises {facts.event_version}"
             )
+        crop = self.clip.crop
+        outside = [x.t_s for x in self.labels.labels if crop is not None and not crop.holds(x.t_s)]
+        if crop is not None and outside:
+            return (
+                f"the label at {outside[0]:g} s lies outside the clip that the audit compared, "
+                f"{crop.start_s:.3f} to {crop.end_s:.3f} s; `ssp labels new` plans labels inside it"
+            )
         return None

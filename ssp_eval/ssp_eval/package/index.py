@@ -167,7 +167,7 @@ class Index:
         Of several copies it is one with the labels and the verdict that the audit read.
         """
         copies = self.copies.get(audited.bag_sha256, [])
-        named = (audited.labels_sha256, audited.verdict_sha256)
+        named = (None if audited.labels is None else audited.labels.sha256, audited.verdict_sha256)
 
         def unlike(copy: FileEntry) -> bool:
             labels, verdict = self.labels_beside(copy), self.verdict_beside(copy)

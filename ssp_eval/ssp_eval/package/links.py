@@ -178,9 +178,8 @@ class Links:
         if file is None:
             return
         audit = parse_model(Audit, self._contents.mapping(file), file.path)
-        labels = self._index.labels_version(self._contents.beside(entry.path, LABELS_FILE))
         told = {
-            admission_of(r, file.sha256).held_against(labels, facts["hashes"].get("verdict")).status
+            admission_of(r, file.sha256).held_against(facts["hashes"].get("verdict")).status
             for r in audit.recordings
             if r.bag_sha256 == bag
         }
@@ -209,10 +208,11 @@ class Links:
             file = self._index.verdict_beside(place)
             file = file if file is not None and file.sha256 == named else None
             self._add("verdict", path, f"{at}.verdict_sha256", file, named, "verdict")
-        if (named := audited.labels_sha256) is not None:
+        if audited.labels is not None:
+            named = audited.labels.sha256
             file = self._index.labels_beside(place)
             file = file if file is not None and self._index.labels_version(file) == named else None
-            self._add("labels", path, f"{at}.labels_sha256", file, named, "labels file")
+            self._add("labels", path, f"{at}.labels.sha256", file, named, "labels file")
 
     def _labels(self, entry: FileEntry) -> None:
         version = self._contents.mapping(entry).get("event_version")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 TOPOLOGY = "topology"
@@ -28,6 +28,12 @@ class Property:
 
     words: Mapping[str, tuple[str, ...]] | None
     how: str
+
+    def without(self, parts: Collection[str]) -> Property:
+        """The same without these parts: what may differ between domains isn't compared."""
+        if self.words is None or not parts:
+            return self
+        return Property({k: v for k, v in self.words.items() if k not in parts}, self.how)
 
     @property
     def text(self) -> str:

@@ -1,0 +1,217 @@
+"""Where q(d, k) and the phases of a recording come from, and nothing else counts (METHOD 4.3).
+
+*Measured* from recorded states, *reviewed* in the K* for its own source clip, *observed* by a
+person. What is measured counts before what somebody says; an observation that differs from it
+refuses the recording.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from ssp_eval.audit.expected import PHASES_FIELD, Timeline, expected_properties, review_of, timeline
+from ssp_eval.audit.reasons import Finding
+from ssp_eval.audit.recording import Recording
+from ssp_eval.recordings.agreement import Agreement
+from ssp_eval.recordings.properties import EVENT_PHASES, FIELDS, Property, differences
+from ssp_scenario_manager.spec.model import Event
+
+Source = Literal["states", "reviewed", "observed", "unverified"]
+
+# A person who picks frames at 10 Hz can be two frames off.
+OBSERVED_TOLERANCE_S = 0.25
+# A crop may be off by one frame at 10 Hz.
+CROP_TOLERANCE_S = 0.11
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What one source says of a recording.
+
+    Args:
+        source: states, reviewed or observed.
+        said_by: for people: which states, which K*, who looked.
+        properties: q(d, k) of the fields that it says something about. One whose words are None was
+            looked for and isn't there, which is no silence.
+        starts: clip times of the phases that it locates, s; None: it doesn't speak of phases.
+    """
+
+    source: Source
+    said_by: str
+    properties: Mapping[str, Property]
+    starts: Mapping[str, float] | None
+
+
+@dataclass(frozen=True)
+class Value:
+    """One q(d, k) with where it comes from."""
+
+    property: Property
+    source: Source
+    said_by: str
+
+
+UNVERIFIED = Value(
+    Property(None, "neither measured nor observed, and not the K*'s source clip"), "unverified", ""
+)
+
+
+def combined(said: Sequence[Evidence]) -> dict[str, Value]:
+    """q(d, k) per field: of several sources the first that has one, part by part.
+
+    Args:
+        said: in the order in which they count.
+    """
+    found: dict[str, Value] = {}
+    for name in FIELDS:
+        values = [(one, one.properties[name]) for one in said if name in one.properties]
+        if not values:
+            found[name] = UNVERIFIED
+            continue
+        first, value = values[0]
+        words = dict(value.words or {})
+        how, said_by, source = value.how, first.said_by, first.source
+        for other, more in values[1:]:
+            added = {part: w for part, w in (more.words or {}).items() if part not in words}
+            if value.words is not None and added:
+                words |= added
+                how += f"; {', '.join(p.replace('_', ' ') for p in added)}: {other.said_by}"
+                source = other.source
+        found[name] = Value(
+            Property(words if value.words is not None else None, how), source, said_by
+        )
+    return found
+
+
+def contradictions(said: Sequence[Evidence]) -> list[Finding]:
+    """Where an observation differs from what counts before it (METHOD 4.3)."""
+    if not said:
+        return []
+    first, found = said[0], []
+    for other in said[1:]:
+        for name, observed in other.properties.items():
+            counts = first.properties.get(name)
+            if counts is None or observed.words is None:
+                continue
+            parts = counts.without([p for p in counts.words or {} if p not in observed.words])
+            differing = differences(observed, parts)
+            if differing is None or differing:
+                told = "; ".join(f"{p} {a}, not {b}" for p, (a, b) in (differing or {}).items())
+                found.append(
+                    Finding(
+                        "observation_differs",
+                        f"{name.replace('_', ' ')}: {other.said_by} says "
+                        f"{told or observed.text}; {first.said_by}: {counts.how}",
+                    )
+                )
+        for phase, t_s in (other.starts or {}).items():
+            known_s = (first.starts or {}).get(phase)
+            if first.starts is None:
+                continue
+            if known_s is None or abs(t_s - known_s) > OBSERVED_TOLERANCE_S:
+                known = "is nowhere" if known_s is None else f"is at {known_s:.2f} s"
+                found.append(
+                    Finding(
+                        "observation_differs",
+                        f"the {phase}: {other.said_by} says {t_s:.2f} s; by {first.said_by} it "
+                        f"{known}",
+                    )
+                )
+    return found
+
+
+def observed(agreement: Agreement) -> Evidence:
+    """What a person saw, or what several persons saw alike."""
+    seen = {k: q for k, q in agreement.properties().items() if q.words is not None}
+    starts = agreement.phase_starts()
+    return Evidence("observed", f"observed by {agreement.by}", seen, starts or None)
+
+
+def is_source_clip(recording: Recording, event: Event | None) -> bool:
+    """True for the very clip that the K* was taken from: its hash is the K*'s source hash."""
+    imported = recording.provenance.imported
+    return (
+        event is not None
+        and imported is not None
+        and event.source.sha256 is not None
+        and imported.source_sha256 == event.source.sha256
+        and imported.domain == "synthetic"
+    )
+
+
+def reviewed(recording: Recording, event: Event) -> tuple[Evidence, list[Finding]]:
+    """What persons decided of the source clip, and what of it isn't decided.
+
+    Args:
+        recording: the source clip (is_source_clip).
+        event: the K* that was taken from it.
+    """
+    findings = _other_crop(recording, timeline(event))
+    review, wanted = review_of(event), expected_properties(event)
+    properties = {}
+    for name in FIELDS:
+        gaps, value = review.gaps[name], wanted[name]
+        if gaps or value.words is None:
+            why = "; ".join(gaps) or value.how
+            findings.append(Finding("unverified", f"{name.replace('_', ' ')}: {why}"))
+        else:
+            how = f"reviewed in the K*; evidence: {review.evidence[name]}"
+            properties[name] = Property(value.words, how)
+    starts: dict[str, float] | None = None
+    if review.gaps[PHASES_FIELD]:
+        findings.append(Finding("unverified", f"phases: {'; '.join(review.gaps[PHASES_FIELD])}"))
+    else:
+        starts = phase_starts(timeline(event))
+    return Evidence("reviewed", f"reviewed in K* {event.name}", properties, starts), findings
+
+
+def phase_starts(times: Timeline) -> dict[str, float]:
+    """Starts of the phases in the source's clip time: intervals enter with their middle."""
+    if times.start is None:
+        return {}
+    zero_s = times.start.middle_s
+    found = {name: getattr(times, name) for name in EVENT_PHASES}
+    return {name: when.middle_s - zero_s for name, when in found.items() if when is not None}
+
+
+def half_widths(times: Timeline) -> dict[str, float]:
+    """Half the width of the phases' times, s, where they are intervals."""
+    found = {name: getattr(times, name) for name in EVENT_PHASES}
+    return {
+        name: when.half_s for name, when in found.items() if when is not None and when.half_s > 0.0
+    }
+
+
+def unknown_source(recording: Recording, event: Event | None) -> str | None:
+    """Why a video without states and observation isn't taken for the source clip, for people."""
+    imported = recording.provenance.imported
+    if event is None or imported is None:
+        return None
+    if event.source.sha256 is None:
+        return (
+            "the K* doesn't know its source's hash and qualifies no video; `ssp spec clip` writes "
+            "a K* that does"
+        )
+    if imported.source_sha256 != event.source.sha256:
+        return f"the video is {imported.source_sha256}, the K* was taken from {event.source.sha256}"
+    return f"the K*'s source clip is synthetic, and this is declared {imported.domain}"
+
+
+def _other_crop(recording: Recording, times: Timeline) -> list[Finding]:
+    imported = recording.provenance.imported
+    found = []
+    for name, when in (("start", times.start), ("end", times.end)):
+        given = None if imported is None else imported.crop.get(f"{name}_s")
+        if when is None or not isinstance(given, int | float) or not math.isfinite(given):
+            continue
+        if not when.low_s - CROP_TOLERANCE_S <= given <= when.high_s + CROP_TOLERANCE_S:
+            found.append(
+                Finding(
+                    "other_source",
+                    f"the crop's {name} is {given:g} s, the K*'s clip's is {when.middle_s:g} s",
+                )
+            )
+    return found

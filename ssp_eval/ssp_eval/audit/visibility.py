@@ -1,0 +1,170 @@
+"""How much of the critical phases the camera shows, by whoever can say so (METHOD 4.3, 4.4).
+
+Projected from states, CameraInfo and mount; of the K*'s source clip as persons reviewed it; else as
+a person saw it.
+"""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import Literal
+
+from ssp_eval.audit.coverage import Moment, object_sight, zone_sight
+from ssp_eval.audit.expected import PHASES_FIELD, review_of, seen_field
+from ssp_eval.audit.measure import Measured, Phases
+from ssp_eval.audit.model import CoverageEntry, SightEntry
+from ssp_eval.audit.reasons import Finding
+from ssp_eval.audit.recording import Recording
+from ssp_eval.recordings.agreement import Agreement
+from ssp_scenario_manager.spec.model import UNRESOLVED, Event
+
+# The conflict region among what is seen.
+_ZONE = ""
+
+
+def examine_coverage(
+    recording: Recording,
+    event: Event | None,
+    measured: Measured | None,
+    moments: Sequence[Moment],
+    agreement: Agreement | None,
+    is_source: bool,
+    phases: Phases | None,
+) -> tuple[CoverageEntry, list[Finding]]:
+    """Coverage from trigger to resolution, and what of it is too little.
+
+    Args:
+        recording: within its clip.
+        event: the K*, which says how much must be visible; None: there is none at hand.
+        measured: None without states.
+        moments: the states at each frame.
+        agreement: of those who looked at it; None: nobody did.
+        is_source: it is the K*'s source clip.
+        phases: None: nobody located any.
+    """
+    if not recording.frames_s:
+        return CoverageEntry(source="none"), []
+    unknown = None
+    if event is None:
+        unknown = "without a K* nobody says how much must be visible"
+    elif phases is None or phases.critical_s is None:
+        unknown = "without a trigger there are no critical phases"
+    if unknown is not None or event is None or phases is None:
+        return CoverageEntry(source="none"), [Finding("coverage_unknown", unknown or "", math.inf)]
+    needed = event.constraints.camera.visible_fraction.min or 0.0
+    if measured is not None and recording.optics is not None:
+        return _projected(recording, event, measured, moments, needed)
+    if is_source:
+        return _reviewed(event, needed)
+    if agreement is not None:
+        seen = agreement.answers.visibility
+        shares = {who: one.share for who, one in seen.participants.items()}
+        shares[_ZONE] = seen.conflict_region.share
+        return _judged(shares, needed, f"seen by {agreement.by}", "observed")
+    why = "the camera's geometry isn't recorded" if measured else "there are no states"
+    detail = f"{why}, and nobody wrote down what he saw"
+    return CoverageEntry(source="none"), [Finding("coverage_unknown", detail, math.inf)]
+
+
+def _projected(
+    recording: Recording,
+    event: Event,
+    measured: Measured,
+    moments: Sequence[Moment],
+    needed: float,
+) -> tuple[CoverageEntry, list[Finding]]:
+    who, optics, span = (
+        recording.provenance.participants,
+        recording.optics,
+        measured.phases.critical_s,
+    )
+    if who is None or optics is None or span is None:
+        return CoverageEntry(source="none"), []
+    rate_hz = event.constraints.camera.rate.min
+    period_s = 1.0 / rate_hz if rate_hz else _period_s(recording.frames_s)
+    in_zone = measured.initiator if measured.initiator != who.vut else measured.affected
+    findings, sights = [], {}
+    for target in [name for name in who.targets if name in event.participants]:
+        found = object_sight(moments, span, period_s, optics, who.vut, target)
+        sights[target] = SightEntry(
+            fraction=found.fraction, needed=needed, how="projected box, trigger to resolution"
+        )
+        if found.fraction is not None and found.fraction < needed - 1e-9:
+            text = _lost(target, found.fraction, needed, found.first_lost_s, measured.phases)
+            findings.append(Finding("participant_off_camera", text, found.first_lost_s))
+    zone = None
+    if measured.zone is not None and in_zone is not None:
+        reached_s = measured.zone_until_s
+        until_s = span[1] if reached_s is None else min(span[1], max(reached_s, span[0]))
+        found = zone_sight(
+            moments, (span[0], until_s), period_s, optics, who.vut, in_zone, measured.zone
+        )
+        zone = SightEntry(
+            fraction=found.fraction,
+            needed=needed,
+            how="projected ground, from the trigger until the VUT reaches it or it is resolved",
+        )
+        if found.fraction is not None and found.fraction < needed - 1e-9:
+            text = _lost("the zone", found.fraction, needed, found.first_lost_s, measured.phases)
+            findings.append(Finding("zone_off_camera", text, found.first_lost_s))
+    frames = sum(span[0] <= t_s <= span[1] for t_s in recording.frames_s)
+    notes = []
+    if recording.provenance.camera == "assumed":
+        notes.append("the camera's values are somebody's guess")
+    entry = CoverageEntry(
+        source="projection", participants=sights, zone=zone, frames=frames, notes=notes
+    )
+    return entry, findings
+
+
+def _reviewed(event: Event, needed: float) -> tuple[CoverageEntry, list[Finding]]:
+    """Of the source clip: where a person reviewed in which direction an OT is seen, it is seen."""
+    review = review_of(event)
+    seen: dict[str, float | None] = {}
+    for who, participant in event.participants.items():
+        if participant.role == "OT":
+            cells = [event.motion.get(who, {}).get(phase) for phase in ("trigger", "conflict")]
+            known = [cell for cell in cells if cell is not None and cell.position != UNRESOLVED]
+            reviewed = not review.gaps[seen_field(who)]
+            seen[who] = len(known) / len(cells) if reviewed else None
+    zone = None if review.gaps[PHASES_FIELD] else 1.0
+    return _judged(
+        {**seen, _ZONE: zone}, needed, "reviewed in the K*: positions and evidence", "reviewed"
+    )
+
+
+def _judged(
+    seen: Mapping[str, float | None],
+    needed: float,
+    how: str,
+    source: Literal["observed", "reviewed"],
+) -> tuple[CoverageEntry, list[Finding]]:
+    """Shares that a person gives, by participant; the conflict region's under _ZONE."""
+    sights = {k: SightEntry(fraction=f, needed=needed, how=how) for k, f in seen.items()}
+    findings = []
+    for who, fraction in seen.items():
+        name = "the conflict region" if who == _ZONE else who
+        if fraction is None:
+            findings.append(Finding("coverage_unknown", f"{name}: {how}, but not of it"))
+        elif fraction < needed - 1e-9:
+            code = "zone_off_camera" if who == _ZONE else "participant_off_camera"
+            text = f"{name} is visible for {100 * fraction:.0f} %, needed are {100 * needed:.0f} %"
+            findings.append(Finding(code, f"{text} ({how})"))
+    zone = sights.pop(_ZONE, None)
+    return CoverageEntry(source=source, participants=sights, zone=zone), findings
+
+
+def _period_s(frames_s: Sequence[float]) -> float:
+    gaps = [b - a for a, b in pairwise(frames_s)]
+    return statistics.median(gaps) if gaps else 0.1
+
+
+def _lost(who: str, fraction: float, needed: float, t_s: float | None, phases: Phases) -> str:
+    text = f"{who} is visible for {100 * fraction:.0f} %, needed are {100 * needed:.0f} %"
+    if t_s is None:
+        return text
+    in_conflict = phases.conflict_s is not None and t_s >= phases.conflict_s
+    return f"{text}; lost first at {t_s:.2f} s, in the {'conflict' if in_conflict else 'trigger'}"
