@@ -228,8 +228,11 @@ def k_star_poses(
 
 
 def lanes_of(count: int) -> list[dict[str, Any]]:
-    """Lanes in the VUT's direction, from the right."""
-    return [{"y_m": LANE_M * n, "width_m": LANE_M, "direction": "forward"} for n in range(count)]
+    """Lanes in the VUT's direction, from the right; where there are several, as many oncoming."""
+    words = ["forward"] * count + ["backward"] * (count if count > 1 else 0)
+    return [
+        {"y_m": LANE_M * n, "width_m": LANE_M, "direction": word} for n, word in enumerate(words)
+    ]
 
 
 def made_up_site(domain: str, lanes: int = 1) -> Site:
@@ -266,10 +269,11 @@ def made_up_site(domain: str, lanes: int = 1) -> Site:
 
 def made_up_task(site: Site, event_name: str, validated_by: dict[str, str] | None) -> Task:
     """A task as a compiler leaves it; its run is that of run_file."""
-    version = load_event(event_name)[1]
+    event, version = load_event(event_name)
+    event_name = event.name
     links = {"event_version": version, "site_version": site_version(site)}
     run = {**run_file(event_name, site.domain, site.stand_in), **links}
-    run["road"] = {**run["road"], "lanes": lanes_of(len(site.blocks[0].lanes))}
+    run["road"] = {**run["road"], "lanes": [lane.model_dump() for lane in site.blocks[0].lanes]}
     here = {"s_m": 100.0, "l_m": 0.0, "x_m": 100.0, "y_m": 0.0}
     block = site.blocks[0].model_dump(mode="json")
     task = Task.model_validate(
@@ -320,7 +324,8 @@ def write_task(
     write_text(folder / "event.yaml", find_shipped(event, "event").read_text())
     record = {
         "kind": "tuning", "when": "2025-03-01T09:00:00Z", "who": "ssp compile",
-        "subject": f"task {event}", "version": task.version, "reason": "middle of the range",
+        "subject": f"task {task.event.name}", "version": task.version,
+        "reason": "middle of the range",
     }  # fmt: skip
     append_record(folder / "log.jsonl", Record.model_validate(record))
     return folder

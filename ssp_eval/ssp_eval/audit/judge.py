@@ -29,7 +29,6 @@ from ssp_eval.audit.model import (
 from ssp_eval.audit.ratios import phase_difference, property_retention
 from ssp_eval.audit.reasons import Finding, Reason, explain
 from ssp_eval.audit.recording import Recording
-from ssp_eval.labels.model import labels_version
 from ssp_eval.recordings.event_rules import event_thresholds
 from ssp_eval.recordings.properties import (
     EVENT_PHASES,
@@ -326,7 +325,6 @@ def _labels(one: Examined) -> LabelCount | None:
     per_phase = {phase: sum(x.phase == phase for x in labels.labels) for phase in PHASES}
     outside = 0 if crop is None else sum(not crop.holds(x.t_s) for x in labels.labels)
     return LabelCount(
-        sha256=labels_version(labels),
         plan=labels.plan,
         per_phase=per_phase,
         outside_crop=outside,

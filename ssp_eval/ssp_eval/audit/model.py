@@ -87,9 +87,9 @@ class ObservationsEntry(Strict):
 
 
 class LabelCount(Strict):
-    """Labels that lie beside the recording (METHOD 4.5); they decide nothing here."""
+    """Labels that lay beside the recording (METHOD 4.5). They decide nothing here, so that they may
+    be reviewed afterwards; whoever scores with them counts them anew."""
 
-    sha256: str = Field(description="of what the labels say")
     plan: Literal["phase", "clock"]
     per_phase: dict[PhaseWord, Annotated[int, Field(ge=0)]]
     outside_crop: Annotated[int, Field(ge=0)] = 0
@@ -132,7 +132,7 @@ class RecordingEntry(Strict):
     ``facts`` are measured quantities with their unit in the name, null where they don't exist;
     ``contradictions`` are between what was recorded during the run and what the states say.
     What lies outside the MCAP file and was read all the same is bound by its hash: verdict.json of
-    a session and observation files by their bytes, labels by what they say.
+    a session and observation files by their bytes.
     """
 
     domain: DomainWord

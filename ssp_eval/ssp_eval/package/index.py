@@ -17,8 +17,6 @@ from ssp_core.names import CAMERA_IMAGE, absolute
 from ssp_core.run_spec import RunSpec
 from ssp_core.verdict import VERDICT_FILE
 from ssp_eval.audit.model import RecordingEntry
-from ssp_eval.evaluate.campaign import labels_places
-from ssp_eval.labels.model import labels_version, parse_labels
 from ssp_eval.package.contents import Contents
 from ssp_eval.package.model import FileEntry
 from ssp_eval.recordings.import_record import IMPORT_ATTACHMENT, ImportRecord
@@ -111,7 +109,6 @@ class Index:
         self.sources: dict[str, str] = {}  # path of a K*: hash of the clip that it was taken from
         self.tasks = self._versions("task", self._task)
         self.events = self._versions("event", self._event)
-        self.labels = self._versions("labels", self._labels)
         self.recordings: dict[str, Recording] = {}
         self.copies: dict[str, list[FileEntry]] = {}  # the same bytes may lie at several places
         for entry in self._bags():
@@ -148,36 +145,18 @@ class Index:
         """The runner's verdict in the folder of an MCAP file."""
         return self.contents.beside(recording.path, VERDICT_FILE)
 
-    def labels_beside(self, recording: FileEntry) -> FileEntry | None:
-        """The labels that an audit of this bag reads: in it, or beside it."""
-        place = PurePosixPath(recording.path)
-        if self.contents.beside(recording.path, "metadata.yaml") is not None:
-            place = place.parent
-        found = (self.contents.by_path.get(str(path)) for path in labels_places(place))
-        return next((entry for entry in found if entry is not None), None)
-
-    def labels_version(self, labels: FileEntry | None) -> str | None:
-        """Hash of what labels say; None where there are none, or none that can be read."""
-        found = (version for version, files in self.labels.items() if labels in files)
-        return next(found, None)
-
     def place_of(self, audited: RecordingEntry) -> FileEntry | None:
         """The MCAP file of a recording that an audit is of; None: it isn't in the package.
 
-        Of several copies it is one with the labels and the verdict that the audit read.
+        Of several copies it is one with the verdict that the audit read.
         """
         copies = self.copies.get(audited.bag_sha256, [])
-        named = (None if audited.labels is None else audited.labels.sha256, audited.verdict_sha256)
 
         def unlike(copy: FileEntry) -> bool:
-            labels, verdict = self.labels_beside(copy), self.verdict_beside(copy)
-            has_labels = named[0] is None or named[0] == self.labels_version(labels)
-            return not has_labels or named[1] != (None if verdict is None else verdict.sha256)
+            verdict = self.verdict_beside(copy)
+            return audited.verdict_sha256 != (None if verdict is None else verdict.sha256)
 
         return min(copies, key=lambda copy: (unlike(copy), copy.path), default=None)
-
-    def _labels(self, entry: FileEntry) -> str:
-        return labels_version(parse_labels(self.contents.mapping(entry), entry.path))
 
     def _site(self, entry: FileEntry) -> str:
         return site_version(parse_model(Site, self.contents.mapping(entry), entry.path))

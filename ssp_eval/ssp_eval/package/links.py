@@ -200,7 +200,7 @@ class Links:
             self._version("event_version", entry.path, "event_version", audit.event_version, "K*")
 
     def _beside(self, path: str, at: str, audited: RecordingEntry) -> None:
-        """What an audit read outside the MCAP file: labels and the runner's verdict."""
+        """What an audit read outside the MCAP file: the runner's verdict, and observations."""
         place = self._index.place_of(audited)
         if place is None:
             return
@@ -208,11 +208,11 @@ class Links:
             file = self._index.verdict_beside(place)
             file = file if file is not None and file.sha256 == named else None
             self._add("verdict", path, f"{at}.verdict_sha256", file, named, "verdict")
-        if audited.labels is not None:
-            named = audited.labels.sha256
-            file = self._index.labels_beside(place)
-            file = file if file is not None and self._index.labels_version(file) == named else None
-            self._add("labels", path, f"{at}.labels.sha256", file, named, "labels file")
+        seen = {} if audited.observations is None else audited.observations.files
+        for name, digest in seen.items():
+            file = self._contents.with_hash(digest, place.path, "observation")
+            field = f"{at}.observations.files.{name}"
+            self._add("observation", path, field, file, digest, "observation")
 
     def _labels(self, entry: FileEntry) -> None:
         version = self._contents.mapping(entry).get("event_version")

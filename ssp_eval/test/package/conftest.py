@@ -28,6 +28,8 @@ from ssp_eval.package.make import make_package
 from ssp_scenario_manager.compile.task import load_task
 from ssp_scenario_manager.spec.load import load_event
 from ssp_scenario_manager.spec.model import Event
+from ssp_scenario_manager.spec.seal import seal_event
+from ssp_scenario_manager.spec.write import write_event
 
 Writer = Callable[..., Path]
 MODEL = "constant_velocity"
@@ -75,12 +77,18 @@ def evidence(
 ) -> Path:
     """What a demonstration leaves of one scenario and one model."""
     root = tmp_path_factory.mktemp("evidence") / "demo"
-    event, version = load_event("cut_in")
+    clip = root / "clips" / "cut_in.avi"
+    write_video(clip)
+    k_star = str(root / "clips" / "cut_in.event.yaml")
+    event = load_event("cut_in")[0]
+    source = event.source.model_copy(update={"sha256": sha256_file(clip)})
+    write_event(Path(k_star), seal_event(event.model_copy(update={"source": source})))
+    event, version = load_event(k_star)
     bags = {}
     checked = None
     for domain in ("simulation", "physical"):
         run = root / "runs" / f"cut_in-{domain}"
-        task = task_writer(run / "task", domain, validated_by=checked, lanes=2)
+        task = task_writer(run / "task", domain, event=k_star, validated_by=checked, lanes=2)
         bags[domain] = bag_writer(run / "bag", domain=domain, task=task, like_k_star=True)
         shutil.copy(task / "run.yaml", run / "run.yaml")
         checked = {
@@ -88,8 +96,6 @@ def evidence(
             "task_version": load_task(task).version,
             "bag_sha256": bag_hash(bags[domain]),
         }
-    clip = root / "clips" / "cut_in.avi"
-    write_video(clip)
     bags["synthetic"] = root / "runs" / "cut_in-synthetic" / "bag"
     assert main(
         ["import-video", str(clip), "--ego-unknown", "--generator", str(event.source.generator),

@@ -165,18 +165,7 @@ def test_a_refusal_that_was_wiped_out_is_caught(
     assert 'recordings[2].status: says "admitted", and the recordings give "refused"' in out
 
 
-def test_labels_that_an_audit_read_are_bound_to_it(package: Path) -> None:
-    def change(value: Value) -> None:
-        value["labels"][3]["position"] = None
-
-    path = f"{RUNS}synthetic/labels.json"
-    replace(package, path, change)
-    (finding, *_) = found_in(package, AUDIT)
-    assert "recordings[0].labels_sha256: names a labels file that is not in the" in finding.text
-    assert len(finding.breaks) == 3
-
-
-def test_labels_of_a_session_are_not(package: Path) -> None:
+def test_labels_may_be_reviewed_after_the_audit_that_counted_them(package: Path) -> None:
     path = f"{RUNS}simulation/labels.json"
     replace(package, path, lambda value: value["labels"].pop())
     assert found_in(package, AUDIT) == []
@@ -199,16 +188,6 @@ def test_a_verdict_is_bound_to_audit_and_cell(package: Path) -> None:
     assert (AUDIT, "recordings[1].verdict_sha256") in texts
     cell = "demo/cells/cut_in__simulation__constant_velocity/cell.json"
     assert (cell, "hashes.verdict") in texts
-
-
-def test_a_cell_may_not_call_admitted_what_has_other_labels(package: Path) -> None:
-    """The audit of a video rests on its labels; a cell that was scored with others says so."""
-    folder = "demo/cells/cut_in__synthetic__constant_velocity"
-    replace(
-        package, f"{folder}/labels.json", lambda value: value["labels"][0].update(position=None)
-    )
-    texts = [f.text for f in found_in(package, f"{folder}/cell.json")]
-    assert f"admission.status: is admitted, and by {AUDIT} it is unaudited" in texts
 
 
 def test_paths_that_cannot_lie_side_by_side_are_a_finding(package: Path) -> None:
