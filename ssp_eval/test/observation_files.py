@@ -33,7 +33,7 @@ def answers() -> dict[str, Any]:
         "topology": {
             "segment": "straight",
             "lanes_same_direction": 2,
-            "lanes_opposite": 0,
+            "lanes_opposite": 2,
             "vut_lane": "rightmost",
             "road_type": "urban",
             "left_boundary": "kerb",
