@@ -36,6 +36,7 @@ from ssp_eval.labels.proposal.propose import propose
 from ssp_eval.labels.proposal.truth import truth_from_bag
 from ssp_eval.labels.proposal_file import is_unreviewed
 from ssp_eval.report.load import load_cells
+from ssp_eval.report.page import write_report
 from ssp_eval.score.aggregate import means
 from ssp_scenario_manager.spec.load import load_event
 
@@ -169,6 +170,9 @@ def test_domains_that_do_not_compare_by_their_labels_stay_out_of_domain_means(
         rows = rows_from_cells(cells)
         told = {one.kind: one for one in notices(rows, cells) if "Labels of" in one.text
                 or "the labels of" in one.text}  # fmt: skip
+        page = write_report(out).read_text()
+        assert ("not comparable between domains by its labels" in page) == (name == "grid")
+        assert "in approach/trigger/conflict/resolution by " in page
         table = matrix_table(rows)
         keys = [column.key for column in table.columns]
         remarks = {row[keys.index("remark")] for row in table.rows}

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 
 from ssp_eval.analysis.failure_table import STAGE_NAMES
+from ssp_eval.analysis.rows import compared_labels
 from ssp_eval.evaluate.admission import UNAUDITED, UNPAIRED
 from ssp_eval.report import svg
 from ssp_eval.report.load import CellData
@@ -49,6 +50,7 @@ def shade(value: float) -> str:
 
 def matrix(cells: Sequence[CellData]) -> str:
     """The figure as SVG, one row per cell, in the order given (scenarios together)."""
+    apart = {name for name, found in compared_labels(cells).items() if not found.comparable}
     # Names longer than usual push everything that follows them to the right.
     longest = min(_MOST_LETTERS, max((len(_name(cell)) for cell in cells), default=0))
     push = max(0.0, longest * _LETTER - _NAME)
@@ -60,7 +62,10 @@ def matrix(cells: Sequence[CellData]) -> str:
         if cell.scenario != scenario:
             scenario, domain = cell.scenario, None
             parts.append(svg.element("rect", x=0, y=y, width=width, height=_BAND, class_="band"))
-            parts.append(svg.text(10, y + 20, scenario.replace("_", " "), class_="scenario"))
+            title = scenario.replace("_", " ")
+            if scenario in apart:
+                title += ": not comparable between domains by its labels, in no domain mean"
+            parts.append(svg.text(10, y + 20, title, class_="scenario"))
             y += _BAND
         if cell.domain != domain:
             domain = cell.domain
