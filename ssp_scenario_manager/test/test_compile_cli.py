@@ -466,7 +466,9 @@ def test_a_contradiction_in_a_site_names_its_file(
     text = (LIBRARY / "sites" / "boulevard.site.yaml").read_text()
     path.write_text(text.replace("block: main", "block: other"))
     assert compile_to("cut_in", "sumo", "--site", str(path)) == 1
-    assert f"{path}: ot_reachable[0].block" in capsys.readouterr().err.replace("\n", "")
+    said = capsys.readouterr().err.replace("\n", "")
+    assert f"{path}: has 5 errors" in said
+    assert "ot_reachable[0].block" in said
 
 
 @pytest.mark.parametrize("out", ["/proc/nowhere", "a" * 300])
