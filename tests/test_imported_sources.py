@@ -7,6 +7,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import yaml
@@ -15,19 +16,25 @@ from ssp_core.bag import BagReader
 from ssp_core.cli import main
 from ssp_core.state import DEFAULT_SIZES, ObjectState
 from ssp_core.vocab import PHASES, ObjectClass, Role
+from ssp_eval.audit.examine import examine
+from ssp_eval.audit.recording import read_recording
 from ssp_eval.recordings.import_record import ImportedSite
 from ssp_eval.recordings.provenance import read_provenance
 from ssp_ot_controller.camera.clip import write_clip
 from ssp_ot_controller.camera.storyboard import storyboard
 from ssp_scenario_manager.site import find_shipped
+from ssp_scenario_manager.spec.load import load_event
 from ssp_scenario_manager.topology.load import load_library
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "ssp_eval" / "test" / "imports"))
 
 from foreign_recordings import (
+    INFO,
     TrackDay,
+    camera_info,
     event_of,
     imported,
+    jpeg,
     starts,
     truth,
     write_bag,
@@ -78,6 +85,43 @@ def test_a_session_as_a_plain_bag_measures_the_same_event(
     assert {label["phase"] for label in labels} == set(PHASES)
     (block,) = load_library(find_shipped("boulevard", "site")).blocks
     assert [lane.y_m for lane in provenance.road.lanes] == [lane.y_m for lane in block.lanes]
+
+
+def test_the_audit_finds_nothing_but_what_nobody_declared(
+    session: TrackDay, tmp_path: Path
+) -> None:
+    size = (640, 480)
+    lens = camera_info(session.zero_ns, 320.0, size)
+    frames = session.messages(lambda ns, image: jpeg(ns, cv2.resize(image, size)))
+    source = write_bag(tmp_path / "day", [*frames, ("/info", INFO, session.zero_ns, lens)])
+    given = ("--camera-info", "/info", "--mount", "1.6,0,1.4,2", "--domain", "physical",
+             "--site", "boulevard", "--event", "cut_in")  # fmt: skip
+    log = (
+        "--log-by",
+        "B. Safety",
+        "--safety-abort",
+        "no",
+        "--identity-switch",
+        "no",
+        "--site-change",
+        "none",
+        "--declared-by",
+        "A",
+        "--declared-on",
+        "2026-03-01",
+        "--place",
+        "x",
+    )
+    event, version = load_event("cut_in")
+    found = []
+    for name, declared in (("declared", log), ("not", ())):
+        out = tmp_path / name
+        assert main(["import-bag", str(source), *OBJECTS, *given, *declared,
+                     "--out", str(out)]) == 0  # fmt: skip
+        found.append(examine(read_recording(out), event, version))
+    assert [finding.detail for finding in found[0].findings] == []
+    unverified = [finding for finding in found[1].findings if finding.code == "unverified"]
+    assert len(unverified) == len(found[1].findings) > 0
 
 
 def test_a_session_as_a_video_with_a_table_measures_the_same_event(
