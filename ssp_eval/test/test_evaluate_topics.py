@@ -106,9 +106,11 @@ def test_the_command_line_reaches_1_with_the_perfect_bridge(
         "perfect": False, "constant_velocity": True, "copy_history": True, "silent": True,
     }  # fmt: skip
     assert [line["sent"] for line in lines.values()] == [9] * 4
-    assert printed.err.startswith(
+    told = " ".join(printed.err.split())
+    assert "labels in approach/trigger/conflict/resolution, cut_in: simulation 4/0/5/0" in told
+    assert (
         "4 cells, 36 questions; of these 27 for controls: 27 to answerers of our own "
-        "(--no-controls leaves them out)\n"
+        "(--no-controls leaves them out)" in told
     )
 
 
