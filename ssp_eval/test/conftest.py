@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from ssp_core.bag import BagWriter
+from ssp_core.bag.qos import offered_qos
 from ssp_core.bag.types import serialize, typestore
 from ssp_core.files import write_json, write_text
 from ssp_core.vocab import ControlState, ObjectClass, Role, SessionPhase, Verdict
@@ -100,7 +101,9 @@ class RunBag:
     def write(self, topic: str, message: Any, stamp_ns: int) -> None:
         if topic not in self.topics:
             self.topics.add(topic)
-            self.writer.add_topic(topic, message.__msgtype__)
+            latched = topic.rpartition("/")[2] in ("session_state", "camera_info", "mount")
+            qos = offered_qos(10, transient_local=latched)
+            self.writer.add_topic(topic, message.__msgtype__, qos)
         self.count += 1
         log_ns = LOG_START_NS + self.count * 1_000_000
         self.writer.write(topic, serialize(message), log_ns, log_ns - 500)

@@ -19,6 +19,10 @@ from ssp_core.bag.video_type import VIDEO_TYPE
 from ssp_core.bag.writer import BagWriter
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder
+from ssp_core.names import SESSION_STATE, absolute
+from ssp_core.verdict import VERDICT_FILE
+
+_SESSION = absolute(SESSION_STATE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,8 +63,9 @@ def cut_bag(
     Types, quality of service, times, sequence numbers and attachments are kept. Of latched topics
     the messages that were valid when the span begins are written too, at its beginning and with
     the publish time they had. Of video the frames from the keyframe before the span on are kept,
-    at their own times, so that its first picture can be decoded. The target is whole or not
-    there.
+    at their own times, so that its first picture can be decoded. Of a session the last word on its
+    state stands at the end of the span, and verdict.json goes with the bag: a part keeps the
+    verdict of the whole. The target is whole or not there.
 
     Args:
         source: bag directory or .mcap file.
@@ -84,6 +89,9 @@ def cut_bag(
             with BagWriter(scratch / "bag", name=f"{target.name}_0") as writer:
                 cut = _Cut(bag, writer, wanted, advance)
                 cut.copy(start_ns, stop_ns)
+            told = (source if source.is_dir() else source.parent) / VERDICT_FILE
+            if told.is_file():
+                shutil.copyfile(told, scratch / "bag" / VERDICT_FILE)
             (scratch / "bag").rename(target)
         finally:
             shutil.rmtree(scratch, ignore_errors=True)
@@ -119,6 +127,17 @@ class _Cut:
             self._before(start_ns)
         for message in self._bag.messages(self._topics, start_ns, stop_ns):
             self._write(message)
+        if stop_ns is not None and _SESSION in self._topics:
+            self._last_word(stop_ns)
+
+    def _last_word(self, stop_ns: int) -> None:
+        """How the session ended, if that came after the span."""
+        last = None
+        for message in self._bag.messages([_SESSION], stop_ns):
+            last = message
+        if last is not None:
+            end_ns = stop_ns - 1 if self._last_ns is None else self._last_ns
+            self._write(last._replace(log_time_ns=end_ns))
 
     def _attach(self) -> None:
         for path in self._bag.files:
