@@ -95,14 +95,16 @@ def show(found: Audit) -> None:
     unbounded = console.out.options.update(max_width=_WIDEST)
     table.width = console.out.measure(table, options=unbounded).maximum
     console.out.print(table)
+    if found.labels is not None:
+        console.note(f"labels per phase: {found.labels}")
     for r in found.recordings:
         for reason in r.reasons:
             console.out.print(f"{r.domain}: {reason.text}: {reason.detail}", markup=False)
             for following in reason.consequences:
                 console.out.print(f"  so {following.text}: {following.detail}", markup=False)
         console.note(f"{r.domain}: {r.domain_said_by}")
-        if r.crop is not None and (r.crop.short_before_s > 0.0 or r.crop.short_after_s > 0.0):
-            console.note(f"{r.domain}: {r.disclosures.get('clip', '')}")
+        if "clip" in r.disclosures:
+            console.note(f"{r.domain}: {r.disclosures['clip']}")
         if r.stand_in:
             console.note(f"{r.domain} is a software stand-in, not a vehicle")
         for contradiction in r.contradictions:

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from ssp_core import __version__
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_file
-from ssp_core.vocab import DOMAINS, PHASES
+from ssp_core.vocab import DOMAINS
 from ssp_eval.audit.compare import property_findings
 from ssp_eval.audit.disclosures import disclosures, shared_renderers
 from ssp_eval.audit.examine import examine
@@ -29,6 +29,7 @@ from ssp_eval.audit.model import (
 from ssp_eval.audit.ratios import phase_difference, property_retention
 from ssp_eval.audit.reasons import Finding, Reason, explain
 from ssp_eval.audit.recording import Recording
+from ssp_eval.labels.comparable import compare_labels, phase_counts
 from ssp_eval.recordings.event_rules import event_thresholds
 from ssp_eval.recordings.properties import (
     EVENT_PHASES,
@@ -122,6 +123,7 @@ def judge(recordings: Sequence[Recording], event: Event | None = None) -> Judged
         else entry
         for entry, others in zip(entries, shared, strict=True)
     ]
+    labelled = {r.provenance.domain: r.labels for r in recordings if r.labels is not None}
     thresholds = None if event is None else event_thresholds(event)
     audit = Audit(
         software=f"ssp {__version__}",
@@ -129,6 +131,7 @@ def judge(recordings: Sequence[Recording], event: Event | None = None) -> Judged
         event_version=version,
         weights={field: weights.get(field, 1.0) for field in FIELDS},
         thresholds={} if thresholds is None else thresholds.model_dump(),
+        labels=compare_labels(labelled).line if labelled else None,
         recordings=entries,
     )
     return Judged(audit, examined)
@@ -322,11 +325,10 @@ def _labels(one: Examined) -> LabelCount | None:
     labels, crop = one.recording.labels, one.crop
     if labels is None:
         return None
-    per_phase = {phase: sum(x.phase == phase for x in labels.labels) for phase in PHASES}
     outside = 0 if crop is None else sum(not crop.holds(x.t_s) for x in labels.labels)
     return LabelCount(
         plan=labels.plan,
-        per_phase=per_phase,
+        per_phase=phase_counts(labels),
         outside_crop=outside,
     )
 

@@ -181,6 +181,9 @@ class Audit(Strict):
     event_version: str | None
     weights: dict[str, float]
     thresholds: dict[str, float | None]
+    labels: str | None = Field(
+        None, description="labels per phase, and whether domains compare by them (METHOD 4.5)"
+    )
     recordings: Annotated[list[RecordingEntry], Field(min_length=3, max_length=3)]
 
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)

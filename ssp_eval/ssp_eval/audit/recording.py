@@ -62,7 +62,7 @@ class Recording:
         source: where the states come from, for people.
         sightings: every recorded state from the start on, for identities.
         tracking_m: per OT the largest longitudinal and lateral tracking error that it reported.
-        phase_events: clip times of the phases as they were recorded during the run.
+        phase_events: clip times of the phases as the run announced them.
         safety: safety events.
         optics: None: the camera isn't known.
         attached: task, K*, site and log.

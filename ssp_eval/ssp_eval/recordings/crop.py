@@ -12,6 +12,8 @@ from dataclasses import dataclass
 # METHOD 4.1: approach and resolution count as located if so much of each lies in the clip.
 LOCATED_S = 0.5
 TOLERANCE_S = 1e-9
+# K*'s times are rounded to milliseconds.
+_SHOWN_S = 0.0015
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,9 +57,9 @@ class Crop:
     def shortfall(self) -> str:
         """By how much the recording is short of the window; empty where it isn't."""
         parts = []
-        if self.short_before_s > TOLERANCE_S:
+        if self.short_before_s > _SHOWN_S:
             parts.append(f"begins {self.short_before_s:.3f} s late")
-        if self.short_after_s > TOLERANCE_S:
+        if self.short_after_s > _SHOWN_S:
             parts.append(f"ends {self.short_after_s:.3f} s early")
         return " and ".join(parts)
 
