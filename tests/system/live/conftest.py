@@ -17,9 +17,12 @@ from typing import Any
 import pytest
 
 from ssp_core.files import write_text
+from ssp_scenario_manager.compile.changes import differences
 from ssp_scenario_manager.compile.compiler import Request, compile_task
 from ssp_scenario_manager.compile.task import RUN_FILE
 from ssp_scenario_manager.compile.writer import write_task_files
+from ssp_scenario_manager.spec.log import LOG_FILE, Record
+from ssp_scenario_manager.spec.log_file import append_record
 
 DEADLINE_S = 60.0
 ODOMETRY = "/ins/odometry"
@@ -222,8 +225,14 @@ def _compile(scenario: str, folder: Path) -> Path:
     limits = run.limits.model_copy(update={**lax, "error_longitudinal_m": 4.0, "ack_s": 2.0})
     middle = [sum(axis) / len(run.geofence) for axis in zip(*run.geofence, strict=True)]
     fence = [(2.0 * x - middle[0], 2.0 * y - middle[1]) for x, y in run.geofence]
-    text = run.model_copy(update={"limits": limits, "geofence": fence}).model_dump_json(
-        by_alias=True, indent=1
-    )
+    changed = run.model_copy(update={"limits": limits, "geofence": fence})
+    for difference in differences(run, changed):
+        record = Record(
+            kind="site_change", when="2025-03-01T09:30:00Z", who="A. Tester", subject=run.scenario,
+            field=difference.field, old=difference.compiled, new=difference.executed,
+            reason="the machine may be busy",
+        )  # fmt: skip
+        append_record(folder / LOG_FILE, record)
+    text = changed.model_dump_json(by_alias=True, indent=1)
     write_text(folder / RUN_FILE, text + "\n")
     return folder
