@@ -12,6 +12,7 @@ import yaml
 
 from ssp_core.cli import main
 from ssp_core.errors import InputError
+from ssp_core.hashing import sha256_json
 from ssp_core.run_spec import RunSpec
 from ssp_scenario_manager.compile.prepare import TASK_FOLDER, mode_of, prepare_run
 from ssp_scenario_manager.compile.task import load_task
@@ -115,6 +116,20 @@ def test_a_broken_seal_is_refused(compiled: Path, tmp_path: Path) -> None:
     (compiled / "task.json").write_text(json.dumps(value))
     with pytest.raises(InputError, match="was changed after it was compiled"):
         prepare(compiled, tmp_path / "run")
+
+
+def test_a_task_of_an_earlier_version_keeps_its_seal(compiled: Path) -> None:
+    """It was sealed without the fields that came later."""
+    value = json.loads((compiled / "task.json").read_text())
+    del value["run"]["passing"], value["version"], value["run"]["task_version"]
+    version = sha256_json(value)
+    value["version"] = value["run"]["task_version"] = version
+    (compiled / "task.json").write_text(json.dumps(value))
+    assert load_task(compiled).version == version
+    value["run"]["seed"] += 1
+    (compiled / "task.json").write_text(json.dumps(value))
+    with pytest.raises(InputError, match="was changed after it was compiled"):
+        load_task(compiled)
 
 
 def test_a_missing_file_is_named(compiled: Path, tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from ssp_eval.audit.axis import phase_axis
 from ssp_eval.audit.judge import Judged
 from ssp_eval.audit.model import Audit, PropertyEntry, RecordingEntry
 from ssp_eval.audit.reasons import TABLE
-from ssp_eval.recordings.properties import FIELDS
+from ssp_eval.recordings.properties import FIELDS, TOPOLOGY
 from ssp_eval.templates import templates
 
 _HERE = Path(__file__).parent
@@ -61,7 +61,11 @@ def field_rows(audit: Audit) -> list[FieldRows]:
     rows = []
     for field in FIELDS:
         entries = [recording.properties[field] for recording in audit.recordings]
-        names = dict.fromkeys(name for entry in entries for name in entry.words or {})
+        varying = {part for recording in audit.recordings for part in recording.varying}
+        apart = varying if field == TOPOLOGY else set()
+        names = dict.fromkeys(
+            name for entry in entries for name in entry.words or {} if name not in apart
+        )
         parts = [
             PartRow(
                 name.replace("_", " ") if len(names) > 1 else "",

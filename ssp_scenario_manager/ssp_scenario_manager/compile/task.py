@@ -131,10 +131,20 @@ class Task(Strict):
 
 
 def content_hash(task: Task) -> str:
-    """Hash of everything but the seal itself and the run's copy of it."""
-    value: dict[str, Any] = task.model_dump(mode="json", by_alias=True)
-    value.pop("version")
-    value["run"].pop("task_version")
+    """Hash of everything but the seal itself and the run's copy of it.
+
+    A task of an earlier version of the software was sealed without the fields that came later:
+    where what its file says fits its seal, that is its hash.
+    """
+    as_written = _hash_of(task.model_dump(mode="json", by_alias=True, exclude_unset=True))
+    if as_written == task.version:
+        return as_written
+    return _hash_of(task.model_dump(mode="json", by_alias=True))
+
+
+def _hash_of(value: dict[str, Any]) -> str:
+    value.pop("version", None)
+    value["run"].pop("task_version", None)
     return sha256_json(value)
 
 
