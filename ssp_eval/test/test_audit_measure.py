@@ -16,7 +16,7 @@ from ssp_core.run_spec import ConflictThresholds, CurvePiece, Lane, Road, Start
 from ssp_core.state import DEFAULT_SIZES, ObjectState
 from ssp_core.vocab import ObjectClass, Role
 from ssp_eval.audit.compare import phase_findings, property_findings
-from ssp_eval.audit.expected import expected_properties, varying_parts
+from ssp_eval.audit.expected import expected_properties, outside_ranges, varying_parts
 from ssp_eval.audit.lanes import Lanes
 from ssp_eval.audit.measure import Measured, RoadFacts, Scene, measure
 from ssp_eval.audit.reasons import explain
@@ -302,6 +302,15 @@ def test_a_conflict_that_never_ends() -> None:
     early = replace(whole, series=[x for x in whole.series if x[0] <= 6.6], end_s=6.6)
     assert measure(early).phases.conflict_s is not None
     assert codes("cut_in", measure(early)) == ["conflict_unresolved"]
+
+
+def test_a_one_way_road_does_not_agree_with_two_lanes_each_way() -> None:
+    """The oncoming lanes of the shipped cut-in vary, but not down to none (METHOD 4.2)."""
+    event = load_event("cut_in")[0]
+    one_way = [Lane(y_m=y, width_m=3.5, direction="forward") for y in (0.0, 3.5)]
+    found = measure(cut_in(road=road(lanes=one_way))).properties[TOPOLOGY]
+    assert outside_ranges(event, found) == ["lanes_opposite 0, K* has 1 to 2"]
+    assert outside_ranges(event, measure(cut_in()).properties[TOPOLOGY]) == []
 
 
 def test_another_road_and_another_class() -> None:
