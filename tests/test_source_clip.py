@@ -12,7 +12,7 @@ from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_file
 from ssp_eval.recordings.source_clip import board_of, bound_event, measure_clip
-from ssp_ot_controller.camera.storyboard import INTERACTIONS
+from ssp_ot_controller.camera.storyboard import INTERACTIONS, storyboard
 from ssp_ot_controller.camera.storyboards.base import LANE_M, LaneCounts
 from ssp_scenario_manager.spec.checks import check_event
 from ssp_scenario_manager.spec.diff import differences
@@ -23,7 +23,7 @@ from ssp_scenario_manager.spec.model import Event, WordField
 SHA256 = "sha256:" + "a" * 64
 
 
-def bound(event: Event, seed: int, lanes: LaneCounts | None = None) -> Event:
+def bound(event: Event, seed: int, lanes: tuple[int, int] | None = None) -> Event:
     board = board_of(event, seed, lanes)
     return bound_event(event, board, measure_clip(event, board), SHA256)
 
@@ -76,8 +76,8 @@ def test_another_seed_is_another_event_that_holds_every_check(name: str, seed: i
 @pytest.mark.parametrize(("same", "opposite"), [(1, 1), (1, 0), (2, 1), (3, 2)])
 def test_part_t_has_the_lanes_that_were_drawn(same: int, opposite: int) -> None:
     shipped, _ = load_event("lead_braking")
-    board = board_of(shipped, 1, LaneCounts(same, opposite))
-    event = bound(shipped, 1, LaneCounts(same, opposite))
+    board = storyboard("lead_braking", 1, LaneCounts(same, opposite))
+    event = bound(shipped, 1, (same, opposite))
     assert check_event(event) == []
     road = event.topology
     assert road.lanes_same_direction.value == same
@@ -92,7 +92,7 @@ def test_part_t_has_the_lanes_that_were_drawn(same: int, opposite: int) -> None:
 def test_what_the_generator_cannot_draw_is_refused() -> None:
     shipped, _ = load_event("cut_in")
     with pytest.raises(InputError, match=r"1\+1 lanes"):
-        board_of(shipped, 1, LaneCounts(1, 1))
+        board_of(shipped, 1, (1, 1))
     curve = shipped.topology.model_copy(update={"segment": WordField(value="curve", identity=True)})
     with pytest.raises(InputError, match="it draws straight"):
         board_of(shipped.model_copy(update={"topology": curve}), 1)

@@ -22,11 +22,9 @@ from ssp_core.files import make_folder
 from ssp_core.geometry import Polyline
 from ssp_core.hashing import sha256_file
 from ssp_core.run_spec import ConflictThresholds
+from ssp_core.source_clip import ClipBoard, clip_maker
 from ssp_core.vocab import PHASES, PhaseWord
 from ssp_eval.recordings.phases import find_event, samples_of
-from ssp_ot_controller.camera.clip import GENERATOR, truth_path, write_clip
-from ssp_ot_controller.camera.storyboard import Storyboard, storyboard
-from ssp_ot_controller.camera.storyboards.base import LaneCounts
 from ssp_scenario_manager.compile.compiler import EventRefused, checked_event
 from ssp_scenario_manager.interactions import KINDS
 from ssp_scenario_manager.spec.checks import check_event
@@ -37,7 +35,11 @@ from ssp_scenario_manager.spec.model import CountField, Event, Interval, Topolog
 from ssp_scenario_manager.spec.seal import seal_event, seals
 from ssp_scenario_manager.spec.write import write_event
 
+# Lanes with and against the VUT.
+LaneCounts = tuple[int, int]
+
 WHO = "ssp spec clip"
+_USUAL_LANES: LaneCounts = (2, 2)
 _LANE_CHANGES = ("lane_change_left", "lane_change_right")
 # What a storyboard draws, whatever the event says.
 _DRAWN = {
@@ -58,7 +60,7 @@ class Drawn:
     fps: float
 
 
-def board_of(event: Event, seed: int, lanes: LaneCounts | None = None) -> Storyboard:
+def board_of(event: Event, seed: int, lanes: LaneCounts | None = None) -> ClipBoard:
     """The clip of an event before it is drawn.
 
     Args:
@@ -90,10 +92,10 @@ def board_of(event: Event, seed: int, lanes: LaneCounts | None = None) -> Storyb
             )
     shown = [road.lanes_same_direction.value, road.lanes_opposite.value]
     same, opposite = (count if isinstance(count, int) else 2 for count in shown)
-    return storyboard(interaction.type, seed, lanes or LaneCounts(same, opposite))
+    return clip_maker().board_of(interaction.type, seed, *(lanes or (same, opposite)))
 
 
-def measure_clip(event: Event, board: Storyboard) -> Drawn:
+def measure_clip(event: Event, board: ClipBoard) -> Drawn:
     """The phases of a clip, found in its ground truth with the event's thresholds (METHOD 1).
 
     Raises:
@@ -124,7 +126,7 @@ def measure_clip(event: Event, board: Storyboard) -> Drawn:
     return Drawn(starts_s, frames, len(times) - 1, board.fps)
 
 
-def bound_event(event: Event, board: Storyboard, drawn: Drawn, sha256: str) -> Event:
+def bound_event(event: Event, board: ClipBoard, drawn: Drawn, sha256: str) -> Event:
     """The event as this clip shows it: source, part T and part E, with the seals that held.
 
     Args:
@@ -136,16 +138,17 @@ def bound_event(event: Event, board: Storyboard, drawn: Drawn, sha256: str) -> E
     held = {path for path, seal in seals(event).items() if event.uncertainty[path].seal == seal}
     counts = sum(lane.direction == "forward" for lane in board.road.lanes)
     original = f"{board.scenario} seed {board.seed}"
-    if len(board.road.lanes) != LaneCounts().total or counts != LaneCounts().same:
-        original += f", lanes {counts}+{len(board.road.lanes) - counts}"
+    opposite = len(board.road.lanes) - counts
+    if (counts, opposite) != _USUAL_LANES:
+        original += f", lanes {counts}+{opposite}"
     value = event.model_dump(mode="json", by_alias=True)
     value["source"] = {
-        "generator": GENERATOR,
+        "generator": clip_maker().GENERATOR,
         "original": original,
         "sha256": sha256,
         "rate": _at(board.fps, "Hz"),
     }
-    value["topology"] = _road(event.topology, counts, len(board.road.lanes) - counts)
+    value["topology"] = _road(event.topology, counts, opposite)
     value["events"] = _events(board, drawn)
     value["uncertainty"] = {
         path: entry | {"source": _source(entry["source"], event, original, drawn)}
@@ -169,7 +172,7 @@ def _road(road: Topology, same: int, opposite: int) -> dict[str, Any]:
     return value
 
 
-def _events(board: Storyboard, drawn: Drawn) -> dict[str, Any]:
+def _events(board: ClipBoard, drawn: Drawn) -> dict[str, Any]:
     """Part E: exact starts, and evidence from each phase's first frame to the next phase's."""
     ends = [*(drawn.first_frames[phase] for phase in PHASES), drawn.last_frame]
     part: dict[str, Any] = {"clip": {"start": _at(0.0, "s"), "end": _at(board.duration_s, "s")}}
@@ -199,7 +202,10 @@ def _source(text: str, event: Event, original: str, drawn: Drawn) -> str:
     def of_this_clip(numbers: re.Match[str]) -> str:
         return re.sub(r"\d+", lambda n: str(frames.get(int(n[0]), n[0])), numbers[0])
 
-    return re.sub(r"frames? [\d, -]+", of_this_clip, before) + f"{GENERATOR} {original}{after}"
+    return (
+        re.sub(r"frames? [\d, -]+", of_this_clip, before)
+        + f"{clip_maker().GENERATOR} {original}{after}"
+    )
 
 
 def _at(value: float, unit: str) -> dict[str, Any]:
@@ -216,7 +222,7 @@ def _lanes(_: click.Context, __: click.Parameter, text: str | None) -> LaneCount
     found = re.fullmatch(r"(\d)\+(\d)", text)
     if found is None:
         raise click.BadParameter(f"{text}: type lanes with and against the VUT, such as 1+1")
-    return LaneCounts(int(found[1]), int(found[2]))
+    return int(found[1]), int(found[2])
 
 
 @click.command("clip")
@@ -263,16 +269,16 @@ def clip_command(event: str, seed: int, lanes: LaneCounts | None, out: Path, for
     make_folder(out)
     with console.progress(f"drawing {video.name}", len(board.times())) as bar:
         task = bar.task_ids[0]
-        write_clip(board, video, lambda: bar.advance(task))
+        clip_maker().write_clip(board, video, lambda: bar.advance(task))
     bound = bound_event(k_star, board, drawn, sha256_file(video))
     write_event(bound_path, bound)
     append_records(log_path(bound_path), [_record(bound, board, version)])
-    click.echo(console.visible(f"{video}\n{truth_path(video)}\n{bound_path}"))
+    click.echo(console.visible(f"{video}\n{clip_maker().truth_path(video)}\n{bound_path}"))
     click.echo(f"K* {event_version(bound)}")
     return 0
 
 
-def _record(bound: Event, board: Storyboard, version: str) -> Record:
+def _record(bound: Event, board: ClipBoard, version: str) -> Record:
     """The entry of L about the source: hash, generator, original and crop (METHOD 1)."""
     return Record(
         kind="source",

@@ -20,11 +20,21 @@ from ssp_core.state import ObjectState
 from ssp_ot_controller.camera.indicators import AHEAD_S, Indicator, Indicators, side_of
 from ssp_ot_controller.camera.render import render
 from ssp_ot_controller.camera.scene import Scene
-from ssp_ot_controller.camera.storyboard import Storyboard
+from ssp_ot_controller.camera.storyboard import Storyboard, storyboard
+from ssp_ot_controller.camera.storyboards.base import LaneCounts
 from ssp_ot_controller.camera.travel import Odometer
 
 TRUTH_SCHEMA = "ssp.truth/1"
 GENERATOR = "ssp-clip/1"
+
+
+def board_of(kind: str, seed: int, same: int, opposite: int) -> Storyboard:
+    """The storyboard of a kind on a road with so many lanes with and against the VUT.
+
+    Raises:
+        InputError: the kind isn't drawn on such a road.
+    """
+    return storyboard(kind, seed, LaneCounts(same, opposite))
 
 
 def truth_path(video: Path) -> Path:
