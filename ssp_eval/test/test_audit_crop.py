@@ -25,7 +25,6 @@ from ssp_scenario_manager.spec.load import load_event
 # METHOD 5.2b's worked example: starts of trigger, conflict, resolution.
 SYNTHETIC = (3.208, 3.333, 5.5)
 SIMULATION = (10.64, 10.96, 12.14)
-PHYSICAL = (10.68, 11.0, 12.24)
 WINDOW = Window(3.208, 3.5, "the source")
 Maker = Callable[..., Path]
 

@@ -24,7 +24,6 @@ from ssp_scenario_manager.spec.seal import (
     body,
     safety_critical_fields,
     seal_event,
-    seal_of,
     seals,
     uncovered,
 )
@@ -118,7 +117,7 @@ def test_part_u_covers_every_field_with_a_seal_that_holds(event: Event) -> None:
 
 def test_seal_covers_value_and_what_is_known_of_it(event: Event) -> None:
     path = "constraints.time_gap"
-    seal, entry = seal_of(event, path), event.uncertainty[path]
+    seal, entry = seals(event)[path], event.uncertainty[path]
     for change in (
         {"confidence": 0.1},
         {"provenance": "model"},
@@ -126,7 +125,7 @@ def test_seal_covers_value_and_what_is_known_of_it(event: Event) -> None:
         {"review": "edited"},
     ):
         entries = dict(event.uncertainty) | {path: entry.model_copy(update=change)}
-        assert seal_of(event.model_copy(update={"uncertainty": entries}), path) != seal
+        assert seals(event.model_copy(update={"uncertainty": entries}))[path] != seal
 
 
 def test_holder_is_sealed_without_what_has_an_entry_of_its_own(event: Event) -> None:

@@ -151,8 +151,3 @@ def phase_findings(phases: Phases, closest: str) -> list[Finding]:
             Finding("epd_missing", f"there is no time of {' and '.join(missing)}", never)
         )
     return findings
-
-
-def _too_short(phase: str, lasts_s: float, at_s: float) -> Finding:
-    text = f"only {lasts_s:.2f} s of it lie in the clip, needed are {LOCATED_S:g} s"
-    return Finding(f"{phase}_phase", text, at_s)

@@ -61,7 +61,7 @@ def _kinds(scores: Scores, models: Sequence[str]) -> tuple[dict[str, Look], dict
     return {name: look for name, look in looks.items() if name in set(kinds.values())}, kinds
 
 
-def _points(scores: Scores, name: str, points: Mapping[str, Point]) -> LeftOut | None:
+def _points(name: str, points: Mapping[str, Point]) -> LeftOut | None:
     if not points:
         return LeftOut(name, NO_MODEL)
     if len(points) > MOST_POINTS:
@@ -76,7 +76,7 @@ def _semantics_trajectory(scores: Scores) -> Drawing | LeftOut:
         for model, group in scores.by_model.items()
         if (x := group["sem_acc_eff"].value) is not None and (y := group["tqsr"].value) is not None
     }
-    if refusal := _points(scores, name, points):
+    if refusal := _points(name, points):
         return refusal
     front = pareto_front(points)
 
@@ -125,7 +125,7 @@ def _parameters(scores: Scores) -> Drawing | LeftOut:
     others = [model for model in scores.by_model if model not in points]
     if not points and others:
         return LeftOut(name, "no model's number of active parameters is known")
-    if refusal := _points(scores, name, points):
+    if refusal := _points(name, points):
         return refusal
     low = min(x for x, _ in points.values())
     high = max(x for x, _ in points.values())

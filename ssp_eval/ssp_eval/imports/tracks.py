@@ -281,9 +281,8 @@ def make_track(samples: Samples, body: Body) -> Track:
         )
     samples = body.transform.applied(samples)
     t_s = (samples.stamps_ns - samples.stamps_ns[0]) / NS_PER_S
-    xy_m = np.column_stack([samples.x_m, samples.y_m])
-    velocity = slopes(t_s, xy_m)
-    samples, more = _with_heading(samples, body, xy_m, velocity)
+    velocity = slopes(t_s, np.column_stack([samples.x_m, samples.y_m]))
+    samples, more = _with_heading(samples, body, velocity)
     notes += more
     reported = samples.speed_mps
     samples, more = _with_speed(samples, body, t_s, velocity)
@@ -340,9 +339,7 @@ def _check_finite(samples: Samples) -> None:
             )
 
 
-def _with_heading(
-    samples: Samples, body: Body, xy_m: FloatArray, velocity: FloatArray
-) -> tuple[Samples, list[str]]:
+def _with_heading(samples: Samples, body: Body, velocity: FloatArray) -> tuple[Samples, list[str]]:
     """Headings from the source, or from the motion where it has none."""
     given = samples.yaw_rad
     if given is not None and not body.heading_from_motion:

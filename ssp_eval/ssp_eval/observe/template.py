@@ -75,11 +75,11 @@ def _lines(
         for name, item in value.items():
             yield from _lines(name, item, f"{path}.{name}", depth + 1, groups, asks)
         return
-    comment = _comment(*asks[path]) if path in asks else ""
+    comment = _comment(asks[path][1]) if path in asks else ""
     yield f"{pad}{key}: {_scalar(value)}" + (f"  # {comment}" if comment else "")
 
 
-def _comment(card: Card, ask: Ask) -> str:
+def _comment(ask: Ask) -> str:
     if ask.kind == "share":
         return "throughout | never | a share from 0 to 1"
     if ask.kind == "time":

@@ -18,7 +18,6 @@ from ssp_monitor.watch.readiness import standing_in_the_way
 
 # Older than this, nothing of a source is shown as if it were now.
 STALE_S = 1.0
-RECORDER_STALE_S = 2.5
 # Without a run file: limits as a site without its own has them.
 DEFAULT_STATE_AGE_S = 0.3
 # Which commands a session takes in which state; the manager has the last word.

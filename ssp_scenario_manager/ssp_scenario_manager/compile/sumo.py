@@ -25,8 +25,6 @@ NET_FILE, ROUTE_FILE = "road.net.xml", "run.rou.xml"
 SHAPE_FILE, CONFIG_FILE = "run.add.xml", "run.sumocfg"
 # Nobody changes lane by himself.
 _STAYS = {"lcStrategic": "-1", "lcCooperative": "-1", "lcSpeedGain": "0", "lcKeepRight": "0"}
-# Within this of a lane's centre somebody drives in it.
-_IN_LANE_M = 0.5
 
 
 def write_sumo(task: Task, folder: Path) -> list[Path]:

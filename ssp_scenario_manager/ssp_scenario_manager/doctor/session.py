@@ -139,7 +139,7 @@ def session_findings(spec: RunSpec, heard: Heard) -> list[Finding]:
     if spec.camera is not None:
         findings.append(_camera_finding(spec, heard))
     findings.append(_recorder_finding(heard))
-    findings += _manager_findings(spec, heard)
+    findings += _manager_findings(heard)
     findings += [_link_finding(spec, t.id, heard) for t in spec.targets] if heard.managers else []
     findings.append(_arming_finding(spec, heard))
     return findings
@@ -256,7 +256,7 @@ def _recorder_finding(heard: Heard) -> Finding:
     return Finding("recorder", Status.OK, "ready")
 
 
-def _manager_findings(spec: RunSpec, heard: Heard) -> list[Finding]:
+def _manager_findings(heard: Heard) -> list[Finding]:
     if not heard.managers:
         return [
             Finding(

@@ -6,7 +6,6 @@ Messages become dataclasses here; what is none is dropped and logged, which is a
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from functools import partial
 from typing import Protocol
 
@@ -30,9 +29,6 @@ from ssp_msgs.msg import (
 from ssp_scenario_manager.core.link_clock import Exchange
 from ssp_scenario_manager.core.supervisor import Violation
 from ssp_scenario_manager.core.vigil import Vigil
-
-# Told of a safety event of another node: what it saw, and the node's name.
-OnEvent = Callable[[Violation, str], None]
 
 
 class Listener(Protocol):

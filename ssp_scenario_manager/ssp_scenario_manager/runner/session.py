@@ -128,7 +128,7 @@ def run_session(
     if spec.faults:
         write_json(folder / FAULTS_FILE, followed.faults)
         write_json(folder / WITNESS_FILE, followed.witness)
-    outcome = _check_bag(group, bag, outcome, say)
+    outcome = _check_bag(bag, outcome, say)
     happened = happened_by(bag, spec)
     if bag.is_dir():
         outcome = outcome.with_word_of_recorder(read_verdict(bag))
@@ -205,9 +205,7 @@ def _shut_down(group: ProcessGroup, outcome: Outcome) -> Outcome:
     return outcome
 
 
-def _check_bag(
-    group: ProcessGroup, bag: Path, outcome: Outcome, say: Callable[[str], None]
-) -> Outcome:
+def _check_bag(bag: Path, outcome: Outcome, say: Callable[[str], None]) -> Outcome:
     """A recorder that was killed left an unfinished file; it is closed here."""
     if (bag / "metadata.yaml").is_file():
         return outcome

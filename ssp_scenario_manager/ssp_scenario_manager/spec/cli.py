@@ -16,7 +16,7 @@ from ssp_core.files import make_folder, write_json, write_text
 from ssp_scenario_manager.interactions import KINDS
 from ssp_scenario_manager.spec.checks import check_event
 from ssp_scenario_manager.spec.checks.base import show
-from ssp_scenario_manager.spec.diff import Difference, differences
+from ssp_scenario_manager.spec.diff import differences
 from ssp_scenario_manager.spec.failure import Failure, summed_up
 from ssp_scenario_manager.spec.graph import interaction_graph
 from ssp_scenario_manager.spec.load import event_version, load_event, read_event_file, refuse_old
@@ -255,11 +255,11 @@ def diff(first: str, second: str, as_json: bool) -> int:
     click.echo(visible(f"{first}  {old_version}\n{second}  {new_version}"))
     for item in found:
         click.echo(f"\n  {click.style(visible(item.field), bold=True)}")
-        _print_side("-", "red", item, item.old, missing=item.where == "second")
-        _print_side("+", "green", item, item.new, missing=item.where == "first")
+        _print_side("-", "red", item.old, missing=item.where == "second")
+        _print_side("+", "green", item.new, missing=item.where == "first")
     return 1
 
 
-def _print_side(sign: str, colour: str, item: Difference, value: Any, *, missing: bool) -> None:
+def _print_side(sign: str, colour: str, value: Any, *, missing: bool) -> None:
     text = "(not there)" if missing else visible(show(value))
     click.echo(click.style(f"    {sign} {text}", fg=colour))

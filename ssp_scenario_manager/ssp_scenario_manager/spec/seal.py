@@ -80,16 +80,6 @@ def uncovered(event: Event, value: Mapping[str, Any] | None = None) -> list[str]
     ]
 
 
-def seal_of(event: Event, path: str) -> str:
-    """What the seal of an entry must be, as the event stands.
-
-    Raises:
-        LookupError: the event has no such entry or no such field.
-    """
-    entries = event.uncertainty
-    return _seal(body(event), path, entries, _below(entries).get(path, ()))
-
-
 def seals(event: Event, value: Mapping[str, Any] | None = None) -> dict[str, str]:
     """What the seal of every entry must be; entries that name no field are left out."""
     value = body(event) if value is None else value

@@ -66,11 +66,6 @@ class ByHand:
         return self._session is SessionPhase.ARMED and all(self._armed.values())
 
     @property
-    def was_armed(self) -> bool:
-        """The session has been armed or is past it."""
-        return self._session >= SessionPhase.ARMED
-
-    @property
     def problems(self) -> tuple[str, ...]:
         """Why the run can't start; empty while it may, or when it has."""
         asked = self._start_asked_at
