@@ -12,15 +12,17 @@ from ssp_core.bag import BagReader
 from ssp_core.bag.cut import cut_bag
 from ssp_core.messages import peek_stamp_ns
 from ssp_core.vocab import ControlState, Verdict
+from ssp_eval.audit.evidence import phase_starts
 from ssp_eval.audit.examine import examine
 from ssp_eval.audit.examined import Examined
 from ssp_eval.audit.ratios import phase_difference, phase_fraction, property_retention
 from ssp_eval.audit.reasons import explain
 from ssp_eval.audit.recording import read_recording
 from ssp_eval.recordings.crop import Window, crop_of
-from ssp_eval.recordings.event_rules import window_of
+from ssp_eval.recordings.event_rules import event_thresholds, source_times, window_of
 from ssp_eval.recordings.properties import FIELDS, Property
 from ssp_scenario_manager.spec.load import load_event
+from ssp_scenario_manager.spec.model import Event
 
 # METHOD 5.2b's worked example: starts of trigger, conflict, resolution.
 SYNTHETIC = (3.208, 3.333, 5.5)
@@ -94,6 +96,26 @@ def test_the_window_of_a_k_star_is_that_of_its_source() -> None:
     window = window_of(load_event("cut_in")[0])
     assert window is not None
     assert (window.before_s, window.after_s) == (pytest.approx(3.208), pytest.approx(3.5))
+
+
+def test_times_and_thresholds_of_a_k_star_in_ms_are_those_in_s() -> None:
+    event, _ = load_event("vru_crossing")
+    value = event.model_dump(mode="json", by_alias=True)
+    for part in (*value["events"].values(), value["constraints"]["thresholds"]):
+        for quantity in part.values():
+            if isinstance(quantity, dict):
+                assert quantity["unit"] == "s"
+                quantity |= {"unit": "ms", "min": _thousandfold(quantity["min"])}
+                quantity["max"] = _thousandfold(quantity["max"])
+    in_ms = Event.model_validate(value)
+    assert phase_starts(source_times(in_ms)) == pytest.approx(phase_starts(source_times(event)))
+    limits, same = event_thresholds(in_ms), event_thresholds(event)
+    assert limits.ttc_s == pytest.approx(same.ttc_s)
+    assert limits.arrival_gap_s == pytest.approx(same.arrival_gap_s)
+
+
+def _thousandfold(value: float | None) -> float | None:
+    return None if value is None else 1000.0 * value
 
 
 # -- on recordings ---------------------------------------------------------------------------------

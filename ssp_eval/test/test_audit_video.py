@@ -16,17 +16,18 @@ from ssp_core.cli import main
 from ssp_core.hashing import sha256_file
 from ssp_eval.audit.examine import examine, version_findings
 from ssp_eval.audit.examined import Examined
-from ssp_eval.audit.expected import expected_properties, review_of, timeline
+from ssp_eval.audit.expected import expected_properties, review_of
 from ssp_eval.audit.judge import judge
 from ssp_eval.audit.reasons import explain
 from ssp_eval.audit.recording import Recording, read_recording
+from ssp_eval.recordings.event_rules import source_times
 from ssp_eval.recordings.properties import FIELDS
 from ssp_scenario_manager.spec.load import event_version, load_event
 from ssp_scenario_manager.spec.model import Event
 from ssp_scenario_manager.spec.seal import seal_event
 
 EVENT, VERSION = load_event("cut_in")
-TIMES = timeline(EVENT)
+TIMES = source_times(EVENT)
 
 
 @pytest.fixture(scope="module")

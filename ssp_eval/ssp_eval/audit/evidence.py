@@ -12,10 +12,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from ssp_eval.audit.expected import PHASES_FIELD, Timeline, expected_properties, review_of, timeline
+from ssp_eval.audit.expected import PHASES_FIELD, expected_properties, review_of
 from ssp_eval.audit.reasons import Finding
 from ssp_eval.audit.recording import Recording
 from ssp_eval.recordings.agreement import Agreement
+from ssp_eval.recordings.event_rules import SourceTimes, source_times
 from ssp_eval.recordings.properties import EVENT_PHASES, FIELDS, Property, differences
 from ssp_scenario_manager.spec.model import Event
 
@@ -149,7 +150,7 @@ def reviewed(recording: Recording, event: Event) -> tuple[Evidence, list[Finding
         recording: the source clip (is_source_clip).
         event: the K* that was taken from it.
     """
-    findings = _other_crop(recording, timeline(event))
+    findings = _other_crop(recording, source_times(event))
     review, wanted = review_of(event), expected_properties(event)
     properties = {}
     for name in FIELDS:
@@ -164,11 +165,11 @@ def reviewed(recording: Recording, event: Event) -> tuple[Evidence, list[Finding
     if review.gaps[PHASES_FIELD]:
         findings.append(Finding("unverified", f"phases: {'; '.join(review.gaps[PHASES_FIELD])}"))
     else:
-        starts = phase_starts(timeline(event))
+        starts = phase_starts(source_times(event))
     return Evidence("reviewed", f"reviewed in K* {event.name}", properties, starts), findings
 
 
-def phase_starts(times: Timeline) -> dict[str, float]:
+def phase_starts(times: SourceTimes) -> dict[str, float]:
     """Starts of the phases in the source's clip time: intervals enter with their middle."""
     if times.start is None:
         return {}
@@ -177,7 +178,7 @@ def phase_starts(times: Timeline) -> dict[str, float]:
     return {name: when.middle_s - zero_s for name, when in found.items() if when is not None}
 
 
-def half_widths(times: Timeline) -> dict[str, float]:
+def half_widths(times: SourceTimes) -> dict[str, float]:
     """Half the width of the phases' times, s, where they are intervals."""
     found = {name: getattr(times, name) for name in EVENT_PHASES}
     return {
@@ -200,7 +201,7 @@ def unknown_source(recording: Recording, event: Event | None) -> str | None:
     return f"the K*'s source clip is synthetic, and this is declared {imported.domain}"
 
 
-def _other_crop(recording: Recording, times: Timeline) -> list[Finding]:
+def _other_crop(recording: Recording, times: SourceTimes) -> list[Finding]:
     imported = recording.provenance.imported
     found = []
     for name, when in (("start", times.start), ("end", times.end)):

@@ -21,7 +21,6 @@ from ssp_eval.audit.evidence import (
     unknown_source,
 )
 from ssp_eval.audit.examined import Examined
-from ssp_eval.audit.expected import timeline
 from ssp_eval.audit.history import examine_history
 from ssp_eval.audit.measure import Measured, Phases, Scene, measure
 from ssp_eval.audit.ratios import phase_fraction
@@ -30,7 +29,12 @@ from ssp_eval.audit.recording import Recording
 from ssp_eval.audit.visibility import examine_coverage
 from ssp_eval.recordings.agreement import Agreement
 from ssp_eval.recordings.crop import Crop, Window, crop_of
-from ssp_eval.recordings.event_rules import event_observable, event_thresholds, window_of
+from ssp_eval.recordings.event_rules import (
+    event_observable,
+    event_thresholds,
+    source_times,
+    window_of,
+)
 from ssp_eval.recordings.properties import EVENT_PHASES, FIELDS, ORDER
 from ssp_scenario_manager.spec.extract.questions import GATE_REASONS
 from ssp_scenario_manager.spec.model import Event, Interval
@@ -209,7 +213,7 @@ def _measured(
 
 def _source_crop(recording: Recording, event: Event | None) -> Crop:
     """The source clip was cropped when its K* was made; the import holds that crop."""
-    times = None if event is None else timeline(event)
+    times = None if event is None else source_times(event)
     if times is not None and times.start is not None and times.end is not None:
         length_s = times.end.middle_s - times.start.middle_s
         return Crop(0.0, length_s, "the K*'s crop of its source (events.clip)")
@@ -311,7 +315,8 @@ def _half_phi(event: Event | None, phases: Phases | None) -> dict[str, float]:
         return {}
     length_s = phases.end_s - phases.start_s
     return {
-        name: min(1.0, half_s / length_s) for name, half_s in half_widths(timeline(event)).items()
+        name: min(1.0, half_s / length_s)
+        for name, half_s in half_widths(source_times(event)).items()
     }
 
 

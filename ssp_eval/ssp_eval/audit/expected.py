@@ -1,4 +1,4 @@
-"""What a K* says of its event: q(k), the times of its phases, and whether a person reviewed them.
+"""What a K* says of its event: q(k), and whether a person reviewed it.
 
 Synthetic's states are held against it. It is evidence for one recording alone: the source clip that
 the K* was taken from (METHOD 4.3).
@@ -16,8 +16,6 @@ from ssp_scenario_manager.spec.model import (
     Count,
     CountField,
     Event,
-    Quantity,
-    Unresolved,
     WordField,
 )
 from ssp_scenario_manager.spec.seal import seals
@@ -107,51 +105,6 @@ def _roles(event: Event) -> Property:
     words["initiator"] = (event.interaction.initiator,)
     words["affected"] = (event.interaction.affected,)
     return _known(words)
-
-
-@dataclass(frozen=True)
-class When:
-    """A time of the source clip: between two instants, which are the same where it is exact."""
-
-    low_s: float
-    high_s: float
-
-    @property
-    def middle_s(self) -> float:
-        return (self.low_s + self.high_s) / 2.0
-
-    @property
-    def half_s(self) -> float:
-        return (self.high_s - self.low_s) / 2.0
-
-
-@dataclass(frozen=True)
-class Timeline:
-    """Part E in s of the source; None where a time is unresolved or open to one side."""
-
-    start: When | None
-    end: When | None
-    trigger: When | None
-    conflict: When | None
-    resolution: When | None
-
-
-def timeline(event: Event) -> Timeline:
-    """When the phases start in the source clip."""
-    parts = event.events
-    return Timeline(
-        _when(parts.clip.start),
-        _when(parts.clip.end),
-        _when(parts.trigger.start),
-        _when(parts.conflict.start),
-        _when(parts.resolution.start),
-    )
-
-
-def _when(quantity: Quantity | Unresolved) -> When | None:
-    if quantity == UNRESOLVED or quantity.min is None or quantity.max is None:
-        return None
-    return When(quantity.min, quantity.max)
 
 
 def seen_field(who: str) -> str:

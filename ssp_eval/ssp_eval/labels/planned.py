@@ -24,7 +24,7 @@ from ssp_eval.labels.proposal.truth_file import truth_from_file
 from ssp_eval.labels.proposal_file import NewFile, proposed_file
 from ssp_eval.labels.template import template_json
 from ssp_eval.recordings.crop import crop_of
-from ssp_eval.recordings.event_rules import middle_s, window_of
+from ssp_eval.recordings.event_rules import source_times, window_of
 
 
 @dataclass(frozen=True)
@@ -159,12 +159,12 @@ def _read(path: Path, facts: About, event: KStar | None, given: Given) -> Record
 
 def _reviewed(k_star: KStar, facts: About, name: str) -> Timeline | None:
     """The phases of K*'s source clip; None where K* doesn't know them all."""
-    starts = k_star.event.events
-    trigger_s, conflict_s, resolution_s = (
-        middle_s(phase.start) for phase in (starts.trigger, starts.conflict, starts.resolution)
-    )
-    if trigger_s is None or conflict_s is None or resolution_s is None:
+    at = source_times(k_star.event)
+    if at.start is None or at.trigger is None or at.conflict is None or at.resolution is None:
         return None
+    trigger_s, conflict_s, resolution_s = (
+        when.middle_s - at.start.middle_s for when in (at.trigger, at.conflict, at.resolution)
+    )
     window = window_of(k_star.event)
     crop = crop_of(facts.first_s, facts.last_s, trigger_s, resolution_s, window)
     return Timeline(name, trigger_s, conflict_s, resolution_s, crop, facts.frames_s)

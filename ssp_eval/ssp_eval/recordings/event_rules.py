@@ -1,6 +1,8 @@
-"""What a K* sets for whoever measures an event: thresholds, what is observable, the window."""
+"""What a K* sets for whoever measures an event: thresholds, what is observable, times, window."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 from ssp_core.interaction import Observable
 from ssp_core.run_spec import ConflictThresholds
@@ -10,6 +12,65 @@ from ssp_scenario_manager.spec.model import Event, Interval, Quantity, Unresolve
 from ssp_scenario_manager.spec.units import si
 
 
+@dataclass(frozen=True)
+class When:
+    """A time of the source clip: between two instants, which are the same where it is exact."""
+
+    low_s: float
+    high_s: float
+
+    @property
+    def middle_s(self) -> float:
+        return (self.low_s + self.high_s) / 2.0
+
+    @property
+    def half_s(self) -> float:
+        return (self.high_s - self.low_s) / 2.0
+
+
+@dataclass(frozen=True)
+class SourceTimes:
+    """Part E in s of the source; None where a time is unresolved or open to one side."""
+
+    start: When | None
+    end: When | None
+    trigger: When | None
+    conflict: When | None
+    resolution: When | None
+
+
+def source_times(event: Event) -> SourceTimes:
+    """When the source clip and its phases start, and when it ends."""
+    parts = event.events
+    return SourceTimes(
+        _when(parts.clip.start),
+        _when(parts.clip.end),
+        _when(parts.trigger.start),
+        _when(parts.conflict.start),
+        _when(parts.resolution.start),
+    )
+
+
+def _when(quantity: Quantity | Unresolved) -> When | None:
+    if isinstance(quantity, str) or quantity.min is None or quantity.max is None:
+        return None
+    span = si(quantity)
+    return When(span.low, span.high)
+
+
+def window_of(event: Event) -> Window | None:
+    """a and r of METHOD 4.1: how much of the source clip lies before its trigger and from its
+    resolution on; None where K* doesn't say."""
+    at = source_times(event)
+    if at.start is None or at.trigger is None or at.resolution is None or at.end is None:
+        return None
+    return Window(
+        at.trigger.middle_s - at.start.middle_s,
+        at.end.middle_s - at.resolution.middle_s,
+        f"K* {event.name}",
+    )
+
+
 def event_thresholds(event: Event) -> ConflictThresholds:
     """A K*'s thresholds of the conflict (METHOD 1), in s; an interval counts with its middle."""
     limits = event.constraints.thresholds
@@ -17,36 +78,12 @@ def event_thresholds(event: Event) -> ConflictThresholds:
 
 
 def _middle(interval: Interval | None) -> float | None:
-    if interval is None:
+    if interval is None or (interval.min is None and interval.max is None):
         return None
-    ends = [end for end in (interval.min, interval.max) if end is not None]
-    return sum(ends) / len(ends) if ends else None
+    return si(interval).mid
 
 
 def event_observable(event: Event) -> Observable | None:
     """What makes the manoeuvre of a K*'s kind of interaction observable, None: no such kind."""
     kind = KINDS.get(event.interaction.type)
     return None if kind is None else kind.observable
-
-
-def middle_s(start: Quantity | Unresolved) -> float | None:
-    """The middle of an event's time, s; None where it is unresolved or open."""
-    if isinstance(start, str) or start.min is None or start.max is None:
-        return None
-    return si(start).mid
-
-
-def window_of(event: Event) -> Window | None:
-    """a and r of METHOD 4.1: how much of the source clip lies before its trigger and from its
-    resolution on; None where K* doesn't say."""
-    parts = event.events
-    times = [
-        middle_s(when)
-        for when in (
-            parts.clip.start, parts.trigger.start, parts.resolution.start, parts.clip.end
-        )
-    ]  # fmt: skip
-    start_s, trigger_s, resolution_s, end_s = times
-    if start_s is None or trigger_s is None or resolution_s is None or end_s is None:
-        return None
-    return Window(trigger_s - start_s, end_s - resolution_s, f"K* {event.name}")

@@ -21,9 +21,9 @@ from ssp_core.errors import InputError
 from ssp_core.files import make_folder
 from ssp_core.geometry import Polyline
 from ssp_core.hashing import sha256_file
-from ssp_core.run_spec import ConflictThresholds
 from ssp_core.source_clip import ClipBoard, clip_maker
 from ssp_core.vocab import PHASES, PhaseWord
+from ssp_eval.recordings.event_rules import event_thresholds
 from ssp_eval.recordings.phases import find_event, samples_of
 from ssp_scenario_manager.compile.compiler import EventRefused, checked_event
 from ssp_scenario_manager.interactions import KINDS
@@ -31,7 +31,7 @@ from ssp_scenario_manager.spec.checks import check_event
 from ssp_scenario_manager.spec.load import event_version
 from ssp_scenario_manager.spec.log import Record
 from ssp_scenario_manager.spec.log_file import append_records, log_path, utc_now
-from ssp_scenario_manager.spec.model import CountField, Event, Interval, Topology
+from ssp_scenario_manager.spec.model import CountField, Event, Topology
 from ssp_scenario_manager.spec.seal import seal_event, seals
 from ssp_scenario_manager.spec.write import write_event
 
@@ -104,10 +104,7 @@ def measure_clip(event: Event, board: ClipBoard) -> Drawn:
     times = board.times()
     series = [(t_s, {s.object_id: s for s in board.states(t_s)}) for t_s in times]
     samples = samples_of(series, event.vut_id, event.interaction.initiator)
-    limits = event.constraints.thresholds
-    thresholds = ConflictThresholds(
-        ttc_s=_exact(limits.ttc), arrival_gap_s=_exact(limits.arrival_gap)
-    )
+    thresholds = event_thresholds(event)
     road = Polyline([(0.0, 0.0), (board.road.length_m, 0.0)])
     kind = KINDS[event.interaction.type]
     found = find_event(samples, road, thresholds, observable=kind.observable) if samples else None
@@ -210,10 +207,6 @@ def _source(text: str, event: Event, original: str, drawn: Drawn) -> str:
 
 def _at(value: float, unit: str) -> dict[str, Any]:
     return {"min": value, "max": value, "unit": unit}
-
-
-def _exact(interval: Interval | None) -> float | None:
-    return None if interval is None else interval.max
 
 
 def _lanes(_: click.Context, __: click.Parameter, text: str | None) -> LaneCounts | None:

@@ -15,7 +15,6 @@ from ssp_core.cli import main
 from ssp_core.files import write_json
 from ssp_core.hashing import sha256_file
 from ssp_core.vocab import PHASES
-from ssp_eval.audit.expected import timeline
 from ssp_eval.evaluate.admission import load_admissions
 from ssp_eval.evaluate.asker import DirectAskers
 from ssp_eval.evaluate.campaign import run_campaign
@@ -25,6 +24,7 @@ from ssp_eval.labels.model import labels_to_json
 from ssp_eval.labels.proposal.propose import propose
 from ssp_eval.labels.proposal.truth import truth_from_bag
 from ssp_eval.package.make import make_package
+from ssp_eval.recordings.event_rules import source_times
 from ssp_scenario_manager.compile.task import load_task
 from ssp_scenario_manager.spec.load import load_event
 from ssp_scenario_manager.spec.model import Event
@@ -46,7 +46,7 @@ def write_video(path: Path) -> None:
 
 def clip_labels(event: Event, version: str) -> dict[str, Any]:
     """Labels of the made-up clip, with the phases that the K* has at these times."""
-    times = timeline(event)
+    times = source_times(event)
     starts = (times.trigger, times.conflict, times.resolution)
     labels = []
     for k in range(9):
