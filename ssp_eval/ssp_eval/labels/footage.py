@@ -15,13 +15,12 @@ from ssp_core.bag import BagReader
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_file
-from ssp_core.messages import peek_stamp_ns
-from ssp_core.names import CAMERA_IMAGE, WORLD_TICK, absolute, state_topic
+from ssp_core.names import WORLD_TICK, absolute, state_topic
 from ssp_core.video import Video
 from ssp_eval.evaluate.clip import Clip
 from ssp_eval.evaluate.question import NoQuestion
-from ssp_eval.recordings.provenance import Provenance, read_provenance
-from ssp_eval.recordings.states import clip_zero_ns
+from ssp_eval.recordings.provenance import read_provenance
+from ssp_eval.recordings.states import frame_times
 from ssp_eval.score import DEFAULT
 from ssp_vla_bridge.core.window import Preprocessing
 
@@ -103,27 +102,6 @@ def about(path: Path, start_s: float = 0.0) -> About:
     times_s = _times_s(path, start_s)
     frames_s = tuple(t_s - times_s[0] for t_s in times_s)
     return About(None, None, None, sha256_file(path), None, False, frames_s)
-
-
-def frame_times(bag: BagReader, provenance: Provenance) -> tuple[tuple[float, ...], int]:
-    """Clip times of a bag's frames, rising, and the stamp that is clip time 0.
-
-    Args:
-        bag: open.
-        provenance: of it.
-
-    Raises:
-        InputError: it has no frames, or is of a session that never ran.
-    """
-    stamps_ns = sorted(peek_stamp_ns(m.data) for m in bag.messages([absolute(CAMERA_IMAGE)]))
-    if not stamps_ns:
-        raise InputError(
-            f"has no camera frames (no message on {absolute(CAMERA_IMAGE)})", file=bag.path
-        )
-    zero_ns = clip_zero_ns(provenance, stamps_ns)
-    if zero_ns is None:
-        raise InputError("holds a session that never reached RUNNING", file=bag.path)
-    return tuple(ns_to_seconds(stamp_ns - zero_ns) for stamp_ns in stamps_ns), zero_ns
 
 
 def pictures(path: Path, times_s: Sequence[float], start_s: float = 0.0) -> list[Picture | None]:

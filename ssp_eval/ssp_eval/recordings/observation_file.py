@@ -9,14 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from ssp_core.bag import BagReader
-from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError
 from ssp_core.files import parse_model, read_mapping, write_json
-from ssp_core.messages import peek_stamp_ns
-from ssp_core.names import CAMERA_IMAGE, absolute
 from ssp_eval.recordings.observation import Observation
 from ssp_eval.recordings.provenance import bag_folder, read_provenance
-from ssp_eval.recordings.states import clip_zero_ns
+from ssp_eval.recordings.states import frame_times
 
 SUFFIXES = (".json", ".yaml", ".yml")
 STEM = "observation"
@@ -58,24 +55,8 @@ def footage_of(bag: Path) -> Footage:
     """
     with BagReader(bag) as reader:
         provenance = read_provenance(reader)
-        topic = absolute(CAMERA_IMAGE)
-        frames_ns = sorted(peek_stamp_ns(m.data) for m in reader.messages([topic]))
-    zero_ns = clip_zero_ns(provenance, frames_ns)
-    if not frames_ns:
-        raise InputError(
-            "has no camera frames to look at",
-            file=bag,
-            field=topic,
-            remedy="an observation is of what can be seen",
-        )
-    if zero_ns is None:
-        raise InputError(
-            "is a session that never began, so that it has no clip time",
-            file=bag,
-            remedy="run the task again",
-        )
-    times = tuple(ns_to_seconds(stamp - zero_ns) for stamp in frames_ns)
-    return Footage(provenance.bag_sha256, times)
+        frames_s, _ = frame_times(reader, provenance)
+    return Footage(provenance.bag_sha256, frames_s)
 
 
 def find_observations(bag: Path) -> list[Path]:

@@ -13,8 +13,9 @@ from dataclasses import dataclass, field
 
 from ssp_core.bag import BagReader, object_states
 from ssp_core.clock import ns_to_seconds
-from ssp_core.messages import object_state, stamp_ns
-from ssp_core.names import WORLD_TICK, absolute
+from ssp_core.errors import InputError
+from ssp_core.messages import object_state, peek_stamp_ns, stamp_ns
+from ssp_core.names import CAMERA_IMAGE, WORLD_TICK, absolute
 from ssp_core.state import ObjectState
 from ssp_core.vocab import ControlState
 from ssp_eval.recordings.provenance import Provenance
@@ -83,6 +84,30 @@ def clip_zero_ns(provenance: Provenance, frames_ns: Sequence[int]) -> int | None
     if provenance.run is not None:
         return provenance.session_start_ns
     return frames_ns[0] if frames_ns else None
+
+
+def frame_times(bag: BagReader, provenance: Provenance) -> tuple[tuple[float, ...], int]:
+    """Clip times of a recording's frames, rising, and the stamp that is clip time 0.
+
+    Args:
+        bag: open.
+        provenance: of it.
+
+    Raises:
+        InputError: it has no frames, or is of a session that never ran.
+    """
+    topic = absolute(CAMERA_IMAGE)
+    stamps_ns = sorted(peek_stamp_ns(message.data) for message in bag.messages([topic]))
+    if not stamps_ns:
+        raise InputError("has no camera frames to look at", file=bag.path, field=topic)
+    zero_ns = clip_zero_ns(provenance, stamps_ns)
+    if zero_ns is None:
+        raise InputError(
+            "holds a session that never reached RUNNING, so that it has no clip time",
+            file=bag.path,
+            remedy="run the task again",
+        )
+    return tuple(ns_to_seconds(stamp - zero_ns) for stamp in stamps_ns), zero_ns
 
 
 def read_states(bag: BagReader, provenance: Provenance, zero_ns: int | None) -> RecordedStates:

@@ -12,7 +12,6 @@ from pathlib import Path
 from ssp_core.bag import BagReader
 from ssp_core.errors import InputError
 from ssp_core.run_spec import ConflictThresholds
-from ssp_eval.labels.footage import frame_times
 from ssp_eval.labels.proposal.basis import Truth
 from ssp_eval.labels.proposal.k_star import (
     UNKNOWN_VERSION,
@@ -23,7 +22,7 @@ from ssp_eval.labels.proposal.k_star import (
 )
 from ssp_eval.labels.proposal.truth_file import truth_from_file
 from ssp_eval.recordings.provenance import Provenance, read_provenance
-from ssp_eval.recordings.states import read_states
+from ssp_eval.recordings.states import frame_times, read_states
 
 
 def truth_from_bag(
