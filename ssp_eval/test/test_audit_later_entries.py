@@ -13,9 +13,8 @@ from ssp_core.cli import main
 from ssp_core.files import parse_mapping, parse_model
 from ssp_core.run_spec import RunSpec
 from ssp_eval.audit.changes import Attached, disclosed, read_attached, site_changes
-from ssp_eval.audit.disclosures import disclosures
+from ssp_eval.audit.disclosures import disclosures, order_remark
 from ssp_eval.audit.examine import examine
-from ssp_eval.audit.log_order import order_remark
 from ssp_eval.audit.recording import read_recording
 from ssp_scenario_manager.compile.records import COMPILER
 from ssp_scenario_manager.spec.log import Record

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from ssp_core.bag import BagWriter
 from ssp_core.bag.qos import offered_qos
+from ssp_core.bag.still_images import Bgr
 from ssp_core.camera import Mounting
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.errors import InputError
+from ssp_core.geometry import FloatArray
 from ssp_core.hashing import sha256_file
 from ssp_core.names import VUT_ID
 from ssp_core.state import DEFAULT_SIZES, ObjectState
@@ -21,7 +24,6 @@ from ssp_core.video import Video
 from ssp_core.vocab import ObjectClass, Role
 from ssp_eval.imports import messages
 from ssp_eval.imports.declare import NOTHING, Declared
-from ssp_eval.imports.frame_change import CONTRARY, FrameChange
 from ssp_eval.imports.motion_options import MotionOptions
 from ssp_eval.imports.pictures import CameraFacts, jpeg, keep_every, output_size, pinhole
 from ssp_eval.imports.road import BoundRoad, bind_road
@@ -41,6 +43,13 @@ STATE_STEP_NS = 20_000_000
 TABLE_ATTACHMENT = "states.csv"
 # The table's VUT may begin this much after the first frame and end this much before the last one.
 UNCOVERED_S = 0.5
+_STANDING_MPS = 0.1
+_DRIVING_MPS = 2.0
+# So many pairs of frames of either kind are needed to say anything.
+_LEAST_PAIRS = 5
+# Frames that change so many times as much while the VUT stands are another run's.
+_CONTRARY = 2.0
+_COMPARED_PX = (64, 36)
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,7 +187,7 @@ def _write(
     camera = options.lens.facts(width_px, height_px)
     writer.add_topic(IMAGE, messages.IMAGE_TYPE, offered_qos(20))
     start_s, stamp_ns, count = 0.0, 0, 0
-    change, stamps_ns = FrameChange(), list[int]()
+    change, stamps_ns = _FrameChange(), list[int]()
     for frame in video.frames(options.start_s, options.end_s, step):
         if count == 0:
             start_s = frame.time_s
@@ -332,7 +341,45 @@ def _measured(
     )
 
 
-def _check_motion(measured: _Measured, change: FrameChange, frames_ns: NDArray[np.int64]) -> None:
+@dataclass
+class _FrameChange:
+    """How much each frame of a clip differs from the one before, in grey levels.
+
+    A table of another run shows itself by frames that change while its VUT stands.
+    """
+
+    _last: FloatArray | None = None
+    _found: list[float] = field(default_factory=list)
+
+    def take(self, image: Bgr) -> None:
+        """The next frame."""
+        small = cv2.resize(image, _COMPARED_PX, interpolation=cv2.INTER_AREA)
+        grey = np.asarray(small, dtype=np.float64).mean(axis=2)
+        if self._last is not None:
+            self._found.append(float(np.abs(grey - self._last).mean()))
+        self._last = grey
+
+    def contrast(self, speed_mps: FloatArray) -> float | None:
+        """Change while the VUT stands over change while it drives, medians.
+
+        Args:
+            speed_mps: of the VUT at each frame.
+
+        Returns:
+            None where the clip doesn't show enough of both; otherwise well under 1 where the
+            speeds are those of the camera.
+        """
+        speed = np.abs(speed_mps)
+        changes = np.array(self._found)
+        standing = changes[np.maximum(speed[1:], speed[:-1]) < _STANDING_MPS]
+        driving = changes[np.minimum(speed[1:], speed[:-1]) > _DRIVING_MPS]
+        if min(len(standing), len(driving)) < _LEAST_PAIRS:
+            return None
+        # A still picture changes by less than a hundredth of a grey level.
+        return float(np.median(standing) / max(float(np.median(driving)), 0.01))
+
+
+def _check_motion(measured: _Measured, change: _FrameChange, frames_ns: NDArray[np.int64]) -> None:
     """Refuses a table whose VUT stands while the frames move, and says where they may.
 
     Args:
@@ -351,7 +398,7 @@ def _check_motion(measured: _Measured, change: FrameChange, frames_ns: NDArray[n
         f"says that the VUT stands where the frames change {ratio:.1f} times as much as where it "
         "drives"
     )
-    if ratio >= CONTRARY:
+    if ratio >= _CONTRARY:
         raise vut.samples.source.error(
             f"{text}: another run's table, or another time base?",
             "give the table of this run; --time-offset S is added to its times",

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+from rich.table import Table
 
 from ssp_core import console
 from ssp_core.bag import BagReader
@@ -15,12 +16,11 @@ from ssp_core.errors import InputError
 from ssp_core.files import make_folder, write_text
 from ssp_core.options import Number
 from ssp_eval.audit.recording import find_bag
-from ssp_eval.observe.agreement_table import agreement_summary, agreement_table
 from ssp_eval.observe.frames import Choice, chosen, shown_frames
 from ssp_eval.observe.page import render
 from ssp_eval.observe.questions import blank, cards
 from ssp_eval.observe.template import template
-from ssp_eval.recordings.agreement import agree
+from ssp_eval.recordings.agreement import Agreement, agree
 from ssp_eval.recordings.observation import SCHEMA, Observation
 from ssp_eval.recordings.observation_file import (
     Footage,
@@ -258,6 +258,24 @@ def agree_command(files: tuple[Path, ...], bag: Path | None, as_json: bool) -> i
     if as_json:
         click.echo(json.dumps(found.to_json(), indent=1, ensure_ascii=False))
     else:
-        console.out.print(agreement_table(found))
-        console.note(agreement_summary(found))
+        console.out.print(_agreement_table(found))
+        console.note(_agreement_summary(found))
     return 1 if found.differing else 0
+
+
+def _agreement_table(found: Agreement) -> Table:
+    """Field, each observer's answer, how they agree, and what counts."""
+    table = Table(box=None, pad_edge=False)
+    for name in ("field", *found.observers, "", "counts"):
+        table.add_column(name, overflow="fold")
+    for row in found.rows:
+        table.add_row(row.field, *row.values, row.verdict, row.result)
+    return table
+
+
+def _agreement_summary(found: Agreement) -> str:
+    """One sentence."""
+    differing = found.differing
+    if not differing:
+        return f"{found.by} differ in nothing (times within {found.tolerance_s:g} s)"
+    return f"{found.by} differ in {len(differing)}: {', '.join(differing)}"
