@@ -23,7 +23,8 @@ CELLS = [
     ("manager_killed", Stage.AFTER),
     ("object_killed", Stage.CONFLICT),
     ("world_paused", Stage.BEFORE),
-    ("disk_full", Stage.BEFORE),
+    # By the wall's clock, beside nothing else: a busy machine overruns.
+    pytest.param("disk_full", Stage.BEFORE, marks=pytest.mark.alone),
     ("reference_out_of_fence", Stage.ARMED),
     ("operator_abort", Stage.AFTER),
 ]
