@@ -248,6 +248,12 @@ def test_vut_first() -> None:
     assert found.facts["time_gap_s"] == pytest.approx(7.0 - (80.55 + 0.9) / 12.0, abs=0.005)
 
 
+def test_a_vut_that_had_passed_when_the_recording_begins_has_no_time_gap() -> None:
+    found = measure(crossing(vut=lambda t: (90.0 + 12.0 * t, 0.0)))
+    assert words(found, ORDER, "order") == ("vut before ot1",)
+    assert found.facts["time_gap_s"] is None
+
+
 def test_from_the_wrong_side() -> None:
     right = [Lane(y_m=y, width_m=3.5, direction="forward") for y in (-3.5, 0.0)]
     right.append(Lane(y_m=3.5, width_m=3.5, direction="backward"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -15,6 +16,7 @@ from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_core.files import write_json, write_text
 from ssp_core.hashing import sha256_file
+from ssp_core.vocab import DOMAINS
 from ssp_eval.audit.judge import judge
 from ssp_eval.audit.model import RecordingEntry
 from ssp_eval.audit.recording import read_recording
@@ -23,6 +25,7 @@ from ssp_eval.package.verify import verify_package
 from ssp_scenario_manager.spec.load import event_version, load_event
 from ssp_scenario_manager.spec.model import Event
 from ssp_scenario_manager.spec.seal import seal_event
+from ssp_scenario_manager.spec.write import write_event
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -122,6 +125,8 @@ def test_videos_that_a_person_looked_at_are_admitted(videos: dict[str, Path], ev
         ({"log__identity_switch": None}, "unverified"),
         ({"visibility__participants__ot1__value": 0.3}, "participant_off_camera"),
         ({"phases__conflict__t_s": None}, "conflict_phase"),
+        # An order that a person saw is determined, and K* has another.
+        ({"passing_order__value": ["vut", "ot1"]}, "off_spec"),
     ],
 )
 def test_what_was_seen_otherwise_or_not_at_all_refuses(
@@ -200,3 +205,23 @@ def test_the_package_walks_from_the_audit_to_the_observation_and_to_the_recordin
     look(videos["physical"], "Bo Ek")
     with pytest.raises(InputError, match="names an observation that is not in the package"):
         make_package([tmp_path], tmp_path.parent / f"{tmp_path.name}-other")
+
+
+def test_label_times_of_a_video_lie_in_the_phases_that_a_person_saw_in_it(
+    videos: dict[str, Path], event: Event, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """K*'s phases are those of its own source clip; no other recording's labels lie by them."""
+    file = tmp_path / "k.event.yaml"
+    write_event(file, event)
+    given = [str(videos["synthetic"]), str(videos["physical"]), "--event", str(file)]
+    assert main(["labels", "new", *given]) == 1
+    assert "nobody says when its phases begin" in " ".join(capsys.readouterr().err.split())
+    look(videos["physical"])
+    assert main(["labels", "new", *given]) == 0
+    found = {d: json.loads((videos[d] / "labels.json").read_text())["labels"] for d in DOMAINS[::2]}
+    times = {d: [label["t_s"] for label in labels] for d, labels in found.items()}
+    # Trigger, conflict and resolution at 3.208, 3.333, 5.5 s, and at 3.3, 3.5, 5.6 s.
+    assert times["synthetic"][2:5] == pytest.approx([2.708, 3.2705, 3.333 + 2.167 / 8])
+    assert times["physical"][2:5] == pytest.approx([2.8, 3.4, 3.5 + 2.1 / 8])
+    assert [t[-1] for t in times.values()] == pytest.approx([5.75, 5.85])
+    assert [x["at"] for x in found["physical"]] == [x["at"] for x in found["synthetic"]]

@@ -141,6 +141,12 @@ def test_m_is_raised_where_no_n_helps() -> None:
     assert counts(plan) == (3, 3, 1, 2)
 
 
+def test_labels_a_fifth_of_a_second_apart_are_far_enough_to_the_nanosecond() -> None:
+    # C 2.9 needs five labels; where it lasts 1 s less 1 ns they are 0.2 s less 0.2 ns apart.
+    long, short = line(5.0, 5.5, 8.4), line(5.0, 5.5, 6.499999999)
+    assert counts(plan_labels([long, short])) == (2, 1, 5, 1)
+
+
 def test_labels_of_which_the_same_frame_is_shown_are_no_plan() -> None:
     slow = Timeline("slow", 5.0, 5.1, 5.7, Crop(0.0, 9.0, "by hand"), frames(1.0, 9.0))
     with pytest.raises(NoPlan, match=r"0\.000 s apart, not more than 0") as caught:

@@ -126,6 +126,9 @@ def test_the_times_of_an_event_are_taken(video: Path, tmp_path: Path) -> None:
     assert len(unfilled(value)) == 9 * 3
     with pytest.raises(InputError, match="template: fill in"):
         load_labels(out)
+    # K*'s times are on the source's clock, a label's begin with its clip.
+    assert new(video, out, "--event", "cut_in", "--start", "0.52", "--force") == 0
+    assert times(out) == pytest.approx([t_s - 0.52 for t_s in starts])
     assert new(video, out, "--event", "cut_in", "--plan", "clock", "--force") == 0
     assert times(out) == spaced(1.3)
 
@@ -322,11 +325,13 @@ def test_doubtful_labels_are_warned_about(
 def test_phases_are_held_against_the_events_times(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], shift_s: float, what: str | None
 ) -> None:
-    """K* says trigger 4–4.2 s, conflict 4.4 s, resolution unresolved; labels from 3.5 s on."""
+    """In the K*'s crop, from 1 s of its source on, the trigger lies at 4–4.2 s, the conflict at
+    4.4 s, the resolution is unresolved; labels from 3.5 s on."""
     event, _ = load_event("cut_in")
     value = event.model_dump(mode="json", by_alias=True)
-    value["events"]["trigger"]["start"] = {"min": 4.0, "max": 4.2, "unit": "s"}
-    value["events"]["conflict"]["start"] = {"min": 4.4, "max": 4.4, "unit": "s"}
+    value["events"]["trigger"]["start"] = {"min": 5.0, "max": 5.2, "unit": "s"}
+    value["events"]["conflict"]["start"] = {"min": 5.4, "max": 5.4, "unit": "s"}
+    value["events"]["clip"]["start"] = {"min": 1.0, "max": 1.0, "unit": "s"}
     value["events"]["resolution"]["start"] = "unresolved"
     file = tmp_path / "k.event.yaml"
     write_event(file, type(event).model_validate(value))

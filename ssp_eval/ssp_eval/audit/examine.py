@@ -35,7 +35,7 @@ from ssp_eval.recordings.event_rules import (
     source_times,
     window_of,
 )
-from ssp_eval.recordings.properties import EVENT_PHASES, FIELDS, ORDER
+from ssp_eval.recordings.properties import EVENT_PHASES, FIELDS, ORDER, Property
 from ssp_scenario_manager.spec.extract.questions import GATE_REASONS
 from ssp_scenario_manager.spec.model import Event, Interval
 from ssp_scenario_manager.spec.units import si
@@ -107,7 +107,12 @@ def examine(recording: Recording, event: Event | None, version: str | None) -> E
         phi={} if phases is None else _phi(phases),
         phi_half=_half_phi(event, phases) if located is not None and measured is None else {},
         measured=measured,
-        findings=(*findings, *history.findings, *blind, *_off_spec(measured, event)),
+        findings=(
+            *findings,
+            *history.findings,
+            *blind,
+            *_off_spec(measured, values[ORDER].property, event),
+        ),
         coverage=coverage,
         identities=history.identities,
         changes=history.changes,
@@ -250,22 +255,28 @@ def _closest(measured: Measured, limits: ConflictThresholds) -> str:
     return text
 
 
-def _off_spec(measured: Measured | None, event: Event | None) -> list[Finding]:
-    """METHOD 4.4: time gap and passing order lie in K*'s range where they are determined."""
-    if measured is None or event is None:
+def _off_spec(measured: Measured | None, order: Property, event: Event | None) -> list[Finding]:
+    """METHOD 4.4: time gap and passing order lie in K*'s range where they are determined.
+
+    Args:
+        measured: None without states, which alone determine a time gap.
+        order: of passing, by whoever may say so (METHOD 4.3).
+        event: the K*; None: there is none at hand.
+    """
+    if event is None:
         return []
     found = []
-    gap_s, wanted = measured.facts.get("time_gap_s"), event.constraints.time_gap
+    gap_s = None if measured is None else measured.facts.get("time_gap_s")
+    wanted = event.constraints.time_gap
     if gap_s is not None and isinstance(wanted, Interval):
         span = si(wanted)
         if not span.low - 1e-9 <= gap_s <= span.high + 1e-9:
             text = f"time gap {gap_s:.2f} s, K* has {span.low:g} to {span.high:g} s"
             found.append(Finding("off_spec", text))
-    order = measured.properties[ORDER].words
-    if order is not None:
+    if order.words is not None:
         wanted_order = " before ".join(event.interaction.passing_order)
-        if wanted_order not in order["order"]:
-            text = f"passing order {' or '.join(order['order'])}, K* has {wanted_order}"
+        if wanted_order not in order.words["order"]:
+            text = f"passing order {' or '.join(order.words['order'])}, K* has {wanted_order}"
             found.append(Finding("off_spec", text))
     return found
 

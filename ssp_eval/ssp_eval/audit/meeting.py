@@ -99,7 +99,9 @@ def meet(samples: Sequence[Sample], corridor: Corridor, event: Event | None) -> 
     elif own_s is not None:
         end_m = zone.start_m if relation == "merge" else zone.end_m
         cleared_s = reached_s(samples, corridor, end_m + samples[0].vut.size.length_m)
-        gap_s = None if cleared_s is None else arrival_s - cleared_s
+        # Whoever had left it when the recording begins did so at a time that nobody knows.
+        if cleared_s is not None and cleared_s > samples[0].t_s:
+            gap_s = arrival_s - cleared_s
     return Meeting(relation, zone, arrival_s, own_s, gap_s)
 
 

@@ -9,6 +9,7 @@ from ssp_core.vocab import PHASES
 from ssp_eval.labels.model import Labels
 from ssp_eval.labels.place import At
 from ssp_eval.labels.plan import APART_S
+from ssp_eval.recordings.event_rules import source_times
 from ssp_scenario_manager.spec.model import Event, Interval
 from ssp_scenario_manager.spec.units import si
 
@@ -78,7 +79,8 @@ def event_problems(labels: Labels, event: Event, version: str) -> list[str]:
     """Phases that K*'s times don't allow, and another version than K*'s.
 
     Args:
-        labels: of the clip that K* was taken from; other clips have other times.
+        labels: of the clip that K* was taken from; other clips have other times. Their time 0 is
+            the start of K*'s crop.
         event: K*.
         version: its content hash.
     """
@@ -86,15 +88,17 @@ def event_problems(labels: Labels, event: Event, version: str) -> list[str]:
     if labels.event_version != version:
         problems.append(f"event_version: {labels.event_version} is not the event's, {version}")
     starts: dict[str, Any] = {p: getattr(event.events, p).start for p in PHASES}
+    clip = source_times(event).start
+    zero_s = 0.0 if clip is None else clip.middle_s
     for i, label in enumerate(labels.labels):
         index = PHASES.index(label.phase)
-        begins = _span(starts[label.phase])
+        begins = _span(starts[label.phase], zero_s)
         if begins and label.t_s < begins[0] - _TOLERANCE_S:
             problems.append(
                 f"labels[{i}].phase: {label.phase} at {label.t_s:g} s, but it starts at "
                 f"{begins[0]:g} s at the earliest"
             )
-        after = _span(starts[PHASES[index + 1]]) if index + 1 < len(PHASES) else None
+        after = _span(starts[PHASES[index + 1]], zero_s) if index + 1 < len(PHASES) else None
         if after and label.t_s > after[1] + _TOLERANCE_S:
             problems.append(
                 f"labels[{i}].phase: {label.phase} at {label.t_s:g} s, but {PHASES[index + 1]} "
@@ -103,8 +107,8 @@ def event_problems(labels: Labels, event: Event, version: str) -> list[str]:
     return problems
 
 
-def _span(start: Interval | str) -> tuple[float, float] | None:
+def _span(start: Interval | str, zero_s: float) -> tuple[float, float] | None:
     if isinstance(start, str):
         return None
     found = si(start)
-    return found.low, found.high
+    return found.low - zero_s, found.high - zero_s

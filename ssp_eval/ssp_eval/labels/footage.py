@@ -19,6 +19,7 @@ from ssp_core.names import WORLD_TICK, absolute, state_topic
 from ssp_core.video import Video
 from ssp_eval.evaluate.clip import Clip
 from ssp_eval.evaluate.question import NoQuestion
+from ssp_eval.recordings.import_record import ImportRecord
 from ssp_eval.recordings.provenance import read_provenance
 from ssp_eval.recordings.states import frame_times
 from ssp_eval.score import DEFAULT
@@ -39,6 +40,7 @@ class About:
         bag_sha256: of the bag.
         has_states: whether it holds states that labels can be proposed from.
         frames_s: clip times of its frames, rising.
+        zero_s: time of its source at clip time 0; 0 for what has no source.
     """
 
     scenario: str | None
@@ -48,6 +50,7 @@ class About:
     bag_sha256: str | None
     has_states: bool
     frames_s: tuple[float, ...]
+    zero_s: float = 0.0
 
     @property
     def first_s(self) -> float:
@@ -98,10 +101,17 @@ def about(path: Path, start_s: float = 0.0) -> About:
             bag_sha256=provenance.bag_sha256,
             has_states=who is not None and any(info is not None and info.count for info in infos),
             frames_s=frames_s,
+            zero_s=0.0 if imported is None else _crop_start_s(imported),
         )
     times_s = _times_s(path, start_s)
     frames_s = tuple(t_s - times_s[0] for t_s in times_s)
-    return About(None, None, None, sha256_file(path), None, False, frames_s)
+    return About(None, None, None, sha256_file(path), None, False, frames_s, times_s[0])
+
+
+def _crop_start_s(imported: ImportRecord) -> float:
+    """Where an imported recording begins on its source's clock, s."""
+    start_s = imported.crop.get("start_s")
+    return float(start_s) if isinstance(start_s, int | float) else 0.0
 
 
 def pictures(path: Path, times_s: Sequence[float], start_s: float = 0.0) -> list[Picture | None]:

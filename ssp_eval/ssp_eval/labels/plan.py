@@ -206,7 +206,7 @@ def _possible(timelines: Sequence[Timeline], phase: str, lasts_s: Sequence[float
     """
     fewest = max(1, math.ceil(max(lasts_s) / STEP_S - TOLERANCE_S))
     # More than that would be too near each other where the phase is shortest.
-    most = max(1, math.floor(min(lasts_s) / APART_S + TOLERANCE_S))
+    most = max(1, math.floor(min(lasts_s) / (APART_S - 2.0 * TOLERANCE_S)))
     if fewest > most:
         raise _no_plan(
             timelines,

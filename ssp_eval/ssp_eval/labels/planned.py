@@ -1,12 +1,13 @@
 """Labels of a scenario's recordings by one plan: proposals, or templates where states are missing.
 
 A recording with states has the times of its phases measured. One without (a video alone) has those
-that persons reviewed in its K*; its labels can't be proposed, so that it gets a template.
+that persons observed in it, or, if it is the K*'s own source clip, reviewed in the K* (METHOD 4.3);
+its labels can't be proposed, so that it gets a template.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,8 +24,11 @@ from ssp_eval.labels.proposal.truth import truth_from_bag
 from ssp_eval.labels.proposal.truth_file import truth_from_file
 from ssp_eval.labels.proposal_file import NewFile, proposed_file
 from ssp_eval.labels.template import template_json
+from ssp_eval.recordings.agreement import agree
 from ssp_eval.recordings.crop import crop_of
 from ssp_eval.recordings.event_rules import source_times, window_of
+from ssp_eval.recordings.observation_file import Footage, load_observations
+from ssp_eval.recordings.properties import EVENT_PHASES
 
 
 @dataclass(frozen=True)
@@ -59,8 +63,8 @@ class Recording:
         event_version: K* version, or UNKNOWN_VERSION.
         origin: hash or name of what it is labelled from.
         truth: its states; None: it has none.
-        timeline: its phases as they were reviewed in K*, where it has no states; None: nobody
-            knows them.
+        timeline: its phases as persons observed them, or reviewed them in K*, where it has no
+            states; None: nobody knows them.
     """
 
     path: Path
@@ -149,25 +153,55 @@ def _read(path: Path, facts: About, event: KStar | None, given: Given) -> Record
             "doesn't say which scenario it shows", file=path, remedy="give --scenario or --event"
         )
     domain = facts.domain or given.domain or "synthetic"
-    timeline = None
-    # Without a person's word that this is K*'s own clip, K*'s times say nothing of it.
-    if known is not None and (given.event is not None or version == known.version):
-        timeline = _reviewed(known, facts, domain)
-        version = version or known.version
+    if known is not None and given.event is None and version != known.version:
+        known = None
+    timeline = _phases(path, known, facts, domain, named=given.event is not None)
+    version = version or (None if known is None else known.version)
     return Recording(path, scenario, domain, version or UNKNOWN_VERSION, origin, None, timeline)
 
 
-def _reviewed(k_star: KStar, facts: About, name: str) -> Timeline | None:
-    """The phases of K*'s source clip; None where K* doesn't know them all."""
-    at = source_times(k_star.event)
-    if at.start is None or at.trigger is None or at.conflict is None or at.resolution is None:
+def _phases(
+    path: Path, k_star: KStar | None, facts: About, domain: str, named: bool
+) -> Timeline | None:
+    """The phases of a recording without states, by whoever may say so (METHOD 4.3).
+
+    K* tells of its source clip alone. A synthetic video that nobody observed is taken for that clip
+    where a person says so: who names K* for it, or who imported it as one of K*'s where K* knows of
+    no other file.
+
+    Args:
+        path: of the recording.
+        k_star: that it realises; None: nobody says.
+        facts: of it.
+        domain: of METHOD 5.2.
+        named: a person named the K* for it.
+    """
+    source = None if k_star is None else k_star.event.source.sha256
+    is_source = domain == "synthetic" and source is not None and source == facts.video_sha256
+    starts = None if is_source or not is_bag(path) else _observed(path, facts)
+    is_taken_for_it = is_source or (domain == "synthetic" and (named or source is None))
+    if starts is None and k_star is not None and is_taken_for_it:
+        starts = _reviewed(k_star, facts)
+    if starts is None or len(starts) < len(EVENT_PHASES):
         return None
-    trigger_s, conflict_s, resolution_s = (
-        when.middle_s - at.start.middle_s for when in (at.trigger, at.conflict, at.resolution)
-    )
-    window = window_of(k_star.event)
+    trigger_s, conflict_s, resolution_s = (starts[name] for name in EVENT_PHASES)
+    window = None if k_star is None else window_of(k_star.event)
     crop = crop_of(facts.first_s, facts.last_s, trigger_s, resolution_s, window)
-    return Timeline(name, trigger_s, conflict_s, resolution_s, crop, facts.frames_s)
+    return Timeline(domain, trigger_s, conflict_s, resolution_s, crop, facts.frames_s)
+
+
+def _observed(path: Path, facts: About) -> Mapping[str, float] | None:
+    """The phases that persons located in a bag, clip times; None: nobody looked at it."""
+    footage = Footage(facts.bag_sha256 or "", facts.frames_s)
+    told = [observation for _, observation in load_observations(path, footage)]
+    return agree(told, footage.period_s).phase_starts() if told else None
+
+
+def _reviewed(k_star: KStar, facts: About) -> Mapping[str, float]:
+    """The phases of K*'s source clip that K* knows, clip times: K* has them on the source's."""
+    at = source_times(k_star.event)
+    found = {name: getattr(at, name) for name in EVENT_PHASES}
+    return {name: w.middle_s - facts.zero_s for name, w in found.items() if w is not None}
 
 
 def _check_same_event(recordings: Sequence[Recording]) -> None:
@@ -201,12 +235,12 @@ def plan_recordings(recordings: Sequence[Recording]) -> Planned:
         if one.truth is None and one.timeline is None:
             raise InputError(
                 "holds no states, and nobody says when its phases begin", file=one.path,
-                remedy="give its clip's --truth file, or with --event the K* that was reviewed on "
-                "it",
+                remedy="have a person look at it (`ssp audit observe`), give its clip's --truth "
+                "file, or of K*'s own synthetic clip its K* with --event",
             )  # fmt: skip
     truths = [one.truth for one in recordings if one.truth is not None]
-    reviewed = [one.timeline for one in recordings if one.timeline is not None]
-    plan, made = propose_planned(truths, others=reviewed)
+    said = [one.timeline for one in recordings if one.timeline is not None]
+    plan, made = propose_planned(truths, others=said)
     proposals = iter(made)
     return Planned(
         plan, tuple(None if one.truth is None else next(proposals) for one in recordings)
