@@ -133,6 +133,22 @@ def test_the_times_of_an_event_are_taken(video: Path, tmp_path: Path) -> None:
     assert times(out) == spaced(1.3)
 
 
+def test_labels_that_no_frame_is_near_enough_to_are_warned_about(
+    tmp_path: Path, video: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # At 5 Hz the frame shown at 4.146 s is that of 4.0 s, at 5.75 s that of 5.6 s.
+    slow = tmp_path / "slow.avi"
+    writer = cv2.VideoWriter(str(slow), cv2.VideoWriter.fourcc(*"MJPG"), 5.0, (320, 180))
+    for k in range(45):
+        writer.write(np.full((180, 320, 3), k, np.uint8))
+    writer.release()
+    assert new(slow, tmp_path / "slow.json", "--event", "cut_in") == 0
+    told = text_of(capsys)
+    assert f"{slow}: at 4.146, 5.750 s the clip's newest frame is more than 0.11 s old" in told
+    assert new(video, tmp_path / "quick.json", "--event", "cut_in") == 0
+    assert "newest frame" not in text_of(capsys)
+
+
 def test_a_session_may_be_labelled_by_hand_too(make_bag: MakeBag, tmp_path: Path) -> None:
     out = tmp_path / "labels.json"
     bag = make_bag()

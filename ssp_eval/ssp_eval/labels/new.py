@@ -25,6 +25,7 @@ from ssp_eval.labels.planned import (
     plan_recordings,
     planned_files,
     read_recordings,
+    unanswered,
 )
 from ssp_eval.labels.proposal.basis import ProposalRules, Truth
 from ssp_eval.labels.proposal.k_star import UNKNOWN_VERSION, given_event
@@ -236,6 +237,8 @@ def _say_plan(
         )
     if planned.plan.remark:
         console.note(f"note: {planned.plan.remark}")
+    for problem in unanswered(recordings, planned):
+        console.note(f"warning: {problem}")
 
 
 def _say_proposal(out: Path, proposal: Proposal, truth: Truth) -> None:

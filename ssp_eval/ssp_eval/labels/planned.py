@@ -29,6 +29,7 @@ from ssp_eval.recordings.crop import crop_of
 from ssp_eval.recordings.event_rules import source_times, window_of
 from ssp_eval.recordings.observation_file import Footage, load_observations
 from ssp_eval.recordings.properties import EVENT_PHASES
+from ssp_eval.score import DEFAULT
 
 
 @dataclass(frozen=True)
@@ -245,6 +246,34 @@ def plan_recordings(recordings: Sequence[Recording]) -> Planned:
     return Planned(
         plan, tuple(None if one.truth is None else next(proposals) for one in recordings)
     )
+
+
+def unanswered(recordings: Sequence[Recording], planned: Planned) -> list[str]:
+    """Labels that every model misses, for people: their clip shows no frame near enough for
+    METHOD 6.1."""
+    found = []
+    for one, proposal in zip(recordings, planned.proposals, strict=True):
+        if proposal is not None and one.truth is not None:
+            times_s = [label.t_s for label in proposal.labels.labels]
+            crop, frames_s = proposal.crop, one.truth.frames_s
+        elif one.timeline is not None:
+            times_s = [one.timeline.time_of(at) for at in planned.plan.at]
+            crop, frames_s = one.timeline.crop, one.timeline.frames_s
+        else:
+            continue
+        shown_s = [t_s for t_s in frames_s if crop.holds(t_s)]
+        limit_s = DEFAULT.match_window_s
+        missed = [
+            f"{t_s:.3f}"
+            for t_s in times_s
+            if not any(t_s - s >= -1e-9 and DEFAULT.at_most(t_s - s, limit_s) for s in shown_s)
+        ]
+        if missed:
+            found.append(
+                f"{one.path}: at {', '.join(missed)} s the clip's newest frame is more than "
+                f"{limit_s:g} s old; no model is asked there, and all miss these labels"
+            )
+    return found
 
 
 def planned_files(
