@@ -207,7 +207,7 @@ TABLE: dict[str, Meaning] = {
     ),
     "coverage_unknown": Meaning(
         "camera coverage unknown",
-        "the camera's geometry is recorded, or labels say what is visible",
+        "the camera's geometry is recorded, or persons said what is visible",
         frozenset(),
     ),
 }
