@@ -27,7 +27,7 @@ from ssp_eval.labels.planned import (
     read_recordings,
     unanswered,
 )
-from ssp_eval.labels.proposal.basis import ProposalRules, Truth
+from ssp_eval.labels.proposal.basis import DEFAULT_RULES, ProposalRules, Truth
 from ssp_eval.labels.proposal.k_star import UNKNOWN_VERSION, given_event
 from ssp_eval.labels.proposal.propose import Proposal, grid_times, propose
 from ssp_eval.labels.proposal_file import NewFile, proposed_file, write_files
@@ -37,7 +37,6 @@ from ssp_eval.recordings.provenance import bag_folder
 
 _PATH = click.Path(path_type=Path)
 _MOST = 3
-_COUNT, _SPACING_S = 9, 0.5
 
 
 @click.command()
@@ -61,9 +60,13 @@ _COUNT, _SPACING_S = 9, 0.5
 @click.option("--trigger", type=Number(0), help="Clip time to centre a template's grid on, s.")
 @click.option("--conflict", type=Number(0), help="Likewise; between both if both are given.")
 @click.option("--start", type=Number(0), default=0.0, help="Of VIDEO's clip in the file, s.")
-@click.option("--count", type=click.IntRange(1, 1000), help=f"Labels of a grid.  [{_COUNT}]")
 @click.option(
-    "--spacing", type=click.FloatRange(0.1, 60.0), help=f"Seconds between them.  [{_SPACING_S}]"
+    "--count", type=click.IntRange(1, 1000), help=f"Labels of a grid.  [{DEFAULT_RULES.count}]"
+)
+@click.option(
+    "--spacing",
+    type=click.FloatRange(0.1, 60.0),
+    help=f"Seconds between them.  [{DEFAULT_RULES.spacing_s}]",
 )
 @click.option("--force", is_flag=True, help="Overwrite existing files.")
 def new(
@@ -129,7 +132,9 @@ def new(
         _write(planned_files(recordings, planned, targets, template))
         _say_plan(recordings, planned, targets, template)
         return
-    rules = ProposalRules(count=count or _COUNT, spacing_s=spacing or _SPACING_S)
+    rules = ProposalRules(
+        count=count or DEFAULT_RULES.count, spacing_s=spacing or DEFAULT_RULES.spacing_s
+    )
     if first.truth is None or template:
         _grid_template(targets[0], first, about(first.path, start), rules, trigger, conflict)
         return

@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 
 from ssp_eval.labels.model import Labels
-from ssp_eval.labels.proposal.basis import TOLERANCE_S
+from ssp_eval.recordings.crop import TOLERANCE_S
 from ssp_eval.score import DEFAULT
 
 

@@ -14,6 +14,7 @@ from ssp_core import console
 from ssp_core.bag import BagReader
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder, write_text
+from ssp_core.names import VUT_ID
 from ssp_core.options import Number
 from ssp_eval.audit.recording import find_bag
 from ssp_eval.observe.frames import Choice, chosen, shown_frames
@@ -38,7 +39,7 @@ from ssp_scenario_manager.spec.log import LOG_FILE, Record
 from ssp_scenario_manager.spec.log_file import append_record, utc_now
 
 _PATH = click.Path(path_type=Path)
-DEFAULT_VUT, DEFAULT_TARGETS = "vut", ("ot1",)
+DEFAULT_TARGETS = ("ot1",)
 
 
 @dataclass(frozen=True)
@@ -183,7 +184,7 @@ def _subject(bag: Path) -> _Subject:
 
 def _people(provenance: Provenance) -> tuple[str, tuple[str, ...]]:
     who = provenance.participants
-    return (DEFAULT_VUT, DEFAULT_TARGETS) if who is None else (who.vut, tuple(who.targets))
+    return (VUT_ID, DEFAULT_TARGETS) if who is None else (who.vut, tuple(who.targets))
 
 
 def _check_free(path: Path, force: bool) -> None:

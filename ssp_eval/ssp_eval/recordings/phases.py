@@ -16,10 +16,10 @@ from ssp_core.interaction import (
 )
 from ssp_core.run_spec import ConflictThresholds
 from ssp_core.state import ObjectState
+from ssp_eval.recordings.crop import TOLERANCE_S
 
 # "Staying so" for a lead vehicle that brakes: it has no corridor to arrive in.
 BRAKING_HOLD_S = 0.2
-TOLERANCE_S = 1e-9
 
 
 @dataclass(frozen=True)
@@ -174,6 +174,6 @@ def _braking(samples: Sequence[Sample], meetings: Sequence[Encounter]) -> int | 
             continue
         if start is None:
             start = i
-        if sample.t_s - samples[start].t_s >= BRAKING_HOLD_S - 1e-9:
+        if sample.t_s - samples[start].t_s >= BRAKING_HOLD_S - TOLERANCE_S:
             return start
     return None

@@ -12,8 +12,6 @@ from ssp_core.state import ObjectState
 from ssp_eval.recordings.crop import Window
 from ssp_eval.recordings.geometry import DEFAULT_MOTION, MotionThresholds
 
-TOLERANCE_S = 1e-9
-
 
 @dataclass(frozen=True)
 class ProposalRules:

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ssp_core.state import ObjectState
-from ssp_eval.labels.proposal.basis import TOLERANCE_S, ProposalRules, Truth
+from ssp_eval.labels.proposal.basis import ProposalRules, Truth
+from ssp_eval.recordings.crop import TOLERANCE_S
 from ssp_eval.recordings.geometry import Corridor, in_view, is_hidden
 from ssp_eval.recordings.phases import Event
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from ssp_core.clock import seconds_to_ns
 from ssp_core.state import ObjectState
-from ssp_eval.labels.proposal.basis import TOLERANCE_S
+from ssp_eval.recordings.crop import TOLERANCE_S
 from ssp_eval.score import DEFAULT
 
 

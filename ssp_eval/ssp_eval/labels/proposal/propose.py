@@ -47,10 +47,10 @@ from ssp_core.vocab import LON_ACTIONS
 from ssp_eval.labels.model import Label, Labels
 from ssp_eval.labels.place import BY_CLOCK, BY_PHASE, At
 from ssp_eval.labels.plan import NoPlan, Plan, Timeline, plan_labels
-from ssp_eval.labels.proposal.basis import DEFAULT_RULES, TOLERANCE_S, ProposalRules, Truth
+from ssp_eval.labels.proposal.basis import DEFAULT_RULES, ProposalRules, Truth
 from ssp_eval.labels.proposal.clip_scene import ClipScene
 from ssp_eval.labels.proposal.own_motion import OwnMotion, own_motion
-from ssp_eval.recordings.crop import Crop, crop_of
+from ssp_eval.recordings.crop import TOLERANCE_S, Crop, crop_of
 from ssp_eval.recordings.geometry import Corridor, motion_word, position_word
 from ssp_eval.recordings.phases import Event, find_event, samples_of
 
