@@ -12,6 +12,8 @@ import cv2
 import numpy as np
 import pytest
 
+from ssp_core.bag import BagReader
+from ssp_core.bag.cut import cut_bag
 from ssp_core.cli import main
 from ssp_core.hashing import sha256_file
 from ssp_eval.audit.examine import examine, version_findings
@@ -214,6 +216,31 @@ def test_another_crop_of_the_source(
     one = look(video(*options), event)
     assert "other_source" in codes(one)
     assert text in one.findings[0].detail
+
+
+def test_a_part_that_was_cut_out_of_the_source_is_another_crop(
+    video: Callable[..., Recording], event: Event, tmp_path: Path
+) -> None:
+    """Its import.json says what the whole one's says, and its clip begins at another time."""
+    whole = video().path
+    with BagReader(whole) as bag:
+        topics, start_ns = list(bag.topics), bag.start_ns
+    assert start_ns is not None
+    cut_bag(whole, tmp_path / "part" / "bag", topics, start_ns + 2_000_000_000)
+    one = look(read_recording(tmp_path / "part"), event)
+    assert set(codes(one)) == {"other_source"}
+    assert "6.92 s of it are left, the K*'s clip is 9 s long" in one.findings[0].detail
+
+
+def test_a_k_star_that_was_bound_to_another_clip_after_its_review_qualifies_none(
+    video: Callable[..., Recording], clip: Path
+) -> None:
+    source = EVENT.source.model_copy(update={"sha256": sha256_file(clip)})
+    event = EVENT.model_copy(update={"source": source})
+    one = look(video(of=event), event)
+    assert set(codes(one)) == {"unverified"}
+    assert "source.sha256 was changed after its review" in one.findings[0].detail
+    assert not one.is_verified
 
 
 def test_without_a_k_star_or_of_another_one(video: Callable[..., Recording], event: Event) -> None:

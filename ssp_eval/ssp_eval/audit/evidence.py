@@ -17,7 +17,7 @@ from ssp_eval.audit.reasons import Finding
 from ssp_eval.audit.recording import Recording
 from ssp_eval.recordings.agreement import Agreement
 from ssp_eval.recordings.event_rules import SourceTimes, source_times
-from ssp_eval.recordings.properties import EVENT_PHASES, FIELDS, Property, differences
+from ssp_eval.recordings.properties import EVENT_PHASES, FIELDS, TOPOLOGY, Property, differences
 from ssp_scenario_manager.spec.model import Event
 
 Source = Literal["states", "reviewed", "observed", "unverified"]
@@ -88,30 +88,38 @@ def combined(said: Sequence[Evidence]) -> dict[str, Value]:
 
 
 def contradictions(said: Sequence[Evidence]) -> list[Finding]:
-    """Where an observation differs from what counts before it (METHOD 4.3)."""
-    if not said:
-        return []
-    first, found = said[0], []
-    for other in said[1:]:
+    """Where an observation differs from what counts before it (METHOD 4.3).
+
+    A part that one source is silent about, such as the lane that somebody starts in where no road
+    is bound to the states, isn't contradicted by another one; who takes part always is.
+    """
+    found = []
+    for index, other in enumerate(said[1:], start=1):
+        before = combined(said[:index])
         for name, observed in other.properties.items():
-            counts = first.properties.get(name)
-            if counts is None or observed.words is None:
+            counts = before[name]
+            if counts.source == "unverified" or observed.words is None:
                 continue
-            parts = counts.without([p for p in counts.words or {} if p not in observed.words])
-            differing = differences(observed, parts)
+            known = counts.property
+            told_by_both = observed.without(
+                [p for p in observed.words if _may_lack(name, p) and p not in (known.words or {})]
+            )
+            parts = known.without([p for p in known.words or {} if p not in observed.words])
+            differing = differences(told_by_both, parts)
             if differing is None or differing:
                 told = "; ".join(f"{p} {a}, not {b}" for p, (a, b) in (differing or {}).items())
                 found.append(
                     Finding(
                         "observation_differs",
                         f"{name.replace('_', ' ')}: {other.said_by} says "
-                        f"{told or observed.text}; {first.said_by}: {counts.how}",
+                        f"{told or observed.text}; {counts.said_by}: {known.how}",
                     )
                 )
+        first = next((one for one in said[:index] if one.starts is not None), None)
         for phase, t_s in (other.starts or {}).items():
-            known_s = (first.starts or {}).get(phase)
-            if first.starts is None:
+            if first is None or first.starts is None:
                 continue
+            known_s = first.starts.get(phase)
             if known_s is None or abs(t_s - known_s) > OBSERVED_TOLERANCE_S:
                 known = "is nowhere" if known_s is None else f"is at {known_s:.2f} s"
                 found.append(
@@ -122,6 +130,11 @@ def contradictions(said: Sequence[Evidence]) -> list[Finding]:
                     )
                 )
     return found
+
+
+def _may_lack(field: str, part: str) -> bool:
+    """True for a part that comes from the road, which a source with states needn't have."""
+    return field == TOPOLOGY or part.endswith(" starts in")
 
 
 def observed(agreement: Agreement) -> Evidence:
@@ -215,4 +228,13 @@ def _other_crop(recording: Recording, times: SourceTimes) -> list[Finding]:
                     f"the crop's {name} is {given:g} s, the K*'s clip's is {when.middle_s:g} s",
                 )
             )
+    last_s = recording.end_s
+    if times.start is None or times.end is None or last_s is None or found:
+        return found
+    # The last frame lies a period before the end.
+    period_s = last_s / max(1, len(recording.frames_s) - 1)
+    if last_s < times.end.low_s - times.start.high_s - CROP_TOLERANCE_S - period_s:
+        length_s = times.end.middle_s - times.start.middle_s
+        text = f"{last_s:.2f} s of it are left, the K*'s clip is {length_s:g} s long"
+        found.append(Finding("other_source", text))
     return found

@@ -36,6 +36,7 @@ from ssp_eval.recordings.event_rules import (
     window_of,
 )
 from ssp_eval.recordings.properties import EVENT_PHASES, FIELDS, ORDER, Property
+from ssp_eval.recordings.states import STATE_AGE_S
 from ssp_scenario_manager.spec.extract.questions import GATE_REASONS
 from ssp_scenario_manager.spec.model import Event, Interval
 from ssp_scenario_manager.spec.units import si
@@ -68,7 +69,8 @@ def examine(recording: Recording, event: Event | None, version: str | None) -> E
     if event is not None and is_source:
         evidence, more = reviewed(recording, event)
         said.append(evidence)
-        findings += more if measured is None else []
+        # What isn't reviewed is measured; another crop is another clip whoever looks at it.
+        findings += [f for f in more if measured is None or f.code == "other_source"]
     if agreement is not None:
         said.append(observed(agreement))
         findings += _rejections(agreement)
@@ -105,7 +107,9 @@ def examine(recording: Recording, event: Event | None, version: str | None) -> E
         phases_source="unverified" if located is None else located.source,
         crop=crop,
         phi={} if phases is None else _phi(phases),
-        phi_half=_half_phi(event, phases) if located is not None and measured is None else {},
+        phi_half=_half_phi(event, phases)
+        if located is not None and located.source == "reviewed"
+        else {},
         measured=measured,
         findings=(
             *findings,
@@ -183,7 +187,7 @@ def _measured(
     recording: Recording, event: Event | None, is_source: bool
 ) -> tuple[Crop | None, Measured | None]:
     """The clip by the states, and what they say within it; None where there are no states."""
-    who, start_s, end_s = recording.provenance.participants, recording.start_s, recording.end_s
+    who, (start_s, end_s) = recording.provenance.participants, _covered(recording)
     if who is None or start_s is None or end_s is None or end_s <= start_s or not recording.series:
         return None, None
     rules = _rules(recording, event)
@@ -214,6 +218,19 @@ def _measured(
         return crop, measure(scene(part, crop.start_s, crop.end_s))
     except ValueError as error:
         raise InputError(f"can't be measured: {error}", file=recording.path) from error
+
+
+def _covered(recording: Recording) -> tuple[float | None, float | None]:
+    """Where a recording with states begins and ends: a video that goes on without states shows
+    nothing that could be measured."""
+    start_s, end_s = recording.start_s, recording.end_s
+    if start_s is None or end_s is None or not recording.series:
+        return start_s, end_s
+    first_s, last_s = recording.series[0][0], recording.series[-1][0]
+    return (
+        first_s if first_s - start_s > STATE_AGE_S else start_s,
+        last_s if end_s - last_s > STATE_AGE_S else end_s,
+    )
 
 
 def _source_crop(recording: Recording, event: Event | None) -> Crop:

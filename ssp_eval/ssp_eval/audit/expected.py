@@ -22,6 +22,8 @@ from ssp_scenario_manager.spec.seal import seals
 
 _REVIEWED = ("accepted", "edited")
 PHASES_FIELD = "phases"
+# Of which clip all that was reviewed is.
+_SOURCE = "source.sha256"
 # The fields of T that a road can be measured in; the others are disclosed as K* has them.
 ROAD_FIELDS = (
     "lanes_same_direction",
@@ -159,8 +161,15 @@ def review_of(event: Event) -> Review:
     sealed = seals(event)
     evidence: dict[str, str] = {}
     gaps: dict[str, tuple[str, ...]] = {}
+    source = owner(_SOURCE, event.uncertainty)
+    seal = None if source is None else event.uncertainty[source].seal
+    moved = (
+        ()
+        if seal in (None, sealed.get(source or ""))
+        else (f"{_SOURCE} was changed after its review",)
+    )
     for field, paths in reviewed_paths(event).items():
-        missing, sources = [], []
+        missing, sources = list(moved), []
         for path in paths:
             entry = owner(path, event.uncertainty)
             if entry is None:

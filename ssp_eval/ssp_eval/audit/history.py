@@ -51,30 +51,34 @@ def examine_history(recording: Recording, agreement: Agreement | None, is_source
     """
     facts = recording.provenance
     findings, identities = _switches(recording)
+    changes: list[ChangeEntry] = []
+    said_by = "the source gate of the K*" if is_source else "nobody"
     if facts.run is not None:
-        logged, unlogged = site_changes(recording.attached, facts.run)
+        said_by = "the session's log"
+        changes, unlogged = site_changes(recording.attached, facts.run)
         findings += [*unlogged, *_safety(recording)]
-        return History("the session's log", tuple(findings), identities, tuple(logged))
     if agreement is not None:
         found, told = _seen(agreement, bool(recording.series))
         findings, identities = [*findings, *found], (*identities, *told)
-    log = _log_of(recording, agreement)
-    if log is not None:
-        said_by, safety_abort, identity_switch, site_changed = log
-        if safety_abort:
-            findings.append(Finding("safety_abort", said_by))
-        if identity_switch:
-            findings.append(Finding("identity_switch", said_by))
-            identities = (*identities, f"a switch, {said_by}")
-        changes = tuple(
-            ChangeEntry(field=change, old=None, new=None, logged=True, who=said_by)
-            for change in site_changed
+    # What one person saw happen isn't undone by another who, or a log that, doesn't know of it.
+    for one in reversed(_declared(recording, agreement)):
+        if one.safety_abort:
+            findings.append(Finding("safety_abort", one.said_by))
+        if one.identity_switch:
+            findings.append(Finding("identity_switch", one.said_by))
+            identities = (*identities, f"a switch, {one.said_by}")
+        changes += [
+            ChangeEntry(field=change, old=None, new=None, logged=True, who=one.said_by)
+            for change in one.site_changes or ()
+        ]
+        if one.is_whole and facts.run is None:
+            said_by = one.said_by
+    if said_by == "nobody":
+        text = (
+            "log: nobody declares whether there was an abort, an identity switch, a change on site"
         )
-        return History(said_by, tuple(findings), identities, changes)
-    if is_source:
-        return History("the source gate of the K*", tuple(findings), identities)
-    detail = "log: nobody declares whether there was an abort, an identity switch, a change on site"
-    return History("nobody", (*findings, Finding("unverified", detail)), identities)
+        findings.append(Finding("unverified", text))
+    return History(said_by, tuple(findings), identities, tuple(changes))
 
 
 def _seen(agreement: Agreement, has_states: bool) -> tuple[list[Finding], tuple[str, ...]]:
@@ -93,21 +97,31 @@ def _seen(agreement: Agreement, has_states: bool) -> tuple[list[Finding], tuple[
     return found, tuple(told)
 
 
-def _log_of(
-    recording: Recording, agreement: Agreement | None
-) -> tuple[str, bool, bool, Sequence[str]] | None:
-    """Who declares whether there was an abort, a switch, which changes on site; None: nobody."""
-    imported = recording.provenance.imported
+@dataclass(frozen=True)
+class _Declared:
+    """What a person declares of a log that isn't there; None where he doesn't say."""
+
+    said_by: str
+    safety_abort: bool | None
+    identity_switch: bool | None
+    site_changes: Sequence[str] | None
+
+    @property
+    def is_whole(self) -> bool:
+        return None not in (self.safety_abort, self.identity_switch, self.site_changes)
+
+
+def _declared(recording: Recording, agreement: Agreement | None) -> list[_Declared]:
+    """Who declares whether there was an abort, a switch, which changes on site; the importer's
+    word first."""
+    found, imported = [], recording.provenance.imported
     if imported is not None and (log := imported.log) is not None:
-        said_by = f"declared by {log.by}, {log.on.isoformat()}"
-        return said_by, log.safety_abort, log.identity_switch, log.site_changes
-    if agreement is None:
-        return None
-    seen = agreement.answers.log
-    if seen.safety_abort is None or seen.identity_switch is None or seen.site_changes is None:
-        return None
-    said_by = f"declared by {agreement.by}"
-    return said_by, seen.safety_abort, seen.identity_switch, seen.site_changes
+        by = f"declared by {log.by}, {log.on.isoformat()}"
+        found.append(_Declared(by, log.safety_abort, log.identity_switch, log.site_changes))
+    if agreement is not None:
+        seen, by = agreement.answers.log, f"declared by {agreement.by}"
+        found.append(_Declared(by, seen.safety_abort, seen.identity_switch, seen.site_changes))
+    return found
 
 
 def _switches(recording: Recording) -> tuple[list[Finding], tuple[str, ...]]:

@@ -97,7 +97,8 @@ def judge(recordings: Sequence[Recording], event: Event | None = None) -> Judged
     counted = [_without(one.properties, varying) for one in examined]
     wanted = _without(_wanted(event), varying)
     # Synthetic is held against the K*; against itself it would always do.
-    references = [wanted, *[_reference(counted[0], wanted)] * 2]
+    synthetic = _as_wanted(counted[0], wanted)
+    references = [wanted, *[_reference(synthetic, wanted)] * 2]
     weights = {} if event is None else {str(k): w for k, w in event.constraints.weights.items()}
     doubles = _doubles(recordings)
     reasons = [
@@ -112,7 +113,7 @@ def judge(recordings: Sequence[Recording], event: Event | None = None) -> Judged
             status = "refused"
         elif any(refused):
             status = "unpaired"
-        compared = Compared(counted[index], counted[0], index == 0)
+        compared = Compared(counted[index], synthetic, index == 0)
         entries.append(_entry(one, examined[0], compared, varying, weights, status, reasons[index]))
     shared = shared_renderers([e.disclosures for e in entries], [e.domain for e in entries])
     entries = [
@@ -176,6 +177,22 @@ def _doubles(recordings: Sequence[Recording]) -> list[list[Finding]]:
         ]
         seen |= {digest: facts.domain for _, digest in files if digest is not None}
         found.append([Finding("same_recording", "; ".join(twins))] if twins else [])
+    return found
+
+
+def _as_wanted(
+    synthetic: Mapping[str, Property], wanted: Mapping[str, Property]
+) -> dict[str, Property]:
+    """q(Syn, k), of words that mean the same there those of the K*: the only lane of a road is its
+    rightmost and its leftmost, a lane of several isn't."""
+    found = {}
+    for field, value in synthetic.items():
+        known = wanted[field].words or {}
+        words = value.words and {
+            part: tuple(w for w in ours if w in known.get(part, ())) or ours
+            for part, ours in value.words.items()
+        }
+        found[field] = Property(words, value.how)
     return found
 
 

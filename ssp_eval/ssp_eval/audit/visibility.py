@@ -55,16 +55,23 @@ def examine_coverage(
     if unknown is not None or event is None or phases is None:
         return CoverageEntry(source="none"), [Finding("coverage_unknown", unknown or "", math.inf)]
     needed = event.constraints.camera.visible_fraction.min or 0.0
-    if measured is not None and recording.optics is not None:
-        return _projected(recording, event, measured, moments, needed)
+    # A guessed camera is neither measured nor declared by anybody.
+    is_known = recording.optics is not None and recording.provenance.camera != "assumed"
+    if measured is not None and is_known:
+        entry, findings = _projected(recording, event, measured, moments, needed)
+        return entry, [*findings, *_seen_otherwise(entry, agreement, needed)]
     if is_source:
-        return _reviewed(event, needed)
+        entry, findings = _reviewed(event, needed)
+        return entry, [*findings, *_seen_otherwise(entry, agreement, needed)]
     if agreement is not None:
         seen = agreement.answers.visibility
         shares = {who: one.share for who, one in seen.participants.items()}
         shares[_ZONE] = seen.conflict_region.share
         return _judged(shares, needed, f"seen by {agreement.by}", "observed")
-    why = "the camera's geometry isn't recorded" if measured else "there are no states"
+    why = "there are no states"
+    if measured is not None:
+        guessed = recording.optics is not None
+        why = "the camera's geometry is " + ("somebody's guess" if guessed else "not recorded")
     detail = f"{why}, and nobody wrote down what he saw"
     return CoverageEntry(source="none"), [Finding("coverage_unknown", detail, math.inf)]
 
@@ -111,13 +118,37 @@ def _projected(
             text = _lost("the zone", found.fraction, needed, found.first_lost_s, measured.phases)
             findings.append(Finding("zone_off_camera", text, found.first_lost_s))
     frames = sum(span[0] <= t_s <= span[1] for t_s in recording.frames_s)
-    notes = []
-    if recording.provenance.camera == "assumed":
-        notes.append("the camera's values are somebody's guess")
-    entry = CoverageEntry(
-        source="projection", participants=sights, zone=zone, frames=frames, notes=notes
-    )
+    entry = CoverageEntry(source="projection", participants=sights, zone=zone, frames=frames)
     return entry, findings
+
+
+def _seen_otherwise(
+    entry: CoverageEntry, agreement: Agreement | None, needed: float
+) -> list[Finding]:
+    """What should be visible and wasn't, as a person saw: spray, another lens, black frames.
+
+    Of the conflict region only "never" counts: projected, it is asked for until the VUT reaches it,
+    of a person until the resolution.
+    """
+    if agreement is None:
+        return []
+    seen = agreement.answers.visibility
+    lost = [
+        (who, share, entry.participants[who].fraction)
+        for who, one in seen.participants.items()
+        if who in entry.participants and (share := one.share) is not None and share < needed - 1e-9
+    ]
+    if seen.conflict_region.share == 0.0 and entry.zone is not None:
+        lost.append(("the conflict region", 0.0, entry.zone.fraction))
+    return [
+        Finding(
+            "observation_differs",
+            f"{who}: {agreement.by} saw it for {100 * share:.0f} %; {entry.source}: "
+            f"{100 * fraction:.0f} %",
+        )
+        for who, share, fraction in lost
+        if fraction is not None and fraction >= needed - 1e-9
+    ]
 
 
 def _reviewed(event: Event, needed: float) -> tuple[CoverageEntry, list[Finding]]:

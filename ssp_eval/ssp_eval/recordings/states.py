@@ -7,6 +7,7 @@ else measures.
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -155,6 +156,12 @@ def read_states(bag: BagReader, provenance: Provenance, zero_ns: int | None) -> 
     )
 
 
+def _is_usable(state: ObjectState) -> bool:
+    """False where a number is none: such a state is as good as lost."""
+    size = state.size
+    return state.is_finite and math.isfinite(size.length_m + size.width_m + size.height_m)
+
+
 def _world_states(
     bag: BagReader, zero_ns: int
 ) -> tuple[list[tuple[float, States]], list[Sighting]]:
@@ -164,7 +171,7 @@ def _world_states(
         tick = bag.decode(message)
         t_s = ns_to_seconds(stamp_ns(tick.header.stamp) - zero_ns)
         if tick.running and t_s >= 0.0:
-            objects = [object_state(o) for o in tick.objects]
+            objects = [state for o in tick.objects if _is_usable(state := object_state(o))]
             series.append((t_s, {o.object_id: o for o in objects}))
             sightings += [_sighting(t_s, WORLD, o, 0) for o in objects]
     return series, sightings
@@ -184,7 +191,8 @@ def _reported(
         t_s = ns_to_seconds(state.stamp_ns - zero_ns)
         # Before a session's start its states repeat.
         begun = t_s > 0.0 if is_session else t_s >= 0.0
-        if begun and not (names_states and state.control_state is ControlState.OFF):
+        is_off = names_states and state.control_state is ControlState.OFF
+        if begun and not is_off and _is_usable(state):
             found.append((t_s, state))
     return found
 

@@ -1,0 +1,240 @@
+"""What must not get in, or be kept out, by one source's silence about another's word (METHOD 4)."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from math import nan
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ssp_eval.audit import examine as examining
+from ssp_eval.audit.evidence import Evidence, contradictions
+from ssp_eval.audit.examine import examine
+from ssp_eval.audit.examined import Examined
+from ssp_eval.audit.judge import judge
+from ssp_eval.audit.measure import RoadFacts
+from ssp_eval.audit.recording import Recording, read_recording
+from ssp_eval.recordings.agreement import agree
+from ssp_eval.recordings.import_record import ImportRecord
+from ssp_eval.recordings.observation_file import footage_of, load_observation
+from ssp_eval.recordings.properties import ROLES, TOPOLOGY, Property
+from ssp_scenario_manager.spec.load import event_version, load_event
+from ssp_scenario_manager.spec.seal import seal_event
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from observation_files import answers, changed, seal
+
+EVENT, VERSION = load_event("cut_in")
+
+
+@pytest.fixture(scope="module")
+def recording(
+    tmp_path_factory: pytest.TempPathFactory,
+    bag_writer: Callable[..., Path],
+    task_writer: Callable[..., Path],
+) -> Recording:
+    """A session that shows the K*'s event, and more than three seconds after it."""
+    root = tmp_path_factory.mktemp("doubt")
+    task = task_writer(root / "task", lanes=2)
+    return read_recording(bag_writer(root / "bag", task=task, like_k_star=True, duration_s=12.0))
+
+
+def look(recording: Recording) -> Examined:
+    return examine(recording, EVENT, VERSION)
+
+
+def codes(one: Examined) -> set[str]:
+    return {finding.code for finding in one.findings}
+
+
+@pytest.fixture
+def seen(recording: Recording, tmp_path: Path) -> Callable[..., Recording]:
+    """The recording with what a person saw of it: just that, but for one answer."""
+
+    def make(path: str = "who", value: Any = "Ada Vance") -> Recording:
+        content, phases = answers(), look(recording).phases
+        content["topology"]["lanes_opposite"] = 2
+        for name in ("trigger", "conflict", "resolution"):
+            t_s = getattr(phases, f"{name}_s")
+            content["phases"][name] = {"t_s": t_s, "frames": [40]}
+        file = seal(recording.path, tmp_path / "seen.json", changed(path, value, content))
+        footage = footage_of(recording.path)
+        told = agree([load_observation(file, footage)], footage.period_s)
+        return replace(recording, agreement=told)
+
+    return make
+
+
+def test_what_is_seen_alike_is_admitted(
+    recording: Recording, seen: Callable[..., Recording]
+) -> None:
+    assert codes(look(recording)) == set()
+    assert codes(look(seen())) == set()
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "code"),
+    [
+        ("identity_stable.value", False, "identity_switch"),
+        ("log.identity_switch", True, "identity_switch"),
+        ("log.safety_abort", True, "safety_abort"),
+        ("visibility.participants.ot1.value", 0.3, "observation_differs"),
+        ("visibility.conflict_region.value", "never", "observation_differs"),
+    ],
+)
+def test_what_a_person_saw_happen_counts_beside_our_own_log_and_camera(
+    path: str, value: Any, code: str, seen: Callable[..., Recording]
+) -> None:
+    assert codes(look(seen(path, value))) == {code}
+
+
+def test_a_camera_that_somebody_guessed_shows_nothing(
+    recording: Recording, seen: Callable[..., Recording]
+) -> None:
+    guessed = replace(recording.provenance, camera="assumed")
+    assert codes(look(replace(recording, provenance=guessed))) == {"coverage_unknown"}
+    one = look(replace(seen(), provenance=guessed))
+    assert (codes(one), one.coverage.source) == (set(), "observed")
+
+
+def test_the_doubt_of_the_k_stars_times_is_not_that_of_what_a_person_saw(
+    seen: Callable[..., Recording],
+) -> None:
+    start = EVENT.events.trigger.start
+    assert start != "unresolved"
+    trigger = EVENT.events.trigger.model_copy(
+        update={"start": start.model_copy(update={"min": 2.8, "max": 3.3})}
+    )
+    wide = EVENT.model_copy(update={"events": EVENT.events.model_copy(update={"trigger": trigger})})
+    one = examine(replace(seen(), series=[]), wide, VERSION)
+    assert one.phases_source == "observed"
+    assert one.phi_half == {}
+
+
+def test_states_without_a_road_and_an_observation_complete_each_other(
+    seen: Callable[..., Recording], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def bare(_: Recording) -> RoadFacts | None:
+        return None
+
+    monkeypatch.setattr(Recording, "road", property(bare))
+    one = look(seen())
+    assert codes(one) == set()
+    assert one.values[TOPOLOGY].source == "observed"
+    assert one.properties[ROLES].words is not None
+    assert one.properties[ROLES].words["ot1 starts in"] == ("left_lane",)
+
+
+def test_an_observation_is_held_against_all_that_counts_before_it() -> None:
+    road = {"segment": ("straight",)}
+    states = Evidence("states", "the states", {}, {"trigger": 3.0})
+    reviewed = Evidence("reviewed", "the K*", {TOPOLOGY: Property(road, "reviewed")}, None)
+    bent = {TOPOLOGY: Property({"segment": ("curve",)}, "seen")}
+    person = Evidence("observed", "Ada", bent, None)
+    (found,) = contradictions([states, reviewed, person])
+    assert found.detail == "topology: Ada says segment curve, not straight; the K*: reviewed"
+    # Who takes part isn't left to one of them.
+    two = {"vut": ("VUT, car",), "ot1": ("OT, car",)}
+    states = Evidence("states", "the states", {ROLES: Property(two, "classes")}, None)
+    three = {ROLES: Property({**two, "ot2": ("OT, car",)}, "seen")}
+    (found,) = contradictions([states, Evidence("observed", "Ada", three, None)])
+    assert "ot2 OT, car, not absent" in found.detail
+
+
+def test_video_that_goes_on_without_states_locates_no_phase(recording: Recording) -> None:
+    phases = look(recording).phases
+    assert phases is not None
+    assert phases.resolution_s is not None
+    assert phases.trigger_s is not None
+    upto_s, from_s = phases.resolution_s + 0.1, phases.trigger_s - 0.1
+    ends = [x for x in recording.series if x[0] <= upto_s]
+    assert codes(look(replace(recording, series=ends))) == {"resolution_phase"}
+    begins = [x for x in recording.series if x[0] >= from_s]
+    assert codes(look(replace(recording, series=begins))) == {"approach_phase"}
+
+
+def test_another_crop_of_the_source_is_one_with_states_too(recording: Recording) -> None:
+    digest = "sha256:" + "5" * 64
+    source = EVENT.source.model_copy(update={"sha256": digest})
+    bound = seal_event(EVENT.model_copy(update={"source": source}))
+    record = ImportRecord.model_validate(
+        {
+            "schema": "ssp.import/2",
+            "source": {"sha256": digest},
+            "crop": {"start_s": 0.2, "end_s": 9.0},
+            "generator": "ssp-clip/1",
+            "domain": "synthetic",
+            "scenario": "cut_in",
+            "event_version": event_version(bound),
+            "ego": {"provenance": "measured", "speed_mps": None},
+            "camera": {
+                "provenance": "measured", "hfov_deg": None, "height_m": None, "pitch_down_rad": None
+            },
+            "states": {"name": "t", "sha256": digest, "vut": "vut", "objects": {"ot1": "car"}},
+        }
+    )  # fmt: skip
+    facts = replace(
+        recording.provenance, run=None, imported=record, event_version=event_version(bound)
+    )
+    one = examine(replace(recording, provenance=facts), bound, event_version(bound))
+    assert one.phases_source == "states"
+    (found,) = [finding for finding in one.findings if finding.code == "other_source"]
+    assert found.detail == "the crop's start is 0.2 s, the K*'s clip's is 0 s"
+
+
+def test_states_that_are_no_numbers_are_lost_ones(
+    bag_writer: Any,
+    poses_of_k_star: Callable[..., Any],
+    make_task: Callable[..., Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A car without a place while in conflict was in none, and the conflict was over."""
+
+    def broken(t_s: float, *rest: float) -> Any:
+        own, other = poses_of_k_star(t_s, *rest)
+        return own, (nan, *other[1:]) if t_s > 5.0 else other
+
+    monkeypatch.setitem(bag_writer.__globals__, "k_star_poses", broken)
+    task = make_task(lanes=2)
+    bag = bag_writer(tmp_path / "bag", task=task, like_k_star=True, duration_s=12.0)
+    one = look(read_recording(bag))
+    assert "identity_switch" in codes(one)
+    assert any("ot1 is gone" in text for text in one.identities)
+
+
+def test_the_only_lane_of_a_road_is_not_any_lane_of_another(
+    recording: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """K* lets the number of lanes vary: Synthetic's one lane is rightmost and leftmost."""
+    road = EVENT.topology
+    lanes = road.lanes_same_direction.model_copy(update={"identity": False})
+    free = EVENT.model_copy(
+        update={"topology": road.model_copy(update={"lanes_same_direction": lanes})}
+    )
+    assert "lanes_same_direction" not in free.topology.identity_fields
+
+    def with_lane(recording: Recording, *given: Any) -> Examined:
+        one = examining.examine(recording, *given)
+        domain = recording.provenance.domain
+        lane = ("rightmost", "leftmost") if domain == "synthetic" else ("leftmost",)
+        value = one.values[TOPOLOGY]
+        words = {**(value.property.words or {}), "vut_lane": lane}
+        topology = replace(value, property=Property(words, "made up"))
+        return replace(one, values={**one.values, TOPOLOGY: topology})
+
+    monkeypatch.setattr("ssp_eval.audit.judge.examine", with_lane)
+    three = [
+        replace(recording, provenance=replace(recording.provenance, domain=d))
+        for d in ("synthetic", "simulation", "physical")
+    ]
+    entries = judge(three, free).audit.recordings
+    primary = [{f.code for r in e.reasons for f in (r, *r.consequences)} for e in entries]
+    assert "lane_differs" not in primary[0]
+    assert "lane_differs" in primary[1]
+    assert entries[1].kpr == 0.8
