@@ -238,3 +238,12 @@ def test_the_only_lane_of_a_road_is_not_any_lane_of_another(
     assert "lane_differs" not in primary[0]
     assert "lane_differs" in primary[1]
     assert entries[1].kpr == 0.8
+
+
+def test_without_the_sources_window_there_is_no_phi(recording: Recording) -> None:
+    """Standing start and run-out would be in it: METHOD 4.1 has no clip then."""
+    clip = EVENT.events.clip.model_copy(update={"start": "unresolved"})
+    events = EVENT.events.model_copy(update={"clip": clip})
+    one = examine(recording, EVENT.model_copy(update={"events": events}), VERSION)
+    assert one.phases is not None
+    assert (one.phi, codes(one)) == ({}, {"epd_missing"})

@@ -121,12 +121,12 @@ def contradictions(said: Sequence[Evidence]) -> list[Finding]:
                 continue
             known_s = first.starts.get(phase)
             if known_s is None or abs(t_s - known_s) > OBSERVED_TOLERANCE_S:
-                known = "is nowhere" if known_s is None else f"is at {known_s:.2f} s"
+                where = "is nowhere" if known_s is None else f"is at {known_s:.2f} s"
                 found.append(
                     Finding(
                         "observation_differs",
                         f"the {phase}: {other.said_by} says {t_s:.2f} s; by {first.said_by} it "
-                        f"{known}",
+                        f"{where}",
                     )
                 )
     return found

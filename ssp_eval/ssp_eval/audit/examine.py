@@ -88,8 +88,12 @@ def examine(recording: Recording, event: Event | None, version: str | None) -> E
         phases = Phases(crop.start_s, crop.end_s, *(starts.get(name) for name in EVENT_PHASES))
         closest = "" if measured is None else _closest(measured, _thresholds(recording, event))
         findings += phase_findings(phases, closest)
+    is_cropped = event is not None and window_of(event) is not None
     if crop is None:
         findings.append(Finding("epd_missing", "the recording has no clip", math.inf))
+    elif event is not None and not is_cropped:
+        text = "the K* doesn't say how long its source's approach and resolution are"
+        findings.append(Finding("epd_missing", text, math.inf))
     within = recording if crop is None else recording.within(crop)
     moments = within.moments()
     coverage, blind = examine_coverage(
@@ -106,7 +110,7 @@ def examine(recording: Recording, event: Event | None, version: str | None) -> E
         phases=phases,
         phases_source="unverified" if located is None else located.source,
         crop=crop,
-        phi={} if phases is None else _phi(phases),
+        phi=_phi(phases) if phases is not None and is_cropped else {},
         phi_half=_half_phi(event, phases)
         if located is not None and located.source == "reviewed"
         else {},

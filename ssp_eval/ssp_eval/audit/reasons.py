@@ -193,7 +193,10 @@ TABLE: dict[str, Meaning] = {
         "resolution phase not located", "the resolution's start is found", frozenset()
     ),
     "epd_missing": Meaning(
-        "EPD can't be computed", "all event times are known here and in Synthetic", frozenset()
+        "EPD can't be computed",
+        "all event times are known here and in Synthetic, and the K* says how long its source's "
+        "approach and resolution are",
+        frozenset(),
     ),
     "participant_off_camera": Meaning(
         "a participant is off camera",
