@@ -10,6 +10,7 @@ import pytest
 
 from ssp_core.bag import BagReader
 from ssp_core.bag.cut import cut_bag
+from ssp_core.errors import InputError
 from ssp_core.messages import peek_stamp_ns
 from ssp_core.vocab import ControlState, Verdict
 from ssp_eval.audit.evidence import phase_starts
@@ -112,6 +113,14 @@ def test_times_and_thresholds_of_a_k_star_in_ms_are_those_in_s() -> None:
     limits, same = event_thresholds(in_ms), event_thresholds(event)
     assert limits.ttc_s == pytest.approx(same.ttc_s)
     assert limits.arrival_gap_s == pytest.approx(same.arrival_gap_s)
+
+
+def test_a_threshold_that_is_no_time_is_refused() -> None:
+    event, _ = load_event("cut_in")
+    value = event.model_dump(mode="json", by_alias=True)
+    value["constraints"]["thresholds"]["ttc"]["unit"] = "m"
+    with pytest.raises(InputError, match=r"is no unit of time.*s or ms"):
+        event_thresholds(Event.model_validate(value))
 
 
 def _thousandfold(value: float | None) -> float | None:

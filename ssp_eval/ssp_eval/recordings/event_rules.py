@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ssp_core.errors import InputError
 from ssp_core.interaction import Observable
 from ssp_core.run_spec import ConflictThresholds
 from ssp_eval.recordings.crop import Window
 from ssp_scenario_manager.interactions import KINDS
 from ssp_scenario_manager.spec.model import Event, Interval, Quantity, Unresolved
-from ssp_scenario_manager.spec.units import si
+from ssp_scenario_manager.spec.units import Span, si, units_of
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,11 @@ class SourceTimes:
 
 
 def source_times(event: Event) -> SourceTimes:
-    """When the source clip and its phases start, and when it ends."""
+    """When the source clip and its phases start, and when it ends.
+
+    Raises:
+        InputError: a time has no unit of time.
+    """
     parts = event.events
     return SourceTimes(
         _when(parts.clip.start),
@@ -54,8 +59,17 @@ def source_times(event: Event) -> SourceTimes:
 def _when(quantity: Quantity | Unresolved) -> When | None:
     if isinstance(quantity, str) or quantity.min is None or quantity.max is None:
         return None
-    span = si(quantity)
+    span = _span(quantity)
     return When(span.low, span.high)
+
+
+def _span(interval: Interval) -> Span:
+    if interval.unit not in units_of("time"):
+        raise InputError(
+            "is no unit of time", field="unit", value=interval.unit,
+            remedy=f"{' or '.join(units_of('time'))}; `ssp spec check` says where it stands",
+        )  # fmt: skip
+    return si(interval)
 
 
 def window_of(event: Event) -> Window | None:
@@ -72,7 +86,11 @@ def window_of(event: Event) -> Window | None:
 
 
 def event_thresholds(event: Event) -> ConflictThresholds:
-    """A K*'s thresholds of the conflict (METHOD 1), in s; an interval counts with its middle."""
+    """A K*'s thresholds of the conflict (METHOD 1), in s; an interval counts with its middle.
+
+    Raises:
+        InputError: a threshold has no unit of time.
+    """
     limits = event.constraints.thresholds
     return ConflictThresholds(ttc_s=_middle(limits.ttc), arrival_gap_s=_middle(limits.arrival_gap))
 
@@ -80,7 +98,7 @@ def event_thresholds(event: Event) -> ConflictThresholds:
 def _middle(interval: Interval | None) -> float | None:
     if interval is None or (interval.min is None and interval.max is None):
         return None
-    return si(interval).mid
+    return _span(interval).mid
 
 
 def event_observable(event: Event) -> Observable | None:
