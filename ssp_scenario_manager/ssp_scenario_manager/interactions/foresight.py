@@ -145,7 +145,7 @@ def foresee(plan: Motions, observable: Observable, thresholds: ConflictThreshold
             if _is_over(instants, t):
                 break
         dt_s = _COARSE_S if fired is None and far else STEP_S
-        players.advance(vut, meetings, dt_s)
+        players.advance(meetings, dt_s)
         t += dt_s
     if fired is None:
         never = condition_text(plan.trigger.condition)

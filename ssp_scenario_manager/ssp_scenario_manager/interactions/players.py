@@ -80,9 +80,7 @@ class Players:
         except ValueError as error:
             raise CannotPlace(f"{spec.id}: {error}") from error
 
-    def advance(
-        self, vut: ObjectState, meetings: list[tuple[ObjectState, Encounter]], dt_s: float
-    ) -> None:
+    def advance(self, meetings: list[tuple[ObjectState, Encounter]], dt_s: float) -> None:
         """Moves the VUT on, by its driver's law and, if the driver reacts, for what it meets."""
         driver, v = self.plan.driver, self.speed_mps
         wanted = free_acceleration(v, driver)
