@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import os
 import shutil
+import struct
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from rosbags.serde import SerdeError
 
 import ssp_core
 from ssp_core.bag.types import TypeDefinition, definition, serialize, store_from, typestore
@@ -73,3 +75,19 @@ def test_a_definition_that_cannot_be_used_is_an_input_error(
 ) -> None:
     with pytest.raises(InputError, match=match):
         store_from(TypeDefinition("a/msg/B", encoding, text))
+
+
+@pytest.mark.parametrize("numbers", [b"", struct.pack("<d", 2.5)])
+def test_padding_before_no_numbers_is_no_damage(numbers: bytes) -> None:
+    """rclpy aligns to 8 bytes behind the count of an empty sequence of doubles; rosbags doesn't."""
+    name = "std_msgs/msg/Float64MultiArray"
+    store = store_from(definition(name))
+    count = struct.pack("<I", len(numbers) // 8)
+    message = bytes([0, 1, 0, 0]) + bytes(8) + count + bytes(4) + numbers
+    found = store.deserialize_cdr(message, name)
+    assert list(found.data) == ([2.5] if numbers else [])
+    with pytest.raises(SerdeError, match="size mismatch"):
+        store.deserialize_cdr(message + bytes(8), name)
+    other = "std_msgs/msg/UInt32"
+    with pytest.raises(SerdeError, match="size mismatch"):
+        store_from(definition(other)).deserialize_cdr(bytes([0, 1, 0, 0]) + bytes(8), other)

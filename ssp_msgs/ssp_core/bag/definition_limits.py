@@ -150,6 +150,11 @@ def _check_depth(types: Mapping[str, Any]) -> None:
                 stack += [(n, False) for n in below]
 
 
+# Behind a count, which is aligned to 4, up to where numbers of 8 bytes would begin.
+_PADDING = bytes(4)
+_WIDE = frozenset({"int64", "uint64", "float64"})
+
+
 class BoundedStore(Typestore):
     """A store that decodes no message whose objects could take more than MAX_DECODED_BYTES.
 
@@ -162,7 +167,10 @@ class BoundedStore(Typestore):
         self._growth: dict[str, float] = {}
 
     def deserialize_cdr(self, rawdata: bytes | memoryview, typename: str) -> object:
-        """As Typestore.deserialize_cdr.
+        """As Typestore.deserialize_cdr; what rclpy writes behind a message is no part of it.
+
+        Before the items of an empty sequence of 8-byte numbers at a message's end rclpy writes the
+        padding that would align them.
 
         Raises:
             SerdeError: the bytes are no such message, or their objects could take too much memory.
@@ -176,7 +184,24 @@ class BoundedStore(Typestore):
                 f"{len(rawdata) * growth / 2**30:.1f} GiB of memory once decoded "
                 f"(at most {MAX_DECODED_BYTES >> 30} GiB are taken)"
             )
-        return super().deserialize_cdr(rawdata, typename)
+        try:
+            return super().deserialize_cdr(rawdata, typename)
+        except SerdeError:
+            is_padded = bytes(rawdata[-len(_PADDING) :]) == _PADDING
+            if not is_padded or not _ends_in_wide_numbers(self.fielddefs, typename):
+                raise
+            return super().deserialize_cdr(rawdata[: -len(_PADDING)], typename)
+
+
+def _ends_in_wide_numbers(types: Mapping[str, Any], name: str) -> bool:
+    """True for a type whose last field is a sequence of numbers of 8 bytes, be it in another's."""
+    fields = types[name][1]
+    if not fields:
+        return False
+    kind, rest = fields[-1][1]
+    if kind == Nodetype.NAME:
+        return _ends_in_wide_numbers(types, rest)
+    return kind == Nodetype.SEQUENCE and rest[0][0] == Nodetype.BASE and rest[0][1][0] in _WIDE
 
 
 def growth_of(types: Mapping[str, Any], msgtype: str) -> float:
