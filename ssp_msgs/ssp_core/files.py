@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import stat
 import tempfile
 from collections.abc import Iterable
 from contextlib import suppress
@@ -78,9 +79,14 @@ def read_text(path: str | Path, most_bytes: int = MAX_TEXT_BYTES) -> str:
         most_bytes: where it may be larger.
 
     Raises:
-        InputError: it isn't there, is too large or isn't UTF-8.
+        InputError: it isn't there, is too large or isn't UTF-8, or is a named pipe, at which
+            nobody may ever write.
     """
     try:
+        if stat.S_ISFIFO(os.lstat(path).st_mode):
+            raise InputError(
+                "is a named pipe, not a file", file=path, remedy="write its content to a file"
+            )
         with open(path, "rb") as stream:
             data = stream.read(most_bytes + 1)
     except OSError as error:

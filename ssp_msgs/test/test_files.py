@@ -368,3 +368,10 @@ def test_json_that_cannot_be_written_leaves_the_old_file(tmp_path: Path) -> None
         write_json(path, {"a": float("nan")})
     assert json.loads(path.read_text()) == {"a": 2, "b": 1}
     assert os.listdir(tmp_path) == ["x.json"]
+
+
+def test_a_named_pipe_is_refused_and_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "event.yaml")
+    with pytest.raises(InputError, match="is a named pipe, not a file") as caught:
+        read_text(tmp_path / "event.yaml")
+    assert caught.value.remedy == "write its content to a file"
