@@ -50,6 +50,7 @@ def test_standard_input() -> None:
         ('{"id": "a", "text": "", "label": "car"}', "label"),
         ('["a"]', "object"),
         ("{", "JSON"),
+        ('{"id": 1, "text": "Go."}', "stands in line 1 already"),
     ],
 )
 def test_a_bad_line_is_named(

@@ -168,11 +168,21 @@ def _read(file: str) -> Iterator[tuple[str | int, str]]:
 def _texts(stream: Iterable[str], file: str) -> Iterator[tuple[str | int, str]]:
     """The ids and texts of a stream, one line at a time; blank lines are passed over."""
     number = 0
+    lines: dict[str | int, int] = {}
     try:
         for number, line in enumerate(stream, start=1):
             content = line.removeprefix("\ufeff") if number == 1 else line
-            if content.strip():
-                yield _text(content, Place(file, number))
+            if not content.strip():
+                continue
+            place = Place(file, number)
+            key, text = _text(content, place)
+            if (first := lines.setdefault(key, number)) != number:
+                raise place.at("id").error(
+                    f"stands in line {first} already",
+                    key,
+                    remedy="give each text its own id",
+                )
+            yield key, text
     except UnicodeDecodeError as error:
         raise InputError("is not UTF-8", file=file, line=number + 1) from error
 
