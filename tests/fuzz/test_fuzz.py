@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -46,7 +47,9 @@ def test_no_input_gives_a_traceback(target: str, tmp_path: Path) -> None:
     done = run(target, "--runs", RUNS[target], "--seed", SEED, "--found", tmp_path)
     assert done.returncode == 0, done.stderr[-3000:] + done.stdout[-3000:]
     assert list(tmp_path.iterdir()) == []
-    assert f"Done {RUNS[target]} runs" in done.stderr
+    # The fuzzer may finish what it has begun: a run or two more.
+    (runs,) = re.findall(r"^Done (\d+) runs", done.stderr, re.MULTILINE)
+    assert int(runs) >= RUNS[target]
 
 
 def test_a_failing_input_is_noticed(tmp_path: Path) -> None:
