@@ -34,7 +34,7 @@ def _checks(arguments: tuple[str, ...], quick: bool) -> list[tuple[str, list[str
         ("types", ["mypy", *PACKAGES]),
         ("tools", [sys.executable, "bootstrap/bootstrap.py", "--test-tools"]),
     ]
-    pytest = [sys.executable, "-m", "pytest"]
+    pytest = [sys.executable, "-m", "pytest", "--durations=50", "--durations-min=0.5"]
     if arguments:
         chosen = ["-m", "not system"] if quick else []
         return [*checks, ("tests", [*pytest, *chosen, *arguments])]
@@ -42,7 +42,9 @@ def _checks(arguments: tuple[str, ...], quick: bool) -> list[tuple[str, list[str
     # the rest. Those that are judged by the wall's clock have the machine for themselves.
     at_once = str(max(2, (os.cpu_count() or 1) // 2))
     by_file = ["--dist", "loadfile", "-n"]
-    tests = [("tests of cores", [*pytest, *by_file, "auto", "-m", "not ros and not system"])]
+    # Tests of cores share no process but their own: who has done its half takes of the other's.
+    stealing = ["--dist", "worksteal", "-n", "auto"]
+    tests = [("tests of cores", [*pytest, *stealing, "-m", "not ros and not system"])]
     if quick:
         return [*checks, *tests, ("tests of nodes", [*pytest, *by_file, at_once, "-m", QUICK])]
     return [
@@ -64,11 +66,13 @@ def test(quick: bool, pytest_arguments: tuple[str, ...]) -> int:
     root = os.environ.get("SSP_ROOT")
     if root is None or not (Path(root) / "pyproject.toml").is_file():
         raise HostError("the tests need the source checkout: start them with ./ssp test")
+    # Compiled tests are kept: to rewrite their asserts takes each process half a minute.
+    environment = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
     failed = []
     for name, command in _checks(pytest_arguments, quick):
         console.note(f"== {name}")
         started = time.monotonic()
-        status = subprocess.run(command, cwd=root, check=False).returncode
+        status = subprocess.run(command, cwd=root, env=environment, check=False).returncode
         seconds = time.monotonic() - started
         console.note(f"== {name} {'ok' if status == 0 else 'FAILED'} after {seconds:.0f} s")
         if status != 0:
