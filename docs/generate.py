@@ -1,18 +1,26 @@
 """Writes what documents say of tables in the code: ``python docs/generate.py``.
 
-``state-machines.md`` as a whole, and the tables of ``safety.md`` between their marks. A test fails
-while a document says something else than the code.
+``state-machines.md``, ``parameters.md`` and the packages' ``config/*.param.yaml`` as a whole, and
+the tables of ``safety.md`` between their marks. A test fails while a document says something else
+than the code.
 """
 
 from __future__ import annotations
 
 import ast
+import json
 import re
+import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from enum import Enum
 from pathlib import Path
 
+import ssp_eval.params
+import ssp_monitor.params
+import ssp_ot_controller.params
+import ssp_vla_bridge.params
 from ssp_core.names import SESSION_COMMANDS
+from ssp_core.parameters import Parameter
 from ssp_core.run_spec import Limits
 from ssp_core.safety_codes import MEANINGS, SafetyCode
 from ssp_core.stopping import stopping_of
@@ -278,9 +286,81 @@ def with_tables(text: str) -> str:
     return _MARKED.sub(lambda m: f"{m[1]}{BLOCKS[m[2]]()}\n{m[3]}", text)
 
 
+# -- parameters -----------------------------------------------------------------------------------
+
+
+PARAMETERS = {
+    "ssp_ot_controller": ssp_ot_controller.params.NODES,
+    "ssp_monitor": ssp_monitor.params.NODES,
+    "ssp_vla_bridge": ssp_vla_bridge.params.NODES,
+    "ssp_eval": ssp_eval.params.NODES,
+}
+
+
+def _yaml(value: object) -> str:
+    return json.dumps(value)
+
+
+def parameters() -> str:
+    """The whole of parameters.md."""
+    parts = [
+        """# Parameters
+
+Made by `python docs/generate.py` from the tables in each package's `params.py`; don't edit. `ros2
+param describe` says the same. They are read when a node starts: `ros2 param set` is refused as
+read-only unless the table says *can be set*. A value of another type or out of its range ends the
+node with one message. `scenario_manager` has no parameters of its own: it is given the run file
+with `load_scenario` or `run_scenario`.
+"""
+    ]
+    for package, nodes in PARAMETERS.items():
+        for node, table in nodes.items():
+            rows = [
+                [
+                    f"`{one.name}`",
+                    f"`{_yaml(one.default)}`" if one.default not in ("", [""]) else "",
+                    one.constraint.replace("<", "&lt;"),
+                    one.description + ("" if one.read_only else "; *can be set*"),
+                ]
+                for one in table
+            ]
+            parts.append(f"## {node}\nOf `{package}`.\n")
+            parts.append(_table(["parameter", "default", "takes", "is for"], rows) + "\n")
+    return "\n".join(parts)
+
+
+def parameter_file(node: str, table: Iterable[Parameter]) -> str:
+    """A file of defaults, with what each parameter is for."""
+    # A bridge is named after its model.
+    whole = "/**" if node == "vla_bridge" else f"/ssp/{node}"
+    lines = [
+        f"# Defaults of the node `{node}`, made by `python docs/generate.py` from params.py.",
+        f"{whole}:",
+        "  ros__parameters:",
+    ]
+    for one in table:
+        words = f"{one.description} ({one.constraint})"
+        lines += [f"    # {line}" for line in textwrap.wrap(words, 94, break_on_hyphens=False)]
+        lines.append(f"    {one.name}: {_yaml(one.default)}")
+    return "\n".join(lines) + "\n"
+
+
+def parameter_files() -> dict[Path, str]:
+    """Those that packages ship, by path."""
+    return {
+        path: parameter_file(node, table)
+        for package, nodes in PARAMETERS.items()
+        for node, table in nodes.items()
+        if (path := ROOT / package / "config" / f"{node}.param.yaml").is_file()
+    }
+
+
 def main() -> None:
-    """Writes both documents."""
+    """Writes all of them."""
     (DOCS / "state-machines.md").write_text(state_machines())
+    (DOCS / "parameters.md").write_text(parameters())
+    for path, text in parameter_files().items():
+        path.write_text(text)
     safety = DOCS / "safety.md"
     safety.write_text(with_tables(safety.read_text()))
 

@@ -38,6 +38,14 @@ def test_the_state_machines_are_those_of_the_tables(generate: ModuleType) -> Non
     assert written == generate.state_machines(), "run `python docs/generate.py`"
 
 
+def test_the_parameters_are_those_of_the_tables(generate: ModuleType) -> None:
+    assert (ROOT / "docs" / "parameters.md").read_text() == generate.parameters()
+    files = generate.parameter_files()
+    assert set(files) == set(ROOT.glob("ssp_*/config/*.param.yaml"))
+    for path, text in files.items():
+        assert path.read_text() == text, "run `python docs/generate.py`"
+
+
 def test_the_tables_of_the_safety_document_are_those_of_the_code(generate: ModuleType) -> None:
     written = (ROOT / "docs" / "safety.md").read_text()
     assert written == generate.with_tables(written), "run `python docs/generate.py`"

@@ -22,7 +22,7 @@ from ssp_core.wire.steps import decode_tick_head, encode_done
 from ssp_monitor.core.disk import LEAST_S
 from ssp_monitor.core.last_word import LastWord
 from ssp_monitor.core.sayings import Sayings
-from ssp_monitor.params import read_params, session_plan
+from ssp_monitor.params import MONITOR, session_plan
 from ssp_monitor.recording.node import Recording
 from ssp_msgs.msg import RecorderStatus, SafetyEvent, SessionState, StepDone
 
@@ -46,7 +46,7 @@ class MonitorNode(Node):
 
     def __init__(self) -> None:
         super().__init__(names.MONITOR, namespace=names.NAMESPACE)
-        self._plan = session_plan(self, read_params(self))
+        self._plan = session_plan(ros.declare(self, MONITOR), self.resolve_topic_name)
         self._last_word = LastWord(str(self._plan.run_id))
         self._session_heard = threading.Event()
         self._done = self.create_publisher(StepDone, names.STEP_DONE, ros.STATE)

@@ -1,15 +1,15 @@
-"""Parameters of the node ``monitor``."""
+"""Parameters of this package's nodes, and the recording that those of ``monitor`` mean."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
-from rclpy.node import Node
-
-from ssp_core.errors import InputError
+from ssp_core.page_token import LEAST_TOKEN, TOKEN_VARIABLE
+from ssp_core.parameters import RUN_FILE, Parameter
 from ssp_core.run_spec import load_run
 from ssp_monitor.core.attachments import run_attachments
 from ssp_monitor.core.disk import DiskNeeds, expected_rate
@@ -17,106 +17,132 @@ from ssp_monitor.core.encoding import video_choice
 from ssp_monitor.core.plan import MB, QUEUE_MB, RESERVE_MB, RecordingPlan, patterns, split_by
 from ssp_monitor.core.selection import MOST_TOPICS, Selection
 from ssp_monitor.core.topics import bag_topics, uses_simulated_time
+from ssp_monitor.replay.timeline import FASTEST, SLOWEST
+
+DEFAULT_PORT = 8080
 
 # Beside a run's topics, what everybody says of its own health, where somebody does.
 HEALTH = "^/diagnostics$"
+_EXPRESSION = "regular expression, which may match anywhere in a name; empty: none"
+
+MONITOR = (
+    replace(RUN_FILE, description="the run; its topics are recorded in any case"),
+    Parameter("bag_dir", "", "bag to make", text="path of no folder yet", required=True),
+    Parameter("all", False, "record every topic of the graph, late ones too"),
+    Parameter("include", HEALTH, "record these topics too", text=_EXPRESSION),
+    Parameter(
+        "exclude",
+        "",
+        "record none of these; the run's own are recorded all the same",
+        text=_EXPRESSION,
+    ),
+    Parameter(
+        "most_topics",
+        MOST_TOPICS,
+        "topics beside the run's own; each takes memory, the rest is named in a warning",
+        most=10_000,
+    ),
+    Parameter(
+        "lost_limit",
+        0,
+        "messages that may be lost or dropped before the recorder's verdict is invalid_harness; "
+        "the manager ends a run at the first one that it hears of, whatever stands here",
+        most=1_000_000_000,
+    ),
+    Parameter("split_mb", 0.0, "go on in a new file at this size, 1e6 bytes; 0: never", most=1e6),
+    Parameter("split_s", 0.0, "go on in a new file after this time, s; 0: never", most=1e6),
+    Parameter(
+        "queue_mb",
+        QUEUE_MB,
+        "what may wait for the disk, 1e6 bytes; above it the least important is dropped first, and "
+        "counted",
+        least=1,
+        most=100_000,
+    ),
+    Parameter(
+        "reserve_mb",
+        RESERVE_MB,
+        "a run is ended when the disk has less room than this, 1e6 bytes, or is at the present "
+        "rate in 20 s; it begins only with room for its longest duration beside this",
+        most=10_000_000,
+    ),
+    Parameter(
+        "video", "", "record images as video; empty: as they come", text="h264, h265 or empty"
+    ),
+    Parameter(
+        "video_topics",
+        "",
+        "record only the images of these topics as video",
+        text="regular expression; empty: all",
+    ),
+)
+
+_ANY_RUN = replace(
+    RUN_FILE,
+    description="the run; without it only what topics tell is known",
+    text=f"{RUN_FILE.text}; may be empty",
+    required=False,
+)
+PAGE = (
+    _ANY_RUN,
+    Parameter("host", "127.0.0.1", "address to listen on", text="address of this host"),
+    Parameter("port", DEFAULT_PORT, "port to listen on; 0: any free one", most=65535),
+    Parameter(
+        "token",
+        "",
+        f"what commands need, better given in {TOKEN_VARIABLE}; empty: one is made",
+        text=f"{LEAST_TOKEN} printable ASCII characters at least, no space; or empty",
+        secret=True,
+    ),
+    Parameter("page_rate_hz", 10.0, "snapshots a second, Hz", least=2, most=30),
+    Parameter("camera_rate_hz", 5.0, "pictures a second, at the most, Hz", least=2, most=30),
+)
+VIEW = (_ANY_RUN,)
+REPLAY = (
+    Parameter(
+        "rate",
+        1.0,
+        "how many seconds of the bag pass in a second; counts at once",
+        least=SLOWEST,
+        most=FASTEST,
+        read_only=False,
+    ),
+)
+NODES = {"monitor": MONITOR, "monitor_page": PAGE, "view": VIEW, "replay": REPLAY}
 
 
-@dataclass(frozen=True, slots=True)
-class MonitorParams:
-    """The parameters as they are given; config/monitor.param.yaml says what each is."""
-
-    run_file: Path
-    bag_dir: Path
-    all_topics: bool
-    include: str
-    exclude: str
-    most_topics: int
-    lost_limit: int
-    split_mb: float
-    split_s: float
-    queue_mb: int
-    reserve_mb: int
-    video: str
-    video_topics: str
-
-
-def _path(node: Node, name: str) -> Path:
-    value = node.declare_parameter(name, "").value
-    if not isinstance(value, str) or not value:
-        raise InputError(
-            "must be a path", field=f"parameter {name}", value=value, remedy=f"give -p {name}:=PATH"
-        )
-    return Path(value)
-
-
-def _number(name: str, value: object, least: float, most: float) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= most:
-        raise InputError(
-            "is out of range",
-            field=f"parameter {name}",
-            value=value,
-            remedy=f"from {least:g} to {most:g}",
-        )
-    return float(value)
-
-
-def read_params(node: Node) -> MonitorParams:
-    """Declares and reads the parameters.
-
-    Raises:
-        InputError: one is missing or out of range.
-    """
-    limit = node.declare_parameter("lost_limit", 0).value
-    most = node.declare_parameter("most_topics", MOST_TOPICS).value
-    queue = node.declare_parameter("queue_mb", QUEUE_MB).value
-    reserve = node.declare_parameter("reserve_mb", RESERVE_MB).value
-    split_mb = node.declare_parameter("split_mb", 0.0).value
-    split_s = node.declare_parameter("split_s", 0.0).value
-    return MonitorParams(
-        run_file=_path(node, "run_file"),
-        bag_dir=_path(node, "bag_dir"),
-        all_topics=bool(node.declare_parameter("all", False).value),
-        include=str(node.declare_parameter("include", HEALTH).value),
-        exclude=str(node.declare_parameter("exclude", "").value),
-        most_topics=int(_number("most_topics", most, 0, 10_000)),
-        lost_limit=int(_number("lost_limit", limit, 0, 1e9)),
-        split_mb=_number("split_mb", split_mb, 0, 1e6),
-        split_s=_number("split_s", split_s, 0, 1e6),
-        queue_mb=int(_number("queue_mb", queue, 1, 1e5)),
-        reserve_mb=int(_number("reserve_mb", reserve, 0, 1e7)),
-        video=str(node.declare_parameter("video", "").value),
-        video_topics=str(node.declare_parameter("video_topics", "").value),
-    )
-
-
-def session_plan(node: Node, params: MonitorParams) -> RecordingPlan:
+def session_plan(given: Mapping[str, Any], full_name: Callable[[str], str]) -> RecordingPlan:
     """The recording of one run.
+
+    Args:
+        given: values of MONITOR.
+        full_name: under which a topic is heard, its remapping applied.
 
     Raises:
         InputError: the run file is wrong, or a parameter is.
     """
-    run = load_run(params.run_file)
+    run_file = Path(given["run_file"])
+    run = load_run(run_file)
     topics = bag_topics(run)
     # A topic that is heard under another name is not recorded a second time under that.
-    own = {node.resolve_topic_name(topic.name) for topic in topics}
+    own = {full_name(topic.name) for topic in topics}
     return RecordingPlan(
-        bag_dir=params.bag_dir,
+        bag_dir=Path(given["bag_dir"]),
         selection=Selection(
-            everything=params.all_topics,
-            include=patterns((params.include,), "parameter include"),
-            exclude=patterns((params.exclude,), "parameter exclude"),
+            everything=given["all"],
+            include=patterns((given["include"],), "parameter include"),
+            exclude=patterns((given["exclude"],), "parameter exclude"),
             own=frozenset(own | {topic.name for topic in topics}),
-            most=params.most_topics,
+            most=given["most_topics"],
         ),
-        needs=DiskNeeds(params.reserve_mb * MB, run.end.at_latest_s, expected_rate(run)),
+        needs=DiskNeeds(given["reserve_mb"] * MB, run.end.at_latest_s, expected_rate(run)),
         topics=topics,
-        attachments=tuple(run_attachments(params.run_file)),
+        attachments=tuple(run_attachments(run_file)),
         simulated_time=uses_simulated_time(run),
-        split=split_by(params.split_mb, params.split_s),
-        video=video_choice(params.video, params.video_topics),
-        queue_bytes=params.queue_mb * MB,
-        lost_limit=params.lost_limit,
+        split=split_by(given["split_mb"], given["split_s"]),
+        video=video_choice(given["video"], given["video_topics"]),
+        queue_bytes=given["queue_mb"] * MB,
+        lost_limit=given["lost_limit"],
         run_id=run.run_id,
     )
 

@@ -17,6 +17,7 @@ from typing import Any, TypeVar
 import rclpy
 from builtin_interfaces.msg import Time as TimeMsg
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import (
@@ -33,6 +34,7 @@ from ssp_core.errors import SspError
 from ssp_core.health import Status
 from ssp_core.messages import stamp_ns
 from ssp_core.names import NAMESPACE
+from ssp_core.parameters import Parameter
 
 T = TypeVar("T")
 
@@ -80,6 +82,37 @@ def diagnostic_array(statuses: Iterable[Status], stamp_ns: int) -> DiagnosticArr
         for status in statuses
     ]
     return array
+
+
+def declare(node: Node, table: Iterable[Parameter]) -> dict[str, Any]:
+    """Declares the parameters of a table, each with its descriptor, and gives their values.
+
+    Raises:
+        InputError: a value is of another type than its parameter's, or out of its range.
+    """
+    found = {}
+    for one in table:
+        # rclpy would end with a traceback for what is wrong, and take no 5 where 5.0 is meant.
+        as_given = ParameterDescriptor(dynamic_typing=True)
+        value = one.check(node.declare_parameter(one.name, one.default, as_given).value)
+        node.undeclare_parameter(one.name)
+        node.declare_parameter(one.name, value, _descriptor(one), ignore_override=True)
+        found[one.name] = value
+    return found
+
+
+def _descriptor(one: Parameter) -> ParameterDescriptor:
+    made = ParameterDescriptor(
+        description=one.description,
+        additional_constraints=one.constraint,
+        read_only=one.read_only,
+    )
+    if isinstance(one.default, float):
+        made.floating_point_range = [FloatingPointRange(from_value=one.least, to_value=one.most)]
+    elif one.is_number:
+        bounds = {"from_value": int(one.least), "to_value": int(one.most)}
+        made.integer_range = [IntegerRange(**bounds, step=1)]
+    return made
 
 
 def subscribe_raw(

@@ -1,4 +1,4 @@
-"""Launch and parameter files of all packages, with a stand-in for launch and launch_ros.
+"""Launch files of all packages, with a stand-in for launch and launch_ros.
 
 The wheels have neither; what can go wrong without them is a name: of an executable, a parameter, an
 argument or a file.
@@ -6,11 +6,11 @@ argument or a file.
 
 from __future__ import annotations
 
-import ast
 import re
 import runpy
 import sys
 from collections.abc import Callable, Iterator
+from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -24,7 +24,6 @@ from ssp_scenario_manager.compile.prepare import prepare_run
 
 ROOT = Path(__file__).resolve().parents[2]
 LAUNCH_FILES = sorted(ROOT.glob("ssp_*/launch/*.launch.py"))
-PARAMETER_FILES = sorted(ROOT.glob("ssp_*/config/*.param.yaml"))
 SIL = ROOT / "ssp_scenario_manager" / "launch" / "sil.launch.py"
 TRACK = SIL.with_name("track.launch.py")
 
@@ -85,42 +84,17 @@ def things(value: Any) -> Iterator[Thing]:
             yield from things(inner)
 
 
-def executables(package: str) -> dict[str, Path]:
-    """Console scripts of a package's setup.py, with the file that each runs."""
-    text = (ROOT / package / "setup.py").read_text()
-    return {
-        name: (ROOT / package / Path(*module.split("."))).with_suffix(".py")
-        for name, module in re.findall(r'"(\w+) = ([\w.]+):\w+"', text)
-    }
+def executables(package: str) -> list[str]:
+    """Console scripts of a package's setup.py."""
+    return re.findall(r'"(\w+) = [\w.]+:\w+"', (ROOT / package / "setup.py").read_text())
 
 
-def declared_parameters(node: Path) -> set[str]:
-    """Names that a node declares, in node.py or in params.py beside it.
-
-    Counted are literal names, also those that go through a function of the same file.
-    """
-    found = set()
-    for file in (node, node.with_name("params.py")):
-        if not file.is_file():
-            continue
-        tree = ast.parse(file.read_text())
-        declaring = {"declare_parameter"}
-        for function in ast.walk(tree):
-            if isinstance(function, ast.FunctionDef) and any(
-                isinstance(inner, ast.Attribute) and inner.attr == "declare_parameter"
-                for inner in ast.walk(function)
-            ):
-                declaring.add(function.name)
-        for call in ast.walk(tree):
-            if isinstance(call, ast.Call):
-                name = getattr(call.func, "attr", getattr(call.func, "id", ""))
-                if name in declaring:
-                    found |= {
-                        a.value
-                        for a in call.args[:2]
-                        if isinstance(a, ast.Constant) and isinstance(a.value, str) and a.value
-                    }
-    return found
+def declared_parameters(package: str, executable: str) -> set[str]:
+    """Names that a node declares."""
+    node = {"page": "monitor_page"}.get(executable, executable)
+    if package == "ssp_scenario_manager":
+        return set()
+    return {one.name for one in import_module(f"{package}.params").NODES[node]}
 
 
 # Tools of ROS that a launch file may start on request; they aren't ours to look into.
@@ -131,10 +105,10 @@ def check_node(node: Thing) -> None:
     if node.kwargs["package"] in TOOLS:
         assert "condition" in node.kwargs, "started only where it is asked for"
         return
-    scripts = executables(node.kwargs["package"])
-    assert node.kwargs["executable"] in scripts
+    package, executable = node.kwargs["package"], node.kwargs["executable"]
+    assert executable in executables(package)
     assert node.kwargs["namespace"] == "ssp"
-    declared = declared_parameters(scripts[node.kwargs["executable"]])
+    declared = declared_parameters(package, executable)
     for parameters in node.kwargs.get("parameters", []):
         if isinstance(parameters, dict):
             assert set(parameters) <= declared
@@ -153,16 +127,6 @@ def test_the_launch_files_are_found() -> None:
     }
 
 
-def test_declared_parameters_are_seen() -> None:
-    target = executables("ssp_ot_controller")["object_target"]
-    assert declared_parameters(target) == {"run_file", "object_ids", "autostart", "bodies"}
-    assert declared_parameters(executables("ssp_monitor")["monitor"]) == {
-        "run_file", "bag_dir", "all", "include", "exclude", "most_topics", "lost_limit", "split_mb",
-        "split_s", "queue_mb", "reserve_mb", "video", "video_topics",
-    }  # fmt: skip
-    assert declared_parameters(executables("ssp_scenario_manager")["scenario_manager"]) == set()
-
-
 @pytest.mark.parametrize("path", LAUNCH_FILES, ids=lambda p: p.name)
 def test_names_in_a_launch_file_exist(path: Path, entities: Callable[[Path], list[Thing]]) -> None:
     found = list(things(entities(path)))
@@ -176,15 +140,6 @@ def test_names_in_a_launch_file_exist(path: Path, entities: Callable[[Path], lis
         elif thing.kind == "PathJoinSubstitution":
             share, *parts = thing.args[0]
             assert (ROOT / share.args[0] / Path(*parts)).is_file()
-
-
-@pytest.mark.parametrize("path", PARAMETER_FILES, ids=lambda p: p.name)
-def test_names_in_a_parameter_file_exist(path: Path) -> None:
-    scripts = executables(path.parents[1].name)
-    for node, content in yaml.safe_load(path.read_text()).items():
-        names = list(scripts) if node == "/**" else [node.removeprefix("/ssp/")]
-        for name in names:
-            assert set(content["ros__parameters"]) <= declared_parameters(scripts[name])
 
 
 # -- the session ----------------------------------------------------------------------------------

@@ -18,6 +18,7 @@ from ssp_core.ros import (
     STATE,
     VLA,
     StopRequest,
+    declare,
     diagnostic_array,
     make_node,
     ns_from_stamp,
@@ -31,7 +32,7 @@ from ssp_vla_bridge.core.inbox import Inbox, Ticket
 from ssp_vla_bridge.core.interfaces import find_interface
 from ssp_vla_bridge.core.request import Request
 from ssp_vla_bridge.core.response import ErrorCode, Response
-from ssp_vla_bridge.params import BridgeParams, read_params
+from ssp_vla_bridge.params import BRIDGE, BridgeParams, bridge_params
 from ssp_vla_bridge.shadow.follower import Follower
 from ssp_vla_bridge.shadow.node import Shadow
 
@@ -49,7 +50,7 @@ class VlaBridge(Node):
 
     def __init__(self, name: str, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)
-        params = read_params(self)
+        params = bridge_params(declare(self, BRIDGE))
         self._model = params.model
         self._timeout_s = params.timeout_s
         self._backend = make_backend(params.backend, params.backend_options)

@@ -2,32 +2,18 @@
 
 from __future__ import annotations
 
-import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from rclpy.node import Node
-
-from ssp_core.errors import InputError
+from ssp_core.parameters import Parameter
 from ssp_vla_bridge.core.backend import parse_options
 from ssp_vla_bridge.core.interfaces import find_interface
-
-_TOPIC_WORD = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 
 @dataclass(frozen=True)
 class BridgeParams:
-    """What one bridge serves.
-
-    Args:
-        model: name on the topics.
-        backend: name of the backend, or ``module:factory``.
-        backend_options: its options.
-        timeout_s: from request to answer, s.
-        queue_limit: requests that may wait besides the one that is worked on.
-        interface: for shadow mode: which frames and ego samples it is given; empty: the backend's.
-        shadow_hz: how often it is asked about a running session, Hz of its clock; 0: never.
-    """
+    """What one bridge serves; BRIDGE says what each is, and ``backend`` is never empty."""
 
     model: str
     backend: str
@@ -38,32 +24,59 @@ class BridgeParams:
     shadow_hz: float
 
 
-def read_params(node: Node) -> BridgeParams:
-    """Declares and reads the parameters.
+BRIDGE = (
+    Parameter(
+        "model",
+        "constant_velocity",
+        "name on the topics",
+        text="letters, digits and underscores, a letter first",
+        pattern=r"[A-Za-z][A-Za-z0-9_]*",
+    ),
+    Parameter(
+        "backend",
+        "",
+        "what answers; empty: as model",
+        text="name of a backend, module:factory, or empty",
+    ),
+    Parameter("backend_options", "", "its options", text="a JSON object, or empty", secret=True),
+    Parameter(
+        "timeout_s",
+        60.0,
+        "from request to answer, s; a later answer is thrown away",
+        least=0.001,
+        most=86400,
+    ),
+    Parameter(
+        "queue_limit",
+        4,
+        "requests that may wait besides the one that is worked on",
+        least=1,
+        most=1_000_000,
+    ),
+    Parameter(
+        "interface",
+        "",
+        "for shadow mode: which frames and ego samples the model is given; empty: the backend's",
+        text="name of an interface, or empty",
+    ),
+    Parameter(
+        "shadow_hz",
+        0.0,
+        "how often it is asked about a running session, Hz of its clock; 0: never",
+        most=100,
+    ),
+)
+NODES = {"vla_bridge": BRIDGE}
+
+
+def bridge_params(given: Mapping[str, Any]) -> BridgeParams:
+    """What the values of BRIDGE mean.
 
     Raises:
-        InputError: one is wrong, with what would be right.
+        InputError: the backend's options are no JSON object, or there is no such interface.
     """
-    model = str(node.declare_parameter("model", "constant_velocity").value)
-    backend = str(node.declare_parameter("backend", "").value) or model
-    options = parse_options(str(node.declare_parameter("backend_options", "").value))
-    timeout_s = float(node.declare_parameter("timeout_s", 60.0).value)
-    queue_limit = int(node.declare_parameter("queue_limit", 4).value)
-    interface = str(node.declare_parameter("interface", "").value)
-    shadow_hz = float(node.declare_parameter("shadow_hz", 0.0).value)
-    if not _TOPIC_WORD.fullmatch(model):
-        raise InputError(
-            "is no name for a topic",
-            field="model",
-            value=model,
-            remedy="use letters, digits and underscores, a letter first",
-        )
-    if not 0.001 <= timeout_s <= 86400.0:
-        raise InputError("must lie in [0.001, 86400] s", field="timeout_s", value=timeout_s)
-    if queue_limit < 1:
-        raise InputError("must be at least 1", field="queue_limit", value=queue_limit)
-    if not 0.0 <= shadow_hz <= 100.0:
-        raise InputError("must lie in [0, 100] Hz", field="shadow_hz", value=shadow_hz)
-    if interface:
-        find_interface(interface)
-    return BridgeParams(model, backend, options, timeout_s, queue_limit, interface, shadow_hz)
+    if given["interface"]:
+        find_interface(given["interface"])
+    options = parse_options(given["backend_options"])
+    backend = given["backend"] or given["model"]
+    return BridgeParams(**{**given, "backend": backend, "backend_options": options})

@@ -11,23 +11,17 @@ from rclpy.utilities import remove_ros_args
 
 from ssp_core.console import report_error
 from ssp_core.errors import SspError
-from ssp_core.ros import make_node
+from ssp_core.ros import declare, make_node
 from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.choose import driving_before
 from ssp_eval.evaluate.link.node import NAME
 from ssp_eval.evaluate.models import as_attached, attached_spec, load_models, with_controls
 from ssp_eval.evaluate.over_topics import evaluate_bags
-from ssp_eval.evaluate.topic_asker import CONNECT_S
+from ssp_eval.params import EVALUATOR
 
 
 def main() -> int:
-    """Evaluates bags with bridges that are on the topics already (``ros2 run ssp_eval evaluator``).
-
-    ROS parameters: ``bags`` and ``models`` (lists), ``models_file`` (``ssp.models/1``, of which
-    every model is taken as running), ``out`` (folder), ``adapter`` (of all models; else each has
-    its own), ``timeout_s``, ``start_timeout_s``, ``retry_errors``, ``controls`` (true: each model
-    once more with spoilt frames, and the harness's own answerers, in this process).
-    """
+    """Evaluates bags with bridges that run already: ``ros2 run ssp_eval evaluator``."""
     rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
     if len(remove_ros_args(sys.argv)) > 1:
         report_error("takes ROS parameters only: --ros-args -p bags:=[...] -p models:=[...]")
@@ -43,25 +37,18 @@ def main() -> int:
 
 def _evaluate() -> int:
     settings = make_node(f"{NAME}_settings")
-    bags = list(settings.declare_parameter("bags", [""]).value)
-    models = list(settings.declare_parameter("models", [""]).value)
-    out = Path(str(settings.declare_parameter("out", "out/evaluation").value))
-    models_file = str(settings.declare_parameter("models_file", "").value)
-    adapter = str(settings.declare_parameter("adapter", "").value)
-    timeout_s = float(settings.declare_parameter("timeout_s", 60.0).value)
-    start_timeout_s = float(settings.declare_parameter("start_timeout_s", CONNECT_S).value)
-    retry_errors = int(settings.declare_parameter("retry_errors", 0).value)
-    controls = bool(settings.declare_parameter("controls", True).value)
+    given = declare(settings, EVALUATOR)
     settings.destroy_node()
+    out, models_file = Path(given["out"]), given["models_file"]
     specs = as_attached(load_models(Path(models_file))) if models_file else []
-    specs += [attached_spec(name) for name in models if name]
+    specs += [attached_spec(name) for name in given["models"] if name]
     results = evaluate_bags(
-        [(Path(bag), None) for bag in bags if bag],
-        with_controls(specs, driving_before(out)) if specs and controls else specs,
+        [(Path(bag), None) for bag in given["bags"] if bag],
+        with_controls(specs, driving_before(out)) if specs and given["controls"] else specs,
         out,
-        CellOptions(adapter=adapter, retry_errors=retry_errors),
-        timeout_s,
-        start_timeout_s=start_timeout_s,
+        CellOptions(adapter=given["adapter"], retry_errors=given["retry_errors"]),
+        given["timeout_s"],
+        start_timeout_s=given["start_timeout_s"],
         no_controls="-p controls:=false",
     )
     for result in results:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 import time
 from collections.abc import Callable
@@ -19,15 +20,16 @@ from sensor_msgs.msg import CompressedImage
 from ssp_core import names, ros
 from ssp_core.clock import NS_PER_S
 from ssp_core.errors import HostError
+from ssp_core.page_token import TOKEN_VARIABLE, check_token
 from ssp_core.run_spec import load_run
 from ssp_core.wire.references import decode_ack
 from ssp_monitor.page.guard import is_loopback, make_token
 from ssp_monitor.page.mailbox import Payload
 from ssp_monitor.page.model import Snapshots
-from ssp_monitor.page.params import read_params
 from ssp_monitor.page.picture import Pictures
 from ssp_monitor.page.server import PageServer
 from ssp_monitor.page.site import site_message
+from ssp_monitor.params import PAGE
 from ssp_monitor.watch import conversions
 from ssp_monitor.watch.board import Board
 from ssp_monitor.watch.facts import Answer, Event
@@ -93,23 +95,24 @@ class MonitorPage(Node):
 
     def __init__(self) -> None:
         super().__init__(names.MONITOR_PAGE, namespace=names.NAMESPACE)
-        params = read_params(self)
-        run = load_run(params.run_file) if params.run_file is not None else None
+        given = ros.declare(self, PAGE)
+        own = given["token"] or os.environ.get(TOKEN_VARIABLE, "")
+        token = check_token(own, "parameter token") if own else make_token()
+        run = load_run(given["run_file"]) if given["run_file"] else None
         self._board = Board(run)
         self._snapshots = Snapshots(self._board)
         self._events_pushed = -1
         self._watch = SessionWatch(self, self._board)
-        self._pictures = Pictures(self._board, int(NS_PER_S / params.camera_rate_hz))
+        self._pictures = Pictures(self._board, int(NS_PER_S / given["camera_rate_hz"]))
         self._acks: set[str] = set()
         self._subscribe()
-        token = params.token or make_token()
         self._commands = ManagerCommands(self)
-        self.server = PageServer(params.host, params.port, token, self._commands)
+        self.server = PageServer(given["host"], given["port"], token, self._commands)
         self.server.push({"site": json.dumps({"type": "site", **site_message(run)})})
-        self._announce(params.token == "", token)
+        self._announce(not own, token)
         # Steady: a frozen /clock must not freeze the page.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(1.0 / params.rate_hz, self._push, clock=steady)
+        self.create_timer(1.0 / given["page_rate_hz"], self._push, clock=steady)
         self.create_timer(LOOK_PERIOD_S, self._look_around, clock=steady)
 
     def _announce(self, made: bool, token: str) -> None:

@@ -8,7 +8,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import click
 from rcl_interfaces.msg import SetParametersResult
@@ -27,6 +27,7 @@ from ssp_core.bag import BagMessage, BagReader
 from ssp_core.console import err, note
 from ssp_core.errors import HostError
 from ssp_monitor.conversions import message_class
+from ssp_monitor.params import REPLAY
 from ssp_monitor.replay.commands import session_signs
 from ssp_monitor.replay.conversions import profile_of, why_not_installed
 from ssp_monitor.replay.keys import HELP, Key, Keyboard
@@ -191,7 +192,7 @@ class ReplayNode(Node):
         }
         for name, do in offered.items():
             self.create_service(Trigger, f"~/{name}", self._answer(do))
-        self.declare_parameter("rate", self._options.settings.rate)
+        ros.declare(self, [replace(one, default=self._options.settings.rate) for one in REPLAY])
         self.add_on_set_parameters_callback(self._set_parameters)
         # Steady: /clock may be paused, or be published by this very node.
         steady = Clock(clock_type=ClockType.STEADY_TIME)

@@ -15,10 +15,10 @@ from ssp_core import names, ros
 from ssp_core.geometry import Polyline
 from ssp_core.run_spec import load_run
 from ssp_monitor.core.drawing import drawing_of
+from ssp_monitor.params import VIEW
 from ssp_monitor.view.conversions import marker_array
 from ssp_monitor.view.health import ClockWatch, health
 from ssp_monitor.view.moving import Moving
-from ssp_monitor.view.params import read_run_file
 from ssp_monitor.view.standing import standing_marks
 from ssp_monitor.view.topics import OBJECT_MARKERS, SCENE_MARKERS
 from ssp_monitor.watch.board import Board
@@ -38,8 +38,8 @@ class ViewNode(Node):
 
     def __init__(self) -> None:
         super().__init__(NODE, namespace=names.NAMESPACE)
-        run_file = read_run_file(self)
-        run = load_run(run_file) if run_file is not None else None
+        run_file = ros.declare(self, VIEW)["run_file"]
+        run = load_run(run_file) if run_file else None
         self._board = Board(run)
         path = run.vut.approach.path if run is not None and run.vut.approach is not None else None
         self._moving = Moving(Polyline(path) if path is not None else None)

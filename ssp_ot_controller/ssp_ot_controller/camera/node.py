@@ -21,6 +21,7 @@ from ssp_core.ros import (
     SENSOR,
     STATE,
     StopRequest,
+    declare,
     run_node,
     stamp_from_ns,
     subscribe_raw,
@@ -37,6 +38,7 @@ from ssp_ot_controller.camera.render import render, warm_up
 from ssp_ot_controller.camera.scene import Scene
 from ssp_ot_controller.camera.schedule import Schedule, steps_per_frame
 from ssp_ot_controller.camera.travel import Odometer
+from ssp_ot_controller.params import FRONT_CAMERA
 
 _CHECK_PERIOD_S = 0.2
 _DROP_REPORT_PERIOD_S = 5.0
@@ -51,15 +53,11 @@ class _Job:
 
 
 class FrontCamera(Node):
-    """Draws in a worker thread, in order; in lockstep nothing is dropped.
-
-    Parameter ``run_file``: path of the run (``ssp.run/1``).
-    """
+    """Draws in a worker thread, in order; in lockstep nothing is dropped."""
 
     def __init__(self) -> None:
         super().__init__(names.FRONT_CAMERA, namespace=names.NAMESPACE)
-        self.declare_parameter("run_file", "")
-        run_file = self.get_parameter("run_file").value
+        run_file = declare(self, FRONT_CAMERA)["run_file"]
         self._run: RunSpec = load_run(run_file)
         if self._run.camera is None:
             raise InputError(

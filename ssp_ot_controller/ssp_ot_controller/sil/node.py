@@ -35,6 +35,7 @@ from ssp_msgs.msg import (
 )
 from ssp_ot_controller.camera.schedule import slowest_frame_s
 from ssp_ot_controller.core.bodies import Command
+from ssp_ot_controller.params import SIL_WORLD
 from ssp_ot_controller.sil.barrier import Barrier
 from ssp_ot_controller.sil.conversions import fault_to_msg
 from ssp_ot_controller.sil.disturbance import Channel
@@ -60,7 +61,7 @@ class SilWorld(Node):
 
     def __init__(self, stop: ros.StopRequest) -> None:
         super().__init__(names.SIL_WORLD, namespace=names.NAMESPACE)
-        run_file = self.declare_parameter("run_file", "").value
+        run_file = ros.declare(self, SIL_WORLD)["run_file"]
         self._run = load_run(run_file)
         if self._run.mode == "live":
             raise InputError(

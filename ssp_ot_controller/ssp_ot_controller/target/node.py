@@ -24,6 +24,7 @@ from ssp_msgs.msg import Heartbeat, ObjectState, ObjectStates, WorldTick
 from ssp_msgs.msg import Reference as ReferenceMsg
 from ssp_msgs.srv import ObjectCommand
 from ssp_ot_controller.core.object_machine import ObjectEvent
+from ssp_ot_controller.params import OBJECT_TARGET
 from ssp_ot_controller.target.crew import Crew
 from ssp_ot_controller.target.crew_step import CrewStep, Tick
 from ssp_ot_controller.target.echo import Echo, answers_late
@@ -39,15 +40,12 @@ class ObjectTargetNode(LifecycleNode):
 
     def __init__(self, stop: ros.StopRequest) -> None:
         super().__init__(names.OBJECT_TARGET, namespace=names.NAMESPACE)
-        self.declare_parameter("run_file", "")
-        self.declare_parameter("object_ids", "")
-        self.declare_parameter("bodies", "")
-        autostart = self.declare_parameter("autostart", True).value
+        self._given = ros.declare(self, OBJECT_TARGET)
         self._crew: Crew | None = None
         self._live: LiveObjects | None = None
         self._destroyers: list[Callable[[], object]] = []
         self._failure: Exception | None = None
-        if autostart:
+        if self._given["autostart"]:
             for trigger in (self.trigger_configure, self.trigger_activate):
                 if trigger() is not TransitionCallbackReturn.SUCCESS:
                     raise self._failure or HostError("the node could not be activated")
@@ -90,8 +88,8 @@ class ObjectTargetNode(LifecycleNode):
             self._send(self._crew.halt(time.monotonic_ns()))
 
     def _configure(self) -> None:
-        run = load_run(self.get_parameter("run_file").value)
-        wanted = [i for i in self.get_parameter("object_ids").value.split(",") if i]
+        run = load_run(self._given["run_file"])
+        wanted = [i for i in self._given["object_ids"].split(",") if i]
         crew = self._crew = Crew(run, wanted, time.monotonic_ns())
         crew.active = False
         self._echo = Echo()
@@ -106,8 +104,7 @@ class ObjectTargetNode(LifecycleNode):
 
     def _connect_bodies(self, crew: Crew, run: RunSpec) -> None:
         """No simulated world: the bodies are read and commanded here, on a steady timer."""
-        text = self.get_parameter("bodies").value
-        bodies = open_bodies(run, crew.object_ids, text, time.time_ns())
+        bodies = open_bodies(run, crew.object_ids, self._given["bodies"], time.time_ns())
         live = self._live = LiveObjects(run, bodies, self.get_logger().error)
         self._destroyers.append(self._disconnect_bodies)
         self._timer(run.step_s, partial(self._live_step, crew, live))

@@ -12,6 +12,7 @@ from ssp_core.conversions import state_to_msg
 from ssp_core.errors import InputError
 from ssp_core.run_spec import load_run
 from ssp_msgs.msg import ObjectState
+from ssp_ot_controller.params import VUT_ADAPTER
 from ssp_ot_controller.vut.odometry import Fix, LeverArm, Unusable, VutStates
 
 # At most one message on unusable fixes in so many seconds.
@@ -23,7 +24,8 @@ class VutAdapter(Node):
 
     def __init__(self, stop: ros.StopRequest) -> None:
         super().__init__(names.VUT_ADAPTER, namespace=names.NAMESPACE)
-        run = load_run(self.declare_parameter("run_file", "").value)
+        given = ros.declare(self, VUT_ADAPTER)
+        run = load_run(given["run_file"])
         if run.mode != "live":
             raise InputError(
                 "has its VUT in the simulated world",
@@ -31,16 +33,11 @@ class VutAdapter(Node):
                 value=run.mode,
                 remedy="start vut_adapter in live sessions only",
             )
-        topic = self.declare_parameter("odometry", "odometry").value
-        lever = LeverArm(
-            float(self.declare_parameter("unit_forward_m", 0.0).value),
-            float(self.declare_parameter("unit_left_m", 0.0).value),
-            float(self.declare_parameter("unit_yaw_left_rad", 0.0).value),
-        )
-        self._states = VutStates(run.vut, lever, names.MAP_FRAME)
+        unit = given["unit_forward_m"], given["unit_left_m"], given["unit_yaw_left_rad"]
+        self._states = VutStates(run.vut, LeverArm(*unit), names.MAP_FRAME)
         self._unusable = 0
         self._pub = self.create_publisher(ObjectState, names.state_topic(names.VUT_ID), ros.STATE)
-        self.create_subscription(Odometry, topic, self._on_odometry, ros.DRIVER)
+        self.create_subscription(Odometry, given["odometry"], self._on_odometry, ros.DRIVER)
 
     def _on_odometry(self, message: Odometry) -> None:
         pose, twist = message.pose, message.twist.twist

@@ -23,6 +23,7 @@ from ssp_ot_controller.camera.mounting import mount
 from ssp_ot_controller.camera.render import render, warm_up
 from ssp_ot_controller.camera.scene import Scene
 from ssp_ot_controller.camera.travel import Odometer
+from ssp_ot_controller.params import PLAYED_CAMERA
 
 
 class PlayedCamera(Node):
@@ -30,7 +31,7 @@ class PlayedCamera(Node):
 
     def __init__(self, stop: ros.StopRequest) -> None:
         super().__init__("played_camera", namespace=names.NAMESPACE)
-        run_file = self.declare_parameter("run_file", "").value
+        run_file = ros.declare(self, PLAYED_CAMERA)["run_file"]
         self._run = run = load_run(run_file)
         if run.camera is None:
             raise InputError("has no camera to play", file=run_file, field="camera")

@@ -18,6 +18,7 @@ from ssp_core.vocab import SessionPhase
 from ssp_core.wire import steps
 from ssp_core.wire.states import StateArray, decode_state, decode_states
 from ssp_msgs.msg import Heartbeat, ObjectState, ObjectStates
+from ssp_ot_controller.params import PLAYED_VUT
 from ssp_ot_controller.rehearsal.vehicle import PlayedVehicle
 
 # What its localisation says of itself, one sigma.
@@ -29,14 +30,13 @@ class PlayedVut(Node):
 
     def __init__(self, stop: ros.StopRequest) -> None:
         super().__init__("played_vut", namespace=names.NAMESPACE)
-        run = load_run(self.declare_parameter("run_file", "").value)
-        topic = self.declare_parameter("odometry", "odometry").value
-        rate_hz = float(self.declare_parameter("rate_hz", 100.0).value)
-        self._frame = str(self.declare_parameter("frame", names.MAP_FRAME).value)
-        self._offset_ns = seconds_to_ns(float(self.declare_parameter("clock_offset_s", 0.0).value))
+        given = ros.declare(self, PLAYED_VUT)
+        run = load_run(given["run_file"])
+        self._frame = given["frame"]
+        self._offset_ns = seconds_to_ns(given["clock_offset_s"])
         self._vehicle = PlayedVehicle(run, time.time_ns())
         self._others: dict[str, State] = {}
-        self._pub = self.create_publisher(Odometry, topic, ros.STATE)
+        self._pub = self.create_publisher(Odometry, given["odometry"], ros.STATE)
         sub = ros.subscribe_raw
         beats = steps.decode_heartbeat
         sub(self, Heartbeat, names.HEARTBEAT, beats, self._on_beat, ros.STATE)
@@ -48,7 +48,7 @@ class PlayedVut(Node):
                 one = names.state_topic(target.id)
                 sub(self, ObjectState, one, decode_state, self._on_state, ros.STATE)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(1.0 / rate_hz, self._publish, clock=steady)
+        self.create_timer(1.0 / given["rate_hz"], self._publish, clock=steady)
 
     def _on_beat(self, beat: steps.Heartbeat) -> None:
         self._vehicle.hear(SessionPhase(beat.session_state), time.time_ns())

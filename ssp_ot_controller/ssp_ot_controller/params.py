@@ -1,0 +1,78 @@
+"""Parameters of this package's nodes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from ssp_core.names import MAP_FRAME
+from ssp_core.parameters import RUN_FILE, Parameter
+
+_TOPIC = "name of a topic; nav_msgs/Odometry"
+OBJECT_TARGET = (
+    RUN_FILE,
+    Parameter(
+        "object_ids",
+        "",
+        "objects of this process; empty: all of the run",
+        text="ids of the run's objects, separated by commas",
+    ),
+    Parameter(
+        "bodies",
+        "",
+        "where the bodies of a live run's objects are",
+        text="<object>=udp://<host>:<port> or <object>=mirror for each object, separated by "
+        "commas; empty in a simulated run",
+    ),
+    Parameter("autostart", True, "configure and activate at once; false: wait for commands"),
+)
+SIL_WORLD = (RUN_FILE,)
+FRONT_CAMERA = (
+    replace(RUN_FILE, description="the run; size, lens, rate and mount of its camera stand there"),
+)
+VUT_ADAPTER = (
+    RUN_FILE,
+    Parameter("odometry", "odometry", "what the VUT's GNSS/INS publishes", text=_TOPIC),
+    Parameter(
+        "unit_forward_m",
+        0.0,
+        "how far the GNSS/INS sits ahead of the VUT's reference point, m",
+        least=-20,
+        most=20,
+    ),
+    Parameter(
+        "unit_left_m",
+        0.0,
+        "how far it sits left of it, m",
+        least=-20,
+        most=20,
+    ),
+    Parameter(
+        "unit_yaw_left_rad",
+        0.0,
+        "how far it is turned to the left against the VUT, rad",
+        least=-3.15,
+        most=3.15,
+    ),
+)
+PLAYED_VUT = (
+    RUN_FILE,
+    Parameter("odometry", "odometry", "where the played GNSS/INS publishes", text=_TOPIC),
+    Parameter("rate_hz", 100.0, "fixes a second, Hz", least=1, most=1000),
+    Parameter("frame", MAP_FRAME, "of the poses; another than map is a fault", text="a frame id"),
+    Parameter(
+        "clock_offset_s",
+        0.0,
+        "how far the stamps are ahead of this host's clock, s; else than 0 it is a fault",
+        least=-3600,
+        most=3600,
+    ),
+)
+PLAYED_CAMERA = (RUN_FILE,)
+NODES = {
+    "object_target": OBJECT_TARGET,
+    "sil_world": SIL_WORLD,
+    "front_camera": FRONT_CAMERA,
+    "vut_adapter": VUT_ADAPTER,
+    "played_vut": PLAYED_VUT,
+    "played_camera": PLAYED_CAMERA,
+}

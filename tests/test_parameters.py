@@ -1,0 +1,196 @@
+"""Every node's parameters are described, bounded, and refused where they'd have no effect."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import ssp_eval.params
+import ssp_monitor.params
+import ssp_ot_controller.params
+import ssp_vla_bridge.params
+from ssp_core.domains import free_domain
+from ssp_core.errors import InputError
+from ssp_core.parameters import Parameter
+from ssp_core.processes import remove_shared_ports
+from ssp_scenario_manager.compile.prepare import prepare_run
+
+pytestmark = pytest.mark.ros
+TABLES: dict[str, tuple[Parameter, ...]] = {
+    **ssp_ot_controller.params.NODES,
+    **ssp_monitor.params.NODES,
+    **ssp_vla_bridge.params.NODES,
+    **ssp_eval.params.NODES,
+    "scenario_manager": (),
+}
+# rclpy's own, of any node.
+ROS_OWN = {"use_sim_time", "start_type_description_service"}
+Start = Callable[..., None]
+
+
+@pytest.fixture
+def started(monkeypatch: pytest.MonkeyPatch) -> Iterator[Start]:
+    """Sets ROS up with parameters for the nodes that are then made."""
+    import rclpy
+
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    with free_domain() as domain_id:
+
+        def start(**given: object) -> None:
+            words = [word for name, value in given.items() for word in ("-p", f"{name}:={value}")]
+            monkeypatch.setattr(sys, "argv", ["node", "--ros-args", *words])
+            rclpy.init(args=sys.argv, domain_id=domain_id)
+
+        yield start
+        rclpy.try_shutdown()
+        remove_shared_ports(domain_id)
+
+
+def make(name: str, stop: Any, run_file: Path, start: Start) -> Any:
+    """The node itself; what isn't asked for stays as its table says."""
+    if name == "scenario_manager":
+        from ssp_scenario_manager.node import ScenarioManager
+
+        start()
+        return ScenarioManager()
+    if name == "object_target":
+        from ssp_ot_controller.target.node import ObjectTargetNode
+
+        start(run_file=run_file, autostart="false")
+        return ObjectTargetNode(stop)
+    if name == "vut_adapter":
+        from ssp_ot_controller.vut.node import VutAdapter
+
+        start(run_file=run_file, unit_forward_m=1)
+        return VutAdapter(stop)
+    if name == "played_vut":
+        from ssp_ot_controller.rehearsal.vut.node import PlayedVut
+
+        start(run_file=run_file)
+        return PlayedVut(stop)
+    if name == "monitor":
+        from ssp_monitor.node import MonitorNode
+
+        start(run_file=run_file, bag_dir=run_file.with_name("bag"))
+        return MonitorNode()
+    if name == "monitor_page":
+        from ssp_monitor.page.node import MonitorPage
+
+        start(port=0, page_rate_hz=5)
+        return MonitorPage()
+    if name == "view":
+        from ssp_monitor.view.node import ViewNode
+
+        start()
+        return ViewNode()
+    from ssp_vla_bridge.node import VlaBridge
+
+    start()
+    return VlaBridge("vla_bridge", namespace="/ssp")
+
+
+@pytest.mark.parametrize("name", [
+    *("scenario_manager", "object_target", "vut_adapter", "played_vut"),
+    *("monitor", "monitor_page", "view", "vla_bridge"),
+])  # fmt: skip
+def test_a_running_node_describes_its_parameters_and_refuses_to_change_them(
+    name: str, started: Start, tmp_path: Path
+) -> None:
+    import rclpy.parameter
+
+    from ssp_core.ros import StopRequest
+
+    run = prepare_run("cut_in", "north_track", tmp_path / "run", seed=None, mode="live")
+    run_file = tmp_path / "run.yaml"
+    run_file.write_text(run.model_dump_json(by_alias=True))
+    node = make(name, StopRequest(), run_file, started)
+    try:
+        described = {
+            one: node.describe_parameter(one)
+            for one in node._parameters
+            if one not in ROS_OWN and not one.startswith("qos_overrides.")
+        }
+        table = {one.name: one for one in TABLES[name]}
+        assert set(described) == set(table)
+        for parameter, found in described.items():
+            assert found.description == table[parameter].description
+            assert found.additional_constraints
+            bounded = bool(found.floating_point_range or found.integer_range)
+            assert bounded == table[parameter].is_number
+            assert found.read_only
+            same = rclpy.parameter.Parameter(parameter, value=node.get_parameter(parameter).value)
+            (result,) = node.set_parameters([same])
+            assert not result.successful
+            assert "read-only" in result.reason
+    finally:
+        if hasattr(node, "close"):
+            node.close()
+        node.destroy_node()
+
+
+def test_the_replays_rate_can_be_set_inside_its_range_alone(started: Start) -> None:
+    import rclpy
+    from rclpy.parameter import Parameter as RosParameter
+
+    from ssp_core.ros import declare
+
+    started()
+    node = rclpy.create_node("replay")
+    declare(node, TABLES["replay"])
+    for value, taken in ((2.0, True), (0.0, False), (float("nan"), False)):
+        (result,) = node.set_parameters([RosParameter("rate", value=value)])
+        assert result.successful == taken
+        assert node.get_parameter("rate").value == 2.0
+    node.destroy_node()
+
+
+@pytest.mark.parametrize(
+    ("table", "given", "says"),
+    [
+        ("monitor", {"queue_mb": 0}, "parameter queue_mb: is out of range (got 0)"),
+        ("monitor", {"split_mb": -1.0}, "split_mb: is out of range"),
+        ("monitor", {"bag_dir": 7}, "parameter bag_dir: must be a text (got 7)"),
+        ("monitor", {"all": 1}, "all: must be true or false"),
+        ("monitor_page", {"port": 65536}, "port: is out of range"),
+        ("monitor_page", {"page_rate_hz": ".nan"}, "page_rate_hz: is out of range"),
+        ("monitor_page", {"token": 1234567890123456}, "token: must be a text; "),
+        ("vla_bridge", {"model": "7"}, "model: must be a text"),
+        ("vla_bridge", {"model": "a-b"}, "model: must be letters, digits and underscores"),
+        ("evaluator_settings", {"bags": "[1,2]"}, "bags: must be a list of bag directories"),
+    ],
+)
+def test_a_wrong_value_is_one_message(
+    started: Start, table: str, given: dict[str, object], says: str
+) -> None:
+    import rclpy
+
+    from ssp_core.ros import declare
+
+    started(**{"run_file": "run.yaml", "bag_dir": "bag", **given})
+    node = rclpy.create_node("any")
+    with pytest.raises(InputError, match="parameter ") as caught:
+        declare(node, TABLES[table])
+    assert says in str(caught.value)
+    node.destroy_node()
+
+
+def test_nothing_declares_a_parameter_but_the_one_function() -> None:
+    root = Path(__file__).resolve().parents[1]
+    declaring = {
+        str(path.relative_to(root))
+        for path in root.glob("ssp_*/ssp_*/**/*.py")
+        if "declare_parameter(" in path.read_text()
+    }
+    assert declaring == {"ssp_msgs/ssp_core/ros.py"}
+
+
+@pytest.mark.parametrize("name", list(TABLES))
+def test_each_default_fits_and_each_parameter_is_explained(name: str) -> None:
+    for one in TABLES[name]:
+        assert one.description
+        assert one.required or one.check(one.default) == one.default
+        assert not one.is_number or one.least < one.most
