@@ -24,6 +24,7 @@ from ssp_core.vocab import ObjectClass, Phase
 from ssp_scenario_manager.compile.export.motion import legs
 from ssp_scenario_manager.compile.export.openscenario import export_openscenario
 from ssp_scenario_manager.compile.task import PlaceLink, Task, sealed
+from ssp_scenario_manager.core.phases import RESOLUTION_CONFIRMATION_S
 from ssp_scenario_manager.in_process.event_check import driven
 
 EVENTS = ("cut_in", "vru_crossing", "lead_braking", "occluded_crossing")
@@ -354,7 +355,7 @@ def test_a_target_speeds_up_as_planned_before_the_trigger(case_of: Any, tmp_path
 def vut_speeds(root: ET.Element) -> list[tuple[float, float]]:
     """(t, v) at the ends of the VUT's ramps, which must follow one another without a gap."""
     course = [(0.0, 0.0)]
-    for event in root.iterfind(".//Maneuver[@name='vut_drive']/Event"):
+    for event in root.iterfind(".//Maneuver[@name='maneuver_vut_drive']/Event"):
         start = float(need(event, ".//SimulationTimeCondition").get("value", ""))
         assert start == pytest.approx(course[-1][0])
         dynamics = need(event, ".//SpeedActionDynamics")
@@ -425,18 +426,29 @@ def test_legs_leave_a_course_by_at_most_the_error(speeds: list[float], error: fl
         assert speed_at(told, t) == pytest.approx(v, abs=error + 0.001)
 
 
-def test_everything_ends_at_the_vuts_goal_or_when_time_is_up(case_of: Any, tmp_path: Path) -> None:
-    root = written(case_of("cut_in"), tmp_path)
-    for stop in (need(root, "Storyboard/StopTrigger"), *root.iterfind(".//Act/StopTrigger")):
-        groups = stop.findall("ConditionGroup")
-        driven, late = (
-            need(stop, ".//TraveledDistanceCondition"),
-            need(stop, ".//SimulationTimeCondition"),
-        )
-        assert len(groups) == 2
+@pytest.mark.parametrize("external", [False, True])
+def test_everything_ends_as_a_session_does(external: bool, case_of: Any, tmp_path: Path) -> None:
+    """At the VUT's goal, when time is up, and some time after the resolution where it is known."""
+    case = case_of("cut_in")
+    end = case.task.run.end.model_copy(update={"after_resolution_s": 2.5})
+    files = export_openscenario(
+        changed(case, end=end), case.event, case.block, case.plan, None, tmp_path
+    )
+    root = ET.parse(files[external]).getroot()
+    resolution_s = driven(case.task.run)[0].phase_s(Phase.RESOLUTION)
+    assert resolution_s is not None
+    over_s = resolution_s + RESOLUTION_CONFIRMATION_S + 2.5
+    stops = [need(root, "Storyboard/StopTrigger"), *root.iterfind(".//Act/StopTrigger")]
+    assert len(stops) == 3
+    for stop in stops:
+        # Each condition is a group of its own, of which one suffices.
+        (driven_m,) = stop.iterfind("ConditionGroup//TraveledDistanceCondition")
         # 370 m of route less the 42.25 m that it takes to stop from 13 m/s at 2 m/s^2.
-        assert float(driven.get("value", "")) == pytest.approx(370.0 - 42.25)
-        assert float(late.get("value", "")) == 40.0
+        assert float(driven_m.get("value", "")) == pytest.approx(370.0 - 42.25)
+        times = stop.findall("ConditionGroup//SimulationTimeCondition")
+        told = [float(t.get("value", "")) for t in times]
+        assert told == ([40.0] if external else [40.0, pytest.approx(over_s)])
+        assert len(stop.findall("ConditionGroup")) == 1 + len(times)
 
 
 def test_the_vut_is_the_users_in_the_external_file(case_of: Any, tmp_path: Path) -> None:

@@ -74,26 +74,38 @@ def driven(name: str, entity: str, distance_m: float) -> xosc.EntityTrigger:
     return xosc.EntityTrigger(name, 0, xosc.ConditionEdge.none, condition, entity)
 
 
-def stop_at(vut_driven_m: float, at_latest_s: float) -> xosc.Trigger:
-    """Ends when the VUT is at the end of its route, or at the latest after a time."""
-    stop = xosc.Trigger("stop")
-    ends: tuple[xosc.EntityTrigger | xosc.ValueTrigger, ...] = (
+def stop_at(
+    name: str, vut_driven_m: float, at_latest_s: float, over_s: float | None
+) -> xosc.Trigger:
+    """Ends where a session does, by whichever comes first.
+
+    Args:
+        name: of the act or storyboard that ends; conditions' names begin with it, since
+            ScenarioRunner remembers by names what is done.
+        vut_driven_m: the VUT is at the end of its route.
+        at_latest_s: time is up, s after the scenario's start.
+        over_s: the event is over, s after the scenario's start; None: not known beforehand.
+    """
+
+    def at(word: str, time_s: float) -> xosc.ValueTrigger:
+        condition = xosc.SimulationTimeCondition(time_s, xosc.Rule.greaterThan)
+        none = xosc.ConditionEdge.none
+        return xosc.ValueTrigger(f"{name}_{word}", 0, none, condition, triggeringpoint="stop")
+
+    ends: list[xosc.EntityTrigger | xosc.ValueTrigger] = [
         xosc.EntityTrigger(
-            "vut_at_goal",
+            f"{name}_vut_at_goal",
             0,
             xosc.ConditionEdge.none,
             xosc.TraveledDistanceCondition(vut_driven_m),
             VUT_ID,
             triggeringpoint="stop",
         ),
-        xosc.ValueTrigger(
-            "time_is_up",
-            0,
-            xosc.ConditionEdge.none,
-            xosc.SimulationTimeCondition(at_latest_s, xosc.Rule.greaterThan),
-            triggeringpoint="stop",
-        ),
-    )
+        at("time_is_up", at_latest_s),
+    ]
+    if over_s is not None:
+        ends.append(at("event_is_over", over_s))
+    stop = xosc.Trigger("stop")
     for end in ends:
         group = xosc.ConditionGroup("stop")
         group.add_condition(end)
@@ -133,7 +145,9 @@ def fires(
                 remedy="none",
             )
         return _groups(trigger, vut, route, heights, f"{field}.condition")
-    return _single(trigger, trigger.id, condition, vut, route, heights, f"{field}.condition")
+    return _single(
+        trigger, f"{trigger.id}_fires", condition, vut, route, heights, f"{field}.condition"
+    )
 
 
 def _groups(
@@ -151,7 +165,7 @@ def _groups(
     for leaves in groups:
         group = xosc.ConditionGroup("start")
         for leaf, where in leaves:
-            name = f"{trigger.id}_{next(number)}"
+            name = f"{trigger.id}_fires_{next(number)}"
             group.add_condition(_single(trigger, name, leaf, vut, route, heights, where))
         whole.add_conditiongroup(group)
     return whole

@@ -109,10 +109,12 @@ def _knots(speeds: Sequence[tuple[float, float]], a: int, b: int, error_mps: flo
     return _knots(speeds, a, at, error_mps) + _knots(speeds, at, b, error_mps)
 
 
-def driven_speeds(run: RunSpec) -> tuple[tuple[float, float], ...]:
-    """The VUT's speeds as the SIL's driver drives, its reaction included: (t in s, m/s).
+def driven_speeds(run: RunSpec) -> tuple[tuple[tuple[float, float], ...], float | None]:
+    """The VUT's speeds as the SIL's driver drives, its reaction included, and the session's end.
 
-    They are those of a session: until it ends, which is soon after the resolution.
+    Returns:
+        Speeds until the end, (t in s, m/s), and the end: ``after_resolution_s`` after the
+        resolution was confirmed, s after the start; None where nothing was resolved.
 
     Raises:
         InputError: its trigger never fires.
@@ -124,11 +126,12 @@ def driven_speeds(run: RunSpec) -> tuple[tuple[float, float], ...]:
             field="run.triggers[0]",
         )
     resolved_s = result.phase_s(Phase.RESOLUTION)
-    until_s = math.inf
+    over_s = None
     if resolved_s is not None:
-        until_s = resolved_s + RESOLUTION_CONFIRMATION_S + run.end.after_resolution_s
+        over_s = resolved_s + RESOLUTION_CONFIRMATION_S + run.end.after_resolution_s
     speeds = [(ns_to_seconds(s.stamp_ns), s.speed_mps) for s in record.truths(run.vut.id)]
-    return ((0.0, 0.0), *((t, v) for t, v in speeds if 0.0 < t <= until_s))
+    kept = [(t, v) for t, v in speeds if t > 0.0 and (over_s is None or t <= over_s)]
+    return ((0.0, 0.0), *kept), over_s
 
 
 def times_along(motion: Motion) -> list[tuple[float, float, float]]:

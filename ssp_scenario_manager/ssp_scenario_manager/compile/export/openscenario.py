@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import datetime
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -141,28 +142,32 @@ def _storyboard(run: RunSpec, block: Block, heights: Heights, external: bool) ->
     if external:
         init.add_init_action(VUT_ID, outside_control())
 
-    def stop() -> xosc.Trigger:
-        return stop_at(journey(route).braking_from_m, run.end.at_latest_s)
+    manoeuvres = [_manoeuvre(run, block, trigger, route, heights) for trigger in run.triggers]
+    # When the event is over depends on how the VUT drives: in the external file nobody knows.
+    speeds, over_s = ((), None) if external else driven_speeds(run)
+
+    def stop(name: str) -> xosc.Trigger:
+        return stop_at(name, journey(route).braking_from_m, run.end.at_latest_s, over_s)
 
     acts = []
-    for trigger in run.triggers:
-        act = xosc.Act(
-            f"act_{trigger.id}", after(f"{trigger.id}_not_before", trigger.not_before_s), stop()
-        )
-        act.add_maneuver_group(_manoeuvre(run, block, trigger, route, heights))
+    for trigger, group in zip(run.triggers, manoeuvres, strict=True):
+        name = f"act_{trigger.id}"
+        start = after(f"{trigger.id}_not_before", trigger.not_before_s)
+        act = xosc.Act(name, start, stop(name))
+        act.add_maneuver_group(group)
         acts.append(act)
     story = xosc.Story("story")
-    approach = xosc.Act("approach", after("approach_starts", 0.0), stop())
+    approach = xosc.Act("approach", after("approach_starts", 0.0), stop("approach"))
     movers = [t for t in run.targets if t.approach is not None]
     if not external:
-        approach.add_maneuver_group(_vut_drive(run))
+        approach.add_maneuver_group(_vut_drive(speeds))
     for who in movers:
         approach.add_maneuver_group(_approach(who))
     if movers or not external:
         story.add_act(approach)
     for act in acts:
         story.add_act(act)
-    board = xosc.StoryBoard(init, stop())
+    board = xosc.StoryBoard(init, stop("storyboard"))
     board.add_story(story)
     return board
 
@@ -186,7 +191,8 @@ def _speed(change: Ramp) -> xosc.AbsoluteSpeedAction:
 
 
 def _group(entity_id: str, name: str, events: list[xosc.Event]) -> xosc.ManeuverGroup:
-    manoeuvre = xosc.Maneuver(name)
+    # No two elements have one name: ScenarioRunner remembers by names what is done.
+    manoeuvre = xosc.Maneuver(f"maneuver_{name}")
     for event in events:
         manoeuvre.add_event(event)
     group = xosc.ManeuverGroup(f"group_{name}")
@@ -209,11 +215,11 @@ def _event(
     return event
 
 
-def _vut_drive(run: RunSpec) -> xosc.ManeuverGroup:
+def _vut_drive(speeds: Sequence[tuple[float, float]]) -> xosc.ManeuverGroup:
     """The VUT's speeds as the SIL's driver drives, leg by leg."""
     events = [
         _event(f"vut_{i}", after(f"vut_{i}_starts", leg.start_s), [_speed(leg.change)])
-        for i, leg in enumerate(legs(driven_speeds(run)))
+        for i, leg in enumerate(legs(speeds))
     ]
     return _group(VUT_ID, "vut_drive", events)
 
