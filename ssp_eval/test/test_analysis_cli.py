@@ -89,10 +89,10 @@ def test_component_scores_alone_give_all_tables_and_statistics(cells: Path, tmp_
     first = next(one for one in table(out / "tables/matrix.csv") if one["model"] == "a")
     assert float(first["ivcs"]) == pytest.approx(0.1 + 0.3 * 0.3 + 0.2 * 0.5 + 0.3 * 0.2 + 0.1)
     statistics = json.loads((out / "statistics.json").read_text())
-    assert statistics["schema"] == "ssp.statistics/1"
+    assert statistics["schema"] == "ssp.statistics/2"
     assert statistics["resamples"] == 200
     assert "no safety certificate" in statistics["note"]
-    pairs = next(t for t in statistics["tables"] if t["name"] == "comparisons")["rows"]
+    pairs = next(t for t in statistics["tables"] if t["name"] == "comparisons")["data"]
     (tested,) = [p for p in pairs if (p["first"], p["second"], p["metric"]) == ("a", "b", "ivcs")]
     assert tested["n"] == 6
     assert tested["difference"] == pytest.approx(-0.3 * 0.03)

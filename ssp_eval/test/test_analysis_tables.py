@@ -179,14 +179,35 @@ def test_csv_has_all_digits_and_reads_back():
     assert told == [EVIL, "A note: 5 % < 6 %.", "IVCS is no safety certificate.\n"]
 
 
-def test_json_has_all_digits():
+def test_json_is_a_table_schema_with_all_digits():
+    """What ``pandas.read_json(file, orient="table")`` takes: typed fields and flat rows of them."""
     found = json.loads(to_json(SMALL))
-    assert found["schema"] == "ssp.table/1"
-    first = found["rows"][0]
-    assert first["x"] == {"value": THIRD, "n": 3}
-    assert first["response"] == {"rsr": 1, "rl_s": 1.5}
-    assert found["rows"][2]["x"] == {"value": None, "n": 0}
+    assert [(f["name"], f["type"], f["kind"]) for f in found["schema"]["fields"]] == [
+        ("name", "string", "text"),
+        ("n", "integer", "count"),
+        ("x", "number", "ratio"),
+        ("x_n", "integer", "count"),
+        ("d", "number", "change"),
+        ("rsr", "number", "ratio"),
+        ("rl_s", "number", "seconds"),
+        ("p", "number", "p"),
+    ]
+    names = [field["name"] for field in found["schema"]["fields"]]
+    assert all(list(row) == names for row in found["data"])
+    first, second, last = found["data"]
+    assert (first["name"], first["x"], first["x_n"]) == (EVIL, THIRD, 3)
+    assert (first["rsr"], first["rl_s"]) == (1, 1.5)
+    assert second["name"] == "=1+1"  # no spreadsheet reads it
+    assert (last["x"], last["x_n"], last["d"], last["rsr"]) == (None, 0, 0.0, None)
+    assert (found["name"], found["title"]) == ("small", EVIL)
     assert found["notes"][-1] == "IVCS is no safety certificate."
+
+
+def test_whole_numbers_of_which_one_is_missing_are_numbers_to_a_reader():
+    """``integer`` is an int64 to pandas, which has no null."""
+    table = Table("t", "t", (Column("n", "n", "count"),), ((3,), (None,)))
+    (field,) = json.loads(to_json(table))["schema"]["fields"]
+    assert field["type"] == "number"
 
 
 def test_latex_has_three_decimals_and_nothing_that_tex_would_obey():
@@ -296,7 +317,7 @@ def test_what_rounds_to_0_has_no_sign():
     assert "<td" in to_html(table)
     assert "-0.000" not in to_html(table)
     assert ">+0.0%<" in to_html(table)
-    assert json.loads(to_json(table))["rows"] == [{"a": -1e-9, "d": -1e-9}]
+    assert json.loads(to_json(table))["data"] == [{"a": -1e-9, "d": -1e-9}]
 
 
 def test_a_page_shows_the_beginning_of_a_long_table_and_says_so():

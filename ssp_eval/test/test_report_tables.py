@@ -106,6 +106,19 @@ def rounded(kind: str, value: Any) -> str | None:
     return str(value) if kind == "count" else None
 
 
+def columns_of(data: dict[str, Any]) -> list[dict[str, str]]:
+    """Columns as people see them: an n stands beside its mean; a cell's response is one column."""
+    fields = data["schema"]["fields"]
+    names = {field["name"] for field in fields}
+    response = data["name"] == "matrix"
+    return [
+        {**field, "name": "response"} if response and field["name"] == "rsr" else field
+        for field in fields
+        if field["name"].removesuffix("_n") not in names - {field["name"]}
+        and not (response and field["name"] == "rl_s")
+    ]
+
+
 def test_the_page_shows_the_numbers_of_the_files(written: Path) -> None:
     found = Tables()
     found.feed((written / "index.html").read_text("utf-8"))
@@ -114,10 +127,10 @@ def test_the_page_shows_the_numbers_of_the_files(written: Path) -> None:
     for name, shown in found.tables.items():
         data = json.loads((written / "tables" / f"{name}.json").read_text())
         columns = [
-            column for column in data["columns"]
-            if column["kind"] != "text" or any(row[column["key"]] for row in data["rows"])
+            column for column in columns_of(data)
+            if column["kind"] != "text" or any(row[column["name"]] for row in data["data"])
         ]  # fmt: skip
-        rows = data["rows"]
+        rows = data["data"]
         if name == "first_failures":  # the page has models and controls apart
             rows = sorted(rows, key=lambda row: row["model"] != "opencv_baseline")
         fields = [row for row in shown if row]
@@ -125,11 +138,13 @@ def test_the_page_shows_the_numbers_of_the_files(written: Path) -> None:
         for row, texts in zip(rows, fields, strict=True):
             assert len(texts) == len(columns), name
             for column, (text, n) in zip(columns, texts, strict=True):
-                value = row[column["key"]]
-                if isinstance(value, dict):
-                    assert n == (f"n={value['n']}" if value["n"] not in (row.get("n"), 0) else "")
-                    value = value["value"]
-                wanted = rounded(column["kind"], value)
+                key = column["name"]
+                if key == "response":
+                    continue
+                if f"{key}_n" in row:
+                    own = row[f"{key}_n"]
+                    assert n == (f"n={own}" if own not in (row.get("n"), 0, None) else "")
+                wanted = rounded(column["kind"], row[key])
                 if wanted is not None:
                     assert text == ("·" if wanted == "0" and text == "·" else wanted), name
                     compared += 1
@@ -142,17 +157,29 @@ def test_csv_json_latex_and_html_have_the_same_numbers(written: Path) -> None:
         data = json.loads(file.read_text())
         head, *rest = lines(file.with_suffix(".csv"))
         latex, html = file.with_suffix(".tex").read_text(), file.with_suffix(".html").read_text()
-        for row, line in zip(data["rows"], rest, strict=True):
+        assert head == [field["name"] for field in data["schema"]["fields"]]
+        for row, line in zip(data["data"], rest, strict=True):
             of = dict(zip(head, line, strict=True))
-            for column in data["columns"]:
-                key, kind = column["key"], column["kind"]
-                value = row[key]["value"] if isinstance(row[key], dict) else row[key]
-                if kind in DIGITS and value is not None:
-                    assert math.isclose(float(of[key]), value, rel_tol=0, abs_tol=0)
-                    text = rounded(kind, value)
+            for column in columns_of(data):
+                key, kind = column["name"], column["kind"]
+                if kind in DIGITS and key in row and row[key] is not None:
+                    assert math.isclose(float(of[key]), row[key], rel_tol=0, abs_tol=0)
+                    text = rounded(kind, row[key])
                     assert text is not None
                     assert text in html
                     assert text.replace("-", "$-$") in latex
+
+
+def test_values_in_json_have_the_types_that_their_fields_tell(written: Path) -> None:
+    types = {"string": (str,), "integer": (int,), "number": (int, float)}
+    files = [f for f in (written / "tables").glob("*.json") if f.stem != "statistics"]
+    assert len(files) > 20
+    for file in files:
+        data = json.loads(file.read_text())
+        for row in data["data"]:
+            for field, value in zip(data["schema"]["fields"], row.values(), strict=True):
+                null = value is None and field["type"] != "integer"
+                assert null or type(value) in types[field["type"]], (file.name, field, value)
 
 
 def test_what_cells_can_t_be_compared_for_stands_under_every_table(written: Path) -> None:

@@ -6,18 +6,67 @@ import csv
 import io
 import json
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
 from markupsafe import escape
 
 from ssp_eval.analysis.latex import to_latex
-from ssp_eval.analysis.table import Column, Outcome, Table, Value, texts
+from ssp_eval.analysis.table import Kind, Outcome, Table, Value, texts
 from ssp_eval.score.aggregate import Mean
 
-TABLE_SCHEMA = "ssp.table/1"
+TABLE_FORMAT = "ssp.table/2"
 # What begins like this is a formula to a spreadsheet; only text is guarded.
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
+
+
+@dataclass(frozen=True)
+class _Field:
+    """A column of plain values: one of a table, or one of the two that a Mean or Outcome needs.
+
+    Args:
+        key: in CSV and JSON.
+        title: for people.
+        kind: how people read it.
+        values: of all rows.
+    """
+
+    key: str
+    title: str
+    kind: Kind
+    values: tuple[str | float | None, ...]
+
+    @property
+    def type(self) -> str:
+        """By Table Schema; a reader's integer has no null, so that whole numbers with one have."""
+        if self.kind == "text":
+            return "string"
+        whole = self.kind == "count" and all(isinstance(value, int) for value in self.values)
+        return "integer" if whole else "number"
+
+
+def _fields(table: Table) -> list[_Field]:
+    """The table's columns without Means, each of which has its n beside it, and Outcomes."""
+    made = []
+    for index, column in enumerate(table.columns):
+        values = [row[index] for row in table.rows]
+        if column.kind == "response":
+            told = [v if isinstance(v, Outcome) else Outcome(None, None) for v in values]
+            made.append(_Field("rsr", "RSR", "ratio", tuple(v.rsr for v in told)))
+            made.append(_Field("rl_s", "RL (s)", "seconds", tuple(v.rl_s for v in told)))
+            continue
+        made.append(_Field(column.key, column.title, column.kind, tuple(map(_plain, values))))
+        if any(isinstance(v, Mean) for v in values):
+            ns = tuple(v.n if isinstance(v, Mean) else None for v in values)
+            made.append(_Field(f"{column.key}_n", f"n of {column.title}", "count", ns))
+    return made
+
+
+def _plain(value: Value) -> str | float | None:
+    if isinstance(value, Outcome):
+        raise ValueError("a response stands outside a column of its kind")
+    return value.value if isinstance(value, Mean) else value
 
 
 def to_csv(table: Table) -> str:
@@ -27,12 +76,9 @@ def to_csv(table: Table) -> str:
     """
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
-    kinds = [_csv_kind(table, index) for index in range(len(table.columns))]
-    names = zip(table.columns, kinds, strict=True)
-    writer.writerow([name for column, kind in names for name in _csv_names(column, kind)])
-    for row in table.rows:
-        values = zip(row, kinds, strict=True)
-        writer.writerow([field for value, kind in values for field in _csv_fields(value, kind)])
+    fields = _fields(table)
+    writer.writerow([field.key for field in fields])
+    writer.writerows(zip(*([_csv_value(v) for v in field.values] for field in fields), strict=True))
     return stream.getvalue()
 
 
@@ -41,28 +87,7 @@ def to_notes(table: Table) -> str:
     return "\n\n".join((table.title, *table.all_notes)) + "\n"
 
 
-def _csv_kind(table: Table, index: int) -> type | None:
-    """Mean or Outcome where a column needs two in CSV."""
-    if table.columns[index].kind == "response":
-        return Outcome
-    return Mean if any(isinstance(row[index], Mean) for row in table.rows) else None
-
-
-def _csv_names(column: Column, kind: type | None) -> list[str]:
-    if kind is Outcome:
-        return ["rsr", "rl_s"]
-    return [column.key, f"{column.key}_n"] if kind is Mean else [column.key]
-
-
-def _csv_fields(value: Value, kind: type | None) -> list[str]:
-    if isinstance(value, Outcome):
-        return [_plain(value.rsr), _plain(value.rl_s)]
-    if isinstance(value, Mean):
-        return [_plain(value.value), str(value.n)]
-    return [_plain(value)] if kind is None else [_plain(value), ""]
-
-
-def _plain(value: str | float | None) -> str:
+def _csv_value(value: str | float | None) -> str:
     if value is None:
         return ""
     if isinstance(value, str):
@@ -71,25 +96,28 @@ def _plain(value: str | float | None) -> str:
 
 
 def to_data(table: Table) -> dict[str, Any]:
-    """The table as plain values for JSON, every digit."""
-    keys = [column.key for column in table.columns]
+    """The table as plain values for JSON, every digit: the columns of the CSV as a Table Schema.
+
+    ``pandas.read_json(file, orient="table")`` takes it, which looks at schema and data alone.
+    """
+    fields = _fields(table)
+    keys = [field.key for field in fields]
     return {
-        "schema": TABLE_SCHEMA,
+        "format": TABLE_FORMAT,
         "name": table.name,
         "title": table.title,
-        "columns": [{"key": c.key, "title": c.title, "kind": c.kind} for c in table.columns],
-        "rows": [dict(zip(keys, map(_json_value, row), strict=True)) for row in table.rows],
+        "schema": {
+            "fields": [
+                {"name": f.key, "type": f.type, "title": f.title, "kind": f.kind} for f in fields
+            ]
+        },
+        "data": [
+            dict(zip(keys, row, strict=True))
+            for row in zip(*(field.values for field in fields), strict=True)
+        ],
         "notices": list(table.notices),
         "notes": list(table.all_notes),
     }
-
-
-def _json_value(value: Value) -> Any:
-    if isinstance(value, Mean):
-        return {"value": value.value, "n": value.n}
-    if isinstance(value, Outcome):
-        return {"rsr": value.rsr, "rl_s": value.rl_s}
-    return value
 
 
 def to_json(table: Table) -> str:

@@ -17,7 +17,7 @@ from ssp_eval.score import DEFAULT
 from ssp_eval.score.show import DISCLAIMER
 
 STATISTICS_FILE = "statistics.json"
-STATISTICS_SCHEMA = "ssp.statistics/1"
+STATISTICS_SCHEMA = "ssp.statistics/2"
 
 
 def write_tables(
