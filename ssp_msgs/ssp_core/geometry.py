@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+Point = tuple[float, float]
 
 # A quaternion whose norm is further from 1 than this was never meant as one.
 _NORM_TOLERANCE = 0.01
@@ -78,40 +79,45 @@ class Box:
     rear_m: float
     width_m: float
 
-    def corners(self) -> list[tuple[float, float]]:
+    def corners(self) -> list[Point]:
         """The four corners, counter-clockwise from the front left, in the parent frame."""
-        half = self.width_m / 2.0
+        pose, half = self.pose, self.width_m / 2.0
+        c, s = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
+        front_x, front_y = pose.x_m + c * self.front_m, pose.y_m + s * self.front_m
+        rear_x, rear_y = pose.x_m - c * self.rear_m, pose.y_m - s * self.rear_m
+        side_x, side_y = s * half, c * half
         return [
-            self.pose.to_parent(self.front_m, half),
-            self.pose.to_parent(-self.rear_m, half),
-            self.pose.to_parent(-self.rear_m, -half),
-            self.pose.to_parent(self.front_m, -half),
+            (front_x - side_x, front_y + side_y),
+            (rear_x - side_x, rear_y + side_y),
+            (rear_x + side_x, rear_y - side_y),
+            (front_x + side_x, front_y - side_y),
         ]
 
 
-def _axes(box: Box) -> list[tuple[float, float]]:
-    """Ahead and to the left; not from the corners, since a rectangle may be a point."""
-    c, s = math.cos(box.pose.yaw_rad), math.sin(box.pose.yaw_rad)
-    return [(c, s), (-s, c)]
-
-
-def boxes_overlap(a: Box, b: Box) -> bool:
-    """True when the two rectangles share area or touch (separating axis test)."""
-    ca, cb = a.corners(), b.corners()
-    for ax, ay in _axes(a) + _axes(b):
-        pa = [x * ax + y * ay for x, y in ca]
-        pb = [x * ax + y * ay for x, y in cb]
-        if max(pa) < min(pb) or max(pb) < min(pa):
-            return False
+def _overlap(a: Box, b: Box, ca: Sequence[Point], cb: Sequence[Point]) -> bool:
+    """Separating axis test of two rectangles with these corners."""
+    for yaw in (a.pose.yaw_rad, b.pose.yaw_rad):
+        # Not from the corners, since a rectangle may be a point.
+        c, s = math.cos(yaw), math.sin(yaw)
+        for ax, ay in ((c, s), (-s, c)):
+            pa = [x * ax + y * ay for x, y in ca]
+            pb = [x * ax + y * ay for x, y in cb]
+            if max(pa) < min(pb) or max(pb) < min(pa):
+                return False
     return True
 
 
-def _to_box_m(corners: Sequence[tuple[float, float]], box: Box) -> float:
+def boxes_overlap(a: Box, b: Box) -> bool:
+    """True when the two rectangles share area or touch."""
+    return _overlap(a, b, a.corners(), b.corners())
+
+
+def _to_box_m(corners: Sequence[Point], box: Box) -> float:
     """Distance from the nearest of some points outside a rectangle to it."""
-    c, s = math.cos(box.pose.yaw_rad), math.sin(box.pose.yaw_rad)
-    half, best = box.width_m / 2.0, math.inf
+    pose, half, best = box.pose, box.width_m / 2.0, math.inf
+    c, s = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
     for x, y in corners:
-        dx, dy = x - box.pose.x_m, y - box.pose.y_m
+        dx, dy = x - pose.x_m, y - pose.y_m
         ahead, aside = c * dx + s * dy, abs(c * dy - s * dx)
         beyond = max(ahead - box.front_m, -box.rear_m - ahead, 0.0)
         best = min(best, math.hypot(beyond, max(aside - half, 0.0)))
@@ -120,10 +126,11 @@ def _to_box_m(corners: Sequence[tuple[float, float]], box: Box) -> float:
 
 def box_distance(a: Box, b: Box) -> float:
     """Smallest distance between two rectangles in m; 0 when they overlap."""
-    if boxes_overlap(a, b):
+    ca, cb = a.corners(), b.corners()
+    if _overlap(a, b, ca, cb):
         return 0.0
     # Of two that are apart, one has a corner where they are nearest.
-    return min(_to_box_m(a.corners(), b), _to_box_m(b.corners(), a))
+    return min(_to_box_m(ca, b), _to_box_m(cb, a))
 
 
 def point_in_polygon(x_m: float, y_m: float, polygon: Sequence[tuple[float, float]]) -> bool:

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ssp_core.errors import InputError
+from ssp_core.files import parse_value
 from ssp_scenario_manager.interactions import KINDS
 from ssp_scenario_manager.site import find_shipped
 from ssp_scenario_manager.spec.checks import check_event
@@ -38,6 +38,10 @@ def event(request: pytest.FixtureRequest) -> Event:
     return load_event(request.param)[0]
 
 
+_SHIPPED = read_event_file("cut_in")[0]
+_EVENT, _VERSION = load_event("cut_in")
+
+
 def _shuffled(value: Any, order: random.Random) -> Any:
     if isinstance(value, dict):
         items = list(value.items())
@@ -49,9 +53,9 @@ def _shuffled(value: Any, order: random.Random) -> Any:
 @given(st.integers())
 @settings(max_examples=20, deadline=None)
 def test_order_of_keys_does_not_change_the_version(seed: int) -> None:
-    value = read_event_file("cut_in")[0]
+    value = _SHIPPED
     shuffled = Event.model_validate(_shuffled(value, random.Random(seed)))
-    assert event_version(shuffled) == load_event("cut_in")[1]
+    assert event_version(shuffled) == _VERSION
 
 
 def test_comments_defaults_and_spelling_of_numbers_do_not_change_the_version(
@@ -100,12 +104,11 @@ _WORDS = st.text(alphabet=st.characters(codec="utf-8", exclude_categories=["Cs"]
 @given(_WORDS, _WORDS)
 @settings(max_examples=200, deadline=None)
 def test_any_words_survive_writing(description: str, source: str) -> None:
-    event = load_event("cut_in")[0]
     doubt = Doubt(confidence=0.3, provenance="model", source=source, review="unreviewed")
-    changed = event.model_copy(
+    changed = _EVENT.model_copy(
         update={"description": description, "uncertainty": {"topology.segment": doubt}}
     )
-    assert Event.model_validate(yaml.safe_load(event_text(changed))) == changed
+    assert Event.model_validate(parse_value(event_text(changed), "event.yaml")) == changed
 
 
 def test_part_u_covers_every_field_with_a_seal_that_holds(event: Event) -> None:

@@ -145,7 +145,7 @@ def test_check_never_raises_on_any_mapping(value: Any) -> None:
 @given(st.lists(st.tuples(st.sampled_from(_PATHS), _ANYTHING), min_size=1, max_size=5))
 @settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 def test_check_never_raises_on_a_spoilt_event(changes: list[tuple[str, Any]]) -> None:
-    value = yaml.safe_load(GOOD)
+    value = copy.deepcopy(_SHIPPED)
     for path, changed in changes:
         at = value
         *parents, last = split(path)
