@@ -229,19 +229,22 @@ def grounds(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Ground]:
     return found
 
 
-def combinations_of(name: str) -> Iterator[Event]:
-    """A shipped event from both sides, with every class that its initiator may have."""
+def combinations_of(name: str, place: int) -> Iterator[Event]:
+    """A shipped event with every class that its initiator may have, the sides in turns.
+
+    Over the places, each pair of place, side and class comes up.
+    """
     kind = KINDS[name]
-    for event in (Event.model_validate(shipped(name)), from_the_other_side(name)):
-        if event.interaction.dominant_motion not in kind.dominant_motions:
-            continue
-        for word in sorted(kind.initiator_classes):
-            who = event.participants[event.interaction.initiator]
-            changed = who.model_copy(update={"class_": word})
-            participants = {**event.participants, event.interaction.initiator: changed}
-            yield event.model_copy(update={"participants": participants})
-        if name == "lead_braking":
-            return  # it has no sides
+    sides = [Event.model_validate(shipped(name)), from_the_other_side(name)]
+    # Lead braking has no sides.
+    sides = [e for e in sides if e.interaction.dominant_motion in kind.dominant_motions]
+    sides = sides[:1] if name == "lead_braking" else sides
+    for index, word in enumerate(sorted(kind.initiator_classes)):
+        event = sides[(index + place) % len(sides)]
+        who = event.participants[event.interaction.initiator]
+        changed = who.model_copy(update={"class_": word})
+        participants = {**event.participants, event.interaction.initiator: changed}
+        yield event.model_copy(update={"participants": participants})
 
 
 def best_block(event: Event, ground: Ground) -> Block | None:
@@ -270,7 +273,7 @@ def tried(event: Event, block: Block, ground: Ground) -> RunSpec | None:
 def test_every_combination_happens_or_is_refused_with_what_misses(
     name: str, place: str, grounds: dict[str, Ground]
 ) -> None:
-    for event in combinations_of(name):
+    for event in combinations_of(name, [*SITES, *MAPS].index(place)):
         block = best_block(event, grounds[place])
         if block is not None:
             tried(event, block, grounds[place])
