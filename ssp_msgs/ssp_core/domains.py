@@ -21,6 +21,11 @@ def domain_ports(domain_id: int) -> range:
     return range(7400 + 250 * domain_id, 7400 + 250 * (domain_id + 1))
 
 
+def domain_of_port(port: int) -> int:
+    """The domain that a DDS port belongs to."""
+    return (port - 7400) // 250
+
+
 def ports_in_use(proc_net_udp: str) -> set[int]:
     """Local UDP ports in the text of /proc/net/udp."""
     ports = set()

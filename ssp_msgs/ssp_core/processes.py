@@ -5,20 +5,24 @@ from __future__ import annotations
 import ctypes
 import fcntl
 import os
+import re
 import shutil
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ssp_core.domains import domain_ports
+from ssp_core.domains import domain_of_port, domain_ports
 
 _PR_SET_PDEATHSIG = 1
 _SHM = Path("/dev/shm")
+# A port, its mutex or the lock of who reads it; a participant that has just begun may have no lock.
+_PORT = re.compile(r"(?:sem\.)?fastrtps_port(\d+)(?:_mutex|_el|_sl)?")
+_NEW_S = 10.0
 _MIN_FREE_SHM_BYTES = 512 << 20
 _ANSWER_S = 1.0
 # A node's matrices are small, and threads for large ones cost each start 40 ms of a processor.
@@ -98,6 +102,16 @@ class NodeProcess:
             return f"killed by {signal.Signals(-code).name}"
         return f"exited with status {code}"
 
+    def kill(self) -> None:
+        """Ends it at once; one that hangs writes its stacks into its log first (faulthandler)."""
+        self.expected_to_stop = True
+        self.process.send_signal(signal.SIGABRT)
+        with suppress(subprocess.TimeoutExpired):
+            self.process.wait(_ANSWER_S)
+        with suppress(ProcessLookupError):  # the last of the group may be gone by now
+            os.killpg(self.process.pid, signal.SIGKILL)
+        self.process.wait()
+
     def log_tail(self, lines: int = 12) -> str:
         try:
             return "\n".join(self.log.read_text(errors="replace").splitlines()[-lines:])
@@ -123,6 +137,7 @@ class ProcessGroup:
 
     def __enter__(self) -> ProcessGroup:
         self.log_dir.mkdir(parents=True, exist_ok=True)
+        remove_stale_shared_memory()  # of a session that was killed with all its processes
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -172,7 +187,7 @@ class ProcessGroup:
         ]
 
     def stop(self, timeout_s: float = 8.0) -> list[str]:
-        """SIGTERM to all that live, SIGKILL to those that don't react.
+        """SIGTERM to all that live, also to who was stopped, SIGKILL to those that don't react.
 
         Returns:
             Names of the processes that had to be killed.
@@ -181,25 +196,16 @@ class ProcessGroup:
         for node in alive:
             node.expected_to_stop = True
             node.process.terminate()
+            node.process.send_signal(signal.SIGCONT)
         deadline = time.monotonic() + timeout_s
         killed = []
         for node in alive:
             try:
                 node.process.wait(max(0.0, deadline - time.monotonic()))
             except subprocess.TimeoutExpired:
-                _ask_where(node.process)
-                with suppress(ProcessLookupError):  # the last of the group may be gone by now
-                    os.killpg(node.process.pid, signal.SIGKILL)
-                node.process.wait()
+                node.kill()
                 killed.append(node.name)
         return killed
-
-
-def _ask_where(process: subprocess.Popen[bytes]) -> None:
-    """Lets a process that hangs write its stacks into its log (faulthandler, on SIGABRT)."""
-    process.send_signal(signal.SIGABRT)
-    with suppress(subprocess.TimeoutExpired):
-        process.wait(_ANSWER_S)
 
 
 def remove_shared_ports(domain_id: int) -> None:
@@ -213,21 +219,46 @@ def remove_shared_ports(domain_id: int) -> None:
 
 
 def remove_stale_shared_memory() -> int:
-    """Removes Fast DDS segments in /dev/shm whose owner is gone; returns how many.
+    """Removes what dead participants left of Fast DDS in /dev/shm; returns how many segments.
 
-    Each segment has a lock file (``…_el``) that its owner holds locked while it lives; the
-    segments of running participants, ours or not, are left alone.
+    Each segment has a lock file (``…_el``) that its owner holds locked while it lives, as
+    ``fastdds shm clean`` knows too. So have the ports at which it listens (``…_el``, ``…_sl``), but
+    not those that it only wrote to: a port goes when nobody holds a lock in its domain and nothing
+    in there is new. What is another user's is left alone.
     """
     removed = 0
-    if not _SHM.is_dir():
-        return removed
     for lock in _SHM.glob("fastrtps_*_el"):
+        if _PORT.fullmatch(lock.name):
+            continue
         with _locked(lock) as is_stale:
             if is_stale:
                 (_SHM / lock.name.removesuffix("_el")).unlink(missing_ok=True)
                 lock.unlink(missing_ok=True)
                 removed += 1
+    domains: dict[int, list[Path]] = {}
+    for file in _SHM.glob("*fastrtps_port*"):
+        if found := _PORT.fullmatch(file.name):
+            domains.setdefault(domain_of_port(int(found[1])), []).append(file)
+    for files in domains.values():
+        _remove_dead_ports(files)
     return removed
+
+
+def _remove_dead_ports(files: Sequence[Path]) -> None:
+    """Removes all ports of a domain, unless one of them is locked, new or another user's.
+
+    The locks are held meanwhile: who comes just now and finds its lock taken or gone tries again.
+    """
+    with ExitStack() as held, suppress(OSError):
+        locks = [file for file in files if file.name.endswith(("_el", "_sl"))]
+        for lock in locks:
+            if not held.enter_context(_locked(lock)):
+                return
+        facts = [file.stat() for file in files]
+        newest_s = max(fact.st_mtime for fact in facts)
+        if time.time() - newest_s > _NEW_S and {fact.st_uid for fact in facts} == {os.geteuid()}:
+            for file in files:
+                file.unlink(missing_ok=True)
 
 
 @contextmanager

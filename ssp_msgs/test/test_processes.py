@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from ssp_core import processes
+from ssp_core.domains import domain_ports
 from ssp_core.processes import (
     ProcessGroup,
     others_share_memory,
@@ -100,6 +101,12 @@ def test_stop_ends_the_willing_with_sigterm(group: ProcessGroup) -> None:
     assert group.processes["good_1"].describe_exit() == "killed by SIGTERM"
     assert group.ended() == []  # it was asked to
     assert group.stop() == []
+
+
+def test_stop_wakes_the_stopped_so_that_they_end_in_order(group: ProcessGroup) -> None:
+    os.kill(start(group, "good"), signal.SIGSTOP)
+    assert group.stop() == []
+    assert group.processes["good"].describe_exit() == "killed by SIGTERM"
 
 
 def test_stop_kills_the_stubborn_and_names_it(group: ProcessGroup) -> None:
@@ -238,6 +245,28 @@ def test_stale_segments_go_and_live_ones_stay(shm: Path) -> None:
     assert "fastrtps_live" not in names(shm)
 
 
+def test_ports_go_when_nobody_lives_in_their_domain(shm: Path) -> None:
+    """A live participant holds the lock of a port of its domain, of which others may be newer."""
+
+    def port(number: int, *kinds: str) -> list[str]:
+        name = f"fastrtps_port{number}"
+        return [{"P": name, "M": f"sem.{name}_mutex"}.get(k, f"{name}_{k}") for k in kinds]
+
+    dead = [*port(12400, "P", "M", "sl"), *port(12411, "P", "M", "el"), *port(12413, "M")]
+    live = [*port(12650, "P", "M", "sl"), *port(12661, "P", "M"), *port(12663, "M")]
+    new = [*port(12900, "P", "M")]
+    put(shm, *dead, *live)
+    for name in (*dead, *live):
+        os.utime(shm / name, (0, 0))
+    put(shm, *new)
+    with (shm / "fastrtps_port12650_sl").open("rb") as owner:
+        fcntl.flock(owner, fcntl.LOCK_SH)
+        assert remove_stale_shared_memory() == 0  # no segments
+        assert names(shm) == sorted([*live, *new])
+    remove_stale_shared_memory()
+    assert names(shm) == sorted(new)
+
+
 def test_no_shared_memory_at_all(shm: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(processes, "_SHM", shm / "none")
     assert remove_stale_shared_memory() == 0
@@ -269,6 +298,13 @@ def test_segments_of_a_live_participant_are_left_alone() -> None:
     def segments() -> set[str]:
         return {p.name for p in Path("/dev/shm").glob("fastrtps_*_el") if "port" not in p.name}
 
+    def old_ports() -> list[Path]:
+        found = [p for n in domain_ports(198) for p in Path("/dev/shm").glob(f"*_port{n}*")]
+        for port in found:
+            os.utime(port, (0, 0))
+        assert found
+        return found
+
     before = segments()
     process = subprocess.Popen(
         [sys.executable, "-c", LISTENER],
@@ -282,10 +318,14 @@ def test_segments_of_a_live_participant_are_left_alone() -> None:
         maps = Path(f"/proc/{process.pid}/maps").read_text()
         ours = {name for name in segments() - before if name.removesuffix("_el") in maps}
         assert ours
+        ports = old_ports()
         remove_stale_shared_memory()
         assert ours <= segments()
+        assert [port for port in ports if not port.exists()] == []
     finally:
         process.kill()
         process.communicate(timeout=10)
+    ports = old_ports()
     remove_stale_shared_memory()
     assert not ours & segments()
+    assert [port for port in ports if port.exists()] == []
