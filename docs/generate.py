@@ -212,6 +212,7 @@ def times() -> str:
     world = "ssp_ot_controller/ssp_ot_controller/sil/node.py"
     body = "ssp_ot_controller/ssp_ot_controller/sil/world.py"
     manager = "ssp_scenario_manager/ssp_scenario_manager/node.py"
+    follow = "ssp_scenario_manager/ssp_scenario_manager/runner/follow.py"
     rows = [
         ("manager", "beats outside lockstep every", _constant(manager, "WATCHDOG_PERIOD_S")),
         ("manager", "arms on states and measurements no older than", readiness.FRESH_S),
@@ -226,6 +227,7 @@ def times() -> str:
         ("manager", "gives objects to report that they are armed", patience.ARM_CONFIRMATION_S),
         ("manager", "gives an object that stops to say why", watching.OWN_REASON_S),
         ("manager", "reports an abort without a standstill after", patience.ABORT_STANDSTILL_S),
+        ("runner", "takes the manager for hung after", _constant(follow, "SILENT_S")),
         ("object", "stops without ticks or readings after", _constant(target, "TICK_SILENCE_S")),
         ("object", "gives a lockstep world for a step", _constant(target, "WORLD_HANG_S")),
         ("world", "drops a participant in lockstep after", _constant(world, "HANG_LIMIT_S")),

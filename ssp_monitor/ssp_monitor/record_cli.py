@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,6 +13,7 @@ import click
 
 from ssp_core.console import err, note, out
 from ssp_core.options import Number, usage_errors
+from ssp_core.terminal import on_stop_signals
 from ssp_monitor.core.disk import DiskNeeds
 from ssp_monitor.core.encoding import CODECS, video_choice
 from ssp_monitor.core.plan import MB, QUEUE_MB, RESERVE_MB, RecordingPlan, patterns, split_by
@@ -154,14 +154,7 @@ def _line(status: Any) -> str:
 
 @contextmanager
 def _stopped_by_signals() -> Iterator[threading.Event]:
-    """An event that Ctrl-C and SIGTERM set, so that the bag is closed in good order."""
+    """An event that Ctrl-C, SIGTERM and a closed terminal set: the bag is closed in good order."""
     stop = threading.Event()
-    before = {
-        number: signal.signal(number, lambda *_: stop.set())
-        for number in (signal.SIGINT, signal.SIGTERM)
-    }
-    try:
+    with on_stop_signals(lambda _: stop.set()):
         yield stop
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import errno
 import importlib
 import sys
+from signal import Signals
 
 import click
 
 from ssp_core import __version__
 from ssp_core.errors import SspError
+from ssp_core.terminal import lost_output, on_stop_signals, survive_lost_output
 
 # verb: (module:function, one line of help). A verb's module is imported when it runs or shows
 # its own help, so that `ssp --help` and `ssp score` don't pay for SUMO, OpenCV or ROS.
@@ -100,6 +103,21 @@ def cli() -> None:
 
 def main(args: list[str] | None = None) -> int:
     """Runs the command line and returns its exit status."""
+    survive_lost_output()
+    with on_stop_signals(_interrupt):
+        status = _run(args)
+    if reason := lost_output():
+        click.echo(f"error: standard output: {reason}", err=True)
+        return status or 1
+    return status
+
+
+def _interrupt(_: Signals) -> None:
+    """A closed terminal and SIGTERM end a command as Ctrl-C does: in order."""
+    raise KeyboardInterrupt
+
+
+def _run(args: list[str] | None) -> int:
     try:
         result = cli.main(args=args, prog_name="ssp", standalone_mode=False)
         return result if isinstance(result, int) else 0
@@ -126,8 +144,12 @@ def main(args: list[str] | None = None) -> int:
 
         report_error(str(error))
         return 1
-    except BrokenPipeError:
-        sys.stderr.close()
+    except OSError as error:
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+            raise
+        from ssp_core.console import report_error
+
+        report_error(f"{error.filename or 'the disk'}: {error.strerror}; make room and try again")
         return 1
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 import faulthandler
 import gc
 import os
-import signal
 import sys
 import traceback
 from collections.abc import Callable, Iterable
@@ -35,6 +34,7 @@ from ssp_core.health import Status
 from ssp_core.messages import stamp_ns
 from ssp_core.names import NAMESPACE
 from ssp_core.parameters import Parameter
+from ssp_core.terminal import catch_stop_signals, survive_lost_output
 
 T = TypeVar("T")
 
@@ -179,7 +179,7 @@ _TEARDOWN_LIMIT_S = 4.0
 
 
 class StopRequest:
-    """Set by SIGINT or SIGTERM, or by the node itself; the loop looks at it."""
+    """Set by SIGINT, SIGTERM, SIGHUP or SIGQUIT, or by the node itself; the loop looks at it."""
 
     def __init__(self) -> None:
         self.reason: str | None = None
@@ -211,10 +211,10 @@ def run_node(
     """
     # A process that has to be killed says first where it hung (ProcessGroup.stop sends SIGABRT).
     faulthandler.enable()
+    survive_lost_output()
     stop = StopRequest()
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda received, _: stop.set(signal.Signals(received).name))
+    catch_stop_signals(lambda number: stop.set(number.name))
     status = 0
     node: Node | None = None
     executor = make_executor()

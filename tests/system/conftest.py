@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
+import pty
 import signal
 import subprocess
 import sys
+import termios
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -84,10 +87,28 @@ class Session:
 
     def finish(self) -> dict[str, Any]:
         """Waits for the end and returns result.json."""
-        self.out, err = self.process.communicate(timeout=END_DEADLINE_S)
-        self.lines += [self.out, err]
+        if self.process.stderr is not None and self.process.stderr.closed:
+            self.process.wait(END_DEADLINE_S)
+        else:
+            self.out, err = self.process.communicate(timeout=END_DEADLINE_S)
+            self.lines += [self.out, err]
         result: dict[str, Any] = json.loads((self.folder / "result.json").read_text())
         return result
+
+
+def in_terminal(command: list[str]) -> subprocess.Popen[str]:
+    """The command in a terminal of its own, which closing the process's ``stderr`` closes."""
+    master, slave = pty.openpty()
+
+    def own() -> None:
+        fcntl.ioctl(slave, termios.TIOCSCTTY, 0)
+
+    process: subprocess.Popen[str] = subprocess.Popen(
+        command, stdin=slave, stdout=slave, stderr=slave, start_new_session=True, preexec_fn=own
+    )
+    os.close(slave)
+    process.stderr = os.fdopen(master)
+    return process
 
 
 @pytest.fixture
@@ -95,14 +116,17 @@ def start_session(tmp_path: Path) -> Iterator[Any]:
     """Starts ``ssp run`` in a folder of the test; nothing of it outlives the test."""
     started: list[Session] = []
 
-    def start(scenario: str = "cut_in", *arguments: str, name: str = "run") -> Session:
+    def start(
+        scenario: str = "cut_in", *arguments: str, name: str = "run", terminal: bool = False
+    ) -> Session:
         folder = tmp_path / name
-        process = subprocess.Popen(
-            ssp_command("run", scenario, "--out", str(folder), *arguments),
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
+        command = ssp_command("run", scenario, "--out", str(folder), *arguments)
+        if terminal:
+            process = in_terminal(command)
+        else:
+            process = subprocess.Popen(
+                command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+            )
         session = Session(folder, process, [])
         started.append(session)
         return session

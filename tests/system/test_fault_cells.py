@@ -22,6 +22,7 @@ ROWS = {row.name: row for row in MATRIX}
 # The recorder is killed in realtime, where there is time to notice (test_session_faults.py).
 CELLS = [
     ("manager_killed", Stage.AFTER),
+    ("manager_stopped", Stage.AFTER),
     ("object_killed", Stage.CONFLICT),
     ("world_paused", Stage.BEFORE),
     ("disk_full", Stage.BEFORE),

@@ -96,21 +96,34 @@ def test_dead_manager_stops_the_objects_by_themselves(start_session: Any) -> Non
     assert [e.limit_name for e in stops] == ["heartbeat_lost"]
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("signal_name", ["SIGINT", "SIGHUP"])
 def test_interruption_aborts_and_leaves_nothing_behind(
-    number: signal.Signals, start_session: Any, live_processes: Any
+    signal_name: str, start_session: Any, live_processes: Any
 ) -> None:
-    session = start_session("cut_in", "--mode", "realtime", "--no-camera")
+    closes = signal_name == "SIGHUP"
+    session = start_session("cut_in", "--mode", "realtime", "--no-camera", terminal=closes)
     session.wait_for("phase approach")
-    session.process.send_signal(number)
+    if closes:
+        session.process.stderr.close()
+    else:
+        session.process.send_signal(signal.SIGINT)
     result = session.finish()
 
     assert session.process.returncode == 1
     assert result["verdict"] == "aborted"
-    assert result["reasons"][0] == "interrupted from the terminal"
+    assert result["reasons"][0] == f"interrupted by {signal_name}"
     assert live_processes(session.folder) == {}
     assert (session.folder / "bag" / "metadata.yaml").is_file()
     assert max(last_speeds(session.folder / "bag").values()) < 0.05
+
+
+def test_output_that_nobody_reads_ends_no_session(start_session: Any) -> None:
+    session = start_session("cut_in", "--no-camera")
+    session.wait_for("session")
+    session.process.stdout.close()
+    session.process.stderr.close()
+    assert session.finish()["verdict"] == "valid"
+    assert session.process.returncode == 0
 
 
 def test_killed_runner_takes_its_nodes_along(start_session: Any, live_processes: Any) -> None:

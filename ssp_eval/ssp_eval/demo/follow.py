@@ -11,20 +11,18 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import FrameType
 
 from ssp_core.errors import PeerError
 from ssp_core.processes import die_with_parent
+from ssp_core.terminal import on_stop_signals
 from ssp_eval.demo.plan import Step
 
 END_TIMEOUT_S = 30.0
 AT_ONCE = 2
 _POLL_S = 0.02
-_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _TAIL = 15
 
 
@@ -38,21 +36,11 @@ class _Running:
 
 
 class _Interrupted(Exception):
-    """SIGINT or SIGTERM came; the steps that run are to end in order first."""
+    """Somebody wants it to end; the steps that run are to end in order first."""
 
 
-def _raise_interrupted(number: int, frame: FrameType | None) -> None:
+def _raise_interrupted(_: signal.Signals) -> None:
     raise _Interrupted
-
-
-@contextmanager
-def _interruptible() -> Iterator[None]:
-    before = {n: signal.signal(n, _raise_interrupted) for n in _SIGNALS}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def follow(
@@ -77,7 +65,7 @@ def follow(
             output.
     """
     waiting, running, done = list(steps), list[_Running](), set[str]()
-    with _interruptible():
+    with on_stop_signals(_raise_interrupted):
         try:
             while waiting or running:
                 while (step := _next(waiting, running, done)) is not None:
@@ -138,14 +126,13 @@ def _check(one: _Running) -> None:
 
 def _end_all(running: Sequence[_Running]) -> None:
     """Asks the steps to end and waits for them; one that doesn't is killed."""
-    for number in _SIGNALS:
-        signal.signal(number, signal.SIG_IGN)
-    for one in running:
-        one.process.send_signal(signal.SIGINT)
-    deadline = time.monotonic() + END_TIMEOUT_S
-    for one in running:
-        try:
-            one.process.wait(max(0.0, deadline - time.monotonic()))
-        except subprocess.TimeoutExpired:
-            os.killpg(one.process.pid, signal.SIGKILL)
-            one.process.wait()
+    with on_stop_signals(lambda _: None):
+        for one in running:
+            one.process.send_signal(signal.SIGINT)
+        deadline = time.monotonic() + END_TIMEOUT_S
+        for one in running:
+            try:
+                one.process.wait(max(0.0, deadline - time.monotonic()))
+            except subprocess.TimeoutExpired:
+                os.killpg(one.process.pid, signal.SIGKILL)
+                one.process.wait()

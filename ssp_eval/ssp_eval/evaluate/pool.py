@@ -19,6 +19,7 @@ from typing import Any
 
 from ssp_core.errors import SspError
 from ssp_core.processes import die_with_parent
+from ssp_core.terminal import ignore_stop_signals
 from ssp_eval.evaluate.cell_file import CellResult
 from ssp_eval.evaluate.job import Job, JobRunner, Settings
 
@@ -160,8 +161,7 @@ def _how(code: int | None) -> str:
 def _work(settings: Settings, name: str, pipe: Connection[Any, Any]) -> None:
     """The worker: takes jobs until its pipe is closed."""
     die_with_parent()
-    # Ctrl-C reaches the whole group; who leads it ends us in order, and our bridges with us.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    ignore_stop_signals()
     signal.signal(signal.SIGTERM, _leave)
     try:
         runner = JobRunner(settings, name)

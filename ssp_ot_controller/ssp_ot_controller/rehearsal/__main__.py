@@ -13,7 +13,6 @@ import signal
 import tempfile
 import time
 from pathlib import Path
-from types import FrameType
 
 import click
 
@@ -22,6 +21,7 @@ from ssp_core.console import report_error
 from ssp_core.errors import InputError, SspError
 from ssp_core.processes import ProcessGroup, live_environment
 from ssp_core.run_spec import RunSpec, load_run
+from ssp_core.terminal import catch_stop_signals, survive_lost_output
 from ssp_ot_controller.rehearsal.bodies import PlayedBodies
 
 PARTS = ("vut", "camera", "bodies")
@@ -167,14 +167,13 @@ def _ssp() -> str:
 
 
 class _Stop:
-    """Set by SIGINT or SIGTERM."""
+    """Set by Ctrl-C, SIGTERM or a closed terminal."""
 
     def __init__(self) -> None:
         self.asked = False
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._on_signal)
+        catch_stop_signals(self._on_signal)
 
-    def _on_signal(self, number: int, frame: FrameType | None) -> None:
+    def _on_signal(self, _: signal.Signals) -> None:
         self.asked = True
 
 
@@ -184,6 +183,7 @@ def run() -> None:
 
 
 def _status() -> int:
+    survive_lost_output()
     try:
         return int(main(standalone_mode=False) or 0)
     except click.ClickException as error:

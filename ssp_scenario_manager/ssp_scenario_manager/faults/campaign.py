@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from ssp_core.errors import InputError
+from ssp_core.errors import HostError, InputError
 from ssp_core.files import make_folder, read_mapping, write_json, write_text
 from ssp_core.hashing import sha256_json
 from ssp_core.run_spec import Fault, RunSpec
@@ -192,6 +192,8 @@ def _run_session(run: RunSpec, folder: Path, key: str, say: Callable[[str], None
     result = run_session(run, folder.resolve(), both)
     if any(reason.startswith(_INTERRUPTED) for reason in result.outcome.reasons):
         raise KeyboardInterrupt
+    if not (folder / RESULT_FILE).is_file():
+        raise HostError("; ".join(result.unwritten))
     leftovers = left_behind(folder)
     write_text(folder / SAID_FILE, "".join(f"{line}\n" for line in said))
     write_json(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -44,8 +45,8 @@ def for_one_process(spec: RunSpec) -> RunSpec:
     return with_conditions_never_met(spec.model_copy(update={"camera": None}))
 
 
-def run_one(spec: RunSpec, folder: Path, as_json: bool) -> int:
-    """One run; leaves run.yaml, states.npz and result.json. Gives the exit status.
+def run_one(spec: RunSpec, folder: Path, as_json: bool) -> dict[str, Any]:
+    """One run; leaves run.yaml, states.npz and result.json. Gives what stands in the last.
 
     Args:
         spec: as ``for_one_process`` gives it.
@@ -56,21 +57,22 @@ def run_one(spec: RunSpec, folder: Path, as_json: bool) -> int:
     result, record = run_in_process(spec)
     for line in _told(spec, result):
         console.note(line)
-    save_states(folder / "states.npz", spec, record)
     written = result_json(spec, result)
-    write_json(folder / "result.json", written)
+    # Said first: the disk may be full.
     if as_json:
         click.echo(json.dumps(written))
-        return 0 if result.ok else 1
-    shown = shown_gap(written["time_gap_s"])
-    console.out.print(
-        f"{spec.scenario} on {spec.site}: {written['verdict']}, {result.session_s:.1f} s of "
-        f"session, {shown}, {folder / 'result.json'}",
-        markup=False,
-    )
-    for reason in result.reasons:
-        console.out.print(f"  because {reason}", markup=False)
-    return 0 if result.ok else 1
+    else:
+        shown = shown_gap(written["time_gap_s"])
+        console.out.print(
+            f"{spec.scenario} on {spec.site}: {written['verdict']}, {result.session_s:.1f} s of "
+            f"session, {shown}, {folder / 'result.json'}",
+            markup=False,
+        )
+        for reason in result.reasons:
+            console.out.print(f"  because {reason}", markup=False)
+    save_states(folder / "states.npz", spec, record)
+    write_json(folder / "result.json", written)
+    return written
 
 
 def _told(spec: RunSpec, result: InProcessResult) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import io
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -12,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ssp_core.clock import ns_to_seconds
+from ssp_core.files import write_bytes
 from ssp_core.in_process import FaultFact, Report, make_plant
 from ssp_core.run_spec import RunSpec
 from ssp_core.state import ObjectState
@@ -160,7 +162,9 @@ def save_states(path: Path, spec: RunSpec, record: Record) -> None:
             arrays[f"{object_id}_{name}"] = np.array(rows, dtype=np.float64).reshape(
                 -1, len(_COLUMNS)
             )
-    np.savez_compressed(path, **arrays)
+    packed = io.BytesIO()
+    np.savez_compressed(packed, **arrays)
+    write_bytes(path, packed.getvalue())
 
 
 def result_json(spec: RunSpec, result: InProcessResult) -> dict[str, Any]:

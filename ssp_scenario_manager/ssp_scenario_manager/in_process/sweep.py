@@ -18,6 +18,7 @@ from ssp_core.errors import InputError
 from ssp_core.files import read_mapping, write_bytes, write_json, write_text
 from ssp_core.hashing import sha256_json
 from ssp_core.run_spec import RunSpec
+from ssp_core.terminal import ignore_stop_signals
 from ssp_core.vocab import Phase
 from ssp_scenario_manager.in_process.outcome import InProcessResult, run_in_process
 from ssp_scenario_manager.in_process.vary import Variable, Variation, values_of
@@ -200,6 +201,7 @@ _worker: _Worker | None = None
 
 def _start_worker(sweep: Sweep) -> None:
     global _worker
+    ignore_stop_signals()
     _worker = _Worker(sweep)
 
 

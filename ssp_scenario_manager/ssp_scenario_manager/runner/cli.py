@@ -231,27 +231,29 @@ def run(
             write_junit(junit, "ssp run", [_case(spec, folder)])
         shutil.move(draft / TASK_FOLDER, make_folder(folder) / TASK_FOLDER)
     if in_process:
-        status = run_one(spec, folder, as_json)
+        told = run_one(spec, folder, as_json)
         if junit is not None:
-            write_junit(junit, "ssp run", [_case(spec, folder)])
-        return status
+            write_junit(junit, "ssp run", [_case(spec, folder, told)])
+        return 0 if told["verdict"] == "valid" else 1
     from ssp_scenario_manager.runner.session import run_session
 
     result = run_session(spec, folder.resolve(), console.note, live, page_port, video, shadows)
-    if junit is not None:
-        write_junit(junit, "ssp run", [_case(spec, folder)])
     if as_json:
-        click.echo(json.dumps(json.loads((folder / "result.json").read_text())))
+        click.echo(json.dumps(result.told))
     else:
         verdict = result.outcome.verdict.name.lower()
         console.out.print(
             f"{spec.scenario} on {spec.site}: {verdict}, {result.session_s:.1f} s of session in "
-            f"{result.wall_s:.1f} s, {folder / 'bag'}",
+            f"{result.wall_s:.1f} s, {folder / result.bag.name}",
             markup=False,
         )
         for reason in result.outcome.reasons:
             console.out.print(f"  because {reason}", markup=False)
-    return 0 if result.outcome.ok else 1
+    for line in result.unwritten:
+        console.report_error(line)
+    if junit is not None:
+        write_junit(junit, "ssp run", [_case(spec, folder, result.told)])
+    return 0 if result.outcome.ok and not result.unwritten else 1
 
 
 def _nodes(spec: RunSpec) -> list[str]:
@@ -274,13 +276,12 @@ def _with_camera(spec: RunSpec, no_camera: bool, renderer: str | None) -> RunSpe
     return spec.model_copy(update={"camera": chosen})
 
 
-def _case(spec: RunSpec, folder: Path) -> Case:
-    """The run as result.json tells it, which isn't there before the end."""
+def _case(spec: RunSpec, folder: Path, told: dict[str, Any] | None = None) -> Case:
+    """The run as result.json tells it; None before the end."""
     facts = {"seed": str(spec.seed), "mode": spec.mode, "folder": str(folder)}
-    group, result = f"{spec.scenario}.{spec.site}", folder / "result.json"
-    if not result.is_file():
+    group = f"{spec.scenario}.{spec.site}"
+    if told is None:
         return Case(group, spec.run_id, Outcome(Verdict.NONE, ("did not end",)), 0.0, facts)
-    told = json.loads(result.read_text())
     outcome = Outcome(Verdict[told["verdict"].upper()], tuple(told["reasons"]))
     # A run in one process has no time but its own, so that its result is the same every time.
     took_s = told.get("wall_s", told["session_s"])

@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import FrameType, TracebackType
 from typing import Any
 
 from ssp_core import names
@@ -30,35 +29,25 @@ STANDSTILL_S = 20.0
 NOTICED_S = 0.5
 # A truth this old comes from a world that is dead or stands still, and so does all in it.
 WORLD_GONE_S = 2.0
+# The manager tells of itself every second; objects stop long before. A busy host may delay it.
+SILENT_S = 10.0
 # For what a session that has given its result, or gives up, still has to say.
 LAST_WORDS_S = 8.0
 # How long an armed session is held with a fault in it, for the limits that apply to it.
 ARMED_HOLD_S = 3.0
 
 
+@dataclass(slots=True)
 class Interrupt:
-    """Counts SIGINT and SIGTERM instead of dying of them."""
+    """How often somebody wanted the run to end, and the signal that said so first."""
 
-    def __init__(self) -> None:
-        self.count = 0
-        self._before: dict[signal.Signals, object] = {}
+    count: int = 0
+    first: str = ""
 
-    def __enter__(self) -> Interrupt:
-        for number in (signal.SIGINT, signal.SIGTERM):
-            self._before[number] = signal.signal(number, self._on_signal)
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        for number, handler in self._before.items():
-            signal.signal(number, handler)  # type: ignore[arg-type]  # what signal() gave us
-
-    def _on_signal(self, number: int, frame: FrameType | None) -> None:
+    def on_signal(self, number: signal.Signals) -> None:
+        """A handler for on_stop_signals."""
         self.count += 1
+        self.first = self.first or number.name
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,13 +151,26 @@ class _Following:
                     "`ssp doctor` tests whether processes can talk on this host"
                 )
                 return Outcome(Verdict.INVALID_HARNESS, (reason,))
+        self._client.hear_manager()
         return None
+
+    def _silent_manager(self) -> str:
+        """Why the manager counts as hung; empty while it doesn't. One that does is ended."""
+        if self._client.silent_s < SILENT_S:
+            return ""
+        silent = f"{names.SCENARIO_MANAGER} silent for {self._client.silent_s:.0f} s"
+        self._say(f"{silent}: ending the run without it")
+        # It must not wake up beside objects that were told that the run is over.
+        self._group.processes[names.SCENARIO_MANAGER].kill()
+        return silent
 
     def _wait_for_go(self, run_file: Path, go: Go) -> Outcome | None:
         """None once somebody says that the run may begin; otherwise why there is none."""
         self._client.load(str(run_file))
         while self._client.loaded is None and not self._group.ended() and not self._interrupt.count:
             self._client.spin(0.05)
+            if silent := self._silent_manager():
+                return Outcome(Verdict.INVALID_HARNESS, (silent,))
         if self._client.loaded:
             return Outcome(Verdict.INVALID_HARNESS, self._client.loaded)
         self._say(
@@ -183,6 +185,8 @@ class _Following:
             ended = self._group.ended()
             if ended:
                 return Outcome(Verdict.INVALID_HARNESS, (obituary(ended[0]),))
+            if silent := self._silent_manager():
+                return Outcome(Verdict.INVALID_HARNESS, (silent,))
             if self._interrupt.count:
                 return Outcome(Verdict.ABORTED, ("interrupted before the start",))
         return None if word else Outcome(Verdict.ABORTED, ("nobody began the run",))
@@ -200,7 +204,10 @@ class _Following:
                     self._told.add(node.name)
                     self._say(f"{node.name} {node.describe_exit()}")
                     deadline = time.monotonic() + END_TIMEOUT_S
-            if names.SCENARIO_MANAGER in self._told:
+            silent = self._silent_manager() if outcome is None else ""
+            if silent:
+                outcome = Outcome(Verdict.INVALID_HARNESS, (silent,))
+            if silent or names.SCENARIO_MANAGER in self._told:
                 # Nobody is left to give a result; the objects stop by themselves.
                 self._let_objects_stop()
                 break
@@ -208,14 +215,16 @@ class _Following:
                 cancelled = self._interrupt.count
                 if cancelled > 1:
                     return Outcome(Verdict.ABORTED, ("interrupted twice, ended at once",))
-                self._say("interrupted: aborting the session")
+                self._say(f"interrupted by {self._interrupt.first}: aborting the session")
                 self._client.cancel()
                 deadline = time.monotonic() + END_TIMEOUT_S
             if deadline is not None and time.monotonic() > deadline:
                 break
         outcome = outcome or Outcome(Verdict.INVALID_HARNESS, ())
         if cancelled:
-            outcome = Outcome(outcome.verdict, ("interrupted from the terminal", *outcome.reasons))
+            outcome = Outcome(
+                outcome.verdict, (f"interrupted by {self._interrupt.first}", *outcome.reasons)
+            )
         for name in sorted(self._told):
             outcome = outcome.with_reason(
                 Verdict.INVALID_HARNESS, obituary(self._group.processes[name])

@@ -206,12 +206,15 @@ class Injector:
         """Ends whatever still lasts and can be ended, so that the processes can stop in order.
 
         Returns:
-            True when a node goes on now that stood still.
+            True when a node goes on now that stood still, and that nobody ended meanwhile.
         """
         lasting = [t for t in self._timed if t.begun_s is not None and not t.ended]
         for timed in lasting:
             self._end(timed, session_s, wall_s)
-        return any(timed.fault.kind == "pause" for timed in lasting)
+        return any(
+            timed.fault.kind == "pause" and self._process(timed.fault.target).returncode is None
+            for timed in lasting
+        )
 
     # -- what is done ----------------------------------------------------------------------------
 

@@ -195,7 +195,10 @@ class Go:
         """True: begin; False: nobody will; None: not yet."""
         if not select.select([sys.stdin.fileno()], [], [], 0.0)[0]:
             return None
-        data = os.read(sys.stdin.fileno(), 1024)
+        try:
+            data = os.read(sys.stdin.fileno(), 1024)
+        except OSError:  # of a terminal that was closed
+            return False
         if b"\n" in data:
             return True
         return None if data else False

@@ -18,13 +18,15 @@ from ssp_core.errors import PeerError
 from ssp_core.safety_codes import SafetyCode
 from ssp_core.vocab import Phase, SessionPhase, Verdict
 from ssp_msgs.action import RunScenario
-from ssp_msgs.msg import FaultEvent, PhaseEvent, SafetyEvent, SessionState, TriggerEvent
+from ssp_msgs.msg import FaultEvent, LinkStatus, PhaseEvent, SafetyEvent, SessionState, TriggerEvent
 from ssp_msgs.srv import LoadScenario, SessionCommand
 from ssp_scenario_manager.runner.outcome import Outcome
 
 Listener = Callable[[str], None]
 # How long the goal's result may come after the session's last word.
 RESULT_GRACE_S = 1.0
+# What one call of ``spin`` counts at most as silence: this process may have stood still itself.
+_LISTENED_S = 0.5
 _UNDER_WAY = {
     SessionPhase.RUNNING,
     SessionPhase.STOPPING,
@@ -71,12 +73,21 @@ class RunClient:
         # Session time of the start: a live session's clock counts from 1970.
         self._zero_ns = 0
         self.running_wall_s = 0.0
+        self.silent_s = 0.0
+        """How long this process has listened without a sign of the manager's."""
         sub = self._node.create_subscription
         sub(SessionState, names.SESSION_STATE, self._on_session, ros.LATCHED)
         sub(TriggerEvent, names.TRIGGER_EVENT, self._on_trigger, ros.LATCHED)
         sub(PhaseEvent, names.PHASE_EVENT, self._on_phase, ros.LATCHED)
         sub(SafetyEvent, names.SAFETY_EVENT, self._on_safety, ros.LATCHED)
         sub(FaultEvent, names.FAULT_EVENT, self._on_fault, ros.LATCHED)
+        # Once a second by the manager's own clock, from when a run is loaded; feedback comes more
+        # often, but only to who began the run, and heartbeats wait for the world in lockstep.
+        sub(LinkStatus, names.LINK_STATUS, lambda _: self.hear_manager(), ros.STATE)
+
+    def hear_manager(self) -> None:
+        """A sign of the manager: its silence counts from here."""
+        self.silent_s = 0.0
 
     def ready(self) -> bool:
         """The manager offers the action."""
@@ -113,7 +124,9 @@ class RunClient:
             self._abort.call_async(SessionCommand.Request(requested_by="ssp run"))
 
     def spin(self, timeout_s: float) -> None:
+        began = time.monotonic()
         self._executor.spin_once(timeout_sec=timeout_s)
+        self.silent_s += min(time.monotonic() - began, _LISTENED_S)
 
     @property
     def node(self) -> Node:
@@ -159,6 +172,7 @@ class RunClient:
         self._result = future.result()
 
     def _on_feedback(self, message: Any) -> None:
+        self.hear_manager()
         feedback = message.feedback
         self.elapsed_s = feedback.elapsed
         if feedback.elapsed > 0.0:

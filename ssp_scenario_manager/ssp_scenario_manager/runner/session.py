@@ -9,19 +9,21 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import ssp_core
 from ssp_core import names
 from ssp_core.bag import recover
 from ssp_core.domains import free_domain
-from ssp_core.errors import SspError
+from ssp_core.errors import HostError, InputError
 from ssp_core.files import write_json, write_text
 from ssp_core.processes import ProcessGroup, live_environment, session_environment
 from ssp_core.run_spec import RunSpec
+from ssp_core.terminal import on_stop_signals
 from ssp_core.verdict import read_verdict, write_verdict
 from ssp_core.vocab import Verdict
 from ssp_scenario_manager.runner import inject
-from ssp_scenario_manager.runner.follow import Interrupt, follow, obituary
+from ssp_scenario_manager.runner.follow import Followed, Interrupt, follow, obituary
 from ssp_scenario_manager.runner.happened import happened_by, misses, result_keys
 from ssp_scenario_manager.runner.live import Go, LiveSetup, describe
 from ssp_scenario_manager.runner.outcome import Outcome
@@ -31,6 +33,8 @@ from ssp_scenario_manager.runner.shadow import RECORDED, ShadowModel, shadows_be
 
 FAULTS_FILE = "faults.json"
 WITNESS_FILE = "witness.json"
+# What the recorder left of a bag that it did not close.
+UNFINISHED = "bag.unfinished"
 PROFILE = Path(ssp_core.__file__).parent / "config" / "fastdds_one_host.xml"
 HOSTS_PROFILE = PROFILE.with_name("fastdds_hosts.xml")
 
@@ -46,10 +50,19 @@ _NODES = {
 
 @dataclass(frozen=True, slots=True)
 class RunResult:
-    """What a run left behind."""
+    """What a run left behind.
+
+    Args:
+        outcome: verdict and reasons.
+        bag: folder of the recording, unfinished where it could be neither closed nor recovered.
+        told: what stands in result.json, if that could be written.
+        unwritten: why files of the run are missing, for people, and what to do.
+    """
 
     outcome: Outcome
     bag: Path
+    told: dict[str, Any]
+    unwritten: tuple[str, ...]
     wall_s: float
     session_s: float
     running_wall_s: float
@@ -79,7 +92,8 @@ def run_session(
         shadows: models that follow it in shadow mode; their answers are recorded.
 
     Whatever happens, the folder then says how the run ended: result.json, and verdict.json in the
-    bag, which an evaluation reads beside what the bag itself says. A run with injected faults also
+    bag, which an evaluation reads beside what the bag itself says. On a full disk the result alone
+    says it, and what is missing. A run with injected faults also
     leaves faults.json, what was injected and heard when, and witness.json, the truth as the runner
     heard it.
 
@@ -101,34 +115,63 @@ def run_session(
     inject.check(spec, nodes)
     spec = inject.with_conditions_never_met(spec)
     write_text(run_file, spec.model_dump_json(by_alias=True, indent=1) + "\n")
-    with (
-        Interrupt() as interrupt,
-        tempfile.TemporaryDirectory(prefix="ssp-run-") as scratch,
-        _process_group(folder / "logs", live is not None) as group,
-    ):
-        # A node that is killed can't clean up after itself.
-        group.env["TMPDIR"] = scratch
-        if live is not None:
-            for line in describe(live, spec, run_file, group.env):
-                say(line)
-        elif spec.driver.external:
-            topic = names.absolute(names.VUT_COMMAND)
-            domain_id = group.env["ROS_DOMAIN_ID"]
-            say(f"the VUT waits for its driver on {topic}, ROS_DOMAIN_ID={domain_id}, this host")
-        remappings = live.remappings if live is not None else ()
-        for name, parameters in nodes.items():
-            group.start_node(name, _NODES[name], parameters, remappings)
-        go = Go() if live is not None and live.wait else None
+    interrupt = Interrupt()
+    with on_stop_signals(interrupt.on_signal):
         with (
-            page_beside(group, run_file, page_port, say, remappings),
-            shadows_beside(group, shadows, say, remappings),
+            tempfile.TemporaryDirectory(prefix="ssp-run-") as scratch,
+            _process_group(folder / "logs", live is not None) as group,
         ):
-            followed = follow(spec, group, run_file, bag, say, interrupt, go)
-            outcome = _shut_down(group, followed.outcome)
+            # A node that is killed can't clean up after itself.
+            group.env["TMPDIR"] = scratch
+            if live is not None:
+                for line in describe(live, spec, run_file, group.env):
+                    say(line)
+            elif spec.driver.external:
+                topic = names.absolute(names.VUT_COMMAND)
+                domain_id = group.env["ROS_DOMAIN_ID"]
+                say(
+                    f"the VUT waits for its driver on {topic}, ROS_DOMAIN_ID={domain_id}, this host"
+                )
+            remappings = live.remappings if live is not None else ()
+            for name, parameters in nodes.items():
+                group.start_node(name, _NODES[name], parameters, remappings)
+            go = Go() if live is not None and live.wait else None
+            with (
+                page_beside(group, run_file, page_port, say, remappings),
+                shadows_beside(group, shadows, say, remappings),
+            ):
+                followed = follow(spec, group, run_file, bag, say, interrupt, go)
+                outcome = _shut_down(group, followed.outcome)
+        return _conclude(spec, folder, followed, outcome, started, say)
+
+
+def _conclude(
+    spec: RunSpec,
+    folder: Path,
+    followed: Followed,
+    outcome: Outcome,
+    started: float,
+    say: Callable[[str], None],
+) -> RunResult:
+    """Checks the bag, gives the verdict, and writes what a run leaves, as far as the disk lets."""
+    bag, unwritten = folder / "bag", list[str]()
+
+    def write(make: Callable[[], None]) -> None:
+        try:
+            make()
+        except HostError as error:
+            unwritten.append(str(error))
+
     if spec.faults:
-        write_json(folder / FAULTS_FILE, followed.faults)
-        write_json(folder / WITNESS_FILE, followed.witness)
-    outcome = _check_bag(bag, outcome, say)
+        write(lambda: write_json(folder / FAULTS_FILE, followed.faults))
+        write(lambda: write_json(folder / WITNESS_FILE, followed.witness))
+    try:
+        outcome = _check_bag(bag, outcome, say)
+    except HostError as error:
+        outcome = outcome.with_reason(Verdict.INVALID_HARNESS, f"the bag isn't closed: {error}")
+        unwritten.append(str(error))
+    unfinished = bag.with_name(UNFINISHED)
+    recording = unfinished if unfinished.is_dir() and not bag.is_dir() else bag
     happened = happened_by(bag, spec)
     if bag.is_dir():
         outcome = outcome.with_word_of_recorder(read_verdict(bag))
@@ -139,29 +182,36 @@ def run_session(
                 "the bag can't be read" if happened is None else "the bag lacks states of somebody"
             )
             outcome = outcome.with_reason(Verdict.INVALID_HARNESS, f"{why}: nobody knows the event")
-        write_verdict(bag, outcome.verdict, outcome.reasons, "runner")
-    result = RunResult(
+        write(lambda: write_verdict(bag, outcome.verdict, outcome.reasons, "runner"))
+    wall_s = time.monotonic() - started
+    told = {
+        **result_keys(spec, happened),
+        "in_process": False,
+        "verdict": outcome.verdict.name.lower(),
+        "reasons": list(outcome.reasons),
+        "bag": recording.name,
+        "session_s": round(followed.session_s, 3),
+        "wall_s": round(wall_s, 3),
+        "running_wall_s": round(followed.running_wall_s, 3),
+        "measured": measured(bag, spec, say),
+    }
+    write(lambda: write_json(folder / "result.json", told))
+    if unwritten and recording == bag:
+        unwritten.append(f"the recording in {bag} is whole")
+    elif unwritten:
+        unwritten.append(
+            f"the recording lies in {recording}; make room, then close it with "
+            f"`ssp bag recover {recording} --out {bag}`"
+        )
+    return RunResult(
         outcome,
-        bag,
-        time.monotonic() - started,
+        recording,
+        told,
+        tuple(unwritten),
+        wall_s,
         followed.session_s,
         followed.running_wall_s,
     )
-    write_json(
-        folder / "result.json",
-        {
-            **result_keys(spec, happened),
-            "in_process": False,
-            "verdict": outcome.verdict.name.lower(),
-            "reasons": list(outcome.reasons),
-            "bag": bag.name,
-            "session_s": round(result.session_s, 3),
-            "wall_s": round(result.wall_s, 3),
-            "running_wall_s": round(result.running_wall_s, 3),
-            "measured": measured(bag, spec, say),
-        },
-    )
-    return result
 
 
 def _simulated(spec: RunSpec, run_file: Path, bag: Path) -> dict[str, dict[str, object]]:
@@ -206,16 +256,20 @@ def _shut_down(group: ProcessGroup, outcome: Outcome) -> Outcome:
 
 
 def _check_bag(bag: Path, outcome: Outcome, say: Callable[[str], None]) -> Outcome:
-    """A recorder that was killed left an unfinished file; it is closed here."""
+    """A recorder that was killed left an unfinished file; it is closed here.
+
+    Raises:
+        HostError: the disk doesn't take the closed one; the other lies beside it.
+    """
     if (bag / "metadata.yaml").is_file():
         return outcome
     if not bag.is_dir():
         return outcome.with_reason(Verdict.INVALID_HARNESS, "the recorder left no bag")
-    unfinished = bag.with_name(bag.name + ".unfinished")
+    unfinished = bag.with_name(UNFINISHED)
     bag.rename(unfinished)
     try:
         report = recover(unfinished, bag)
-    except SspError as error:
+    except InputError as error:
         return outcome.with_reason(
             Verdict.INVALID_HARNESS, f"the recorder left a bag that can't be recovered: {error}"
         )

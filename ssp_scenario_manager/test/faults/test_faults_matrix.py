@@ -22,6 +22,7 @@ WORDS = (
     "monitor ",
     "object_target killed",
     "scenario_manager killed",
+    "scenario_manager silent",
     "the ",
     "no answer",
     "ot1 is ",
@@ -40,6 +41,7 @@ EXPECTED = [
 def test_the_rows_are_those_that_were_asked_for() -> None:
     assert [row.name for row in MATRIX] == [
         "manager_killed",
+        "manager_stopped",
         "object_killed",
         "world_paused",
         "recorder_killed",

@@ -9,6 +9,7 @@ from ssp_scenario_manager.faults.matrix.own_state import CLOCKS, FROZEN, JUMP, N
 from ssp_scenario_manager.faults.matrix.processes import (
     DISK_FULL,
     MANAGER_KILLED,
+    MANAGER_STOPPED,
     OBJECT_KILLED,
     RECORDER_KILLED,
     WORLD_PAUSED,
@@ -17,6 +18,7 @@ from ssp_scenario_manager.faults.model import Row
 
 MATRIX: tuple[Row, ...] = (
     MANAGER_KILLED,
+    MANAGER_STOPPED,
     OBJECT_KILLED,
     WORLD_PAUSED,
     RECORDER_KILLED,

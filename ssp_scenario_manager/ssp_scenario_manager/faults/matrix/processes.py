@@ -48,6 +48,36 @@ MANAGER_KILLED = Row(
         ),
     ),
 )
+MANAGER_STOPPED = Row(
+    "manager_stopped",
+    "Scenario manager stands still for good (SIGSTOP)",
+    "pause",
+    target=names.SCENARIO_MANAGER,
+    cells=stages(
+        Expected(
+            HARNESS,
+            "As if it had been killed, but its process is still there: only its silence tells. "
+            "Armed objects latch ABORTING by themselves, and the runner ends the run.",
+            by="each object, by itself",
+            primary=("scenario_manager silent",),
+            also=("heartbeat_lost",),
+            within=Within(TOLD_S, "heartbeat_s", "wall"),
+            signs=("heartbeat_lost",),
+            starts=False,
+        ),
+        Expected(
+            HARNESS,
+            "Each object brakes along its path by itself, as if the manager had been killed. "
+            "The runner, which hears the manager every second, calls it silent after 10 s, and "
+            "the run ends with that verdict and a whole bag.",
+            by="each object, by itself",
+            primary=("scenario_manager silent",),
+            also=("heartbeat_lost", "participant_lost", UNCONFIRMED),
+            within=Within(SEEN_S, "heartbeat_s"),
+            signs=("heartbeat_lost",),
+        ),
+    ),
+)
 OBJECT_KILLED = Row(
     "object_killed",
     "Object target killed (SIGKILL)",

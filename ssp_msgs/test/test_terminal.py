@@ -1,0 +1,111 @@
+"""A closed terminal, a wish to end, output that nobody reads: each is answered in order."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+PROGRAM = """
+import signal, sys, time
+from ssp_core.terminal import catch_stop_signals
+{before}
+catch_stop_signals(lambda number: print(number.name, flush=True))
+print("up", flush=True)
+for _ in sys.stdin:
+    print("after", flush=True)
+"""
+ENDS = ["SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT"]
+
+
+def program(before: str = "") -> subprocess.Popen[str]:
+    process = subprocess.Popen(
+        [sys.executable, "-c", PROGRAM.format(before=before)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        # Whatever started these tests may ignore some.
+        preexec_fn=lambda: [signal.signal(getattr(signal, name), signal.SIG_DFL) for name in ENDS],
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "up\n"
+    return process
+
+
+def told(process: subprocess.Popen[str], *numbers: str) -> list[str]:
+    """What it says of signals that come one at a time, up to the end of its input."""
+    said = []
+    assert process.stdin is not None
+    assert process.stdout is not None
+    for number in numbers:
+        process.send_signal(getattr(signal, number))
+        process.stdin.write("\n")
+        process.stdin.flush()
+        while (line := process.stdout.readline().strip()) != "after":
+            said.append(line)
+            assert line, f"ended with {process.wait()}"
+    process.stdin.close()
+    assert process.wait(30) == 0
+    process.stdout.close()
+    return said
+
+
+@pytest.mark.parametrize("name", ENDS)
+def test_each_wish_to_end_is_heard_and_its_echo_isn_t(name: str) -> None:
+    assert told(program(), name, name, "SIGTERM") == [name]
+
+
+def test_who_insists_is_heard_again_but_no_closed_terminal() -> None:
+    late = "import ssp_core.terminal as t; t._SAME_WISH_S = 0.0"
+    assert told(program(late), "SIGHUP", "SIGHUP", "SIGQUIT", "SIGINT") == ["SIGHUP", "SIGINT"]
+
+
+def test_nohup_stays_deaf_to_a_closed_terminal() -> None:
+    nohup = "signal.signal(signal.SIGHUP, signal.SIG_IGN)"
+    assert told(program(nohup), "SIGHUP", "SIGTERM") == ["SIGTERM"]
+
+
+WRITER = """
+import sys
+from ssp_core import console
+from ssp_core.terminal import lost_output, survive_lost_output
+survive_lost_output()
+sys.stdin.readline()
+for _ in range(3):
+    print("x" * 100_000)
+    console.note("a note")
+    console.out.print("a result")
+sys.exit(2 if lost_output() else 0)
+"""
+
+
+def test_a_pipe_that_nobody_reads_raises_nothing() -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-c", WRITER],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+    for stream in (process.stdout, process.stderr):
+        assert stream is not None
+        stream.close()
+    process.communicate(b"\n", timeout=30)
+    assert process.returncode == 0
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no /dev/full")
+def test_results_that_a_full_disk_did_not_take_are_an_error() -> None:
+    """A command says so, whatever it would have ended with; it doesn't break off."""
+    with open("/dev/full", "wb") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "ssp_core.cli", "--help"],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    assert done.returncode == 1
+    assert done.stderr == "error: standard output: No space left on device\n"
