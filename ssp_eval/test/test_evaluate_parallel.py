@@ -194,7 +194,10 @@ def test_each_worker_has_bridges_of_its_own(
 
 
 @pytest.mark.system
-def test_ctrl_c_ends_every_worker(bags: list[tuple[Path, Path | None]], tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
+def test_the_terminal_ends_every_worker_in_order(
+    number: signal.Signals, bags: list[tuple[Path, Path | None]], tmp_path: Path
+) -> None:
     out, script = tmp_path / "out", tmp_path / "campaign.py"
     script.write_text(SLOW)
     process = subprocess.Popen(
@@ -208,7 +211,7 @@ def test_ctrl_c_ends_every_worker(bags: list[tuple[Path, Path | None]], tmp_path
             assert process.poll() is None, process.communicate()[1].decode()
             assert time.monotonic() < deadline
             time.sleep(0.05)
-        os.killpg(group, signal.SIGINT)
+        os.killpg(group, number)
         _, error = process.communicate(timeout=DEADLINE_S)
     finally:
         if process.poll() is None:
@@ -249,8 +252,9 @@ class Slow(DirectAskers):
         time.sleep(600.0)
 
 if __name__ == "__main__":
-    # Who is started in the background inherits that Ctrl-C is to be ignored.
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+    # As the command line does; who is started in the background inherits what is to be ignored.
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.default_int_handler)
     bags = [(Path(bag), None) for bag in sys.argv[2:]]
     settings = Settings(out=out, make_extractor=make_extractor, direct=Slow)
     run_parallel(bags, [bridge_spec("constant_velocity")], settings, 2, propose_labels=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -72,15 +73,32 @@ def test_what_a_verb_returns_is_the_status(
     assert main(["probe"]) == status
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_interruption(
-    verb: Callable[[Callable[[], object]], None], capsys: pytest.CaptureFixture[str]
+    verb: Callable[[Callable[[], object]], None],
+    number: signal.Signals,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     def function() -> None:
-        raise KeyboardInterrupt
+        signal.raise_signal(number)
 
     verb(function)
     assert main(["probe"]) == 130
     assert "interrupted" in capsys.readouterr().err
+
+
+def test_a_full_disk_is_one_message(
+    verb: Callable[[Callable[[], object]], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    def function() -> None:
+        with open("/dev/full", "w") as file:
+            file.write("a result")
+
+    verb(function)
+    assert main(["probe"]) == 1
+    assert capsys.readouterr().err == (
+        "error: the disk: No space left on device; make room and try again\n"
+    )
 
 
 def test_exit_inside_a_verb(verb: Callable[[Callable[[], object]], None]) -> None:

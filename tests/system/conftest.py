@@ -117,10 +117,15 @@ def start_session(tmp_path: Path) -> Iterator[Any]:
     started: list[Session] = []
 
     def start(
-        scenario: str = "cut_in", *arguments: str, name: str = "run", terminal: bool = False
+        scenario: str = "cut_in",
+        *arguments: str,
+        name: str = "run",
+        folder: Path | None = None,
+        terminal: bool = False,
+        enter: tuple[str, ...] = (),
     ) -> Session:
-        folder = tmp_path / name
-        command = ssp_command("run", scenario, "--out", str(folder), *arguments)
+        folder = folder or tmp_path / name
+        command = [*enter, *ssp_command("run", scenario, "--out", str(folder), *arguments)]
         if terminal:
             process = in_terminal(command)
         else:

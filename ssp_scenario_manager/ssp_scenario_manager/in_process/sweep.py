@@ -9,12 +9,13 @@ import multiprocessing
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ssp_core.errors import InputError
+from ssp_core.errors import HostError, InputError
 from ssp_core.files import read_mapping, write_bytes, write_json, write_text
 from ssp_core.hashing import sha256_json
 from ssp_core.run_spec import RunSpec
@@ -226,5 +227,9 @@ def _mapper(sweep: Sweep, jobs: int) -> Iterator[Callable[[range], Iterator[Row]
     with ProcessPoolExecutor(jobs, context, _start_worker, (sweep,)) as pool:
         try:
             yield lambda numbers: pool.map(_row_of_worker, numbers)
+        except BrokenProcessPool as error:
+            raise HostError(
+                "a process of the sweep was killed; the same command goes on where it was"
+            ) from error
         finally:
             pool.shutdown(cancel_futures=True)

@@ -165,13 +165,12 @@ def _conclude(
     if spec.faults:
         write(lambda: write_json(folder / FAULTS_FILE, followed.faults))
         write(lambda: write_json(folder / WITNESS_FILE, followed.witness))
+    recording = bag
     try:
         outcome = _check_bag(bag, outcome, say)
     except HostError as error:
         outcome = outcome.with_reason(Verdict.INVALID_HARNESS, f"the bag isn't closed: {error}")
-        unwritten.append(str(error))
-    unfinished = bag.with_name(UNFINISHED)
-    recording = unfinished if unfinished.is_dir() and not bag.is_dir() else bag
+        recording = bag.with_name(UNFINISHED)
     happened = happened_by(bag, spec)
     if bag.is_dir():
         outcome = outcome.with_word_of_recorder(read_verdict(bag))
@@ -196,13 +195,13 @@ def _conclude(
         "measured": measured(bag, spec, say),
     }
     write(lambda: write_json(folder / "result.json", told))
-    if unwritten and recording == bag:
-        unwritten.append(f"the recording in {bag} is whole")
-    elif unwritten:
+    if recording != bag:
         unwritten.append(
             f"the recording lies in {recording}; make room, then close it with "
             f"`ssp bag recover {recording} --out {bag}`"
         )
+    elif unwritten and bag.is_dir():
+        unwritten.append(f"the recording in {bag} is whole")
     return RunResult(
         outcome,
         recording,

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import json
+import re
+import subprocess
+import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -12,7 +16,7 @@ from ssp_core.bag import BagReader, recover
 from ssp_core.bag.check import check_bag
 
 from .checks import missing
-from .conftest import Field, wait_for
+from .conftest import MOST_S, Field, wait_for
 from .disks import Disk, may_mount, small_disk
 from .load import LoadTopic
 
@@ -25,6 +29,8 @@ NAMES = [topic.name for topic in TOPICS]
 DISK_BYTES = 60 << 20
 FILE_BYTES = 3_000_000
 LOSS_NS = 1_000_000_000
+# What a run asks for before it starts, and more.
+SESSION_BYTES = 700 << 20
 
 
 def test_a_disk_that_is_nearly_full_ends_it_before_anything_is_lost(
@@ -73,6 +79,31 @@ def test_a_full_disk_is_said_at_once_and_costs_at_most_a_second(
     assert missing(tmp_path / "recovered", TOPICS, sent, full_ns - LOSS_NS) == []
     with BagReader(tmp_path / "recovered") as reader:
         assert 0 < reader.count <= result["messages"]
+
+
+@pytest.mark.skipif(not may_mount(), reason="may not mount a small disk")
+def test_a_session_on_a_full_disk_says_its_verdict_and_how_the_bag_is_closed(
+    start_session: Any, tmp_path: Path
+) -> None:
+    with small_disk(tmp_path, SESSION_BYTES) as disk:
+        run = disk.point / "run"
+        session = start_session("cut_in", "--no-camera", folder=run, enter=disk.enter)
+        session.wait_for("phase approach")
+        fill(disk)
+        out, err = session.process.communicate(timeout=MOST_S)
+        assert session.process.returncode == 1
+        assert "cut_in on boulevard: invalid_harness, " in out
+        assert "because the bag isn't closed: " in out
+        assert "Traceback" not in err
+        assert f"error: {run / 'result.json'}: can't be written: No space left on device" in err
+        # Nothing half-written, and what it says to do does it.
+        left = {file.name for file in (disk.seen / "run").iterdir()}
+        assert left == {"bag.unfinished", "logs", "run.yaml", "task"}
+        (command,) = re.findall(r"close it with `ssp (.*)`", err)
+        (disk.seen / "somebody_elses").unlink()
+        for words in (command.split(), ["bag", "check", str(run / "bag")]):
+            done = [*disk.enter, sys.executable, "-m", "ssp_core.cli", *words]
+            subprocess.run(done, check=True, capture_output=True)
 
 
 def fill(disk: Disk) -> None:
