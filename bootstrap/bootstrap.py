@@ -28,6 +28,8 @@ SOURCE_DIRS = (
     "ssp_vla_bridge",
     "ssp_eval",
 )
+# A package of ROS that isn't on PyPI, and that a ROS machine has: built here, never on that.
+EXTRA_DIRS = ("bootstrap/tf2_msgs",)
 # Shared libraries that the SUMO wheels load, and the Debian package of each.
 SYSTEM_LIBRARIES = {
     "libGL.so.1": "libgl1",
@@ -186,6 +188,7 @@ def build_workspace(python: Path) -> None:
         "build",
         "--merge-install",
         "--base-paths",
+        *EXTRA_DIRS,
         *SOURCE_DIRS,
         "--event-handlers",
         "console_direct-",

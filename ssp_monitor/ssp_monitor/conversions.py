@@ -34,6 +34,8 @@ PUBLISHED: dict[Profile, QoSProfile] = {
     Profile.COMMAND: ros.COMMAND,
     Profile.SENSOR: ros.SENSOR,
     Profile.LATCHED: ros.LATCHED,
+    Profile.TF: ros.TF,
+    Profile.TF_STATIC: ros.TF_STATIC,
 }
 
 # RELIABLE doesn't protect a KEEP_LAST reader that stalls, so there is room for two seconds of a
@@ -43,6 +45,8 @@ RECORDER_DEPTH = {
     Profile.COMMAND: 1000,
     Profile.SENSOR: 600,
     Profile.LATCHED: 1000,
+    Profile.TF: 4000,
+    Profile.TF_STATIC: 100,
 }
 # Of topics that are not the run's own: pictures are large, the rest is many.
 PICTURE_DEPTH = 100

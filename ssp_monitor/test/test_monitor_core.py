@@ -18,8 +18,10 @@ from ssp_core.clock import NS_PER_S
 from ssp_core.errors import InputError
 from ssp_core.messages import leading_stamp_ns
 from ssp_core.run_spec import RunSpec
+from ssp_core.transforms import TF_TYPE, Transform, encode_transforms
+from ssp_core.wire.cdr import START
 from ssp_monitor.core.recorder import FLUSH_S, Recorder
-from ssp_monitor.core.stamps import SimulatedTime, begins_with_stamp
+from ssp_monitor.core.stamps import SimulatedTime, stamp_at
 from ssp_monitor.core.topics import CLOCK_TYPE, Profile, TopicSpec, bag_topics, uses_simulated_time
 from ssp_monitor.params import topic_rules
 
@@ -36,7 +38,7 @@ def wait_for(condition: Callable[[], bool]) -> None:
 
 def test_a_bag_holds_every_topic_of_every_object(run_mapping: dict[str, Any]) -> None:
     topics = {t.name: t for t in bag_topics(RunSpec.model_validate(run_mapping))}
-    assert len(topics) == 21
+    assert len(topics) == 23
     for object_id in ("ot1", "walker"):
         for kind in ("state", "reference", "reference_ack"):
             assert f"/ssp/{object_id}/{kind}" in topics
@@ -72,6 +74,7 @@ def test_stamps_of_another_clock_are_not_taken_for_session_time(
     assert {t.name for t in topics if not t.session_time} == {
         "/ssp/manager/heartbeat_reply",
         "/ssp/manager/link_status",
+        "/tf_static",
     }
 
 
@@ -93,9 +96,9 @@ def test_only_a_physical_session_without_stand_in_uses_the_system_clock(
 
 def test_every_recorded_type_begins_with_a_stamp(run_mapping: dict[str, Any]) -> None:
     for topic in bag_topics(RunSpec.model_validate(run_mapping)):
-        assert begins_with_stamp(topic.msgtype), topic
-    assert not begins_with_stamp("ssp_msgs/msg/StepDone")
-    assert not begins_with_stamp("std_msgs/msg/Empty")
+        assert stamp_at(topic.msgtype) == (START + 4 if topic.msgtype == TF_TYPE else START), topic
+    assert stamp_at("ssp_msgs/msg/StepDone") is None
+    assert stamp_at("std_msgs/msg/Empty") is None
 
 
 @given(seconds=st.integers(0, 2**31 - 1), nanoseconds=st.integers(0, NS_PER_S - 1))
@@ -123,13 +126,16 @@ def test_a_message_without_a_stamp_takes_the_newest_one(
     clock_cdr: Callable[[int], bytes],
 ) -> None:
     simulated = SimulatedTime()
-    assert simulated.of(b"\x00\x01\x00\x00", stamped=False) == 0
-    assert simulated.of(clock_cdr(50), stamped=True) == 50
-    assert simulated.of(clock_cdr(30), stamped=True) == 30
-    assert simulated.of(clock_cdr(99), stamped=False) == 50
+    assert simulated.of(b"\x00\x01\x00\x00", None) == 0
+    assert simulated.of(clock_cdr(50), START) == 50
+    assert simulated.of(clock_cdr(30), START) == 30
+    assert simulated.of(clock_cdr(99), None) == 50
+    transforms = [Transform("map", "a", stamp, (0.0,) * 3, (0.0,) * 4) for stamp in (70, 60)]
+    assert simulated.of(encode_transforms(transforms), stamp_at(TF_TYPE)) == 70
+    assert simulated.of(encode_transforms([]), stamp_at(TF_TYPE)) == 70
     # A stamp before 0 is none: a bag has no such time.
     before = b"\x00\x01\x00\x00" + struct.pack("<iI", -1, 0)
-    assert simulated.of(before, stamped=True) == 50
+    assert simulated.of(before, START) == 70
 
 
 def test_the_recorder_writes_what_it_was_given(

@@ -18,6 +18,7 @@ from ssp_core.bag.qos import offered_qos
 from ssp_core.cli import main
 from ssp_core.clock import NS_PER_S
 from ssp_core.errors import InputError
+from ssp_core.transforms import TF_TYPE
 from ssp_monitor.core.recorder import OFFERED
 from ssp_monitor.core.topics import Profile
 from ssp_monitor.replay.commands import is_command, session_signs
@@ -194,6 +195,7 @@ def test_a_session_shows_by_its_nodes_and_by_its_services() -> None:
 def test_offers_are_those_of_the_bag() -> None:
     assert offer_of("/x", OFFERED[Profile.LATCHED]) == Offer(True, True, 20)
     assert offer_of("/x", OFFERED[Profile.STATE]) == Offer(True, False)
+    assert offer_of(names.TF_STATIC, "").latched
     numbers = "[{history: 1, depth: 7, reliability: 2, durability: 1}]"  # as rosbag2 once wrote
     assert offer_of("/x", numbers) == Offer(False, True, 7)
 
@@ -403,6 +405,7 @@ def test_of_a_sessions_own_topics_only_commands_are_left_out() -> None:
         (names.CAMERA_INFO, "sensor_msgs/msg/CameraInfo"),
         (names.CAMERA_MOUNT, "geometry_msgs/msg/TransformStamped"),
         (names.CLOCK, "rosgraph_msgs/msg/Clock"),
+        (names.TF_STATIC, TF_TYPE),
     ):
         assert not is_command(names.absolute(topic), msgtype), topic
 

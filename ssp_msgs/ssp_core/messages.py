@@ -23,18 +23,19 @@ def stamp_ns(stamp: Any) -> int:
     return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
 
 
-def leading_stamp_ns(cdr: bytes) -> int | None:
+def leading_stamp_ns(cdr: bytes, at: int = _ENCAPSULATION_BYTES) -> int | None:
     """The stamp with which a serialised message begins, ns; None when there is no valid one.
 
     Eight bytes instead of the whole message are what makes an index over camera frames cheap.
 
     Layout: four bytes of encapsulation (the second one's low bit: little endian), int32 seconds,
-    uint32 nanoseconds. Stamps before 0 can't stand in a bag and are none.
+    uint32 nanoseconds; ``at`` is where they stand. Stamps before 0 can't stand in a bag and are
+    none.
     """
-    if len(cdr) < _ENCAPSULATION_BYTES + _LITTLE.size:
+    if len(cdr) < at + _LITTLE.size:
         return None
     layout = _LITTLE if cdr[1] & 1 else _BIG
-    seconds, nanoseconds = layout.unpack_from(cdr, _ENCAPSULATION_BYTES)
+    seconds, nanoseconds = layout.unpack_from(cdr, at)
     return seconds * NS_PER_S + nanoseconds if seconds >= 0 else None
 
 

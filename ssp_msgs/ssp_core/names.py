@@ -7,6 +7,8 @@ VUT_ID = "vut"
 MAP_FRAME = "map"
 
 CLOCK = "/clock"
+TF = "/tf"  # where every tf2 listener hears them
+TF_STATIC = "/tf_static"
 DIAGNOSTICS = "/diagnostics"  # where every tool looks for it
 WORLD_TICK = "world/tick"
 STEP_DONE = "world/step_done"

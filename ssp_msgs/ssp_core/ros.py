@@ -53,6 +53,8 @@ STATE = _profile(50)  # periodic states, ticks, heartbeats
 COMMAND = _profile(50)  # references, acknowledgements, actuator commands
 SENSOR = _profile(20)  # camera frames: none may be lost, they are what is scored
 LATCHED = _profile(20, DurabilityPolicy.TRANSIENT_LOCAL)  # session state, events, camera info
+TF = _profile(100)  # as tf2_ros
+TF_STATIC = _profile(1, DurabilityPolicy.TRANSIENT_LOCAL)  # as tf2_ros
 VLA = _profile(4, DurabilityPolicy.VOLATILE)  # requests and responses
 # Subscriptions to drivers that aren't ours: a best-effort reader hears either kind of writer.
 DRIVER = QoSProfile(

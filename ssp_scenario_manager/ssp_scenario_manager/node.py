@@ -185,9 +185,16 @@ class ScenarioManager(Node):
         self._intake.waiting()
         self._session.step(self._now_ns)
         self._flush()
+        self._send_poses()
         if self._lockstep and not self._live:
             self._send_heartbeat()
             self._answer_world()
+
+    def _send_poses(self) -> None:
+        """To tf2, after what must not wait; before the world is answered, which then goes on."""
+        vut, targets = self._session.vut, self._session.targets
+        states = [] if vut is None else [vut]
+        self._outlet.poses([*states, *(targets[key] for key in sorted(targets))])
 
     def _answer_world(self) -> None:
         self._inputs.done_step = self._inputs.step or 0
@@ -242,6 +249,8 @@ class ScenarioManager(Node):
         if change.event == SessionEvent.ARM_FAILED.value:
             self._goal.on_setback(change.reason)
         if change.state is SessionPhase.ARMED:
+            # A simulated world holds: until it runs, this is where they stand.
+            self._send_poses()
             self._watchdog.objects_were_told_to_arm(time.monotonic_ns())
         if change.state is SessionPhase.ABORTING and not self._in_lockstep:
             # Not a moment later than it must be; in lockstep the step's own heartbeat tells it.
@@ -270,6 +279,7 @@ class ScenarioManager(Node):
         answer = self._session.load(spec, self._now_ns)
         if answer.accepted:
             self._intake.tallies.forget()
+            self._outlet.loaded(spec)
             self._links.connect((t.id for t in spec.targets), spec.states_in_one)
         self._flush()
         return answer

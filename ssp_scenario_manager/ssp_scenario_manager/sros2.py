@@ -78,6 +78,7 @@ def rights(run: RunSpec, odometry: str = "odometry") -> dict[str, Rights]:
     told = (*events, names.HEARTBEAT, names.LINK_STATUS, names.STEP_DONE)
     replies = (names.HEARTBEAT_REPLY, names.RECORDER_STATUS)
     recorded = (vut, *states, *references, *acks, *told, *replies, names.FAULT_EVENT)
+    transforms = (names.TF, names.TF_STATIC)
     links = (names.HEARTBEAT, names.LINK_STATUS)
     # In a live session nobody hears an object's actuator commands and steps; it offers them still.
     told_by_objects = (
@@ -87,7 +88,7 @@ def rights(run: RunSpec, odometry: str = "odometry") -> dict[str, Rights]:
     table = {
         names.SCENARIO_MANAGER: Rights(
             CONTROL,
-            publishes=(*told, *references),
+            publishes=(*told, *references, *transforms),
             hears=(vut, *states, *acks, *replies, *world, names.CAMERA_INFO, names.SAFETY_EVENT),
             serves=commands,
             calls=services,
@@ -97,7 +98,9 @@ def rights(run: RunSpec, odometry: str = "odometry") -> dict[str, Rights]:
             CONTROL, publishes=(names.RECORDER_STATUS, names.SAFETY_EVENT, names.STEP_DONE)
         ),
         f"{names.MONITOR}_intake": Rights(
-            CONTROL, hears=(*recorded, *camera, names.CAMERA_MOUNT), own=_PARAMETERS[-1:]
+            CONTROL,
+            hears=(*recorded, *camera, names.CAMERA_MOUNT, *transforms),
+            own=_PARAMETERS[-1:],
         ),
         names.MONITOR_PAGE: Rights(
             CONTROL, hears=(*recorded, *camera), calls=names.SESSION_COMMANDS

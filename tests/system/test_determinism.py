@@ -3,6 +3,7 @@ another seed gives others."""
 
 from __future__ import annotations
 
+import math
 import signal
 import subprocess
 import sys
@@ -10,15 +11,20 @@ import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
+from scipy.spatial.transform import Rotation
 
-from ssp_core.run_spec import load_run
+from ssp_core.run_spec import RunSpec, load_run
 from ssp_scenario_manager.runner import session as runner
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
 
 TOPICS = ("/ssp/vut/state", "/ssp/ot1/state", "/ssp/ot1/reference", "/ssp/ot1/reference_ack")
+
+
+TF = "/tf"
 
 
 def run_bytes(bag: Path, topic: str) -> list[bytes]:
@@ -27,10 +33,66 @@ def run_bytes(bag: Path, topic: str) -> list[bytes]:
         chosen = [c for c in reader.connections if c.topic == topic]
         kept = []
         for connection, _, raw in reader.messages(connections=chosen):
-            stamp = reader.deserialize(raw, connection.msgtype).header.stamp
+            message = reader.deserialize(raw, connection.msgtype)
+            stamp = (message.transforms[0] if topic == TF else message).header.stamp
             if stamp.sec or stamp.nanosec:
                 kept.append(bytes(raw))
         return kept
+
+
+def matrix(transform: Any) -> np.ndarray:
+    """What tf2 makes of a transform: from the child's coordinates to the parent's."""
+    v, q = transform.translation, transform.rotation
+    whole = np.eye(4)
+    whole[:3, :3] = Rotation.from_quat((q.x, q.y, q.z, q.w)).as_matrix()
+    whole[:3, 3] = (v.x, v.y, v.z)
+    return whole
+
+
+def check_frames(bag: Path, spec: RunSpec) -> None:
+    """Poses in /tf are those of the states, and the camera looks at the map from where it sits."""
+    with AnyReader([bag]) as reader:
+
+        def read(topic: str) -> list[Any]:
+            chosen = [c for c in reader.connections if c.topic == topic]
+            return [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages(chosen)]
+
+        (fixed,) = read("/tf_static")
+        pictures, moving = read("/ssp/vut/front_camera/image/compressed"), read(TF)
+        poses = {
+            (one.child_frame_id, one.header.stamp.sec, one.header.stamp.nanosec): one
+            for message in moving
+            for one in message.transforms
+        }
+        assert len(poses) == sum(len(message.transforms) for message in moving), "told once"
+        states = {
+            object_id: {(s.header.stamp.sec, s.header.stamp.nanosec): s for s in found}
+            for object_id in ("vut", "ot1")
+            for found in [read(f"/ssp/{object_id}/state")]
+        }
+    # One message for each step of the world, in which everybody is whose state wasn't lost.
+    steps = [message.transforms[0].header.stamp for message in moving]
+    assert len({(stamp.sec, stamp.nanosec) for stamp in steps}) == len(steps)
+    assert len(poses) > 1.9 * len(steps)
+    camera = np.eye(4)
+    for one in fixed.transforms:
+        camera = camera @ matrix(one.transform)
+    assert fixed.transforms[0].header.frame_id == "vut/base_link"
+    assert fixed.transforms[-1].child_frame_id == pictures[-1].header.frame_id
+    assert spec.camera is not None
+    for (child, *at), one in poses.items():
+        object_id = child.removesuffix("/base_link")
+        state, pose = states[object_id][(at[0], at[1])], matrix(one.transform)
+        assert pose[:2, 3] == pytest.approx((state.x, state.y))
+        if object_id == "vut":
+            seen, ahead = pose @ camera, spec.camera.forward_m
+            x, y = math.cos(state.yaw), math.sin(state.yaw)
+            assert seen[:3, 3] == pytest.approx(
+                (state.x + ahead * x, state.y + ahead * y, spec.camera.height_m)
+            )
+            level = math.cos(spec.camera.pitch_down_rad)
+            down = math.sin(spec.camera.pitch_down_rad)
+            assert seen[:3, 2] == pytest.approx((level * x, level * y, -down))
 
 
 def test_states_depend_on_the_seed_alone(
@@ -66,12 +128,13 @@ def test_states_depend_on_the_seed_alone(
     assert len(busy) == 2
     assert (result.outcome.verdict.name, result.outcome.reasons) == ("VALID", ())
     assert len(run_bytes(result.bag, "/ssp/vut/front_camera/image/compressed")) > 100
-    for topic in TOPICS:
+    for topic in (*TOPICS, TF):
         ours, theirs = run_bytes(plain.folder / "bag", topic), run_bytes(result.bag, topic)
         # The last messages depend on when the processes were ended.
         common = min(len(ours), len(theirs))
         assert common > (0 if topic.endswith(("reference", "ack")) else 600)
         assert ours[: common - 2] == theirs[: common - 2]
+    check_frames(result.bag, filmed)
     other = start_session(
         "cut_in", "--site", "north_track", "--no-camera", "--seed", "6", name="other"
     )

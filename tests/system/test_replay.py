@@ -29,10 +29,12 @@ from ssp_core import names, ros
 from ssp_core.bag import BagMessage, BagReader, BagWriter
 from ssp_core.bag.qos import offered_qos
 from ssp_core.bag.types import TypeDefinition, serialize, typestore
+from ssp_core.camera import Mounting
 from ssp_core.clock import NS_PER_S
 from ssp_core.domains import free_domain
 from ssp_core.processes import session_environment
 from ssp_core.state import DEFAULT_SIZES, ObjectState
+from ssp_core.transforms import TF_TYPE, encode_transforms, of_camera, of_state
 from ssp_core.vocab import ObjectClass, Role
 from ssp_core.wire.states import encode_state
 from ssp_monitor.core.recorder import Recorder
@@ -45,6 +47,7 @@ pytestmark = [pytest.mark.ros, pytest.mark.system]
 DEADLINE_S = 30.0
 START_NS = 1_000 * NS_PER_S
 STATE, IMAGE = "/ssp/vut/state", "/ssp/vut/front_camera/image/compressed"
+TF, TF_STATIC = "/tf", "/tf_static"
 SESSION, REFERENCE, PLAIN = "/ssp/session_state", "/ssp/ot1/reference", "/plain"
 BEST_EFFORT = offered_qos(10).replace("reliability: reliable", "reliability: best_effort")
 
@@ -98,25 +101,10 @@ def _reference(ns: int) -> bytes:
     )
 
 
-def _state(ns: int, k: int) -> bytes:
-    return bytes(
-        encode_state(
-            ObjectState(
-                "vut",
-                ObjectClass.CAR,
-                Role.VUT,
-                ns,
-                0.1 * k,
-                0.0,
-                0.0,
-                10.0,
-                0.0,
-                0.0,
-                DEFAULT_SIZES[ObjectClass.CAR],
-                k + 1,
-            )
-        )
-    )
+def _state(ns: int, k: int) -> ObjectState:
+    size = DEFAULT_SIZES[ObjectClass.CAR]
+    motion = (0.1 * k, 0.0, 0.0, 10.0, 0.0, 0.0)
+    return ObjectState("vut", ObjectClass.CAR, Role.VUT, ns, *motion, size, k + 1)
 
 
 def _text(words: str) -> bytes:
@@ -136,10 +124,16 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
         latched = offered_qos(20, transient_local=True)
         writer.add_topic(SESSION, "ssp_msgs/msg/SessionState", latched)
         writer.add_topic(REFERENCE, "ssp_msgs/msg/Reference", offered_qos(50))
+        writer.add_topic(TF, TF_TYPE, offered_qos(100))
+        writer.add_topic(TF_STATIC, TF_TYPE, offered_qos(1, transient_local=True))
+        fixed = encode_transforms(of_camera(Mounting(2.0, 1.4, 0.05)))
+        writer.write(TF_STATIC, fixed, START_NS, START_NS)
         writer.add_topic(PLAIN, "std_msgs/msg/String", BEST_EFFORT)
         for k in range(400):
             ns = START_NS + k * NS_PER_S // 100
-            writer.write(STATE, _state(ns, k), ns, ns)
+            state = _state(ns, k)
+            writer.write(STATE, bytes(encode_state(state)), ns, ns)
+            writer.write(TF, encode_transforms([of_state(state)]), ns, ns)
             if k % 5 == 0:
                 writer.write(IMAGE, _image(ns, k), ns, ns)
                 writer.write(PLAIN, _text(f"word {k}"), ns, ns)
@@ -218,6 +212,8 @@ class Recording:
             TopicSpec(IMAGE, "sensor_msgs/msg/CompressedImage", Profile.SENSOR),
             TopicSpec(SESSION, "ssp_msgs/msg/SessionState", Profile.LATCHED),
             TopicSpec(REFERENCE, "ssp_msgs/msg/Reference", Profile.COMMAND),
+            TopicSpec(TF, TF_TYPE, Profile.TF),
+            TopicSpec(TF_STATIC, TF_TYPE, Profile.TF_STATIC),
         )
         plain = TopicSpec(PLAIN, "std_msgs/msg/String", Profile.STATE)
         self.path = path
@@ -255,12 +251,14 @@ def test_what_is_replayed_and_recorded_again_has_the_same_messages(
         IMAGE: 80,
         SESSION: 4,
         REFERENCE: 1,
+        TF: 400,
+        TF_STATIC: 1,
         PLAIN: 80,
     }
     for name, messages in first.items():
         assert [m.data for m in again[name]] == [m.data for m in messages], name
     told = json.loads(out)
-    assert (told["messages"], told["ended"], told["unacknowledged"]) == (565, "end", [])
+    assert (told["messages"], told["ended"], told["unacknowledged"]) == (966, "end", [])
     with BagReader(tmp_path / "again") as reader, BagReader(bag) as source:
         for name, info in source.topics.items():
             assert reader.topics[name].msgtype == info.msgtype

@@ -306,8 +306,7 @@ def _write(
         count += 1
         writer.write(IMAGE, messages.image(stamp_ns, shown), stamp_ns, stamp_ns, count)
         advance(1)
-    for track in tracks:
-        write_states(writer, track.body.object_id, track.states())
+    write_states(writer, {track.body.object_id: track.states() for track in tracks})
     road = None
     if options.motion.site is not None:
         road = bind_road(options.motion.site, options.motion.block, tracks[0])

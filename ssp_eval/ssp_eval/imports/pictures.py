@@ -13,6 +13,8 @@ from ssp_core.bag import BagWriter
 from ssp_core.bag.qos import offered_qos
 from ssp_core.bag.still_images import Bgr, encode_jpeg
 from ssp_core.camera import Intrinsics, Mounting
+from ssp_core.names import TF_STATIC
+from ssp_core.transforms import TF_TYPE, encode_transform, encode_transforms, mount, of_camera
 from ssp_eval.imports import messages
 from ssp_eval.imports.target import INFO, MOUNT
 from ssp_eval.recordings.import_record import ImportedCamera
@@ -70,7 +72,11 @@ class CameraFacts:
             writer.write(INFO, messages.camera_info(stamp_ns, self.lens), stamp_ns, stamp_ns, 1)
         if self.mounting is not None:
             writer.add_topic(MOUNT, messages.MOUNT_TYPE, latched)
-            writer.write(MOUNT, messages.mount(stamp_ns, self.mounting), stamp_ns, stamp_ns, 1)
+            mounted = encode_transform(mount(self.mounting, stamp_ns))
+            writer.write(MOUNT, mounted, stamp_ns, stamp_ns, 1)
+            writer.add_topic(TF_STATIC, TF_TYPE, offered_qos(1, transient_local=True))
+            fixed = encode_transforms(of_camera(self.mounting))
+            writer.write(TF_STATIC, fixed, stamp_ns, stamp_ns, 1)
 
 
 def pinhole(width_px: int, height_px: int, hfov_deg: float) -> Intrinsics:

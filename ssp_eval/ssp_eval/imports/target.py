@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
@@ -15,6 +15,7 @@ from ssp_core.bag.qos import offered_qos
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder
 from ssp_core.state import ObjectState
+from ssp_core.transforms import TF_TYPE, encode_transforms, of_state
 from ssp_core.wire.states import encode_state
 from ssp_eval.imports import messages
 from ssp_eval.imports.declare import Declared
@@ -105,12 +106,24 @@ def make_bag(out: Path, fill: Callable[[BagWriter], Made]) -> Made:
     return made
 
 
-def write_states(writer: BagWriter, object_id: str, states: Iterable[ObjectState]) -> None:
-    """An object's states on its own topic, log times as their stamps."""
-    topic = names.absolute(names.state_topic(object_id))
-    writer.add_topic(topic, messages.STATE_TYPE, offered_qos(50))
-    for state in states:
-        writer.write(topic, encode_state(state), state.stamp_ns, state.stamp_ns, state.sequence)
+def write_states(writer: BagWriter, tracks: Mapping[str, Iterable[ObjectState]]) -> None:
+    """Each object's states on its own topic, and all as poses on /tf; log times as their stamps.
+
+    Args:
+        writer: of the bag.
+        tracks: states by object id.
+    """
+    at: dict[int, list[ObjectState]] = {}
+    for object_id, states in tracks.items():
+        topic = names.absolute(names.state_topic(object_id))
+        writer.add_topic(topic, messages.STATE_TYPE, offered_qos(50))
+        for state in states:
+            writer.write(topic, encode_state(state), state.stamp_ns, state.stamp_ns, state.sequence)
+            at.setdefault(state.stamp_ns, []).append(state)
+    writer.add_topic(names.TF, TF_TYPE, offered_qos(100))
+    for count, (stamp_ns, present) in enumerate(sorted(at.items()), 1):
+        poses = encode_transforms(map(of_state, present))
+        writer.write(names.TF, poses, stamp_ns, stamp_ns, count)
 
 
 def attach_record(

@@ -208,11 +208,10 @@ def _write(
         zero_ns = seconds_to_ns(start_s)
         measured = _measured(options, options.table, table, start_s, stamp_ns)
         _check_motion(measured, change, np.array(stamps_ns) + zero_ns)
-        for track in measured.tracks:
-            write_states(writer, track.body.object_id, track.states(zero_ns))
+        write_states(writer, {t.body.object_id: t.states(zero_ns) for t in measured.tracks})
         writer.attach(TABLE_ATTACHMENT, measured.data, "text/csv")
     elif options.ego_speed_mps is not None:
-        write_states(writer, VUT_ID, _declared_states(options.ego_speed_mps, stamp_ns))
+        write_states(writer, {VUT_ID: _declared_states(options.ego_speed_mps, stamp_ns)})
     road = None if measured is None else measured.road
     record = _record(options, video, camera, (start_s, end_s), measured)
     attach_record(writer, record, options.declared, road)

@@ -40,6 +40,7 @@ from foreign_recordings import (
 from ssp_core.bag import BagReader
 from ssp_core.cli import main
 from ssp_core.hashing import sha256_file
+from ssp_core.messages import stamp_ns
 from ssp_scenario_manager.site import find_shipped
 from ssp_scenario_manager.spec.load import load_event
 from ssp_scenario_manager.spec.log_file import read_log
@@ -153,6 +154,24 @@ def test_the_camera_is_that_of_camera_info_and_static_transforms(
         mount = reader.decode(next(iter(reader.messages(["/ssp/vut/front_camera/mount"]))))
         info = reader.decode(next(iter(reader.messages(["/ssp/vut/front_camera/camera_info"]))))
         record = json.loads(reader.attachment("import.json") or b"")
+        fixed = reader.decode(next(iter(reader.messages(["/tf_static"]))))
+        moving = [reader.decode(message) for message in reader.messages(["/tf"])]
+        vut = {
+            stamp_ns(s.header.stamp): s
+            for s in map(reader.decode, reader.messages(["/ssp/vut/state"]))
+        }
+    chain = [(one.header.frame_id, one.child_frame_id) for one in fixed.transforms]
+    assert chain == [("vut/base_link", "vut/front_camera"),
+                     ("vut/front_camera", "vut/front_camera_optical")]  # fmt: skip
+    place = fixed.transforms[0].transform.translation
+    assert (place.x, place.y, place.z) == (2.0, 0.1, 1.4)
+    places = {
+        stamp_ns(one.header.stamp): one.transform.translation
+        for message in moving
+        for one in message.transforms
+        if one.child_frame_id == "vut/base_link"
+    }
+    assert {at: (v.x, v.y) for at, v in places.items()} == {at: (s.x, s.y) for at, s in vut.items()}
     found = mounting_of(mount.transform)
     # The poses are of a point half a metre ahead of the rear axle.
     assert (found.forward_m, found.left_m, found.height_m) == pytest.approx((2.0, 0.1, 1.4))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from enum import IntEnum
 
+from ssp_core.transforms import TF_TYPE
 from ssp_monitor.core.topics import Profile, TopicSpec
 
 
@@ -26,7 +27,7 @@ MEANINGS: dict[Importance, str] = {
     Importance.OTHER: "all other topics beside the run's",
     Importance.DIAGNOSTIC: "diagnostics, logs, markers, heartbeats, link and recorder status",
     Importance.FRAME: "frames of the run's camera",
-    Importance.STATE: "states, ticks, /clock, camera info and mount",
+    Importance.STATE: "states, ticks, /clock, /tf, camera info and mount",
     Importance.EVENT: "session states, events, references, acknowledgements, commands",
 }
 
@@ -58,6 +59,7 @@ _BY_TYPE: dict[str, Importance] = {
     "ssp_msgs/msg/ObjectStates": Importance.STATE,
     "ssp_msgs/msg/WorldTick": Importance.STATE,
     "rosgraph_msgs/msg/Clock": Importance.STATE,
+    TF_TYPE: Importance.STATE,
 }
 
 

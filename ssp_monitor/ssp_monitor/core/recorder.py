@@ -37,7 +37,10 @@ OFFERED = {
     Profile.COMMAND: offered_qos(50),
     Profile.SENSOR: offered_qos(20),
     Profile.LATCHED: offered_qos(20, transient_local=True),
+    Profile.TF: offered_qos(100),
+    Profile.TF_STATIC: offered_qos(1, transient_local=True),
 }
+LATCHED = (Profile.LATCHED, Profile.TF_STATIC)
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +95,7 @@ class Recorder:
         for name, media_type, data in attachments:
             self._writer.attach(name, data, media_type)
         for topic in topics:
-            self.add(topic, OFFERED[topic.profile], topic.profile is Profile.LATCHED)
+            self.add(topic, OFFERED[topic.profile], topic.profile in LATCHED)
         self._add_waiting()
         self._writer.flush()
         self._seal: Callable[[], Attachment] | None = None

@@ -8,21 +8,28 @@ from rosbags.interfaces import Nodetype
 
 from ssp_core.bag.types import typestore
 from ssp_core.messages import leading_stamp_ns
+from ssp_core.transforms import TF_TYPE
+from ssp_core.wire.cdr import START
 
 _STAMPED = ("std_msgs/msg/Header", "builtin_interfaces/msg/Time")
 
 
-def begins_with_stamp(msgtype: str) -> bool:
-    """Whether the first thing in a message of this type is a stamp: a Header or a bare Time.
+def stamp_at(msgtype: str) -> int | None:
+    """Where the first stamp stands in a message of this type; None: it doesn't begin with one.
+
+    A Header or a bare Time stands behind the encapsulation, that of a first transform behind their
+    number.
 
     Raises:
         KeyError: the type is not known.
     """
+    if msgtype == TF_TYPE:
+        return START + 4
     fields = typestore().fielddefs[msgtype][1]
     if not fields:
-        return False
+        return None
     kind, what = fields[0][1]
-    return kind == Nodetype.NAME and what in _STAMPED
+    return START if kind == Nodetype.NAME and what in _STAMPED else None
 
 
 @dataclass(slots=True)
@@ -35,14 +42,14 @@ class SimulatedTime:
 
     newest_ns: int = 0
 
-    def of(self, cdr: bytes, stamped: bool) -> int:
+    def of(self, cdr: bytes, at: int | None) -> int:
         """Time of a message, ns.
 
         Args:
             cdr: the serialised message.
-            stamped: its type begins with a stamp, see begins_with_stamp.
+            at: where its stamp stands, see stamp_at.
         """
-        stamp_ns = leading_stamp_ns(cdr) if stamped else None
+        stamp_ns = None if at is None else leading_stamp_ns(cdr, at)
         if stamp_ns is None:
             return self.newest_ns
         self.newest_ns = max(self.newest_ns, stamp_ns)

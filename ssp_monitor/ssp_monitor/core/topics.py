@@ -7,6 +7,7 @@ from enum import Enum
 
 from ssp_core import names
 from ssp_core.run_spec import RunSpec
+from ssp_core.transforms import TF_TYPE
 
 CLOCK_TYPE = "rosgraph_msgs/msg/Clock"
 
@@ -18,6 +19,8 @@ class Profile(Enum):
     COMMAND = "command"
     SENSOR = "sensor"
     LATCHED = "latched"
+    TF = "tf"
+    TF_STATIC = "tf_static"
     ADAPTED = "adapted"  # not the run's own: heard as its publishers offer it
 
 
@@ -30,7 +33,7 @@ class TopicSpec:
         msgtype: full type name.
         profile: what its publishers offer.
         required: its publisher exists before a run; the recorder isn't ready without it.
-        session_time: the stamp that its messages begin with, if any, is on the session's clock.
+        session_time: the first stamp of its messages, if any, is on the session's clock.
     """
 
     name: str
@@ -73,6 +76,8 @@ def bag_topics(run: RunSpec) -> tuple[TopicSpec, ...]:
         ]
     latched = Profile.LATCHED
     topics += [
+        TopicSpec(names.TF, TF_TYPE, Profile.TF),
+        TopicSpec(names.TF_STATIC, TF_TYPE, Profile.TF_STATIC, session_time=False),
         TopicSpec(names.SESSION_STATE, "ssp_msgs/msg/SessionState", latched, required=True),
         TopicSpec(names.HEARTBEAT, "ssp_msgs/msg/Heartbeat", Profile.STATE),
         TopicSpec(

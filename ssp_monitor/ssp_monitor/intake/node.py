@@ -29,7 +29,7 @@ from ssp_monitor.conversions import message_class, recording_profile
 from ssp_monitor.core.claims import SOURCES, claims
 from ssp_monitor.core.losses import Arrivals
 from ssp_monitor.core.recorder import Recorder
-from ssp_monitor.core.stamps import SimulatedTime, begins_with_stamp
+from ssp_monitor.core.stamps import SimulatedTime, stamp_at
 from ssp_monitor.core.topics import TopicSpec
 from ssp_monitor.intake.rcl import SerializedTaker, Taken
 from ssp_monitor.params import topic_rules
@@ -55,7 +55,7 @@ class _Source:
     topic: TopicSpec
     subscription: Subscription
     address: int
-    stamped: bool
+    stamp_at: int | None
     listen: Callable[[bytes], None] | None
     lost_event: rcl.EventHandle | None
     arrivals: Arrivals = field(default_factory=Arrivals)
@@ -127,12 +127,11 @@ class Intake:
         subscription = self._node.create_subscription(
             message_class(topic.msgtype), topic.name, lambda _: None, profile, raw=True
         )
-        stamped = topic.session_time and begins_with_stamp(topic.msgtype)
         source = _Source(
             topic,
             subscription,
             subscription.handle.pointer,
-            stamped,
+            stamp_at(topic.msgtype) if topic.session_time else None,
             self._listen.get(topic.name),
             _lost_event(subscription),
         )
@@ -204,10 +203,10 @@ class Intake:
         for _, _, _, sequence, publisher in taken:
             seen(publisher, sequence)
         if self._simulated_time:
-            date, stamped = self.time.of, source.stamped
+            date, at = self.time.of, source.stamp_at
             messages = []
             for data, _, _, sequence, _ in taken:
-                now_ns = date(data, stamped)
+                now_ns = date(data, at)
                 messages.append(BagMessage(topic, now_ns, now_ns, data, sequence))
         else:
             # A publisher's clock may stand before 1970; the bag has no such times.

@@ -23,6 +23,7 @@ _LATCHED_NAMES = frozenset(
         names.SAFETY_EVENT,
         names.FAULT_EVENT,
         names.CAMERA_MOUNT,
+        names.TF_STATIC,
     )
 )
 # As words, and as the numbers that rosbag2 wrote before them.

@@ -5,11 +5,10 @@ from __future__ import annotations
 from array import array
 
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import TransformStamped
 from sensor_msgs.msg import CameraInfo, CompressedImage
 
 from ssp_core.camera import Intrinsics
-from ssp_ot_controller.camera.mounting import BASE_FRAME, OPTICAL_FRAME, Mount
+from ssp_core.transforms import OPTICAL_FRAME
 
 
 def image_message(stamp: Time, jpeg: bytes) -> CompressedImage:
@@ -33,15 +32,4 @@ def info_message(stamp: Time, lens: Intrinsics) -> CameraInfo:
     msg.k = lens.k()
     msg.r = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
     msg.p = lens.p()
-    return msg
-
-
-def mount_message(mounting: Mount) -> TransformStamped:
-    """The transform from the VUT's base_link to the optical frame."""
-    msg = TransformStamped()
-    msg.header.frame_id = BASE_FRAME
-    msg.child_frame_id = OPTICAL_FRAME
-    move, turn = msg.transform.translation, msg.transform.rotation
-    move.x, move.y, move.z = mounting.translation_m
-    turn.x, turn.y, turn.z, turn.w = mounting.quaternion_xyzw
     return msg

@@ -28,12 +28,12 @@ from ssp_core.ros import (
 )
 from ssp_core.run_spec import Camera, RunSpec, load_run
 from ssp_core.scenery import left_out
+from ssp_core.transforms import encode_transform, mount
 from ssp_core.wire import steps
 from ssp_msgs.msg import StepDone, WorldTick
 from ssp_ot_controller.camera import conversions
 from ssp_ot_controller.camera.encode import jpeg
 from ssp_ot_controller.camera.indicators import Foreseen, Indicators
-from ssp_ot_controller.camera.mounting import mount
 from ssp_ot_controller.camera.render import render, warm_up
 from ssp_ot_controller.camera.scene import Scene
 from ssp_ot_controller.camera.schedule import Schedule, steps_per_frame
@@ -82,7 +82,7 @@ class FrontCamera(Node):
         self._info = self.create_publisher(CameraInfo, names.CAMERA_INFO, LATCHED)
         self._done = self.create_publisher(StepDone, names.STEP_DONE, STATE)
         self._mount = self.create_publisher(TransformStamped, names.CAMERA_MOUNT, LATCHED)
-        self._mount.publish(conversions.mount_message(mount(self._camera)))
+        self._mount.publish(encode_transform(mount(self._camera)))
         subscribe_raw(self, WorldTick, names.WORLD_TICK, steps.decode_tick, self._on_tick, STATE)
         self.create_timer(_CHECK_PERIOD_S, self._check, clock=self._steady)
         self.create_timer(_DROP_REPORT_PERIOD_S, self._report_drops, clock=self._steady)

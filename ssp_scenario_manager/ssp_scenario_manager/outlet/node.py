@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterable
 from uuid import uuid4
 
 from rclpy.node import Node
+from tf2_msgs.msg import TFMessage
 
 from ssp_core import names, ros
 from ssp_core.clock import NS_PER_S
 from ssp_core.run_spec import RunSpec
+from ssp_core.state import ObjectState
+from ssp_core.transforms import Poses, encode_transforms, of_camera
 from ssp_core.vocab import SessionPhase
 from ssp_core.wire import steps
 from ssp_msgs.msg import (
@@ -49,6 +53,9 @@ class Outlet:
         self._safety = pub(SafetyEvent, names.SAFETY_EVENT, ros.LATCHED)
         self._done = pub(StepDone, names.STEP_DONE, ros.STATE)
         self._links = pub(LinkStatus, names.LINK_STATUS, ros.STATE)
+        self._tf = pub(TFMessage, names.TF, ros.TF)
+        self._tf_static = pub(TFMessage, names.TF_STATIC, ros.TF_STATIC)
+        self._poses = Poses()
         self._count = 0
 
     def state_changed(self, change: outbox.StateChanged, spec: RunSpec | None) -> None:
@@ -97,6 +104,17 @@ class Outlet:
             self._links.publish(conversions.link_status_to_msg(lines, now_ns))
         for line in tallies.news():
             self._log.warning(line)
+
+    def loaded(self, spec: RunSpec) -> None:
+        """A run's camera to tf2; poses begin anew, since another run may have another clock."""
+        self._poses = Poses()
+        if spec.camera is not None:
+            self._tf_static.publish(encode_transforms(of_camera(spec.camera)))
+
+    def poses(self, states: Iterable[ObjectState]) -> None:
+        """Everybody's base_link to tf2, in one message, at the stamps of the states."""
+        if news := self._poses.news(states):
+            self._tf.publish(encode_transforms(news))
 
     def heartbeat(
         self, session: SessionPhase, sent: dict[str, int], now_ns: int

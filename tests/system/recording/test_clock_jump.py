@@ -18,7 +18,7 @@ from ssp_core.bag import BagMessage, BagReader
 from ssp_core.bag.check import check_bag
 from ssp_core.bag.split import Split
 from ssp_monitor.core.recorder import Recorder
-from ssp_monitor.core.stamps import SimulatedTime, begins_with_stamp
+from ssp_monitor.core.stamps import SimulatedTime, stamp_at
 from ssp_monitor.core.topics import Profile, TopicSpec
 
 from .checks import held
@@ -97,7 +97,7 @@ def test_stamps_that_jump_date_a_simulated_session(tmp_path: Path) -> None:
     """What has no stamp of its own is dated by the newest one, so it never goes back."""
     times = [k * STEP_NS + max(0, JUMPS["back and forth"](k)) for k in range(COUNT)]
     clock = SimulatedTime()
-    stamped = begins_with_stamp(IMAGE)
-    assert [clock.of(data, stamped) for data in messages(times)] == times
+    at = stamp_at(IMAGE)
+    assert [clock.of(data, at) for data in messages(times)] == times
     assert clock.newest_ns == max(times)
-    assert clock.of(b"\x00\x01\x00\x00", False) == max(times)
+    assert clock.of(b"\x00\x01\x00\x00", None) == max(times)

@@ -15,11 +15,11 @@ from ssp_core.camera import intrinsics
 from ssp_core.errors import InputError
 from ssp_core.run_spec import load_run
 from ssp_core.state import ObjectState as State
+from ssp_core.transforms import encode_transform, mount
 from ssp_core.wire.states import StateArray, decode_state, decode_states
 from ssp_msgs.msg import ObjectState, ObjectStates
 from ssp_ot_controller.camera import conversions
 from ssp_ot_controller.camera.encode import jpeg
-from ssp_ot_controller.camera.mounting import mount
 from ssp_ot_controller.camera.render import render, warm_up
 from ssp_ot_controller.camera.scene import Scene
 from ssp_ot_controller.camera.travel import Odometer
@@ -43,7 +43,7 @@ class PlayedCamera(Node):
         self._image = self.create_publisher(CompressedImage, names.CAMERA_IMAGE, ros.SENSOR)
         self._info = self.create_publisher(CameraInfo, names.CAMERA_INFO, ros.SENSOR)
         self._mount = self.create_publisher(TransformStamped, names.CAMERA_MOUNT, ros.LATCHED)
-        self._mount.publish(conversions.mount_message(mount(self._camera)))
+        self._mount.publish(encode_transform(mount(self._camera)))
         sub, topic = ros.subscribe_raw, names.state_topic
         for object_id in [run.vut.id, *([] if run.states_in_one else [t.id for t in run.targets])]:
             sub(self, ObjectState, topic(object_id), decode_state, self._on_state, ros.STATE)

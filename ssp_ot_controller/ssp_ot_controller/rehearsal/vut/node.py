@@ -14,6 +14,7 @@ from ssp_core import names, ros
 from ssp_core.clock import seconds_to_ns
 from ssp_core.run_spec import load_run
 from ssp_core.state import ObjectState as State
+from ssp_core.transforms import BASE_FRAME
 from ssp_core.vocab import SessionPhase
 from ssp_core.wire import steps
 from ssp_core.wire.states import StateArray, decode_state, decode_states
@@ -66,7 +67,7 @@ class PlayedVut(Node):
         message = Odometry()
         message.header.stamp = ros.stamp_from_ns(self._vehicle.now_ns + self._offset_ns)
         message.header.frame_id = self._frame
-        message.child_frame_id = f"{names.VUT_ID}/base_link"
+        message.child_frame_id = BASE_FRAME
         pose, twist = message.pose, message.twist.twist
         pose.pose.position.x, pose.pose.position.y = body.x_m, body.y_m
         pose.pose.orientation.z = math.sin(body.yaw_rad / 2.0)
