@@ -28,6 +28,7 @@ from ssp_eval.evaluate.cell_file import (
     RECORDS_FILE,
     REQUESTS_FILE,
     SCORE_FILE,
+    sealed,
 )
 from ssp_eval.evaluate.controls import CONDITIONS
 from ssp_eval.labels.model import load_labels
@@ -115,5 +116,8 @@ def _write(out: Path, variant: _Variant, name: tuple[str, str, str], number: int
     for file, data in files.items():
         if file != LABELS_FILE:
             (folder / file).write_bytes(data)
-    facts["hashes"] = {**facts["hashes"], "labels": sha256_file(folder / LABELS_FILE)}
-    write_json(folder / CELL_FILE, facts)
+    hashes = {**facts["hashes"], "labels": sha256_file(folder / LABELS_FILE)}
+    if SCORE_FILE not in files:
+        del hashes["score"]
+    facts["hashes"] = hashes
+    write_json(folder / CELL_FILE, sealed(facts))

@@ -87,7 +87,9 @@ def look(run: Path, who: str = "Ada Vance", **changes: Any) -> Path:
 
 def audited(videos: dict[str, Path], event: Event) -> list[RecordingEntry]:
     recordings = [read_recording(videos[d]) for d in ("synthetic", "simulation", "physical")]
-    return judge(recordings, event).audit.recordings
+    audit = judge(recordings, event).audit
+    assert audit.contradiction() is None
+    return audit.recordings
 
 
 def codes(entry: RecordingEntry) -> set[str]:

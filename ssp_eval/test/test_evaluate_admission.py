@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -16,7 +18,7 @@ from ssp_core.files import write_json
 from ssp_core.hashing import sha256_file
 from ssp_eval.analysis.rows import rows_from_campaign
 from ssp_eval.analysis.tables import all_tables
-from ssp_eval.audit.model import Audit, load_audit
+from ssp_eval.audit.model import load_audit
 from ssp_eval.evaluate.admission import load_admissions
 from ssp_eval.evaluate.asker import DirectAskers
 from ssp_eval.evaluate.campaign import find_labels, run_campaign
@@ -26,55 +28,17 @@ from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.evaluate.question import NoQuestion, Question
 from ssp_eval.evaluate.show import show
 from ssp_eval.recordings.crop import Crop
-from ssp_eval.recordings.properties import FIELDS
-from ssp_eval.report.load import load_cells
 from ssp_eval.report.page import write_report
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from evaluation_files import CROP, audit_file, facts_of
 
 BagMaker = Callable[..., Path]
 
 
-def bag_hash(bag: Path) -> str:
-    return sha256_file(next(bag.glob("*.mcap")))
-
-
 def verdict_hash(bag: Path) -> str:
     return sha256_file(bag / "verdict.json")
-
-
-def entry(domain: str, sha256: str, status: str, **more: Any) -> dict[str, Any]:
-    reason = {"code": "safety_abort", "text": "safety abort", "detail": "separation at 7.10 s"}
-    return {
-        "domain": domain, "name": f"r-{domain}", "bag": "bag", "bag_sha256": sha256,
-        "origin": "made up", "stand_in": False, "evidence": "states", "measured_from": "ticks",
-        "domain_said_by": "somebody", "log_said_by": "somebody", "crop": None,
-        "scenario": "cut_in", "event_version": "sha256:1", "task_version": None, "status": status,
-        "reasons": [{**reason, "consequences": []}] if status == "refused" else [],
-        "properties": {
-            k: {"source": "states", "words": None, "how": "", "equal": None} for k in FIELDS
-        },
-        "phases": {
-            "source": "states", "start_s": 0.0, "end_s": 9.0, "trigger_s": 4.0, "conflict_s": 4.5,
-            "resolution_s": 6.0,
-        },
-        "kpr": 1.0, "epd": 0.0, "coverage": {"source": "none"}, **more,
-    }  # fmt: skip
-
-
-def audit_file(path: Path, status: str, sha256: str, others: str = "unpaired", **more: Any) -> Path:
-    entries = [
-        entry("synthetic", "sha256:syn", others),
-        entry("simulation", sha256, status, **more),
-        entry("physical", "sha256:phy", others),
-    ]
-    audit = Audit.model_validate(
-        {
-            "schema": "ssp.audit/2", "software": "ssp", "scenario": "cut_in",
-            "event_version": "sha256:1", "weights": dict.fromkeys(FIELDS, 1.0), "thresholds": {},
-            "recordings": entries,
-        }
-    )  # fmt: skip
-    write_json(path, audit.model_dump(mode="json", by_alias=True))
-    return path
 
 
 def evaluate(bag: Path, out: Path, *audits: Path) -> CellResult:
@@ -98,21 +62,19 @@ def domain_rows(out: Path) -> tuple[int, int]:
 
 
 def test_an_audit_file_reads_back(tmp_path: Path) -> None:
-    file = audit_file(tmp_path / "audit.json", "admitted", "sha256:x", "admitted")
+    file = audit_file(tmp_path / "audit.json", "admitted", "sha256:x")
     assert load_audit(file) == load_audit(tmp_path)
     assert load_audit(file).admitted
 
 
 def test_an_admitted_recording_enters_domain_means(make_bag: BagMaker, tmp_path: Path) -> None:
     bag, out = make_bag(), tmp_path / "out"
-    file = audit_file(
-        tmp_path / "audit.json", "admitted", bag_hash(bag), "admitted",
-        verdict_sha256=verdict_hash(bag),
-    )  # fmt: skip
+    file = audit_file(tmp_path / "audit.json", "admitted", bag)
     result = evaluate(bag, out, file)
     assert (result.status, result.admission) == ("ok", "admitted")
     assert facts(result)["admission"] == {
-        "status": "admitted", "audit_sha256": sha256_file(file), "reasons": [], "crop": None,
+        "status": "admitted", "audit_sha256": sha256_file(file), "reasons": [],
+        "crop": {**CROP, "short_before_s": 0.0, "short_after_s": 0.0},
     }  # fmt: skip
     assert domain_rows(out) == (1, 1)
     page = write_report(out).read_text()
@@ -122,7 +84,7 @@ def test_an_admitted_recording_enters_domain_means(make_bag: BagMaker, tmp_path:
 
 def test_a_refused_recording_is_not_evaluated(make_bag: BagMaker, tmp_path: Path) -> None:
     bag, out = make_bag(), tmp_path / "out"
-    file = audit_file(tmp_path / "audit.json", "refused", bag_hash(bag))
+    file = audit_file(tmp_path / "audit.json", "refused", bag)
     result = evaluate(bag, out, file)
     assert (result.status, result.admission, result.asked) == ("refused", "refused", 0)
     assert result.reasons == ("refused by the audit: safety abort (separation at 7.10 s)",)
@@ -136,8 +98,7 @@ def test_what_is_not_admitted_is_scored_and_stays_out_of_domain_means(
     audited: bool, make_bag: BagMaker, tmp_path: Path
 ) -> None:
     bag, out = make_bag(), tmp_path / "out"
-    digest = bag_hash(bag) if audited else "sha256:another"
-    file = audit_file(tmp_path / "audit.json", "unpaired", digest, verdict_sha256=verdict_hash(bag))
+    file = audit_file(tmp_path / "audit.json", "unpaired", bag if audited else "sha256:another")
     result = evaluate(bag, out, file)
     word, mark = ("unpaired", "†") if audited else ("unaudited", "‡")
     assert (result.status, result.admission) == ("ok", word)
@@ -153,10 +114,7 @@ def test_a_session_s_labels_are_not_bound_and_its_verdict_is(
     make_bag: BagMaker, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     bag, out = make_bag(), tmp_path / "out"
-    file = audit_file(
-        tmp_path / "audit.json", "admitted", bag_hash(bag), "admitted",
-        verdict_sha256=verdict_hash(bag),
-    )  # fmt: skip
+    file = audit_file(tmp_path / "audit.json", "admitted", bag)
     assert evaluate(bag, out, file).admission == "admitted"
     labels = bag.parent / "bag.labels.json"
     value = json.loads(labels.read_text())
@@ -174,9 +132,6 @@ def test_a_session_s_labels_are_not_bound_and_its_verdict_is(
     assert domain_rows(out) == (0, 1)
     show([result], out)
     assert f"counts as unaudited, audit it again: {why}" in capfd.readouterr().err
-
-
-CROP = {"start_s": 0.5, "end_s": 6.0, "chosen_by": "METHOD 4.1"}
 
 
 def test_only_the_clip_that_was_audited_is_evaluated(make_bag: BagMaker, tmp_path: Path) -> None:
@@ -199,22 +154,21 @@ def test_only_the_clip_that_was_audited_is_evaluated(make_bag: BagMaker, tmp_pat
 
 def test_a_label_outside_the_audited_clip_is_not_scored(make_bag: BagMaker, tmp_path: Path) -> None:
     bag, out = make_bag(), tmp_path / "out"
-    more = {"verdict_sha256": verdict_hash(bag), "crop": {**CROP, "end_s": 3.0}}
-    file = audit_file(tmp_path / "audit.json", "admitted", bag_hash(bag), "admitted", **more)
+    file = audit_file(tmp_path / "audit.json", "admitted", bag, crop={**CROP, "start_s": 3.9})
     result = evaluate(bag, out, file)
     assert (result.status, result.admission) == ("refused", "admitted")
-    assert "lies outside the clip that the audit compared, 0.500 to 3.000 s" in result.reasons[0]
+    assert "lies outside the clip that the audit compared, 3.900 to 9.000 s" in result.reasons[0]
 
 
 def test_audits_of_another_clip_contradict_each_other(tmp_path: Path) -> None:
     files = [
         audit_file(
-            tmp_path / f"{end_s}.json", "admitted", "sha256:x", "admitted",
+            tmp_path / f"{end_s}.json", "admitted", "sha256:x",
             crop={**CROP, "end_s": end_s},
         )
-        for end_s in (6.0, 7.0)
+        for end_s in (8.0, 9.0)
     ]  # fmt: skip
-    with pytest.raises(InputError, match="is of another verdict or another clip of r-simulation"):
+    with pytest.raises(InputError, match="is of another verdict or another clip of r-synthetic"):
         load_admissions(files)
 
 
@@ -256,57 +210,97 @@ def test_labels_are_found_for_the_file_in_the_bag_too(
     assert find_labels(alone) == beside
 
 
-def test_a_cell_of_an_earlier_version_counts_as_unaudited(
-    make_bag: BagMaker, tmp_path: Path
-) -> None:
-    out = tmp_path / "out"
-    result = evaluate(make_bag(), out)
-    value = facts(result)
-    del value["admission"]
-    write_json(result.folder / "cell.json", value)
-    (cell,) = load_cells(out)
-    assert cell.admission == "unaudited"
-    assert "unaudited" in write_report(out).read_text()
-
-
 def test_audits_that_contradict_each_other_are_refused(tmp_path: Path) -> None:
-    first = audit_file(tmp_path / "a.json", "admitted", "sha256:x", "admitted")
-    again = audit_file(tmp_path / "b.json", "admitted", "sha256:x", "admitted")
+    first = audit_file(tmp_path / "a.json", "admitted", "sha256:x")
+    again = audit_file(tmp_path / "b.json", "admitted", "sha256:x")
     other = audit_file(tmp_path / "c.json", "refused", "sha256:x")
     assert load_admissions([first, again])["sha256:x"].status == "admitted"
     with pytest.raises(InputError, match="says unpaired of r-synthetic"):
         load_admissions([first, other])
 
 
+Change = Callable[[list[dict[str, Any]]], object]
+
+
 @pytest.mark.parametrize(
-    ("status", "others", "reasons", "differs", "message"),
+    ("status", "change", "message"),
     [
-        ("admitted", "unpaired", True, False, "simulation is admitted with reasons against it"),
-        ("unpaired", "unpaired", True, False, "simulation is unpaired with reasons against it"),
-        ("refused", "unpaired", False, False, "simulation is refused without a reason"),
-        ("refused", "admitted", True, False, "synthetic is admitted, though simulation is refused"),
-        (
-            "admitted",
-            "admitted",
-            False,
-            True,
-            "simulation is admitted, though its topology differs",
-        ),
+        ("refused", lambda e: e[1].update(status="admitted"), "is admitted with reasons"),
+        ("refused", lambda e: e[1].update(status="unpaired"), "is unpaired with reasons"),
+        ("refused", lambda e: e[1].update(reasons=[]), "simulation is refused without a reason"),
+        ("refused", lambda e: e[0].update(status="admitted"), "though simulation is refused"),
+        ("admitted", lambda e: e[0].update(status="unpaired"), "though nobody is refused"),
+        ("admitted", lambda e: e.reverse(), "must be of synthetic, simulation, physical"),
+        ("admitted", lambda e: e[2].update(bag_sha256="sha256:x"), "it is the simulation"),
+        ("admitted", lambda e: e[1].update(event_version="sha256:2"), "it realises sha256:2"),
+        ("admitted", lambda e: e[1].update(event_version=None), "it realises None"),
+        ("admitted", lambda e: e[1].update(scenario="vru_crossing"), "it is of vru_crossing"),
+        ("admitted", lambda e: e[1].update(verdict="aborted"), "the run's verdict is aborted"),
+        ("admitted", lambda e: e[1].update(safety_events=["x at 7 s"]), "it has x at 7 s"),
+        ("admitted", lambda e: e[1].update(identities=["a switch"]), "it has a switch"),
+        ("admitted", lambda e: e[1].update(
+            changes=[{"field": "seed", "old": 1, "new": 2, "logged": False}]), "seed isn't logged"),
+        ("admitted", lambda e: e[1]["properties"].pop("topology"), "its properties aren't"),
+        ("admitted", lambda e: e[1]["properties"]["topology"].update(equal=False), "y differs"),
+        ("admitted", lambda e: e[1]["properties"]["topology"].update(words={"it": ["isn't"]}),
+         "topology differs"),
+        ("admitted", lambda e: e[1]["properties"]["topology"].update(source="unverified"),
+         "topology is unverified"),
+        ("admitted", lambda e: e[1].update(crop=None), "its phases aren't located"),
+        ("admitted", lambda e: e[1]["phases"].update(conflict_s=None), "its phases aren't located"),
+        ("admitted", lambda e: e[1]["phases"].update(conflict_s=3.0), "don't lie in its clip"),
+        ("admitted", lambda e: e[1]["phases"].update(resolution_s=9.5), "don't lie in its clip"),
+        ("admitted", lambda e: e[1]["phases"].update(conflict_s=4.6), "its phi is"),
+        ("admitted", lambda e: e[1].update(epd=None), "its EPD is missing"),
+        ("admitted", lambda e: e[1].update(epd=0.1), "its EPD of 0.1 isn't that of its phi"),
+        ("admitted", lambda e: e[1].update(kpr=0.8), "its KPR is 0.8"),
+        ("admitted", lambda e: e[1].update(coverage={"source": "none"}), "its camera covers"),
+        ("admitted", lambda e: e[1]["coverage"]["zone"].update(fraction=0.5), "is visible for 0.5"),
     ],
-)
-def test_a_verdict_that_its_findings_contradict_is_no_audit(
-    status: str, others: str, reasons: bool, differs: bool, message: str, tmp_path: Path
+)  # fmt: skip
+def test_a_status_that_its_own_values_contradict_is_no_audit(
+    status: str, change: Change, message: str, tmp_path: Path
 ) -> None:
-    value = json.loads(audit_file(tmp_path / "a.json", "refused", "sha256:x").read_text())
-    entries = value["recordings"]
-    entries[1]["status"] = status
-    entries[0]["status"] = entries[2]["status"] = others
-    if not reasons:
-        entries[1]["reasons"] = []
-    entries[1]["properties"]["topology"]["equal"] = not differs
-    write_json(tmp_path / "a.json", value)
-    with pytest.raises(InputError, match=message):
-        load_admissions([tmp_path / "a.json"])
+    file = audit_file(tmp_path / "a.json", status, "sha256:x")
+    load_admissions([file])
+    value = json.loads(file.read_text())
+    change(value["recordings"])
+    write_json(file, value)
+    with pytest.raises(InputError, match=re.escape(message)):
+        load_admissions([file])
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("scenario", None), ("event_version", "sha256:2"), ("origin", "session another"),
+     ("stand_in", True), ("verdict", None)],
+)  # fmt: skip
+def test_an_entry_of_another_recording_under_this_bag_s_hash_ends_the_command(
+    field: str, value: object, make_bag: BagMaker, tmp_path: Path
+) -> None:
+    """As an audit is whose entries were exchanged, whatever else of it holds together."""
+    bag = make_bag()
+    file = audit_file(tmp_path / "audit.json", "admitted", bag)
+    audit = json.loads(file.read_text())
+    audit["recordings"][1][field] = value
+    if field == "event_version":
+        audit = json.loads(json.dumps(audit).replace(facts_of(bag).event_version or "", "sha256:2"))
+    write_json(file, audit)
+    with pytest.raises(InputError, match="isn't of the recording bag that it names") as caught:
+        evaluate(bag, tmp_path / "out", file)
+    assert caught.value.field == f"recordings.simulation.{field}"
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_observation_that_came_after_the_audit_makes_it_unaudited(
+    make_bag: BagMaker, tmp_path: Path
+) -> None:
+    bag = make_bag()
+    file = audit_file(tmp_path / "audit.json", "admitted", bag)
+    (bag / "observation_ada.json").write_text("{}")
+    result = evaluate(bag, tmp_path / "out", file)
+    assert result.admission == "unaudited"
+    assert result.admission_reasons == ("the audit read other observations: observation_ada.json",)
 
 
 def test_what_is_no_audit_is_an_input_error(

@@ -139,7 +139,7 @@ def test_a_cell_s_folder_is_complete(make_bag: BagMaker, tmp_path: Path) -> None
         found = cell["hashes"].pop(name.partition(".")[0])
         assert found == sha256_file(result.folder / name), name
     assert set(cell["hashes"]) == {
-        "question", "preprocessing", "decoding", "extractor", "thresholds",
+        "question", "preprocessing", "decoding", "extractor", "thresholds", "cell",
     }  # fmt: skip
     asked = [json.loads(line) for line in (result.folder / "requests.jsonl").open()]
     assert [one["request_id"] for one in asked] == [r.request_id for r in responses]

@@ -147,7 +147,8 @@ def test_nothing_is_lost_by_an_interruption_in_between(campaign: Campaign) -> No
     assert campaign(1.0).asked == 0
     assert campaign(0.0).asked == 0
     assert campaign.texts() == answers(range(18, 21), range(3, 9))
-    # A kill between the two files leaves an answer in both.
+    # A kill between the two files leaves an answer in both, and no cell.json.
+    (campaign.folder / "cell.json").unlink()
     (campaign.folder / EARLIER_FILE).write_bytes(
         (campaign.folder / EARLIER_FILE).read_bytes() + (campaign.folder / RAW_FILE).read_bytes()
     )

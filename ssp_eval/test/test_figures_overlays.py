@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import sys
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
@@ -28,6 +29,10 @@ from ssp_eval.figures.recording import Recorded, Recordings
 from ssp_eval.figures.style import drawing
 from ssp_eval.report.load import load_cells
 from ssp_eval.report.projection import Ribbon
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from evaluation_files import resealed
 
 
 def test_an_annotation_leaves_the_picture_alone_and_draws_where_it_should() -> None:
@@ -179,10 +184,7 @@ def test_a_finished_overlay_is_not_made_again_and_a_changed_one_is(
     assert write_overlays(campaign, out).files == first.files
     assert sorted(made) == [one, other]
     made.clear()
-    cell_file = campaign / "cells" / one / "cell.json"
-    cell_file.write_text(
-        cell_file.read_text("utf-8").replace('"stand_in": false', '"stand_in": true')
-    )
+    resealed(campaign / "cells" / one, lambda facts: facts.update(stand_in=True))
     write_overlays(campaign, out)
     assert made == [one]
     # Who sees a picture alone reads under it that no vehicle was there.

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import json
+import sys
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
@@ -19,12 +20,11 @@ import pytest
 
 from ssp_core.cli import main
 from ssp_core.errors import InputError
-from ssp_core.hashing import sha256_file
 from ssp_core.vocab import DOMAINS, ControlState
 from ssp_eval.analysis.matrix_table import matrix_table
 from ssp_eval.analysis.notices import notices
 from ssp_eval.analysis.rows import rows_from_cells
-from ssp_eval.evaluate.admission import ADMITTED, Admission
+from ssp_eval.evaluate.admission import load_admissions
 from ssp_eval.evaluate.asker import DirectAskers
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
@@ -39,6 +39,10 @@ from ssp_eval.report.load import load_cells
 from ssp_eval.report.page import write_report
 from ssp_eval.score.aggregate import means
 from ssp_scenario_manager.spec.load import load_event
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from evaluation_files import CROP, audit_file
 
 Writer = Callable[..., Path]
 # Run-up beyond 3 s, seconds for the change of lanes, of the VUT's braking, and how hard it brakes.
@@ -119,10 +123,9 @@ def evaluated(
     recordings: dict[str, Path], labels: dict[str, Path], out: Path, *models: str
 ) -> dict[str, dict[str, float]]:
     """IVCS by model and domain; every recording is admitted."""
-    admissions = {
-        truth_hash(bag): Admission(ADMITTED, "sha256:0", verdict_sha256=verdict(bag))
-        for bag in recordings.values()
-    }
+    whole = {"crop": {**CROP, "end_s": 100.0}}
+    audit = audit_file(out.parent / "audit.json", "admitted", *recordings.values(), **whole)
+    admissions = load_admissions([audit])
     results = run_campaign(
         [(recordings[d], labels[d]) for d in recordings], [bridge_spec(name) for name in models],
         DirectAskers(), out, CellOptions(), admissions=admissions,
@@ -133,15 +136,6 @@ def evaluated(
         assert sum(result_to_json(result)["labels_per_phase"].values()) == result.score["n"]
         found.setdefault(result.model, {})[result.domain] = result.score["ivcs"]
     return found
-
-
-def truth_hash(bag: Path) -> str:
-    (file,) = bag.glob("*.mcap")
-    return sha256_file(file)
-
-
-def verdict(bag: Path) -> str:
-    return sha256_file(bag / "verdict.json")
 
 
 def spread(by_domain: dict[str, float]) -> float:

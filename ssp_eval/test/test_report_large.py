@@ -20,6 +20,9 @@ from ssp_eval.report.load import load_cells
 from ssp_eval.report.page import write_report
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
+sys.path.insert(0, str(Path(__file__).parent))
+
+from evaluation_files import resealed
 
 from tests.large_campaign import clone_campaign
 from tests.system.browser import Browser
@@ -205,10 +208,9 @@ def pick(browser: Browser, selector: str, value: str) -> None:
 
 
 def test_a_reason_can_t_break_the_data(source: Path) -> None:
-    file = source / "cells" / "cut_in__simulation__perfect" / "cell.json"
     reason = "can't be read: <!--[if lt IE 7]> <script> </script>"
     lost = {"status": "failed", "reasons": [reason]}
-    file.write_text(json.dumps({**json.loads(file.read_text()), **lost}))
+    resealed(source / "cells" / "cut_in__simulation__perfect", lambda facts: facts.update(lost))
     page = write_report(source, most=0).read_text()
     assert reason in [row[-1] for row in rows(page)["rows"]]
     assert "<" not in page.split('id="rows">')[1].split("</script>")[0]
@@ -219,6 +221,7 @@ def test_of_a_very_long_answer_the_page_shows_the_beginning(source: Path) -> Non
     raw = folder / "raw.jsonl"
     first, *rest = raw.read_text().splitlines()
     raw.write_text("\n".join([json.dumps({**json.loads(first), "text": "z" * 900_000}), *rest]))
+    resealed(folder)
     write_report(source, most=0)
     text = (source / "report" / "cells" / f"{folder.name}.js").read_text()
     assert "more characters in the file" in text

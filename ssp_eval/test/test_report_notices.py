@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -27,6 +27,10 @@ from ssp_eval.recordings.provenance import OUR_RENDERER, read_provenance
 from ssp_eval.report.load import load_cells
 from ssp_eval.report.page import write_report
 from ssp_eval.score import Thresholds
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from evaluation_files import resealed
 
 BagMaker = Callable[..., Path]
 MODELS = ("constant_velocity", "opencv_baseline")
@@ -57,10 +61,9 @@ def test_a_whole_campaign_needs_none_of_it(campaign: Path) -> None:
 
 
 def test_cells_of_different_recordings_are_named(campaign: Path) -> None:
-    file = campaign / "cells" / "cut_in__physical__opencv_baseline" / "cell.json"
-    facts = json.loads(file.read_text())
-    facts["hashes"]["bag"] = "sha256:" + "9" * 64
-    file.write_text(json.dumps(facts))
+    other = {"bag": "sha256:" + "9" * 64}
+    folder = campaign / "cells" / "cut_in__physical__opencv_baseline"
+    resealed(folder, lambda facts: facts["hashes"].update(other))
     page = write_report(campaign).read_text()
     assert "Not comparable: the cells of cut_in / physical are of different recordings" in page
 
@@ -141,10 +144,9 @@ def test_domains_that_one_renderer_drew_are_told(campaign: Path) -> None:
     """Both recordings are sessions of ours, and the camera of these draws them."""
     told = "The camera of ssp drew the pictures of 2 domains: simulation, physical."
     assert told in " ".join(write_report(campaign).read_text().split())
-    for path in campaign.glob("cells/cut_in__physical__*/cell.json"):
-        facts = json.loads(path.read_text())
-        facts["clip"]["renderer"] = None  # as of a camera on a vehicle
-        path.write_text(json.dumps(facts))
+    for folder in campaign.glob("cells/cut_in__physical__*"):
+        # As of a camera on a vehicle.
+        resealed(folder, lambda facts: facts["clip"].update(renderer=None))
     assert "drew the pictures" not in write_report(campaign).read_text()
 
 

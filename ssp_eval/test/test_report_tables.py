@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import math
+import sys
 from collections.abc import Callable
 from html.parser import HTMLParser
 from pathlib import Path
@@ -20,6 +21,7 @@ from ssp_eval.analysis.rank_table import MOST_PAIRED
 from ssp_eval.analysis.row import CellRow
 from ssp_eval.analysis.table import MOST_NAMED, Column, Table, some
 from ssp_eval.analysis.tables import MEAN_TABLES, all_tables
+from ssp_eval.evaluate.admission import load_admissions
 from ssp_eval.evaluate.asker import DirectAskers
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
@@ -27,6 +29,10 @@ from ssp_eval.evaluate.models import bridge_spec, with_controls
 from ssp_eval.report.grid import MOST_ACROSS, common_notes, grid, rank_grids
 from ssp_eval.report.seeing import seeing_plot
 from ssp_eval.score.aggregate import Mean
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from evaluation_files import audit_file, resealed
 
 BagMaker = Callable[..., Path]
 PAGE_TABLES = (
@@ -79,14 +85,13 @@ def written(bag_writer: Callable[..., Path], tmp_path_factory: pytest.TempPathFa
     ]
     models = with_controls([bridge_spec("opencv_baseline")])
     out = folder / "out"
-    run_campaign([(bag, None) for bag in bags], models, DirectAskers(), out, CellOptions(), True)
+    admissions = load_admissions([audit_file(folder / "audit.json", "admitted", *bags[:2])])
+    run_campaign(
+        [(bag, None) for bag in bags], models, DirectAskers(), out, CellOptions(), True, admissions
+    )
     # One cell of a model under black frames is lost, so that a mean is over fewer recordings.
-    file = out / "cells" / "cut_in__physical__opencv_baseline+black" / "cell.json"
     lost = {"status": "failed", "reasons": ["bridge died"]}
-    file.write_text(json.dumps({**json.loads(file.read_text()), **lost}))
-    for file in out.glob("cells/cut_in__*/cell.json"):
-        admitted = {"admission": {"status": "admitted", "audit_sha256": None}}
-        file.write_text(json.dumps({**json.loads(file.read_text()), **admitted}))
+    resealed(out / "cells/cut_in__physical__opencv_baseline+black", lambda f: f.update(lost))
     args = ["report", out, "--tables", out / "tables", "--resamples", "200"]
     assert main([str(arg) for arg in args]) == 0
     return out

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field
 
+from ssp_core.errors import InputError
 from ssp_core.files import load_model
 from ssp_core.run_spec import Finite, NonNegative, Strict
-from ssp_core.vocab import DomainWord, PhaseWord
+from ssp_core.vocab import DOMAINS, DomainWord, PhaseWord
+from ssp_eval.audit.ratios import phase_difference, phase_fraction
+from ssp_eval.recordings.properties import EVENT_PHASES, FIELDS, Property, differences
 
 SCHEMA: Literal["ssp.audit/2"] = "ssp.audit/2"
 AUDIT_FILE = "audit.json"
@@ -18,6 +23,8 @@ PAGE_FILE = "audit.html"
 Status = Literal["admitted", "refused", "unpaired"]
 Evidence = Literal["states", "reviewed", "observed", "unverified"]
 Share = Annotated[float, Field(ge=0, le=1)]
+# Of computed values; no verdict hangs on it.
+_ROUNDING = 1e-6
 
 
 class FindingEntry(Strict):
@@ -43,6 +50,11 @@ class PropertyEntry(Strict):
     how: str
     equal: bool | None = Field(description="to q(Syn, k); null for Syn, or where one is unknown")
     differences: dict[str, tuple[str, str]] = Field({}, description="part: (found, wanted)")
+
+    def property(self, varying: Collection[str]) -> Property:
+        """The value without the parts that may vary."""
+        words = None if self.words is None else {k: tuple(v) for k, v in self.words.items()}
+        return Property(words, self.how).without(varying)
 
 
 class PhasesEntry(Strict):
@@ -188,25 +200,85 @@ class Audit(Strict):
 
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
 
-    @model_validator(mode="after")
-    def _check_statuses(self) -> Self:
-        """A status is what the findings say, so that a verdict alone can't be rewritten."""
-        refused = [entry.domain for entry in self.recordings if entry.status == "refused"]
+    def contradiction(self) -> str | None:
+        """Why a status isn't what the entries' own values say; None: each follows from them.
+
+        An evidence package measures its recordings again instead.
+        """
+        if [entry.domain for entry in self.recordings] != list(DOMAINS):
+            return f"its recordings must be of {', '.join(DOMAINS)}, in this order"
+        refused = [
+            entry.domain for entry in self.recordings if entry.status == "refused" or entry.reasons
+        ]
         for entry in self.recordings:
+            against = None
             if (entry.status == "refused") != bool(entry.reasons):
-                why = "without a reason" if entry.status == "refused" else "with reasons against it"
-                raise ValueError(f"{entry.domain} is {entry.status} {why}")
-            if entry.status != "admitted":
-                continue
-            if refused:
-                raise ValueError(f"{entry.domain} is admitted, though {refused[0]} is refused")
-            if unsaid := [k for k, q in entry.properties.items() if q.source == "unverified"]:
-                raise ValueError(
-                    f"{entry.domain} is admitted, though its {unsaid[0]} is unverified"
-                )
-            if differing := [k for k, found in entry.properties.items() if found.equal is False]:
-                raise ValueError(f"{entry.domain} is admitted, though its {differing[0]} differs")
-        return self
+                against = " without a reason" if not entry.reasons else " with reasons against it"
+            elif entry.status != "refused" and (entry.status == "unpaired") != bool(refused):
+                against = f", though {refused[0] if refused else 'nobody'} is refused"
+            elif entry.status != "refused" and (found := next(self._against(entry), None)):
+                against = f", though {found}"
+            if against:
+                return f"{entry.domain} is {entry.status}{against}"
+        return None
+
+    def _against(self, entry: RecordingEntry) -> Iterator[str]:
+        """What of an entry's values keeps it out by METHOD 4.4, or can't come from the others."""
+        synthetic = self.recordings[0]
+        same = [other.domain for other in self.recordings if other.bag_sha256 == entry.bag_sha256]
+        if same[0] != entry.domain:
+            yield f"it is the {same[0]} recording"
+        if entry.event_version is None or entry.event_version != self.event_version:
+            yield f"it realises {entry.event_version}, the audit is of {self.event_version}"
+        if entry.scenario not in (None, self.scenario):
+            yield f"it is of {entry.scenario}, the audit is of {self.scenario}"
+        if entry.verdict not in (None, "valid"):
+            yield f"the run's verdict is {entry.verdict}"
+        if told := [*entry.safety_events, *entry.identities]:
+            yield f"it has {told[0]}"
+        if unlogged := [change.field for change in entry.changes if not change.logged]:
+            yield f"the change of {unlogged[0]} isn't logged"
+        if set(entry.properties) != set(FIELDS):
+            yield f"its properties aren't {', '.join(FIELDS)}"
+        for name, value in entry.properties.items():
+            reference = synthetic.properties.get(name)
+            apart = reference and differences(value.property(entry.varying),
+                                              reference.property(entry.varying))  # fmt: skip
+            if value.source == "unverified":
+                yield f"its {name} is unverified"
+            elif value.equal is False or value.differences or apart:
+                yield f"its {name} differs"
+        yield from self._against_times(entry, synthetic)
+        seen = {**entry.coverage.participants, "the conflict zone": entry.coverage.zone}
+        if entry.coverage.source == "none":
+            yield "nobody knows what its camera covers"
+        for who, sight in seen.items():
+            if sight and sight.fraction is not None and sight.fraction < sight.needed - _ROUNDING:
+                yield f"{who} is visible for {sight.fraction:g}, needed are {sight.needed:g}"
+
+    def _against_times(self, entry: RecordingEntry, synthetic: RecordingEntry) -> Iterator[str]:
+        """The same of phases, φ, EPD and KPR."""
+        crop, phases = entry.crop, entry.phases
+        times = [phases.trigger_s, phases.conflict_s, phases.resolution_s]
+        located = [t_s for t_s in times if t_s is not None]
+        if crop is None or len(located) < len(times):
+            yield "its phases aren't located"
+            return
+        span = crop.start_s, crop.end_s
+        ends = phases.start_s, phases.end_s
+        in_order = [span[0], *located, span[1]]
+        if ends != span or sorted(in_order) != in_order:
+            yield f"its phases at {located} s don't lie in its clip, {span[0]:g} to {span[1]:g} s"
+            return
+        phi = {k: phase_fraction(t_s, *span) for k, t_s in zip(EVENT_PHASES, located, strict=True)}
+        if not _same(phi, phases.phi):
+            yield f"its phi is {phases.phi}, and by its phases it is {phi}"
+        elif entry.epd is None or set(synthetic.phases.phi) != set(phi):
+            yield "its EPD is missing"
+        elif not _same({"epd": phase_difference(phi, synthetic.phases.phi)}, {"epd": entry.epd}):
+            yield f"its EPD of {entry.epd:g} isn't that of its phi"
+        if entry.kpr is not None and entry.kpr < 1.0 - _ROUNDING:
+            yield f"its KPR is {entry.kpr:g}"
 
     @property
     def admitted(self) -> bool:
@@ -214,11 +286,24 @@ class Audit(Strict):
         return all(recording.status == "admitted" for recording in self.recordings)
 
 
+def _same(ours: Mapping[str, float], theirs: Mapping[str, float]) -> bool:
+    return ours.keys() == theirs.keys() and all(
+        math.isclose(ours[k], theirs[k], rel_tol=_ROUNDING, abs_tol=_ROUNDING) for k in ours
+    )
+
+
 def load_audit(path: str | Path) -> Audit:
     """Reads an audit file, or that of a folder.
 
     Raises:
-        InputError: it can't be read or is no valid audit.
+        InputError: it can't be read, is no valid audit, or gives a status that its own values
+            contradict.
     """
-    path = Path(path)
-    return load_model(Audit, path / AUDIT_FILE if path.is_dir() else path)
+    path = Path(path) / AUDIT_FILE if Path(path).is_dir() else Path(path)
+    audit = load_model(Audit, path)
+    if why := audit.contradiction():
+        raise InputError(
+            f"contradicts itself: {why}", file=path, field="recordings",
+            remedy="make it again with `ssp audit`",
+        )  # fmt: skip
+    return audit

@@ -6,16 +6,20 @@ A recording is known by the hash of its bag. What an audit refused is not evalua
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from ssp_core.errors import InputError
+from ssp_core.files import make_folder, write_bytes
 from ssp_core.hashing import sha256_file
-from ssp_eval.audit.model import AUDIT_FILE, RecordingEntry, load_audit
+from ssp_eval.audit.model import AUDIT_FILE, PAGE_FILE, Audit, RecordingEntry, load_audit
 from ssp_eval.recordings.crop import Crop
+from ssp_eval.recordings.provenance import Provenance
 
+# Where a campaign keeps its audits, each in a folder of its own.
+AUDITS = "audits"
 ADMITTED, REFUSED, UNPAIRED, UNAUDITED = "admitted", "refused", "unpaired", "unaudited"
 
 
@@ -30,6 +34,8 @@ class Admission:
         verdict_sha256: hash of the runner's verdict.json as the audit read it.
         crop: the clip that the audit compared (METHOD 4.1), which is evaluated and nothing else;
             None: the whole recording.
+        entry: what the audit says of the recording, None where there is none.
+        file: the audit's, None where there is none.
     """
 
     status: str = UNAUDITED
@@ -37,6 +43,8 @@ class Admission:
     reasons: tuple[str, ...] = ()
     verdict_sha256: str | None = None
     crop: Crop | None = None
+    entry: RecordingEntry | None = field(default=None, repr=False)
+    file: Path | None = None
 
     @property
     def refusal(self) -> str | None:
@@ -45,19 +53,57 @@ class Admission:
             return None
         return f"refused by the audit: {'; '.join(self.reasons)}"
 
-    def held_against(self, verdict_sha256: str | None) -> Admission:
-        """The admission, if the verdict that the audit read beside the MCAP file is as it was then.
+    def held_against(
+        self, verdict_sha256: str | None, observations: Mapping[str, str] | None = None
+    ) -> Admission:
+        """The admission, if what the audit read beside the MCAP file is as it was then.
 
         A refusal stays: it needs another audit to be lifted. Whatever else it says isn't said of
-        another verdict: the recording is unaudited then.
+        another verdict or observation: the recording is unaudited then.
 
         Args:
             verdict_sha256: of verdict.json in the bag, None where there is none.
+            observations: hash of each observation file of the bag by name, None: not looked for.
         """
-        if self.status in (REFUSED, UNAUDITED) or verdict_sha256 == self.verdict_sha256:
+        if self.status in (REFUSED, UNAUDITED):
             return self
-        why = f"the audit read the verdict {self.verdict_sha256}, the bag's is {verdict_sha256}"
-        return replace(self, status=UNAUDITED, reasons=(why,))
+        why = []
+        if verdict_sha256 != self.verdict_sha256:
+            why.append(
+                f"the audit read the verdict {self.verdict_sha256}, the bag's is {verdict_sha256}"
+            )
+        seen = self.entry.observations if self.entry is not None else None
+        read = {} if seen is None else seen.files
+        if observations is not None and observations != read:
+            names = sorted(
+                n for n in {**read, **observations} if read.get(n) != observations.get(n)
+            )
+            why.append(f"the audit read other observations: {', '.join(names)}")
+        return replace(self, status=UNAUDITED, reasons=tuple(why)) if why else self
+
+    def check_is_of(self, facts: Provenance) -> None:
+        """Refuses an audit that tells of another recording under this one's hash.
+
+        Args:
+            facts: of the bag that has the hash in the audit.
+
+        Raises:
+            InputError: naming audit, field and both values.
+        """
+        for name in ("domain", "scenario", "event_version", "origin", "stand_in", "verdict"):
+            told, found = getattr(self.entry, name, None), getattr(facts, name)
+            # The verdict may have come later; held_against says so.
+            if (
+                self.entry is None
+                or told == found
+                or (name == "verdict" and self.verdict_sha256 != facts.verdict_sha256)
+            ):
+                continue
+            raise InputError(
+                f"isn't of the recording {facts.name} that it names by its hash: that has {found}",
+                file=self.file, field=f"recordings.{facts.domain}.{name}", value=told,
+                remedy="make it again with `ssp audit`",
+            )  # fmt: skip
 
     def to_json(self) -> dict[str, Any]:
         """As it stands in cell.json."""
@@ -84,9 +130,10 @@ def load_admissions(files: Iterable[Path]) -> dict[str, Admission]:
     found: dict[str, tuple[Admission, Path]] = {}
     for file in files:
         audit = load_audit(file)
-        digest = sha256_file(file / AUDIT_FILE if file.is_dir() else file)
+        path = file / AUDIT_FILE if file.is_dir() else file
+        digest = sha256_file(path)
         for entry in audit.recordings:
-            admission = admission_of(entry, digest)
+            admission = replace(admission_of(entry, digest), file=path)
             known = found.setdefault(entry.bag_sha256, (admission, file))
             if known[0].status != admission.status:
                 raise InputError(
@@ -120,4 +167,44 @@ def admission_of(entry: RecordingEntry, audit_sha256: str) -> Admission:
         reasons=tuple(f"{reason.text} ({reason.detail})" for reason in entry.reasons),
         verdict_sha256=entry.verdict_sha256,
         crop=None if entry.crop is None else Crop(**entry.crop.model_dump()),
+        entry=entry,
     )
+
+
+def said_of(audit: Audit, bag: str | None, verdict_sha256: str | None) -> set[str]:
+    """What an audit says of a recording: one status, none where it doesn't know it.
+
+    Args:
+        audit: read.
+        bag: hash of the bag.
+        verdict_sha256: of the verdict that it was evaluated with.
+    """
+    return {
+        admission_of(entry, "").held_against(verdict_sha256).status
+        for entry in audit.recordings
+        if entry.bag_sha256 == bag
+    }
+
+
+def keep_audits(out: Path, admissions: Iterable[Admission]) -> None:
+    """Leaves the audits that cells go by in the campaign, where the report checks them.
+
+    Args:
+        out: campaign folder.
+        admissions: of its recordings.
+    """
+    kept = kept_audits(out)
+    wanted = {a.audit_sha256: a.file for a in admissions if a.file is not None}
+    for digest, file in wanted.items():
+        if digest is None or digest in kept:
+            continue
+        folder = make_folder(out / AUDITS / digest.removeprefix("sha256:")[:16])
+        write_bytes(folder / AUDIT_FILE, file.read_bytes())
+        page = file.with_name(PAGE_FILE)
+        if file.name == AUDIT_FILE and page.is_file():
+            write_bytes(folder / PAGE_FILE, page.read_bytes())
+
+
+def kept_audits(out: Path) -> dict[str, Path]:
+    """The audits in a campaign's folder by hash."""
+    return {sha256_file(file): file for file in sorted(out.glob(f"{AUDITS}/*/{AUDIT_FILE}"))}

@@ -13,7 +13,8 @@ from typing import TypeVar
 from ssp_core import console
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder
-from ssp_eval.evaluate.admission import NO_AUDIT, Admission
+from ssp_core.hashing import sha256_file
+from ssp_eval.evaluate.admission import NO_AUDIT, Admission, keep_audits
 from ssp_eval.evaluate.asker import Askers
 from ssp_eval.evaluate.cell import CellOptions, evaluate_cell
 from ssp_eval.evaluate.cell_file import CellResult, holds_answers
@@ -27,6 +28,7 @@ from ssp_eval.labels.proposal.propose import propose_by_plan
 from ssp_eval.labels.proposal.truth import truth_from_bag
 from ssp_eval.labels.proposal_file import is_unreviewed, write_proposal
 from ssp_eval.recordings.import_record import SAFE_NAME
+from ssp_eval.recordings.observation_file import find_observations
 from ssp_eval.recordings.provenance import bag_folder
 from ssp_eval.score import DEFAULT
 from ssp_vla_bridge.core.window import Preprocessing
@@ -112,7 +114,9 @@ def _propose(clips: Sequence[Clip]) -> None:
 def _labelled(
     clip: Clip, labels: Labels, source: str, proposed: bool, admission: Admission
 ) -> LabelledClip:
-    held = admission.held_against(clip.provenance.verdict_sha256)
+    admission.check_is_of(clip.provenance)
+    observed = {file.name: sha256_file(file) for file in find_observations(clip.path)}
+    held = admission.held_against(clip.provenance.verdict_sha256, observed)
     clip.crop_to(held.crop)
     return LabelledClip(clip, labels, source, proposed, held)
 
@@ -302,6 +306,7 @@ def run_campaign(
         rules = models[0].rules if models else None
         clips = open_clips(stack, bags, propose_labels, admissions, rules)
         stack.enter_context(campaign_folder(out))
+        keep_audits(out, (labelled.admission for labelled in clips))
         on_plan(plan_of(clips, models, not options.fresh and holds_answers(out)))
         for labelled in clips:
             for model in models:

@@ -25,6 +25,7 @@ from ssp_eval.evaluate.cell_limits import write_readable
 from ssp_eval.evaluate.interpret import records_of
 from ssp_eval.evaluate.labelled import LabelledClip
 from ssp_eval.evaluate.model_spec import ModelSpec
+from ssp_eval.evaluate.raw_store import check_unchanged
 from ssp_eval.extract.llm import Extractor, make_extractor
 from ssp_eval.labels.model import Labels, labels_to_json
 from ssp_eval.records import record_to_json
@@ -72,9 +73,12 @@ def fail_cell(
     return write_cell(place, "failed", [reason])
 
 
+def _folder(labelled: LabelledClip, model: ModelSpec, out: Path) -> Path:
+    return out / CELLS / f"{labelled.name}__{model.shown}"
+
+
 def _place(labelled: LabelledClip, model: ModelSpec, out: Path, options: CellOptions) -> CellPlace:
-    folder = out / CELLS / f"{labelled.name}__{model.shown}"
-    make_folder(folder)
+    folder = make_folder(_folder(labelled, model, out))
     _write_labels(folder, labelled.labels)
     options.extractor.counts.clear()
     adapter = model.read_by(options.adapter)
@@ -115,8 +119,9 @@ def evaluate_cell(
         on_record: called once per label time.
 
     Raises:
-        InputError: the adapter or the model's options are wrong.
+        InputError: the adapter or the model's options are wrong, or stored answers were changed.
     """
+    check_unchanged(_folder(labelled, model, out))
     place = _place(labelled, model, out, options)
     folder = place.folder
     refusal = labelled.refusal

@@ -17,7 +17,7 @@ from ssp_eval.evaluate.cell_limits import decodings, short, short_list, too_larg
 from ssp_eval.evaluate.controls import CONDITION_SEED
 from ssp_eval.evaluate.labelled import LabelledClip
 from ssp_eval.evaluate.model_spec import ModelSpec
-from ssp_eval.evaluate.store import RAW_FILE, REQUESTS_FILE, Asked
+from ssp_eval.evaluate.store import EARLIER_FILE, RAW_FILE, REQUESTS_FILE, Asked
 from ssp_eval.extract.llm import Extractor, make_extractor
 from ssp_eval.labels.comparable import phase_counts
 from ssp_eval.score import DEFAULT, Thresholds
@@ -29,6 +29,9 @@ LABELS_FILE = "labels.json"
 RECORDS_FILE = "records.jsonl"
 SCORE_FILE = "score.json"
 CELL_FILE = "cell.json"
+# The files beside it whose hashes it names, and the name of its own hash.
+HASHED = (LABELS_FILE, RAW_FILE, REQUESTS_FILE, RECORDS_FILE, SCORE_FILE)
+SEAL = "cell"
 # Why a model under a condition may have no answer without anything being wrong.
 _BY_CONDITION = frozenset({Loss.NO_QUESTION, Loss.ERROR})
 
@@ -117,9 +120,34 @@ def frame_path(out: Path, sha256: str) -> Path:
 
 def _file_hashes(folder: Path) -> dict[str, str]:
     """Of the files beside cell.json, so that a score can be walked back to what gave it."""
-    names = (LABELS_FILE, RAW_FILE, REQUESTS_FILE, RECORDS_FILE, SCORE_FILE)
-    there = (folder / name for name in names if (folder / name).is_file())
+    there = (folder / name for name in (*HASHED, EARLIER_FILE) if (folder / name).is_file())
     return {path.stem: sha256_file(path) for path in there}
+
+
+def sealed(facts: Mapping[str, Any]) -> dict[str, Any]:
+    """What cell.json says, with the hash of all of it under ``hashes.cell``."""
+    hashes = {key: told for key, told in facts["hashes"].items() if key != SEAL}
+    digest = sha256_json({**facts, "hashes": hashes})
+    return {**facts, "hashes": {**hashes, SEAL: digest}}
+
+
+def changed_since(folder: Path, facts: Mapping[str, Any]) -> str:
+    """Which file of a cell isn't as the evaluation left it; empty where all are.
+
+    Args:
+        folder: of the cell.
+        facts: its cell.json.
+    """
+    told = facts["hashes"]
+    if sealed(facts)["hashes"][SEAL] != told.get(SEAL):
+        return f"{CELL_FILE} was changed since it was written"
+    found = _file_hashes(folder)
+    for name in HASHED:
+        key = Path(name).stem
+        if found.get(key) != told.get(key):
+            what = "was changed" if key in found and key in told else "came or went"
+            return f"{name} {what} since the cell was evaluated"
+    return ""
 
 
 @dataclass(frozen=True)
@@ -162,11 +190,11 @@ def write_cell(
         score: METHOD 6.14, None unless ok.
     """
     value = _facts(place, status, reasons, asked, ignored)
-    if not write_readable(place.folder / CELL_FILE, value):
+    if not write_readable(place.folder / CELL_FILE, sealed(value)):
         status, reasons, score = "failed", [too_large(CELL_FILE, value)], None
         for stale in (SCORE_FILE, RECORDS_FILE):
             (place.folder / stale).unlink(missing_ok=True)
-        write_json(place.folder / CELL_FILE, _brief(value, status, reasons))
+        write_json(place.folder / CELL_FILE, sealed(_brief(value, status, reasons)))
     labelled, model = place.labelled, place.model
     return CellResult(
         folder=place.folder,

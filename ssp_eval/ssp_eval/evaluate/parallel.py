@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Protocol
 
 from ssp_core.errors import InputError
-from ssp_eval.evaluate.admission import Admission
+from ssp_eval.evaluate.admission import Admission, keep_audits
 from ssp_eval.evaluate.campaign import campaign_folder, find_labels, open_clips
 from ssp_eval.evaluate.cell import CellOptions, fail_cell
 from ssp_eval.evaluate.cell_file import CellResult, holds_answers
@@ -79,6 +79,7 @@ def run_parallel(
     with ExitStack() as stack:
         clips = open_clips(stack, bags, propose_labels, admissions)
         stack.enter_context(campaign_folder(settings.out))
+        keep_audits(settings.out, (labelled.admission for labelled in clips))
         on_plan(plan_of(clips, models, not settings.fresh and holds_answers(settings.out)))
         jobs: list[Job] = []
         clip_of: list[LabelledClip] = []

@@ -4,7 +4,8 @@
 ``earlier.jsonl`` holds those that were asked with other settings or about other label times, so
 that going back to these asks, and pays, for nothing: one line per key, no errors, and no answer
 that stands in ``raw.jsonl`` or that a newer one to the same question has replaced. It may be
-deleted at any time.
+deleted at any time. Both are as the last finished run left them, or nothing of them is used; a run
+that goes on removes the cell.json that names them before it changes them.
 """
 
 from __future__ import annotations
@@ -17,11 +18,38 @@ from typing import Any
 
 from ssp_core.errors import HostError, InputError
 from ssp_core.files import write_text
+from ssp_core.hashing import sha256_file
 from ssp_eval.evaluate.answer_key import key_of
-from ssp_eval.evaluate.store import RAW_FILE, REQUESTS_FILE, Asked, request_to_json
+from ssp_eval.evaluate.cell_file import CELL_FILE
+from ssp_eval.evaluate.store import (
+    EARLIER_FILE,
+    RAW_FILE,
+    REQUESTS_FILE,
+    Asked,
+    request_to_json,
+)
 from ssp_vla_bridge.core.response import Response, response_from_json, response_to_json
 
-EARLIER_FILE = "earlier.jsonl"
+
+def check_unchanged(cell: Path) -> None:
+    """Refuses stored answers that aren't as the last finished run left them.
+
+    Args:
+        cell: the cell's folder; it need not be there.
+
+    Raises:
+        InputError: a file of them was changed.
+    """
+    try:
+        told = json.loads((cell / CELL_FILE).read_bytes())["hashes"]
+    except (OSError, ValueError, LookupError, TypeError):
+        return  # no run has finished here
+    for path in (cell / RAW_FILE, cell / EARLIER_FILE):
+        if path.is_file() and isinstance(told, dict) and sha256_file(path) != told.get(path.stem):
+            raise InputError(
+                "was changed since the cell was evaluated", file=path,
+                remedy="put it back, or remove the cell's folder: all of it is asked again",
+            )  # fmt: skip
 
 
 class RawStore:
@@ -38,6 +66,7 @@ class RawStore:
         self._path = cell / RAW_FILE
         self._requests_path = cell / REQUESTS_FILE
         self._earlier_path = cell / EARLIER_FILE
+        self._cell_path = cell / CELL_FILE
         self._unfinished_at: int | None = None  # where a line begins that a kill cut off
         self._stored: dict[str, Response] = {}
         self._earlier = self._read(self._earlier_path)
@@ -84,6 +113,7 @@ class RawStore:
             HostError: the disk doesn't take it.
         """
         line = json.dumps(response_to_json(response), allow_nan=False) + "\n"
+        self._cell_path.unlink(missing_ok=True)
         try:
             with open(self._path, "ab+") as stream:
                 if self._unfinished_at is not None:
@@ -109,6 +139,7 @@ class RawStore:
         sent = [one.request.request_id for one in asked if one.request is not None]
         now = {key_of(one) for one in (*sent, *(answer.request_id for answer in answers))}
         earlier = {key: answer for key, answer in self._stored.items() if key not in now}
+        self._cell_path.unlink(missing_ok=True)
         # First: an answer that stands in both files is found, one that stands in none is lost.
         if not earlier:
             self._earlier_path.unlink(missing_ok=True)

@@ -14,6 +14,7 @@ from ssp_vla_bridge.core.response import Response, response_to_json
 
 RAW_FILE = "raw.jsonl"
 REQUESTS_FILE = "requests.jsonl"
+EARLIER_FILE = "earlier.jsonl"
 REQUEST_SCHEMA = "ssp.request/1"
 
 

@@ -10,12 +10,14 @@ from ssp_core.errors import InputError
 from ssp_core.files import parse_model
 from ssp_core.hashing import sha256_bytes
 from ssp_eval.audit.model import Audit, RecordingEntry
-from ssp_eval.evaluate.admission import admission_of
+from ssp_eval.evaluate.admission import said_of
 from ssp_eval.evaluate.cell_file import (
     CELL_SCHEMA,
     LABELS_FILE,
     RECORDS_FILE,
     SCORE_FILE,
+    SEAL,
+    sealed,
 )
 from ssp_eval.evaluate.store import RAW_FILE, REQUESTS_FILE
 from ssp_eval.package.contents import nearest
@@ -133,6 +135,9 @@ class Links:
         if facts.get("schema") != CELL_SCHEMA or not isinstance(hashes, dict):
             raise InputError("is no cell of an evaluation", field="schema")
         self.cells[entry.path] = facts
+        if sealed(facts)["hashes"][SEAL] != hashes.get(SEAL):
+            text = "isn't the hash of what the file says: it was changed since it was written"
+            self.problems.append(Problem(entry.path, f"hashes.{SEAL}", text))
         for kind, name in _CELL_FILES:
             file = self._contents.beside(entry.path, name)
             named = hashes.get(kind)
@@ -178,11 +183,7 @@ class Links:
         if file is None:
             return
         audit = parse_model(Audit, self._contents.mapping(file), file.path)
-        told = {
-            admission_of(r, file.sha256).held_against(facts["hashes"].get("verdict")).status
-            for r in audit.recordings
-            if r.bag_sha256 == bag
-        }
+        told = said_of(audit, bag, facts["hashes"].get("verdict"))
         if told != {admission.get("status")}:
             text = (
                 f"is {admission.get('status')}, and by {file.path} it is "

@@ -143,12 +143,13 @@ def report(
     resamples: int,
     block: int | None,
     seed: int,
-) -> None:
+) -> int:
     """Writes OUT_DIR/index.html: one file with the pictures in it, readable offline.
 
     With --tables it also writes tables and statistics as files; with --from-cells and --out only
     these, from a CSV file of component scores. The page of more than 500 cells shows statistics
-    only with --tables.
+    only with --tables. A cell that isn't as `ssp evaluate` left it, or whose admission its audit
+    doesn't give, is refused: the report goes on without it and the exit status is 1.
     """  # fmt: skip
     options = Options(resamples, seed, block)
     if only and figures is None:
@@ -171,20 +172,28 @@ def report(
         if drawn is not None:
             draw_figures(drawn, rows)
         if out is None:
-            return
+            return 0
         wanted = _Wanted(tables or out / TABLES, formats, reference, options)
         _analyse(rows, (), wanted, statistics=out)
-        return
+        return 0
     if out_dir is None:
         raise click.UsageError("give the folder of a campaign, or --from-cells FILE.csv")
     if out is not None:
         raise click.UsageError("--out belongs to --from-cells; use --tables DIR")
     if tables is None and figures is None and (reference is not None or repeats):
         raise click.UsageError("--reference and --repeat need --tables DIR or --figures DIR")
+    changed: dict[Path, str] = {}
+
+    def check(cell: CellData) -> None:
+        if cell.changed:
+            changed[cell.folder] = cell.changed
+
     analysis: Sequence[Table] = ()
     is_wanted = tables is not None or drawn is not None
     if is_wanted or len(cell_files(out_dir)) <= MOST_ANALYSED:
         data, rows = _runs((out_dir, *repeats))
+        for cell in data:
+            check(cell)
         if drawn is not None:
             draw_figures(drawn, rows, out_dir, data[: len(cell_files(out_dir))])
         if tables is not None:
@@ -200,9 +209,13 @@ def report(
             out_dir,
             lambda done, of: bar.update(task, completed=done, total=of),
             analysis=analysis,
+            on_cell=check,
         )
+    for folder, why in changed.items():
+        console.report_error(f"{folder}: refused: {why}")
     size_mb = target.stat().st_size / 1e6
     click.echo(f"{target} ({size_mb:.1f} MB)")
+    return 1 if changed else 0
 
 
 def _is_given(option: str) -> bool:

@@ -15,7 +15,7 @@ from typing import Any
 import jinja2
 
 from ssp_core.files import make_folder, write_text
-from ssp_eval.report.load import CellData, load_cell
+from ssp_eval.report.load import CellData, KeptAudits, load_cell
 from ssp_eval.report.view import record_views, tolerated
 from ssp_eval.score import STAGES
 
@@ -38,8 +38,9 @@ def load_lightly(
         InputError: a file is damaged.
     """
     cells = []
+    audits = KeptAudits(files[0].parents[2])
     for file in files:
-        cell = load_cell(file)
+        cell = load_cell(file, audits)
         on_cell(cell)
         cells.append(replace(cell, records=(), asked=()))
     return cells

@@ -10,14 +10,17 @@ from pathlib import Path
 from typing import Any
 
 from ssp_core.errors import InputError
-from ssp_core.files import parse_model, read_text
+from ssp_core.files import parse_model, read_mapping, read_text
 from ssp_core.vocab import DOMAINS
+from ssp_eval.audit.model import Audit, load_audit
+from ssp_eval.evaluate.admission import AUDITS, REFUSED, UNAUDITED, kept_audits, said_of
 from ssp_eval.evaluate.cell_file import (
     CELL_FILE,
     CELLS,
     LABELS_FILE,
     RECORDS_FILE,
     SCORE_FILE,
+    changed_since,
     losses_text,
 )
 from ssp_eval.evaluate.controls import NEVER_MODELS, is_control_name
@@ -27,7 +30,7 @@ from ssp_eval.extract.language import NOT_READ
 from ssp_eval.labels.comparable import counts_text, phase_counts
 from ssp_eval.labels.model import Labels, load_labels
 from ssp_eval.records import MOST_BYTES, BehaviourRecord, load_records
-from ssp_eval.report.facts import CellFacts, RequestFacts, load_facts
+from ssp_eval.report.facts import CellFacts, RequestFacts
 from ssp_eval.score import DEFAULT, CellScore, Thresholds, score_cell
 from ssp_eval.score.thresholds_file import thresholds_of
 from ssp_eval.strict import Place, parse_json
@@ -46,6 +49,7 @@ class CellData:
         score: scored again from records and labels, None unless the cell is ok.
         notes: what a reader must know, one sentence each.
         thresholds: that it is scored with.
+        changed: what of it isn't as `ssp evaluate` left it, for which it is refused; or empty.
     """
 
     folder: Path
@@ -56,6 +60,7 @@ class CellData:
     score: CellScore | None
     notes: tuple[str, ...]
     thresholds: Thresholds = DEFAULT
+    changed: str = ""
 
     @property
     def requests(self) -> tuple[dict[str, Any], ...]:
@@ -117,8 +122,9 @@ def load_cells(out: Path, on_cell: Callable[[], None] = lambda: None) -> list[Ce
         InputError: it is no campaign folder, or a file in it is damaged.
     """
     cells = []
+    audits = KeptAudits(out)
     for file in cell_files(out):
-        cells.append(load_cell(file))
+        cells.append(load_cell(file, audits))
         on_cell()
     return in_order(cells)
 
@@ -154,17 +160,72 @@ def _domain_order(domain: str) -> int:
     return DOMAINS.index(domain) if domain in DOMAINS else len(DOMAINS)
 
 
-def load_cell(file: Path) -> CellData:
-    """One cell, scored again.
+class KeptAudits:
+    """The audits in a campaign's folder, each read once.
+
+    Args:
+        out: campaign folder.
+    """
+
+    def __init__(self, out: Path) -> None:
+        self._files = kept_audits(out)
+        self._read: dict[str, Audit] = {}
+
+    def against(self, facts: CellFacts) -> str:
+        """Why a cell's admission isn't what its audit says; empty where it is.
+
+        Args:
+            facts: of the cell.
+        """
+        status, named = facts.admission.status, facts.admission.audit_sha256
+        if facts.status != "ok" or status == UNAUDITED:
+            return ""
+        if status == REFUSED:
+            return "it is scored though the audit refused its recording"
+        if named is None:
+            return f"it says {status} and names no audit"
+        if named not in self._files:
+            return (
+                f"it says {status}, and the audit that it names ({named}) isn't in {AUDITS}/; give "
+                "`ssp evaluate` the same command with that audit again"
+            )
+        try:
+            if named not in self._read:
+                self._read[named] = load_audit(self._files[named])
+        except InputError as error:
+            return str(error)
+        audit = self._read[named]
+        told = said_of(audit, facts.hashes.get("bag"), facts.hashes.get("verdict"))
+        if told != {status} or audit.event_version != facts.event_version:
+            words = ", ".join(sorted(told)) or "not known"
+            return (
+                f"it says {status} of event version {facts.event_version}, and by "
+                f"{self._files[named]} it is {words} of {audit.event_version}"
+            )
+        return ""
+
+
+def load_cell(file: Path, audits: KeptAudits) -> CellData:
+    """One cell, scored again; refused where it isn't as `ssp evaluate` left it.
 
     Args:
         file: its cell.json.
+        audits: of the campaign.
 
     Raises:
         InputError: a file of the cell is damaged.
     """
-    facts = load_facts(file)
+    value = read_mapping(file)
+    facts = parse_model(CellFacts, value, file)
     folder = file.parent
+    name = "__".join((facts.scenario, facts.domain, facts.model))
+    changed = changed_since(folder, value) or audits.against(facts)
+    if name != folder.name:
+        changed = f"it is the cell {name}, and lies in another one's folder"
+    if changed:
+        facts = facts.model_copy(update={"status": "refused", "reasons": [changed]})
+        unknown = Labels(facts.scenario, facts.domain, facts.event_version, None, False, ())
+        return CellData(folder, facts, unknown, (), (), None, (), changed=changed)
     labels = load_labels(folder / LABELS_FILE)
     if facts.status != "ok":
         return CellData(folder, facts, labels, (), (), None, ())

@@ -9,19 +9,17 @@ from pathlib import Path
 from ssp_core.files import make_folder, write_text
 from ssp_core.hashing import sha256_file
 from ssp_eval.analysis.table import Table
-from ssp_eval.audit.model import AUDIT_FILE
 from ssp_eval.audit.model import PAGE_FILE as AUDIT_PAGE
+from ssp_eval.evaluate.admission import kept_audits
 from ssp_eval.evaluate.cell_file import frame_path
 from ssp_eval.report.facts import CellFacts, load_facts
 from ssp_eval.report.large import DetailFiles, load_lightly
-from ssp_eval.report.load import CellData, cell_files, in_order, load_cell
+from ssp_eval.report.load import CellData, cell_files, in_order, load_cells
 from ssp_eval.report.pictures import data_uri
 from ssp_eval.report.render import Details, environment, render
 from ssp_eval.report.view import record_views
 
 PAGE = "index.html"
-# Where a campaign keeps its audits, if it does.
-AUDIT_PATTERN = f"audits/*/{AUDIT_FILE}"
 # Up to here a page holds all details and pictures, some 150 kB a cell; beyond, a browser would
 # choke on them. Controls count too: two models on six recordings have sixty cells with them.
 MOST_IN_ONE_FILE = 60
@@ -32,6 +30,7 @@ def write_report(
     on_step: Callable[[int, int], None] = lambda done, of: None,
     most: int | None = None,
     analysis: Sequence[Table] = (),
+    on_cell: Callable[[CellData], None] = lambda cell: None,
 ) -> Path:
     """Writes ``index.html`` into a campaign folder, and for a large one files beside it.
 
@@ -40,6 +39,7 @@ def write_report(
         on_step: told how many pictures or cells are done, and of how many.
         most: cells up to which everything goes into the one file; None: MOST_IN_ONE_FILE.
         analysis: statistics to show.
+        on_cell: given each cell.
 
     Returns:
         The page.
@@ -49,9 +49,11 @@ def write_report(
     """
     files = cell_files(out)
     if len(files) <= (MOST_IN_ONE_FILE if most is None else most):
-        cells = in_order(load_cell(file) for file in files)
+        cells = load_cells(out)
+        for cell in cells:
+            on_cell(cell)
         return _write_one(out, cells, on_step, analysis)
-    return _write_large(out, files, on_step, analysis)
+    return _write_large(out, files, on_step, analysis, on_cell)
 
 
 def _write_one(
@@ -65,7 +67,7 @@ def _write_one(
     pictures: dict[str, str] = {}
     for done, frame in enumerate(used, start=1):
         path = frame_path(out, frame)
-        if path.exists():
+        if path.exists() and sha256_file(path) == frame:
             pictures[frame] = data_uri(path)
         on_step(done, len(used))
     target = make_folder(out) / PAGE
@@ -79,6 +81,7 @@ def _write_large(
     files: list[Path],
     on_step: Callable[[int, int], None],
     analysis: Sequence[Table],
+    on_cell: Callable[[CellData], None],
 ) -> Path:
     """Details of one cell after the other, so that memory holds one cell's pictures of words."""
     audits = audit_pages(out, (load_facts(file) for file in files))
@@ -87,6 +90,7 @@ def _write_large(
 
     def write(cell: CellData) -> None:
         details.write(cell)
+        on_cell(cell)
         on_step(next(done), len(files))
 
     cells = in_order(load_lightly(files, write))
@@ -104,9 +108,7 @@ def audit_pages(out: Path, cells: Iterable[CellFacts]) -> dict[str, str]:
     """
     found = {}
     named = dict.fromkeys(cell.admission.audit_sha256 for cell in cells)
-    there = {
-        sha256_file(file): file.with_name(AUDIT_PAGE) for file in sorted(out.glob(AUDIT_PATTERN))
-    }
+    there = {digest: file.with_name(AUDIT_PAGE) for digest, file in kept_audits(out).items()}
     for digest in named:
         if digest is not None and digest in there and there[digest].is_file():
             found[digest] = there[digest].relative_to(out).as_posix()

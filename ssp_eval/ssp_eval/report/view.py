@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from ssp_core.hashing import sha256_file
 from ssp_eval.analysis.curvature import Curve, curves
 from ssp_eval.analysis.failure_table import STAGE_NAMES
 from ssp_eval.evaluate.cell_file import frame_path
@@ -69,7 +70,8 @@ class RecordView:
         candidate: it counts for the risk response.
         overlay: SVG over the picture.
         plan: SVG of the plan.
-        picture: path of that newest frame in the campaign folder, empty where it wasn't kept.
+        picture: path of that newest frame in the campaign folder, empty where it wasn't kept
+            or is another one.
         walk: from the score back to K*.
         curve: how much of the recorded lateral shift follows from the road's curve, in words.
         curve_reads: the lateral action that the curve alone would be taken for, empty where that
@@ -201,8 +203,11 @@ def _request(requests: Sequence[dict[str, Any]], label_t_s: float) -> dict[str, 
 
 def _picture(cell: CellData, frames: Sequence[dict[str, Any]]) -> str:
     out = cell.folder.parents[1]
-    path = frame_path(out, frames[-1]["sha256"]) if frames else None
-    return path.relative_to(out).as_posix() if path is not None and path.is_file() else ""
+    if not frames:
+        return ""
+    path = frame_path(out, frames[-1]["sha256"])
+    is_it = path.is_file() and sha256_file(path) == frames[-1]["sha256"]
+    return path.relative_to(out).as_posix() if is_it else ""
 
 
 def _missing(request: Mapping[str, Any]) -> str:

@@ -8,6 +8,7 @@ import click
 from rich.table import Table
 
 from ssp_core import console
+from ssp_core.errors import InputError
 from ssp_core.files import write_text
 from ssp_core.options import Number
 from ssp_core.shortlist_file import Limits, Listed, Shortlist
@@ -61,6 +62,12 @@ def shortlist_command(
     limits = Limits(no_response=no_response, turned=turned, width=width, most=most)
     first = load_cells(syn_campaign)
     second = first if sim_campaign == syn_campaign else load_cells(sim_campaign)
+    for cell in (*first, *second):
+        if cell.changed:
+            raise InputError(
+                cell.changed, file=cell.folder,
+                remedy="give `ssp evaluate` its command again; what is stored isn't asked again",
+            )  # fmt: skip
     found = shortlist(first, second, limits, resamples)
     text = found.model_dump_json(by_alias=True, indent=1) + "\n"
     if out is not None:

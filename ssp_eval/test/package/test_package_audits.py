@@ -14,6 +14,7 @@ from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_core.files import write_json
 from ssp_core.hashing import sha256_bytes
+from ssp_eval.evaluate.cell_file import sealed as sealed_cell
 from ssp_eval.package.make import make_package
 from ssp_eval.package.model import Package, load_table, object_path, sealed, table_bytes
 from ssp_eval.package.verify import Finding, verify_package
@@ -34,7 +35,8 @@ def replace(package: Path, path: str, change: Callable[[Value], object]) -> None
         if entry["role"] == "cell":
             text = object_path(package, entry["sha256"]).read_text()
             if old in text:
-                mended = text.replace(old, renamed[old]).encode()
+                value = sealed_cell(json.loads(text.replace(old, renamed[old])))
+                mended = json.dumps(value).encode()
                 renamed[entry["sha256"]] = _store(package, mended)
     for entry in table["files"]:
         if entry["sha256"] in renamed and (entry["role"] == "cell" or entry["path"] == path):

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 from ssp_core.cli import main
 from ssp_core.hashing import sha256_file
+from ssp_eval.evaluate.cell_file import sealed as sealed_cell
 from ssp_eval.package.model import (
     Package,
     load_table,
@@ -228,7 +229,7 @@ def test_a_forged_score_is_caught_even_where_its_cell_was_mended(package: Path) 
     def mend(data: bytes) -> bytes:
         value = json.loads(data)
         value["hashes"]["score"] = digest
-        return json.dumps(value).encode()
+        return json.dumps(sealed_cell(value)).encode()
 
     replace_content(package, f"{CELL}/cell.json", mend)
     texts = [f.text for f in verify_package(package).findings if f.kind == "link"]
@@ -236,13 +237,14 @@ def test_a_forged_score_is_caught_even_where_its_cell_was_mended(package: Path) 
 
 
 def test_a_forged_admission_is_caught(package: Path) -> None:
-    def mend(data: bytes) -> bytes:
+    def forge(data: bytes, seal: Callable[[dict[str, Any]], dict[str, Any]]) -> bytes:
         value = json.loads(data)
-        assert value["admission"]["status"] == "admitted"
         value["admission"]["status"] = "unpaired"
-        return json.dumps(value).encode()
+        return json.dumps(seal(value)).encode()
 
-    replace_content(package, f"{CELL}/cell.json", mend)
+    replace_content(package, f"{CELL}/cell.json", lambda data: forge(data, dict))
+    assert any("hashes.cell: isn't the hash" in f.text for f in verify_package(package).findings)
+    replace_content(package, f"{CELL}/cell.json", lambda data: forge(data, sealed_cell))
     (finding,) = verify_package(package).findings
     assert finding.file == f"{CELL}/cell.json"
     assert (

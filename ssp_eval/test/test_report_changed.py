@@ -1,0 +1,192 @@
+"""What was changed since it was evaluated is refused by name, and the report goes on."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ssp_core.cli import main
+from ssp_core.errors import InputError
+from ssp_core.files import write_json
+from ssp_eval.evaluate.admission import kept_audits, load_admissions
+from ssp_eval.evaluate.asker import DirectAskers
+from ssp_eval.evaluate.campaign import run_campaign
+from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.models import bridge_spec
+from ssp_eval.report.load import load_cells
+from ssp_eval.report.page import write_report
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from evaluation_files import audit_file, resealed
+
+Value = dict[str, Any]
+MODELS = ("constant_velocity", "opencv_baseline")
+CELL = f"cut_in__simulation__{MODELS[0]}"
+OTHER = f"cut_in__simulation__{MODELS[1]}"
+
+
+def evaluated(bag: Path, out: Path, audit: Path) -> None:
+    run_campaign(
+        [(bag, None)], [bridge_spec(name) for name in MODELS], DirectAskers(), out, CellOptions(),
+        True, load_admissions([audit]),
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory, bag_writer: Callable[..., Path]) -> Path:
+    """A bag, its audit, and a campaign of two models in which it is admitted."""
+    root = tmp_path_factory.mktemp("changed")
+    bag = bag_writer(root / "bag")
+    evaluated(bag, root / "out", audit_file(root / "audit.json", "admitted", bag))
+    return root
+
+
+@pytest.fixture
+def campaign(made: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(made / "out", tmp_path / "out"))
+
+
+def edit(file: Path, change: Callable[[Value], object]) -> None:
+    value = json.loads(file.read_text())
+    change(value)
+    write_json(file, value)
+
+
+def replaced(file: Path, old: str, new: str) -> None:
+    text = file.read_text()
+    assert old in text
+    file.write_text(text.replace(old, new))
+
+
+Change = Callable[[Path], object]
+CHANGES: list[tuple[str, Change, str]] = [
+    ("records", lambda c: replaced(c / "records.jsonl", "maintain", "decelerate"),
+     "records.jsonl was changed since the cell was evaluated"),
+    ("score", lambda c: edit(c / "score.json", lambda v: v.update(ivcs=1.0)),
+     "score.json was changed since"),
+    ("raw", lambda c: replaced(c / "raw.jsonl", "latency_s", "latency_s "),
+     "raw.jsonl was changed since"),
+    ("requests", lambda c: (c / "requests.jsonl").unlink(), "requests.jsonl came or went since"),
+    ("labels", lambda c: replaced(c / "labels.json", "cutting_in", "crossing"),
+     "labels.json was changed since"),
+    ("status", lambda c: edit(c / "cell.json", lambda v: v.update(stand_in=True)),
+     "cell.json was changed since it was written"),
+    ("unsealed", lambda c: edit(c / "cell.json", lambda v: v["hashes"].pop("cell")),
+     "cell.json was changed since it was written"),
+    ("hash", lambda c: edit(c / "cell.json", lambda v: v["hashes"].update(score="sha256:0")),
+     "cell.json was changed since it was written"),
+    ("copied", lambda c: replaced(c / "cell.json", MODELS[0], "mine") or resealed(c),
+     "it is the cell cut_in__simulation__mine, and lies in another one's folder"),
+    ("no audit", lambda c: resealed(c, lambda v: v["admission"].update(audit_sha256=None)),
+     "it says admitted and names no audit"),
+    ("audit gone", lambda c: shutil.rmtree(c.parents[1] / "audits"), "isn't in audits/"),
+    ("other bag", lambda c: resealed(c, lambda v: v["hashes"].update(bag="sha256:0")),
+     "it is not known of"),
+    ("refused", lambda c: resealed(c, lambda v: v["admission"].update(status="refused")),
+     "it is scored though the audit refused its recording"),
+    ("unpaired", lambda c: resealed(c, lambda v: v["admission"].update(status="unpaired")),
+     "it says unpaired of event version"),
+    ("version", lambda c: resealed(c, lambda v: v.update(event_version="sha256:0")),
+     "it says admitted of event version sha256:0, and by"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("change", "why"), [c[1:] for c in CHANGES], ids=[c[0] for c in CHANGES])
+def test_a_cell_that_was_changed_is_refused_by_name(
+    change: Change, why: str, campaign: Path
+) -> None:
+    change(campaign / "cells" / CELL)
+    cells = {cell.id: cell for cell in load_cells(campaign)}
+    assert (cells[CELL].score, cells[CELL].facts.status) == (None, "refused")
+    assert why in cells[CELL].changed
+    assert cells[CELL].facts.reasons == [cells[CELL].changed]
+    assert (cells[OTHER].score is None) == ("audits" in why)
+
+
+def test_a_report_goes_on_without_it_and_says_so_in_page_tables_and_exit_status(
+    campaign: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["report", str(campaign), "--tables", str(campaign / "tables"), "--format", "csv"]
+    assert main([*arguments, "--resamples", "100"]) == 0
+    edit(campaign / "cells" / CELL / "score.json", lambda v: v.update(ivcs=1.0))
+    capfd.readouterr()
+    assert main([*arguments, "--resamples", "100"]) == 1
+    why = "score.json was changed since the cell was evaluated"
+    assert f"{campaign / 'cells' / CELL}: refused: {why}" in capfd.readouterr().err
+    page = (campaign / "index.html").read_text()
+    assert why in page
+    for table in (campaign / "tables").glob("by_*.csv"):
+        assert MODELS[0] not in table.read_text()
+    # So does the page of a large campaign.
+    assert why in write_report(campaign, most=0).read_text()
+    assert main(["shortlist", str(campaign), str(campaign)]) == 1
+    assert why in capfd.readouterr().err
+
+
+def test_a_picture_that_is_another_one_is_not_shown(campaign: Path) -> None:
+    before = write_report(campaign).read_text().count("data:image/jpeg")
+    frames = sorted((campaign / "frames").iterdir())
+    frames[0].write_bytes(frames[1].read_bytes())
+    assert write_report(campaign).read_text().count("data:image/jpeg") == before - 1
+
+
+@pytest.mark.parametrize("name", ["raw.jsonl", "earlier.jsonl"])
+def test_changed_answers_are_not_gone_on_with(name: str, made: Path, campaign: Path) -> None:
+    bag, audit = made / "bag", made / "audit.json"
+    if name == "earlier.jsonl":
+        # Answers to a label that is asked no more.
+        file = made / "bag.labels.json"
+        before = file.read_text()
+        edit(file, lambda v: v["labels"].pop(0))
+        evaluated(bag, campaign, audit)
+        file.write_text(before)
+    file = campaign / "cells" / CELL / name
+    replaced(file, "constant_velocity", "constant_velocitx")
+    with pytest.raises(InputError, match="was changed since the cell was evaluated") as caught:
+        evaluated(bag, campaign, audit)
+    assert caught.value.file == str(file)
+    shutil.rmtree(file.parent)
+    evaluated(bag, campaign, audit)
+    assert [cell.changed for cell in load_cells(campaign)] == ["", ""]
+
+
+def test_an_interrupted_run_leaves_no_cell_json_and_is_gone_on_with(
+    made: Path, campaign: Path
+) -> None:
+    """Else it would name another raw.jsonl than the one that is half written."""
+
+    class Interrupted(DirectAskers):
+        def asker(self, *given: Any) -> Any:
+            found = super().asker(*given)
+            answers = iter(range(3))
+
+            class Asking:
+                ignored = found.ignored
+
+                def ask(self, request: Any) -> Any:
+                    if next(answers, None) is None:
+                        raise KeyboardInterrupt
+                    return found.ask(request)
+
+            return Asking()
+
+    bag, models = made / "bag", [bridge_spec(MODELS[0])]
+    fresh = CellOptions(fresh=True)
+    with pytest.raises(KeyboardInterrupt):
+        run_campaign([(bag, None)], models, Interrupted(), campaign, fresh, True)
+    assert not (campaign / "cells" / CELL / "cell.json").exists()
+    evaluated(bag, campaign, made / "audit.json")
+    assert [cell.changed for cell in load_cells(campaign)] == ["", ""]
+
+
+def test_the_audit_that_cells_go_by_is_kept_once(made: Path) -> None:
+    evaluated(made / "bag", made / "out", made / "audit.json")
+    (kept,) = kept_audits(made / "out").values()
+    assert kept.read_bytes() == (made / "audit.json").read_bytes()
