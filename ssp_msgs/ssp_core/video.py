@@ -1,11 +1,18 @@
-"""Decodes a video file frame by frame, with the times that stand in the file."""
+"""Decodes a video file frame by frame, with the times that stand in the file.
+
+OpenCV decodes the frames, and says nothing of what its decoder patches up or of a header that
+contradicts its frames. So `sound_video` decodes the file once more with PyAV, which does.
+"""
 
 from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator
+import statistics
+import struct
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,6 +21,7 @@ from typing import NamedTuple
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")
 
+import av
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +30,15 @@ from ssp_core.closing import Closing
 from ssp_core.errors import InputError
 
 MAX_FPS = 1000.0
+# Two statements of a file about its rate or its length may differ by this share, and lengths by as
+# many frames.
+_SLACK, _SLACK_FRAMES = 0.02, 3
+# A step this many times the median one, or this small a part of it, is no frame that was dropped.
+_STEP = 10.0
+# A box of that size describes more frames than anybody imports.
+_MOST_MOOV = 1 << 28
+# Errors that a decoder would otherwise patch up.
+_STRICT = {"err_detect": "crccheck+bitstream+buffer+explode"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,3 +127,214 @@ class Video(Closing):
 
     def close(self) -> None:
         self._capture.release()
+
+
+@dataclass(frozen=True, slots=True)
+class Soundness:
+    """What strict decoding found: frames, and errors of packets or frames among them."""
+
+    frames: int
+    damaged: int
+
+
+def sound_video(path: Path, end_s: float | None = None) -> Soundness:
+    """Decodes a video strictly, counts the decoder's errors and checks its time axis.
+
+    Args:
+        path: the file.
+        end_s: frames after this time aren't looked at, None: all are.
+
+    Raises:
+        InputError: it can't be decoded at all, or its time axis can't be: times that don't rise or
+            leap, or a rate or length that its frames or another part of its header contradict.
+    """
+    damaged, times_s, is_whole = 0, list[float](), True
+    try:
+        with av.open(str(path)) as container:
+            stream = container.streams.video[0]
+            if not stream.codec_context:  # of a codec that nobody knows
+                raise ValueError("its codec isn't known")
+            stream.codec_context.thread_count = 1
+            stream.codec_context.options = _STRICT
+            rate, scale = float(stream.average_rate or 0), stream.time_base
+            if not (scale and scale > 0 and 0.0 < rate <= MAX_FPS):
+                raise _no_axis(path, f"it says {rate:g} frames per second in units of {scale} s")
+            for packet in container.demux(stream):
+                damaged += packet.is_corrupt
+                try:
+                    for frame in packet.decode():
+                        damaged += frame.is_corrupt
+                        if frame.time is None:
+                            raise _no_axis(path, f"frame {len(times_s)} has no time")
+                        times_s.append(frame.time)
+                except av.error.FFmpegError:
+                    damaged += 1
+                if end_s is not None and times_s and times_s[-1] > end_s:
+                    is_whole = False
+                    break
+            lengths_s = [
+                float(one.duration * one.time_base)
+                for one in container.streams
+                if one.duration is not None and one.time_base
+            ]
+            length_s = None if container.duration is None else container.duration / 1e6
+            own_s = length_s if len(container.streams) == 1 else None
+            if stream.duration is not None:
+                own_s = float(stream.duration * scale)
+    except (av.error.FFmpegError, IndexError, ValueError, OverflowError) as error:
+        raise InputError(
+            f"is no video that can be decoded: {error}", file=path,
+            remedy="common formats such as MP4 (H.264) or AVI will do",
+        ) from error  # fmt: skip
+    slack_s = (_SLACK_FRAMES + damaged) / rate
+    if not times_s:
+        raise InputError("has no frame that can be decoded", file=path)
+    if is_whole and 2 * (len(times_s) + damaged) < stream.frames:
+        raise _no_axis(path, f"of {stream.frames} frames it shows {len(times_s)}")
+    if why := _against_times(times_s, rate, slack_s):
+        raise _no_axis(path, why)
+    shown_s = times_s[-1] - times_s[0] + 1.0 / rate
+    for what, found_s, told_s in (
+        ("its frames", shown_s if is_whole else None, own_s),
+        ("its streams", max(lengths_s, default=None), length_s),
+    ):
+        if found_s is None or told_s is None:
+            continue
+        if abs(found_s - told_s) > max(slack_s, _SLACK * max(found_s, told_s)):
+            raise _no_axis(path, f"it says {told_s:.3f} s, and {what} last {found_s:.3f} s")
+    told = _avi_rate(path)
+    if told is not None and abs(told / rate - 1.0) > _SLACK:
+        raise _no_axis(path, f"it says {told:g} and {rate:g} frames per second")
+    if why := _against_moov(path, slack_s):
+        raise _no_axis(path, why)
+    return Soundness(len(times_s), damaged)
+
+
+def _against_times(times_s: Sequence[float], rate: float, slack_s: float) -> str:
+    """What of the frames' times can't be; empty: nothing."""
+    steps_s = [b - a for a, b in pairwise(times_s)]
+    if not steps_s:
+        return ""
+    least_s, median_s, most_s = min(steps_s), statistics.median(steps_s), max(steps_s)
+    if least_s <= 0.0:
+        number = steps_s.index(least_s) + 1
+        return f"frame {number} is not later than the one before it ({times_s[number]:.6f} s)"
+    if most_s > max(_STEP * median_s, slack_s) or least_s < median_s / _STEP:
+        return f"its frames are {least_s:.6f} to {most_s:.6f} s apart"
+    span_s = times_s[-1] - times_s[0]
+    if abs(span_s - len(steps_s) / rate) > max(slack_s, _SLACK * span_s):
+        return f"it says {rate:g} frames per second, its frames come at {len(steps_s) / span_s:g}"
+    return ""
+
+
+def _avi_rate(path: Path) -> float | None:
+    """Frames per second of an AVI's main header, which FFmpeg doesn't read; None: it has none."""
+    with open(path, "rb") as stream:
+        head = stream.read(4096)
+    at = head.find(b"avih")
+    if head[:4] != b"RIFF" or not 0 < at <= len(head) - 12:
+        return None
+    period_us = int(struct.unpack_from("<I", head, at + 8)[0])
+    return 1e6 / period_us if period_us else None
+
+
+def _boxes(data: bytes) -> dict[bytes, list[bytes]]:
+    """The boxes of an MP4 or of one of its boxes by name; what is cut off isn't among them."""
+    found: dict[bytes, list[bytes]] = {}
+    at = 0
+    while at + 8 <= len(data):
+        size, name = struct.unpack_from(">I4s", data, at)
+        if size < 8 or at + size > len(data):
+            break
+        found.setdefault(name, []).append(data[at + 8 : at + size])
+        at += size
+    return found
+
+
+def _moov(path: Path) -> bytes:
+    """The box of an MP4 that describes its tracks; empty where there is none."""
+    with open(path, "rb") as stream:
+        while len(head := stream.read(16)) >= 8:
+            size, name = struct.unpack_from(">I4s", head)
+            if size == 1 and len(head) == 16:
+                size = struct.unpack_from(">Q", head, 8)[0]
+            if size < 8 or (name == b"moov" and size > _MOST_MOOV):
+                break
+            if name == b"moov":
+                return (head[8:] + stream.read(size - 16))[: size - 8]
+            stream.seek(size - len(head), os.SEEK_CUR)
+    return b""
+
+
+def _against_moov(path: Path, slack_s: float) -> str:
+    """Where an MP4 states its lengths in units that contradict each other; empty: nowhere.
+
+    FFmpeg works with some of them and lets the others be.
+    """
+
+    def length_s(box: bytes) -> float | None:
+        """Of mvhd or mdhd; None: it doesn't say."""
+        scale, length = struct.unpack_from(*((">IQ", box, 20) if box[0] else (">II", box, 12)))
+        if scale == 0:
+            raise ZeroDivisionError
+        return length / scale if 0 < length < 2**32 - 1 else None
+
+    def agree(a_s: float | None, b_s: float | None) -> bool:
+        return a_s is None or b_s is None or abs(a_s - b_s) <= max(slack_s, _SLACK * max(a_s, b_s))
+
+    try:
+        movie = _boxes(_moov(path))
+        if b"mvhd" not in movie or b"mvex" in movie:
+            return ""
+        (head,) = movie[b"mvhd"]
+        whole_s, scale = length_s(head), struct.unpack_from(">I", head, 20 if head[0] else 12)[0]
+        tracks_s = []
+        for track in map(_boxes, movie[b"trak"]):
+            media = _boxes(track[b"mdia"][0])
+            (shown,), (media_head,) = track[b"tkhd"], media[b"mdhd"]
+            form, at = (">Q", 28) if shown[0] else (">I", 20)
+            tracks_s.append(struct.unpack_from(form, shown, at)[0] / scale)
+            if media[b"hdlr"][0][8:12] != b"vide":
+                continue
+            media_s = length_s(media_head)
+            steps = _boxes(_boxes(media[b"minf"][0])[b"stbl"][0])[b"stts"][0]
+            units = sum(a * b for a, b in struct.iter_unpack(">II", steps[8:]))
+            of_frames_s = (
+                units / struct.unpack_from(">I", media_head, 20 if media_head[0] else 12)[0]
+            )
+            if not agree(media_s, of_frames_s):
+                return f"its header says {media_s:.3f} s, and its frames last {of_frames_s:.3f} s"
+            if b"edts" not in track and not agree(media_s, tracks_s[-1]):
+                return f"its track says {tracks_s[-1]:.3f} s, and its frames last {media_s:.3f} s"
+            for one in track.get(b"edts", []):
+                edits = _boxes(one)[b"elst"][0]
+                if why := _against_edits(edits, scale, of_frames_s, units, slack_s):
+                    return why
+        if not agree(whole_s, max(tracks_s)):
+            return f"it says {whole_s:.3f} s, and its tracks {max(tracks_s):.3f} s"
+    except ZeroDivisionError:
+        return "it has a time scale of 0"
+    except (struct.error, KeyError, IndexError, ValueError):
+        return "its header can't be read"
+    return ""
+
+
+def _against_edits(edits: bytes, scale: int, media_s: float, units: int, slack_s: float) -> str:
+    """Whether an MP4's edit list shows more than there is, or, where it shows all, less."""
+    form = ">QqI" if edits[0] else ">IiI"
+    shown = [
+        (a / scale, start) for a, start, _ in struct.iter_unpack(form, edits[8:]) if start >= 0
+    ]
+    total_s = sum(length_s for length_s, _ in shown)
+    slack_s = max(slack_s, _SLACK * media_s)
+    is_all = len(shown) == 1 and shown[0][1] * media_s <= slack_s * units
+    if total_s > media_s + slack_s or (is_all and total_s < media_s - slack_s):
+        return f"its edit list shows {total_s:.3f} s of {media_s:.3f} s"
+    return ""
+
+
+def _no_axis(path: Path, why: str) -> InputError:
+    return InputError(
+        f"has a time axis that can't be: {why}", file=path,
+        remedy="get the file again from its source, or re-encode it with a constant frame rate",
+    )  # fmt: skip

@@ -20,7 +20,7 @@ from ssp_core.geometry import FloatArray
 from ssp_core.hashing import sha256_file
 from ssp_core.names import VUT_ID
 from ssp_core.state import DEFAULT_SIZES, ObjectState
-from ssp_core.video import Video
+from ssp_core.video import Video, sound_video
 from ssp_core.vocab import ObjectClass, Role
 from ssp_eval.imports import messages
 from ssp_eval.imports.declare import NOTHING, Declared
@@ -109,6 +109,7 @@ class VideoOptions:
         lens: geometry of the camera.
         declared: what persons say.
         table: of states, None: there is none.
+        most_damaged: at most so many errors of the decoder are accepted.
     """
 
     video: Path
@@ -121,6 +122,7 @@ class VideoOptions:
     lens: LensOptions = LensOptions()
     declared: Declared = NOTHING
     table: TableOptions | None = None
+    most_damaged: int = 0
 
 
 @dataclass(frozen=True)
@@ -148,10 +150,25 @@ def import_clip(
     check_free(options.out)
     with Video(options.video) as video:
         step = _keep_every(video, options)
+        damaged = _damaged(options)
         table = None if options.table is None else read_table(options.table.file)
         return make_bag(
-            options.out, lambda writer: _write(writer, video, options, table, step, advance)
+            options.out,
+            lambda writer: _write(writer, video, options, table, step, damaged, advance),
         )
+
+
+def _damaged(options: VideoOptions) -> int:
+    """Errors of the decoder in the part that is imported."""
+    found = sound_video(options.video, options.end_s)
+    if found.damaged > options.most_damaged:
+        raise InputError(
+            f"is damaged: the decoder reports {found.damaged} errors beside {found.frames} frames",
+            file=options.video, field="--accept-damaged", value=options.most_damaged,
+            remedy=f"get the file again from its source; --accept-damaged {found.damaged} takes it "
+            "as it is, and the bag says so",
+        )  # fmt: skip
+    return found.damaged
 
 
 def _keep_every(video: Video, options: VideoOptions) -> int:
@@ -180,6 +197,7 @@ def _write(
     options: VideoOptions,
     table: Table | None,
     step: int,
+    damaged: int,
     advance: Callable[[int], None],
 ) -> ImportSummary:
     info = video.info
@@ -214,6 +232,8 @@ def _write(
         write_states(writer, {VUT_ID: _declared_states(options.ego_speed_mps, stamp_ns)})
     road = None if measured is None else measured.road
     record = _record(options, video, camera, (start_s, end_s), measured)
+    if damaged:
+        record.source["decoder_errors"] = damaged
     attach_record(writer, record, options.declared, road)
     return ImportSummary(
         options.out, count, step, info.fps / step, ns_to_seconds(stamp_ns), width_px, height_px,

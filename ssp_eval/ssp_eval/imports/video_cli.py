@@ -59,6 +59,15 @@ from ssp_eval.imports.video import LensOptions, TableOptions, VideoOptions, impo
 @click.option("--camera-assumed", is_flag=True, help="The camera's values are a guess.")
 @declaring("synthetic")
 @click.option("--max-width", type=click.IntRange(64, 8192), help="Scale wider frames down to PX.")
+@click.option(
+    "--accept-damaged",
+    "most_damaged",
+    type=click.IntRange(0),
+    default=0,
+    show_default=True,
+    metavar="N",
+    help="Errors of the decoder that are accepted; the bag says how many there were.",
+)
 @click.option("--json", "json_", is_flag=True, help="Print JSON for programs.")
 def import_video(
     video: Path,
@@ -83,6 +92,7 @@ def import_video(
     camera_pitch_deg: float | None,
     camera_assumed: bool,
     max_width: int | None,
+    most_damaged: int,
     json_: bool,
     **said: Any,
 ) -> None:
@@ -117,6 +127,7 @@ def import_video(
         lens=_lens(hfov_deg, camera_height, camera_forward, camera_pitch_deg, camera_assumed),
         declared=declared(**said),
         table=table,
+        most_damaged=most_damaged,
     )
     with progress("importing", None) as bar:
         task = bar.task_ids[0]
@@ -151,6 +162,8 @@ def finish(summary: ImportSummary, who: str, json_: bool) -> None:
         return
     if summary.keep_every > 1:
         note(f"kept one frame in {summary.keep_every}: {summary.rate_hz:g} Hz")
+    if damaged := summary.record.source.get("decoder_errors"):
+        note(f"the decoder reported {damaged} errors: pictures may be damaged")
     states = summary.record.states
     for line in [] if states is None else states.notes:
         note(line)

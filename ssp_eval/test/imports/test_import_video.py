@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+import random
+import re
+import struct
 from pathlib import Path
 
 import cv2
@@ -294,3 +297,85 @@ def test_narrow_frames_keep_their_size() -> None:
     assert output_size(640, 360, None) == (640, 360)
     assert output_size(640, 360, 640) == (640, 360)
     assert output_size(640, 360, 320) == (320, 180)
+
+
+def moving(path: Path, fourcc: str) -> Path:
+    """Three seconds of a block that moves over a picture, 25 frames per second."""
+    ground = np.random.default_rng(0).integers(0, 255, (120, 260, 3), dtype=np.uint8)
+    ground = np.asarray(cv2.GaussianBlur(ground, (9, 9), 0), dtype=np.uint8)
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*fourcc), 25.0, (160, 120))
+    for k in range(75):
+        picture = ground[:, k : k + 160].copy()
+        picture[40:80, 20 + k : 50 + k] = (0, 0, 255)
+        writer.write(picture)
+    writer.release()
+    return path
+
+
+def flipped(data: bytes, seed: int) -> bytes:
+    """Twenty bits of the frames are turned over."""
+    found, rng = bytearray(data), random.Random(seed)
+    first = max(data.find(b"mdat"), data.find(b"movi")) + 8
+    last = max(data.find(b"moov"), data.find(b"idx1"))
+    for _ in range(20):
+        found[rng.randrange(first, last)] ^= 1 << rng.randrange(8)
+    return bytes(found)
+
+
+@pytest.mark.parametrize(("name", "fourcc"), [("clip.mp4", "mp4v"), ("clip.avi", "MJPG")])
+def test_errors_of_the_decoder_are_counted_and_refused_unless_they_are_accepted(
+    name: str, fourcc: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    whole = moving(tmp_path / name, fourcc)
+    assert run(whole, "--ego-unknown", "--out", tmp_path / "whole") == 0
+    data = whole.read_bytes()
+    for seed in range(6):
+        whole.write_bytes(flipped(data, seed))
+        out = tmp_path / f"bag_{seed}"
+        capfd.readouterr()
+        assert run(whole, "--ego-unknown", "--out", out) == 1
+        error = " ".join(capfd.readouterr().err.split())
+        told = re.search(r"the decoder reports (\d+) errors beside \d+ frames", error)
+        assert told, error
+        assert not out.exists()
+        accepted = ("--accept-damaged", told[1])
+        assert run(whole, "--ego-unknown", "--out", out, *accepted) == 0
+        assert f"the decoder reported {told[1]} errors" in capfd.readouterr().err
+        with BagReader(out) as reader:
+            record = json.loads(reader.attachment("import.json") or b"")
+        assert record["source"]["decoder_errors"] == int(told[1])
+
+
+def patched(path: Path, box: bytes, at: int, value: int, form: str = ">I") -> None:
+    data = bytearray(path.read_bytes())
+    struct.pack_into(form, data, data.index(box) + at, value)
+    path.write_bytes(data)
+
+
+@pytest.mark.parametrize(
+    ("box", "at", "value"),
+    [
+        # Units per second of the track and of the movie, and units from frame to frame.
+        (b"mdhd", 16, 0), (b"mdhd", 16, 25600), (b"mdhd", 16, 12800 ^ 1 << 10),
+        (b"mvhd", 16, 0), (b"mvhd", 16, 2000), (b"stts", 16, 0), (b"stts", 16, 1024),
+        (b"mdhd", 20, 2**31), (b"mvhd", 20, 1),
+    ],
+)  # fmt: skip
+def test_a_time_axis_that_cannot_be_is_refused(
+    box: bytes, at: int, value: int, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    video = moving(tmp_path / "clip.mp4", "mp4v")
+    patched(video, box, at, value)
+    assert run(video, "--ego-unknown", "--out", tmp_path / "bag") == 1
+    assert "time axis that can't be" in " ".join(capfd.readouterr().err.split())
+    assert not (tmp_path / "bag").exists()
+
+
+@pytest.mark.parametrize(("box", "at", "value"), [(b"avih", 8, 80_000), (b"strh", 32, 50)])
+def test_an_avi_of_two_rates_is_refused(
+    box: bytes, at: int, value: int, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    video = moving(tmp_path / "clip.avi", "MJPG")
+    patched(video, box, at, value, "<I")
+    assert run(video, "--ego-unknown", "--out", tmp_path / "bag") == 1
+    assert "time axis that can't be" in " ".join(capfd.readouterr().err.split())
