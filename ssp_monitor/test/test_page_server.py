@@ -236,6 +236,65 @@ async def echo(stream: Any, mark: Any) -> None:
     await stream.send_str(f'{{"echo":{json.loads(mark.data)["n"]}}}')
 
 
+def sent(page: PageServer, data: str) -> bytes:
+    """What the page answers to half a request before it closes the connection."""
+    with socket.create_connection(("127.0.0.1", page.door.port), DEADLINE_S) as stream:
+        stream.sendall(data.replace("HOST", f"127.0.0.1:{page.door.port}").encode())
+        said = b""
+        while data_ := stream.recv(65536):
+            said += data_
+    return said
+
+
+POST = f"POST /api/command/abort HTTP/1.1\r\nHost: HOST\r\nAuthorization: Bearer {TOKEN}\r\n"
+
+
+@pytest.mark.parametrize(
+    ("half", "status"),
+    [
+        ("", b""), ("GE", b""), ("GET / HTTP/1.1\r\nHost: HO", b""),
+        (f"{POST}Content-Length: 100\r\n\r\nabc", b"408"),
+        (f"{POST}Transfer-Encoding: chunked\r\n\r\n5\r\nab", b"408"),
+    ],
+)  # fmt: skip
+def test_half_a_request_is_closed(
+    half: str, status: bytes, manager: Manager, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(server, "REQUEST_S", 0.3)
+    page = PageServer("127.0.0.1", 0, TOKEN, manager)
+    try:
+        assert sent(page, half)[9:12] == status
+        assert manager.asked == []
+        assert get(page)[0] == 200
+    finally:
+        page.close()
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        "nonsense\r\n\r\n", "\x16\x03\x01\x02\x00", "GET / HTTP/9.9\r\n\r\n",
+        "GET / HTTP/1.1\r\nHost HOST\r\n\r\n", f"GET /{'a' * 9000} HTTP/1.1\r\nHost: HOST\r\n\r\n",
+        "GET / HTTP/1.1\r\nHost: HOST\r\nX: " + "y" * 9000 + "\r\n\r\n",
+        f"{POST}Content-Length: -5\r\n\r\n",
+        f"{POST}Content-Length: 5\r\nContent-Length: 6\r\n\r\n",
+        f"{POST}Transfer-Encoding: chunked\r\n\r\nZZZ\r\n",
+        f"{POST}Content-Encoding: gzip\r\nContent-Length: 5\r\n\r\nabcde",
+    ],
+)  # fmt: skip
+def test_a_malformed_request_is_answered_and_leaves_no_traceback(
+    data: str,
+    page: PageServer,
+    manager: Manager,
+    caplog: pytest.LogCaptureFixture,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    assert sent(page, data + "\r\n")[9:10] == b"4"
+    assert (manager.asked, caplog.records) == ([], [])
+    assert get(page)[0] == 200
+    assert "Traceback" not in capfd.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("token", "may", "why"),
     [(TOKEN, True, ""), ("", False, "no token"), ("x", False, "wrong token")],

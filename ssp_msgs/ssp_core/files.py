@@ -92,7 +92,9 @@ def read_text(path: str | Path, most_bytes: int = MAX_TEXT_BYTES) -> str:
             nobody may ever write.
     """
     try:
-        if stat.S_ISFIFO(os.lstat(path).st_mode):
+        # A link to a named pipe is one, too; a shell's <(…) is a pipe that has no name.
+        named = os.path.realpath(path)
+        if os.path.lexists(named) and stat.S_ISFIFO(os.lstat(named).st_mode):
             raise InputError(
                 "is a named pipe, not a file", file=path, remedy="write its content to a file"
             )

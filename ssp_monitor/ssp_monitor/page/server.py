@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import errno
 import json
+import logging
 import socket as sockets
 import threading
 import time
@@ -14,6 +15,7 @@ from dataclasses import asdict
 from typing import Protocol
 
 from aiohttp import web
+from aiohttp.http_exceptions import HttpProcessingError
 
 from ssp_core import names
 from ssp_core.errors import HostError
@@ -30,7 +32,19 @@ ABORT_ANSWER_S = 1.0
 SEND_BUFFER_BYTES = 65536
 MOST_BODY_BYTES = 1024
 START_S = 10.0
+# What sends no whole request for so long is closed.
+REQUEST_S = 10.0
 _Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+
+
+def _is_ours(record: logging.LogRecord) -> bool:
+    """Whether it tells of more than what a stranger sent: he is answered, and nobody else cares."""
+    error = record.exc_info[1] if record.exc_info else None
+    return not isinstance(error, (HttpProcessingError, web.RequestPayloadError))
+
+
+_LOG = logging.getLogger("ssp.page")
+_LOG.addFilter(_is_ours)
 
 
 class Commands(Protocol):
@@ -114,7 +128,9 @@ class PageServer:
         app.router.add_get("/api/live", self._hub.serve)
         app.router.add_post("/api/command/{name}", self._command)
         app.router.add_get("/{name:.*}", self._asset)
-        runner = web.AppRunner(app, access_log=None, shutdown_timeout=1.0)
+        runner = web.AppRunner(
+            app, access_log=None, shutdown_timeout=1.0, logger=_LOG, keepalive_timeout=REQUEST_S
+        )
         await runner.setup()
         await web.SockSite(runner, self._listener).start()
         self._ready.set()
@@ -164,7 +180,12 @@ class PageServer:
             return _answer(404, Answer(False, f"there is no command {name[:20]}"))
         if not self._buckets.get(name, self._buckets[""]).take(now_ns):
             return _answer(429, Answer(False, "too many commands at once; wait a second"))
-        await request.read()  # bounded by client_max_size; what it says doesn't matter
+        try:  # bounded by client_max_size; what it says doesn't matter
+            await asyncio.wait_for(request.read(), REQUEST_S)
+        except TimeoutError:
+            return _closing(408, "the request did not end")
+        except (web.RequestPayloadError, HttpProcessingError):
+            return _closing(400, "the request's body can't be read")
         limit_s = ABORT_ANSWER_S if name == "abort" else ANSWER_S
         asked = self._commands.ask(name, f"operator page at {request.remote}")
         try:
@@ -177,6 +198,12 @@ class PageServer:
 
 def _answer(status: int, answer: Answer) -> web.Response:
     return web.json_response(asdict(answer), status=status)
+
+
+def _closing(status: int, text: str) -> web.Response:
+    answer = _answer(status, Answer(False, text))
+    answer.force_close()
+    return answer
 
 
 def _refusal(status: int, text: str) -> web.HTTPException:

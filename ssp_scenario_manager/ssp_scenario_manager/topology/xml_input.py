@@ -140,6 +140,8 @@ class _Chunks:
 def _events(path: Path, events: tuple[str, ...]) -> Iterator[tuple[str, Element]]:
     try:
         size = path.stat().st_size
+        if not path.is_file():
+            raise InputError("is no file", file=path, remedy="give a map's file")
         if size > MAX_MAP_BYTES:
             raise InputError(
                 f"has {size >> 20} MiB", file=path, remedy=f"at most {MAX_MAP_BYTES >> 20} MiB"
