@@ -82,13 +82,13 @@ def test_steps_wait_for_what_they_need_and_share_the_host(tmp_path: Path, logs: 
 def test_a_step_that_fails_ends_the_others_and_shows_its_last_lines(logs: Path) -> None:
     steps = [
         script("bad", "print('the reason'); raise SystemExit(3)"),
-        script("long", "import time; time.sleep(60)"),
+        script("long", "import time; time.sleep(600)"),
         script("never", "raise SystemExit('ran')", "bad"),
     ]
     began = time.monotonic()
     with pytest.raises(PeerError, match=r"do bad: failed with status 3\n(.*\n)*the reason"):
         follow(steps, logs, nothing, nothing)
-    assert time.monotonic() - began < 20
+    assert time.monotonic() - began < 300  # of the 600 s that the other would take
     assert not (logs / "never.log").exists()
 
 
@@ -116,7 +116,7 @@ def test_an_interrupt_lets_every_step_end_in_order(
     ]
 
     def interrupt() -> None:
-        deadline = time.monotonic() + 20
+        deadline = time.monotonic() + 120
         while time.monotonic() < deadline and not all(Path(r).exists() for _, r in paths.values()):
             time.sleep(0.02)
         os.kill(os.getpid(), number)

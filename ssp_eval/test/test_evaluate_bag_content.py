@@ -25,7 +25,7 @@ from ssp_eval.recordings.provenance import content_sha256
 from ssp_vla_bridge.core.request import Request
 
 BagMaker = Callable[..., Path]
-DEADLINE_S = 30.0
+DEADLINE_S = 120.0
 MODELS = [bridge_spec("constant_velocity")]
 
 

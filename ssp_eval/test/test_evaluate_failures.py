@@ -59,7 +59,7 @@ def run_attached(bag: Path, folder: Path, script: tuple[str, ...], *options: str
                 "--no-controls", *options,
             ]  # fmt: skip
             run = subprocess.run(
-                command, env=environment, capture_output=True, text=True, timeout=120, check=False
+                command, env=environment, capture_output=True, text=True, timeout=600, check=False
             )
             assert bridge.returncode is None, bridge.log_tail()
     assert run.returncode == 0, run.stderr

@@ -182,7 +182,7 @@ def test_the_time_to_start_is_an_option(make_bag: BagMaker, tmp_path: Path) -> N
                 str(tmp_path / "out"), "--no-controls",
             ],
             env=session_environment(domain_id, PROFILE), capture_output=True, text=True,
-            timeout=60, check=False,
+            timeout=600, check=False,
         )  # fmt: skip
     assert run.returncode == 1
     line = json.loads(run.stdout)

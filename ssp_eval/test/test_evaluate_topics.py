@@ -142,7 +142,7 @@ def test_an_attached_bridge_outlives_its_evaluations(make_bag: BagMaker, tmp_pat
                 out = tmp_path / f"out{attempt}"
                 run = subprocess.run(
                     [*command, "--attach", "mine", "--out", str(out), "--json"],
-                    env=environment, capture_output=True, text=True, timeout=60, check=False,
+                    env=environment, capture_output=True, text=True, timeout=600, check=False,
                 )  # fmt: skip
                 assert run.returncode == 0, run.stderr
                 lines = [json.loads(line) for line in run.stdout.splitlines()]
@@ -190,7 +190,7 @@ def test_the_evaluator_s_node_takes_a_models_file(make_bag: BagMaker, tmp_path: 
                     sys.executable, "-m", "ssp_eval.evaluate.node", "--ros-args", "-p",
                     f"bags:=[{bag}]", "-p", f"models_file:={models}", "-p", f"out:={out}",
                 ],
-                env=environment, capture_output=True, text=True, timeout=60, check=False,
+                env=environment, capture_output=True, text=True, timeout=600, check=False,
             )  # fmt: skip
     assert run.returncode == 0, run.stderr
     told = [line.removeprefix("cut_in__simulation__") for line in run.stdout.splitlines()]

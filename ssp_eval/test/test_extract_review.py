@@ -134,7 +134,7 @@ def test_the_form_is_answered_by_keys_and_exports_what_is_read_back(
     with tempfile.TemporaryDirectory() as profile:
         done = subprocess.run(
             [*CHROMIUM, f"--user-data-dir={profile}", "--dump-dom", path.as_uri()],
-            capture_output=True, text=True, timeout=60, check=True,
+            capture_output=True, text=True, timeout=600, check=True,
         )  # fmt: skip
     found = re.search(r'<pre id="out">([^<]+)<', done.stdout)
     assert found, done.stdout[-2000:]

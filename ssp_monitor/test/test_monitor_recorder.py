@@ -26,7 +26,7 @@ IMAGE = TopicSpec("/camera", "sensor_msgs/msg/CompressedImage", Profile.ADAPTED)
 VIDEO = "foxglove_msgs/msg/CompressedVideo"
 
 
-DEADLINE_S = 20.0
+DEADLINE_S = 120.0
 
 
 def until(condition: Callable[[], bool], what: str) -> None:

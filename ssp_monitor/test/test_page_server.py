@@ -21,7 +21,7 @@ from ssp_monitor.page.server import PageServer
 from ssp_monitor.watch.facts import Answer
 
 TOKEN = "the-right-token-of-this-test"
-DEADLINE_S = 20.0
+DEADLINE_S = 120.0
 Work = Callable[[aiohttp.ClientSession], Awaitable[Any]]
 
 

@@ -312,7 +312,7 @@ def test_a_player_loops_until_it_is_stopped_and_keeps_the_order(bag: Path) -> No
         tape = Tape(reader, lines, 1.0)
         player = Player(tape, Settings(1000.0, loop=True), send, lambda _: None, over.set)
         player.start()
-        assert enough.wait(20.0)
+        assert enough.wait(600.0)
         player.stop()
     assert over.is_set()
     assert player.error is None
@@ -340,7 +340,7 @@ def test_a_paused_player_takes_steps_and_a_new_rate_and_ends_at_the_end(bag: Pat
             Tape(reader, lines), settings, lambda m: sent.append(m.data), tick, over.set
         )
         player.start()
-        assert first.wait(20.0)
+        assert first.wait(600.0)
         assert sent == []
         player.set_rate(1000.0)
         with pytest.raises(ValueError, match="rate must be from"):
@@ -348,7 +348,7 @@ def test_a_paused_player_takes_steps_and_a_new_rate_and_ends_at_the_end(bag: Pat
         assert player.progress().rate == 1000.0
         assert not over.is_set()
         player.toggle_paused()
-        assert over.wait(20.0)
+        assert over.wait(600.0)
         player.stop()
     assert len(sent) == 55
     assert ticks == sorted(ticks)
@@ -365,7 +365,7 @@ def test_what_goes_wrong_in_publishing_ends_the_player_and_is_told(bag: Path) ->
         lines = make_plan(reader.topics, Wishes(), lambda _t, _h: None).lines
         player = Player(Tape(reader, lines), Settings(), send, lambda _: None, over.set)
         player.start()
-        assert over.wait(20.0)
+        assert over.wait(600.0)
         player.stop()
     assert isinstance(player.error, InputError)
 

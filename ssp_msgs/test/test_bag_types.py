@@ -27,7 +27,7 @@ def run_copy(site: Path, prefix: str) -> subprocess.CompletedProcess[str]:
     environment = {**os.environ, "PYTHONPATH": str(site), "AMENT_PREFIX_PATH": prefix}
     return subprocess.run(
         [sys.executable, "-c", SHOW], env=environment, capture_output=True, text=True,
-        check=False, timeout=60,
+        check=False, timeout=600,
     )  # fmt: skip
 
 

@@ -80,11 +80,11 @@ def test_processes_get_different_ids_and_a_dead_one_gives_its_back() -> None:
         with free_domain() as ours:
             assert ours not in held
         processes[0].kill()
-        processes[0].wait(timeout=10)
+        processes[0].wait(timeout=600)
     finally:
         for process in processes:
             process.kill()
-            process.communicate(timeout=10)
+            process.communicate(timeout=600)
 
 
 def test_a_domain_with_an_open_port_is_skipped() -> None:

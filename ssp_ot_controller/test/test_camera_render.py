@@ -107,7 +107,7 @@ print(hashlib.sha256(image.tobytes()).hexdigest())
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     done = subprocess.run(
         [sys.executable, "-c", program], env=environment, cwd=tmp_path, capture_output=True,
-        text=True, timeout=90, check=True,
+        text=True, timeout=600, check=True,
     )  # fmt: skip
     scene = Scene(board.road, board.vut.state(4.0), board.states(4.0))
     image = render(scene, board.look, CAMERA, 7, board.seed)

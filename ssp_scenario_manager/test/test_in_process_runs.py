@@ -142,7 +142,7 @@ from ssp_core.run_spec import load_run
 from ssp_scenario_manager.in_process.outcome import run_in_process
 print(run_in_process(load_run({str(tmp_path / "run.json")!r}))[0].verdict.name)
 """
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=600)
     assert (done.stdout.strip(), done.returncode) == ("VALID", 0), done.stderr
 
 

@@ -37,7 +37,7 @@ def run(*arguments: object) -> subprocess.CompletedProcess[str]:
         capture_output=True,
         text=True,
         errors="replace",
-        timeout=120,
+        timeout=600,
         check=False,
     )
 
@@ -63,7 +63,7 @@ def test_a_failing_input_is_noticed(tmp_path: Path) -> None:
         f"sys.argv = ['run.py', 'wire', '--found', {str(tmp_path / 'found')!r}]\nrun.main()\n"
     )
     done = subprocess.run(
-        [sys.executable, str(broken)], capture_output=True, timeout=60, check=False
+        [sys.executable, str(broken)], capture_output=True, timeout=600, check=False
     )
     assert done.returncode != 0
     assert b"KeyError" in done.stdout + done.stderr

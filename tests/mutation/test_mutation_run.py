@@ -37,7 +37,7 @@ def pytest_in(folder, *arguments):
         env=os.environ | {"PYTHONPATH": path},
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=600,
         check=False,
     )
 

@@ -83,7 +83,7 @@ class ChatService(socketserver.ThreadingTCPServer):
     def drip(self, connection: socket.socket, data: bytes) -> None:
         """Sends a byte now and then, for as long as somebody listens."""
         connection.sendall(data)
-        end_s = time.monotonic() + 30
+        end_s = time.monotonic() + 600
         while time.monotonic() < end_s and not self.released.wait(0.02):
             connection.sendall(b" ")
 
@@ -145,7 +145,7 @@ def make_openai(service: ChatService, waits: list[float]) -> Callable[..., OpenA
     """The backend that asks the service; options of a test go before these."""
 
     def make(**options: Any) -> OpenAIBackend:
-        given = {"base_url": service.url, "model": "seer-7b", "timeout_s": 20.0, **options}
+        given = {"base_url": service.url, "model": "seer-7b", "timeout_s": 60.0, **options}
         return OpenAIBackend(read_options(given), waits.append)
 
     return make

@@ -241,7 +241,7 @@ def test_one_answer_at_a_time(service, make_openai, make_request):
 
     def slowly(service, connection):
         begun.set()
-        go.wait(20)
+        go.wait(600)
         connection.sendall(service.http(service.completion("First.")))
 
     service.queue = [slowly]
@@ -251,13 +251,13 @@ def test_one_answer_at_a_time(service, make_openai, make_request):
         for _ in range(2)
     ]
     threads[0].start()
-    assert begun.wait(20)
+    assert begun.wait(600)
     threads[1].start()
     threads[1].join(0.2)
     assert len(service.asked) == 1
     go.set()
     for thread in threads:
-        thread.join(20)
+        thread.join(600)
     assert texts == ["First.", "Answer 2."]
 
 
