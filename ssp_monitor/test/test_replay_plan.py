@@ -203,7 +203,7 @@ def test_offers_are_those_of_the_bag() -> None:
 def test_of_several_publishers_the_strongest_offer_is_taken() -> None:
     weak = "- {reliability: best_effort, durability: volatile, depth: 5}\n"
     strong = "- {reliability: reliable, durability: transient_local, depth: 3}\n"
-    assert offer_of("/x", weak + strong) == Offer(True, True, 5)
+    assert offer_of("/x", weak + strong) == Offer(True, True, 8)
     assert offer_of("/x", weak) == Offer(reliable=False)
 
 

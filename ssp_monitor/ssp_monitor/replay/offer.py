@@ -55,7 +55,7 @@ def offer_of(topic: str, offered_qos: str) -> Offer:
     """The offer for a topic.
 
     Of several recorded publishers the strongest offer is taken, which every subscriber that heard
-    one of them takes too.
+    one of them takes too, with room for what each of them kept.
 
     Args:
         topic: absolute name; decides where the bag says nothing of use.
@@ -72,5 +72,6 @@ def offer_of(topic: str, offered_qos: str) -> Offer:
     latched = any(profile.get("durability") in _TRANSIENT_LOCAL for profile in profiles)
     if not latched:
         return Offer(reliable=reliable)
-    depth = min(max(_whole(profile.get("depth")) for profile in profiles), MOST_LATCHED)
+    # Each publisher kept its own: of /tf_static all of them are the whole.
+    depth = min(sum(_whole(profile.get("depth")) for profile in profiles), MOST_LATCHED)
     return Offer(reliable=reliable, latched=True, depth=depth)

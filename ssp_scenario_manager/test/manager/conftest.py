@@ -16,6 +16,7 @@ import rclpy
 from rclpy.action import ActionClient
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
+from tf2_msgs.msg import TFMessage
 
 from ssp_core import names, ros
 from ssp_core.conversions import state_to_msg
@@ -49,6 +50,7 @@ class Peers:
         self.safety: list[Any] = []
         self.beats: list[Any] = []
         self.links: list[Any] = []
+        self.poses: list[Any] = []
         self.answers = True
         self.live = False
         self.counted = 0
@@ -63,6 +65,7 @@ class Peers:
         sub(msg.SafetyEvent, names.SAFETY_EVENT, self.safety.append, ros.LATCHED)
         sub(msg.Heartbeat, names.HEARTBEAT, self._on_beat, ros.STATE)
         sub(msg.LinkStatus, names.LINK_STATUS, self.links.append, ros.STATE)
+        sub(TFMessage, names.TF, self.poses.append, ros.TF)
         self.reply = pub(msg.HeartbeatReply, names.HEARTBEAT_REPLY, ros.STATE)
         self.node.create_service(ObjectCommand, names.command_service("ot1"), self._on_command)
         self.node.create_timer(0.02, self._publish)

@@ -81,6 +81,18 @@ def runs_on_the_system_clock(live: Any) -> None:
     live.spin_until(
         lambda: time.time_ns() - ros.ns_from_stamp(live.beats[-1].header.stamp) < S, "a young beat"
     )
+    # tf2 hears where everybody is, at the stamps of their states, and never the same twice.
+    frames = {("map", "vut/base_link"), ("map", "ot1/base_link")}
+
+    def told() -> list[Any]:
+        return [one for message in live.poses for one in message.transforms]
+
+    live.spin_until(
+        lambda: {(one.header.frame_id, one.child_frame_id) for one in told()} == frames, "poses"
+    )
+    stamps = [(one.child_frame_id, ros.ns_from_stamp(one.header.stamp)) for one in told()]
+    assert len(set(stamps)) == len(stamps)
+    assert told()[-1].transform.translation.x in (live.vut.x_m, live.ot1.x_m)
     # Nobody steps the session, and still it sees that an object is gone.
     live.ot1 = None
     live.spin_until(lambda: SafetyCode.OBJECT_SILENT in codes(live), "the event")
