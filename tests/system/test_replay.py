@@ -384,7 +384,7 @@ def test_services_pause_step_and_change_the_rate(bag: Path, stage: Stage) -> Non
     wrong = SetParameters.Request(parameters=[Parameter("rate", value=-1.0).to_parameter_msg()])
     (refused,) = stage.ask("/ssp/replay/set_parameters", SetParameters, wrong).results
     assert not refused.successful
-    assert "rate must be from" in refused.reason
+    assert "rate out of range Min: 0.01, Max: 1000.0" in refused.reason
     assert words == ["word 0"]
     stage.ask("/ssp/replay/resume", Trigger, Trigger.Request())
     _, err = process.communicate(timeout=DEADLINE_S)

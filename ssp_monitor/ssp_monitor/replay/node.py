@@ -215,7 +215,7 @@ class ReplayNode(Node):
             if parameter.name == "rate":
                 try:
                     self.player.set_rate(float(parameter.value))
-                except (TypeError, ValueError) as error:
+                except ValueError as error:  # beyond the range by a rounding
                     return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
