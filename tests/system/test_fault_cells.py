@@ -19,9 +19,9 @@ from ssp_scenario_manager.faults.model import Stage
 pytestmark = [pytest.mark.ros, pytest.mark.system, pytest.mark.alone]
 
 ROWS = {row.name: row for row in MATRIX}
-# The recorder is killed in realtime, where there is time to notice (test_session_faults.py).
+# Recorder and manager are killed in realtime, where there is time to notice
+# (test_session_faults.py).
 CELLS = [
-    ("manager_killed", Stage.AFTER),
     ("manager_stopped", Stage.AFTER),
     ("object_killed", Stage.CONFLICT),
     ("world_paused", Stage.BEFORE),
