@@ -27,7 +27,7 @@ from rclpy.qos import (
 )
 from rclpy.signals import SignalHandlerOptions
 
-from ssp_core.clock import NS_PER_S
+from ssp_core.clock import NS_PER_S, time_ns
 from ssp_core.console import report_error
 from ssp_core.errors import SspError
 from ssp_core.health import Status
@@ -67,6 +67,11 @@ def stamp_from_ns(ns: int) -> TimeMsg:
 
 
 ns_from_stamp = stamp_ns
+
+
+def session_ns(stamp: TimeMsg) -> int:
+    """A stamp that a node goes on with, ns; ValueError for one that is no time of a session."""
+    return time_ns(stamp.sec, stamp.nanosec)
 
 
 def diagnostic_array(statuses: Iterable[Status], stamp_ns: int) -> DiagnosticArray:
@@ -121,9 +126,11 @@ def subscribe_raw(
     node: Node,
     kind: Any,
     topic: str,
-    decode: Callable[[bytes], T],
+    decode: Callable[[Any], T],
     callback: Callable[[T], None],
     qos: QoSProfile,
+    *,
+    raw: bool = True,
 ) -> Any:
     """A subscription whose messages are decoded by one of ``ssp_core.wire``, not by rclpy.
 
@@ -137,22 +144,23 @@ def subscribe_raw(
         decode: raises ValueError for bytes that are no such message.
         callback: takes what ``decode`` gives.
         qos: one of the profiles above.
+        raw: False: ``decode`` takes what rclpy has decoded.
     """
     decode_or_tell = tolerant(node, topic, decode)
 
-    def take(data: bytes) -> None:
+    def take(data: Any) -> None:
         message = decode_or_tell(data)
         if message is not None:
             callback(message)
 
-    return node.create_subscription(kind, topic, take, qos, raw=True)
+    return node.create_subscription(kind, topic, take, qos, raw=raw)
 
 
-def tolerant(node: Node, topic: str, decode: Callable[[bytes], T]) -> Callable[[bytes], T | None]:
+def tolerant(node: Node, topic: str, decode: Callable[[Any], T]) -> Callable[[Any], T | None]:
     """``decode`` as subscribe_raw calls it: None for bytes that are no message, told of once."""
     told = False
 
-    def decode_or_tell(data: bytes) -> T | None:
+    def decode_or_tell(data: Any) -> T | None:
         nonlocal told
         try:
             return decode(data)

@@ -13,6 +13,7 @@ from rosgraph_msgs.msg import Clock as ClockMsg
 
 import ssp_msgs.msg as msg
 from ssp_core.bag.types import definition, store_from
+from ssp_core.clock import LATEST_S
 from ssp_core.conversions import reference_to_msg, state_to_msg
 from ssp_core.messages import object_state, stamp_ns
 from ssp_core.reference import Points, Reference
@@ -25,7 +26,7 @@ TEXTS = st.text(st.characters(exclude_characters="\0", exclude_categories=["Cs"]
 FLOATS = st.floats(width=64)
 U8, U16 = st.integers(0, 2**8 - 1), st.integers(0, 2**16 - 1)
 U64 = st.integers(0, 2**64 - 1)
-STAMPS = st.integers(0, 2**31 * 10**9 - 1)
+STAMPS = st.integers(0, (LATEST_S + 1) * 10**9 - 1)
 
 STATES = st.builds(
     ObjectState,
@@ -40,7 +41,7 @@ STATES = st.builds(
     acceleration_mps2=FLOATS,
     yaw_rate_radps=FLOATS,
     size=st.builds(Size, FLOATS, FLOATS, FLOATS, FLOATS),
-    sequence=U64,
+    sequence=st.integers(0, states.MOST_STATES),
     control_state=st.sampled_from(ControlState),
     position_std_m=FLOATS,
     reference_id=TEXTS,
@@ -409,3 +410,19 @@ def test_texts_of_all_lengths():
             assert repr(deserialize_message(encode(value), type(to_msg(value)))) == repr(
                 to_msg(value)
             )
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        ({"sequence": 2**64 - 1}, "no object has sent"),
+        ({"stamp_ns": -1}, "no time of a session"),
+        ({"stamp_ns": (2**31 - 1) * 10**9}, "no time of a session"),
+        ({"object_id": "x" * 1_000_000}, "at most 4096"),
+    ],
+)
+def test_a_state_that_nothing_could_go_on_from_is_refused_by_name(change, named):
+    sound = ObjectState("vut", ObjectClass.CAR, Role.VUT, 1, *[0.0] * 6, Size(3.6, 0.9, 1.8, 1.5))
+    data = states.encode_state(replace(sound, **change))
+    with pytest.raises(ValueError, match=named):
+        states.decode_state(data)

@@ -132,3 +132,10 @@ def test_a_unit_that_doesnt_say_how_good_it_is_has_no_limit(variance):
 @given(st.floats(-math.pi, math.pi))
 def test_yaw_of_a_level_orientation(yaw):
     assert math.cos(yaw_of(quaternion(yaw)) - yaw) == pytest.approx(1.0, abs=1e-12)
+
+
+def test_a_fix_from_the_future_is_refused_and_the_next_right_one_is_taken():
+    one = states()
+    with pytest.raises(Unusable, match=r"3600\.000 s ahead"):
+        one.take(fix(3601.0), now_ns=seconds_to_ns(1.0))
+    assert one.take(fix(1.0), now_ns=seconds_to_ns(1.0)).sequence == 1

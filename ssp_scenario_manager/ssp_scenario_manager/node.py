@@ -160,6 +160,7 @@ class ScenarioManager(Node):
             self._inputs.safety_events += 1
         if violation.code is SafetyCode.PARTICIPANT_LOST:
             self._inputs.forget(violation.object_id)
+        violation = supervisor.in_session_time(violation, self._now_ns)
         if self._in_lockstep:
             # Taken up with the step that it belongs to, in an order of its own.
             self._reported.append(violation)

@@ -332,3 +332,22 @@ def test_every_code_has_a_meaning_and_its_verdict(code: SafetyCode) -> None:
     assert meaning.text.endswith(".")
     assert verdict_for(code) is EXPECTED[code]
     assert verdict_for(code) not in (Verdict.NONE, Verdict.VALID)
+
+
+@pytest.mark.parametrize("off_s", [1.8e9, -1.8e9, 3600.0, -2.1, 2.1])
+def test_an_event_of_another_clock_or_run_counts_now_and_says_so(off_s: float) -> None:
+    now_ns = 12_000_000_000
+    seen = supervisor.Violation(
+        SafetyCode.OVER_SPEED, "ot1", 9.0, 8.0, now_ns + round(off_s * 1e9), "seen by x"
+    )
+    taken = supervisor.in_session_time(seen, now_ns)
+    assert taken.stamp_ns == now_ns
+    assert taken.text == (
+        "over_speed: ot1: 9 m/s, limit 8 m/s "
+        f"(seen by x, stamped {off_s:+.3g} s from the session's time)"
+    )
+
+
+def test_an_event_that_was_under_way_keeps_its_time() -> None:
+    seen = supervisor.Violation(SafetyCode.OVER_SPEED, "ot1", 9.0, 8.0, 11_500_000_000, "seen by x")
+    assert supervisor.in_session_time(seen, 12_000_000_000) is seen

@@ -9,7 +9,7 @@ from typing import Any
 
 from sensor_msgs.msg import CameraInfo, CompressedImage
 
-from ssp_core.ros import ns_from_stamp, stamp_from_ns
+from ssp_core.ros import session_ns, stamp_from_ns
 from ssp_msgs.msg import EgoSample as EgoSampleMsg
 from ssp_msgs.msg import NativeArray as NativeArrayMsg
 from ssp_msgs.msg import VlaRequest, VlaResponse, VlaTask
@@ -24,13 +24,13 @@ def request_from_msg(msg: Any) -> Request:
     """VlaRequest.msg as a Request; a zero matrix K or height is what the message calls unknown.
 
     Raises:
-        ValueError: the previous answer in it can't be read.
+        ValueError: a stamp is none, or the previous answer in it can't be read.
     """
     return Request(
         request_id=msg.request_id,
-        stamp_ns=ns_from_stamp(msg.header.stamp),
+        stamp_ns=session_ns(msg.header.stamp),
         frames=tuple(
-            Frame(ns_from_stamp(frame.header.stamp), bytes(frame.data)) for frame in msg.frames
+            Frame(session_ns(frame.header.stamp), bytes(frame.data)) for frame in msg.frames
         ),
         camera=_camera(msg),
         history=tuple(EgoSample(s.t, s.x, s.y, s.yaw, s.speed, s.yaw_rate) for s in msg.history),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import threading
 import time
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -21,8 +22,8 @@ from ssp_core.ros import (
     declare,
     diagnostic_array,
     make_node,
-    ns_from_stamp,
     run_node,
+    session_ns,
 )
 from ssp_msgs.msg import VlaRequest, VlaResponse
 from ssp_vla_bridge.conversions import request_from_msg, response_to_msg
@@ -97,7 +98,7 @@ class VlaBridge(Node):
         try:
             request = request_from_msg(msg)
         except ValueError as error:
-            request = Request(msg.request_id, ns_from_stamp(msg.header.stamp), ())
+            request = Request(msg.request_id, _answerable_ns(msg.header.stamp), ())
             with self._changed:
                 self._refuse(request, ErrorCode.BAD_REQUEST, str(error), 0.0)
             return
@@ -200,6 +201,13 @@ class VlaBridge(Node):
             self.get_logger().error(f"request {response.request_id!r}: {reason}")
             msg = response_to_msg(failure(response, ErrorCode.BACKEND, reason))
         self._publisher.publish(msg)
+
+
+def _answerable_ns(stamp: Any) -> int:
+    """The stamp that a refusal repeats; 0 for one that no answer could carry."""
+    with suppress(ValueError):
+        return session_ns(stamp)
+    return 0
 
 
 def main() -> int:

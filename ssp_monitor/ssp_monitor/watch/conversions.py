@@ -21,6 +21,12 @@ from ssp_monitor.watch.facts import (
 )
 
 _JPEG = b"\xff\xd8"
+# What people read; anybody may send more, and a page shows it ten times a second.
+_MOST_TEXT = 2000
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= _MOST_TEXT else f"{text[:_MOST_TEXT]}…"
 
 
 def session_fact(message: Any) -> SessionFact:
@@ -28,12 +34,12 @@ def session_fact(message: Any) -> SessionFact:
     return SessionFact(
         stamp_ns(message.header.stamp),
         SessionPhase(message.state),
-        message.event,
-        message.reason,
-        message.run_id,
-        message.scenario,
+        _short(message.event),
+        _short(message.reason),
+        _short(message.run_id),
+        _short(message.scenario),
         Verdict(message.verdict),
-        tuple(message.reasons),
+        tuple(map(_short, message.reasons)),
     )
 
 
@@ -41,7 +47,7 @@ def phase_of(message: Any) -> tuple[Phase, Event]:
     """A PhaseEvent. Raises ValueError for a phase that is none."""
     phase = Phase(message.phase)
     title = f"phase {phase.name.lower()}" + (", provisional" if message.provisional else "")
-    return phase, Event("phase", stamp_ns(message.header.stamp), title, message.evidence)
+    return phase, Event("phase", stamp_ns(message.header.stamp), title, _short(message.evidence))
 
 
 def safety_event(message: Any) -> Event:
@@ -50,12 +56,12 @@ def safety_event(message: Any) -> Event:
     return Event(
         "safety",
         stamp_ns(message.header.stamp),
-        message.limit_name.replace("_", " "),
-        f"seen by {message.source}, {message.reaction.replace('_', ' ')}",
-        message.object_id,
+        _short(message.limit_name.replace("_", " ")),
+        _short(f"seen by {message.source}, {message.reaction.replace('_', ' ')}"),
+        _short(message.object_id),
         math.nan if by_hand else message.measured,
         math.nan if by_hand else message.limit,
-        message.unit,
+        _short(message.unit),
     )
 
 
@@ -66,8 +72,8 @@ def trigger_event(message: Any) -> Event:
     return Event(
         "trigger",
         stamp_ns(message.crossing_time),
-        f"trigger {message.trigger_id}",
-        f"{message.condition}; {sent}, {message.processing * 1e3:.1f} ms later",
+        _short(f"trigger {message.trigger_id}"),
+        _short(f"{message.condition}; {sent}, {message.processing * 1e3:.1f} ms later"),
         measured=values[-1] if values else math.nan,
         limit=message.threshold,
     )
@@ -79,11 +85,11 @@ def fault_event(message: Any) -> Event:
     return Event(
         "fault",
         stamp_ns(message.header.stamp),
-        f"fault {what} {'begins' if message.active else 'ends'}",
-        f"injected by {message.source}",
-        message.target,
+        _short(f"fault {what} {'begins' if message.active else 'ends'}"),
+        _short(f"injected by {message.source}"),
+        _short(message.target),
         message.value,
-        unit=message.unit,
+        unit=_short(message.unit),
     )
 
 
@@ -120,12 +126,12 @@ def recorder_fact(message: Any) -> RecorderFact:
     return RecorderFact(
         ready=message.ready,
         bag=message.bag,
-        failure=message.failure,
+        failure=_short(message.failure),
         messages=message.messages,
         bytes=message.bytes,
         lost=message.lost,
         dropped=message.dropped,
-        missing=tuple(message.missing_topics),
+        missing=tuple(map(_short, message.missing_topics)),
         files=message.files,
         queue_bytes=message.queue_bytes,
         queue_limit_bytes=message.queue_limit_bytes,
@@ -133,7 +139,7 @@ def recorder_fact(message: Any) -> RecorderFact:
         write_bytes_per_s=message.write_bytes_per_s,
         disk_left_s=message.disk_left_s,
         flush_age_s=message.flush_age_s,
-        warnings=tuple(message.warnings),
+        warnings=tuple(map(_short, message.warnings)),
         topics=tuple(
             TopicFact(t.name, t.messages, t.lost, t.dropped, t.rate_hz) for t in message.topics
         ),

@@ -16,13 +16,15 @@ from collections.abc import Callable
 from functools import lru_cache, wraps
 from typing import TypeVar
 
-from ssp_core.clock import NS_PER_S
+from ssp_core.clock import NS_PER_S, time_ns
 
 ENCAPSULATION = b"\x00\x01\x00\x00"
 START = len(ENCAPSULATION)
 # Some middleware rounds a payload up to a multiple of four bytes.
 _ROUNDING = 3
 _SHORT = 64
+# Ids, names and reasons.
+MOST_TEXT = 4096
 _U32 = struct.Struct("<I")
 _STAMP = struct.Struct("<iI")
 
@@ -96,8 +98,7 @@ def read_u32(data: bytes, at: int) -> tuple[int, int]:
 def read_stamp(data: bytes, at: int) -> tuple[int, int]:
     """A stamp in ns at the next aligned offset, and the offset behind it."""
     at = (at + 3) & ~3
-    seconds, nanoseconds = _STAMP.unpack_from(data, at)
-    return seconds * NS_PER_S + nanoseconds, at + 8
+    return time_ns(*_STAMP.unpack_from(data, at)), at + 8
 
 
 def read_header(data: bytes, at: int) -> tuple[int, int]:
@@ -119,6 +120,8 @@ def read_text(data: bytes, at: int) -> tuple[str, int]:
 def text_of(data: bytes, at: int, size: int) -> tuple[str, int]:
     """The string whose length was read already, and the offset behind it; as ``read_text``."""
     end = at + size
+    if size > MOST_TEXT:
+        raise ValueError(f"a text of {size} bytes, at most {MOST_TEXT} are read")
     if end > len(data):
         raise ValueError(f"a text of {size} bytes in a message of {len(data)}")
     if size == 0:  # as other vendors may write an empty string

@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass, fields
 from functools import lru_cache
 
-from ssp_core.clock import NS_PER_S
+from ssp_core.clock import NS_PER_S, time_ns
 from ssp_core.names import MAP_FRAME
 from ssp_core.state import ObjectState, Size
 from ssp_core.vocab import ControlState, ObjectClass, Role
@@ -39,6 +39,8 @@ _NUMBERS = struct.Struct("<Q6d32sdI")
 _SIZE = struct.Struct("<4d")
 _ERRORS = struct.Struct("<3d")
 _STAMP_BYTES = 8
+# Of one object in its life: a thousand a second for 49 days. What is counted of them stays small.
+MOST_STATES = 2**32
 # A state's fields are put in one by one: its own __init__ takes twice as long, since it is frozen.
 _new = object.__new__
 _FIELDS = tuple(getattr(ObjectState, field.name).__set__ for field in fields(ObjectState))
@@ -129,6 +131,8 @@ def read_state(data: bytes, at: int) -> tuple[ObjectState, int]:
     at = ((at + 6) & ~7) + 4
     numbers = _NUMBERS.unpack_from(data, at)
     sequence, x, y, yaw, speed, acceleration, yaw_rate, extents, std, reference_size = numbers
+    if sequence > MOST_STATES:
+        raise ValueError(f"state of {object_id}: no object has sent {sequence} states")
     reference_id, at = text_of(data, at + _NUMBERS.size, reference_size)
     at = ((at + 3) & ~7) + 4
     longitudinal, lateral, error_yaw = _ERRORS.unpack_from(data, at)
@@ -137,7 +141,7 @@ def read_state(data: bytes, at: int) -> tuple[ObjectState, int]:
             object_id,
             _CLASSES[classes],
             _ROLES[role],
-            seconds * NS_PER_S + nanoseconds,
+            time_ns(seconds, nanoseconds),
             x,
             y,
             yaw,

@@ -88,7 +88,7 @@ class FrontCamera(Node):
         self.create_timer(_DROP_REPORT_PERIOD_S, self._report_drops, clock=self._steady)
 
     def _on_tick(self, tick: steps.WorldTick) -> None:
-        states = tick.objects
+        states = tuple(s for s in tick.objects if s.is_finite)
         self._odometer.update(states)
         now_ns = self._steady.now().nanoseconds
         wanted, self._schedule = self._schedule.decide(tick.step, tick.running, now_ns)
@@ -96,7 +96,10 @@ class FrontCamera(Node):
             return
         vut = next((s for s in states if s.object_id == self._run.vut.id), None)
         if vut is None:
-            raise ValueError(f"tick {tick.step} has no object {self._run.vut.id!r}")
+            self.get_logger().error(
+                f"tick {tick.step}: no place of {self._run.vut.id!r}, so no frame", once=True
+            )
+            return
         blinking = self._indicators.update(states, tick.stamp_ns)
         self._check()
         if not tick.lockstep and len(self._waiting) > _REALTIME_BACKLOG:

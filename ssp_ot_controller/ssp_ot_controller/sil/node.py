@@ -112,7 +112,10 @@ class SilWorld(Node):
         raw(StepDone, names.STEP_DONE, steps.decode_done, self._on_done, ros.STATE)
         commands = names.ACTUATOR_COMMANDS
         raw(ActuatorCommands, commands, steps.decode_commands, self._on_commands, ros.COMMAND)
-        self.create_subscription(SessionState, names.SESSION_STATE, self._on_session, ros.LATCHED)
+        if not self._lockstep:
+            # There the manager's answers carry the state, in step order.
+            state, take = names.SESSION_STATE, self._take_session
+            raw(SessionState, state, _session_of, take, ros.LATCHED, raw=False)
         if self._run.driver.external:
             topic, decode = names.VUT_COMMAND, steps.decode_command
             raw(ActuatorCommand, topic, decode, self._on_vut_command, ros.COMMAND)
@@ -150,11 +153,6 @@ class SilWorld(Node):
             self._heartbeat = max(self._heartbeat, message.heartbeat)
             self._take_session(message.session_state)
         self._go_on()
-
-    def _on_session(self, message: SessionState) -> None:
-        """Realtime only: in lockstep the manager's answers carry the state, in step order."""
-        if not self._lockstep:
-            self._take_session(SessionPhase(message.state))
 
     def _take_session(self, session: SessionPhase) -> None:
         self._session = session
@@ -312,6 +310,10 @@ class SilWorld(Node):
         faulthandler.dump_traceback_later(CLOSE_LIMIT_S, exit=True)
         self._sumo.__exit__(None, None, None)
         self._work_dir.cleanup()
+
+
+def _session_of(message: SessionState) -> SessionPhase:
+    return SessionPhase(message.state)
 
 
 def _command(command: steps.BodyCommand) -> Command:

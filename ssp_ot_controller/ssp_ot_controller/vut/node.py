@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
@@ -40,23 +41,9 @@ class VutAdapter(Node):
         self.create_subscription(Odometry, given["odometry"], self._on_odometry, ros.DRIVER)
 
     def _on_odometry(self, message: Odometry) -> None:
-        pose, twist = message.pose, message.twist.twist
-        q = pose.pose.orientation
-        fix = Fix(
-            stamp_ns=ros.ns_from_stamp(message.header.stamp),
-            frame_id=message.header.frame_id,
-            x_m=pose.pose.position.x,
-            y_m=pose.pose.position.y,
-            quaternion=(q.x, q.y, q.z, q.w),
-            forward_mps=twist.linear.x,
-            left_mps=twist.linear.y,
-            yaw_rate_radps=twist.angular.z,
-            variance_x_m2=float(pose.covariance[0]),
-            variance_y_m2=float(pose.covariance[7]),
-        )
         try:
-            state = self._states.take(fix)
-        except Unusable as error:
+            state = self._states.take(_fix(message), time.time_ns())
+        except (Unusable, ValueError) as error:
             self._unusable += 1
             self.get_logger().error(
                 f"fix dropped ({self._unusable} so far): {error}",
@@ -64,6 +51,24 @@ class VutAdapter(Node):
             )
             return
         self._pub.publish(state_to_msg(state))
+
+
+def _fix(message: Odometry) -> Fix:
+    """A message of the receiver; ValueError for a stamp that is none."""
+    pose, twist = message.pose, message.twist.twist
+    q = pose.pose.orientation
+    return Fix(
+        stamp_ns=ros.session_ns(message.header.stamp),
+        frame_id=message.header.frame_id,
+        x_m=pose.pose.position.x,
+        y_m=pose.pose.position.y,
+        quaternion=(q.x, q.y, q.z, q.w),
+        forward_mps=twist.linear.x,
+        left_mps=twist.linear.y,
+        yaw_rate_radps=twist.angular.z,
+        variance_x_m2=float(pose.covariance[0]),
+        variance_y_m2=float(pose.covariance[7]),
+    )
 
 
 def main() -> None:

@@ -19,6 +19,8 @@ from ssp_core.vocab import ControlState, Role
 
 # Time constant of the acceleration that is made of differences of speed.
 ACCELERATION_FILTER_S = 0.1
+# Smaller offsets are the manager's to judge (limits.clock_offset_s), with the figure.
+AHEAD_S = 1.0
 # After a pause longer than this a difference of speeds says nothing about the acceleration now.
 _MAX_PAUSE_S = 0.5
 
@@ -87,18 +89,26 @@ class VutStates:
         self._last: ObjectState | None = None
         self._sequence = 0
 
-    def take(self, fix: Fix) -> ObjectState:
+    def take(self, fix: Fix, now_ns: int | None = None) -> ObjectState:
         """The state of the reference point at the fix's stamp.
 
+        Args:
+            fix: that came.
+            now_ns: session time; None: not known.
+
         Raises:
-            Unusable: wrong frame, values that aren't finite, a stamp that doesn't rise. A VUT of
-                which only such fixes come is silent, which ends a session.
+            Unusable: wrong frame, values that aren't finite, a stamp that doesn't rise, or lies
+                more than AHEAD_S ahead: no later fix could follow it. A VUT of which only such
+                fixes come is silent, which ends a session.
         """
         if fix.frame_id != self._map_frame:
             raise Unusable(f"frame is {fix.frame_id!r}, the session's is {self._map_frame!r}")
         numbers = (fix.x_m, fix.y_m, *fix.quaternion, fix.forward_mps, fix.left_mps)
         if not all(math.isfinite(v) for v in (*numbers, fix.yaw_rate_radps)):
             raise Unusable("it holds a value that isn't finite")
+        ahead_s = 0.0 if now_ns is None else ns_to_seconds(fix.stamp_ns - now_ns)
+        if ahead_s > AHEAD_S:
+            raise Unusable(f"its stamp lies {ahead_s:.3f} s ahead of this machine's clock")
         if self._last is not None and fix.stamp_ns <= self._last.stamp_ns:
             late_s = ns_to_seconds(self._last.stamp_ns - fix.stamp_ns)
             raise Unusable(f"its stamp lies {late_s:.3f} s before the newest one, or equals it")

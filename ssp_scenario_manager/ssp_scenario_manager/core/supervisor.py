@@ -6,7 +6,7 @@ is still allowed (METHOD 6.11). What objects judge by too stands in ssp_core.lim
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ssp_core import limits as judge
 from ssp_core.clock import ns_to_seconds
@@ -15,6 +15,9 @@ from ssp_core.run_spec import Limits
 from ssp_core.safety_codes import MEANINGS, SafetyCode
 from ssp_core.state import ObjectState
 from ssp_core.vocab import ControlState, Verdict
+
+# Events of other nodes are under way for less.
+REPORT_AGE_S = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,6 +154,20 @@ def tracking_error(state: ObjectState, limits: Limits) -> Violation | None:
         or judge.error_yaw(state.error_yaw_rad, limits)
     )
     return of_object(passed, state.object_id, state.stamp_ns)
+
+
+def in_session_time(reported: Violation, now_ns: int) -> Violation:
+    """What another node reports; with a stamp of another clock or run it counts as passed now.
+
+    Args:
+        reported: with the stamp that it came with.
+        now_ns: session time.
+    """
+    off_s = ns_to_seconds(reported.stamp_ns - now_ns)
+    if abs(off_s) <= REPORT_AGE_S:
+        return reported
+    detail = f"{reported.detail}, stamped {off_s:+.3g} s from the session's time"
+    return replace(reported, stamp_ns=now_ns, detail=detail)
 
 
 def recorder_lost(lost: int, stamp_ns: int) -> Violation | None:

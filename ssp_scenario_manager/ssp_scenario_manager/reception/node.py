@@ -6,6 +6,7 @@ Messages become dataclasses here; what is none is dropped and logged, which is a
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from functools import partial
 from typing import Protocol
 
@@ -29,6 +30,9 @@ from ssp_msgs.msg import (
 from ssp_scenario_manager.core.link_clock import Exchange
 from ssp_scenario_manager.core.supervisor import Violation
 from ssp_scenario_manager.core.vigil import Vigil
+
+# Reasons are for people; names that are longer are cut.
+_MOST_TEXT = 200
 
 
 class Listener(Protocol):
@@ -68,25 +72,19 @@ class Reception:
         raw(StepDone, names.STEP_DONE, decode_done, listener.on_step_done, ros.STATE)
         vut_topic = names.state_topic(names.VUT_ID)
         raw(ObjectState, vut_topic, decode_state, listener.on_vut_state, ros.STATE)
-        sub(HeartbeatReply, names.HEARTBEAT_REPLY, self._on_reply, ros.STATE)
+        reply = names.HEARTBEAT_REPLY
+        raw(HeartbeatReply, reply, _reply_of, self._on_reply, ros.STATE, raw=False)
         sub(CameraInfo, names.CAMERA_INFO, self._on_camera_info, ros.SENSOR)
         sub(RecorderStatus, names.RECORDER_STATUS, self._on_recorder, ros.STATE)
-        sub(SafetyEvent, names.SAFETY_EVENT, self._on_safety_event, ros.LATCHED)
+        event, take = names.SAFETY_EVENT, self._on_safety_event
+        raw(SafetyEvent, event, _violation_of, take, ros.LATCHED, raw=False)
 
     def look_for_managers(self) -> None:
         """Counts who else sends heartbeats: a second manager on the same objects."""
         self._vigil.other_managers = max(0, self._node.count_publishers(names.HEARTBEAT) - 1)
 
-    def _on_reply(self, message: HeartbeatReply) -> None:
-        exchange = Exchange(
-            ros.ns_from_stamp(message.heartbeat_sent),
-            ros.ns_from_stamp(message.heartbeat_received),
-            ros.ns_from_stamp(message.header.stamp),
-            time.time_ns(),
-        )
-        self._vigil.links.on_reply(
-            message.object_ids, message.sequence, exchange, time.monotonic_ns()
-        )
+    def _on_reply(self, reply: tuple[Sequence[str], int, Exchange]) -> None:
+        self._vigil.links.on_reply(*reply, time.monotonic_ns())
 
     def _on_camera_info(self, _: CameraInfo) -> None:
         self._vigil.hear(names.FRONT_CAMERA, time.monotonic_ns())
@@ -98,23 +96,30 @@ class Reception:
         self._vigil.hear_recorder(message.ready, missing, message.lost, time.monotonic_ns())
         self._listener.on_recorder()
 
-    def _on_safety_event(self, message: SafetyEvent) -> None:
-        if message.source == self._node.get_name():
-            return
-        try:
-            code = SafetyCode(message.code)
-        except ValueError:
-            self._node.get_logger().error(
-                f"unknown safety code {message.code} from {message.source}"
-            )
-            return
-        named = MEANINGS[code].limit_name == message.limit_name
-        violation = Violation(
-            code,
-            message.object_id,
-            message.measured,
-            message.limit,
-            ros.ns_from_stamp(message.header.stamp),
-            f"seen by {message.source}" if named else f"{message.limit_name} of {message.source}",
-        )
-        self._listener.on_event(violation, message.source)
+    def _on_safety_event(self, event: tuple[Violation, str]) -> None:
+        if event[1] != self._node.get_name():
+            self._listener.on_event(*event)
+
+
+def _reply_of(message: HeartbeatReply) -> tuple[Sequence[str], int, Exchange]:
+    """Whose answer, to which heartbeat, and its four stamps; now is its arrival."""
+    sent_ns, received_ns = map(ros.session_ns, (message.heartbeat_sent, message.heartbeat_received))
+    replied_ns = ros.session_ns(message.header.stamp)
+    exchange = Exchange(sent_ns, received_ns, replied_ns, time.time_ns())
+    return message.object_ids, message.sequence, exchange
+
+
+def _violation_of(message: SafetyEvent) -> tuple[Violation, str]:
+    """What another node reports, and which; ValueError for a code that is none."""
+    code, source = SafetyCode(message.code), message.source[:_MOST_TEXT]
+    limit_name = message.limit_name[:_MOST_TEXT]
+    named = MEANINGS[code].limit_name == limit_name
+    violation = Violation(
+        code,
+        message.object_id[:_MOST_TEXT],
+        message.measured,
+        message.limit,
+        ros.ns_from_stamp(message.header.stamp),
+        f"seen by {source}" if named else f"{limit_name} of {source}",
+    )
+    return violation, source

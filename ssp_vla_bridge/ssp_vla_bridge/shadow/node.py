@@ -11,7 +11,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage
 
 from ssp_core import names
 from ssp_core.camera import Mounting
-from ssp_core.ros import LATCHED, SENSOR, STATE, ns_from_stamp, subscribe_raw
+from ssp_core.ros import LATCHED, SENSOR, STATE, session_ns, subscribe_raw
 from ssp_core.wire.states import decode_state
 from ssp_msgs.msg import ObjectState
 from ssp_vla_bridge.core.camera import geometry_of, mounting_of
@@ -35,7 +35,8 @@ class Shadow:
         self._mount: Mounting | None = None
         node.create_subscription(CameraInfo, names.CAMERA_INFO, self._on_info, LATCHED)
         node.create_subscription(TransformStamped, names.CAMERA_MOUNT, self._on_mount, LATCHED)
-        node.create_subscription(CompressedImage, names.CAMERA_IMAGE, self._on_frame, SENSOR)
+        image = names.CAMERA_IMAGE
+        subscribe_raw(node, CompressedImage, image, _frame_of, self._on_frame, SENSOR, raw=False)
         topic = names.state_topic(names.VUT_ID)
         subscribe_raw(node, ObjectState, topic, decode_state, follower.state, STATE)
 
@@ -51,6 +52,10 @@ class Shadow:
         if self._info is not None:
             self._follower.camera = geometry_of(self._info, self._mount)
 
-    def _on_frame(self, msg: Any) -> None:
-        if self._follower.frame(Frame(ns_from_stamp(msg.header.stamp), bytes(msg.data))):
+    def _on_frame(self, frame: Frame) -> None:
+        if self._follower.frame(frame):
             self._due()
+
+
+def _frame_of(msg: Any) -> Frame:
+    return Frame(session_ns(msg.header.stamp), bytes(msg.data))
