@@ -26,7 +26,14 @@ from ssp_core.safety_codes import MEANINGS, SafetyCode
 from ssp_core.stopping import stopping_of
 from ssp_core.vocab import ObjectClass, Verdict
 from ssp_ot_controller.core import object_machine
-from ssp_scenario_manager.core import patience, readiness, session_machine, vigil, watching
+from ssp_scenario_manager.core import (
+    patience,
+    readiness,
+    session_machine,
+    supervisor,
+    vigil,
+    watching,
+)
 from ssp_scenario_manager.core.supervisor import verdict_for
 
 DOCS = Path(__file__).resolve().parent
@@ -136,7 +143,7 @@ JUDGED: dict[SafetyCode, tuple[str, tuple[str, ...]]] = {
     S.RECORDER: ("none lost; see below", (MANAGER, RECORDER)),
     S.OPERATOR: ("–", (PERSON,)),
     S.PARTICIPANT_LOST: ("see below", (MANAGER, WORLD)),
-    S.OVERRUN: ("see below", (WORLD,)),
+    S.OVERRUN: ("see below", (MANAGER, WORLD)),
     S.EVENT_MISSING: ("end.at_latest_s", (MANAGER,)),
     S.CLOCK_OFFSET: ("clock_offset_s", (OBJECT, MANAGER)),
     S.LINK_DELAY: ("link_delay_s", (MANAGER,)),
@@ -226,6 +233,7 @@ def times() -> str:
         ),
         ("manager", "gives objects to report that they are armed", patience.ARM_CONFIRMATION_S),
         ("manager", "gives an object that stops to say why", watching.OWN_REASON_S),
+        ("manager", "blames nobody but itself after a pause of its own of", supervisor.LATE_S),
         ("manager", "reports an abort without a standstill after", patience.ABORT_STANDSTILL_S),
         ("runner", "takes the manager for hung after", _constant(follow, "SILENT_S")),
         ("object", "stops without ticks or readings after", _constant(target, "TICK_SILENCE_S")),

@@ -130,7 +130,10 @@ MEANINGS: dict[SafetyCode, SafetyMeaning] = {
         "participant_lost", "s", "A node that the simulated world waits for stopped answering."
     ),
     SafetyCode.OVERRUN: SafetyMeaning(
-        "overrun", "s", "The simulated world fell behind the wall clock in realtime mode."
+        "overrun",
+        "s",
+        "The simulated world fell behind the wall clock in realtime mode, "
+        "or the manager stood still.",
     ),
     SafetyCode.EVENT_MISSING: SafetyMeaning(
         "event_missing", "s", "The run's time is over and the event did not take place."

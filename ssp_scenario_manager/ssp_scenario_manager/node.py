@@ -97,6 +97,7 @@ class ScenarioManager(Node):
             # A world that holds while the session runs is as good as silent.
             self._vigil.hear(names.SIL_WORLD, time.monotonic_ns())
         self._arrival_ns = time.monotonic_ns()
+        self._watchdog.wake(self._arrival_ns)
         self._lockstep = tick.lockstep
         self._running_world = tick.running
         if self._in_lockstep and self._inputs.is_overtaken_by(tick.step):
@@ -118,10 +119,15 @@ class ScenarioManager(Node):
     def on_vut_state(self, state: State) -> None:
         """A state of the VUT: outside lockstep the instant at which everything is judged."""
         self._arrival_ns = time.monotonic_ns()
+        self._watchdog.wake(self._arrival_ns)
+        self._take_time()
+        # In lockstep each state is counted, and judged with its step.
+        if not self._in_lockstep and self._session.is_ahead(state, self._now_ns):
+            self._flush()
+            return
         if not self._intake.vut(state, self._arrival_ns):
             return
         if self._live:
-            self._take_time()
             self._do_step()
         elif self._lockstep:
             self._step_when_complete()
@@ -131,7 +137,9 @@ class ScenarioManager(Node):
                 self._do_step()
 
     def _on_target_state(self, state: State) -> None:
-        self._intake.target(state, time.monotonic_ns())
+        steady_ns = time.monotonic_ns()
+        self._watchdog.wake(steady_ns)
+        self._intake.target(state, steady_ns)
         self._step_when_complete()
 
     def _on_array(self, data: bytes) -> None:
@@ -151,11 +159,13 @@ class ScenarioManager(Node):
 
     def on_recorder(self) -> None:
         """The recorder has told the vigil how it is; the watchdog would see it a moment later."""
+        self._watchdog.wake(time.monotonic_ns())
         self._watchdog.watch_silence(time.monotonic_ns(), self._now_ns)
         self._flush()
 
     def on_event(self, violation: supervisor.Violation, source: str) -> None:
         """Another node saw a limit passed."""
+        self._watchdog.wake(time.monotonic_ns())
         if source == names.OBJECT_TARGET:
             self._inputs.safety_events += 1
         if violation.code is SafetyCode.PARTICIPANT_LOST:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -9,8 +10,9 @@ import pytest
 from ssp_core import names
 from ssp_core.run_spec import RunSpec
 from ssp_core.safety_codes import SafetyCode
-from ssp_core.vocab import ControlState, SessionPhase
+from ssp_core.vocab import ControlState, SessionPhase, Verdict
 from ssp_scenario_manager.core.patience import ARM_CONFIRMATION_S
+from ssp_scenario_manager.core.supervisor import Violation
 from ssp_scenario_manager.core.vigil import WORLD_SILENT_LOCKSTEP_S, Vigil
 from ssp_scenario_manager.core.watchdog import Watchdog
 
@@ -41,6 +43,8 @@ def test_who_falls_silent_ends_the_session(driver: Any, tools: Any, phase: str) 
     watchdog.look(S, 0)
     assert driver.session.state.name == phase
     late_ns = S + round(WORLD_SILENT_LOCKSTEP_S * S) + 1
+    for steady_ns in range(S, late_ns, S // 4):
+        watchdog.wake(steady_ns)
     vigil.hear(names.MONITOR, late_ns)
     watchdog.look(late_ns, 0)
     told = tools.violations(driver.session.outbox)
@@ -87,3 +91,60 @@ def test_a_live_session_waits_for_no_world(
         vigil.hear(names.VUT_ID, steady_ns)
         unconfirmed = watchdog.look(steady_ns, driver.now_ns)
     assert unconfirmed is given_up
+
+
+@pytest.mark.parametrize("late_s", [1.0, 3.0])
+def test_a_manager_that_stood_still_blames_itself(
+    run_mapping: dict[str, Any], make_driver: Any, late_s: float
+) -> None:
+    run = RunSpec.model_validate({**run_mapping, "mode": "realtime"})
+    driver = make_driver(run)
+    driver.until("RUNNING")
+    vigil = Vigil()
+    watchdog = Watchdog(driver.session, vigil)
+    hear_all(vigil, S)
+    watchdog.wake(S)
+    now_ns = S + round(late_s * S)
+    driver.session.outbox.clear()
+    watchdog.look(now_ns, driver.now_ns)
+    assert driver.session.state is SessionPhase.ABORTING
+    assert driver.session.verdict is Verdict.INVALID_HARNESS
+    assert driver.session.reasons == (
+        f"overrun: scenario_manager: {late_s:.3g} s, limit 0.5 s (instead of world_silent of "
+        "sil_world) at 0.00 s",
+    )
+
+
+def test_what_objects_say_of_that_pause_is_the_managers_own_too_and_later_it_is_theirs(
+    driver: Any, tools: Any
+) -> None:
+    driver.until("RUNNING")
+    watchdog = Watchdog(driver.session, Vigil())
+    lost = Violation(SafetyCode.HEARTBEAT_LOST, "ot1", 0.52, 0.5, driver.now_ns, "seen by x")
+    watchdog.wake(S)
+    watchdog.wake(2 * S)
+    driver.session.outbox.clear()
+    driver.session.fail(lost, announced=True)
+    assert tools.violations(driver.session.outbox) == [SafetyCode.OVERRUN]
+    for steady_ns in range(2 * S, 4 * S, S // 4):
+        watchdog.wake(steady_ns)
+    driver.session.fail(lost, announced=True)
+    assert [reason.partition(":")[0] for reason in driver.session.reasons] == [
+        "overrun",
+        "heartbeat_lost",
+    ]
+
+
+def test_a_vut_from_the_future_ends_the_run_by_name_and_sets_no_time(driver: Any) -> None:
+    driver.until("RUNNING")
+    ahead = replace(driver.vut, stamp_ns=driver.now_ns + 3600 * S)
+    assert driver.session.is_ahead(ahead, driver.now_ns)
+    assert driver.session.reasons[0].startswith("clock_offset: vut: 3.6e+03 s, limit 0.05 s")
+    assert driver.session.vut.stamp_ns == driver.now_ns
+
+
+def test_in_lockstep_it_is_named_with_its_step(driver: Any) -> None:
+    driver.until("RUNNING")
+    driver.session.on_vut_state(replace(driver.vut, stamp_ns=driver.now_ns + 3600 * S, speed_mps=5))
+    driver.session.step(driver.now_ns + S // 50)
+    assert driver.session.reasons[0].startswith("clock_offset: vut:")

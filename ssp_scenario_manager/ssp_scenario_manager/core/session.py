@@ -48,6 +48,7 @@ class Session:
         self.state = SessionPhase.IDLE
         self.outbox: list[outbox.Outgoing] = []
         self.facts = readiness.Facts()
+        self.late_s = 0.0  # how late the manager was of late, as its watchdog says
         self._run: Run | None = None
         self._known = Known()
 
@@ -152,6 +153,24 @@ class Session:
 
     # -- what arrives --------------------------------------------------------------------------
 
+    def is_ahead(self, state: ObjectState, now_ns: int) -> bool:
+        """True for a VUT's state from the future: a run that lasts ends, and it isn't taken.
+
+        Session time would follow it, and all that is right would be too old after it.
+
+        Args:
+            state: that arrives, before it is taken.
+            now_ns: session time; a simulated world may be a step further.
+        """
+        run = self._run
+        if run is None or not self._lasts or state.object_id != run.spec.vut.id:
+            return False
+        early_s = 0.0 if run.spec.mode == "live" else run.spec.step_s
+        ahead = supervisor.stamp_ahead(state, now_ns, early_s, run.spec.limits)
+        if ahead is not None:
+            self.fail(ahead)
+        return ahead is not None
+
     def on_vut_state(self, state: ObjectState) -> bool:
         """Takes a state of the VUT; False for one of another object, which has no effect."""
         return self._known.take_vut(state, self._run, in_order=self._lasts)
@@ -182,6 +201,8 @@ class Session:
         """
         if self.state in (SessionPhase.IDLE, SessionPhase.FINISHED, SessionPhase.ABORTED):
             return
+        own = supervisor.own_lateness(violation, self.late_s)
+        violation, announced = own, announced and own is violation
         if self._run is not None and not self._run.blame(violation):
             return
         if not announced:

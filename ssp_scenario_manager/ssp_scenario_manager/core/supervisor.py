@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from ssp_core import limits as judge
+from ssp_core import names
 from ssp_core.clock import ns_to_seconds
 from ssp_core.limits import Passed
 from ssp_core.run_spec import Limits
@@ -16,6 +17,20 @@ from ssp_core.safety_codes import MEANINGS, SafetyCode
 from ssp_core.state import ObjectState
 from ssp_core.vocab import ControlState, Verdict
 
+# A manager whose own timer comes so late blames nobody for that time.
+LATE_S = 0.5
+_OF_TIME = {
+    SafetyCode.HEARTBEAT_LOST,
+    SafetyCode.WORLD_SILENT,
+    SafetyCode.VUT_SILENT,
+    SafetyCode.OBJECT_SILENT,
+    SafetyCode.OBJECT_ABORTED,
+    SafetyCode.REPLY_MISSING,
+    SafetyCode.ACK_MISSING,
+    SafetyCode.CLOCK_OFFSET,
+    SafetyCode.LINK_DELAY,
+    SafetyCode.PARTICIPANT_LOST,
+}
 # Events of other nodes are under way for less.
 REPORT_AGE_S = 2.0
 
@@ -154,6 +169,27 @@ def tracking_error(state: ObjectState, limits: Limits) -> Violation | None:
         or judge.error_yaw(state.error_yaw_rad, limits)
     )
     return of_object(passed, state.object_id, state.stamp_ns)
+
+
+def own_lateness(found: Violation, late_s: float) -> Violation:
+    """What was found while the manager itself stood still: then its own lateness is the reason.
+
+    Who wasn't looked at for seconds seems silent, slow or off in time, and an object that didn't
+    hear the manager stops by itself.
+
+    Args:
+        found: by the manager, or seen by another node.
+        late_s: how late the manager was of late, on the steady clock; 0 for not.
+    """
+    # A recorder that lost messages is one without a name; a silent one has its node's.
+    silent_recorder = found.code is SafetyCode.RECORDER and bool(found.object_id)
+    if late_s <= LATE_S or not (found.code in _OF_TIME or silent_recorder):
+        return found
+    instead = f"instead of {MEANINGS[found.code].limit_name}"
+    who = f" of {found.object_id}" if found.object_id else ""
+    return Violation(
+        SafetyCode.OVERRUN, names.SCENARIO_MANAGER, late_s, LATE_S, found.stamp_ns, instead + who
+    )
 
 
 def in_session_time(reported: Violation, now_ns: int) -> Violation:

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+from ssp_core.clock import ns_to_seconds, seconds_to_ns
+from ssp_scenario_manager.core.link_clock import WINDOW_S
 from ssp_scenario_manager.core.patience import Patience
 from ssp_scenario_manager.core.session import WATCHED, Session
+from ssp_scenario_manager.core.supervisor import LATE_S
 from ssp_scenario_manager.core.vigil import Vigil
+
+# What was measured over the links while the manager was late is believed for link_clock.WINDOW_S.
+_REMEMBERED_S = WINDOW_S + 0.5
 
 
 class Watchdog:
@@ -19,9 +25,24 @@ class Watchdog:
         self._session = session
         self._vigil = vigil
         self._patience = Patience()
+        self._awake_ns: int | None = None
+        self._late = 0, 0.0
 
     def objects_were_told_to_arm(self, steady_ns: int) -> None:
         self._patience.arms(steady_ns)
+
+    def wake(self, steady_ns: int) -> None:
+        """The manager runs now, whatever for: how late is it, if nothing ran for long?
+
+        Args:
+            steady_ns: now, on the vigil's clock.
+        """
+        if self._awake_ns is not None and steady_ns - self._awake_ns > seconds_to_ns(LATE_S):
+            self._late = steady_ns, ns_to_seconds(steady_ns - self._awake_ns)
+        self._awake_ns = steady_ns
+        at_ns, late_s = self._late
+        recent = steady_ns - at_ns <= seconds_to_ns(_REMEMBERED_S)
+        self._session.late_s = late_s if recent else 0.0
 
     def look(self, steady_ns: int, now_ns: int) -> bool:
         """Tells the session what is known now, and ends what has waited for too long.
@@ -35,6 +56,7 @@ class Watchdog:
         Returns:
             True when the session aborts and nobody is left to report a standstill.
         """
+        self.wake(steady_ns)
         session = self._session
         session.facts = self._vigil.facts(session.spec, steady_ns)
         self.watch_silence(steady_ns, now_ns)

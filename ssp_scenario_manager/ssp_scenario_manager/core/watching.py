@@ -40,7 +40,8 @@ def limits_passed(
         running: the session is RUNNING, and so must be its objects.
     """
     spec, limits = run.spec, run.spec.limits
-    found: list[Violation | None] = [*run.take_breaks()]
+    breaks = run.take_breaks()
+    found: list[Violation | None] = []
     present: list[ObjectState] = []
     # Who was never heard has been silent since the start, and may be still before it.
     since_ns = run.started_ns if run.started_ns is not None else now_ns
@@ -52,6 +53,8 @@ def limits_passed(
         found.append(supervisor.vut_silent(ns_to_seconds(now_ns - vut.stamp_ns), limits, now_ns))
         found.append(supervisor.stamp_ahead(vut, now_ns, early_s, limits))
         present.append(vut)
+    # A stamp from the future makes its state a jump, or one that stands; it is the reason.
+    found += breaks
     for target in spec.targets:
         state = targets.get(target.id)
         last_ns = state.stamp_ns if state is not None else since_ns
