@@ -68,6 +68,8 @@ def test(quick: bool, pytest_arguments: tuple[str, ...]) -> int:
         raise HostError("the tests need the source checkout: start them with ./ssp test")
     # Compiled tests are kept: to rewrite their asserts takes each process half a minute.
     environment = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
+    # As many processes as processors: a small matrix isn't worth waiting for each other's threads.
+    environment.setdefault("OPENBLAS_NUM_THREADS", "1")
     failed = []
     for name, command in _checks(pytest_arguments, quick):
         console.note(f"== {name}")

@@ -53,9 +53,16 @@ def need(element: ET.Element, path: str) -> ET.Element:
     return found
 
 
+_MADE: dict[str, list[str]] = {}
+
+
 def written(case: Any, folder: Path, external: bool = False) -> ET.Element:
-    files = export_openscenario(case.task, case.event, case.block, case.plan, None, folder)
-    return ET.parse(files[1 if external else 0]).getroot()
+    """The scenario of a case, which is exported once: each takes a whole session."""
+    task = case.task
+    if task.version not in _MADE:
+        files = export_openscenario(task, case.event, case.block, case.plan, None, folder)
+        _MADE[task.version] = [file.read_text() for file in files[:2]]
+    return ET.fromstring(_MADE[task.version][external])
 
 
 def changed(case: Any, **fields: Any) -> Task:
@@ -65,17 +72,17 @@ def changed(case: Any, **fields: Any) -> Task:
 
 @pytest.mark.parametrize("name", EVENTS)
 @pytest.mark.parametrize("bent", [False, True])
-@pytest.mark.parametrize("external", [False, True])
 def test_is_valid_openscenario_1_0(
-    name: str, bent: bool, external: bool, case_of: Any, curved_block: Any, xsd: Any, tmp_path: Path
+    name: str, bent: bool, case_of: Any, curved_block: Any, xsd: Any, tmp_path: Path
 ) -> None:
     case = case_of(name, curved_block if bent else None)
     files = export_openscenario(case.task, case.event, case.block, case.plan, None, tmp_path)
     assert [f.name for f in files] == [f"{name}.xosc", f"{name}_external.xosc", "made_here.xodr"]
-    document = etree.parse(files[1 if external else 0])
-    assert xsd.validate(document), xsd.error_log
-    header = document.getroot().find("FileHeader")
-    assert (header.get("revMajor"), header.get("revMinor")) == ("1", "0")
+    for file in files[:2]:
+        document = etree.parse(file)
+        assert xsd.validate(document), xsd.error_log
+        header = document.getroot().find("FileHeader")
+        assert (header.get("revMajor"), header.get("revMinor")) == ("1", "0")
 
 
 def test_the_header_names_event_compiler_and_seed(case_of: Any, tmp_path: Path) -> None:
