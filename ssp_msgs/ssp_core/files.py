@@ -80,6 +80,19 @@ class _NoAliasLoader(Composer, yaml.CSafeLoader):
 _NoAliasLoader.add_constructor("tag:yaml.org,2002:int", _NoAliasLoader.construct_whole)
 
 
+def refuse_named_pipe(path: str | Path) -> None:
+    """Refuses a named pipe, at which nobody may ever write, and a link to one.
+
+    Raises:
+        InputError: it is one. A shell's <(…) isn't: that pipe has no name.
+    """
+    named = os.path.realpath(path)
+    if os.path.lexists(named) and stat.S_ISFIFO(os.lstat(named).st_mode):
+        raise InputError(
+            "is a named pipe, not a file", file=path, remedy="write its content to a file"
+        )
+
+
 def read_text(path: str | Path, most_bytes: int = MAX_TEXT_BYTES) -> str:
     """The text of a UTF-8 file of at most 8 MiB.
 
@@ -92,12 +105,7 @@ def read_text(path: str | Path, most_bytes: int = MAX_TEXT_BYTES) -> str:
             nobody may ever write.
     """
     try:
-        # A link to a named pipe is one, too; a shell's <(…) is a pipe that has no name.
-        named = os.path.realpath(path)
-        if os.path.lexists(named) and stat.S_ISFIFO(os.lstat(named).st_mode):
-            raise InputError(
-                "is a named pipe, not a file", file=path, remedy="write its content to a file"
-            )
+        refuse_named_pipe(path)
         with open(path, "rb") as stream:
             data = stream.read(most_bytes + 1)
     except OSError as error:

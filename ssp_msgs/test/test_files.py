@@ -368,7 +368,8 @@ def test_json_that_cannot_be_written_leaves_the_old_file(tmp_path: Path) -> None
 
 
 def test_a_named_pipe_is_refused_and_not_waited_for(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "event.yaml")
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "event.yaml").symlink_to("pipe")
     with pytest.raises(InputError, match="is a named pipe, not a file") as caught:
         read_text(tmp_path / "event.yaml")
     assert caught.value.remedy == "write its content to a file"

@@ -6,12 +6,13 @@ import json
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import click
 
 from ssp_core import console
 from ssp_core.errors import InputError
+from ssp_core.files import MAX_TEXT_BYTES, refuse_named_pipe
 from ssp_core.hashing import sha256_file
 from ssp_eval import strict
 from ssp_eval.extract.language import NOT_READ
@@ -158,10 +159,18 @@ def _compare(returned: tuple[Path, Path], key_file: Path, as_json: bool) -> None
 
 
 def _read(file: str) -> Iterator[tuple[str | int, str]]:
+    def lines(stream: IO[str]) -> Iterator[str]:
+        while line := stream.readline(MAX_TEXT_BYTES):
+            if len(line) == MAX_TEXT_BYTES:
+                raise InputError(f"has a line of more than {MAX_TEXT_BYTES >> 20} MiB", file=file)
+            yield line
+
     try:
+        if file != "-":
+            refuse_named_pipe(file)
         with click.open_file(file, encoding="utf-8") as stream:
-            yield from _texts(stream, file)
-    except (FileNotFoundError, PermissionError, IsADirectoryError) as error:
+            yield from _texts(lines(stream), file)
+    except OSError as error:
         raise InputError(f"can't be read: {error.strerror}", file=file) from error
 
 

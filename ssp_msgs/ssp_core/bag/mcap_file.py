@@ -83,8 +83,10 @@ def open_bounded(path: Path) -> BoundedFile:
     """Opens a file.
 
     Raises:
-        InputError: it can't be opened.
+        InputError: it can't be opened, or is no file.
     """
+    if path.exists() and not path.is_file():  # a pipe would wait for somebody to write into it
+        raise InputError("is no file", file=path)
     try:
         return BoundedFile(path)
     except OSError as error:
