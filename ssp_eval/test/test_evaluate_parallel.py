@@ -73,7 +73,8 @@ def content(out: Path) -> dict[str, Any]:
             found[name] = [_bare(json.loads(line)) for line in file.read_text().splitlines()]
         elif file.name == "cell.json":
             facts = json.loads(file.read_text())
-            del facts["hashes"]["raw"], facts["hashes"]["requests"]
+            for key in ("raw", "requests", "cell"):
+                del facts["hashes"][key]
             found[name] = facts
         elif file.is_file():
             found[name] = file.read_bytes()
