@@ -79,6 +79,8 @@ def rights(run: RunSpec, odometry: str = "odometry") -> dict[str, Rights]:
     replies = (names.HEARTBEAT_REPLY, names.RECORDER_STATUS)
     recorded = (vut, *states, *references, *acks, *told, *replies, names.FAULT_EVENT)
     transforms = (names.TF, names.TF_STATIC)
+    # Page and view take states as they come, also without a run file.
+    watched = (*recorded, names.OBJECT_STATES)
     links = (names.HEARTBEAT, names.LINK_STATUS)
     # In a live session nobody hears an object's actuator commands and steps; it offers them still.
     told_by_objects = (
@@ -103,17 +105,19 @@ def rights(run: RunSpec, odometry: str = "odometry") -> dict[str, Rights]:
             own=_PARAMETERS[-1:],
         ),
         names.MONITOR_PAGE: Rights(
-            CONTROL, hears=(*recorded, *camera), calls=names.SESSION_COMMANDS
+            CONTROL,
+            hears=(*watched, *camera),
+            calls=names.SESSION_COMMANDS,
         ),
         "view": Rights(
             CONTROL,
             publishes=("markers/scene", "markers/objects", "/diagnostics"),
-            hears=recorded,
+            hears=watched,
         ),
         names.VUT_ADAPTER: Rights(CONTROL, publishes=(vut,), hears=(odometry,)),
         "ssp_run": Rights(
             CONTROL,
-            hears=(*events, *states, vut, names.FAULT_EVENT),
+            hears=(*events, *states, vut, names.FAULT_EVENT, names.LINK_STATUS),
             calls=(*commands,),
             starts=(names.RUN_SCENARIO,),
         ),

@@ -37,6 +37,8 @@ def test_names_are_absolute_and_of_this_run(run: RunSpec) -> None:
     assert "/ssp/abort" in allowed(spec, "ssp_run", "services", "request")
     assert "/ssp/abort" in allowed(spec, "monitor_page", "services", "request")
     assert "/ins" in allowed(spec, "vut_adapter", "topics", "subscribe")
+    for watcher in ("monitor_page", "view"):
+        assert "/ssp/object_states" in allowed(spec, watcher, "topics", "subscribe")
 
 
 def test_no_camera_no_rights_for_one(run: RunSpec) -> None:
