@@ -12,7 +12,6 @@ import os
 from importlib.util import find_spec
 from pathlib import Path
 
-import pytest
 from hypothesis import settings
 
 import ssp_core
@@ -43,22 +42,3 @@ _PROFILE = Path(ssp_core.__file__).parent / "config" / "fastdds_one_host.xml"
 _of_sessions = session_environment(0, _PROFILE)
 if _SETTINGS in _of_sessions:
     os.environ[_SETTINGS] = _of_sessions[_SETTINGS]
-
-_SYSTEM = Path(__file__).parent / "tests" / "system"
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """What is judged by the wall's clock gets a second and a third chance, and the report says so.
-
-    No deadline of a session in real time holds on a machine that others keep busy. Other tests of
-    processes wait for what must happen; they get a second chance, since the middleware has
-    deadlines too. Tests of cores are run once.
-    """
-    for item in items:
-        if item.get_closest_marker("alone"):
-            if not item.path.is_relative_to(_SYSTEM):
-                # `ssp test` looks for them nowhere else.
-                raise pytest.UsageError(f"{item.nodeid}: only a test in tests/system runs alone")
-            item.add_marker(pytest.mark.flaky(reruns=2))
-        elif item.get_closest_marker("ros") or item.get_closest_marker("system"):
-            item.add_marker(pytest.mark.flaky(reruns=1))

@@ -24,7 +24,7 @@ PACKAGES = (
 
 
 QUICK = "ros and not system"
-SIDE_BY_SIDE = "(ros or system) and not alone"
+SESSIONS = "ros or system"
 
 
 def _checks(arguments: tuple[str, ...], quick: bool) -> list[tuple[str, list[str]]]:
@@ -38,20 +38,15 @@ def _checks(arguments: tuple[str, ...], quick: bool) -> list[tuple[str, list[str
     if arguments:
         chosen = ["-m", "not system"] if quick else []
         return [*checks, ("tests", [*pytest, *chosen, *arguments])]
-    # A session keeps more than one processor busy while it starts, and its test waits for most of
-    # the rest. Those that are judged by the wall's clock have the machine for themselves.
-    at_once = str(max(2, (os.cpu_count() or 1) // 2))
-    by_file = ["--dist", "loadfile", "-n"]
-    # Tests of cores share no process but their own: who has done its half takes of the other's.
-    stealing = ["--dist", "worksteal", "-n", "auto"]
-    tests = [("tests of cores", [*pytest, *stealing, "-m", "not ros and not system"])]
-    if quick:
-        return [*checks, *tests, ("tests of nodes", [*pytest, *by_file, at_once, "-m", QUICK])]
+    # Who has done its share takes of another's. A test of nodes waits for processes more than it
+    # works: one more at once than there are processors.
+    stealing = ["--dist", "worksteal", "-n"]
+    at_once = str((os.cpu_count() or 1) + 1)
+    of_nodes = ("tests of nodes", QUICK) if quick else ("tests of nodes and sessions", SESSIONS)
     return [
         *checks,
-        *tests,
-        ("tests of nodes and sessions", [*pytest, *by_file, at_once, "-m", SIDE_BY_SIDE]),
-        ("tests of sessions, one at a time", [*pytest, "-m", "alone", "tests/system"]),
+        ("tests of cores", [*pytest, *stealing, "auto", "-m", "not ros and not system"]),
+        (of_nodes[0], [*pytest, *stealing, at_once, "-m", of_nodes[1]]),
     ]
 
 

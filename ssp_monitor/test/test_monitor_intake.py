@@ -43,7 +43,7 @@ from ssp_monitor.recording.node import ADDING_S, Recording
 from ssp_msgs import msg
 
 pytestmark = pytest.mark.ros
-DEADLINE_S = 20.0
+DEADLINE_S = 120.0
 STRING = "std_msgs/msg/String"
 BEST_EFFORT = ReliabilityPolicy.BEST_EFFORT
 

@@ -36,7 +36,7 @@ from ssp_core.processes import remove_stale_shared_memory
 from ssp_monitor.core.report import REPORT_NAME
 
 pytestmark = pytest.mark.ros
-DEADLINE_S = 20.0
+DEADLINE_S = 120.0
 
 
 @pytest.fixture(scope="module")

@@ -26,7 +26,7 @@ from ssp_msgs.msg import RecorderStatus, SessionState
 
 pytestmark = pytest.mark.ros
 
-DEADLINE_S = 20.0
+DEADLINE_S = 120.0
 
 
 @pytest.fixture

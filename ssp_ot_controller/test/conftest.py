@@ -18,7 +18,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from small_run import small_run
 
-DEADLINE_S = 30.0
+DEADLINE_S = 120.0
 
 
 @pytest.fixture

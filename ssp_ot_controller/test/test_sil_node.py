@@ -22,7 +22,7 @@ from ssp_msgs import msg
 from ssp_ot_controller.sil.node import OVERRUN_S
 
 pytestmark = pytest.mark.ros
-DEADLINE_S = 30.0
+DEADLINE_S = 120.0
 START = {"x_m": 10.0, "y_m": 0.0, "yaw_rad": 0.0}
 VUT = {
     "id": "vut",
@@ -115,7 +115,7 @@ def start(
     yield make
     for world in worlds:
         world.kill()
-        world.communicate(timeout=10)
+        world.communicate(timeout=DEADLINE_S)
 
 
 def world_process(domain_id: int, run_file: Path) -> subprocess.Popen[str]:

@@ -28,7 +28,7 @@ from ssp_msgs.srv import ObjectCommand
 pytestmark = pytest.mark.ros
 # A reader may be found by this side before it has found this side.
 TICK_AGAIN_S = 1.0
-DEADLINE_S = 20.0
+DEADLINE_S = 120.0
 VERSION = "sha256:event"
 Request = ObjectCommand.Request
 
@@ -159,7 +159,7 @@ def target(domain: int, run_file: Path) -> Iterator[subprocess.Popen[str]]:
     process = start(domain, run_file=run_file)
     yield process
     process.kill()
-    process.communicate(timeout=10)
+    process.communicate(timeout=DEADLINE_S)
 
 
 @pytest.fixture
@@ -295,7 +295,7 @@ def body() -> Iterator[str]:
     assert process.stdout is not None
     yield process.stdout.readline().split()[-1]
     process.terminate()
-    process.communicate(timeout=10)
+    process.communicate(timeout=DEADLINE_S)
 
 
 def test_live_an_object_of_hardware_drives_and_stops_by_itself(
@@ -343,7 +343,7 @@ def test_live_an_object_of_hardware_drives_and_stops_by_itself(
         assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
     finally:
         process.kill()
-        process.communicate(timeout=10)
+        process.communicate(timeout=DEADLINE_S)
 
 
 def test_lifecycle(peers: Peers) -> None:

@@ -27,7 +27,7 @@ from ssp_vla_bridge.core.recorded_message import response_of_message
 from ssp_vla_bridge.core.request import CameraGeometry
 
 pytestmark = pytest.mark.ros
-DEADLINE_S = 20.0
+DEADLINE_S = 120.0
 
 # A backend that does what the request's id says; the bridge finds it as module:factory.
 ODD_BACKEND = """

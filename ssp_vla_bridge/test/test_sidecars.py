@@ -30,7 +30,7 @@ HERE = Path(__file__).resolve().parent
 SIDECARS = HERE.parent / "sidecars"
 DOCUMENT = HERE.parents[1] / "docs" / "bridges.md"
 NS = 1_000_000_000
-DEADLINE_S = 30.0
+DEADLINE_S = 120.0
 
 
 def load_io():

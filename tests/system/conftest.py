@@ -18,8 +18,10 @@ from typing import Any
 
 import pytest
 
-START_DEADLINE_S = 90.0
-END_DEADLINE_S = 90.0
+from tests.system.recordings import Recordings
+
+START_DEADLINE_S = 180.0
+END_DEADLINE_S = 180.0
 
 
 def ssp_command(*arguments: str) -> list[str]:
@@ -148,3 +150,11 @@ def start_session(tmp_path: Path) -> Iterator[Any]:
 @pytest.fixture
 def live_processes() -> Any:
     return processes_of
+
+
+@pytest.fixture(scope="session")
+def recordings(tmp_path_factory: pytest.TempPathFactory) -> Recordings:
+    base = tmp_path_factory.getbasetemp()
+    # A worker of xdist has a folder of its own in one that all share.
+    shared = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+    return Recordings(shared / "recordings")

@@ -6,28 +6,19 @@ change is entered into the log unless that is what is wrong. It takes the place 
 
 from __future__ import annotations
 
+import io
 import json
-import os
-import subprocess
-import sys
-from collections.abc import Callable, Mapping
+from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from ssp_core.files import write_text
-from ssp_core.run_spec import load_run
 from ssp_eval.audit.model import Audit, RecordingEntry, load_audit
-from ssp_scenario_manager.compile.changes import value_at, with_value
-from ssp_scenario_manager.spec.load import load_event
-from ssp_scenario_manager.spec.log import Record
-from ssp_scenario_manager.spec.log_file import append_record
+from tests.system.recordings import Changes, Recordings, changed_run, ssp, succeed
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
 
-HERE = Path(__file__).parent
-SESSION_S = 240.0
 # Runs the verbs with another program in place of the object target.
 WITH_ROGUE = """
 import sys
@@ -36,106 +27,28 @@ from ssp_scenario_manager.runner import session
 session._NODES["object_target"] = "rogue_target"
 sys.exit(main(sys.argv[1:]))
 """
-Changes = Mapping[str, Any]
-
-
-def ssp(*arguments: object, program: str | None = None) -> subprocess.CompletedProcess[str]:
-    start = ["-m", "ssp_core.cli"] if program is None else ["-c", program]
-    path = os.pathsep.join([str(HERE), os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep)
-    return subprocess.run(
-        [sys.executable, *start, *map(str, arguments)],
-        capture_output=True, text=True, timeout=SESSION_S, env={**os.environ, "PYTHONPATH": path},
-        check=False,
-    )  # fmt: skip
-
-
-def succeed(*arguments: object) -> None:
-    done = ssp(*arguments)
-    assert done.returncode == 0, done.stdout + done.stderr
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("audit")
-
-
-def k_star(folder: Path, event: str) -> Path:
-    """A clip of an event and the K* that is bound to it, made once."""
-    file = folder / f"{event}.event.yaml"
-    if not file.exists():
-        succeed("spec", "clip", event, "--out", folder)
-    return file
-
-
-@pytest.fixture(scope="module")
-def good(folder: Path) -> Callable[[str, str], Path]:
-    """Recordings of an event as they should be, each made once: domain to folder."""
-
-    def make(event: str, domain: str) -> Path:
-        target = folder / f"{event}-{domain}"
-        if target.exists():
-            return target
-        if domain == "synthetic":
-            synthetic(event, target)
-        else:
-            site = {"simulation": "boulevard", "physical": "north_track"}[domain]
-            bound = k_star(folder, event)
-            succeed("run", bound, "--site", site, "--seed", 11, "--out", target)
-        return target
-
-    return make
-
-
-def synthetic(event: str, target: Path) -> None:
-    """The K*'s own source clip, imported."""
-    bound = k_star(target.parent, event)
-    succeed(
-        "import-video", target.parent / f"{event}.mp4", "--scenario", event,
-        "--event-version", load_event(str(bound))[1], "--generator", "ssp-clip/1",
-        "--ego-unknown", "--out", target / "bag",
-    )  # fmt: skip
 
 
 def broken_run(
-    folder: Path,
-    good: Callable[[str, str], Path],
-    event: str,
-    changes: Changes,
-    *,
-    logged: bool = True,
-    program: str | None = None,
+    folder: Path, recordings: Recordings, event: str, changes: Changes, **how: Any
 ) -> Path:
-    """A run of the simulation, compiled and then changed."""
-    task = folder / "task"
-    bound = k_star(good(event, "synthetic").parent, event)
-    succeed("compile", bound, "--target", "sumo", "--site", "boulevard", "--out", task)
-    run = load_run(task / "run.yaml")
-    for field, new in changes.items():
-        old = value_at(run, field)
-        run = with_value(run, field, new)
-        record = Record(
-            kind="site_change", when="2025-03-01T09:30:00Z", who="A. Tester", subject=event,
-            field=field, old=old, new=value_at(run, field), reason="to be refused",
-        )  # fmt: skip
-        if logged:
-            append_record(task / "log.jsonl", record)
-    write_text(task / "run.yaml", run.model_dump_json(by_alias=True, indent=1) + "\n")
-    done = ssp("run", task, "--seed", 11, "--out", folder / "run", program=program)
-    assert (folder / "run" / "result.json").is_file(), done.stdout + done.stderr
+    """Of the simulation, compiled and then changed."""
+    changed_run(folder, recordings.k_star(event), changes, **how)
     return folder / "run"
 
 
 def audit(
-    tmp_path: Path, good: Callable[[str, str], Path], event: str, simulation: Path
+    tmp_path: Path, recordings: Recordings, event: str, simulation: Path
 ) -> tuple[int, Audit]:
-    recordings = good(event, "synthetic"), simulation, good(event, "physical")
-    done = ssp("audit", *recordings, "--out", tmp_path / "audit")
+    synthetic, physical = (recordings.get(event, d) for d in ("synthetic", "physical"))
+    with redirect_stdout(io.StringIO()) as said:
+        status = ssp("audit", synthetic, simulation, physical, "--out", tmp_path / "audit")
     page = (tmp_path / "audit" / "audit.html").read_text()
     found = load_audit(tmp_path / "audit")
     for reason in found.recordings[1].reasons:
         assert reason.text in page
-        assert reason.text in done.stdout
-    return done.returncode, found
+        assert reason.text in said.getvalue()
+    return status, found
 
 
 def refused(found: Audit) -> RecordingEntry:
@@ -154,14 +67,12 @@ def codes(entry: RecordingEntry) -> dict[str, list[str]]:
 
 
 @pytest.mark.parametrize("event", ["cut_in", "vru_crossing"])
-def test_good_runs_are_admitted(
-    event: str, good: Callable[[str, str], Path], tmp_path: Path
-) -> None:
-    simulation = good(event, "simulation")
-    status, found = audit(tmp_path, good, event, simulation)
+def test_good_runs_are_admitted(event: str, recordings: Recordings, tmp_path: Path) -> None:
+    simulation = recordings.get(event, "simulation")
+    status, found = audit(tmp_path, recordings, event, simulation)
     assert [(r.status, r.reasons) for r in found.recordings] == [("admitted", [])] * 3
     assert status == 0
-    version = load_event(str(k_star(simulation.parent, event)))[1]
+    version = recordings.version(event)
     assert {found.event_version, *(r.event_version for r in found.recordings)} == {version}
     for index, recording in enumerate(found.recordings):
         assert recording.kpr == 1.0
@@ -227,9 +138,9 @@ def harmless() -> Changes:
     }
 
 
-def test_from_the_wrong_side(good: Callable[[str, str], Path], tmp_path: Path) -> None:
-    run = broken_run(tmp_path, good, "cut_in", mirrored())
-    status, found = audit(tmp_path, good, "cut_in", run)
+def test_from_the_wrong_side(recordings: Recordings, tmp_path: Path) -> None:
+    run = broken_run(tmp_path, recordings, "cut_in", mirrored())
+    status, found = audit(tmp_path, recordings, "cut_in", run)
     entry = refused(found)
     assert status == 1
     assert codes(entry) == {"wrong_side": ["lane_differs", "place_differs"]}
@@ -239,9 +150,9 @@ def test_from_the_wrong_side(good: Callable[[str, str], Path], tmp_path: Path) -
     assert {change.who for change in entry.changes} == {"A. Tester"}
 
 
-def test_swapped_roles(good: Callable[[str, str], Path], tmp_path: Path) -> None:
-    run = broken_run(tmp_path, good, "cut_in", swapped())
-    entry = refused(audit(tmp_path, good, "cut_in", run)[1])
+def test_swapped_roles(recordings: Recordings, tmp_path: Path) -> None:
+    run = broken_run(tmp_path, recordings, "cut_in", swapped())
+    entry = refused(audit(tmp_path, recordings, "cut_in", run)[1])
     assert next(iter(codes(entry))) == "roles_swapped"
     under = codes(entry)["roles_swapped"]
     assert {"order_differs", "lane_differs", "place_differs"} <= set(under)
@@ -251,16 +162,16 @@ def test_swapped_roles(good: Callable[[str, str], Path], tmp_path: Path) -> None
     assert entry.properties["participant_roles"].words["initiator"] == ["vut"]
 
 
-def test_the_vut_passes_first(good: Callable[[str, str], Path], tmp_path: Path) -> None:
+def test_the_vut_passes_first(recordings: Recordings, tmp_path: Path) -> None:
     # With an adaptation, the session would end the run as soon as it sees that.
     changes = {
         "driver.reacts": False,
         "triggers[0].condition.below_s": 0.4,
         "triggers[0].adaptation": None,
     }
-    run = broken_run(tmp_path, good, "vru_crossing", changes)
+    run = broken_run(tmp_path, recordings, "vru_crossing", changes)
     assert json.loads((run / "result.json").read_text())["verdict"] == "off_spec"
-    entry = refused(audit(tmp_path, good, "vru_crossing", run)[1])
+    entry = refused(audit(tmp_path, recordings, "vru_crossing", run)[1])
     # Whom the VUT has passed its camera doesn't see.
     (under,) = codes(entry).values()
     assert entry.reasons[0].code == "order_differs"
@@ -269,9 +180,9 @@ def test_the_vut_passes_first(good: Callable[[str, str], Path], tmp_path: Path) 
     assert entry.kpr == pytest.approx(4 / 5)
 
 
-def test_a_missing_conflict(good: Callable[[str, str], Path], tmp_path: Path) -> None:
-    run = broken_run(tmp_path, good, "cut_in", harmless())
-    entry = refused(audit(tmp_path, good, "cut_in", run)[1])
+def test_a_missing_conflict(recordings: Recordings, tmp_path: Path) -> None:
+    run = broken_run(tmp_path, recordings, "cut_in", harmless())
+    entry = refused(audit(tmp_path, recordings, "cut_in", run)[1])
     assert next(iter(codes(entry))) == "conflict_missing"
     assert {"conflict_phase", "resolution_phase", "epd_missing", "event_awaited"} <= set(
         codes(entry)["conflict_missing"]
@@ -282,10 +193,10 @@ def test_a_missing_conflict(good: Callable[[str, str], Path], tmp_path: Path) ->
     assert entry.phases.trigger_s is not None
 
 
-def test_off_camera_in_the_conflict(good: Callable[[str, str], Path], tmp_path: Path) -> None:
+def test_off_camera_in_the_conflict(recordings: Recordings, tmp_path: Path) -> None:
     # Looking up so far that the lower edge of the picture is about the horizon.
-    run = broken_run(tmp_path, good, "vru_crossing", {"camera.pitch_down_rad": -0.385})
-    entry = refused(audit(tmp_path, good, "vru_crossing", run)[1])
+    run = broken_run(tmp_path, recordings, "vru_crossing", {"camera.pitch_down_rad": -0.385})
+    entry = refused(audit(tmp_path, recordings, "vru_crossing", run)[1])
     assert next(iter(codes(entry))) == "participant_off_camera"
     assert "in the conflict" in entry.reasons[0].detail
     assert entry.kpr == 1.0
@@ -293,10 +204,10 @@ def test_off_camera_in_the_conflict(good: Callable[[str, str], Path], tmp_path: 
     assert entry.coverage.participants["ot1"].fraction < 0.5
 
 
-def test_a_safety_abort(good: Callable[[str, str], Path], tmp_path: Path) -> None:
-    run = broken_run(tmp_path, good, "cut_in", {"limits.separation_m": 16.0})
+def test_a_safety_abort(recordings: Recordings, tmp_path: Path) -> None:
+    run = broken_run(tmp_path, recordings, "cut_in", {"limits.separation_m": 16.0})
     assert json.loads((run / "result.json").read_text())["verdict"] == "failed_safety"
-    entry = refused(audit(tmp_path, good, "cut_in", run)[1])
+    entry = refused(audit(tmp_path, recordings, "cut_in", run)[1])
     assert next(iter(codes(entry))) == "safety_abort"
     assert "separation of ot1" in entry.reasons[0].detail
     assert "run_invalid" in codes(entry)["safety_abort"]
@@ -304,9 +215,9 @@ def test_a_safety_abort(good: Callable[[str, str], Path], tmp_path: Path) -> Non
     assert len(entry.safety_events) >= 1
 
 
-def test_an_id_that_changes_mid_run(good: Callable[[str, str], Path], tmp_path: Path) -> None:
-    run = broken_run(tmp_path, good, "cut_in", {}, program=WITH_ROGUE)
-    entry = refused(audit(tmp_path, good, "cut_in", run)[1])
+def test_an_id_that_changes_mid_run(recordings: Recordings, tmp_path: Path) -> None:
+    run = broken_run(tmp_path, recordings, "cut_in", {}, program=WITH_ROGUE)
+    entry = refused(audit(tmp_path, recordings, "cut_in", run)[1])
     assert next(iter(codes(entry))) == "identity_switch"
     assert entry.reasons[0].detail.startswith("the states of ot1 say ot7 from 8.")
     under = {code for codes_under in codes(entry).values() for code in codes_under}
@@ -316,20 +227,17 @@ def test_an_id_that_changes_mid_run(good: Callable[[str, str], Path], tmp_path: 
     assert any("ot1 is gone" in text for text in entry.identities)
 
 
-def test_an_unlogged_change(good: Callable[[str, str], Path], tmp_path: Path) -> None:
-    run = broken_run(tmp_path, good, "cut_in", {"driver.headway_s": 1.6}, logged=False)
-    entry = refused(audit(tmp_path, good, "cut_in", run)[1])
+def test_an_unlogged_change(recordings: Recordings, tmp_path: Path) -> None:
+    run = broken_run(tmp_path, recordings, "cut_in", {"driver.headway_s": 1.6}, logged=False)
+    entry = refused(audit(tmp_path, recordings, "cut_in", run)[1])
     assert codes(entry) == {"unlogged_change": []}
     assert entry.reasons[0].detail == "driver.headway_s: 1.4 to 1.6"
     assert [(c.field, c.logged) for c in entry.changes] == [("driver.headway_s", False)]
     assert entry.kpr == 1.0
 
 
-def test_the_same_change_with_a_record_is_admitted(
-    good: Callable[[str, str], Path], tmp_path: Path
-) -> None:
-    run = broken_run(tmp_path, good, "cut_in", {"driver.headway_s": 1.6})
-    status, found = audit(tmp_path, good, "cut_in", run)
+def test_the_same_change_with_a_record_is_admitted(recordings: Recordings, tmp_path: Path) -> None:
+    status, found = audit(tmp_path, recordings, "cut_in", recordings.changed)
     assert (status, found.admitted) == (0, True)
     (change,) = found.recordings[1].changes
     assert (change.old, change.new, change.who, change.reason) == (
@@ -340,10 +248,10 @@ def test_the_same_change_with_a_record_is_admitted(
 # -- what wasn't compiled, or belongs to something else --------------------------------------------
 
 
-def test_recordings_of_two_events_are_refused(
-    good: Callable[[str, str], Path], tmp_path: Path
-) -> None:
-    status, found = audit(tmp_path, good, "cut_in", good("vru_crossing", "simulation"))
+def test_recordings_of_two_events_are_refused(recordings: Recordings, tmp_path: Path) -> None:
+    status, found = audit(
+        tmp_path, recordings, "cut_in", recordings.get("vru_crossing", "simulation")
+    )
     # The K* is the simulation's, so it is the partners that are of another one.
     assert status == 1
     assert found.recordings[0].reasons[0].code == "other_event"
@@ -351,19 +259,17 @@ def test_recordings_of_two_events_are_refused(
 
 
 def test_a_video_that_is_not_the_source_clip_is_unverified(
-    good: Callable[[str, str], Path], tmp_path: Path
+    recordings: Recordings, tmp_path: Path
 ) -> None:
     """Another clip that names the K* and our generator: it has no q, and neither KPR nor EPD."""
-    folder, target = good("cut_in", "synthetic").parent, tmp_path / "other"
-    version = load_event(str(k_star(folder, "cut_in")))[1]
-    k_star(folder, "vru_crossing")
+    target, version = tmp_path / "other", recordings.version("cut_in")
     succeed(
-        "import-video", folder / "vru_crossing.mp4", "--scenario", "cut_in",
+        "import-video", recordings.clip("vru_crossing"), "--scenario", "cut_in",
         "--event-version", version, "--generator", "ssp-clip/1", "--ego-unknown",
         "--domain", "physical", "--out", target / "bag",
     )  # fmt: skip
-    recordings = good("cut_in", "synthetic"), good("cut_in", "simulation"), target
-    assert ssp("audit", *recordings, "--out", tmp_path / "audit").returncode == 1
+    domains = [recordings.get("cut_in", domain) for domain in ("synthetic", "simulation")]
+    assert ssp("audit", *domains, target, "--out", tmp_path / "audit") == 1
     *others, physical = load_audit(tmp_path / "audit").recordings
     assert next(iter(codes(physical))) == "unverified"
     assert (physical.kpr, physical.epd, physical.evidence) == (None, None, "unverified")
@@ -371,17 +277,14 @@ def test_a_video_that_is_not_the_source_clip_is_unverified(
     assert [r.status for r in others] == ["unpaired", "unpaired"]
 
 
-def test_another_crop_of_the_source_is_refused(
-    good: Callable[[str, str], Path], tmp_path: Path
-) -> None:
-    folder, target = good("cut_in", "synthetic").parent, tmp_path / "other"
-    version = load_event(str(k_star(folder, "cut_in")))[1]
+def test_another_crop_of_the_source_is_refused(recordings: Recordings, tmp_path: Path) -> None:
+    target, version = tmp_path / "other", recordings.version("cut_in")
     succeed(
-        "import-video", folder / "cut_in.mp4", "--scenario", "cut_in",
+        "import-video", recordings.clip("cut_in"), "--scenario", "cut_in",
         "--event-version", version, "--ego-unknown", "--end", "6", "--out", target / "bag",
     )  # fmt: skip
-    recordings = target, good("cut_in", "simulation"), good("cut_in", "physical")
-    assert ssp("audit", *recordings, "--out", tmp_path / "audit").returncode == 1
+    domains = [recordings.get("cut_in", domain) for domain in ("simulation", "physical")]
+    assert ssp("audit", target, *domains, "--out", tmp_path / "audit") == 1
     synthetic, *others = load_audit(tmp_path / "audit").recordings
     assert "other_source" in codes(synthetic)
     assert any("the crop's end is 6 s" in reason.detail for reason in synthetic.reasons)

@@ -32,7 +32,7 @@ def test_interrupted_demo_aborts_its_session(tmp_path: Path, live_processes: Any
             assert time.monotonic() < deadline
             time.sleep(0.1)
         demo.send_signal(signal.SIGINT)
-        _, err = demo.communicate(timeout=60)
+        _, err = demo.communicate(timeout=120)
     finally:
         if demo.poll() is None:
             demo.kill()

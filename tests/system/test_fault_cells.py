@@ -5,23 +5,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
 
 import pytest
 
-from ssp_scenario_manager.faults.campaign import Mode, Scene, prepare_scene, run_cells
+from ssp_scenario_manager.faults.campaign import Scene, prepare_scene, run_cells
 from ssp_scenario_manager.faults.matrix import MATRIX
 from ssp_scenario_manager.faults.model import Stage
 
-# Until a session begins its heartbeats are judged by the wall's clock, and so is a full disk.
-pytestmark = [pytest.mark.ros, pytest.mark.system, pytest.mark.alone]
+pytestmark = [pytest.mark.ros, pytest.mark.system]
 
 ROWS = {row.name: row for row in MATRIX}
-# Recorder and manager are killed in realtime, where there is time to notice
-# (test_session_faults.py).
+# The recorder is killed in test_session_faults.py.
 CELLS = [
+    ("manager_killed", Stage.AFTER),
     ("manager_stopped", Stage.AFTER),
     ("object_killed", Stage.CONFLICT),
     ("world_paused", Stage.BEFORE),
@@ -30,34 +27,30 @@ CELLS = [
     ("operator_abort", Stage.AFTER),
 ]
 
-
-# The recorder flushes by the wall's clock: in lockstep all may stand before the disk is full.
-REALTIME = {"disk_full"}
+# Noticed on the wall's clock, so that the run has to last.
+NEVER_TRIGGERED = {"disk_full"}
+HELD_S = 30.0
+# Until a session begins its heartbeats are judged by the wall's clock, on a machine that is busy.
+HEARTBEAT_S = 2.0
 
 
 @pytest.fixture(scope="module")
-def scenes(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Mode], Scene]:
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
     """The event's times come from a run without processes, which has the same states."""
     folder = tmp_path_factory.mktemp("cells")
-
-    @cache
-    def scene(mode: Mode) -> Scene:
-        # In one process there is no clock to follow; the times are of the session's own.
-        made = prepare_scene(
-            "cut_in", "boulevard", 1, "lockstep", folder / mode, print, "in_process"
-        )
-        run = made.run.model_copy(update={"mode": mode})
-        return replace(made, way="sessions", mode=mode, run=run)
-
-    return scene
+    made = prepare_scene("cut_in", "boulevard", 1, "lockstep", folder, print, "in_process")
+    limits = made.run.limits.model_copy(update={"heartbeat_s": HEARTBEAT_S})
+    return replace(made, way="sessions", run=made.run.model_copy(update={"limits": limits}))
 
 
 @pytest.mark.parametrize(("name", "stage"), CELLS)
 def test_a_fault_of_a_process_is_answered_as_it_is_written(
-    name: str, stage: Stage, scenes: Callable[[Mode], Scene]
+    name: str, stage: Stage, scene: Scene
 ) -> None:
     said: list[str] = []
-    scene = scenes("realtime" if name in REALTIME else "lockstep")
+    if name in NEVER_TRIGGERED:
+        triggers = [t.model_copy(update={"held_for_s": HELD_S}) for t in scene.run.triggers]
+        scene = replace(scene, run=scene.run.model_copy(update={"triggers": triggers}))
     (result,) = run_cells(scene, [(ROWS[name], stage)], said.append)
     assert result.judged is not None
     # How soon on the wall's clock says nothing on a busy machine; `ssp faults` judges that too.

@@ -1,19 +1,29 @@
-"""A session in one process gives the states of the session over DDS, to the last bit."""
+"""A session in one process gives the states of the session over DDS, to the last bit.
+
+So states depend on the run and its seed alone, whatever the camera, the load, and the order in
+which processes start.
+"""
 
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 from rosbags.highlevel import AnyReader
 
+from ssp_core.files import make_folder
 from ssp_core.messages import object_state
 from ssp_core.run_spec import load_run
 from ssp_core.state import ObjectState
+from ssp_scenario_manager.compile.prepare import prepare_run
 from ssp_scenario_manager.in_process.command import for_one_process
-from ssp_scenario_manager.in_process.outcome import result_json, run_in_process
+from ssp_scenario_manager.in_process.outcome import Record, result_json, run_in_process
+from ssp_scenario_manager.runner import session as runner
+from tests.system.frames import check_frames
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
 
@@ -56,39 +66,44 @@ def by_number(states: list[ObjectState]) -> list[ObjectState]:
     return sorted((s for s in states if s.sequence > 1), key=lambda s: s.sequence)
 
 
-def test_states_are_the_same_to_the_last_bit(start_session: Any, tmp_path: Path) -> None:
+def agreed(folder: Path, result: dict[str, Any]) -> Record:
+    """What the run of one process recorded, once it is known to be the session's."""
+    spec = for_one_process(load_run(folder / "run.yaml"))
+    ours, record = run_in_process(spec)
+    said = json.loads(json.dumps(result_json(spec, ours)))
+    assert {key: result[key] for key in KEYS} == {key: said[key] for key in KEYS}
+    assert (result["in_process"], said["in_process"]) == (False, True)
+    for object_id in ("vut", "ot1"):
+        theirs = recorded(folder / "bag", object_id)
+        mine = by_number(record.arrived(object_id))
+        # At its end the world holds and says its state again, as often as there is time.
+        assert len(mine) > 300
+        assert [repr(s) for s in theirs[: len(mine) - 1]] == [repr(s) for s in mine[:-1]]
+    return record
+
+
+def test_faults_are_the_same(start_session: Any, tmp_path: Path) -> None:
     (tmp_path / "faults.yaml").write_text(FAULTS)
     (tmp_path / "jump.yaml").write_text(JUMP)
     plans = {
-        "disturbed": ("cut_in", "--site", "north_track", "--seed", "7"),
         "faulty": ("vru_crossing", "--faults", str(tmp_path / "faults.yaml")),
         "stopped": ("cut_in", "--faults", str(tmp_path / "jump.yaml")),
     }
-    # At the same time, on purpose: a loaded machine.
     sessions = {
         name: start_session(*plan, "--no-camera", name=name) for name, plan in plans.items()
     }
-    verdicts, gaps, faults = {}, {}, {}
+    results = {name: session.finish() for name, session in sessions.items()}
     for name, session in sessions.items():
-        result = session.finish()
-        spec = for_one_process(load_run(session.folder / "run.yaml"))
-        ours, record = run_in_process(spec)
-        said = json.loads(json.dumps(result_json(spec, ours)))
-        assert {key: result[key] for key in KEYS} == {key: said[key] for key in KEYS}
-        assert (result["in_process"], said["in_process"]) == (False, True)
-        verdicts[name], gaps[name] = result["verdict"], result["time_gap_s"]
-        faults[name] = [(f["number"], f["kind"], f["active"]) for f in result["faults"]]
-        for object_id in ("vut", "ot1"):
-            theirs = recorded(session.folder / "bag", object_id)
-            mine = by_number(record.arrived(object_id))
-            # At its end the world holds and says its state again, as often as there is time.
-            assert len(mine) > 300
-            assert [repr(s) for s in theirs[: len(mine) - 1]] == [repr(s) for s in mine[:-1]]
-    assert verdicts == {"disturbed": "valid", "faulty": "valid", "stopped": "failed_safety"}
+        agreed(session.folder, results[name])
+    verdicts = {name: result["verdict"] for name, result in results.items()}
+    assert verdicts == {"faulty": "valid", "stopped": "failed_safety"}
     # Who is stopped before the conflict rolls on, and has no gap.
-    assert gaps["disturbed"] is not None
-    assert gaps["faulty"] is not None
-    assert gaps["stopped"] is None
+    assert results["faulty"]["time_gap_s"] is not None
+    assert results["stopped"]["time_gap_s"] is None
+    faults = {
+        name: [(f["number"], f["kind"], f["active"]) for f in result["faults"]]
+        for name, result in results.items()
+    }
     assert faults["stopped"] == [(0, "position_jump", True)]
     assert faults["faulty"] == [
         (0, "link_delay", True),
@@ -98,4 +113,36 @@ def test_states_are_the_same_to_the_last_bit(start_session: Any, tmp_path: Path)
         (2, "link_cut", False),
         (1, "link_loss", False),
     ]
-    assert faults["disturbed"] == []
+
+
+def test_states_depend_on_the_seed_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With a camera, on a busy machine and started the other way round, over disturbed links."""
+    folder = make_folder(tmp_path / "filmed")
+    spec = prepare_run("cut_in", "north_track", folder, seed=5, mode="lockstep")
+    assert spec.disturbance.position_noise_m > 0.0
+    assert spec.camera is not None
+    small = spec.camera.model_copy(update={"width_px": 160, "height_px": 96})
+    monkeypatch.setattr(runner, "_NODES", dict(reversed(runner._NODES.items())))
+    busy: list[subprocess.Popen[bytes]] = []
+
+    def make_busy(line: str) -> None:
+        """From the start of the run on: before it, the camera's code may still be compiled."""
+        if line == "session RUNNING":
+            code = "while True: pass"
+            busy.extend(subprocess.Popen([sys.executable, "-c", code]) for _ in range(2))
+
+    try:
+        filmed = runner.run_session(spec.model_copy(update={"camera": small}), folder, make_busy)
+    finally:
+        for process in busy:
+            process.kill()
+            process.wait()
+    assert len(busy) == 2
+    assert (filmed.outcome.verdict.name, filmed.outcome.reasons) == ("VALID", ())
+    with AnyReader([filmed.bag]) as reader:
+        counts = {c.topic: c.msgcount for c in reader.connections}
+    assert counts["/ssp/vut/front_camera/image/compressed"] > 100
+    check_frames(filmed.bag, load_run(folder / "run.yaml"))
+    record = agreed(folder, json.loads((folder / "result.json").read_text()))
+    other = run_in_process(for_one_process(spec.model_copy(update={"seed": 6})))[1]
+    assert by_number(other.arrived("vut")) != by_number(record.arrived("vut"))

@@ -44,7 +44,7 @@ from ssp_msgs.msg import SessionState
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
 
-DEADLINE_S = 30.0
+DEADLINE_S = 120.0
 START_NS = 1_000 * NS_PER_S
 STATE, IMAGE = "/ssp/vut/state", "/ssp/vut/front_camera/image/compressed"
 TF, TF_STATIC = "/tf", "/tf_static"

@@ -10,7 +10,7 @@ import pytest
 from ssp_core.bag import BagReader
 from ssp_core.messages import peek_stamp_ns
 
-pytestmark = [pytest.mark.ros, pytest.mark.system, pytest.mark.alone]
+pytestmark = [pytest.mark.ros, pytest.mark.system]
 IMAGE = "/ssp/vut/front_camera/image/compressed"
 
 
@@ -19,7 +19,7 @@ def test_answers_are_recorded_by_their_frames_stamps_and_a_dead_model_costs_noth
 ) -> None:
     session = start_session(
         "cut_in",
-        *("--mode", "realtime", "--shadow", 'blind={"backend": "constant_velocity", "hz": 4}'),
+        *("--shadow", 'blind={"backend": "constant_velocity", "hz": 4}'),
         *("--shadow", 'gone={"backend": "no_such_backend"}'),
     )
     result = session.finish()
@@ -33,7 +33,7 @@ def test_answers_are_recorded_by_their_frames_stamps_and_a_dead_model_costs_noth
         diagnostics = [bag.decode(m) for m in bag.messages(["/diagnostics"])]
     stamps = [a.header.stamp.sec * 10**9 + a.header.stamp.nanosec for a in answers]
     # How many there are depends on the machine; each is about a frame, and they are apart.
-    assert len(answers) >= 10
+    assert len(answers) >= 3
     assert set(stamps) <= set(frames)
     assert all(after - before >= 230_000_000 for before, after in pairwise(stamps))
     good = [a for a in answers if not a.error_code]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +11,11 @@ import pytest
 
 from ssp_core.bag import BagReader
 from ssp_core.cli import main
+from ssp_scenario_manager.compile.prepare import TASK_FOLDER
 from ssp_scenario_manager.compile.records import COMPILER
 from ssp_scenario_manager.compile.task import load_task
 from ssp_scenario_manager.spec.log_file import parse_log, read_log
+from tests.system.recordings import Recordings
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
 
@@ -32,55 +35,52 @@ def change(file: Path, *path: str | int, value: object) -> None:
 
 
 def test_a_simulation_run_validates_the_anchors_of_a_track_task(
-    start_session: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    recordings: Recordings, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert compile_to(tmp_path / "sim", "vru_crossing", "sumo", "boulevard") == 0
-    session = start_session(str(tmp_path / "sim"), name="simrun")
-    assert session.finish()["verdict"] == "valid"
+    event, run = str(recordings.k_star("vru_crossing")), tmp_path / "simrun"
+    shutil.copytree(recordings.get("vru_crossing", "simulation"), run)
 
     # The bag carries its task, as it was compiled and as it was run.
-    task = load_task(tmp_path / "sim")
-    with BagReader(session.folder / "bag") as bag:
+    task = load_task(run / TASK_FOLDER)
+    with BagReader(run / "bag") as bag:
         for name in ("task.json", "event.yaml", "site.yaml", "log.jsonl"):
-            assert bag.attachment(name) == (tmp_path / "sim" / name).read_bytes()
+            assert bag.attachment(name) == (run / TASK_FOLDER / name).read_bytes()
         executed = json.loads(bag.attachment("run.yaml") or b"")
     assert executed["task_version"] == task.version
 
-    validated = ("--validated-by", str(session.folder))
-    assert compile_to(tmp_path / "track", "vru_crossing", "track", "north_track", *validated) == 0
+    validated = ("--validated-by", str(run))
+    assert compile_to(tmp_path / "track", event, "track", "north_track", *validated) == 0
     track = load_task(tmp_path / "track")
     assert track.validated_by is not None
-    assert (track.validated_by.run_id, track.validated_by.task_version) == ("simrun", task.version)
+    assert (track.validated_by.run_id, track.validated_by.task_version) == (
+        executed["run_id"],
+        task.version,
+    )
     chosen = {tuning.field: tuning.value for tuning in task.tunings}
     for tuning in track.tunings:
         if tuning.field.startswith("constraints."):
             assert tuning.value == chosen[tuning.field]
             assert tuning.reason == "validated in simulation"
     (record,) = [r for r in read_log(tmp_path / "track" / "log.jsonl") if r.kind == "validation"]
-    assert (record.who, record.new) == (COMPILER, "simrun")
+    assert (record.who, record.new) == (COMPILER, executed["run_id"])
     assert "not validated" not in (tmp_path / "track" / "task.html").read_text()
 
     # What validates nothing.
     capsys.readouterr()
     assert compile_to(tmp_path / "no", "cut_in", "track", "north_track", *validated) == 1
     assert "is of another K* version" in capsys.readouterr().err
-    change(session.folder / "result.json", "verdict", value="aborted")
-    assert compile_to(tmp_path / "no", "vru_crossing", "track", "north_track", *validated) == 1
+    change(run / "result.json", "verdict", value="aborted")
+    assert compile_to(tmp_path / "no", event, "track", "north_track", *validated) == 1
     assert "doesn't validate anything" in capsys.readouterr().err
     assert not (tmp_path / "no").exists()
 
 
 def test_a_run_that_was_changed_on_site_validates_nothing(
-    start_session: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    recordings: Recordings, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert compile_to(tmp_path / "sim", "cut_in", "sumo", "boulevard") == 0
-    change(tmp_path / "sim" / "run.yaml", "triggers", 0, "condition", "below_m", value=17.0)
-    session = start_session(str(tmp_path / "sim"), "--no-camera", name="simrun")
-    assert session.finish()["verdict"] == "valid"
-    said = "".join(session.lines)
-    assert "changed on site: triggers[0].condition.below_m 18.0 → 17.0" in said
-    with BagReader(session.folder / "bag") as bag:
+    event, run = str(recordings.k_star("cut_in")), recordings.changed
+    with BagReader(run / "bag") as bag:
         assert parse_log((bag.attachment("log.jsonl") or b"").decode(), "log.jsonl")
-    validated = ("--validated-by", str(session.folder))
-    assert compile_to(tmp_path / "no", "cut_in", "track", "north_track", *validated) == 1
+    validated = ("--validated-by", str(run))
+    assert compile_to(tmp_path / "no", event, "track", "north_track", *validated) == 1
     assert "was run otherwise than compiled" in capsys.readouterr().err

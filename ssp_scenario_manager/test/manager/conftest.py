@@ -28,7 +28,7 @@ from ssp_msgs import msg
 from ssp_msgs.action import RunScenario
 from ssp_msgs.srv import LoadScenario, ObjectCommand, SessionCommand
 
-DEADLINE_S = 20.0
+DEADLINE_S = 120.0
 DISARMED, ARMED = ControlState.DISARMED, ControlState.ARMED
 
 
@@ -190,7 +190,7 @@ def manager(domain: int) -> Iterator[subprocess.Popen[str]]:
     )
     yield process
     process.kill()
-    process.communicate(timeout=10)
+    process.communicate(timeout=DEADLINE_S)
 
 
 @pytest.fixture

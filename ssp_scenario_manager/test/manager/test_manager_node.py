@@ -16,7 +16,7 @@ from ssp_core.vocab import ControlState, ObjectClass, SessionPhase, Verdict
 from ssp_msgs.srv import ObjectCommand
 
 pytestmark = pytest.mark.ros
-DEADLINE_S = 20.0
+DEADLINE_S = 120.0
 Peers = Any  # see conftest.py
 
 

@@ -1,75 +1,163 @@
-"""A live session through the whole chain: recorded, labelled, audited, scored."""
+"""A rehearsed session through the whole chain: begun by hand, recorded, audited, scored."""
 
 from __future__ import annotations
 
 import json
-import os
+import re
+import shlex
+import shutil
 import subprocess
 import sys
+import urllib.error
+import urllib.request
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from ssp_core import names
 from ssp_core.bag import BagReader
-from ssp_core.domains import free_domain
+from ssp_core.run_spec import load_run
 from ssp_eval.audit.model import load_audit
-from ssp_scenario_manager.spec.load import load_event
+from ssp_scenario_manager.sros2 import rights
+from tests.system.live.conftest import DEADLINE_S, ODOMETRY
+from tests.system.recordings import Recordings, succeed
 
-pytestmark = [pytest.mark.ros, pytest.mark.system, pytest.mark.alone]
+pytestmark = [pytest.mark.ros, pytest.mark.system]
 
-STEP_S = 240.0
-PORT = 19000
-
-
-def ssp(*arguments: object) -> str:
-    """A command that must succeed; what it printed."""
-    done = subprocess.run(
-        [sys.executable, "-m", "ssp_core.cli", *map(str, arguments)],
-        capture_output=True, text=True, timeout=STEP_S, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
+EVENT = "vru_crossing"
 
 
-def live_session(stage: Any, task: Path) -> Path:
-    """The run's folder, once it ended well."""
-    port = str(PORT + os.getpid() % 1000)
-    run = stage.run_live(task, "--body", f"ot1=udp://127.0.0.1:{port}")
-    stage.play("bodies", "--play", "bodies", "--first-port", port, "--log", str(stage.log))
-    stage.play("camera", "--play", "camera")
-    stage.play("vut", "--play", "vut")
+def rehearsed(stage: Any, task: Path) -> Path:
+    """The rehearsal first, with the compiled folder alone; then its command, the page's buttons."""
+    stage.play("rehearsal", "--first-port", "0", what=task)
+    (said,) = re.findall(r"^  \S*ssp (run .*)$", stage.said("rehearsal"), re.M)
+    arguments = [*shlex.split(said), "0", "--out", str(stage.folder / "run")]
+    # The page on any free port: its option takes one, wherever it stands.
+    page = arguments.index("--page")
+    arguments.insert(page + 1, arguments.pop(arguments.index("0")))
+    run = stage.start_run(arguments)
+    (url,) = re.findall(r"operator page: (\S+)#token=(\S+)", stage.said_after(run, "#token="))
     stage.ask_doctor()
-    stage.begin(run)
+    check_policy(stage)
+    for command, state in (("connect", "CONNECTED"), ("arm", "ARMED"), ("start", "RUNNING")):
+        stage.wait_for(partial(pressed, *url, command), f"{command} to be accepted")
+        stage.wait_for(lambda s=state: f"session {s}" in stage.said("ssp_run"), state)
     result = stage.finish(run)
     assert (result["verdict"], result["status"]) == ("valid", 0), (result, stage.said("ssp_run"))
+    assert 10.0 < result["session_s"] < 40.0
+    assert result["initiator_first"] is True
+    low_s, high_s = result["wanted"]["least_gap_s"], result["wanted"]["most_gap_s"]
+    assert low_s <= result["time_gap_s"] <= high_s
     return Path(stage.folder / "run")
 
 
-def test_a_live_rehearsal_is_admitted_and_scored_beside_its_partners(
-    make_stage: Callable[[dict[str, str]], Any], task: Callable[[str], Path], tmp_path: Path
+def pressed(url: str, token: str, command: str) -> bool:
+    """A button of the page; False while it isn't taken."""
+    request = urllib.request.Request(
+        f"{url}api/command/{command}",
+        data=b"",
+        headers={"Authorization": f"Bearer {token}", "Origin": url.rstrip("/")},
+    )
+    try:
+        with urllib.request.urlopen(request, timeout=5.0) as response:
+            return bool(json.load(response)["accepted"])
+    except urllib.error.HTTPError:
+        return False
+
+
+def check_policy(stage: Any) -> None:
+    """The SROS2 policy allows every endpoint that the running nodes have."""
+    spec = load_run(stage.folder / "run" / "run.yaml")
+    table = rights(spec, ODOMETRY)
+    done = subprocess.run(
+        [sys.executable, "-c", GRAPH, *EXPECTED],
+        env=stage.env,
+        capture_output=True,
+        text=True,
+        timeout=DEADLINE_S,
+        check=True,
+    )
+    graph: dict[str, dict[str, list[str]]] = json.loads(done.stdout)
+    not_allowed = []
+    for node, found in graph.items():
+        if node not in table:
+            continue
+        right = table[node]
+        own = tuple(f"{node}/{service}" for service in right.own)
+        allowed = {
+            "publishes": (*right.publishes, "/rosout", "/parameter_events"),
+            # A node hears of its own clock and parameters where it asks to.
+            "hears": (*right.hears, "/clock", "/parameter_events"),
+            "serves": (*right.serves, *own),
+            "calls": right.calls,
+        }
+        for kind, has in found.items():
+            may = {names.absolute(name) for name in allowed[kind]}
+            more = {name for name in has if "/_action/" not in name} - may
+            not_allowed += [(node, kind, name) for name in sorted(more)]
+    assert not_allowed == []
+
+
+EXPECTED = (
+    "scenario_manager",
+    "monitor",
+    "monitor_intake",
+    "object_target",
+    "vut_adapter",
+    "ssp_run",
+)
+GRAPH = """
+import json, sys, time, rclpy
+rclpy.init()
+node = rclpy.create_node("graph", namespace="/graph", start_parameter_services=False)
+kinds = {"publishes": "publisher", "hears": "subscriber", "serves": "service", "calls": "client"}
+while not set(sys.argv[1:]) <= set(node.get_node_names()):
+    rclpy.spin_once(node, timeout_sec=0.1)
+until = time.monotonic() + 2.0  # their endpoints are told after them
+while time.monotonic() < until:
+    rclpy.spin_once(node, timeout_sec=0.1)
+found = {}
+for name, namespace in node.get_node_names_and_namespaces():
+    if namespace == "/ssp":
+        asked = {k: getattr(node, f"get_{w}_names_and_types_by_node") for k, w in kinds.items()}
+        found[name] = {k: [n for n, _ in ask(name, namespace)] for k, ask in asked.items()}
+print(json.dumps(found))
+"""
+
+
+def check_bag(bag: Path) -> None:
+    checked = subprocess.run([sys.executable, "-m", "ssp_core.cli", "bag", "check", str(bag)])
+    assert checked.returncode == 0
+    with BagReader(bag) as reader:
+        counts = {name: info.count for name, info in reader.topics.items()}
+    for topic in (
+        *(names.state_topic(who) for who in ("vut", "ot1")),
+        *(names.CAMERA_IMAGE, names.CAMERA_INFO, names.SESSION_STATE, names.TRIGGER_EVENT),
+        *(names.reference_topic("ot1"), names.ack_topic("ot1"), names.HEARTBEAT_REPLY),
+    ):
+        assert counts.get(names.absolute(topic), 0) > 0, topic
+    assert counts[names.absolute(names.CAMERA_IMAGE)] >= 50
+    assert names.absolute(names.WORLD_TICK) not in counts
+
+
+def test_a_rehearsal_is_admitted_and_scored_beside_its_partners(
+    stage: Any, task: Callable[[str], Path], recordings: Recordings, tmp_path: Path
 ) -> None:
-    chain = tmp_path / "chain"
-    ssp("spec", "clip", "cut_in", "--out", chain)
-    bound = chain / "cut_in.event.yaml"
-    with free_domain() as domain:
-        stage = make_stage(
-            {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-        )
-        physical = live_session(stage, task(str(bound)))
-        stage.close()
-    simulation, synthetic = chain / "simulation", chain / "synthetic"
-    ssp("run", bound, "--site", "boulevard", "--seed", 11, "--out", simulation)
-    ssp(
-        "import-video", chain / "cut_in.mp4", "--scenario", "cut_in",
-        "--event-version", load_event(str(bound))[1], "--generator", "ssp-clip/1",
-        "--ego-speed", 13, "--out", synthetic / "bag",
-    )  # fmt: skip
-    recordings = synthetic, simulation, physical
-    ssp("labels", "new", *recordings, "--truth", chain / "cut_in.truth.json")
-    ssp("audit", *recordings, "--out", chain / "audit")
-    audit = load_audit(chain / "audit")
+    physical = rehearsed(stage, task(str(recordings.k_star(EVENT))))
+    check_bag(physical / "bag")
+    stage.close()
+    simulation, synthetic = tmp_path / "simulation", tmp_path / "synthetic"
+    for mine in (simulation, synthetic):
+        # Labels are written beside a recording.
+        shutil.copytree(recordings.get(EVENT, mine.name), mine)
+    folders = synthetic, simulation, physical
+    truth = recordings.folder / f"{EVENT}.truth.json"
+    succeed("labels", "new", *folders, "--truth", truth)
+    succeed("audit", *folders, "--out", tmp_path / "audit")
+    audit = load_audit(tmp_path / "audit")
     assert [entry.status for entry in audit.recordings] == ["admitted"] * 3
     live = audit.recordings[2]
     with BagReader(physical / "bag") as bag:
@@ -85,14 +173,18 @@ def test_a_live_rehearsal_is_admitted_and_scored_beside_its_partners(
     counts = [entry.labels.per_phase for entry in audit.recordings if entry.labels is not None]
     assert len(counts) == 3
     assert counts[0] == counts[1] == counts[2]
-    ssp(
-        "evaluate", *(folder / "bag" for folder in recordings), "--audit", chain / "audit",
-        "--bridge", "constant_velocity", "--no-controls", "--out", chain / "out",
-    )  # fmt: skip
-    cells = [json.loads(file.read_text()) for file in sorted(chain.glob("out/cells/*/cell.json"))]
-    assert [cell["admission"]["status"] for cell in cells] == ["admitted"] * 3
-    scores = [
-        json.loads(f.read_text())["ivcs"] for f in sorted(chain.glob("out/cells/*/score.json"))
+    bags = (folder / "bag" for folder in folders)
+    bridge = ("--bridge", "constant_velocity", "--no-controls")
+    succeed("evaluate", *bags, "--audit", tmp_path / "audit", *bridge, "--out", tmp_path / "out")
+    cells = [
+        json.loads(file.read_text()) for file in sorted(tmp_path.glob("out/cells/*/cell.json"))
     ]
-    # A model that sees nothing of the picture scores nearly the same everywhere.
-    assert max(scores) - min(scores) < 0.01
+    assert [cell["admission"]["status"] for cell in cells] == ["admitted"] * 3
+    scores = {
+        json.loads((folder / "cell.json").read_text())["domain"]: json.loads(
+            (folder / "score.json").read_text()
+        )["ivcs"]
+        for folder in (tmp_path / "out" / "cells").iterdir()
+    }
+    # A model that sees nothing of the picture scores the same on states of either kind.
+    assert abs(scores["physical"] - scores["simulation"]) < 0.01

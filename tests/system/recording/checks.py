@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 from ssp_core.bag import BagReader
@@ -13,6 +14,9 @@ from .load import IMAGE, LoadTopic, Sent, encode
 
 _NUMBER_AT = {IMAGE: 32}
 _STAMP = struct.Struct("<iI")
+LOSS_NS = 1_000_000_000
+# The recorder has more to do than the load.
+LATE_FACTOR = 3
 
 
 @dataclass(frozen=True)
@@ -43,6 +47,19 @@ def held(bag: Path, topics: Iterable[LoadTopic]) -> dict[str, list[Held]]:
             assert message.data == encode(topic, number, stamp_ns), f"{topic.name} {number}"
             found[topic.name].append(Held(number, message.log_time_ns, message.publish_time_ns))
     return found
+
+
+def kept_until_ns(sent: Sequence[Sent], struck_ns: int) -> int:
+    """What was sent until then is to be there, although the recorder was struck: a second is lost,
+    and on a busy machine as much as the load itself was kept from sending.
+
+    Args:
+        sent: by the load, of a topic at 50 Hz or more.
+        struck_ns: steady time.
+    """
+    times = sorted(s.steady_ns for s in sent)
+    late_ns = max((b - a for a, b in pairwise(times)), default=0)
+    return struck_ns - LOSS_NS - LATE_FACTOR * late_ns
 
 
 def missing(

@@ -26,7 +26,7 @@ from ssp_core.processes import (
 from .disks import Disk
 from .load import LoadTopic, Sent, read_log, write_spec
 
-DEADLINE_S = 30.0
+DEADLINE_S = 120.0
 # For thousands of topics on a busy machine.
 MOST_S = 120.0
 PROFILE = Path(ssp_core.__file__).parent / "config" / "fastdds_one_host.xml"

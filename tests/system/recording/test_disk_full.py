@@ -15,7 +15,7 @@ import pytest
 from ssp_core.bag import BagReader, recover
 from ssp_core.bag.check import check_bag
 
-from .checks import missing
+from .checks import kept_until_ns, missing
 from .conftest import MOST_S, Field, wait_for
 from .disks import Disk, may_mount, small_disk
 from .load import LoadTopic
@@ -28,7 +28,6 @@ TOPICS = (
 NAMES = [topic.name for topic in TOPICS]
 DISK_BYTES = 60 << 20
 FILE_BYTES = 3_000_000
-LOSS_NS = 1_000_000_000
 # What a run asks for before it starts, and more.
 SESSION_BYTES = 700 << 20
 
@@ -76,7 +75,7 @@ def test_a_full_disk_is_said_at_once_and_costs_at_most_a_second(
         assert not (recording.bag / "metadata.yaml").exists()
         recover(recording.bag, tmp_path / "recovered")
     assert check_bag(tmp_path / "recovered").problems == ()
-    assert missing(tmp_path / "recovered", TOPICS, sent, full_ns - LOSS_NS) == []
+    assert missing(tmp_path / "recovered", TOPICS, sent, kept_until_ns(sent, full_ns)) == []
     with BagReader(tmp_path / "recovered") as reader:
         assert 0 < reader.count <= result["messages"]
 

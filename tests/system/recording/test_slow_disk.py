@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
@@ -16,9 +17,10 @@ from ssp_monitor.core.recorder import Recorder
 from ssp_monitor.core.topics import Profile, TopicSpec
 
 from .checks import held
+from .conftest import DEADLINE_S
 from .load import IMAGE, TEXT, LoadTopic, encode
 
-pytestmark = [pytest.mark.system, pytest.mark.alone]
+pytestmark = pytest.mark.system
 
 FRAMES = LoadTopic("/ssp/camera", size_bytes=500_000)
 OTHERS = LoadTopic("/other/camera", size_bytes=500_000)
@@ -29,33 +31,54 @@ SPECS = (
     TopicSpec(EVENTS.name, TEXT, Profile.STATE),
 )
 QUEUE_BYTES = 40 << 20
-DISK_BPS = 20e6
+# Of the disk, in the time in which each camera gives a frame of 500 kB.
+ROUND_BYTES = 600_000
+
+
+class SlowDisk:
+    """Takes so many bytes a round, however long a round lasts on this machine.
+
+    Args:
+        write: what writes.
+    """
+
+    def __init__(self, write: Callable[..., None]) -> None:
+        self._write = write
+        self._left = ROUND_BYTES
+        self._more = threading.Condition()
+
+    def write_buffers(self, descriptor: int, buffers: Sequence[bytes], *rest: int) -> None:
+        self._write(descriptor, buffers, *rest)
+        with self._more:
+            self._left -= sum(map(len, buffers))
+            self._more.wait_for(lambda: self._left >= 0)
+
+    def give(self, size: int) -> None:
+        with self._more:
+            self._left += size
+            self._more.notify()
 
 
 def test_the_least_important_is_dropped_and_counted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """More than the disk takes, and one of the two cameras is the run's own."""
-    real = mcap_output.write_buffers
-
-    def slow(descriptor: int, buffers: Sequence[bytes], *rest: int) -> None:
-        real(descriptor, buffers, *rest)
-        time.sleep(sum(map(len, buffers)) / DISK_BPS)
-
-    monkeypatch.setattr(mcap_output, "write_buffers", slow)
+    disk = SlowDisk(mcap_output.write_buffers)
+    monkeypatch.setattr(mcap_output, "write_buffers", disk.write_buffers)
     assert importance(SPECS[1]) < importance(SPECS[0]) < importance(SPECS[2]) <= Importance.EVENT
     recorder = Recorder(tmp_path / "bag", (SPECS[0], SPECS[2]), queue_bytes=QUEUE_BYTES)
     recorder.add(SPECS[1], offered="", latched=False)
     put: Counter[str] = Counter()
     most_waiting = 0
-    begin = time.monotonic()
-    # 34 frames a second of each camera are 34 MB/s: the run's own alone would fit.
+    # The run's own camera alone would fit.
     for k in range(150):
         for topic in (FRAMES, OTHERS, EVENTS):
             put[topic.name] += 1
             recorder.put(BagMessage(topic.name, k, k, encode(topic, k, 0), k))
         most_waiting = max(most_waiting, recorder.state().queue_bytes)
-        time.sleep(max(0.0, begin + k / 34 - time.monotonic()))
+        disk.give(ROUND_BYTES)
+        time.sleep(0.03)
+    disk.give(1 << 30)
     state = recorder.stop()
 
     assert state.failure is None
@@ -91,7 +114,7 @@ def test_a_disk_that_stands_still_costs_no_memory(
     monkeypatch.setattr(mcap_output, "write_buffers", stuck)
     recorder = Recorder(tmp_path / "bag", SPECS[:1], queue_bytes=QUEUE_BYTES)
     put = 0
-    deadline = time.monotonic() + 20.0
+    deadline = time.monotonic() + DEADLINE_S
     while not stands.exists() or put < 400:
         assert time.monotonic() < deadline
         recorder.put(BagMessage(FRAMES.name, put, put, encode(FRAMES, put, 0), put))

@@ -1,0 +1,154 @@
+"""Sound recordings that tests only read, each made once for all workers of a run of the tests."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from ssp_core.cli import main
+from ssp_core.files import write_text
+from ssp_core.run_spec import load_run
+from ssp_scenario_manager.compile.changes import value_at, with_value
+from ssp_scenario_manager.site import LIBRARY
+from ssp_scenario_manager.spec.load import load_event
+from ssp_scenario_manager.spec.log import Record
+from ssp_scenario_manager.spec.log_file import append_record
+
+SITES = {"simulation": "boulevard", "physical": "north_track"}
+SAID_FILE = "said.json"
+SESSION_S = 240.0
+HERE = Path(__file__).parent
+Changes = Mapping[str, Any]
+
+
+def ssp(*arguments: object) -> int:
+    """A command in this process; its exit status."""
+    return main([str(argument) for argument in arguments])
+
+
+def succeed(*arguments: object) -> None:
+    assert ssp(*arguments) == 0, arguments
+
+
+def changed_run(
+    folder: Path,
+    bound: Path,
+    changes: Changes,
+    *,
+    logged: bool = True,
+    program: str | None = None,
+) -> None:
+    """A run of the simulation in ``folder/run``, compiled in ``folder/task`` and then changed.
+
+    Args:
+        folder: is there.
+        bound: K*.
+        changes: by field of the run.
+        logged: the changes stand in the log, with who made them and why.
+        program: that runs the command line; None: ssp.
+    """
+    task, site = folder / "task", folder / "boulevard.site.yaml"
+    # What a camera sees is measured by geometry; small pictures are drawn in a quarter of the time.
+    size = "width_px: {}, height_px: {}".format
+    text = (LIBRARY / "sites" / site.name).read_text()
+    assert size(960, 540) in text
+    write_text(site, text.replace(size(960, 540), size(240, 135)))
+    succeed("compile", bound, "--target", "sumo", "--site", site, "--out", task)
+    run = load_run(task / "run.yaml")
+    for field, new in changes.items():
+        old = value_at(run, field)
+        run = with_value(run, field, new)
+        record = Record(
+            kind="site_change", when="2025-03-01T09:30:00Z", who="A. Tester", subject=run.scenario,
+            field=field, old=old, new=value_at(run, field), reason="to be refused",
+        )  # fmt: skip
+        if logged:
+            append_record(task / "log.jsonl", record)
+    write_text(task / "run.yaml", run.model_dump_json(by_alias=True, indent=1) + "\n")
+    start = ["-m", "ssp_core.cli"] if program is None else ["-c", program]
+    path = os.pathsep.join([str(HERE), os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep)
+    done = subprocess.run(
+        [sys.executable, *start, "run", str(task), "--seed", "11", "--out", str(folder / "run")],
+        capture_output=True, text=True, timeout=SESSION_S, env={**os.environ, "PYTHONPATH": path},
+        check=False,
+    )  # fmt: skip
+    assert (folder / "run" / "result.json").is_file(), done.stdout + done.stderr
+
+
+class Recordings:
+    """K* with their clips, and a recording of each domain: cut_in and vru_crossing.
+
+    Args:
+        folder: that all workers share.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        folder.mkdir(exist_ok=True)
+        self.folder = folder
+
+    def k_star(self, event: str) -> Path:
+        """A K* that is bound to its clip, which lies beside it."""
+        file = self.folder / f"{event}.event.yaml"
+        with self._once(event) as missing:
+            if missing:
+                succeed("spec", "clip", event, "--out", self.folder)
+        return file
+
+    def clip(self, event: str) -> Path:
+        return self.k_star(event).with_name(f"{event}.mp4")
+
+    def version(self, event: str) -> str:
+        return load_event(str(self.k_star(event)))[1]
+
+    def get(self, event: str, domain: str) -> Path:
+        """A run's folder. A session also left there what it said with ``--json``."""
+        bound = self.k_star(event)
+        target = self.folder / f"{event}-{domain}"
+        with self._once(target.name) as missing:
+            if missing and domain == "synthetic":
+                self._import(event, target)
+            elif missing:
+                run = ("run", bound, "--site", SITES[domain], "--seed", 11, "--json")
+                command = [sys.executable, "-m", "ssp_core.cli", *map(str, run)]
+                done = subprocess.run(
+                    [*command, "--out", str(target)],
+                    capture_output=True, text=True, timeout=SESSION_S, check=False,
+                )  # fmt: skip
+                assert done.returncode == 0, done.stdout + done.stderr
+                write_text(target / SAID_FILE, done.stdout)
+        return target
+
+    @property
+    def changed(self) -> Path:
+        """A run of cut_in whose driver was changed on site, with a record."""
+        folder = self.folder / "changed"
+        with self._once(folder.name) as missing:
+            if missing:
+                folder.mkdir()
+                changed_run(folder, self.k_star("cut_in"), {"driver.headway_s": 1.6})
+        return folder / "run"
+
+    def _import(self, event: str, target: Path) -> None:
+        """The K*'s own source clip."""
+        truth = json.loads((self.folder / f"{event}.truth.json").read_text())
+        succeed(
+            "import-video", self.clip(event), "--scenario", event,
+            "--event-version", self.version(event), "--generator", "ssp-clip/1",
+            "--ego-speed", f"{truth['ego_speed_mps'][0]['speed_mps']:.2f}", "--out", target / "bag",
+        )  # fmt: skip
+
+    @contextmanager
+    def _once(self, name: str) -> Iterator[bool]:
+        """Whether something is still to be made; who comes second waits for the first."""
+        done = self.folder / f".{name}.made"
+        with (self.folder / f".{name}.lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            yield not done.exists()
+            done.touch()
