@@ -2,7 +2,8 @@
 
 Runs on the system's Python with the standard library only. Called by ./ssp when something that
 the environment was made from has changed; safe to call again after an interruption. With
-``--test-tools`` it installs what only the tests need, as `ssp test` asks for.
+``--test-tools`` it installs what only the tests need, as `ssp test` asks for. With ``--ros`` it
+makes .ros-venv in place of .venv, beside an installed ROS 2 (README, "On a ROS machine").
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 VENV = ROOT / ".venv"
+ROS_VENV = ROOT / ".ros-venv"
 LOG = ROOT / "log" / "bootstrap.log"
 SOURCE_DIRS = (
     "ssp_msgs",
@@ -181,27 +183,79 @@ def build_workspace(python: Path) -> None:
         "VIRTUAL_ENV": str(VENV),
         "AMENT_PREFIX_PATH": str(VENV),
         "CMAKE_PREFIX_PATH": str(VENV),
-        "COLCON_LOG_PATH": str(ROOT / "log"),
     }
+    wheels = ROOT / "bootstrap" / "wheel_include_dirs.cmake"
+    cmake = ["-G", "Ninja", f"-DCMAKE_PROJECT_TOP_LEVEL_INCLUDES={wheels}"]
+    run_colcon(python, env, (*EXTRA_DIRS, *SOURCE_DIRS), cmake)
+
+
+def run_colcon(
+    python: Path, env: dict[str, str], folders: tuple[str, ...], cmake: list[str]
+) -> None:
+    """Builds with the colcon beside a Python, which becomes the one of the nodes' scripts."""
     command = [
-        str(VENV / "bin" / "colcon"),
+        str(python.with_name("colcon")),
         "build",
         "--merge-install",
         "--base-paths",
-        *EXTRA_DIRS,
-        *SOURCE_DIRS,
+        *folders,
         "--event-handlers",
         "console_direct-",
         "--cmake-args",
-        "-G",
-        "Ninja",
+        *cmake,
         f"-DPython3_EXECUTABLE={python}",
         f"-DPYTHON_EXECUTABLE={python}",
-        f"-DCMAKE_PROJECT_TOP_LEVEL_INCLUDES={ROOT / 'bootstrap' / 'wheel_include_dirs.cmake'}",
         "-DBUILD_TESTING=OFF",
     ]
     os.chdir(ROOT)
-    run(command, "colcon build", env)
+    run(command, "colcon build", {**env, "COLCON_LOG_PATH": str(ROOT / "log")})
+
+
+def make_ros_venv() -> Path:
+    """Creates .ros-venv: ROS from the sourced distribution, all else from the lock.
+
+    It sees the system's packages, since ROS needs them. pip takes what is there for satisfied, such
+    as a pydantic 1 of the system's; uv looks into the virtual environment alone and installs all of
+    runtime.in. Its own colcon writes its Python into the nodes' scripts, its own ros2 runs launch
+    files on it; the system's would take the system's Python for both.
+    """
+    python = ROS_VENV / "bin" / "python"
+    run([sys.executable, "-m", "venv", "--system-site-packages", str(ROS_VENV)], "creating it")
+    pip = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+    run([*pip, "--require-hashes", "-r", str(ROOT / "bootstrap" / "uv.lock")], "installing uv")
+    lock, wanted = ROOT / "bootstrap" / "requirements.lock", ROOT / "bootstrap" / "runtime.in"
+    uv = [str(ROS_VENV / "bin" / "uv"), "pip", "install", "--python", str(python)]
+    uv += ["--link-mode=copy", "-c", str(lock), "-r", str(wanted), "colcon-common-extensions"]
+    run(uv, f"installing {wanted.name}")
+    ros2 = ROS_VENV / "bin" / "ros2"
+    ros2.write_text(f"#!{python}\nimport sys\n\nfrom ros2cli.cli import main\n\nsys.exit(main())\n")
+    ros2.chmod(0o755)
+    return python
+
+
+def set_up_ros_machine() -> int:
+    """Makes .ros-venv and builds the workspace into install/ on top of the sourced ROS."""
+    started = time.monotonic()
+    try:
+        check_interpreter()
+        if not os.environ.get("ROS_DISTRO"):
+            raise BootstrapError("no ROS is sourced. Run first: source /opt/ros/jazzy/setup.bash")
+        if VENV.exists():
+            raise BootstrapError("./ssp has built install/ of this folder for .venv: take another")
+        missing = missing_apt_packages() + ([] if shutil.which("make") else ["make"])
+        if missing:
+            install_apt_packages(missing)
+        step("creating .ros-venv with pinned packages (about 500 MB to download)")
+        python = make_ros_venv()
+        step("building the ROS 2 workspace with colcon (log/ has the details)")
+        path = f"{ROS_VENV / 'bin'}:{os.environ['PATH']}"
+        env = {**os.environ, "PATH": path, "VIRTUAL_ENV": str(ROS_VENV)}
+        run_colcon(python, env, SOURCE_DIRS, [])
+    except BootstrapError as error:
+        print(f"ssp setup: {error}", file=sys.stderr)
+        return 1
+    step(f"ready after {time.monotonic() - started:.0f} s")
+    return 0
 
 
 def main(fingerprint: str) -> int:
@@ -225,4 +279,5 @@ def main(fingerprint: str) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(install_test_tools() if sys.argv[1:] == ["--test-tools"] else main(sys.argv[1]))
+    asked = {"--test-tools": install_test_tools, "--ros": set_up_ros_machine}
+    sys.exit(asked[sys.argv[1]]() if sys.argv[1] in asked else main(sys.argv[1]))

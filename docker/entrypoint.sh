@@ -1,7 +1,4 @@
 #!/usr/bin/env bash
 set -e
-source /opt/ros/jazzy/setup.bash
-source /ssp/install/setup.bash
-# The virtual environment's packages, for programs that ROS starts with the system's Python.
-export PYTHONPATH="$(echo /opt/ssp/lib/python3*/site-packages):$PYTHONPATH"
+source /ssp/install/setup.bash && source /ssp/.ros-venv/bin/activate
 exec "$@"
