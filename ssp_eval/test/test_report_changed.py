@@ -79,7 +79,7 @@ CHANGES: list[tuple[str, Change, str]] = [
     ("status", lambda c: edit(c / "cell.json", lambda v: v.update(stand_in=True)),
      "cell.json was changed since it was written"),
     ("unsealed", lambda c: edit(c / "cell.json", lambda v: v["hashes"].pop("cell")),
-     "cell.json was changed since it was written"),
+     "cell.json names no hash of itself"),
     ("hash", lambda c: edit(c / "cell.json", lambda v: v["hashes"].update(score="sha256:0")),
      "cell.json was changed since it was written"),
     ("copied", lambda c: replaced(c / "cell.json", MODELS[0], "mine") or resealed(c),

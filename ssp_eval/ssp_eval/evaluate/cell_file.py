@@ -139,7 +139,12 @@ def changed_since(folder: Path, facts: Mapping[str, Any]) -> str:
         facts: its cell.json.
     """
     told = facts["hashes"]
-    if sealed(facts)["hashes"][SEAL] != told.get(SEAL):
+    if SEAL not in told:
+        return (
+            f"{CELL_FILE} names no hash of itself, as those of earlier versions; give "
+            "`ssp evaluate` the same command again, nothing that is stored is asked again"
+        )
+    if sealed(facts)["hashes"][SEAL] != told[SEAL]:
         return f"{CELL_FILE} was changed since it was written"
     found = _file_hashes(folder)
     for name in HASHED:
