@@ -148,6 +148,8 @@ MEANINGS: dict[SafetyCode, SafetyMeaning] = {
         "reply_missing", "s", "An object did not answer the manager's heartbeats for too long."
     ),
     SafetyCode.FOREIGN_MANAGER: SafetyMeaning(
-        "foreign_manager", "", "Another manager sends heartbeats too; measured is how many do."
+        "foreign_manager",
+        "",
+        "Another node publishes what one alone may, as heartbeats; measured is how many do.",
     ),
 }

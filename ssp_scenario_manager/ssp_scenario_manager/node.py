@@ -221,7 +221,7 @@ class ScenarioManager(Node):
         self._intake.waiting()
         if not self._in_lockstep:
             self._send_heartbeat()
-        self._reception.look_for_managers()
+        self._reception.look_for_others(self._links.references_sent)
         if self._watchdog.look(time.monotonic_ns(), self._now_ns):
             self._goal.on_standstill_unconfirmed()
         holding = not self._in_lockstep and self._session.state in _JUDGED_WHILE_HOLDING

@@ -173,7 +173,7 @@ def test_each_link_is_measured_and_good(
 
 def test_there_is_one_manager(run: RunSpec, vut: ObjectState, ot1: ObjectState) -> None:
     missing = missing_to_arm(run, replace(READY, other_managers=1), vut, {"ot1": ot1})
-    assert missing == ["1 other managers send heartbeats, limit 0"]
+    assert missing == ["1 other managers, limit 0"]
 
 
 def test_the_vut_in_place(run: RunSpec, vut: ObjectState, ot1: ObjectState) -> None:

@@ -149,14 +149,14 @@ def test_losses_and_other_managers(run: RunSpec, mode: str) -> None:
     vigil.hear_recorder(True, (), 1, NOW_NS)
     assert codes(vigil, spec) == [C.RECORDER]
     vigil.hear_recorder(True, (), 0, NOW_NS)
-    vigil.other_managers = 1
+    vigil.foreign = {"session_state": (1, "session_state has /x")}
     assert codes(vigil, spec) == [C.FOREIGN_MANAGER]
 
 
 def test_the_facts_that_arming_asks_for(run: RunSpec) -> None:
     vigil = heard_at({names.VUT_ID: 0.25, "ot1": 0.5}, links(0.01, 0.02, 0.125))
     vigil.hear_recorder(False, ("/ssp/a",), 3, NOW_NS)
-    vigil.other_managers = 2
+    vigil.foreign["clock"] = 1, "clock has /y"
     facts = vigil.facts(run, NOW_NS)
     assert (facts.recorder_ready, facts.recorder_missing, facts.recorder_lost) == (
         False,
@@ -166,5 +166,5 @@ def test_the_facts_that_arming_asks_for(run: RunSpec) -> None:
     assert (facts.recorder_age_s, facts.vut_age_s, facts.age_of("ot1")) == (0.0, 0.25, 0.5)
     link = facts.link_of("ot1")
     assert (link.offset_s, link.delay_s, link.age_s) == (0.01, 0.02, 0.125)
-    assert facts.other_managers == 2
+    assert (facts.other_managers, facts.foreign) == (1, "clock has /y")
     assert Vigil().facts(None, NOW_NS).recorder_age_s == math.inf

@@ -35,6 +35,7 @@ class Facts:
     target_age_s: tuple[tuple[str, float], ...] = ()
     links: tuple[tuple[str, Link], ...] = ()
     other_managers: int = 0
+    foreign: str = ""
 
     def age_of(self, object_id: str) -> float:
         return dict(self.target_age_s).get(object_id, math.inf)
@@ -112,7 +113,8 @@ def _missing(
 ) -> list[str]:
     missing = missing_to_connect(spec, facts, vut, targets)
     if facts.other_managers:
-        missing.append(f"{facts.other_managers} other managers send heartbeats, limit 0")
+        who = f": {facts.foreign}" if facts.foreign else ""
+        missing.append(f"{facts.other_managers} other managers, limit 0{who}")
     missing += _unrecorded(spec, facts)
     present = [(spec.vut, vut)] if vut is not None else []
     for target in spec.targets:

@@ -214,11 +214,10 @@ def recorder_lost(lost: int, stamp_ns: int) -> Violation | None:
     return Violation(SafetyCode.RECORDER, "", float(lost), 0.0, stamp_ns, detail)
 
 
-def foreign_manager(others: int, stamp_ns: int) -> Violation | None:
-    """Other managers send heartbeats to the same objects."""
+def foreign_manager(others: int, stamp_ns: int, detail: str) -> Violation | None:
+    """Others publish what one node alone may, as a second manager its heartbeats; who, in words."""
     if others <= 0:
         return None
-    detail = "two managers must not lead the same objects"
     return Violation(SafetyCode.FOREIGN_MANAGER, "", float(others), 0.0, stamp_ns, detail)
 
 

@@ -37,7 +37,8 @@ class Vigil:
         self.recorder_ready = False
         self.recorder_missing: tuple[str, ...] = ()
         self.recorder_lost = 0
-        self.other_managers = 0
+        # By topic that one node alone may publish: how many others do, and who.
+        self.foreign: dict[str, tuple[int, str]] = {}
         self._heard_ns: dict[str, int] = {}
 
     def hear(self, who: str, steady_ns: int) -> None:
@@ -49,6 +50,14 @@ class Vigil:
         """What the recorder says of itself (RecorderStatus.msg)."""
         self.hear(names.MONITOR, steady_ns)
         self.recorder_ready, self.recorder_missing, self.recorder_lost = ready, missing, lost
+
+    @property
+    def other_managers(self) -> int:
+        return sum(count for count, _ in self.foreign.values())
+
+    @property
+    def foreign_text(self) -> str:
+        return "; ".join(text for _, text in self.foreign.values())
 
     def age_s(self, who: str, steady_ns: int) -> float:
         """Seconds since the last sign of life, inf before the first."""
@@ -68,6 +77,7 @@ class Vigil:
             target_age_s=tuple((i, self.age_s(i, steady_ns)) for i in ids),
             links=tuple((i, self.links.link(i, steady_ns)) for i in ids),
             other_managers=self.other_managers,
+            foreign=self.foreign_text,
         )
 
     def violations(
@@ -105,7 +115,7 @@ class Vigil:
             for code, who, limit_s in watched
         ]
         found.append(supervisor.recorder_lost(self.recorder_lost, stamp_ns))
-        found.append(supervisor.foreign_manager(self.other_managers, stamp_ns))
+        found.append(supervisor.foreign_manager(self.other_managers, stamp_ns, self.foreign_text))
         if not lockstep:
             for target in spec.targets:
                 found += self._of_link(spec, target.id, steady_ns, stamp_ns)

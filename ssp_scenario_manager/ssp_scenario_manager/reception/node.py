@@ -6,7 +6,7 @@ Messages become dataclasses here; what is none is dropped and logged, which is a
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import partial
 from typing import Protocol
 
@@ -31,6 +31,14 @@ from ssp_scenario_manager.core.link_clock import Exchange
 from ssp_scenario_manager.core.supervisor import Violation
 from ssp_scenario_manager.core.vigil import Vigil
 
+# Topics with one publisher in a session: two would lead it, or tell it two truths.
+_ONE_PUBLISHER = (
+    names.HEARTBEAT,
+    names.SESSION_STATE,
+    names.state_topic(names.VUT_ID),
+    names.WORLD_TICK,
+    names.CLOCK,
+)
 # Reasons are for people; names that are longer are cut.
 _MOST_TEXT = 200
 
@@ -67,6 +75,7 @@ class Reception:
         self._node = node
         self._vigil = vigil
         self._listener = listener
+        self._looked = 0
         sub, raw = node.create_subscription, partial(ros.subscribe_raw, node)
         raw(WorldTick, names.WORLD_TICK, decode_tick_head, listener.on_tick, ros.STATE)
         raw(StepDone, names.STEP_DONE, decode_done, listener.on_step_done, ros.STATE)
@@ -79,9 +88,24 @@ class Reception:
         event, take = names.SAFETY_EVENT, self._on_safety_event
         raw(SafetyEvent, event, _violation_of, take, ros.LATCHED, raw=False)
 
-    def look_for_managers(self) -> None:
-        """Counts who else sends heartbeats: a second manager on the same objects."""
-        self._vigil.other_managers = max(0, self._node.count_publishers(names.HEARTBEAT) - 1)
+    def look_for_others(self, object_ids: Iterable[str]) -> None:
+        """Who else publishes what one node alone may? Heartbeats each time, the rest in turn.
+
+        Args:
+            object_ids: whose references are ours alone.
+        """
+        alone = [*_ONE_PUBLISHER, *map(names.reference_topic, object_ids)]
+        self._looked = (self._looked + 1) % len(alone)
+        for topic in {names.HEARTBEAT, alone[self._looked]}:
+            others = self._node.count_publishers(topic) - 1
+            if others > 0:
+                known = self._node.get_publishers_info_by_topic(
+                    self._node.resolve_topic_name(topic)
+                )
+                nodes = sorted(f"{one.node_namespace.rstrip('/')}/{one.node_name}" for one in known)
+                self._vigil.foreign[topic] = others, f"{topic} has {' and '.join(nodes)}"
+            else:
+                self._vigil.foreign.pop(topic, None)
 
     def _on_reply(self, reply: tuple[Sequence[str], int, Exchange]) -> None:
         self._vigil.links.on_reply(*reply, time.monotonic_ns())

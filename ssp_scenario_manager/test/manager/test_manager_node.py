@@ -10,9 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import rclpy
 
+from ssp_core import names, ros
 from ssp_core.conversions import state_to_msg
 from ssp_core.vocab import ControlState, ObjectClass, SessionPhase, Verdict
+from ssp_msgs import msg
 from ssp_msgs.srv import ObjectCommand
 
 pytestmark = pytest.mark.ros
@@ -161,3 +164,22 @@ def test_sigterm_aborts_before_it_goes(
     peers.spin_until(lambda: peers.seen[-1].event == "abort", "the abort")
     assert "shuts down" in peers.seen[-1].reason
     assert manager.wait(timeout=DEADLINE_S) == 0
+
+
+@pytest.mark.parametrize("kind", [msg.SessionState, msg.ObjectState, msg.Reference])
+def test_a_second_publisher_is_named(peers: Peers, run_file: Path, kind: Any) -> None:
+    topics = {
+        msg.SessionState: names.SESSION_STATE,
+        msg.ObjectState: names.state_topic("vut"),
+        msg.Reference: names.reference_topic("ot1"),
+    }
+    topic = topics[kind]
+    bring(peers, run_file, "ARMED")
+    intruder = rclpy.create_node("intruder", namespace=names.NAMESPACE, context=peers.context)
+    intruder.create_publisher(kind, topic, ros.LATCHED)
+    peers.spin_until(lambda: peers.seen[-1].reasons, "a reason")
+    last = peers.seen[-1]
+    assert last.verdict == msg.SessionState.VERDICT_INVALID_HARNESS
+    assert last.reasons[0].startswith(f"foreign_manager: 1, limit 0 ({topic} has")
+    assert "/ssp/intruder" in last.reasons[0]
+    intruder.destroy_node()
