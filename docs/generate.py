@@ -273,7 +273,11 @@ def stopping() -> str:
     for cls in classes:
         way = stopping_of(cls, site, STEP_S)
         cells = [
-            f"{way.distance_m(v, site.heartbeat_s):.1f} m" for v in (2.0, 5.0, 10.0, 14.0, 16.0)
+            " / ".join(
+                f"{way.distance_m(v, site.heartbeat_s, gain):.1f} m"
+                for gain in (0.0, site.acceleration_mps2)
+            )
+            for v in (2.0, 5.0, 10.0, 14.0, 16.0)
         ]
         facts = [f"{way.reaction_s:.2f} s", f"{way.deceleration_mps2:g} m/s²"]
         rows.append([cls.name.lower(), *facts, *cells])

@@ -1,6 +1,8 @@
 """How far an object may go from a fault to its standstill: one bound for tests and judges.
 
-    distance <= v (timeout + reaction) + v^2 / (2 a) + margin
+    distance <= v t + b t^2 / 2 + (v + b t)^2 / (2 a) + margin,  t = timeout + reaction
+
+with the speed v at the fault, and b the acceleration that it may have until it notices.
 
 The bound is stated here once, apart from the bodies and controllers that must keep it.
 """
@@ -51,15 +53,18 @@ class Stopping:
     deceleration_mps2: float
     margin_m: float = MARGIN_M
 
-    def distance_m(self, speed_mps: float, timeout_s: float) -> float:
+    def distance_m(self, speed_mps: float, timeout_s: float, gain_mps2: float = 0.0) -> float:
         """The farthest that the object may get from the fault on.
 
         Args:
-            speed_mps: the highest speed from the fault until the object noticed it, m/s.
+            speed_mps: at the fault, m/s; without a gain the highest until the object noticed it.
             timeout_s: how long the fault may go unnoticed (a heartbeat's limit, say), s.
+            gain_mps2: how fast it may speed up meanwhile (limits.acceleration_mps2), m/s^2.
         """
-        blind_m = abs(speed_mps) * (timeout_s + self.reaction_s)
-        return blind_m + speed_mps**2 / (2.0 * self.deceleration_mps2) + self.margin_m
+        blind_s = timeout_s + self.reaction_s
+        reached = abs(speed_mps) + gain_mps2 * blind_s
+        blind_m = 0.5 * (abs(speed_mps) + reached) * blind_s
+        return blind_m + reached**2 / (2.0 * self.deceleration_mps2) + self.margin_m
 
     def duration_s(self, speed_mps: float, timeout_s: float) -> float:
         """The longest time from the fault to standstill, s; arguments as for distance_m."""

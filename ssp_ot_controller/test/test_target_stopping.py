@@ -288,3 +288,26 @@ def test_it_stops_while_it_still_can_stop_inside(speed_mps: float) -> None:
     loop.stop()
     assert [c for _, c in loop.events] == [SafetyCode.STOPPING_ROOM]
     assert loop.body.x_m + loop.truth().size.front_m <= 400.0
+
+
+@pytest.mark.parametrize("object_class", ["pedestrian", "cyclist", "car"])
+@pytest.mark.parametrize("begun_mps", [0.4, 1.0])
+def test_one_that_speeds_up_while_it_is_blind_keeps_the_bound_of_what_it_may_reach(
+    object_class: str, begun_mps: float
+) -> None:
+    loop = Loop(run_of(object_class))
+    loop.step()
+    loop.step_index = 0
+    assert loop.crew.command("ot1", ObjectEvent.ARM, VERSION, 0).accepted
+    loop.step()
+    loop.session = SessionPhase.RUNNING
+    loop.send(approach(loop, 3.0, 380.0))
+    while loop.body.speed_mps < begun_mps:
+        loop.step()
+    speed, limits = loop.body.speed_mps, loop.run.limits
+    loop.silent = True
+    distance_m = loop.stop()
+    bound = stopping_of(loop.cls, limits, STEP_S)
+    gain_mps2 = limits.acceleration_mps2
+    assert bound.distance_m(speed, limits.heartbeat_s) < distance_m
+    assert distance_m <= bound.distance_m(speed, limits.heartbeat_s, gain_mps2)
