@@ -131,3 +131,13 @@ def test_a_reset_by_somebody_else_ends_it() -> None:
     script.next(P.LOADED, 0)
     assert script.next(P.IDLE, 1) is None
     assert script.problems == ("the session was reset by somebody else",)
+
+
+def test_it_says_what_it_waits_for() -> None:
+    script = begun()
+    assert script.next(P.CONNECTED, 0) is E.ARM
+    assert script.waits_for == ""
+    script.on_answer(no("no heartbeat of ot1", "no recorder"))
+    assert script.waits_for == "no heartbeat of ot1; no recorder"
+    assert script.next(P.ARMED, 1) is E.START
+    assert script.waits_for == ""

@@ -70,6 +70,11 @@ class RunScript:
         elif not answer.accepted:
             self._refusal = answer.missing or (answer.error_msg,)
 
+    @property
+    def waits_for(self) -> str:
+        """What keeps the next command from being accepted, for people; empty when nothing does."""
+        return "" if self.finished else "; ".join(self._refusal)
+
     def on_setback(self, reason: str) -> None:
         """An accepted command came to nothing."""
         self._refusal = (reason,)
