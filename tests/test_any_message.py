@@ -479,6 +479,7 @@ def tested(request: pytest.FixtureRequest, tmp_path_factory: Any) -> Iterator[St
     with free_domain() as domain:
         rclpy.init(args=arguments, domain_id=domain)
         one = MAKERS[request.param](run_file)
+        one.ready()  # a manager hears an object once it has a run
         yield one
         one.close()
         rclpy.shutdown()
