@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import time
 from collections.abc import Callable
 from typing import Any
@@ -16,7 +15,7 @@ from ssp_core.vocab import SessionPhase
 from ssp_msgs.action import RunScenario
 from ssp_msgs.msg import SessionState
 from ssp_scenario_manager.core.command_answer import Answer
-from ssp_scenario_manager.core.run_script import PATIENCE_S, RunScript
+from ssp_scenario_manager.core.run_script import RunScript
 from ssp_scenario_manager.core.session import Session
 from ssp_scenario_manager.core.session_machine import SessionEvent
 
@@ -40,8 +39,6 @@ class RunGoal:
         load: Callable[[str], Answer],
         command: Callable[[SessionEvent, str, str], Answer],
     ) -> None:
-        self._log = node.get_logger()
-        self._told = ""
         self._session = session
         self._load = load
         self._command = command
@@ -71,19 +68,11 @@ class RunGoal:
             self._script.on_answer(self._load(self._script.run_file))
         elif wish is not None:
             self._script.on_answer(self._command(wish, WHO, ""))
-        # Figures in it change all the time, and don't make it new.
-        kind = re.sub(r"[\d.]+", "", self._script.waits_for)
-        if kind != self._told:
-            self._told = kind
-            if kind:
-                self._log.info(
-                    f"{WHO} waits in {self._session.state.name}, for {PATIENCE_S:g} s at most: "
-                    f"{self._script.waits_for}"
-                )
         feedback = RunScenario.Feedback()
         feedback.session_state = int(self._session.state)
         feedback.phase = int(self._session.phase)
         feedback.elapsed = self._session.elapsed_s(now_ns)
+        feedback.waits_for = self._script.waits_for
         self._goal.publish_feedback(feedback)
         if self._script.finished:
             if self._script.problems and self._session.state is SessionPhase.ARMED:

@@ -27,6 +27,7 @@ Listener = Callable[[str], None]
 RESULT_GRACE_S = 1.0
 # What one call of ``spin`` counts at most as silence: this process may have stood still itself.
 _LISTENED_S = 0.5
+_TELL_AGAIN_S = 5.0  # what a step waits for, this long after the last line
 _UNDER_WAY = {
     SessionPhase.RUNNING,
     SessionPhase.STOPPING,
@@ -68,6 +69,7 @@ class RunClient:
         self._end: SessionState | None = None
         self._ended_at = 0.0
         self._last_state: int | None = None
+        self._told_at = time.monotonic()
         self.elapsed_s = 0.0
         self._running_since: float | None = None
         # Session time of the start: a live session's clock counts from 1970.
@@ -180,10 +182,16 @@ class RunClient:
             self._running_since = self._running_since or now
             self.running_wall_s = now - self._running_since
         self._tell_state(feedback.session_state)
+        if feedback.waits_for and time.monotonic() - self._told_at > _TELL_AGAIN_S:
+            self._told_at = time.monotonic()
+            self._say(
+                f"waiting in {SessionPhase(feedback.session_state).name}: {feedback.waits_for}"
+            )
 
     def _tell_state(self, state: int) -> None:
         if state != self._last_state:
             self._last_state = state
+            self._told_at = time.monotonic()
             self._say(f"session {SessionPhase(state).name}")
 
     def _on_session(self, message: SessionState) -> None:

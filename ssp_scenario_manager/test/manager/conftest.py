@@ -47,6 +47,7 @@ class Peers:
         self.make_state = state
         self.obeys = True
         self.seen: list[Any] = []
+        self.feedback: list[Any] = []
         self.safety: list[Any] = []
         self.beats: list[Any] = []
         self.links: list[Any] = []
@@ -155,13 +156,20 @@ class Peers:
     def wait_for(self, state: SessionPhase) -> None:
         self.spin_until(lambda: self.seen and self.seen[-1].state == state, state.name)
 
-    def run(self, run_file: Path | str) -> Any:
-        """Sends a goal and returns its result."""
+    def send(self, run_file: Path | str) -> Any:
+        """Sends a goal; it is accepted."""
         self.spin_until(self.action.server_is_ready, "the action server")
-        goal = self.action.send_goal_async(RunScenario.Goal(run_file=str(run_file)))
+        goal = self.action.send_goal_async(
+            RunScenario.Goal(run_file=str(run_file)),
+            feedback_callback=lambda told: self.feedback.append(told.feedback),
+        )
         self.spin_until(goal.done, "the goal's answer")
         assert goal.result().accepted
-        result = goal.result().get_result_async()
+        return goal.result()
+
+    def run(self, run_file: Path | str) -> Any:
+        """Sends a goal and returns its result."""
+        result = self.send(run_file).get_result_async()
         self.spin_until(result.done, "the result")
         return result.result().result
 
