@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import pytest
@@ -178,7 +179,7 @@ def test_a_stamp_ahead_of_time(
     ("judged", "code"),
     [
         (supervisor.recorder_lost, SafetyCode.RECORDER),
-        (supervisor.foreign_manager, SafetyCode.FOREIGN_MANAGER),
+        (partial(supervisor.foreign_manager, detail=""), SafetyCode.FOREIGN_MANAGER),
     ],
 )
 def test_one_is_too_many(judged: Callable[[int, int], Violation | None], code: SafetyCode) -> None:

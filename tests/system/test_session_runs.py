@@ -36,7 +36,7 @@ NO_OTHER_USE = [
 ]
 
 
-@pytest.mark.parametrize(("event", "site"), product(("cut_in", "vru_crossing"), SHARED))
+@pytest.mark.parametrize(("event", "site"), list(product(("cut_in", "vru_crossing"), SHARED)))
 def test_a_recording_holds_the_event(event: str, site: str, recordings: Recordings) -> None:
     folder = recordings.get(event, SHARED[site])
     result = json.loads((folder / "result.json").read_text())

@@ -129,7 +129,12 @@ class PageServer:
         app.router.add_post("/api/command/{name}", self._command)
         app.router.add_get("/{name:.*}", self._asset)
         runner = web.AppRunner(
-            app, access_log=None, shutdown_timeout=1.0, logger=_LOG, keepalive_timeout=REQUEST_S
+            app,
+            access_log=None,
+            shutdown_timeout=1.0,
+            logger=_LOG,
+            keepalive_timeout=REQUEST_S,
+            lingering_time=1.0,
         )
         await runner.setup()
         await web.SockSite(runner, self._listener).start()

@@ -767,7 +767,7 @@ def test_files_that_are_no_xml(tmp_path: Path, data: bytes, message: str) -> Non
 def test_files_that_cant_be_read(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="can't be read: No such file"):
         load_library(tmp_path / "gone.xodr")
-    with pytest.raises(InputError, match="can't be read"):
+    with pytest.raises(InputError, match="is no file"):
         load_library(tmp_path)
     with pytest.raises(InputError):
         load_library("map\x00.xodr")
