@@ -1,8 +1,8 @@
-"""Fuzzes one target, led by what code each input reaches.
+"""Fuzzes targets one after another, led by what code each input reaches.
 
-python tests/fuzz/run.py TARGET [--runs N] [--seed S] [--seconds T] [--found FOLDER]
+python tests/fuzz/run.py TARGET[=N] ... [--runs N] [--seed S] [--seconds T] [--found FOLDER]
 
-The same number of runs with the same seed tries the same inputs. An input that fails is written
+The same targets, numbers of runs and seed try the same inputs. An input that fails is written
 below FOLDER (``TARGET-crash-*``, ``-timeout-*``, ``-oom-*``) and the program ends with a status
 other than 0.
 """
@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import hashlib
+import os
 import sys
 import tempfile
 from pathlib import Path
@@ -45,9 +46,17 @@ FOLLOWED = {
 }
 
 
+def _target(text: str) -> tuple[str, int | None]:
+    """TARGET or TARGET=RUNS."""
+    name, _, runs = text.partition("=")
+    if name not in FOLLOWED:
+        raise argparse.ArgumentTypeError(f"{name!r} is none of {', '.join(FOLLOWED)}")
+    return name, int(runs) if runs else None
+
+
 def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("target", choices=FOLLOWED)
+    parser.add_argument("targets", nargs="+", type=_target, metavar="TARGET[=RUNS]")
     parser.add_argument("--runs", type=int, default=2000, help="inputs to try, -1: no limit")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--seconds", type=int, default=0, help="stop after this time, 0: don't")
@@ -58,28 +67,36 @@ def arguments() -> argparse.Namespace:
 def main() -> None:
     given = arguments()
     sys.path.insert(0, str(Path(__file__).parent))
-    with atheris.instrument_imports(
-        include=list(FOLLOWED[given.target]), exclude=["rosbags.typesys.stores"]
-    ):
+    followed = {module for name, _ in given.targets for module in FOLLOWED[name]}
+    with atheris.instrument_imports(include=sorted(followed), exclude=["rosbags.typesys.stores"]):
         from targets import TARGETS
-    target = TARGETS[given.target]
-    regressions = sorted(CORPUS.glob(f"{given.target}-*"))
     given.found.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory() as folder:
-        for data in [*target.seeds(), *(path.read_bytes() for path in regressions)]:
-            Path(folder, hashlib.sha256(data).hexdigest()[:16]).write_bytes(data)
-        options = [
-            f"-runs={given.runs}",
-            f"-seed={given.seed}",
-            f"-max_total_time={given.seconds}",
-            f"-max_len={target.most_bytes}",
-            f"-timeout={_TIMEOUT_S}",
-            f"-rss_limit_mb={_MEMORY_MB}",
-            f"-artifact_prefix={given.found}/{given.target}-",
-            "-print_final_stats=1",
-        ]
-        atheris.Setup([sys.argv[0], *options, folder], target.run)
-        atheris.Fuzz()
+    failed = 0
+    for name, runs in given.targets:
+        with tempfile.TemporaryDirectory() as folder:
+            seeds = TARGETS[name].seeds()
+            regressions = (path.read_bytes() for path in sorted(CORPUS.glob(f"{name}-*")))
+            for data in (*seeds, *regressions):
+                Path(folder, hashlib.sha256(data).hexdigest()[:16]).write_bytes(data)
+            options = [
+                f"-runs={given.runs if runs is None else runs}",
+                f"-seed={given.seed}",
+                f"-max_total_time={given.seconds}",
+                f"-max_len={TARGETS[name].most_bytes}",
+                f"-timeout={_TIMEOUT_S}",
+                f"-rss_limit_mb={_MEMORY_MB}",
+                f"-artifact_prefix={given.found}/{name}-",
+                "-print_final_stats=1",
+            ]
+            # libFuzzer ends its process; imports and instrumentation are paid for once.
+            child = os.fork()
+            if child == 0:
+                print(f"target {name}", file=sys.stderr, flush=True)
+                atheris.Setup([sys.argv[0], *options, folder], TARGETS[name].run)
+                atheris.Fuzz()
+                os._exit(0)
+            failed = failed or os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    sys.exit(min(abs(failed), 255))
 
 
 if __name__ == "__main__":
