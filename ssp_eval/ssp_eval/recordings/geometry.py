@@ -88,7 +88,7 @@ class Corridor:
 
     def extent(self, state: ObjectState) -> Extent:
         """What an object's box covers."""
-        projected = [self.path.project(x, y) for x, y in state.box.corners()]
+        projected = self.path.project_all(state.box.corners())
         stations = [station for station, _ in projected]
         offsets = [offset for _, offset in projected]
         return Extent(min(stations), max(stations), min(offsets), max(offsets))

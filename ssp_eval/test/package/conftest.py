@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from ssp_core.cli import main
 from ssp_core.files import write_json
 from ssp_core.hashing import sha256_file
 from ssp_core.vocab import PHASES
+from ssp_eval.audit.model import Audit
 from ssp_eval.evaluate.admission import load_admissions
 from ssp_eval.evaluate.asker import DirectAskers
 from ssp_eval.evaluate.campaign import run_campaign
@@ -23,7 +24,9 @@ from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.labels.model import labels_to_json
 from ssp_eval.labels.proposal.propose import propose
 from ssp_eval.labels.proposal.truth import truth_from_bag
+from ssp_eval.package.audits import Audits
 from ssp_eval.package.make import make_package
+from ssp_eval.package.model import FileEntry
 from ssp_eval.recordings.event_rules import source_times
 from ssp_scenario_manager.compile.task import load_task
 from ssp_scenario_manager.spec.load import load_event
@@ -115,6 +118,37 @@ def evidence(
     assert [result.status for result in results] == ["ok"] * 3
     assert [result.admission for result in results] == ["admitted"] * 3
     return root
+
+
+# What an audit isn't made from.
+BESIDE_AUDITS = ("audit", "cell", "score", "raw", "records", "requests", "log_merged")
+
+
+@pytest.fixture(scope="session")
+def judged() -> dict[object, Audit]:
+    """Audits made again in these tests, by the content that they were made from."""
+    return {}
+
+
+@pytest.fixture(autouse=True, scope="module")
+def judged_once(judged: dict[object, Audit]) -> Iterator[None]:
+    """The same recordings are judged once: most tests change what is written of them."""
+    again = Audits._again
+
+    def remembered(self: Audits, places: Sequence[FileEntry], event: Event | None) -> Audit:
+        files = [e for e in self._contents.files if e.role not in BESIDE_AUDITS]
+        key = (
+            tuple(place.path for place in places),
+            frozenset((e.path, e.sha256) for e in files),
+            None if event is None else event.model_dump_json(),
+        )
+        if key not in judged:
+            judged[key] = again(self, places, event)
+        return judged[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Audits, "_again", remembered)
+        yield
 
 
 @pytest.fixture(scope="module")

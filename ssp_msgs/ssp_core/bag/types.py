@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -24,6 +24,7 @@ MSG_ENCODING = "ros2msg"
 IDL_ENCODING = "ros2idl"
 _SEPARATOR = "=" * 80 + "\n"
 _SHOWN = 200
+_KEPT_STORES = 64
 # What rosbags' parsers and the code that they generate raise on a text that is no definition.
 _UNUSABLE = (
     TypesysError,
@@ -138,8 +139,11 @@ def serialize(message: object) -> bytes:
     return bytes(typestore().serialize_cdr(message, msgtype, little_endian=True))
 
 
+@lru_cache(maxsize=_KEPT_STORES)
 def store_from(written: TypeDefinition) -> Typestore:
     """A store that knows exactly the types of one definition, as it stands in a bag.
+
+    Bags of one recorder share their definitions, and so the stores: whoever has one only reads it.
 
     Raises:
         InputError: the definition can't be parsed, asks for too much, or lacks the type that it is
