@@ -180,8 +180,8 @@ def test_time_grows_in_proportion_to_the_text(unit: str) -> None:
         return time.process_time() - started
 
     def in_proportion() -> bool:
-        small = min(seconds(1000) for _ in range(3))
-        return min(seconds(8000) for _ in range(2)) < 24 * small + 0.05
+        small = min(seconds(500) for _ in range(3))
+        return seconds(4000) < 24 * small + 0.025
 
     # Eight times the text; what grows with its square takes 64 times as long, however busy the
     # machine is, and never comes through.
@@ -217,11 +217,11 @@ def test_work_grows_in_proportion_to_the_text(unit: str) -> None:
 
 
 @pytest.mark.parametrize("unit", ["[", "\n", "if ", "overtaking ", "7", "7 ", "({[ "])
-def test_a_megabyte_is_read_in_time(unit: str) -> None:
-    text = unit * (1_000_000 // len(unit))
+def test_a_long_text_is_read_in_time(unit: str) -> None:
+    text = unit * (250_000 // len(unit))
     started = time.process_time()
     extract(text)
-    assert time.process_time() - started < 120.0  # measured: less than 3; a square took hours
+    assert time.process_time() - started < 30.0  # measured: less than 1; a square took minutes
 
 
 def test_two_thousand_texts_of_a_hundred_words_take_seconds() -> None:

@@ -106,12 +106,16 @@ class ReferenceLine:
 
     def pose(self, s_m: float) -> Pose2:
         """Pose of the line at an arc length."""
-        _check(s_m)
+        return self.poses([s_m])[0]
+
+    def poses(self, s_m: Sequence[float]) -> list[Pose2]:
+        """As pose for each of some arc lengths."""
+        _check(*s_m)
         if self._straight:
-            x, y = self.origin.to_parent(s_m, 0.0)
-            return Pose2(x, y, wrap_angle(self.origin.yaw_rad))
-        x_m, y_m, yaw = self._panels.at(np.array([s_m]))
-        return Pose2(float(x_m[0]), float(y_m[0]), wrap_angle(float(yaw[0])))
+            yaw_rad = wrap_angle(self.origin.yaw_rad)
+            return [Pose2(*self.origin.to_parent(s, 0.0), yaw_rad) for s in s_m]
+        found = (part.tolist() for part in self._panels.at(np.array(s_m)))
+        return [Pose2(x, y, wrap_angle(yaw)) for x, y, yaw in zip(*found, strict=True)]
 
     def curvature_1pm(self, s_m: float) -> float:
         """Curvature at an arc length, + turns left; 0 beyond the ends."""

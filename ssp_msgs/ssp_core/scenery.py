@@ -103,7 +103,7 @@ class Clearance:
 
     def _lane_places(self) -> FloatArray:
         end = self._line.length_m + BEYOND_M
-        poses = [self._line.pose(float(s)) for s in np.arange(-BEFORE_M, end, _ALONG_M)]
+        poses = self._line.poses(np.arange(-BEFORE_M, end, _ALONG_M).tolist())
         middles = [(low + high) / 2 for low, high in self._lanes]
         return np.array([pose.to_parent(0.0, y) for pose in poses for y in middles])
 

@@ -24,6 +24,12 @@ SHAPES = (
     '<paramPoly3 pRange="arcLength" aU="0" bU="1" cU="0" dU="0" aV="0" bV="0" cV="0.001" dV="0"/>',
     '<poly3 a="0" b="0" c="0.001" d="0"/>',
 )
+BESIDE = (
+    '<objects><object type="crosswalk" s="9" t="0"/><object type="building" s="20" t="-14" '
+    'hdg="0.1" length="9" width="8" height="6"/><object type="tree" s="0" t="9">'
+    '<repeat s="0" length="30" distance="10" tStart="9" tEnd="9"/></object></objects>'
+    '<signals><signal s="30" t="-8" orientation="+" type="274" value="50" unit="km/h"/></signals>'
+)
 XODR = (
     "<OpenDRIVE>"
     + "".join(
@@ -41,11 +47,7 @@ XODR = (
         '<roadMark sOffset="0" type="broken"/><speed sOffset="0" max="9"/></lane>'
         '<lane id="-2" type="sidewalk"><border sOffset="0" a="-6"/></lane></right>'
         "</laneSection></lanes>"
-        '<objects><object type="crosswalk" s="9" t="0"/><object type="building" s="20" t="-14" '
-        'hdg="0.1" length="9" width="8" height="6"/><object type="tree" s="0" t="9">'
-        '<repeat s="0" length="30" distance="10" tStart="9" tEnd="9"/></object></objects>'
-        '<signals><signal s="30" t="-8" orientation="+" type="274" value="50" unit="km/h"/>'
-        "</signals></road>"
+        f"{BESIDE if i in (0, 2) else ''}</road>"
         for i, shape in enumerate(SHAPES)
     )
     + '<junction id="7"><connection id="0" incomingRoad="3" connectingRoad="4" '

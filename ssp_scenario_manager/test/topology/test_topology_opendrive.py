@@ -802,7 +802,7 @@ def test_a_huge_road_doesnt_hang(made: Made, words: Words) -> None:
     widths = "".join(f'<width sOffset="{i * 0.05}" a="3.5" b="0.001"/>' for i in range(2000))
     sections = "".join(
         words.section("", words.lane(-1, widths) + words.lane(-2, widths), s * 0.5)
-        for s in range(60)
+        for s in range(20)
     )
     library = load_library(made.road(sections=sections).write())
     assert library.blocks

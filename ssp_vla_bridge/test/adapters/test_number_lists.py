@@ -199,12 +199,12 @@ def test_twice_the_text_takes_no_more_than_twice_the_steps(unit):
 
 
 @pytest.mark.parametrize("unit", HOSTILE.values(), ids=HOSTILE)
-def test_a_megabyte_is_scanned(unit):
+def test_a_long_text_is_scanned(unit):
     # What a pattern does inside is no step of Python; the bound is some ten times what it takes.
-    text = unit * (1_000_000 // len(unit))
+    text = unit * (250_000 // len(unit))
     start_s = time.process_time()
     scan_lists(text)
-    assert time.process_time() - start_s < 20.0
+    assert time.process_time() - start_s < 8.0
 
 
 def _steps(text: str) -> int:
