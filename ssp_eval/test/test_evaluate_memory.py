@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
@@ -13,13 +14,15 @@ from ssp_eval.evaluate.models import bridge_spec
 
 BagMaker = Callable[..., Path]
 SHORT_S, LONG_S = 10.0, 100.0
-# Of the memory at the shorter one: for stamps, and what differs from run to run. Keeping the states
-# themselves would take a fifth.
-MOST_MORE = 0.05
+# Of the memory at the shorter one, for stamps. Keeping the states themselves would take a fifth.
+MOST_MORE = 0.1
+# What is held once for all (modules, compiled patterns, types) falls into any one of the runs.
+TIMES = 2
 
 
 def peak_bytes(bag: Path, labels: Path | None, out: Path) -> int:
     """The most that Python held at once while a bag was evaluated."""
+    gc.collect()
     tracemalloc.start()
     try:
         (result,) = run_campaign(
@@ -38,6 +41,8 @@ def test_a_recording_ten_times_as_long_takes_no_more_memory(
     short, long = make_bag("short", duration_s=SHORT_S), make_bag("long", duration_s=LONG_S)
     peak_bytes(short, None, tmp_path / "warm")
     labels = find_labels(short)
-    one = peak_bytes(short, labels, tmp_path / "one")
-    ten = peak_bytes(long, labels, tmp_path / "ten")
+    one, ten = (
+        min(peak_bytes(bag, labels, tmp_path / f"{bag.name}{i}") for i in range(TIMES))
+        for bag in (short, long)
+    )
     assert ten <= (1.0 + MOST_MORE) * one

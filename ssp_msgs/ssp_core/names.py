@@ -33,6 +33,7 @@ FRONT_CAMERA = "front_camera"
 OBJECT_TARGET = "object_target"
 SCENARIO_MANAGER = "scenario_manager"
 MONITOR = "monitor"
+RUNNER = "ssp_run"
 MONITOR_PAGE = "monitor_page"  # the operators' page
 VUT_ADAPTER = "vut_adapter"
 VUT_DRIVER = "vut_driver"  # who publishes vut/command, when the VUT has an external driver

@@ -115,7 +115,7 @@ def rights(run: RunSpec, odometry: str = "odometry") -> dict[str, Rights]:
             hears=watched,
         ),
         names.VUT_ADAPTER: Rights(CONTROL, publishes=(vut,), hears=(odometry,)),
-        "ssp_run": Rights(
+        names.RUNNER: Rights(
             CONTROL,
             hears=(*events, *states, vut, names.FAULT_EVENT, names.LINK_STATUS),
             calls=(*commands,),

@@ -11,7 +11,7 @@ import subprocess
 import sys
 import termios
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,10 @@ from tests.system.recordings import Recordings
 
 START_DEADLINE_S = 180.0
 END_DEADLINE_S = 180.0
+# In lockstep, and with a trigger that never fires: a run that lasts until it is struck.
+LONG = """schema: ssp.faults/1
+faults: [{kind: trigger_never, at_s: 0.0}]
+"""
 
 
 def ssp_command(*arguments: str) -> list[str]:
@@ -104,6 +108,8 @@ def in_terminal(command: list[str]) -> subprocess.Popen[str]:
 
     def own() -> None:
         fcntl.ioctl(slave, termios.TIOCSCTTY, 0)
+        # Of the tests' own terminal nothing is to be known: they may have been started by nohup.
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
     process: subprocess.Popen[str] = subprocess.Popen(
         command, stdin=slave, stdout=slave, stderr=slave, start_new_session=True, preexec_fn=own
@@ -145,6 +151,20 @@ def start_session(tmp_path: Path) -> Iterator[Any]:
             session.process.communicate()
         for pid in processes_of(session.folder).values():
             os.kill(pid, signal.SIGKILL)
+
+
+@pytest.fixture
+def long_session(start_session: Any, tmp_path: Path) -> Callable[..., Any]:
+    """Starts one, up to where everybody is about to drive."""
+
+    def start(*arguments: str, **how: Any) -> Any:
+        (tmp_path / "long.yaml").write_text(LONG)
+        faults = ("--faults", str(tmp_path / "long.yaml"))
+        session = start_session("cut_in", *faults, *arguments, **how)
+        session.wait_for("phase approach")
+        return session
+
+    return start
 
 
 @pytest.fixture

@@ -44,6 +44,7 @@ def changed_run(
     *,
     logged: bool = True,
     program: str | None = None,
+    size_px: tuple[int, int] = (240, 135),
 ) -> None:
     """A run of the simulation in ``folder/run``, compiled in ``folder/task`` and then changed.
 
@@ -53,13 +54,13 @@ def changed_run(
         changes: by field of the run.
         logged: the changes stand in the log, with who made them and why.
         program: that runs the command line; None: ssp.
+        size_px: width and height of the pictures; small ones are drawn in a quarter of the time.
     """
     task, site = folder / "task", folder / "boulevard.site.yaml"
-    # What a camera sees is measured by geometry; small pictures are drawn in a quarter of the time.
     size = "width_px: {}, height_px: {}".format
     text = (LIBRARY / "sites" / site.name).read_text()
     assert size(960, 540) in text
-    write_text(site, text.replace(size(960, 540), size(240, 135)))
+    write_text(site, text.replace(size(960, 540), size(*size_px)))
     succeed("compile", bound, "--target", "sumo", "--site", site, "--out", task)
     run = load_run(task / "run.yaml")
     for field, new in changes.items():

@@ -195,7 +195,8 @@ def test_a_missing_conflict(recordings: Recordings, tmp_path: Path) -> None:
 
 def test_off_camera_in_the_conflict(recordings: Recordings, tmp_path: Path) -> None:
     # Looking up so far that the lower edge of the picture is about the horizon.
-    run = broken_run(tmp_path, recordings, "vru_crossing", {"camera.pitch_down_rad": -0.385})
+    up = {"camera.pitch_down_rad": -0.385}
+    run = broken_run(tmp_path, recordings, "vru_crossing", up, size_px=(960, 540))
     entry = refused(audit(tmp_path, recordings, "vru_crossing", run)[1])
     assert next(iter(codes(entry))) == "participant_off_camera"
     assert "in the conflict" in entry.reasons[0].detail

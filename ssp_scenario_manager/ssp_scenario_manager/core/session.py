@@ -201,7 +201,8 @@ class Session:
         """
         if self.state in (SessionPhase.IDLE, SessionPhase.FINISHED, SessionPhase.ABORTED):
             return
-        own = supervisor.own_lateness(violation, self.late_s)
+        heartbeat_s = self._run.spec.limits.heartbeat_s if self._run is not None else 0.0
+        own = supervisor.own_lateness(violation, self.late_s, heartbeat_s)
         violation, announced = own, announced and own is violation
         if self._run is not None and not self._run.blame(violation):
             return

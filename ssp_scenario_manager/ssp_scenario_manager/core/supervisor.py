@@ -31,6 +31,7 @@ _OF_TIME = {
     SafetyCode.LINK_DELAY,
     SafetyCode.PARTICIPANT_LOST,
 }
+_OF_OBJECTS = {SafetyCode.OBJECT_ABORTED, SafetyCode.HEARTBEAT_LOST}
 # Events of other nodes are under way for less.
 REPORT_AGE_S = 2.0
 
@@ -171,7 +172,7 @@ def tracking_error(state: ObjectState, limits: Limits) -> Violation | None:
     return of_object(passed, state.object_id, state.stamp_ns)
 
 
-def own_lateness(found: Violation, late_s: float) -> Violation:
+def own_lateness(found: Violation, late_s: float, heartbeat_s: float) -> Violation:
     """What was found while the manager itself stood still: then its own lateness is the reason.
 
     Who wasn't looked at for seconds seems silent, slow or off in time, and an object that didn't
@@ -180,15 +181,18 @@ def own_lateness(found: Violation, late_s: float) -> Violation:
     Args:
         found: by the manager, or seen by another node.
         late_s: how late the manager was of late, on the steady clock; 0 for not.
+        heartbeat_s: for how long objects go without hearing the manager.
     """
     # A recorder that lost messages is one without a name; a silent one has its node's.
     silent_recorder = found.code is SafetyCode.RECORDER and bool(found.object_id)
-    if late_s <= LATE_S or not (found.code in _OF_TIME or silent_recorder):
+    # Objects stop by themselves for many reasons; a manager that was heard in time is none.
+    limit_s = max(LATE_S, heartbeat_s) if found.code in _OF_OBJECTS else LATE_S
+    if late_s <= limit_s or not (found.code in _OF_TIME or silent_recorder):
         return found
     instead = f"instead of {MEANINGS[found.code].limit_name}"
     who = f" of {found.object_id}" if found.object_id else ""
     return Violation(
-        SafetyCode.OVERRUN, names.SCENARIO_MANAGER, late_s, LATE_S, found.stamp_ns, instead + who
+        SafetyCode.OVERRUN, names.SCENARIO_MANAGER, late_s, limit_s, found.stamp_ns, instead + who
     )
 
 

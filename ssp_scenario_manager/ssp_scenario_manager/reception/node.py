@@ -97,15 +97,19 @@ class Reception:
         alone = [*_ONE_PUBLISHER, *map(names.reference_topic, object_ids)]
         self._looked = (self._looked + 1) % len(alone)
         for topic in {names.HEARTBEAT, alone[self._looked]}:
-            others = self._node.count_publishers(topic) - 1
-            if others > 0:
-                known = self._node.get_publishers_info_by_topic(
-                    self._node.resolve_topic_name(topic)
-                )
-                nodes = sorted(f"{one.node_namespace.rstrip('/')}/{one.node_name}" for one in known)
-                self._vigil.foreign[topic] = others, f"{topic} has {' and '.join(nodes)}"
-            else:
-                self._vigil.foreign.pop(topic, None)
+            self._vigil.foreign.pop(topic, None)
+            if self._node.count_publishers(topic) <= 1:
+                continue
+            full = self._node.resolve_topic_name(topic)
+            known = self._node.get_publishers_info_by_topic(full)
+            # The runner sends the references that a run's faults ask for.
+            nodes = sorted(
+                f"{one.node_namespace.rstrip('/')}/{one.node_name}"
+                for one in known
+                if topic in _ONE_PUBLISHER or one.node_name != names.RUNNER
+            )
+            if len(nodes) > 1:
+                self._vigil.foreign[topic] = len(nodes) - 1, f"{topic} has {' and '.join(nodes)}"
 
     def _on_reply(self, reply: tuple[Sequence[str], int, Exchange]) -> None:
         self._vigil.links.on_reply(*reply, time.monotonic_ns())

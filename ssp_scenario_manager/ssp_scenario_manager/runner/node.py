@@ -55,7 +55,7 @@ class RunClient:
             domain_id=int(env["ROS_DOMAIN_ID"]),
             signal_handler_options=SignalHandlerOptions.NO,
         )
-        self._node = Node("ssp_run", namespace=names.NAMESPACE, context=self._context)
+        self._node = Node(names.RUNNER, namespace=names.NAMESPACE, context=self._context)
         self._executor = rclpy.executors.SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
         self._client = ActionClient(self._node, RunScenario, names.RUN_SCENARIO)

@@ -82,12 +82,11 @@ def test_a_full_disk_is_said_at_once_and_costs_at_most_a_second(
 
 @pytest.mark.skipif(not may_mount(), reason="may not mount a small disk")
 def test_a_session_on_a_full_disk_says_its_verdict_and_how_the_bag_is_closed(
-    start_session: Any, tmp_path: Path
+    long_session: Any, tmp_path: Path
 ) -> None:
     with small_disk(tmp_path, SESSION_BYTES) as disk:
         run = disk.point / "run"
-        session = start_session("cut_in", "--no-camera", folder=run, enter=disk.enter)
-        session.wait_for("phase approach")
+        session = long_session("--no-camera", folder=run, enter=disk.enter)
         fill(disk)
         out, err = session.process.communicate(timeout=MOST_S)
         assert session.process.returncode == 1
