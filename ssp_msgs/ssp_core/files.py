@@ -22,6 +22,7 @@ from ssp_core.strict_json import parse_strict
 MAX_TEXT_BYTES = 8 << 20
 # Python shows whole numbers of at most 4300 digits.
 _MOST_DIGITS = 4000
+_TOO_LARGE = 10**_MOST_DIGITS
 # An escape for half of a surrogate pair, in JSON or in YAML.
 _SURROGATE = re.compile(r"\\[uU]0*[dD][89a-fA-F]")
 
@@ -69,7 +70,7 @@ class _NoAliasLoader(Composer, yaml.CSafeLoader):
     def construct_whole(self, node: Any) -> int:
         """A whole number; in hexadecimal or by sixties one can be too long to be shown."""
         value = super().construct_yaml_int(node)
-        if abs(value) >= 10**_MOST_DIGITS:
+        if abs(value) >= _TOO_LARGE:
             raise yaml.MarkedYAMLError(
                 problem=f"a whole number has more than {_MOST_DIGITS} digits",
                 problem_mark=node.start_mark,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from xml.etree import ElementTree
@@ -25,12 +26,18 @@ def prepare(
     return prepare_run(str(what), site, folder, seed=seed, mode="lockstep")
 
 
-@pytest.fixture
-def compiled(tmp_path: Path) -> Path:
-    out = tmp_path / "compiled"
+@pytest.fixture(scope="module")
+def compiled_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("made") / "compiled"
     arguments = ["--target", "track", "--site", "north_track", "--seed", "5", "--out", str(out)]
     assert main(["compile", "cut_in", *arguments]) == 0
     return out
+
+
+@pytest.fixture
+def compiled(compiled_once: Path, tmp_path: Path) -> Path:
+    """A compiled folder that a test may spoil."""
+    return Path(shutil.copytree(compiled_once, tmp_path / "compiled"))
 
 
 def test_an_event_is_compiled_into_the_runs_task_folder(tmp_path: Path) -> None:

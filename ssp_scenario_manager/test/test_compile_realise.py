@@ -141,7 +141,7 @@ def test_a_marking_is_drawn_where_the_crossing_is() -> None:
     assert make("occluded_crossing", shipped("boulevard")).run.road.crossing_x_m is None
 
 
-@pytest.mark.parametrize("name", EVENTS)
+@pytest.mark.parametrize("name", ["cut_in", "vru_crossing"])
 def test_turning_a_site_changes_nothing_in_the_block(name: str) -> None:
     """METHOD 2.4: the transform is rigid."""
     pose = Pose2(-31.5, 77.25, math.radians(-141.0))

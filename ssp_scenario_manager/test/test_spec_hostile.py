@@ -135,13 +135,13 @@ _PATHS = [path for path, _ in leaves(_SHIPPED) if not path.startswith("uncertain
 
 
 @given(_ANYTHING)
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_check_never_raises_on_any_mapping(value: Any) -> None:
     assert check_event({"schema": "ssp.event/2", "topology": value, "name": value})
 
 
 @given(st.lists(st.tuples(st.sampled_from(_PATHS), _ANYTHING), min_size=1, max_size=5))
-@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 def test_check_never_raises_on_a_spoilt_event(changes: list[tuple[str, Any]]) -> None:
     value = copy.deepcopy(_SHIPPED)
     for path, changed in changes:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Callable
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +36,7 @@ Review = Callable[..., int]
 SHIPPED = ("cut_in", "lead_braking", "occluded_crossing", "vru_crossing")
 
 
+@cache
 def unreviewed(name: str = "cut_in") -> Event:
     """A shipped event whose part U says that a model said it all and nobody has looked."""
     event, _ = load_event(name)
