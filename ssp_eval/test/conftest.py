@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
@@ -403,9 +404,19 @@ def write_bag(
 
 
 @pytest.fixture(scope="session")
-def bag_writer() -> Callable[..., Path]:
-    """write_bag, for fixtures that outlive a test."""
-    return write_bag
+def bag_writer(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
+    """write_bag, for fixtures that outlive a test; the same bag is written once and copied."""
+    written: dict[tuple[str, str], Path] = {}
+
+    def write(path: Path, *given: object, **options: Any) -> Path:
+        if options.get("task") is not None:
+            return write_bag(path, *given, **options)
+        key = path.name, repr((given, sorted(options.items())))
+        if key not in written:
+            written[key] = write_bag(tmp_path_factory.mktemp("bag") / path.name, *given, **options)
+        return Path(shutil.copytree(written[key], path))
+
+    return write
 
 
 @pytest.fixture(scope="session")
@@ -427,9 +438,9 @@ def make_task(tmp_path: Path) -> Callable[..., Path]:
 
 
 @pytest.fixture
-def make_bag(tmp_path: Path) -> Callable[..., Path]:
+def make_bag(tmp_path: Path, bag_writer: Callable[..., Path]) -> Callable[..., Path]:
     """write_bag into the test's folder."""
-    return lambda name="bag", *given, **options: write_bag(tmp_path / name, *given, **options)
+    return lambda name="bag", *given, **options: bag_writer(tmp_path / name, *given, **options)
 
 
 @pytest.fixture(scope="session")
