@@ -24,8 +24,14 @@ def answer(b: Barrier, step: int) -> None:
     b.on_done(MANAGER, step)
 
 
-def test_nobody_answers_step_0() -> None:
-    assert barrier().waiting_for(0) == []
+def test_the_world_starts_when_it_has_heard_everybody() -> None:
+    b = barrier(camera=CAMERA)
+    assert b.waiting_for(0) == [OT, MANAGER]
+    b.on_done(OT, 0)
+    b.on_done(MANAGER, 0)
+    assert b.waiting_for(0) == [OT]
+    b.on_command("ot1", 0)
+    assert b.waiting_for(0) == []
 
 
 def test_each_participant_and_each_command_is_waited_for() -> None:
@@ -80,6 +86,7 @@ def test_the_camera_may_lag_by_one_frame(frame_steps: int) -> None:
 def test_the_world_never_runs_ahead_of_the_camera_by_more_than_a_frame() -> None:
     b = barrier(camera=CAMERA, frame_steps=5)
     step = 0
+    answer(b, step)
     for frame in range(0, 50, 5):
         while not b.waiting_for(step):
             step += 1

@@ -58,14 +58,13 @@ class Peers:
         self.ticks.append(tick)
         if self.drives:
             self.drive(tick.step)
-        if not tick.running:
-            return
         one = msg.ActuatorCommand(object_id="ot1", step=tick.step, acceleration=-1.0)
         self.commands.publish(
             msg.ActuatorCommands(participant="object_target", step=tick.step, commands=[one])
         )
         self.done.publish(msg.StepDone(participant="object_target", step=tick.step))
-        self.answer(tick.step)
+        if tick.running:
+            self.answer(tick.step)
 
     def drive(self, step: int) -> None:
         self.driver.publish(msg.ActuatorCommand(object_id="vut", step=step, acceleration=1.5))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
@@ -40,6 +41,7 @@ def test_a_tick_waits_for_the_heartbeat_that_it_names() -> None:
     inbox = Inbox(["ot1"])
     inbox.on_tick(tick(1, heartbeat=2))
     assert inbox.take() is None
+    assert copy.copy(inbox).take(overdue=True).step == 1  # its sender is dead
     inbox.on_heartbeat(1, RUNNING, 0, {"ot1": 0})
     assert inbox.take() is None
     inbox.on_heartbeat(2, RUNNING, 0, {"ot1": 0})

@@ -23,6 +23,7 @@ DEATHS = [
     ("front_camera", ("participant_lost: front_camera",)),
     ("monitor", ("recorder: monitor", "monitor killed")),
 ]
+FLUSHED_BYTES = 50_000
 BUSY = ("participant_lost: scenario_manager", "overrun: scenario_manager")
 
 
@@ -41,6 +42,11 @@ def test_killed_node_ends_the_run(
     node: str, primary: tuple[str, ...], long_session: Any, live_processes: Any
 ) -> None:
     session = long_session(*(() if node == "front_camera" else ("--no-camera",)))
+    # A recorder that is killed before its first flush has recorded nothing.
+    (file,) = (session.folder / "bag").glob("*.mcap")
+    flushed = file.stat().st_size + FLUSHED_BYTES
+    while node == "monitor" and file.stat().st_size < flushed:
+        time.sleep(0.02)
     session.kill(node)
     result = session.finish()
 

@@ -31,9 +31,10 @@ class Barrier:
         leader: str,
         recorder: str | None = None,
     ) -> None:
-        # Nobody answers step 0: the world holds there until the session starts the run.
-        self._done = dict.fromkeys(participants, 0)
-        self._commanded = dict.fromkeys(object_ids, 0)
+        # Step 0, at which the world holds, is answered again and again: whose answer has come once
+        # is heard, which a participant that has just been discovered isn't for sure.
+        self._done = dict.fromkeys(participants, -1)
+        self._commanded = dict.fromkeys(object_ids, -1)
         self._owner = owner
         self._camera = camera
         self._leader = leader

@@ -137,11 +137,11 @@ class SilWorld(Node):
     def _on_vut_command(self, message: steps.BodyCommand) -> None:
         """An external driver; in lockstep its command for a step is its answer to it."""
         self._driver_heard_ns = time.monotonic_ns()
+        self._barrier.on_done(names.VUT_DRIVER, message.step)
         if self._lockstep and message.step == 0:
-            # Nobody answers the state before the start, of which there are any number.
+            # Of the state before the start there are any number, and none is driven by.
             return
         self._commands[names.VUT_ID] = message.step, _command(message)
-        self._barrier.on_done(names.VUT_DRIVER, message.step)
         self._go_on()
 
     def _on_heartbeat(self, beat: steps.Heartbeat) -> None:
@@ -155,15 +155,25 @@ class SilWorld(Node):
         self._go_on()
 
     def _take_session(self, session: SessionPhase) -> None:
-        self._session = session
-        if session is SessionPhase.RUNNING and not self._running and not self._over:
+        if session is not self._session:
+            self._session, self._waiting_since_ns = session, time.monotonic_ns()
+        self._begin()
+
+    def _begin(self) -> None:
+        if self._starting and not (self._lockstep and self._barrier.waiting_for(0)):
             self._running = True
             self._started_ns = self._waiting_since_ns = time.monotonic_ns()
+
+    @property
+    def _starting(self) -> bool:
+        """The session runs, and the world not yet; in lockstep once it hears everybody."""
+        return self._session is SessionPhase.RUNNING and not (self._running or self._over)
 
     # -- stepping ------------------------------------------------------------------------------
 
     def _go_on(self) -> None:
         """Lockstep: steps as soon as nobody is waited for."""
+        self._begin()
         if not (self._lockstep and self._running):
             return
         if not self._barrier.waiting_for(self._world.step_index):
@@ -243,7 +253,8 @@ class SilWorld(Node):
             if self._driver_is_there():
                 self._report_vut(running=False)
             self._publish_tick()
-            return
+            if not self._starting:
+                return
         if (now_ns - looked_ns) / NS_PER_S > OWN_PAUSE_S:
             self._waiting_since_ns = now_ns
         waited_s = (now_ns - self._waiting_since_ns) / NS_PER_S

@@ -29,6 +29,9 @@ from ssp_ot_controller.target.target import Target
 TICK_SILENCE_S = 1.0
 # Lockstep: the world may take this long for a step (others may be dropped meanwhile).
 WORLD_HANG_S = 4.0
+# In lockstep: what belongs to a tick and hasn't come for so long after it is lost. Less than the
+# world waits for an answer.
+OVERDUE_S = 0.75
 _MAY_MOVE = (
     ControlState.PRE_ARMING,
     ControlState.ARMED,
@@ -192,9 +195,10 @@ class Crew:
         """Answers the newest tick; None while there is none or something before it is missing.
 
         Args:
-            steady_ns: now on the steady clock; decides only outside lockstep.
+            steady_ns: now on the steady clock; in lockstep it decides only when something is lost.
         """
-        tick: Tick | None = self._inbox.take()
+        waited_s = ns_to_seconds(steady_ns - self._tick_arrived_ns)
+        tick: Tick | None = self._inbox.take(overdue=waited_s > OVERDUE_S)
         if tick is None:
             return None
         self._now_ns, self._step = tick.now_ns, tick.step
@@ -238,7 +242,7 @@ class Crew:
         return CrewStep(
             tick.step,
             tick.now_ns,
-            tick.in_step,
+            tick.lockstep,
             tuple(commands),
             tuple(states),
             tuple(acks),

@@ -77,7 +77,7 @@ class CrewStep:
     Args:
         step: that is answered.
         now_ns: session time.
-        in_step: True: the world waits for StepDone.
+        answered: by StepDone; in lockstep, also while the world holds and wants to hear everybody.
         commands: for the bodies, by object id.
         states: those that arrive at the manager now.
         acks: answers to references that arrive at the manager now.
@@ -88,7 +88,7 @@ class CrewStep:
 
     step: int
     now_ns: int
-    in_step: bool
+    answered: bool
     commands: tuple[tuple[str, Command], ...]
     states: tuple[ObjectState, ...]
     acks: tuple[Ack, ...]

@@ -64,12 +64,16 @@ class Inbox:
         """Keeps the newest WorldTick; a held one that the world didn't wait for is replaced."""
         self._tick = tick
 
-    def take(self) -> Any:
-        """The held tick if it may be dealt with now, else None."""
+    def take(self, *, overdue: bool = False) -> Any:
+        """The held tick if it may be dealt with now, else None.
+
+        Args:
+            overdue: what is still missing won't come; a manager that died has sent its last.
+        """
         tick = self._tick
         if tick is None:
             return None
-        if tick.lockstep and tick.running and not self._complete(tick):
+        if tick.lockstep and tick.running and not (overdue or self._complete(tick)):
             return None
         self._tick = None
         return tick

@@ -236,6 +236,7 @@ class ObjectTargetNode(LifecycleNode):
         self._outlet.send(step)
 
     def _watch(self, crew: Crew) -> None:
+        self._work(crew)
         self._send(crew.watch(time.monotonic_ns()))
         for object_id, count in crew.fallbacks().items():
             if count and object_id not in self._told:

@@ -98,15 +98,20 @@ def stop_of(track: Track, fault_s: float, timeout_s: float, stopping: Stopping) 
         timeout_s: how long it may go unnoticed.
         stopping: how the object is said to stop.
     """
-    start = max(int(np.searchsorted(track.t_s, fault_s, side="right")) - 1, 0)
-    t, x, y = track.t_s[start:], track.x_m[start:], track.y_m[start:]
-    speed = np.abs(track.speed_mps[start:])
+    if len(track.t_s) == 0:
+        return Stop(0.0, 0.0, stopping.distance_m(0.0, timeout_s), fault_s)
+    # From the very instant: a busy witness may have missed the states just before it.
+    after = track.t_s > fault_s
+    t = np.concatenate(([fault_s], track.t_s[after]))
+    x, y, speed = (
+        np.interp(t, track.t_s, v) for v in (track.x_m, track.y_m, np.abs(track.speed_mps))
+    )
     unnoticed = t <= fault_s + timeout_s + stopping.reaction_s
     fastest = float(speed[unnoticed].max()) if unnoticed.any() else 0.0
     distance = float(np.hypot(np.diff(x), np.diff(y)).sum())
     moving = np.flatnonzero(speed > STANDSTILL_MPS)
     if len(moving) == 0:
-        standstill: float | None = float(t[0]) if len(t) else fault_s
+        standstill: float | None = fault_s
     elif moving[-1] + 1 < len(t):
         standstill = float(t[moving[-1] + 1])
     else:

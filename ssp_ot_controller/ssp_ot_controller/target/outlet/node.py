@@ -80,7 +80,7 @@ class Outlet:
         for event in step.events:
             self._announce(event, stamp)
         self._send_states(step.states)
-        if step.in_step:
+        if step.answered:
             counts = step.counts
             done = steps.StepDone(
                 self._node.get_name(),
