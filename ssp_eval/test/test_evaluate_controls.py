@@ -163,7 +163,7 @@ def test_a_frame_that_is_no_picture_costs_answers_and_no_campaign(
 ) -> None:
     monkeypatch.setitem(make_bag.__globals__, "picture", lambda index: b"\xff\xd8 broken")
     models = with_controls([MINE])
-    bag = make_bag()
+    bag = make_bag("no_pictures")  # of its own, since equal bags are written once
     results = run_campaign(
         [(bag, None)], models, DirectAskers(), tmp_path / "o", CellOptions(), True
     )

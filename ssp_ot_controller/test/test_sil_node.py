@@ -62,7 +62,8 @@ class Peers:
         self.commands.publish(
             msg.ActuatorCommands(participant="object_target", step=tick.step, commands=[one])
         )
-        self.done.publish(msg.StepDone(participant="object_target", step=tick.step))
+        for participant in ("object_target", "monitor"):
+            self.done.publish(msg.StepDone(participant=participant, step=tick.step))
         if tick.running:
             self.answer(tick.step)
 

@@ -221,6 +221,9 @@ class ScenarioManager(Node):
         self._intake.waiting()
         if not self._in_lockstep:
             self._send_heartbeat()
+            if self._lockstep and self._session.state is SessionPhase.RUNNING and not self._live:
+                # The word that starts the world may have come before it was listening.
+                self._answer_world()
         self._reception.look_for_others(self._links.references_sent)
         if self._watchdog.look(time.monotonic_ns(), self._now_ns):
             self._goal.on_standstill_unconfirmed()

@@ -60,6 +60,13 @@ class Barrier:
         """From now on the world goes on without this participant."""
         self.dropped.add(participant)
 
+    def unheard(self) -> list[str]:
+        """Whose answer to step 0 is missing; the leader's, which starts the run, comes later."""
+        missing = [name for name in self.waiting_for(0) if name != self._leader]
+        if self._recorder is not None and self._recorded is None:
+            missing.append(self._recorder)
+        return missing
+
     def lost(self, step: int) -> list[str]:
         """Of those that are waited for, the ones that don't wait for another one themselves.
 

@@ -155,25 +155,15 @@ class SilWorld(Node):
         self._go_on()
 
     def _take_session(self, session: SessionPhase) -> None:
-        if session is not self._session:
-            self._session, self._waiting_since_ns = session, time.monotonic_ns()
-        self._begin()
-
-    def _begin(self) -> None:
-        if self._starting and not (self._lockstep and self._barrier.waiting_for(0)):
+        self._session = session
+        if session is SessionPhase.RUNNING and not self._running and not self._over:
             self._running = True
             self._started_ns = self._waiting_since_ns = time.monotonic_ns()
-
-    @property
-    def _starting(self) -> bool:
-        """The session runs, and the world not yet; in lockstep once it hears everybody."""
-        return self._session is SessionPhase.RUNNING and not (self._running or self._over)
 
     # -- stepping ------------------------------------------------------------------------------
 
     def _go_on(self) -> None:
         """Lockstep: steps as soon as nobody is waited for."""
-        self._begin()
         if not (self._lockstep and self._running):
             return
         if not self._barrier.waiting_for(self._world.step_index):
@@ -207,8 +197,13 @@ class SilWorld(Node):
                 DRIVER_TIMEOUT_S,
             )
 
-    def _driver_is_there(self) -> bool:
-        """A VUT whose driver isn't heard says nothing of itself, so that no session can start."""
+    def _may_start(self) -> bool:
+        """Until then the VUT says nothing of itself, so that no session can start.
+
+        Its driver is heard; in lockstep also everybody whom the world is going to wait for.
+        """
+        if self._lockstep and self._barrier.unheard():
+            return False
         if not self._run.driver.external:
             return True
         heard_ns = self._driver_heard_ns
@@ -250,11 +245,10 @@ class SilWorld(Node):
         now_ns, looked_ns = time.monotonic_ns(), self._looked_ns
         self._looked_ns = now_ns
         if not self._running:
-            if self._driver_is_there():
+            if self._may_start():
                 self._report_vut(running=False)
             self._publish_tick()
-            if not self._starting:
-                return
+            return
         if (now_ns - looked_ns) / NS_PER_S > OWN_PAUSE_S:
             self._waiting_since_ns = now_ns
         waited_s = (now_ns - self._waiting_since_ns) / NS_PER_S

@@ -26,7 +26,7 @@ pytestmark = [pytest.mark.ros, pytest.mark.system]
 HUGE_BYTES = 100_000_000
 HUGE = LoadTopic("/load/cloud", rate_hz=0, size_bytes=HUGE_BYTES, latched=True, depth=1)
 # So seldom that whoever is kept from reading for long finds it still kept, at both ends.
-SMALL = LoadTopic("/load/state", rate_hz=10, depth=500)
+SMALL = LoadTopic("/load/state", rate_hz=10, size_bytes=20_000, depth=500)
 MANY = 10_000
 
 
@@ -36,8 +36,9 @@ def test_a_message_of_100_mb_through_the_middleware(field_: Field) -> None:
     names = (SMALL.name, HUGE.name)
     recording = field_.record(*names, "--split-mb", "10", "--reserve-mb", "0", "--json")
     wait_for(lambda: recording.size() > HUGE_BYTES, "the large message")
-    sent_before = load.count()
-    wait_for(lambda: load.count() > sent_before + 10, "messages behind it")
+    # More than the end of a file takes.
+    enough = recording.size() + 10 * SMALL.size_bytes
+    wait_for(lambda: recording.size() > enough, "messages behind it")
     sent = load.stop()
     recording.wait_for_end_of_data()
     assert recording.stop() == 0, recording.said
