@@ -24,7 +24,7 @@ BROUGHT_BY = {
     "zstandard": "mcap",
 }
 # Extras of the project, imported only where they are installed.
-EXTRA = {"carla", "moderngl", "osqp", "pyarrow", "ray"}
+EXTRA = {"carla", "pyarrow", "ray"}
 OURS = {*PACKAGES, "ssp_core"}
 # Of ROS, beside everything that ends in _msgs.
 ROS_PACKAGES = {"builtin_interfaces", "rcl_interfaces", "rclpy", "std_srvs"}

@@ -25,6 +25,7 @@ from ssp_core.files import (
     write_bytes,
     write_json,
 )
+from ssp_core.run_spec import Camera, ParticipantSpec
 
 FILE_PER_TEST = settings(
     max_examples=100,
@@ -373,3 +374,30 @@ def test_a_named_pipe_is_refused_and_not_waited_for(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is a named pipe, not a file") as caught:
         read_text(tmp_path / "event.yaml")
     assert caught.value.remedy == "write its content to a file"
+
+
+@pytest.mark.parametrize(
+    ("model", "given", "field", "says"),
+    [
+        (Camera, {"renderer": "gl"}, "renderer", "renderer gl was taken away: write raster"),
+        (
+            ParticipantSpec,
+            {
+                "id": "ot1",
+                "object_class": "car",
+                "start": {"x_m": 0.0, "y_m": 0.0, "yaw_rad": 0.0},
+                "tracker": "mpc",
+            },
+            "tracker",
+            "tracker mpc was taken away: write lqr",
+        ),
+    ],
+)
+def test_a_value_of_an_earlier_version_is_refused_with_what_to_write_instead(
+    model: type[BaseModel], given: dict[str, object], field: str, says: str
+) -> None:
+    with pytest.raises(InputError, match=says) as caught:
+        parse_model(model, given, "site.yaml")
+    assert caught.value.field == field
+    assert caught.value.value == given[field]
+    assert str(caught.value.file) == "site.yaml"

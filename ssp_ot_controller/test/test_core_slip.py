@@ -21,7 +21,6 @@ from ssp_core.reference import Reference
 from ssp_core.state import DEFAULT_SIZES, ObjectState
 from ssp_core.vocab import ObjectClass, Role
 from ssp_ot_controller.core.bodies import LIMITS, Command
-from ssp_ot_controller.core.trackers import make_tracker
 from ssp_ot_controller.core.tracking import Tracker
 
 CAR = ObjectClass.CAR
@@ -135,11 +134,10 @@ def test_the_plant_holds_a_steady_turn() -> None:
     assert abs(math.atan2(s.side_mps, s.speed_mps)) > 0.003  # and it does slip
 
 
-@pytest.mark.parametrize("kind", ["lqr", "mpc"])
 @pytest.mark.parametrize("speed_mps", [8.0, 13.0])
-def test_a_lane_change_with_slipping_tyres(kind: str, speed_mps: float) -> None:
+def test_a_lane_change_with_slipping_tyres(speed_mps: float) -> None:
     points = lane_change(STRAIGHT, 10.0, speed_mps, 3.5, 2.5, speed_mps, 2.0)
-    tracker = make_tracker(kind, CAR, dt_s=DT_S)  # type: ignore[arg-type]
+    tracker = Tracker(CAR, dt_s=DT_S)
     errors, end = drive(tracker, Car(), SlipState(10.0, 0.0, 0.0, speed_mps), points, 5.0)
     assert 0.02 < np.sqrt((errors[:, 1] ** 2).mean()) <= 0.15
     assert np.abs(errors[:, 1]).max() <= 0.35
@@ -156,7 +154,7 @@ def test_another_car_on_another_road_stays_far_inside_its_limits(changes: dict[s
     car = replace(Car(), **changes)
     points = lane_change(STRAIGHT, 10.0, 13.0, -3.5, 2.5, 13.0, 2.0)
     start = SlipState(10.0, 0.0, 0.0, 13.0)
-    errors, end = drive(make_tracker("lqr", CAR, dt_s=DT_S), car, start, points, 5.0)
+    errors, end = drive(Tracker(CAR, dt_s=DT_S), car, start, points, 5.0)
     assert np.abs(errors[:, 1]).max() <= 0.4
     assert np.abs(errors[:, 2]).max() <= 0.1
     assert end.y_m == pytest.approx(-3.5, abs=0.1)
@@ -167,7 +165,7 @@ def test_braking_stays_on_the_path() -> None:
         "r", "ot", "v", "approach", 0, 0, 10**12,
         lane_change(STRAIGHT, 10.0, 12.0, 3.5, 2.5, 12.0, 2.0),
     )  # fmt: skip
-    tracker = make_tracker("lqr", CAR, dt_s=DT_S)
+    tracker = Tracker(CAR, dt_s=DT_S)
     s = SlipState(10.0, 0.0, 0.0, 12.0)
     for i in range(round(6.0 / DT_S)):
         now_ns = i * DT_NS
@@ -183,7 +181,7 @@ def test_braking_stays_on_the_path() -> None:
 
 def test_starting_and_stopping() -> None:
     points = drive_along(Polyline([(0.0, 0.0), (60.0, 0.0)]), 0.0, 0.0, 8.0, 2.0, 2.0)
-    tracker = make_tracker("lqr", CAR, dt_s=DT_S)
+    tracker = Tracker(CAR, dt_s=DT_S)
     errors, end = drive(tracker, Car(), SlipState(0.0, 0.0, 0.0, 0.0), points, 14.0)
     assert np.sqrt((errors[:, 0] ** 2).mean()) <= 0.10
     assert end.speed_mps == 0.0

@@ -1,4 +1,4 @@
-"""Accuracy on the shipped scenarios: their own references, tracked by each law on the plant."""
+"""Accuracy on the shipped scenarios: their own references, tracked on the plant."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ssp_core.state import ObjectState
 from ssp_core.vocab import Role
 from ssp_ot_controller.core.bodies import LIMITS as BODIES
 from ssp_ot_controller.core.bodies import BodyLimits, BodyState, step_body, tightened
-from ssp_ot_controller.core.trackers import make_tracker
+from ssp_ot_controller.core.tracking import Tracker
 from ssp_scenario_manager.compile.compiler import Request, compile_task
 from ssp_scenario_manager.core.dispatch import Address, approach_reference, manoeuvre_reference
 
@@ -48,42 +48,31 @@ def shipped(event: str) -> tuple[ParticipantSpec, BodyLimits, tuple[Reference, .
     return target, tightened(BODIES[target.cls], run.limits), tuple(references)
 
 
-def errors_m(
-    event: str, tracker: str, step_s: float, from_s: float = 0.0, to_s: float = 120.0
-) -> tuple[float, float]:
+def errors_m(event: str, step_s: float, to_s: float) -> tuple[float, float]:
     """Rms of the longitudinal and lateral errors over both references, to the last standstill."""
     target, body_limits, references = shipped(event)
-    law = make_tracker(tracker, target.cls, body_limits, step_s)  # type: ignore[arg-type]
+    tracker = Tracker(target.cls, body_limits, step_s)
     step_ns = seconds_to_ns(step_s)
-    at = sample(references[0], seconds_to_ns(from_s))
+    at = sample(references[0], 0)
     body = BodyState(at.x_m, at.y_m, at.yaw_rad, at.speed_mps, at.acceleration_mps2)
     rows = []
     end_ns = min(references[-1].end_ns + seconds_to_ns(1.0), seconds_to_ns(to_s))
-    for k in range(seconds_to_ns(from_s) // step_ns, end_ns // step_ns):
+    for k in range(end_ns // step_ns):
         now_ns = k * step_ns
         driven = [r for r in references if r.execute_at_ns <= now_ns][-1]
         state = ObjectState(
             target.id, target.cls, Role.OT, now_ns, body.x_m, body.y_m, body.yaw_rad,
             body.speed_mps, body.acceleration_mps2, body.yaw_rate_radps, target.size,
         )  # fmt: skip
-        command, error = law.track(state, driven, now_ns)
+        command, error = tracker.track(state, driven, now_ns)
         rows.append((error.longitudinal_m, error.lateral_m))
         body = step_body(target.cls, body, command, step_s)
-    assert law.fallbacks == 0
     longitudinal_m, lateral_m = np.sqrt((np.array(rows) ** 2).mean(axis=0)).tolist()
     return longitudinal_m, lateral_m
 
 
 @pytest.mark.parametrize("event", ["cut_in", "lead_braking", "vru_crossing", "occluded_crossing"])
 def test_tracking_errors_at_100_hz(event: str) -> None:
-    longitudinal_m, lateral_m = errors_m(event, "lqr", 0.01, to_s=30.0)
-    assert longitudinal_m <= LONGITUDINAL_RMS_M
-    assert lateral_m <= LATERAL_RMS_M
-
-
-@pytest.mark.parametrize("event", ["cut_in", "lead_braking"])
-def test_tracking_errors_of_plans_at_100_hz(event: str) -> None:
-    """Around the manoeuvre; walkers walk by one law."""
-    longitudinal_m, lateral_m = errors_m(event, "mpc", 0.01, TRIGGER_S - 0.5, TRIGGER_S + 4.5)
+    longitudinal_m, lateral_m = errors_m(event, 0.01, 30.0)
     assert longitudinal_m <= LONGITUDINAL_RMS_M
     assert lateral_m <= LATERAL_RMS_M

@@ -238,7 +238,6 @@ def test_the_folder_of_another_sweep_is_refused(make_run: MakeRun, tmp_path: Pat
         (["--runs", "3"], "need --in-process"),
         (["--vary", "a=1"], "need --in-process"),
         (["--in-process", "--jobs", "2"], "needs --runs or --vary"),
-        (["--in-process", "--renderer", "gl"], "has no camera"),
         (["--in-process", "--mode", "realtime"], "always lockstep"),
     ],
 )

@@ -4,11 +4,18 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import (
-    Field,
-)
+from pydantic import BeforeValidator, Field
 
-from ssp_core.run_spec.values import Finite, NonNegative, ObjectId, Path2, Positive, Start, Strict
+from ssp_core.run_spec.values import (
+    Finite,
+    NonNegative,
+    ObjectId,
+    Path2,
+    Positive,
+    Start,
+    Strict,
+    without,
+)
 from ssp_core.state import DEFAULT_SIZES, Size
 from ssp_core.vocab import ObjectClass, ObjectWord
 
@@ -87,8 +94,8 @@ class ParticipantSpec(Strict):
     object_class: ObjectWord
     start: Start
     approach: Motion | None = None
-    tracker: Literal["lqr", "mpc"] = Field(
-        "lqr", description="how an OT follows its references; mpc needs the package osqp"
+    tracker: Annotated[Literal["lqr"], BeforeValidator(without("mpc", "the tracker", "lqr"))] = (
+        Field("lqr", description="how an OT follows its references: linear-quadratic regulators")
     )
 
     @property

@@ -5,11 +5,9 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal
 
-from pydantic import (
-    Field,
-)
+from pydantic import BeforeValidator, Field
 
-from ssp_core.run_spec.values import Finite, NonNegative, Positive, Strict
+from ssp_core.run_spec.values import Finite, NonNegative, Positive, Strict, without
 
 
 class Camera(Strict):
@@ -26,9 +24,9 @@ class Camera(Strict):
     yaw_left_rad: Finite = 0.0
     roll_right_rad: Finite = 0.0
     exposure_time_s: NonNegative = Field(0.0, description="motion blur; 0: none")
-    renderer: Literal["raster", "gl"] = Field(
-        "raster", description="raster: numba, the same pixels everywhere; gl: OpenGL through EGL"
-    )
+    renderer: Annotated[
+        Literal["raster"], BeforeValidator(without("gl", "the renderer", "raster"))
+    ] = Field("raster", description="numba, the same pixels everywhere")
     jpeg_quality: Annotated[int, Field(ge=10, le=100)] = 90
 
     @property

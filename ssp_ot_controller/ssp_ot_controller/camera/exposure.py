@@ -6,21 +6,17 @@ The exposure ends at the frame's stamp: nothing in a picture is later than its s
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from ssp_core.camera import View, object_corners, project, view_from
+from ssp_core.camera import object_corners, project, view_from
 from ssp_core.run_spec import Camera, Look
 from ssp_ot_controller.camera import night, rain, raster_frame, tilt, wet
 from ssp_ot_controller.camera.jit import Array
-from ssp_ot_controller.camera.placing import Body, bodies_of, to_block
-from ssp_ot_controller.camera.raster_frame import LightField
+from ssp_ot_controller.camera.placing import bodies_of, to_block
 from ssp_ot_controller.camera.scene import Scene
-from ssp_ot_controller.camera.stage import Detail, Stage, stage_for
-
-Draw = Callable[[Stage, Look, View, Sequence[Body]], LightField]
+from ssp_ot_controller.camera.stage import Detail, stage_for
 
 _PX_PER_SUBFRAME = 2.0  # motion between neighbours that the eye takes for a smear
 _MOST_SUBFRAMES = 16
@@ -36,21 +32,18 @@ def exposed(
     Args:
         scene, look, camera, frame_index, seed, detail: see render.
     """
-    draw: Draw = raster_frame.light_field
-    if camera.renderer == "gl":
-        from ssp_ot_controller.camera.gl.frame import light_field as draw
     stage = stage_for(scene.road, look, seed, detail)
     level = tilt.level(camera)
     bodies = bodies_of(scene, stage)
     view = view_from(to_block(scene.vut.pose, scene.road.origin.pose), level)
-    field = draw(stage, look, view, bodies)
+    field = raster_frame.light_field(stage, look, view, bodies)
     count = subframes(scene, camera)
     if count > 1:
         total = field.light.copy()
         for k in range(1, count):
             earlier = scene.before(camera.exposure_time_s * k / (count - 1))
             at = view_from(to_block(earlier.vut.pose, scene.road.origin.pose), level)
-            total += draw(stage, look, at, bodies_of(earlier, stage)).light
+            total += raster_frame.light_field(stage, look, at, bodies_of(earlier, stage)).light
         field = replace(field, light=total / np.float32(count))
     if look.light == "dusk":
         night.illuminate(field, stage, bodies)

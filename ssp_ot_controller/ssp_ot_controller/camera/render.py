@@ -4,8 +4,8 @@ All work is done in the block's frame (z up, road surface at 0), where coordinat
 along the road's start and y to its left. What lies on the ground is a function of the arc length
 and the offset of its reference line, which are x and y where the road is straight.
 
-By day, without rain, motion blur or roll the raster renderer writes the picture at once. Otherwise
-it gives the light on the sensor, and what comes in between is put on top (docs/camera.md).
+By day, without rain, motion blur or roll the kernels write the picture at once. Otherwise
+they give the light on the sensor, and what comes in between is put on top (docs/camera.md).
 """
 
 from __future__ import annotations
@@ -37,23 +37,20 @@ def render(
 ) -> Array:
     """The picture that the VUT's front camera takes.
 
-    The same arguments give the same pixels (with the renderer ``gl`` on the same machine). The
-    seed places scenery and texture; seed and frame_index together draw sensor noise and rain.
+    The same arguments give the same pixels. The seed places scenery and texture; seed and
+    frame_index together draw sensor noise and rain.
 
     Args:
         scene: what is there.
         look: palette, weather, sun (azimuth counter-clockwise from the map's x axis), exposure,
             noise.
-        camera: lens, mounting, exposure time and renderer.
+        camera: lens, mounting and exposure time.
         frame_index: number of the frame in its run.
         seed: of the run.
         detail: leaves scenery or texture away.
 
     Returns:
         Shape (height, width, 3), uint8, blue, green, red.
-
-    Raises:
-        HostError: the renderer ``gl`` has no OpenGL here.
     """
     noise_state = _noise_state(seed, frame_index)
     if _at_once(look, camera):
@@ -65,10 +62,9 @@ def render(
 
 
 def _at_once(look: Look, camera: Camera) -> bool:
-    """Whether nothing comes between what the raster renderer draws and the sensor."""
+    """Whether nothing comes between what is drawn and the sensor."""
     return (
-        camera.renderer == "raster"
-        and camera.exposure_time_s == 0.0
+        camera.exposure_time_s == 0.0
         and camera.roll_right_rad == 0.0
         and look.rain == 0.0
         and look.light == "day"

@@ -20,7 +20,7 @@ def steps_per_frame(rate_hz: float, step_s: float) -> int:
 def slowest_frame_s(camera: Camera) -> float:
     """How long a frame may take on a busy machine, s, before its camera is taken for dead."""
     pixels = camera.width_px * camera.height_px
-    is_slow = camera.renderer == "gl" or camera.exposure_time_s > 0.0 or pixels > _QUICK_PX
+    is_slow = camera.exposure_time_s > 0.0 or pixels > _QUICK_PX
     return _SLOW_FRAME_S if is_slow else _QUICK_FRAME_S
 
 

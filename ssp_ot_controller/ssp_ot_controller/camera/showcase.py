@@ -2,7 +2,7 @@
 
 ``python -m ssp_ot_controller.camera.showcase --out docs/images`` writes ``camera-classes.jpg``
 (each class from three sides at 10, 25 and 40 m) and ``camera-conditions.jpg`` (day, dusk, rain and
-fog by both renderers).
+fog).
 """
 
 from __future__ import annotations
@@ -17,9 +17,7 @@ import numpy as np
 
 from ssp_core import console
 from ssp_core.camera import shown_box, view_from
-from ssp_core.errors import HostError
 from ssp_core.files import make_folder, write_bytes
-from ssp_core.offscreen import check_gl
 from ssp_core.run_spec import Camera, Lane, Look, Road, Start
 from ssp_core.state import DEFAULT_SIZES, ObjectState
 from ssp_core.vocab import ObjectClass, Role
@@ -146,21 +144,11 @@ def street(look: Look, camera: Camera) -> Array:
 
 
 def conditions(camera: Camera) -> Array:
-    """Rows are conditions, columns renderers; without OpenGL the second column is missing."""
-    renderers = ["raster", "gl"]
-    try:
-        check_gl()
-    except HostError as error:
-        console.note(f"note: {error}")
-        renderers = ["raster"]
+    """One street; each row is a condition."""
     rows = []
     for name, look in CONDITIONS.items():
-        row = []
-        for renderer in renderers:
-            image = street(look, camera.model_copy(update={"renderer": renderer}))
-            small = np.asarray(cv2.resize(image, _SCENE, interpolation=cv2.INTER_AREA))
-            row.append(_titled(small, f"{name} ({renderer})"))
-        rows.append(np.hstack(row))
+        small = np.asarray(cv2.resize(street(look, camera), _SCENE, interpolation=cv2.INTER_AREA))
+        rows.append(_titled(small, name))
     return np.vstack(rows)
 
 

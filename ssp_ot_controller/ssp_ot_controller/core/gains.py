@@ -43,7 +43,6 @@ class TrackerGains:
         acceleration_weight: cost of 1 m/s^2 commanded for an error, squared.
         preview_weight: cost of 1 m/s^2 commanded for a change of the reference that is ahead,
             squared; the reference has no noise, so that it may be followed more closely.
-        plan_weight: as acceleration_weight, of core.mpc, where errors and what is ahead are one.
         walker_position_1ps: velocity correction of a walker per m of error.
         walker_speed_1ps: acceleration correction of a walker per m/s of speed error.
     """
@@ -55,7 +54,6 @@ class TrackerGains:
     speed_weight: float = 2.0
     acceleration_weight: float = 1.0
     preview_weight: float = 0.02
-    plan_weight: float = 0.1
     walker_position_1ps: float = 1.2
     walker_speed_1ps: float = 5.0
 

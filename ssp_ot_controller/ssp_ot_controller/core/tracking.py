@@ -76,9 +76,6 @@ class Tracker:
         KeyError: a class without a body (UNKNOWN).
     """
 
-    # Steps at which another law than the wanted one had to do.
-    fallbacks = 0
-
     def __init__(
         self,
         object_class: ObjectClass,
@@ -153,7 +150,7 @@ class Tracker:
     def _drive(
         self, state: ObjectState, track: Track, t_s: float, point: Point, error: TrackingError
     ) -> Command:
-        """A vehicle's command; the one that other control laws replace."""
+        """A vehicle's command."""
         return Command(
             self._accelerate(state, track, t_s, point, error),
             self._steer(state, track, t_s, point, error),

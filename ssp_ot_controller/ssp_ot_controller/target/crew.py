@@ -178,10 +178,6 @@ class Crew:
             event, event_version, member.silence_s(steady_ns), self._line.strangers(steady_ns)
         )
 
-    def fallbacks(self) -> dict[str, int]:
-        """Steps at which each object's wanted control law failed and another had to do."""
-        return {i: member.target.tracker.fallbacks for i, member in self._members.items()}
-
     def links_of(self, object_id: str) -> LinkSizes:
         """Clock and delays of an object's links as they are now."""
         return self._members[object_id].channel.links()

@@ -93,7 +93,6 @@ class ObjectTargetNode(LifecycleNode):
         crew = self._crew = Crew(run, wanted, time.monotonic_ns())
         crew.active = False
         self._echo = Echo()
-        self._told: set[str] = set()
         self._outlet = Outlet(self, crew.object_ids, run.states_in_one, self._destroyers)
         self._hear(crew, run)
         self._timer(WATCHDOG_PERIOD_S, partial(self._watch, crew))
@@ -238,13 +237,6 @@ class ObjectTargetNode(LifecycleNode):
     def _watch(self, crew: Crew) -> None:
         self._work(crew)
         self._send(crew.watch(time.monotonic_ns()))
-        for object_id, count in crew.fallbacks().items():
-            if count and object_id not in self._told:
-                self._told.add(object_id)
-                self.get_logger().warning(
-                    f"{object_id}: no plan from its tracker, the regulators' command instead; "
-                    "told once"
-                )
 
     def _answer_late(self) -> None:
         for reply in self._echo.due(time.monotonic_ns()):

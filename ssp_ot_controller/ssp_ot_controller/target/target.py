@@ -26,8 +26,7 @@ from ssp_ot_controller.core.object_machine import IllegalTransition, ObjectEvent
 from ssp_ot_controller.core.reference_check import Refusal, RefusalCode, check_reference
 from ssp_ot_controller.core.reference_queue import ReferenceQueue
 from ssp_ot_controller.core.stop_room import StopRoom
-from ssp_ot_controller.core.trackers import make_tracker
-from ssp_ot_controller.core.tracking import TrackingError
+from ssp_ot_controller.core.tracking import Tracker, TrackingError
 from ssp_ot_controller.target.commands import (
     COMMANDS,
     REFUSED_CONDITION,
@@ -73,7 +72,7 @@ class Target:
         self.state = ControlState.OFF
         self._run = run
         self._body = tightened(LIMITS[spec.cls], run.limits)
-        self.tracker = make_tracker(spec.tracker, spec.cls, self._body, run.step_s)
+        self.tracker = Tracker(spec.cls, self._body, run.step_s)
         self._stop_room = StopRoom(spec.cls, spec.size, run.limits, run.geofence, run.step_s)
         self._own: ObjectState | None = None
         self._continuity = Continuity()

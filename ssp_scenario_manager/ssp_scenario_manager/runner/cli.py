@@ -16,7 +16,6 @@ from ssp_core import console, names
 from ssp_core.errors import InputError
 from ssp_core.fault_file import load_faults, with_faults
 from ssp_core.files import make_folder
-from ssp_core.offscreen import check_gl
 from ssp_core.run_spec import RunSpec
 from ssp_core.vocab import Verdict
 from ssp_scenario_manager.compile.changes import differences
@@ -69,11 +68,6 @@ DEFAULT_SITE = "boulevard"
     help="New folder for all that the run leaves; a sweep goes on in its own. [default: out/run-…]",
 )
 @click.option("--no-camera", is_flag=True, help="Render nothing.")
-@click.option(
-    "--renderer",
-    type=click.Choice(["raster", "gl"]),
-    help="raster: the same pixels everywhere; gl: OpenGL. [default: the site's camera's]",
-)
 @click.option(
     "--in-process",
     is_flag=True,
@@ -135,7 +129,6 @@ def run(
     faults_file: Path | None,
     out: Path | None,
     no_camera: bool,
-    renderer: str | None,
     in_process: bool,
     runs: int | None,
     vary: tuple[str, ...],
@@ -185,12 +178,6 @@ def run(
     for name, count in Counter(one.name for one in shadows).items():
         if count > 1:
             raise click.UsageError(f"--shadow {name} stands {count} times")
-    if in_process and renderer is not None:
-        raise click.UsageError("--in-process has no camera; leave out --renderer")
-    if live is not None and renderer is not None:
-        raise click.UsageError("--renderer is for a simulated camera; a live one has its driver")
-    if no_camera and renderer is not None:
-        raise click.UsageError("--no-camera and --renderer exclude each other")
     compiled = is_compiled(what) or is_session(what)
     if compiled and site is not None:
         raise InputError(
@@ -224,7 +211,8 @@ def run(
         if in_process:
             spec = for_one_process(spec)
         else:
-            spec = _with_camera(spec, no_camera, renderer)
+            if no_camera:
+                spec = spec.model_copy(update={"camera": None})
             inject.check(spec, _nodes(spec))
         if junit is not None:
             # Whatever ends the runner before the run: a build server finds no older verdict here.
@@ -260,20 +248,6 @@ def _nodes(spec: RunSpec) -> list[str]:
     """Names of the processes that a session of this run has."""
     always = [names.MONITOR, names.SIL_WORLD, names.OBJECT_TARGET, names.SCENARIO_MANAGER]
     return always + ([names.FRONT_CAMERA] if spec.camera is not None else [])
-
-
-def _with_camera(spec: RunSpec, no_camera: bool, renderer: str | None) -> RunSpec:
-    """The run with the camera that was asked for.
-
-    Raises:
-        HostError: this machine lacks what its renderer needs.
-    """
-    if no_camera or spec.camera is None:
-        return spec.model_copy(update={"camera": None})
-    chosen = spec.camera.model_copy(update={"renderer": renderer or spec.camera.renderer})
-    if chosen.renderer == "gl":
-        check_gl()
-    return spec.model_copy(update={"camera": chosen})
 
 
 def _case(spec: RunSpec, folder: Path, told: dict[str, Any] | None = None) -> Case:
