@@ -17,8 +17,8 @@ from pathlib import Path
 
 import ssp_eval.params
 import ssp_monitor.params
-import ssp_ot_controller.params
-import ssp_vla_bridge.params
+import ssp_ot_controller.params as ot_controller_params
+import ssp_vla_bridge.params as vla_bridge_params
 from ssp_core.names import SESSION_COMMANDS
 from ssp_core.parameters import Parameter
 from ssp_core.run_spec import Limits
@@ -304,9 +304,9 @@ def with_tables(text: str) -> str:
 
 
 PARAMETERS = {
-    "ssp_ot_controller": ssp_ot_controller.params.NODES,
+    "ssp_ot_controller": ot_controller_params.NODES,
     "ssp_monitor": ssp_monitor.params.NODES,
-    "ssp_vla_bridge": ssp_vla_bridge.params.NODES,
+    "ssp_vla_bridge": vla_bridge_params.NODES,
     "ssp_eval": ssp_eval.params.NODES,
 }
 

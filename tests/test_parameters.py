@@ -11,8 +11,8 @@ import pytest
 
 import ssp_eval.params
 import ssp_monitor.params
-import ssp_ot_controller.params
-import ssp_vla_bridge.params
+import ssp_ot_controller.params as ot_controller_params
+import ssp_vla_bridge.params as vla_bridge_params
 from ssp_core.domains import free_domain
 from ssp_core.errors import InputError
 from ssp_core.parameters import Parameter
@@ -21,9 +21,9 @@ from ssp_scenario_manager.compile.prepare import prepare_run
 
 pytestmark = pytest.mark.ros
 TABLES: dict[str, tuple[Parameter, ...]] = {
-    **ssp_ot_controller.params.NODES,
+    **ot_controller_params.NODES,
     **ssp_monitor.params.NODES,
-    **ssp_vla_bridge.params.NODES,
+    **vla_bridge_params.NODES,
     **ssp_eval.params.NODES,
     "scenario_manager": (),
 }
