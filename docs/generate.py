@@ -20,11 +20,11 @@ import ssp_monitor.params
 import ssp_ot_controller.params as ot_controller_params
 import ssp_vla_bridge.params as vla_bridge_params
 from ssp_core.names import SESSION_COMMANDS
-from ssp_core.parameters import Parameter
-from ssp_core.run_spec import Limits
-from ssp_core.safety_codes import MEANINGS, SafetyCode
-from ssp_core.stopping import stopping_of
-from ssp_core.vocab import ObjectClass, Verdict
+from ssp_core.node_interface import Parameter
+from ssp_core.run_file.model import Limits
+from ssp_core.safety.codes import MEANINGS, SafetyCode
+from ssp_core.safety.stopping import stopping_of
+from ssp_core.vocabulary import ObjectClass, Verdict
 from ssp_ot_controller.core import object_machine
 from ssp_scenario_manager.core import (
     patience,

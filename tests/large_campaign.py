@@ -17,7 +17,7 @@ from typing import Any
 
 from ssp_core.files import write_json, write_text
 from ssp_core.hashing import sha256_file
-from ssp_core.vocab import DOMAINS
+from ssp_core.vocabulary import DOMAINS
 from ssp_eval.analysis.control_tables import condition_of
 from ssp_eval.evaluate.cell_file import (
     CELL_FILE,

@@ -27,13 +27,12 @@ from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 
 from ssp_core import names, ros
-from ssp_core.domains import free_domain
-from ssp_core.processes import remove_shared_ports, remove_stale_shared_memory
-from ssp_core.run_spec import RunSpec, load_run
-from ssp_core.state import DEFAULT_SIZES, ObjectState
-from ssp_core.vocab import ControlState, ObjectClass, Role, SessionPhase
-from ssp_core.wire import steps
-from ssp_core.wire.states import encode_state
+from ssp_core.cdr import steps
+from ssp_core.cdr.states import encode_state
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.processes import free_domain, remove_shared_ports, remove_stale_shared_memory
+from ssp_core.run_file.model import RunSpec, load_run
+from ssp_core.vocabulary import ControlState, ObjectClass, Role, SessionPhase
 from ssp_monitor.node import MonitorNode
 from ssp_monitor.page.node import MonitorPage
 from ssp_monitor.view.node import ViewNode

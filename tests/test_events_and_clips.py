@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from ssp_core.geometry import Polyline
-from ssp_core.interaction import encounter
-from ssp_core.run_spec import ConflictThresholds
+from ssp_core.motion.encounter import encounter
+from ssp_core.run_file.model import ConflictThresholds
 from ssp_eval.recordings.phases import find_event, samples_of
 from ssp_ot_controller.camera.clip import GENERATOR
 from ssp_ot_controller.camera.storyboard import INTERACTIONS, Storyboard, storyboard

@@ -9,9 +9,9 @@ from types import ModuleType
 
 import pytest
 
-from ssp_core.run_spec import Limits
-from ssp_core.safety_codes import MEANINGS, SafetyCode
-from ssp_core.vocab import ControlState, SessionPhase
+from ssp_core.run_file.model import Limits
+from ssp_core.safety.codes import MEANINGS, SafetyCode
+from ssp_core.vocabulary import ControlState, SessionPhase
 
 ROOT = Path(__file__).resolve().parent.parent
 BY_NAME = {meaning.limit_name: code for code, meaning in MEANINGS.items()}

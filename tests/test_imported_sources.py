@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 import yaml
 
-from ssp_core.bag import BagReader
+from ssp_core.bag.reader import BagReader
 from ssp_core.cli import main
-from ssp_core.state import DEFAULT_SIZES, ObjectState
-from ssp_core.vocab import PHASES, ObjectClass, Role
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.vocabulary import PHASES, ObjectClass, Role
 from ssp_eval.audit.examine import examine
 from ssp_eval.audit.recording import read_recording
 from ssp_eval.recordings.import_record import ImportedSite

@@ -13,10 +13,9 @@ import ssp_eval.params
 import ssp_monitor.params
 import ssp_ot_controller.params as ot_controller_params
 import ssp_vla_bridge.params as vla_bridge_params
-from ssp_core.domains import free_domain
 from ssp_core.errors import InputError
-from ssp_core.parameters import Parameter
-from ssp_core.processes import remove_shared_ports
+from ssp_core.node_interface import Parameter
+from ssp_core.processes import free_domain, remove_shared_ports
 from ssp_scenario_manager.compile.prepare import prepare_run
 
 pytestmark = pytest.mark.ros
@@ -185,7 +184,7 @@ def test_nothing_declares_a_parameter_but_the_one_function() -> None:
         for path in root.glob("ssp_*/ssp_*/**/*.py")
         if "declare_parameter(" in path.read_text()
     }
-    assert declaring == {"ssp_msgs/ssp_core/ros.py"}
+    assert declaring == {"ssp_msgs/ssp_core/ros/__init__.py"}
 
 
 @pytest.mark.parametrize("name", list(TABLES))

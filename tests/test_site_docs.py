@@ -11,7 +11,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from ssp_core.geometry import point_in_polygon
-from ssp_core.run_spec import Camera, Limits, LinkDisturbance, Look
+from ssp_core.run_file.model import Camera, Limits, LinkDisturbance, Look
 from ssp_scenario_manager.compile.compiler import Request, compile_task
 from ssp_scenario_manager.site import Polygon, Site, SiteBlock, Strip, load_site
 from ssp_scenario_manager.topology.site_blocks import region_polygon, site_library

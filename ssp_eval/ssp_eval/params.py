@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ssp_core.parameters import Parameter
+from ssp_core.node_interface import Parameter
 from ssp_eval.evaluate.topic_asker import CONNECT_S
 
 EVALUATOR = (

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ssp_core.geometry import FloatArray
-from ssp_core.state import ObjectState
+from ssp_core.motion.state import ObjectState
 
 # Heights at which points are taken, as shares of the box's height: feet, middle, head.
 _HEIGHTS = (0.1, 0.5, 0.9)

@@ -14,11 +14,11 @@ import cv2
 import numpy as np
 import pytest
 
-from ssp_core.bag import BagWriter
-from ssp_core.bag.qos import offered_qos
+from ssp_core.bag.metadata import offered_qos
 from ssp_core.bag.types import serialize, typestore
+from ssp_core.bag.writer import BagWriter
 from ssp_core.files import write_json, write_text
-from ssp_core.vocab import ControlState, ObjectClass, Role, SessionPhase, Verdict
+from ssp_core.vocabulary import ControlState, ObjectClass, Role, SessionPhase, Verdict
 from ssp_eval.extract import extract
 from ssp_scenario_manager.compile.task import Task, sealed
 from ssp_scenario_manager.site import Site, find_shipped, site_version

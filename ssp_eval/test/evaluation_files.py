@@ -7,10 +7,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from ssp_core.bag import BagReader
+from ssp_core.bag.reader import BagReader
 from ssp_core.files import write_json
 from ssp_core.hashing import sha256_file
-from ssp_core.vocab import DOMAINS
+from ssp_core.vocabulary import DOMAINS
 from ssp_eval.audit.model import Audit
 from ssp_eval.evaluate.cell_file import CELL_FILE, HASHED, sealed
 from ssp_eval.recordings.properties import FIELDS

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from hypothesis import strategies as st
 
-from ssp_core.vocab import (
+from ssp_core.vocabulary import (
     CONFLICTS,
     LAT_ACTIONS,
     LON_ACTIONS,

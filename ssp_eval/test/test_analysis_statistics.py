@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy import stats
 
-from ssp_core.vocab import DOMAINS
+from ssp_core.vocabulary import DOMAINS
 from ssp_eval.analysis.blocks import block_draws, reach
 from ssp_eval.analysis.bootstrap import bootstrap_records, clip_generator
 from ssp_eval.analysis.clusters import bootstrap_mean

@@ -16,8 +16,7 @@ from typing import Any
 
 import pytest
 
-from ssp_core.domains import free_domain
-from ssp_core.processes import session_environment
+from ssp_core.processes import free_domain, session_environment
 from ssp_eval.evaluate.topics import PROFILE
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]

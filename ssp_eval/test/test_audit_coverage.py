@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssp_core.camera import Mounting, intrinsics
-from ssp_core.run_spec import Camera
-from ssp_core.state import DEFAULT_SIZES, ObjectState
-from ssp_core.vocab import ObjectClass, Role
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.run_file.model import Camera
+from ssp_core.vocabulary import ObjectClass, Role
+from ssp_core.world.camera import Mounting, intrinsics
 from ssp_eval.audit.coverage import (
     Moment,
     Optics,

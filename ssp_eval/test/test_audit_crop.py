@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 
-from ssp_core.bag import BagReader
 from ssp_core.bag.cut import cut_bag
+from ssp_core.bag.reader import BagReader
+from ssp_core.cdr.messages import peek_stamp_ns
 from ssp_core.errors import InputError
-from ssp_core.messages import peek_stamp_ns
-from ssp_core.vocab import ControlState, Verdict
+from ssp_core.vocabulary import ControlState, Verdict
 from ssp_eval.audit.evidence import phase_starts
 from ssp_eval.audit.examine import examine
 from ssp_eval.audit.examined import Examined

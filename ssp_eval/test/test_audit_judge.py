@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ssp_core.hashing import sha256_file
-from ssp_core.vocab import DOMAINS
+from ssp_core.vocabulary import DOMAINS
 from ssp_eval.audit.judge import judge
 from ssp_eval.audit.recording import read_recording
 from ssp_scenario_manager.spec.load import load_event

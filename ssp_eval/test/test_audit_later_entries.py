@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from ssp_core.bag import BagReader
+from ssp_core.bag.reader import BagReader
 from ssp_core.cli import main
 from ssp_core.files import parse_mapping, parse_model
-from ssp_core.run_spec import RunSpec
+from ssp_core.run_file.model import RunSpec
 from ssp_eval.audit.changes import Attached, disclosed, read_attached, site_changes
 from ssp_eval.audit.disclosures import disclosures, order_remark
 from ssp_eval.audit.examine import examine

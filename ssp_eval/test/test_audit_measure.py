@@ -12,9 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ssp_core.geometry import Pose2, wrap_angle
-from ssp_core.run_spec import ConflictThresholds, CurvePiece, Lane, Road, Start
-from ssp_core.state import DEFAULT_SIZES, ObjectState
-from ssp_core.vocab import ObjectClass, Role
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.run_file.model import ConflictThresholds
+from ssp_core.run_file.road import CurvePiece, Lane, Road
+from ssp_core.run_file.values import Start
+from ssp_core.vocabulary import ObjectClass, Role
 from ssp_eval.audit.compare import phase_findings, property_findings
 from ssp_eval.audit.expected import expected_properties, outside_ranges, varying_parts
 from ssp_eval.audit.lanes import Lanes

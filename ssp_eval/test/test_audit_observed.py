@@ -16,7 +16,7 @@ from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_core.files import write_json, write_text
 from ssp_core.hashing import sha256_file
-from ssp_core.vocab import DOMAINS
+from ssp_core.vocabulary import DOMAINS
 from ssp_eval.audit.judge import judge
 from ssp_eval.audit.model import RecordingEntry
 from ssp_eval.audit.recording import read_recording

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from ssp_core.bag import BagReader
+from ssp_core.bag.reader import BagReader
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_file
 from ssp_eval.evaluate import bag_content

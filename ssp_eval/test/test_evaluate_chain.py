@@ -12,7 +12,7 @@ import pytest
 from ssp_core.cli import main
 from ssp_core.errors import InputError, PeerError
 from ssp_core.hashing import sha256_file
-from ssp_core.vocab import Verdict
+from ssp_core.vocabulary import Verdict
 from ssp_eval.evaluate.asker import (
     Asker,
     Askers,

@@ -13,10 +13,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from ssp_core.bag import BagWriter
 from ssp_core.bag.types import serialize, typestore
+from ssp_core.bag.writer import BagWriter
 from ssp_core.errors import InputError
-from ssp_core.vocab import Verdict
+from ssp_core.vocabulary import Verdict
 from ssp_eval.evaluate import question
 from ssp_eval.evaluate.clip import Clip
 from ssp_eval.evaluate.question import NoQuestion, Question

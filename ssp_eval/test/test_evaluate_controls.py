@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from ssp_core.cli import main
-from ssp_core.vocab import Verdict
+from ssp_core.vocabulary import Verdict
 from ssp_eval.evaluate.asker import DirectAskers, Loss
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions

@@ -15,8 +15,7 @@ from typing import Any
 
 import pytest
 
-from ssp_core.domains import free_domain
-from ssp_core.processes import session_environment
+from ssp_core.processes import free_domain, session_environment
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.cell_file import CellResult

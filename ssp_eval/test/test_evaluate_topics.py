@@ -14,9 +14,8 @@ from typing import Any
 import click
 import pytest
 
-from ssp_core.domains import free_domain
 from ssp_core.errors import InputError
-from ssp_core.processes import ProcessGroup, session_environment
+from ssp_core.processes import ProcessGroup, free_domain, session_environment
 from ssp_eval.evaluate.asker import Asker, Ignored, ModelSpec, Reply
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions

@@ -14,10 +14,10 @@ import cv2
 import numpy as np
 import pytest
 
-from ssp_core.bag import BagReader, BagWriter
-from ssp_core.bag.image_messages import COMPRESSED_TYPE, encode_video_message, read_image
-from ssp_core.bag.still_images import decode_still
-from ssp_core.bag.video_type import VIDEO_TYPE
+from ssp_core.bag.images import decode_still
+from ssp_core.bag.reader import BagReader
+from ssp_core.bag.writer import BagWriter
+from ssp_core.cdr.images import COMPRESSED_TYPE, VIDEO_TYPE, encode_video_message, read_image
 from ssp_core.errors import InputError
 from ssp_eval.evaluate.asker import DirectAskers
 from ssp_eval.evaluate.campaign import run_campaign

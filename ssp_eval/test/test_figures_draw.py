@@ -15,7 +15,7 @@ import pytest
 from matplotlib.colors import to_rgb
 from matplotlib.text import Text
 
-from ssp_core.vocab import DOMAINS
+from ssp_core.vocabulary import DOMAINS
 from ssp_eval.analysis.row import CellRow
 from ssp_eval.figures.controls import controls
 from ssp_eval.figures.domains import domains

@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from ssp_core.camera import view_from
 from ssp_core.errors import InputError
-from ssp_core.run_spec import Camera
-from ssp_core.state import DEFAULT_SIZES, ObjectState
-from ssp_core.vocab import ObjectClass, Role
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.run_file.model import Camera
+from ssp_core.vocabulary import ObjectClass, Role
+from ssp_core.world.camera import view_from
 from ssp_eval.labels.boxes import boxes, boxes_of_truth
 from ssp_eval.labels.cli import labels
 

@@ -20,7 +20,7 @@ import pytest
 
 from ssp_core.cli import main
 from ssp_core.errors import InputError
-from ssp_core.vocab import DOMAINS, ControlState
+from ssp_core.vocabulary import DOMAINS, ControlState
 from ssp_eval.analysis.matrix_table import matrix_table
 from ssp_eval.analysis.notices import notices
 from ssp_eval.analysis.rows import rows_from_cells

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ssp_core.vocab import PHASES
+from ssp_core.vocabulary import PHASES
 from ssp_eval.labels.place import At
 from ssp_eval.labels.plan import MOST_INSIDE, NoPlan, Plan, Timeline, plan_labels
 from ssp_eval.recordings.crop import Crop, Window, crop_of

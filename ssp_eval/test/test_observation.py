@@ -13,7 +13,7 @@ import yaml
 
 from ssp_core.errors import InputError
 from ssp_core.files import write_json, write_text
-from ssp_core.run_spec import load_run
+from ssp_core.run_file.model import load_run
 from ssp_eval.audit.judge import judge
 from ssp_eval.audit.recording import read_recording
 from ssp_eval.recordings.agreement import agree

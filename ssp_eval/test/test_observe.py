@@ -14,7 +14,7 @@ import pytest
 
 from ssp_core.cli import main
 from ssp_core.files import parse_value, write_json, write_text
-from ssp_core.vocab import MOTIONS, OBJECTS
+from ssp_core.vocabulary import MOTIONS, OBJECTS
 from ssp_eval.observe.frames import Choice, chosen
 from ssp_eval.observe.questions import Card, blank, cards
 from ssp_eval.recordings.observation import (

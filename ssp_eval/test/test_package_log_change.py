@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from ssp_core.cli import main
-from ssp_core.run_spec import RunSpec, load_run
+from ssp_core.run_file.model import RunSpec, load_run
 from ssp_scenario_manager.compile.changes import differences, explained
 from ssp_scenario_manager.compile.task import load_task
 from ssp_scenario_manager.spec.log_file import read_log

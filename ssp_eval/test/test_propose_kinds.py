@@ -11,10 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssp_core.errors import InputError
-from ssp_core.interaction import Observable
-from ssp_core.run_spec import ConflictThresholds
-from ssp_core.state import DEFAULT_SIZES, ObjectState
-from ssp_core.vocab import ObjectClass, Role
+from ssp_core.motion.encounter import Observable
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.run_file.model import ConflictThresholds
+from ssp_core.vocabulary import ObjectClass, Role
 from ssp_eval.labels.proposal.basis import Truth
 from ssp_eval.labels.proposal.propose import propose
 from ssp_eval.labels.response import response_problems

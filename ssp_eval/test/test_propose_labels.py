@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_core.geometry import Pose2, wrap_angle
-from ssp_core.state import DEFAULT_SIZES, ObjectState
-from ssp_core.vocab import ObjectClass, Role
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.vocabulary import ObjectClass, Role
 from ssp_eval.labels.cli import labels as labels_command
 from ssp_eval.labels.model import Labels, labels_to_json, load_labels, parse_labels
 from ssp_eval.labels.proposal.basis import ProposalRules, Truth

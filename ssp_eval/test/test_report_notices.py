@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from ssp_core.bag import BagReader
+from ssp_core.bag.reader import BagReader
 from ssp_eval.analysis.cells_csv import rows_from_csv
 from ssp_eval.analysis.matrix_table import matrix_table
 from ssp_eval.analysis.notices import notices

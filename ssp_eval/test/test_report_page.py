@@ -21,7 +21,7 @@ from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_core.files import write_json
 from ssp_core.hashing import sha256_file
-from ssp_core.vocab import Verdict
+from ssp_core.vocabulary import Verdict
 from ssp_eval.analysis.curvature import Curve
 from ssp_eval.evaluate.asker import Asker, DirectAskers, Ignored, Loss, Reply
 from ssp_eval.evaluate.campaign import run_campaign

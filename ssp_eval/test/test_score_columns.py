@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ssp_core.vocab import CONFLICTS, LON_ACTIONS, MOTIONS, OBJECTS, POSITIONS
+from ssp_core.vocabulary import CONFLICTS, LON_ACTIONS, MOTIONS, OBJECTS, POSITIONS
 from ssp_eval.labels.model import Label, Labels
 from ssp_eval.records import BehaviourRecord, Slot, Slots
 from ssp_eval.score import DEFAULT, Thresholds, ivcs, ivcs_terms, score_cell

@@ -4,7 +4,7 @@ import itertools
 
 import pytest
 
-from ssp_core.vocab import CONFLICTS, MOTIONS, POSITIONS
+from ssp_core.vocabulary import CONFLICTS, MOTIONS, POSITIONS
 from ssp_eval.labels.model import Label
 from ssp_eval.records import BehaviourRecord, Slot, Slots
 from ssp_eval.score.semantics import SlotScore, hard_score, object_f1, score_slots, soft_score

@@ -13,7 +13,7 @@ from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_core.files import write_json
 from ssp_core.hashing import sha256_file
-from ssp_core.shortlist_file import Limits, Listed, Shortlist, load_candidate
+from ssp_core.run_file.shortlist import Limits, Listed, Shortlist, load_candidate
 from ssp_eval.analysis.bootstrap import SEED, bootstrap_records
 from ssp_eval.analysis.rows import rows_from_cells
 from ssp_eval.evaluate.asker import DirectAskers

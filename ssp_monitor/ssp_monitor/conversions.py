@@ -19,9 +19,8 @@ from rclpy.qos import (
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from ssp_core import ros
-from ssp_core.bag.installed_types import installed_file
-from ssp_core.bag.qos import MAX_TEXT
-from ssp_core.bag.types import definition
+from ssp_core.bag.metadata import MAX_TEXT
+from ssp_core.bag.types import definition, installed_file
 from ssp_core.clock import NS_PER_S
 from ssp_core.errors import HostError, SspError
 from ssp_monitor.core.importance import Importance, importance

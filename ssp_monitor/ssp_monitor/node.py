@@ -12,13 +12,12 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 
 from ssp_core import names, ros
+from ssp_core.cdr import steps
+from ssp_core.cdr.steps import RECORDER_STEPS, decode_tick_head, encode_done
 from ssp_core.errors import HostError
-from ssp_core.lockstep import RECORDER_STEPS
-from ssp_core.safety_codes import MEANINGS, SafetyCode
-from ssp_core.verdict import write_verdict
-from ssp_core.vocab import SessionPhase, Verdict
-from ssp_core.wire import steps
-from ssp_core.wire.steps import decode_tick_head, encode_done
+from ssp_core.run_file.verdict import write_verdict
+from ssp_core.safety.codes import MEANINGS, SafetyCode
+from ssp_core.vocabulary import SessionPhase, Verdict
 from ssp_monitor.core.disk import LEAST_S
 from ssp_monitor.core.last_word import LastWord
 from ssp_monitor.core.sayings import Sayings

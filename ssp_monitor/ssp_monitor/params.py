@@ -8,9 +8,9 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from ssp_core.page_token import LEAST_TOKEN, TOKEN_VARIABLE
-from ssp_core.parameters import RUN_FILE, Parameter
-from ssp_core.run_spec import load_run
+from ssp_core.credentials import LEAST_TOKEN, TOKEN_VARIABLE
+from ssp_core.node_interface import RUN_FILE, Parameter
+from ssp_core.run_file.model import load_run
 from ssp_monitor.core.attachments import run_attachments
 from ssp_monitor.core.disk import DiskNeeds, expected_rate
 from ssp_monitor.core.encoding import video_choice

@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from ssp_core.bag import BagWriter
 from ssp_core.bag.types import serialize, typestore
+from ssp_core.bag.writer import BagWriter
 from ssp_core.clock import NS_PER_S
 
 START = {"x_m": 0.0, "y_m": 0.0, "yaw_rad": 0.0}

@@ -12,14 +12,14 @@ import pytest
 from mcap.writer import CompressionType, Writer
 from rosbags.rosbag2 import Reader as RosbagsReader
 
-from ssp_core.bag import BagMessage, BagReader, BagWriter
 from ssp_core.bag.check import check_bag
 from ssp_core.bag.cut import cut_bag
 from ssp_core.bag.frames import Frames
-from ssp_core.bag.image_messages import COMPRESSED_TYPE
-from ssp_core.bag.qos import is_latched, offered_qos
-from ssp_core.bag.types import definition, serialize, typestore
-from ssp_core.bag.video_type import VIDEO_TYPE
+from ssp_core.bag.metadata import is_latched, offered_qos
+from ssp_core.bag.reader import BagReader
+from ssp_core.bag.types import BagMessage, definition, serialize, typestore
+from ssp_core.bag.writer import BagWriter
+from ssp_core.cdr.images import COMPRESSED_TYPE, VIDEO_TYPE
 from ssp_core.cli import main
 from ssp_core.clock import NS_PER_S
 from ssp_core.errors import InputError

@@ -21,10 +21,10 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_typestore
 
-from ssp_core.bag import BagMessage, BagReader, BagWriter
-from ssp_core.bag.image_messages import COMPRESSED_TYPE, RAW_TYPE
-from ssp_core.bag.types import TypeDefinition, serialize, store_from, typestore
-from ssp_core.bag.video_type import VIDEO_TYPE
+from ssp_core.bag.reader import BagReader
+from ssp_core.bag.types import BagMessage, TypeDefinition, serialize, store_from, typestore
+from ssp_core.bag.writer import BagWriter
+from ssp_core.cdr.images import COMPRESSED_TYPE, RAW_TYPE, VIDEO_TYPE
 from ssp_core.cli import main
 from ssp_core.clock import NS_PER_S
 from ssp_monitor.core.video_encoder import VideoEncoder

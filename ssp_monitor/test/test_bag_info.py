@@ -12,11 +12,11 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_typestore
 
-from ssp_core.bag import BagWriter
-from ssp_core.bag.qos import offered_qos
+from ssp_core.bag.metadata import offered_qos
 from ssp_core.bag.split import Split
-from ssp_core.bag.survey import survey
+from ssp_core.bag.summary import summarise_bag
 from ssp_core.bag.types import definition
+from ssp_core.bag.writer import BagWriter
 from ssp_core.cli import main
 from ssp_core.clock import NS_PER_S
 from ssp_monitor.bag_cli.info_cli import qos_text, size_text, span_text, survey_lines
@@ -96,7 +96,7 @@ def test_a_file_without_chunks_has_no_rates(
         for k in range(5):
             writer.add_message(channel, k, clock_cdr(k), k)
         writer.finish()
-    found = survey(path)
+    found = summarise_bag(path)
     assert (found.count, found.start_ns, found.end_ns) == (5, 0, 4)
     assert found.topics["/a"].rate_hz is None
 
@@ -126,7 +126,7 @@ def test_a_bag_of_several_files_counts_repeated_messages_once(
         writer.write("/map", clock_cdr(1), START_NS, START_NS)
         for k in range(50):
             writer.write("/a", clock_cdr(k), START_NS + k * NS_PER_S // 10, START_NS)
-    found = survey(path)
+    found = summarise_bag(path)
     assert len(found.files) == 3
     assert found.count == 51
     assert [file.repeated for file in found.files] == [0, 1, 1]
@@ -239,7 +239,7 @@ def test_columns_are_aligned(small_bag: Path, tmp_path: Path) -> None:
     with BagWriter(tmp_path / "bag") as writer:
         writer.add_topic("/a", CLOCK, offered_qos(5))
         writer.add_topic("/a/much/longer/name", "ssp_msgs/msg/ObjectState", offered_qos(5))
-    lines = survey_lines(survey(tmp_path / "bag"))
+    lines = survey_lines(summarise_bag(tmp_path / "bag"))
     at = lines[1].index("offered QoS")
     assert [line[at : at + 8] for line in lines[2:4]] == ["reliable", "reliable"]
     assert all(line == line.rstrip() for line in lines)
@@ -277,7 +277,7 @@ def test_damaged_indexes_are_one_message(
     """Bytes of the indexes are spoiled one by one: an answer or an error, never a traceback."""
     path = mcap_file(tmp_path / "x.mcap", clock_cdr, CompressionType.NONE, 40)
     whole = path.read_bytes()
-    assert survey(path).count == 42
+    assert summarise_bag(path).count == 42
     for at in range(len(whole) - 700, len(whole) - 20, 7):
         data = bytearray(whole)
         data[at] ^= 0x55

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from ssp_core.bag import BagReader, BagWriter
+from ssp_core.bag.reader import BagReader
+from ssp_core.bag.writer import BagWriter
 from ssp_core.cli import main
 
 

@@ -12,14 +12,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssp_core.bag import BagMessage, BagReader
-from ssp_core.bag.types import serialize, typestore
+from ssp_core.bag.reader import BagReader
+from ssp_core.bag.types import BagMessage, serialize, typestore
+from ssp_core.cdr.codec import START
+from ssp_core.cdr.messages import leading_stamp_ns
 from ssp_core.clock import NS_PER_S
 from ssp_core.errors import InputError
-from ssp_core.messages import leading_stamp_ns
-from ssp_core.run_spec import RunSpec
-from ssp_core.transforms import TF_TYPE, Transform, encode_transforms
-from ssp_core.wire.cdr import START
+from ssp_core.run_file.model import RunSpec
+from ssp_core.world.transforms import TF_TYPE, Transform, encode_transforms
 from ssp_monitor.core.recorder import Recorder
 from ssp_monitor.core.stamps import SimulatedTime, stamp_at
 from ssp_monitor.core.topics import CLOCK_TYPE, Profile, TopicSpec, bag_topics, uses_simulated_time

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssp_core.run_spec import RunSpec
+from ssp_core.run_file.model import RunSpec
 from ssp_monitor.core.disk import (
     LEAST_S,
     RATE_WINDOW_S,

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from ssp_core.geometry import point_in_polygon
-from ssp_core.run_spec import RunSpec
-from ssp_core.vocab import Role
+from ssp_core.run_file.model import RunSpec
+from ssp_core.vocabulary import Role
 from ssp_monitor.core.drawing import drawing_of
 
 

@@ -23,14 +23,14 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 from std_msgs.msg import String
 
 from ssp_core import names, ros
-from ssp_core.bag import BagReader
-from ssp_core.bag.qos import offered_qos, parse_offered_qos
+from ssp_core.bag.metadata import offered_qos, parse_offered_qos
+from ssp_core.bag.reader import BagReader
+from ssp_core.cdr.codec import ENCAPSULATION, text_bytes
+from ssp_core.cdr.steps import Heartbeat, encode_heartbeat
 from ssp_core.clock import NS_PER_S
-from ssp_core.domains import free_domain
 from ssp_core.errors import HostError
-from ssp_core.vocab import SessionPhase
-from ssp_core.wire.cdr import ENCAPSULATION, text_bytes
-from ssp_core.wire.steps import Heartbeat, encode_heartbeat
+from ssp_core.processes import free_domain
+from ssp_core.vocabulary import SessionPhase
 from ssp_monitor.conversions import offered_profiles, recording_profile, why_not_recordable
 from ssp_monitor.core.disk import DiskNeeds
 from ssp_monitor.core.plan import RecordingPlan

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from ssp_core.vocab import SessionPhase as P
-from ssp_core.vocab import Verdict as V
+from ssp_core.vocabulary import SessionPhase as P
+from ssp_core.vocabulary import Verdict as V
 from ssp_monitor.core.last_word import LastWord
 
 WAY = [P.IDLE, P.LOADED, P.CONNECTED, P.ARMED, P.RUNNING]

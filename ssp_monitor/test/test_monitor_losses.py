@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssp_core.vocab import SessionPhase
-from ssp_core.wire.steps import Heartbeat, WorldTick, encode_heartbeat, encode_tick
+from ssp_core.cdr.steps import Heartbeat, WorldTick, encode_heartbeat, encode_tick
+from ssp_core.vocabulary import SessionPhase
 from ssp_monitor.core.claims import HEARTBEAT, TICK, claims
 from ssp_monitor.core.losses import Arrivals, losses_beside
 

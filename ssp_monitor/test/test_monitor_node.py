@@ -22,14 +22,14 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CompressedImage
 
 from ssp_core import names, ros
-from ssp_core.bag import BagReader, recover
 from ssp_core.bag.check import check_bag
-from ssp_core.domains import free_domain
+from ssp_core.bag.reader import BagReader
+from ssp_core.bag.repair import recover
 from ssp_core.errors import InputError
-from ssp_core.processes import remove_stale_shared_memory
-from ssp_core.safety_codes import SafetyCode
-from ssp_core.verdict import Told, read_verdict
-from ssp_core.vocab import Verdict
+from ssp_core.processes import free_domain, remove_stale_shared_memory
+from ssp_core.run_file.verdict import RecordedVerdict, read_verdict
+from ssp_core.safety.codes import SafetyCode
+from ssp_core.vocabulary import Verdict
 from ssp_monitor.conversions import PUBLISHED, message_class, recording_profile
 from ssp_monitor.core.recorder import OFFERED
 from ssp_monitor.core.report import REPORT_NAME
@@ -171,7 +171,7 @@ def test_an_ordinary_stop_leaves_a_complete_bag(
     out, err = monitor.communicate(timeout=DEADLINE_S)
     assert (monitor.returncode, err) == (0, "")
     assert f"{tmp_path / 'bag'}, 0 lost, counts and checksums checked" in out
-    assert read_verdict(tmp_path / "bag") == Told(Verdict.VALID, ())
+    assert read_verdict(tmp_path / "bag") == RecordedVerdict(Verdict.VALID, ())
 
     assert check_bag(tmp_path / "bag").problems == ()
     with BagReader(tmp_path / "bag") as bag:
@@ -236,7 +236,7 @@ def test_the_sessions_last_word_is_waited_for(
         )
         pub.publish(aborted)
     monitor.communicate(timeout=DEADLINE_S)
-    assert read_verdict(tmp_path / "bag") == Told(Verdict.ABORTED, ("rain",))
+    assert read_verdict(tmp_path / "bag") == RecordedVerdict(Verdict.ABORTED, ("rain",))
     with BagReader(tmp_path / "bag") as bag:
         assert bag.topics["/ssp/session_state"].count == 3
 
@@ -365,7 +365,7 @@ def test_a_disk_with_too_little_room_keeps_a_run_from_beginning_and_ends_one(
         process.kill()
     assert process.returncode == 0
     assert "the run is ended while there is room to record its end" in err
-    assert read_verdict(tmp_path / "bag") == Told(Verdict.INVALID_HARNESS, ("disk",))
+    assert read_verdict(tmp_path / "bag") == RecordedVerdict(Verdict.INVALID_HARNESS, ("disk",))
     assert check_bag(tmp_path / "bag").problems == ()
 
 

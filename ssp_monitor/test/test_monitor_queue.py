@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssp_core.bag import BagMessage
+from ssp_core.bag.types import BagMessage
 from ssp_monitor.core.importance import MEANINGS, Importance, importance
 from ssp_monitor.core.queue import OVERHEAD_BYTES, DropQueue
 from ssp_monitor.core.topics import Profile, TopicSpec

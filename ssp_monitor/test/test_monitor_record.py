@@ -27,12 +27,11 @@ from rclpy.qos import (
 from sensor_msgs.msg import CompressedImage
 from std_msgs.msg import String
 
-from ssp_core.bag import BagReader
 from ssp_core.bag.check import check_bag
-from ssp_core.bag.qos import parse_offered_qos
+from ssp_core.bag.metadata import parse_offered_qos
+from ssp_core.bag.reader import BagReader
 from ssp_core.cli import main
-from ssp_core.domains import free_domain
-from ssp_core.processes import remove_stale_shared_memory
+from ssp_core.processes import free_domain, remove_stale_shared_memory
 from ssp_monitor.core.report import REPORT_NAME
 
 pytestmark = pytest.mark.ros

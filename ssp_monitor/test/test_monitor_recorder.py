@@ -12,8 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from ssp_core.bag import BagMessage, BagReader, BagWriter
+from ssp_core.bag.reader import BagReader
 from ssp_core.bag.split import Split
+from ssp_core.bag.types import BagMessage
+from ssp_core.bag.writer import BagWriter
 from ssp_core.errors import InputError
 from ssp_monitor.core.closing import check_closed
 from ssp_monitor.core.encoding import video_choice

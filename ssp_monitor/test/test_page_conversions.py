@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssp_core.bag.types import serialize, typestore
-from ssp_core.safety_codes import SafetyCode
-from ssp_core.wire.states import StateArray, encode_states
+from ssp_core.cdr.states import StateArray, encode_states
+from ssp_core.safety.codes import SafetyCode
 from ssp_monitor.watch import conversions
 from ssp_monitor.watch.newest import Newest
 

@@ -12,9 +12,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ssp_core.run_spec import RunSpec
-from ssp_core.state import DEFAULT_SIZES, ObjectState
-from ssp_core.vocab import ControlState, ObjectClass, Phase, Role, SessionPhase, Verdict
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.run_file.model import RunSpec
+from ssp_core.vocabulary import ControlState, ObjectClass, Phase, Role, SessionPhase, Verdict
 from ssp_monitor.page.model import COMMANDS, Snapshots, number
 from ssp_monitor.page.picture import Pictures
 from ssp_monitor.page.site import MOST_POINTS, site_message

@@ -13,12 +13,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssp_core import names
-from ssp_core.bag import BagMessage, BagReader, BagWriter, TopicInfo
-from ssp_core.bag.qos import offered_qos
+from ssp_core.bag.metadata import offered_qos
+from ssp_core.bag.reader import BagReader, TopicInfo
+from ssp_core.bag.types import BagMessage
+from ssp_core.bag.writer import BagWriter
 from ssp_core.cli import main
 from ssp_core.clock import NS_PER_S
 from ssp_core.errors import InputError
-from ssp_core.transforms import TF_TYPE
+from ssp_core.world.transforms import TF_TYPE
 from ssp_monitor.core.recorder import OFFERED
 from ssp_monitor.core.topics import Profile
 from ssp_monitor.replay.commands import is_command, session_signs

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssp_core.bag import BagMessage
+from ssp_core.bag.types import BagMessage
 from ssp_core.clock import NS_PER_S
 from ssp_monitor.replay.lateness import Lateness
 from ssp_monitor.replay.playback import End, Playback, Rest, Send, Tick

@@ -9,13 +9,12 @@ import cv2
 import numpy as np
 import pytest
 
-from ssp_core.bag import BagMessage, BagReader, BagWriter
-from ssp_core.bag.frames import Frames, Picture, image_topics, keyframe_before
-from ssp_core.bag.image_messages import COMPRESSED_TYPE, RAW_TYPE, read_image
-from ssp_core.bag.still_images import Bgr
-from ssp_core.bag.types import serialize, typestore
-from ssp_core.bag.video_stream import is_keyframe
-from ssp_core.bag.video_type import VIDEO_TYPE
+from ssp_core.bag.frames import Frames, Picture, image_topics, is_keyframe, keyframe_before
+from ssp_core.bag.images import Bgr
+from ssp_core.bag.reader import BagReader
+from ssp_core.bag.types import BagMessage, serialize, typestore
+from ssp_core.bag.writer import BagWriter
+from ssp_core.cdr.images import COMPRESSED_TYPE, RAW_TYPE, VIDEO_TYPE, read_image
 from ssp_core.clock import NS_PER_S
 from ssp_core.errors import InputError
 from ssp_monitor.core.video_encoder import Codec, VideoEncoder

@@ -11,10 +11,10 @@ import pytest
 
 from ssp_core.clock import NS_PER_S
 from ssp_core.geometry import Polyline, Pose2
-from ssp_core.health import Level, Status
-from ssp_core.run_spec import RunSpec
-from ssp_core.state import DEFAULT_SIZES, ObjectState
-from ssp_core.vocab import ControlState, ObjectClass, Role, SessionPhase, Verdict
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.node_interface import Level, Status
+from ssp_core.run_file.model import RunSpec
+from ssp_core.vocabulary import ControlState, ObjectClass, Role, SessionPhase, Verdict
 from ssp_monitor.core.drawing import drawing_of
 from ssp_monitor.view.health import ClockWatch, health
 from ssp_monitor.view.marks import Gone, Mark, Shape

@@ -13,7 +13,7 @@ import yaml
 
 from ssp_core import names
 from ssp_core.bag.types import typestore
-from ssp_core.run_spec import RunSpec
+from ssp_core.run_file.model import RunSpec
 from ssp_monitor.core.topics import bag_topics
 from ssp_monitor.view.topics import PUBLISHED
 

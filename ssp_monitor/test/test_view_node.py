@@ -14,12 +14,12 @@ from diagnostic_msgs.msg import DiagnosticArray
 from visualization_msgs.msg import MarkerArray
 
 from ssp_core import names, ros
+from ssp_core.cdr.states import encode_state
 from ssp_core.clock import NS_PER_S
-from ssp_core.domains import free_domain
 from ssp_core.errors import InputError
-from ssp_core.state import DEFAULT_SIZES, ObjectState
-from ssp_core.vocab import ObjectClass, Role
-from ssp_core.wire.states import encode_state
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.processes import free_domain
+from ssp_core.vocabulary import ObjectClass, Role
 from ssp_monitor.view.node import ViewNode
 from ssp_msgs.msg import ObjectState as ObjectStateMsg
 from ssp_msgs.msg import RecorderStatus, SessionState

@@ -1,4 +1,4 @@
-"""Reading files that people write, and writing files that are whole or not there."""
+"""Reads files and JSON from outside strictly, and writes files that are whole or not there."""
 
 from __future__ import annotations
 
@@ -7,17 +7,71 @@ import os
 import re
 import stat
 import tempfile
+from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, TypeVar
+from types import TracebackType
+from typing import Any, Self, TypeVar
 
 import yaml
 from pydantic import BaseModel, ValidationError
 from yaml.composer import Composer
 
 from ssp_core.errors import HostError, InputError
-from ssp_core.strict_json import parse_strict
+
+
+def parse_strict(text: str | bytes) -> Any:
+    """The value of a JSON text.
+
+    Unlike ``json.loads`` it takes no NaN or infinity and no key twice in an object, and nesting
+    that is too deep is an error like any other.
+
+    Args:
+        text: as it came; bytes must be UTF-8.
+
+    Raises:
+        ValueError: it is no JSON; says what and, where that is known, at which character.
+    """
+    try:
+        plain = text.decode("utf-8") if isinstance(text, bytes) else text
+    except UnicodeDecodeError as error:
+        raise ValueError(f"it is not UTF-8 (byte {error.start})") from None
+    try:
+        return json.loads(plain, object_pairs_hook=_once, parse_constant=_no_number)
+    except RecursionError:
+        raise ValueError("it is nested too deeply") from None
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    mapping = dict(pairs)
+    if len(mapping) < len(pairs):
+        raise ValueError("a key stands twice")
+    return mapping
+
+
+def _no_number(word: str) -> Any:
+    raise ValueError(f"{word} is no number")
+
+
+class Closing(ABC):
+    """A context manager that closes itself at its end, also after an exception."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Ends the use; a second call does nothing."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
 
 MAX_TEXT_BYTES = 8 << 20
 # Python shows whole numbers of at most 4300 digits.

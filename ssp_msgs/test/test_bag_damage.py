@@ -12,8 +12,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from rosbags.highlevel import AnyReader
 
-from ssp_core.bag import BagReader, BagWriter, recover
+from ssp_core.bag.reader import BagReader
+from ssp_core.bag.repair import recover
 from ssp_core.bag.types import serialize, typestore
+from ssp_core.bag.writer import BagWriter
 from ssp_core.errors import InputError
 
 CLOCK = "rosgraph_msgs/msg/Clock"
@@ -22,7 +24,7 @@ CHUNKS, PER_CHUNK = 4, 5
 # Writes two flushed chunks and a third that was not, then is killed the hard way.
 KILLED = """
 import os, signal, sys
-from ssp_core.bag import BagWriter
+from ssp_core.bag.writer import BagWriter
 from ssp_core.bag.types import serialize, typestore
 types = typestore().types
 writer = BagWriter(sys.argv[1])

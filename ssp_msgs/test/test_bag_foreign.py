@@ -15,11 +15,12 @@ from mcap.writer import CompressionType, IndexType, Writer
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 
-from ssp_core.bag import BagMessage, BagReader, BagWriter
 from ssp_core.bag.bounds import UnpackBudget
+from ssp_core.bag.index import ChunkRun, ContentCache, Selection, merged
 from ssp_core.bag.mcap_file import McapFile
-from ssp_core.bag.runs import ChunkRun, ContentCache, Selection, merged
-from ssp_core.bag.types import definition, typestore
+from ssp_core.bag.reader import BagReader
+from ssp_core.bag.types import BagMessage, definition, typestore
+from ssp_core.bag.writer import BagWriter
 from ssp_core.errors import InputError
 
 STRING = "std_msgs/msg/String"

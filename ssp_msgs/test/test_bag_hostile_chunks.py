@@ -27,10 +27,11 @@ from mcap.records import (
     Statistics,
 )
 
-from ssp_core.bag import BagReader, recover
 from ssp_core.bag.bounds import ANY_RATIO_BYTES, MAX_CHUNK_BYTES
 from ssp_core.bag.check import check_bag
 from ssp_core.bag.mcap_output import record_bytes
+from ssp_core.bag.reader import BagReader
+from ssp_core.bag.repair import recover
 from ssp_core.bag.types import definition
 from ssp_core.errors import InputError
 
@@ -44,7 +45,8 @@ MIB = 1 << 20
 USE = """
 import sys
 from pathlib import Path
-from ssp_core.bag import BagReader, recover
+from ssp_core.bag.reader import BagReader
+from ssp_core.bag.repair import recover
 from ssp_core.bag.check import check_bag
 from ssp_core.errors import InputError
 path = Path(sys.argv[1])
@@ -220,7 +222,7 @@ def test_counts_of_a_file_without_statistics_take_one_pass(
     indexes = [index(at + k * length, one) for k, one in enumerate(chunks)]
     (tmp_path / "a.mcap").write_bytes(mcap_bytes([*names, *chunks], [*names, *indexes]))
     code = (
-        "import sys\nfrom ssp_core.bag import BagReader\n"
+        "import sys\nfrom ssp_core.bag.reader import BagReader\n"
         "print('COUNT', BagReader(sys.argv[1]).count)"
     )
     assert "COUNT 30000" in limited(code, tmp_path / "a.mcap").out

@@ -16,11 +16,13 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from ssp_core.bag import BagMessage, BagReader, BagWriter, recover
 from ssp_core.bag.check import check_bag
-from ssp_core.bag.qos import offered_qos
+from ssp_core.bag.metadata import offered_qos
+from ssp_core.bag.reader import BagReader
+from ssp_core.bag.repair import recover
 from ssp_core.bag.split import Split
-from ssp_core.bag.types import serialize, typestore
+from ssp_core.bag.types import BagMessage, serialize, typestore
+from ssp_core.bag.writer import BagWriter
 from ssp_core.errors import InputError
 
 STRING = "std_msgs/msg/String"
@@ -197,7 +199,7 @@ def test_recovering_a_large_file_takes_little_memory(
         for k in range(300):
             writer.write("/text", text("x" * (1 << 20)), k, k)
     ended = limited(
-        "import sys\nfrom pathlib import Path\nfrom ssp_core.bag import recover\n"
+        "import sys\nfrom pathlib import Path\nfrom ssp_core.bag.repair import recover\n"
         "from ssp_core.bag.check import check_bag\n"
         "print(recover(sys.argv[1], sys.argv[2]).count, check_bag(Path(sys.argv[2])).problems)",
         tmp_path / "bag",

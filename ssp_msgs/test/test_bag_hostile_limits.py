@@ -6,7 +6,7 @@ import pytest
 from mcap.records import AttachmentIndex, ChunkIndex, Message, Schema
 from mcap.summary import Summary
 
-from ssp_core.bag import bounds, records
+from ssp_core.bag import bounds, mcap_file
 from ssp_core.bag.bounds import (
     ANY_TOTAL_BYTES,
     MAX_ATTACHMENT_BYTES,
@@ -61,11 +61,11 @@ def test_a_chunk_has_no_more_messages_than_can_be_put_in_order(
     check_summary(summary(index(8, 1000, 16 * MAX_CHUNK_RECORDS)), DATA_END, 0)
     with pytest.raises(ValueError, match=f"more than {MAX_CHUNK_RECORDS} messages"):
         check_summary(summary(index(8, 1000, 16 * MAX_CHUNK_RECORDS + 1)), DATA_END, 0)
-    monkeypatch.setattr(records, "MAX_CHUNK_RECORDS", 5)
+    monkeypatch.setattr(mcap_file, "MAX_CHUNK_RECORDS", 5)
     content = record_bytes(Message(1, 0, b"", 0, 0))
-    assert len(list(records.inner_records(memoryview(content * 5)))) == 5
+    assert len(list(mcap_file.inner_records(memoryview(content * 5)))) == 5
     with pytest.raises(ValueError, match="a chunk of more than 5 records"):
-        list(records.inner_records(memoryview(content * 6)))
+        list(mcap_file.inner_records(memoryview(content * 6)))
 
 
 @pytest.mark.parametrize("length", [MAX_ATTACHMENT_BYTES, MAX_ATTACHMENT_BYTES + 1])

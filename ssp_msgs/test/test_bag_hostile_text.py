@@ -11,12 +11,13 @@ import pytest
 import yaml
 from mcap.records import Channel, Chunk, Message, Schema
 
-from ssp_core.bag import BagReader, BagWriter, recover
 from ssp_core.bag.check import check_bag
 from ssp_core.bag.mcap_output import record_bytes
-from ssp_core.bag.metadata import read_metadata
-from ssp_core.bag.qos import MAX_TEXT, offered_qos, parse_offered_qos
+from ssp_core.bag.metadata import MAX_TEXT, offered_qos, parse_offered_qos, read_metadata
+from ssp_core.bag.reader import BagReader
+from ssp_core.bag.repair import recover
 from ssp_core.bag.types import definition, serialize, typestore
+from ssp_core.bag.writer import BagWriter
 from ssp_core.cli import main
 from ssp_core.errors import InputError
 

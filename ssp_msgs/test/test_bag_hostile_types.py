@@ -9,10 +9,20 @@ from typing import Any
 
 import pytest
 
-from ssp_core.bag import BagReader, BagWriter, recover
 from ssp_core.bag.check import check_bag
-from ssp_core.bag.definition_limits import MAX_DECODED_BYTES, MAX_TEXT_BYTES, growth_of
-from ssp_core.bag.types import TypeDefinition, definition, serialize, store_from, typestore
+from ssp_core.bag.reader import BagReader
+from ssp_core.bag.repair import recover
+from ssp_core.bag.types import (
+    MAX_DECODED_BYTES,
+    MAX_TEXT_BYTES,
+    TypeDefinition,
+    definition,
+    growth_of,
+    serialize,
+    store_from,
+    typestore,
+)
+from ssp_core.bag.writer import BagWriter
 from ssp_core.errors import InputError
 
 SEPARATOR = "=" * 80 + "\n"

@@ -8,16 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ssp_core.bag.image_messages import (
-    COMPRESSED_TYPE,
-    IMAGE_TYPES,
-    RAW_TYPE,
-    ImageMessage,
-    RawLayout,
-    encode_video_message,
-    read_image,
-)
-from ssp_core.bag.still_images import (
+from ssp_core.bag.frames import VideoDecoder, is_keyframe
+from ssp_core.bag.images import (
     MAX_PIXELS,
     decode_still,
     encode_jpeg,
@@ -27,8 +19,16 @@ from ssp_core.bag.still_images import (
     suffix_of,
 )
 from ssp_core.bag.types import serialize, typestore
-from ssp_core.bag.video_stream import VideoDecoder, is_keyframe
-from ssp_core.bag.video_type import VIDEO_TYPE
+from ssp_core.cdr.images import (
+    COMPRESSED_TYPE,
+    IMAGE_TYPES,
+    RAW_TYPE,
+    VIDEO_TYPE,
+    ImageMessage,
+    RawLayout,
+    encode_video_message,
+    read_image,
+)
 
 PICTURE = np.arange(30 * 20 * 3, dtype=np.uint8).reshape(20, 30, 3)
 

@@ -7,7 +7,9 @@ from pathlib import Path
 import pytest
 from mcap.writer import CompressionType, Writer
 
-from ssp_core.bag import BagReader, BagWriter, recover
+from ssp_core.bag.reader import BagReader
+from ssp_core.bag.repair import recover
+from ssp_core.bag.writer import BagWriter
 
 STRING = "std_msgs/msg/String"
 FRONT = b"front of the payload"

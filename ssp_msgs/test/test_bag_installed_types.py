@@ -6,8 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from ssp_core.bag.installed_types import installed_file, installed_types
-from ssp_core.bag.types import TypeDefinition, definition, store_from, typestore
+from ssp_core.bag.types import (
+    TypeDefinition,
+    definition,
+    installed_file,
+    installed_types,
+    store_from,
+    typestore,
+)
 from ssp_core.errors import InputError
 
 

@@ -7,13 +7,15 @@ from pathlib import Path
 import pytest
 from rosbags.highlevel import AnyReader
 
-from ssp_core.bag import BagReader, BagWriter, Split, recover
 from ssp_core.bag.check import check_bag
 from ssp_core.bag.cut import cut_bag
 from ssp_core.bag.mcap_file import McapFile
-from ssp_core.bag.qos import offered_qos
-from ssp_core.bag.split import KEPT_BYTES, MOST_KEPT, UNTOLD_DEPTH
+from ssp_core.bag.metadata import offered_qos
+from ssp_core.bag.reader import BagReader
+from ssp_core.bag.repair import recover
+from ssp_core.bag.split import KEPT_BYTES, MOST_KEPT, UNTOLD_DEPTH, Split
 from ssp_core.bag.types import serialize, typestore
+from ssp_core.bag.writer import BagWriter
 
 STRING = "std_msgs/msg/String"
 ENTRY_BYTES = 73 + 10  # of a chunk with one channel

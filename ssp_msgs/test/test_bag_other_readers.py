@@ -14,10 +14,11 @@ from mcap.reader import NonSeekingReader, make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
-from ssp_core.bag import BagMessage, BagReader, BagWriter, Split
-from ssp_core.bag.metadata import MANY_TOPICS, ROOT_KEY, bag_information
-from ssp_core.bag.qos import offered_qos
-from ssp_core.bag.types import serialize, typestore
+from ssp_core.bag.metadata import MANY_TOPICS, ROOT_KEY, bag_information, offered_qos
+from ssp_core.bag.reader import BagReader
+from ssp_core.bag.split import Split
+from ssp_core.bag.types import BagMessage, serialize, typestore
+from ssp_core.bag.writer import BagWriter
 
 STRING = "std_msgs/msg/String"
 TOPICS = ("/a", "/b", "/c")

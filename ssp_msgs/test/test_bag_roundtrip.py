@@ -10,10 +10,10 @@ import pytest
 import yaml
 from rosbags.highlevel import AnyReader
 
-from ssp_core.bag import BagReader, BagWriter
-from ssp_core.bag.metadata import ROOT_KEY
-from ssp_core.bag.qos import offered_qos
+from ssp_core.bag.metadata import ROOT_KEY, offered_qos
+from ssp_core.bag.reader import BagReader
 from ssp_core.bag.types import definition, serialize, typestore
+from ssp_core.bag.writer import BagWriter
 from ssp_core.errors import HostError, InputError
 
 STATE = "ssp_msgs/msg/ObjectState"

@@ -6,8 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from ssp_core.bag import BagReader, BagWriter, Split, recover
-from ssp_core.bag.qos import offered_qos
+from ssp_core.bag.metadata import offered_qos
+from ssp_core.bag.reader import BagReader
+from ssp_core.bag.repair import recover
+from ssp_core.bag.split import Split
+from ssp_core.bag.writer import BagWriter
 from ssp_core.errors import InputError
 
 STRING = "std_msgs/msg/String"

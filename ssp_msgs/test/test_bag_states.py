@@ -7,11 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from ssp_core.bag import BagReader, BagWriter, object_states
+from ssp_core.bag.reader import BagReader, object_states
+from ssp_core.bag.writer import BagWriter
+from ssp_core.cdr.states import StateArray, encode_state, encode_states
 from ssp_core.errors import InputError
-from ssp_core.state import DEFAULT_SIZES, ObjectState
-from ssp_core.vocab import ObjectClass, Role
-from ssp_core.wire.states import StateArray, encode_state, encode_states
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.vocabulary import ObjectClass, Role
 
 STATE, ARRAY = "ssp_msgs/msg/ObjectState", "ssp_msgs/msg/ObjectStates"
 TEN_MS = 10_000_000

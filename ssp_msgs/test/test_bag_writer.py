@@ -13,12 +13,20 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssp_core.bag import BagMessage, BagReader, BagWriter, Split, mcap_output, recover
-from ssp_core.bag.chunk import COPIED_BYTES, ChunkBuilder
-from ssp_core.bag.disk_sync import DiskSync
-from ssp_core.bag.mcap_output import CHUNK_BYTES, write_buffers
-from ssp_core.bag.metadata import ROOT_KEY
-from ssp_core.bag.qos import offered_qos
+from ssp_core.bag import mcap_output
+from ssp_core.bag.mcap_output import (
+    CHUNK_BYTES,
+    COPIED_BYTES,
+    ChunkBuilder,
+    DiskSync,
+    write_buffers,
+)
+from ssp_core.bag.metadata import ROOT_KEY, offered_qos
+from ssp_core.bag.reader import BagReader
+from ssp_core.bag.repair import recover
+from ssp_core.bag.split import Split
+from ssp_core.bag.types import BagMessage
+from ssp_core.bag.writer import BagWriter
 from ssp_core.errors import HostError, InputError
 
 STRING = "std_msgs/msg/String"
@@ -191,7 +199,7 @@ def test_a_slow_disk_holds_up_nobody_and_waits_once_per_file(
         assert release.wait(600)
         synced.append(os.fstat(descriptor).st_ino)
 
-    monkeypatch.setattr("ssp_core.bag.disk_sync.os.fdatasync", fdatasync)
+    monkeypatch.setattr("ssp_core.bag.mcap_output.os.fdatasync", fdatasync)
     with BagWriter(tmp_path / "bag") as writer:
         writer.add_topic("/x", STRING)
         writer.flush()
@@ -216,8 +224,8 @@ def test_a_sync_that_is_overdue_holds_up_the_next_flush_and_tells_its_age(
         assert release.wait(600)
         real(descriptor)
 
-    monkeypatch.setattr("ssp_core.bag.disk_sync.os.fdatasync", fdatasync)
-    monkeypatch.setattr("ssp_core.bag.disk_sync.LONGEST_WAIT_S", 30.0)
+    monkeypatch.setattr("ssp_core.bag.mcap_output.os.fdatasync", fdatasync)
+    monkeypatch.setattr("ssp_core.bag.mcap_output.LONGEST_WAIT_S", 30.0)
     with BagWriter(tmp_path / "bag") as writer:
         writer.add_topic("/x", STRING)
         assert writer.sync_age_s == 0.0
@@ -225,7 +233,7 @@ def test_a_sync_that_is_overdue_holds_up_the_next_flush_and_tells_its_age(
         writer.flush()
         assert started.wait(600)
         assert writer.sync_age_s > 0.0
-        monkeypatch.setattr("ssp_core.bag.disk_sync.OVERDUE_S", 0.0)
+        monkeypatch.setattr("ssp_core.bag.mcap_output.OVERDUE_S", 0.0)
         second = threading.Thread(target=writer.flush)
         second.start()
         second.join(0.2)
@@ -242,10 +250,10 @@ def test_a_disk_that_stands_still_holds_up_a_flush_for_a_while_only(
 ) -> None:
     release = threading.Event()
     monkeypatch.setattr(
-        "ssp_core.bag.disk_sync.os.fdatasync", lambda _: release.wait(600) or pytest.fail("late")
+        "ssp_core.bag.mcap_output.os.fdatasync", lambda _: release.wait(600) or pytest.fail("late")
     )
-    monkeypatch.setattr("ssp_core.bag.disk_sync.OVERDUE_S", 0.0)
-    monkeypatch.setattr("ssp_core.bag.disk_sync.LONGEST_WAIT_S", 0.05)
+    monkeypatch.setattr("ssp_core.bag.mcap_output.OVERDUE_S", 0.0)
+    monkeypatch.setattr("ssp_core.bag.mcap_output.LONGEST_WAIT_S", 0.05)
     with BagWriter(tmp_path / "bag") as writer:
         writer.flush()
         writer.flush()
@@ -266,7 +274,7 @@ def test_an_error_of_the_disk_comes_with_one_of_the_next_flushes(
     def fdatasync(descriptor: int) -> None:
         raise OSError(errno.EIO, "Input/output error")
 
-    monkeypatch.setattr("ssp_core.bag.disk_sync.os.fdatasync", fdatasync)
+    monkeypatch.setattr("ssp_core.bag.mcap_output.os.fdatasync", fdatasync)
     writer = BagWriter(tmp_path / "bag")
     writer.add_topic("/x", STRING)
     with pytest.raises(HostError, match=r"bag_0\.mcap: writing failed: Input/output error"):

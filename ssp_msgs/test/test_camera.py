@@ -7,7 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from ssp_core.camera import (
+from ssp_core.geometry import Pose2
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.run_file.model import Camera
+from ssp_core.vocabulary import ObjectClass, Role
+from ssp_core.world.camera import (
     Mounting,
     image_box,
     intrinsics,
@@ -17,10 +21,6 @@ from ssp_core.camera import (
     shown_box,
     view_from,
 )
-from ssp_core.geometry import Pose2
-from ssp_core.run_spec import Camera
-from ssp_core.state import DEFAULT_SIZES, ObjectState
-from ssp_core.vocab import ObjectClass, Role
 
 # 90 degrees over 640 px: focal length 320 px, principal point (319.5, 239.5).
 LEVEL = Camera(

@@ -15,16 +15,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssp_core.chat import (
+    Completion,
+    NoCompletion,
     OpenAIChat,
     Policy,
     Trouble,
     looks_like_html,
     pause_s,
+    read_completion,
 )
-from ssp_core.chat_reply import Completion, NoCompletion, read_completion
+from ssp_core.credentials import check_key, gives_away, redact, without_userinfo
 from ssp_core.errors import InputError
-from ssp_core.secret import check_key, gives_away, redact, without_userinfo
-from ssp_core.strict_json import parse_strict
+from ssp_core.files import parse_strict
 
 KEY = 'sk-4f/9a"7<b>+2&d8'
 
@@ -76,7 +78,7 @@ def test_no_try_at_all_is_a_callers_mistake():
 
 def test_the_library_is_imported_by_those_who_ask_only():
     code = (
-        "import sys, ssp_core.chat, ssp_core.chat_reply, ssp_core.cli\n"
+        "import sys, ssp_core.chat, ssp_core.chat, ssp_core.cli\n"
         "import ssp_vla_bridge.core.backend, ssp_vla_bridge.core.prompts\n"
         "assert not [m for m in ('openai', 'httpx2', 'aiohttp') if m in sys.modules]\n"
         "ssp_core.chat.OpenAIChat('http://127.0.0.1:9/v1', 'm')\n"

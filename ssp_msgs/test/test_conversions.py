@@ -8,16 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ssp_core import vocab
-from ssp_core.conversions import (
-    reference_from_msg,
-    reference_to_msg,
-    state_to_msg,
-)
-from ssp_core.messages import object_state
-from ssp_core.reference import Reference, ReferencePoint
+from ssp_core import vocabulary
+from ssp_core.cdr.messages import object_state
+from ssp_core.motion.reference import Reference, ReferencePoint
+from ssp_core.motion.state import ObjectState, Size
 from ssp_core.ros import ns_from_stamp, stamp_from_ns
-from ssp_core.state import ObjectState, Size
+from ssp_core.ros.conversions import reference_from_msg, reference_to_msg, state_to_msg
 from ssp_msgs.msg import ObjectState as ObjectStateMsg
 from ssp_msgs.msg import PhaseEvent, SessionState
 from ssp_msgs.srv import ObjectCommand
@@ -27,8 +23,8 @@ stamps = st.integers(0, 2**31 * 10**9 - 1)
 states = st.builds(
     ObjectState,
     object_id=st.text(max_size=8).filter(lambda s: "\0" not in s),
-    object_class=st.sampled_from(vocab.ObjectClass),
-    role=st.sampled_from(vocab.Role),
+    object_class=st.sampled_from(vocabulary.ObjectClass),
+    role=st.sampled_from(vocabulary.Role),
     stamp_ns=stamps,
     x_m=numbers,
     y_m=numbers,
@@ -38,7 +34,7 @@ states = st.builds(
     yaw_rate_radps=numbers,
     size=st.builds(Size, numbers, numbers, numbers, numbers),
     sequence=st.integers(0, 2**64 - 1),
-    control_state=st.sampled_from(vocab.ControlState),
+    control_state=st.sampled_from(vocabulary.ControlState),
     position_std_m=numbers,
     reference_id=st.sampled_from(["", "ot1-1"]),
     error_longitudinal_m=numbers,
@@ -94,16 +90,16 @@ def test_a_number_without_a_name_is_refused(field: str) -> None:
 @pytest.mark.parametrize(
     ("enum", "message", "prefix"),
     [
-        (vocab.ObjectClass, ObjectStateMsg, "CLASS_"),
-        (vocab.Role, ObjectStateMsg, "ROLE_"),
-        (vocab.Phase, PhaseEvent, "PHASE_"),
-        (vocab.SessionPhase, SessionState, "STATE_"),
-        (vocab.Verdict, SessionState, "VERDICT_"),
-        (vocab.ControlState, ObjectCommand.Request, ""),
+        (vocabulary.ObjectClass, ObjectStateMsg, "CLASS_"),
+        (vocabulary.Role, ObjectStateMsg, "ROLE_"),
+        (vocabulary.Phase, PhaseEvent, "PHASE_"),
+        (vocabulary.SessionPhase, SessionState, "STATE_"),
+        (vocabulary.Verdict, SessionState, "VERDICT_"),
+        (vocabulary.ControlState, ObjectCommand.Request, ""),
     ],
 )
 def test_enumerations_have_the_messages_numbers(
-    enum: type[vocab.ObjectClass], message: type, prefix: str
+    enum: type[vocabulary.ObjectClass], message: type, prefix: str
 ) -> None:
     for member in enum:
         assert getattr(message, prefix + member.name) == member.value

@@ -11,14 +11,14 @@ from pathlib import Path
 
 import pytest
 
-from ssp_core import domains
-from ssp_core.domains import DOMAINS, domain_ports, free_domain, ports_in_use
+from ssp_core import processes as domains
 from ssp_core.errors import HostError
+from ssp_core.processes import DOMAINS, domain_ports, free_domain, ports_in_use
 
 # Takes a domain, says which, and gives it back when its standard input ends.
 HOLDER = """
 import sys
-from ssp_core.domains import free_domain
+from ssp_core.processes import free_domain
 with free_domain() as domain_id:
     print(domain_id, flush=True)
     sys.stdin.read()

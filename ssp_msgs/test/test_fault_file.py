@@ -8,16 +8,10 @@ from typing import Any
 import pytest
 
 from ssp_core.errors import InputError
-from ssp_core.fault_file import load_faults, with_faults
-from ssp_core.run_spec import (
-    EndCondition,
-    Fault,
-    Limits,
-    LinkDisturbance,
-    ParticipantSpec,
-    RunSpec,
-    Start,
-)
+from ssp_core.run_file.faults import load_faults, with_faults
+from ssp_core.run_file.model import EndCondition, Fault, Limits, LinkDisturbance, RunSpec
+from ssp_core.run_file.participants import ParticipantSpec
+from ssp_core.run_file.values import Start
 
 
 def participant(name: str) -> ParticipantSpec:

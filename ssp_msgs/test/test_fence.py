@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ssp_core.fence import box_excess_m, corners_of, excess_m, room_m, rooms_m, row_excess_m
 from ssp_core.geometry import Box, Pose2
-from ssp_core.state import Size
+from ssp_core.motion.state import Size
+from ssp_core.safety.fence import box_excess_m, corners_of, excess_m, room_m, rooms_m, row_excess_m
 
 SQUARE = [(0.0, 0.0), (100.0, 0.0), (100.0, 50.0), (0.0, 50.0)]
 NOTCHED = [(0.0, 0.0), (100.0, 0.0), (100.0, 50.0), (52.0, 50.0), (50.0, 25.0), (48.0, 50.0)]

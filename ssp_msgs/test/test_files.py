@@ -25,7 +25,8 @@ from ssp_core.files import (
     write_bytes,
     write_json,
 )
-from ssp_core.run_spec import Camera, ParticipantSpec
+from ssp_core.run_file.model import Camera
+from ssp_core.run_file.participants import ParticipantSpec
 
 FILE_PER_TEST = settings(
     max_examples=100,

@@ -10,15 +10,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssp_core import limits as judge
-from ssp_core.continuity import Continuity, follow
-from ssp_core.fence import box_excess_m
 from ssp_core.geometry import box_distance
-from ssp_core.limits import Passed
-from ssp_core.run_spec import Limits
-from ssp_core.safety_codes import SafetyCode
-from ssp_core.state import DEFAULT_SIZES, ObjectState, Size
-from ssp_core.vocab import ObjectClass, Role
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState, Size
+from ssp_core.run_file.model import Limits
+from ssp_core.safety import limits as judge
+from ssp_core.safety.codes import SafetyCode
+from ssp_core.safety.fence import box_excess_m
+from ssp_core.safety.limits import Continuity, LimitViolation, follow
+from ssp_core.vocabulary import ObjectClass, Role
 
 S = 1_000_000_000
 FENCE = [(-10.0, -5.0), (110.0, -5.0), (110.0, 5.0), (-10.0, 5.0)]
@@ -50,7 +49,7 @@ STATE = ObjectState(
     yaw_rate_radps=0.0,
     size=DEFAULT_SIZES[ObjectClass.CAR],
 )
-Judge = Callable[[float], Passed | None]
+Judge = Callable[[float], LimitViolation | None]
 SCALARS: list[tuple[SafetyCode, float, Judge]] = [
     (SafetyCode.HEARTBEAT_LOST, 0.5, lambda v: judge.heartbeat_lost(v, LIMITS)),
     (SafetyCode.STATE_STALE, 0.3, lambda v: judge.state_stale(v, LIMITS)),
@@ -79,7 +78,7 @@ def test_at_inside_and_outside_the_boundary(code: SafetyCode, limit: float, pass
     assert passed(limit) is None
     assert passed(math.nextafter(limit, 0.0)) is None
     beyond = math.nextafter(limit, math.inf)
-    assert passed(beyond) == Passed(code, beyond, limit)
+    assert passed(beyond) == LimitViolation(code, beyond, limit)
     for wrong in (math.nan, math.inf):
         found = passed(wrong)
         assert found is not None

@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ssp_core.geometry import FloatArray, Polyline
-from ssp_core.manoeuvre_points import brake_along, drive_along, lane_change
-from ssp_core.reference import ReferencePoint
-from ssp_core.speed_profile import SpeedProfile
+from ssp_core.motion.manoeuvre import brake_along, drive_along, lane_change
+from ssp_core.motion.reference import ReferencePoint
+from ssp_core.motion.speed_profile import SpeedProfile
 
 STRAIGHT = Polyline([(0.0, 0.0), (300.0, 0.0)])
 

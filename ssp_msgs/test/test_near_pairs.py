@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssp_core.geometry import box_distance
-from ssp_core.limits import near_pairs
-from ssp_core.state import ObjectState, Size
-from ssp_core.vocab import ObjectClass, Role
+from ssp_core.motion.state import ObjectState, Size
+from ssp_core.safety.limits import near_pairs
+from ssp_core.vocabulary import ObjectClass, Role
 
 PLACES = st.floats(-30.0, 30.0)
 LENGTHS = st.floats(0.0, 6.0)

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
-from ssp_core.state import DEFAULT_SIZES, ObjectState
-from ssp_core.vocab import OBJECTS, ObjectClass, Role
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.vocabulary import OBJECTS, ObjectClass, Role
 
 S = 1_000_000_000
 STATE = ObjectState(

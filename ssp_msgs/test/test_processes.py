@@ -14,9 +14,9 @@ from pathlib import Path
 import pytest
 
 from ssp_core import processes
-from ssp_core.domains import domain_ports
 from ssp_core.processes import (
     ProcessGroup,
+    domain_ports,
     others_share_memory,
     remove_shared_ports,
     remove_stale_shared_memory,

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from scipy.special import fresnel  # type: ignore[import-untyped] # has no types
 
 from ssp_core.geometry import Pose2
-from ssp_core.reference_line import NotOneToOne, ReferenceLine
-from ssp_core.run_spec import CurvePiece, Lane, Road, Start
+from ssp_core.run_file.road import CurvePiece, Lane, Road
+from ssp_core.run_file.values import Start
+from ssp_core.world.reference_line import NotOneToOne, ReferenceLine
 
 angles = st.floats(-7.0, 7.0)
 metres = st.floats(-5000.0, 5000.0)

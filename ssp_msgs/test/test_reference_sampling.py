@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ssp_core.reference import Reference, ReferencePoint, sample
+from ssp_core.motion.reference import Reference, ReferencePoint, sample
 
 S = 1_000_000_000
 

@@ -9,8 +9,12 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from ssp_core.domains import free_domain
-from ssp_core.processes import remove_shared_ports, remove_stale_shared_memory, session_environment
+from ssp_core.processes import (
+    free_domain,
+    remove_shared_ports,
+    remove_stale_shared_memory,
+    session_environment,
+)
 
 pytestmark = pytest.mark.ros
 DEADLINE_S = 60.0

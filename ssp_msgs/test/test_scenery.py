@@ -10,8 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from ssp_core.reference_line import ReferenceLine
-from ssp_core.run_spec import (
+from ssp_core.run_file.road import (
     MOST_SCENERY,
     Building,
     CurvePiece,
@@ -20,10 +19,11 @@ from ssp_core.run_spec import (
     Road,
     SceneryItem,
     Sign,
-    Start,
     Tree,
 )
-from ssp_core.scenery import Clearance, item_pose, left_out, reversed_item, shifted
+from ssp_core.run_file.values import Start
+from ssp_core.world.reference_line import ReferenceLine
+from ssp_core.world.scenery import Clearance, item_pose, left_out, reversed_item, shifted
 
 CURVES = {
     "straight": [CurvePiece(length_m=200.0)],

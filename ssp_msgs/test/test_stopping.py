@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssp_core.run_spec import Limits
-from ssp_core.stopping import BRAKE_LAG_S, SERVICE_BRAKE_MPS2, Stopping, stopping_of
-from ssp_core.vocab import ObjectClass
+from ssp_core.run_file.model import Limits
+from ssp_core.safety.stopping import BRAKE_LAG_S, SERVICE_BRAKE_MPS2, Stopping, stopping_of
+from ssp_core.vocabulary import ObjectClass
 
 SITE = Limits(speed_mps=15.0, acceleration_mps2=5.0)
 

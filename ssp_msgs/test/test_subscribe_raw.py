@@ -5,7 +5,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 from ssp_core import ros
-from ssp_core.wire.steps import StepDone, decode_done, encode_done
+from ssp_core.cdr.steps import StepDone, decode_done, encode_done
 
 
 class FakeNode:

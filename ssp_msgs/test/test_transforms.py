@@ -15,20 +15,20 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from ssp_core.bag.types import definition, typestore
-from ssp_core.camera import Mounting, optical_axes
-from ssp_core.run_spec import Camera
-from ssp_core.state import DEFAULT_SIZES, ObjectState
-from ssp_core.transforms import (
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.run_file.model import Camera
+from ssp_core.vocabulary import ObjectClass, Role
+from ssp_core.world.camera import Mounting, optical_axes
+from ssp_core.world.transforms import (
     TF_TYPE,
-    Poses,
     Transform,
+    TransformFilter,
     encode_transform,
     encode_transforms,
     mount,
     of_camera,
     of_state,
 )
-from ssp_core.vocab import ObjectClass, Role
 
 LEVEL = Camera(
     width_px=640, height_px=480, hfov_deg=90.0, forward_m=2.0, height_m=1.5, pitch_down_rad=0.0
@@ -112,7 +112,7 @@ def test_the_two_camera_frames_make_the_mount(pitch: float, yaw: float, roll: fl
 
 
 def test_only_what_is_later_and_can_be_carried_is_told() -> None:
-    poses = Poses()
+    poses = TransformFilter()
     assert [one.child for one in poses.news([STATE, replace(STATE, object_id="vut")])] == [
         "ot1/base_link",
         "vut/base_link",

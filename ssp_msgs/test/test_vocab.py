@@ -3,8 +3,8 @@
 import click
 import pytest
 
-from ssp_core.options import Domain
-from ssp_core.vocab import DOMAINS, read_domain
+from ssp_core.cli import Domain
+from ssp_core.vocabulary import DOMAINS, read_domain
 
 
 @pytest.mark.parametrize(

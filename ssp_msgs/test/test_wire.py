@@ -13,14 +13,14 @@ from rosgraph_msgs.msg import Clock as ClockMsg
 
 import ssp_msgs.msg as msg
 from ssp_core.bag.types import definition, store_from
+from ssp_core.cdr import references, states, steps
+from ssp_core.cdr.messages import object_state, stamp_ns
 from ssp_core.clock import LATEST_S
-from ssp_core.conversions import reference_to_msg, state_to_msg
-from ssp_core.messages import object_state, stamp_ns
-from ssp_core.reference import Points, Reference
+from ssp_core.motion.reference import Points, Reference
+from ssp_core.motion.state import ObjectState, Size
 from ssp_core.ros import stamp_from_ns
-from ssp_core.state import ObjectState, Size
-from ssp_core.vocab import ControlState, ObjectClass, Role, SessionPhase
-from ssp_core.wire import references, states, steps
+from ssp_core.ros.conversions import reference_to_msg, state_to_msg
+from ssp_core.vocabulary import ControlState, ObjectClass, Role, SessionPhase
 
 TEXTS = st.text(st.characters(exclude_characters="\0", exclude_categories=["Cs"]), max_size=40)
 FLOATS = st.floats(width=64)

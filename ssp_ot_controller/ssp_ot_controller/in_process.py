@@ -15,11 +15,11 @@ from pathlib import Path
 from ssp_core import names
 from ssp_core.clock import seconds_to_ns
 from ssp_core.errors import InputError
-from ssp_core.in_process import AckFact, FaultFact, LimitFact, LinkFact, Report, Word
-from ssp_core.run_spec import RunSpec
-from ssp_core.safety_codes import SafetyCode
-from ssp_core.state import ObjectState
-from ssp_core.vocab import SessionPhase
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import RunSpec
+from ssp_core.safety.codes import SafetyCode
+from ssp_core.vocabulary import SessionPhase
+from ssp_core.world.plant import AckFact, FaultFact, LimitFact, LinkFact, ManagerUpdate, StepReport
 from ssp_ot_controller.core.bodies import Command
 from ssp_ot_controller.core.object_machine import ObjectEvent
 from ssp_ot_controller.sil.disturbance import Channel
@@ -44,7 +44,7 @@ class NoTraffic:
 
 
 class InProcessPlant:
-    """See ssp_core.in_process.Plant.
+    """See ssp_core.world.plant.Plant.
 
     Args:
         run: the run, in mode lockstep.
@@ -66,7 +66,7 @@ class InProcessPlant:
         self._over = False
         self._driver_told = False
 
-    def hold(self, word: Word) -> Report:
+    def hold(self, word: ManagerUpdate) -> StepReport:
         self._hear(word)
         self._steady_ns += seconds_to_ns(HOLD_PERIOD_S)
         return self._report(word.session, self._world.now_ns)
@@ -76,7 +76,7 @@ class InProcessPlant:
         reply = self._crew.command(object_id, event, event_version, self._steady_ns)
         return "" if reply.accepted else reply.error_msg
 
-    def advance(self, word: Word) -> Report:
+    def advance(self, word: ManagerUpdate) -> StepReport:
         self._hear(word)
         self._running = not self._over
         before_ns = self._world.now_ns
@@ -89,7 +89,7 @@ class InProcessPlant:
     def close(self) -> None:
         self._resources.close()
 
-    def _hear(self, word: Word) -> None:
+    def _hear(self, word: ManagerUpdate) -> None:
         for reference in word.references:
             self._references_sent[reference.object_id] += 1
             self._crew.take_reference(reference)
@@ -98,7 +98,7 @@ class InProcessPlant:
             self._beats, word.session, word.stamp_ns, dict(self._references_sent)
         )
 
-    def _report(self, session: SessionPhase, before_ns: int) -> Report:
+    def _report(self, session: SessionPhase, before_ns: int) -> StepReport:
         """What VUT and objects make of the world's present state."""
         world, now_ns = self._world, self._world.now_ns
         limits, driver = [], world.driver
@@ -140,7 +140,7 @@ class InProcessPlant:
             raise RuntimeError("the objects wait for something that was never sent")
         for object_id, command in answer.commands:
             self._commands[object_id] = world.step_index, command
-        return Report(
+        return StepReport(
             step=world.step_index,
             now_ns=now_ns,
             running=self._running,

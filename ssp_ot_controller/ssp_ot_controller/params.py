@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from ssp_core.names import MAP_FRAME
-from ssp_core.parameters import RUN_FILE, Parameter
+from ssp_core.node_interface import RUN_FILE, Parameter
 
 _TOPIC = "name of a topic; nav_msgs/Odometry"
 OBJECT_TARGET = (

@@ -11,8 +11,7 @@ from typing import Any
 import pytest
 
 from ssp_core import names
-from ssp_core.domains import free_domain
-from ssp_core.processes import remove_shared_ports, remove_stale_shared_memory
+from ssp_core.processes import free_domain, remove_shared_ports, remove_stale_shared_memory
 
 sys.path.insert(0, str(Path(__file__).parent))
 

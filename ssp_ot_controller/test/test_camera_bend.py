@@ -10,11 +10,13 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from ssp_core.camera import project, view_from
-from ssp_core.reference_line import ReferenceLine
-from ssp_core.run_spec import Camera, CurvePiece, Lane, Look, Road, Start
-from ssp_core.state import DEFAULT_SIZES, ObjectState
-from ssp_core.vocab import ObjectClass, Role
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.run_file.model import Camera, Look
+from ssp_core.run_file.road import CurvePiece, Lane, Road
+from ssp_core.run_file.values import Start
+from ssp_core.vocabulary import ObjectClass, Role
+from ssp_core.world.camera import project, view_from
+from ssp_core.world.reference_line import ReferenceLine
 from ssp_ot_controller.camera.bend import Bend, build_bend, locate_all, offsets_of
 from ssp_ot_controller.camera.ground import KERB_HEIGHT_M
 from ssp_ot_controller.camera.palettes import PALETTES

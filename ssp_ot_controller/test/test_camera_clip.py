@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 
 from ssp_core.errors import InputError
 from ssp_core.geometry import Polyline, box_distance, point_in_polygon
-from ssp_core.interaction import CORRIDOR_MARGIN_M, encounter, is_observable
-from ssp_core.state import ObjectState
-from ssp_core.vocab import ObjectClass, Role
+from ssp_core.motion.encounter import CORRIDOR_MARGIN_M, encounter, is_observable
+from ssp_core.motion.state import ObjectState
+from ssp_core.vocabulary import ObjectClass, Role
 from ssp_ot_controller.camera.clip import truth, truth_path, write_clip
 from ssp_ot_controller.camera.motion import Actor, Line, Ramp, Steered
 from ssp_ot_controller.camera.render import BRAKE_MPS2

@@ -10,10 +10,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ssp_core.camera import image_box, project, view_from
-from ssp_core.run_spec import Camera, Lane, Look, Road, Start
-from ssp_core.state import DEFAULT_SIZES, ObjectState
-from ssp_core.vocab import ObjectClass, Role
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.run_file.model import Camera, Look
+from ssp_core.run_file.road import Lane, Road
+from ssp_core.run_file.values import Start
+from ssp_core.vocabulary import ObjectClass, Role
+from ssp_core.world.camera import image_box, project, view_from
 from ssp_ot_controller.camera import raster_frame
 from ssp_ot_controller.camera.atmosphere import fog_per_m, palette_of
 from ssp_ot_controller.camera.exposure import exposed, subframes

@@ -10,22 +10,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssp_core.clock import seconds_to_ns
-from ssp_core.reference_line import ReferenceLine
-from ssp_core.run_spec import (
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.participants import (
     Condition,
-    CurvePiece,
     ElapsedTime,
-    Lane,
     LaneChange,
     RelativeDistance,
-    Road,
-    RunSpec,
-    Start,
     TimeHeadway,
     TimeToArrival,
 )
-from ssp_core.state import DEFAULT_SIZES, ObjectState
-from ssp_core.vocab import ObjectClass, Role
+from ssp_core.run_file.road import CurvePiece, Lane, Road
+from ssp_core.run_file.values import Start
+from ssp_core.vocabulary import ObjectClass, Role
+from ssp_core.world.reference_line import ReferenceLine
 from ssp_ot_controller.camera.clip import foreseen
 from ssp_ot_controller.camera.indicators import (
     AHEAD_S,

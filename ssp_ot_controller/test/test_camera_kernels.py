@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from ssp_core.run_spec import Lane, Road, Start
+from ssp_core.run_file.road import Lane, Road
+from ssp_core.run_file.values import Start
 from ssp_ot_controller.camera import ground, sensor
 from ssp_ot_controller.camera.ground_row import ground_row
 from ssp_ot_controller.camera.palettes import PALETTES

@@ -18,22 +18,19 @@ from geometry_msgs.msg import TransformStamped
 from sensor_msgs.msg import CameraInfo, CompressedImage
 
 from ssp_core import names, ros
-from ssp_core.conversions import state_to_msg
-from ssp_core.run_spec import (
-    Camera,
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.ros.conversions import state_to_msg
+from ssp_core.run_file.model import Camera, Limits, RunSpec
+from ssp_core.run_file.participants import (
     Driver,
-    Lane,
     LaneChange,
-    Limits,
     ParticipantSpec,
     RelativeDistance,
-    Road,
-    RunSpec,
-    Start,
     TriggerSpec,
 )
-from ssp_core.state import DEFAULT_SIZES, ObjectState
-from ssp_core.vocab import ObjectClass, Role
+from ssp_core.run_file.road import Lane, Road
+from ssp_core.run_file.values import Start
+from ssp_core.vocabulary import ObjectClass, Role
 from ssp_msgs.msg import StepDone, WorldTick
 
 pytestmark = pytest.mark.ros

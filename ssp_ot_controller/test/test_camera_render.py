@@ -15,11 +15,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ssp_core.camera import image_box, view_from
 from ssp_core.geometry import Pose2, wrap_angle
-from ssp_core.run_spec import Camera, Lane, Look, Road, Start
-from ssp_core.state import DEFAULT_SIZES, ObjectState
-from ssp_core.vocab import ObjectClass, Role
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.run_file.model import Camera, Look
+from ssp_core.run_file.road import Lane, Road
+from ssp_core.run_file.values import Start
+from ssp_core.vocabulary import ObjectClass, Role
+from ssp_core.world.camera import image_box, view_from
 from ssp_ot_controller.camera.render import Scene, render
 from ssp_ot_controller.camera.stage import Detail
 from ssp_ot_controller.camera.storyboard import storyboard
@@ -96,7 +98,7 @@ def test_two_processes_draw_the_same_pixels(tmp_path: Path) -> None:
     camera = CAMERA.model_dump_json()
     program = f"""
 import hashlib
-from ssp_core.run_spec import Camera
+from ssp_core.run_file.model import Camera
 from ssp_ot_controller.camera.render import Scene, render
 from ssp_ot_controller.camera.storyboard import storyboard
 board = storyboard("cut_in", 3)

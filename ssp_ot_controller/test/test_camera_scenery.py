@@ -6,24 +6,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ssp_core.camera import project, view_from
-from ssp_core.reference_line import ReferenceLine
-from ssp_core.run_spec import (
-    Building,
-    Camera,
-    CurvePiece,
-    Lane,
-    Look,
-    Pole,
-    Road,
-    SceneryItem,
-    Sign,
-    Start,
-    Tree,
-)
-from ssp_core.scenery import item_pose
-from ssp_core.state import DEFAULT_SIZES, ObjectState
-from ssp_core.vocab import ObjectClass, Role
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.run_file.model import Camera, Look
+from ssp_core.run_file.road import Building, CurvePiece, Lane, Pole, Road, SceneryItem, Sign, Tree
+from ssp_core.run_file.values import Start
+from ssp_core.vocabulary import ObjectClass, Role
+from ssp_core.world.camera import project, view_from
+from ssp_core.world.reference_line import ReferenceLine
+from ssp_core.world.scenery import item_pose
 from ssp_ot_controller.camera.bend import block_line, build_bend
 from ssp_ot_controller.camera.ground import KERB_HEIGHT_M
 from ssp_ot_controller.camera.mapped import Prop

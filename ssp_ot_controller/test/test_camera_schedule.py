@@ -7,9 +7,9 @@ import math
 import pytest
 
 from ssp_core.clock import NS_PER_S
-from ssp_core.run_spec import Camera
-from ssp_core.state import DEFAULT_SIZES, ObjectState
-from ssp_core.vocab import ObjectClass, Role
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.run_file.model import Camera
+from ssp_core.vocabulary import ObjectClass, Role
 from ssp_ot_controller.camera.schedule import Schedule, slowest_frame_s, steps_per_frame
 from ssp_ot_controller.camera.travel import Odometer
 

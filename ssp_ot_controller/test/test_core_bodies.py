@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ssp_core.geometry import Pose2, wrap_angle
-from ssp_core.run_spec import Limits
-from ssp_core.vocab import ObjectClass
+from ssp_core.run_file.model import Limits
+from ssp_core.vocabulary import ObjectClass
 from ssp_ot_controller.core.bodies import (
     LIMITS,
     BodyState,

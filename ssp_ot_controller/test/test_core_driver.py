@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import pytest
 
 from ssp_core.geometry import Polyline, box_distance
-from ssp_core.run_spec import Driver
-from ssp_core.state import DEFAULT_SIZES, ObjectState
-from ssp_core.vocab import ObjectClass, Role
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.run_file.participants import Driver
+from ssp_core.vocabulary import ObjectClass, Role
 from ssp_ot_controller.core.bodies import BodyState, step_body
 from ssp_ot_controller.core.driver import Obstacle, drive, find_obstacles, follow
 

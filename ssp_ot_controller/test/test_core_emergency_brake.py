@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssp_core.run_spec import Driver
+from ssp_core.run_file.participants import Driver
 from ssp_ot_controller.core.driver import Obstacle
 from ssp_ot_controller.core.emergency_brake import BUILD_UP_S, MARGIN_M, brakes, needed_deceleration
 

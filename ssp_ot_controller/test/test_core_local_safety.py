@@ -8,15 +8,15 @@ from typing import Any
 
 import pytest
 
-from ssp_core.fence import box_excess_m
 from ssp_core.geometry import Polyline
-from ssp_core.limits import Passed
-from ssp_core.manoeuvre_points import drive_along
-from ssp_core.reference import Reference
-from ssp_core.run_spec import Limits
-from ssp_core.safety_codes import MEANINGS, SafetyCode
-from ssp_core.state import DEFAULT_SIZES, ObjectState
-from ssp_core.vocab import ControlState, ObjectClass, Role
+from ssp_core.motion.manoeuvre import drive_along
+from ssp_core.motion.reference import Reference
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.run_file.model import Limits
+from ssp_core.safety.codes import MEANINGS, SafetyCode
+from ssp_core.safety.fence import box_excess_m
+from ssp_core.safety.limits import LimitViolation
+from ssp_core.vocabulary import ControlState, ObjectClass, Role
 from ssp_ot_controller.core import local_safety as ls
 from ssp_ot_controller.core.tracking import TrackingError
 
@@ -87,7 +87,7 @@ BOUNDARIES = [
     (SafetyCode.CLOCK_OFFSET, state(stamp_ns=NOW + S // 20), state(stamp_ns=NOW + S // 20 + 1)),
     (SafetyCode.DURATION, {"running_s": 60.0}, {"running_s": 60.0 + 1e-9}),
     (SafetyCode.LOCALISATION, state(position_std_m=0.5), state(position_std_m=0.5 + 1e-9)),
-    (SafetyCode.POSITION_JUMP, {}, {"lost": Passed(SafetyCode.POSITION_JUMP, 1.2, 1.0)}),
+    (SafetyCode.POSITION_JUMP, {}, {"lost": LimitViolation(SafetyCode.POSITION_JUMP, 1.2, 1.0)}),
     (SafetyCode.STOPPING_ROOM, {"room_excess_m": 0.0}, {"room_excess_m": 1e-9}),
     (SafetyCode.REFERENCE_REFUSED, {"refused": 0}, {"refused": 2}),
     (SafetyCode.SEPARATION, {"others": [beside(0.5 + 1e-9)]}, {"others": [beside(0.5 - 1e-9)]}),

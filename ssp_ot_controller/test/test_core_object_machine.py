@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ssp_core.vocab import ControlState
+from ssp_core.vocabulary import ControlState
 from ssp_ot_controller.core.object_machine import (
     TABLE,
     IllegalTransition,

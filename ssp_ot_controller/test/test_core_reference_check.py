@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 
 from ssp_core.geometry import Polyline
-from ssp_core.manoeuvre_points import drive_along, lane_change
-from ssp_core.reference import Reference, ReferencePoint
-from ssp_core.run_spec import Limits
-from ssp_core.state import DEFAULT_SIZES, ObjectState
-from ssp_core.vocab import ControlState, ObjectClass, Role
+from ssp_core.motion.manoeuvre import drive_along, lane_change
+from ssp_core.motion.reference import Reference, ReferencePoint
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.run_file.model import Limits
+from ssp_core.vocabulary import ControlState, ObjectClass, Role
 from ssp_ot_controller.core.bodies import LIMITS
 from ssp_ot_controller.core.reference_check import Refusal, RefusalCode, check_reference
 from ssp_ot_controller.core.stop_room import StopRoom

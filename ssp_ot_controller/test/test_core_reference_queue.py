@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssp_core.reference import Reference
+from ssp_core.motion.reference import Reference
 from ssp_ot_controller.core.reference_queue import ReferenceQueue
 
 

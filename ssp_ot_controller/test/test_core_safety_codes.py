@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ssp_core.safety_codes import MEANINGS, SafetyCode
+from ssp_core.safety.codes import MEANINGS, SafetyCode
 
 
 def test_every_code_has_a_meaning_of_its_own() -> None:

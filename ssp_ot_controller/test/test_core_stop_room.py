@@ -8,14 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ssp_core.blind_stop import EMERGENCY_BRAKE_MPS2
 from ssp_core.geometry import Polyline
-from ssp_core.manoeuvre_points import drive_along, lane_change
-from ssp_core.reference import Reference
-from ssp_core.run_spec import Limits
-from ssp_core.state import DEFAULT_SIZES, ObjectState
-from ssp_core.stopping import stopping_of
-from ssp_core.vocab import ObjectClass, Role
+from ssp_core.motion.manoeuvre import drive_along, lane_change
+from ssp_core.motion.reference import Reference
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.run_file.model import Limits
+from ssp_core.safety.stopping import EMERGENCY_BRAKE_MPS2, stopping_of
+from ssp_core.vocabulary import ObjectClass, Role
 from ssp_ot_controller.core.bodies import LIMITS as BODIES
 from ssp_ot_controller.core.stop_room import StopRoom
 from ssp_ot_controller.core.track import Track

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ssp_core.geometry import Polyline
-from ssp_core.manoeuvre_points import drive_along, lane_change
-from ssp_core.reference import Reference, ReferencePoint, sample
+from ssp_core.motion.manoeuvre import drive_along, lane_change
+from ssp_core.motion.reference import Reference, ReferencePoint, sample
 from ssp_ot_controller.core.track import Track
 
 S = 1_000_000_000

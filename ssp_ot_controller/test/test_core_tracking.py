@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from ssp_core.geometry import FloatArray, Polyline
-from ssp_core.manoeuvre_points import drive_along, lane_change
-from ssp_core.reference import Reference, ReferencePoint, sample
-from ssp_core.state import DEFAULT_SIZES, ObjectState
-from ssp_core.vocab import ObjectClass, Role
+from ssp_core.motion.manoeuvre import drive_along, lane_change
+from ssp_core.motion.reference import Reference, ReferencePoint, sample
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.vocabulary import ObjectClass, Role
 from ssp_ot_controller.core.bodies import LIMITS, BodyState, Command, step_body
 from ssp_ot_controller.core.gains import lateral_gains
 from ssp_ot_controller.core.tracking import Tracker, tracking_error

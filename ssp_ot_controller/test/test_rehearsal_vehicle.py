@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from ssp_core.run_spec import RunSpec
-from ssp_core.vocab import SessionPhase
+from ssp_core.run_file.model import RunSpec
+from ssp_core.vocabulary import SessionPhase
 from ssp_ot_controller.rehearsal.vehicle import PlayedVehicle
 
 S = 1_000_000_000

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from ssp_core.clock import seconds_to_ns
-from ssp_core.reference import Reference, sample
-from ssp_core.run_spec import ParticipantSpec
-from ssp_core.state import ObjectState
-from ssp_core.vocab import Role
+from ssp_core.motion.reference import Reference, sample
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.participants import ParticipantSpec
+from ssp_core.vocabulary import Role
 from ssp_ot_controller.core.bodies import LIMITS as BODIES
 from ssp_ot_controller.core.bodies import BodyLimits, BodyState, step_body, tightened
 from ssp_ot_controller.core.tracking import Tracker

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ssp_core.lockstep import RECORDER_LAG_STEPS
+from ssp_core.cdr.steps import RECORDER_LAG_STEPS
 from ssp_ot_controller.sil.barrier import Barrier
 
 OT, MANAGER, CAMERA = "object_target", "scenario_manager", "front_camera"

@@ -12,9 +12,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ssp_core.run_spec import Fault, LinkDisturbance, RunSpec
-from ssp_core.state import DEFAULT_SIZES, ObjectState
-from ssp_core.vocab import ObjectClass, Role
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.run_file.model import Fault, LinkDisturbance, RunSpec
+from ssp_core.vocabulary import ObjectClass, Role
 from ssp_ot_controller.core.bodies import Command
 from ssp_ot_controller.sil.disturbance import Actuator, Channel
 

@@ -16,8 +16,8 @@ import pytest
 
 from ssp_core import names, ros
 from ssp_core.processes import session_environment
-from ssp_core.safety_codes import SafetyCode
-from ssp_core.vocab import SessionPhase
+from ssp_core.safety.codes import SafetyCode
+from ssp_core.vocabulary import SessionPhase
 from ssp_msgs import msg
 from ssp_ot_controller.sil.node import OVERRUN_S
 

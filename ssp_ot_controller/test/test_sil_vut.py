@@ -9,18 +9,11 @@ from typing import Any
 
 import pytest
 
-from ssp_core.run_spec import (
-    Driver,
-    Fault,
-    Limits,
-    Motion,
-    ParticipantSpec,
-    RunSpec,
-    SpeedChange,
-    Start,
-)
-from ssp_core.state import DEFAULT_SIZES, ObjectState
-from ssp_core.vocab import ObjectClass, Role
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.run_file.model import Fault, Limits, RunSpec
+from ssp_core.run_file.participants import Driver, Motion, ParticipantSpec, SpeedChange
+from ssp_core.run_file.values import Start
+from ssp_core.vocabulary import ObjectClass, Role
 from ssp_ot_controller.core.bodies import BodyState, Command, step_body
 from ssp_ot_controller.sil.vut import DRIVER_TIMEOUT_S, VutDriver
 

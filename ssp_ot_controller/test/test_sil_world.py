@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 
-from ssp_core.run_spec import RunSpec
-from ssp_core.state import DEFAULT_SIZES, ObjectState
-from ssp_core.vocab import ObjectClass, Role
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.run_file.model import RunSpec
+from ssp_core.vocabulary import ObjectClass, Role
 from ssp_ot_controller.core.bodies import Command
 from ssp_ot_controller.sil.world import BODY_TIMEOUT_S, World
 

@@ -11,9 +11,10 @@ from xml.etree import ElementTree
 import pytest
 
 from ssp_core.geometry import Pose2, wrap_angle
-from ssp_core.reference_line import ReferenceLine
-from ssp_core.run_spec import CurvePiece, RunSpec
-from ssp_core.sumo_network import OVERHANG_M, write_network
+from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.road import CurvePiece
+from ssp_core.world.reference_line import ReferenceLine
+from ssp_core.world.sumo_network import OVERHANG_M, write_network
 from ssp_ot_controller.sil.sumo_world import SumoWorld
 from ssp_ot_controller.sil.world import World
 

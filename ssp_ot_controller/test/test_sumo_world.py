@@ -14,10 +14,11 @@ import pytest
 
 from ssp_core.errors import HostError, InputError
 from ssp_core.geometry import Pose2
-from ssp_core.run_spec import ParticipantSpec, RunSpec
-from ssp_core.state import ObjectState
-from ssp_core.sumo_network import OVERHANG_M, find_netconvert, write_network
-from ssp_core.vocab import Role
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.participants import ParticipantSpec
+from ssp_core.vocabulary import Role
+from ssp_core.world.sumo_network import OVERHANG_M, find_netconvert, write_network
 from ssp_ot_controller.sil.sumo_world import Collision, SumoWorld, to_sumo
 
 ORIGIN = Pose2(-120.5, -33.25, 0.4)

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from ssp_core.errors import HostError, InputError
 from ssp_core.geometry import Pose2
-from ssp_core.vocab import ObjectClass
+from ssp_core.vocabulary import ObjectClass
 from ssp_ot_controller.core.bodies import LIMITS, Command
 from ssp_ot_controller.target.bodies import BodyReading
 from ssp_ot_controller.target.bodies.body_server import WATCHDOG_S, BodyServer

@@ -10,8 +10,8 @@ from typing import Any
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ssp_core.reference import Reference
-from ssp_core.vocab import SessionPhase
+from ssp_core.motion.reference import Reference
+from ssp_core.vocabulary import SessionPhase
 from ssp_ot_controller.target.inbox import Inbox
 
 RUNNING, ARMED = SessionPhase.RUNNING, SessionPhase.ARMED

@@ -14,12 +14,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ssp_core.geometry import Polyline
-from ssp_core.manoeuvre_points import drive_along, lane_change
-from ssp_core.reference import Reference, ReferencePoint
-from ssp_core.run_spec import RunSpec
-from ssp_core.safety_codes import SafetyCode
-from ssp_core.state import DEFAULT_SIZES, ObjectState
-from ssp_core.vocab import ControlState, ObjectClass, Role, SessionPhase
+from ssp_core.motion.manoeuvre import drive_along, lane_change
+from ssp_core.motion.reference import Reference, ReferencePoint
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.run_file.model import RunSpec
+from ssp_core.safety.codes import SafetyCode
+from ssp_core.vocabulary import ControlState, ObjectClass, Role, SessionPhase
 from ssp_ot_controller.core.bodies import LIMITS, BodyState, step_body
 from ssp_ot_controller.core.object_machine import ObjectEvent
 from ssp_ot_controller.core.reference_check import Refusal, RefusalCode

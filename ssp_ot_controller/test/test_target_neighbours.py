@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import pytest
 
-from ssp_core.run_spec import Limits
-from ssp_core.state import DEFAULT_SIZES, ObjectState
-from ssp_core.vocab import ObjectClass, Role
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.run_file.model import Limits
+from ssp_core.vocabulary import ObjectClass, Role
 from ssp_ot_controller.sil.disturbance import LinkSizes
 from ssp_ot_controller.target.earshot import Earshot
 from ssp_ot_controller.target.echo import Echo

@@ -15,13 +15,13 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 
 from ssp_core import names, ros
-from ssp_core.conversions import reference_to_msg, state_to_msg
 from ssp_core.geometry import Polyline
-from ssp_core.manoeuvre_points import drive_along
+from ssp_core.motion.manoeuvre import drive_along
+from ssp_core.motion.reference import Reference
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.processes import session_environment
-from ssp_core.reference import Reference
-from ssp_core.state import DEFAULT_SIZES, ObjectState
-from ssp_core.vocab import ControlState, ObjectClass, Role, SessionPhase
+from ssp_core.ros.conversions import reference_to_msg, state_to_msg
+from ssp_core.vocabulary import ControlState, ObjectClass, Role, SessionPhase
 from ssp_msgs import msg
 from ssp_msgs.srv import ObjectCommand
 

@@ -1,7 +1,7 @@
 """Every fault, at every speed: from the fault to standstill it is no farther than the stated bound.
 
 The objects of a process and their bodies in closed loop, in simulated time. The bound is that of
-ssp_core.stopping: v (timeout + reaction) + v^2 / 2a + margin.
+ssp_core.safety.stopping: v (timeout + reaction) + v^2 / 2a + margin.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from typing import Any
 import pytest
 
 from ssp_core.geometry import Polyline
-from ssp_core.manoeuvre_points import drive_along
-from ssp_core.reference import Reference
-from ssp_core.run_spec import RunSpec
-from ssp_core.safety_codes import SafetyCode
-from ssp_core.state import DEFAULT_SIZES, ObjectState
-from ssp_core.stopping import stopping_of
-from ssp_core.vocab import ControlState, Role, SessionPhase
+from ssp_core.motion.manoeuvre import drive_along
+from ssp_core.motion.reference import Reference
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.run_file.model import RunSpec
+from ssp_core.safety.codes import SafetyCode
+from ssp_core.safety.stopping import stopping_of
+from ssp_core.vocabulary import ControlState, Role, SessionPhase
 from ssp_ot_controller.core.bodies import BodyState, step_body
 from ssp_ot_controller.core.brake_watch import PATIENCE_S
 from ssp_ot_controller.core.object_machine import ObjectEvent

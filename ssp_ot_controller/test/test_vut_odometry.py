@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 
 from ssp_core.clock import seconds_to_ns
 from ssp_core.geometry import yaw_of
-from ssp_core.run_spec import ParticipantSpec, Start
-from ssp_core.vocab import ObjectClass, Role
+from ssp_core.run_file.participants import ParticipantSpec
+from ssp_core.run_file.values import Start
+from ssp_core.vocabulary import ObjectClass, Role
 from ssp_ot_controller.vut.odometry import Fix, LeverArm, Unusable, VutStates
 
 VUT = ParticipantSpec(

@@ -13,7 +13,7 @@ from launch_ros.actions import Node
 
 from ssp_core import names
 from ssp_core.errors import InputError
-from ssp_core.run_spec import load_run
+from ssp_core.run_file.model import load_run
 
 _UNIT = ("forward_m", "left_m", "yaw_left_rad")
 ROLES = ("manager", "monitor", "targets", "vut_adapter")

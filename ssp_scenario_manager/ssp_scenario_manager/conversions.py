@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 from ssp_core.names import MAP_FRAME
 from ssp_core.ros import stamp_from_ns
-from ssp_core.run_spec import RunSpec
-from ssp_core.safety_codes import MEANINGS
+from ssp_core.run_file.model import RunSpec
+from ssp_core.safety.codes import MEANINGS
 from ssp_msgs.msg import LinkStatus, PhaseEvent, SafetyEvent, SessionState, TriggerEvent
 from ssp_scenario_manager.core import outbox
 from ssp_scenario_manager.core.link_report import LinkLine

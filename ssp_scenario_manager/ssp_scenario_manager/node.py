@@ -9,14 +9,14 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from ssp_core import names, ros
+from ssp_core.cdr import steps
+from ssp_core.cdr.references import Acknowledgement
+from ssp_core.cdr.states import decode_states
 from ssp_core.errors import InputError
-from ssp_core.run_spec import load_run
-from ssp_core.safety_codes import SafetyCode
-from ssp_core.state import ObjectState as State
-from ssp_core.vocab import SessionPhase
-from ssp_core.wire import steps
-from ssp_core.wire.references import Acknowledgement
-from ssp_core.wire.states import decode_states
+from ssp_core.motion.state import ObjectState as State
+from ssp_core.run_file.model import load_run
+from ssp_core.safety.codes import SafetyCode
+from ssp_core.vocabulary import SessionPhase
 from ssp_scenario_manager.commands.node import CommandServices
 from ssp_scenario_manager.core import outbox, supervisor
 from ssp_scenario_manager.core.barrier import StepInputs

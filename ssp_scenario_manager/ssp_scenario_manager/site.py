@@ -17,24 +17,10 @@ from pydantic import (
 from ssp_core.errors import InputError
 from ssp_core.files import parse_whole_model, read_mapping
 from ssp_core.hashing import sha256_json
-from ssp_core.run_spec import (
-    Camera,
-    CurvePiece,
-    Finite,
-    Lane,
-    Limits,
-    LinkDisturbance,
-    Look,
-    NonNegative,
-    ObjectId,
-    Point,
-    Positive,
-    Scenery,
-    Start,
-    Strict,
-    TrafficSpec,
-    without_empty_scenery,
-)
+from ssp_core.run_file.model import Camera, Limits, LinkDisturbance, Look
+from ssp_core.run_file.participants import TrafficSpec
+from ssp_core.run_file.road import CurvePiece, Lane, Scenery, without_empty_scenery
+from ssp_core.run_file.values import Finite, NonNegative, ObjectId, Point, Positive, Start, Strict
 
 LIBRARY = Path(__file__).resolve().parent / "library"
 

@@ -18,7 +18,7 @@ import click
 from ssp_core import names
 from ssp_core.console import report_error
 from ssp_core.errors import SspError
-from ssp_core.run_spec import RunSpec, load_run
+from ssp_core.run_file.model import RunSpec, load_run
 
 CONTROL, OBJECTS, DRIVERS = "/ssp/control", "/ssp/objects", "/ssp/drivers"
 _PARAMETERS = (

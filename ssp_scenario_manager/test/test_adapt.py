@@ -9,10 +9,17 @@ import numpy as np
 import pytest
 
 from ssp_core.geometry import Polyline
-from ssp_core.reference import Reference
-from ssp_core.run_spec import Adaptation, FollowPath, LaneChange, Limits, Motion, ParticipantSpec
-from ssp_core.state import ObjectState
-from ssp_core.vocab import ObjectClass, Role
+from ssp_core.motion.reference import Reference
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import Limits
+from ssp_core.run_file.participants import (
+    Adaptation,
+    FollowPath,
+    LaneChange,
+    Motion,
+    ParticipantSpec,
+)
+from ssp_core.vocabulary import ObjectClass, Role
 from ssp_scenario_manager.core.adapt import Adapting, Decision, answered, begin, decide
 from ssp_scenario_manager.core.adapt_bounds import Bounds
 from ssp_scenario_manager.core.dispatch import Address, approach_reference, manoeuvre_reference

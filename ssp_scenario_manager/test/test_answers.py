@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from ssp_core.reference import Reference
+from ssp_core.motion.reference import Reference
 from ssp_scenario_manager.core.answers import Answers, is_fatal
 
 MS = 1_000_000

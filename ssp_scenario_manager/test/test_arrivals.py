@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from ssp_core.run_spec import RunSpec
-from ssp_core.safety_codes import SafetyCode
-from ssp_core.vocab import ControlState, SessionPhase
-from ssp_core.wire.states import StateArray, encode_states
+from ssp_core.cdr.states import StateArray, encode_states
+from ssp_core.run_file.model import RunSpec
+from ssp_core.safety.codes import SafetyCode
+from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_scenario_manager.core import outbox
 from ssp_scenario_manager.core.arrivals import Arrivals
 

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssp_core.errors import InputError
-from ssp_core.run_spec import RunSpec
+from ssp_core.run_file.model import RunSpec
 from ssp_scenario_manager.compile.changes import (
     LINKS,
     OF_THE_EVENT,

@@ -15,7 +15,7 @@ import yaml
 
 from ssp_core.cli import main
 from ssp_core.errors import InputError
-from ssp_core.run_spec import load_run
+from ssp_core.run_file.model import load_run
 from ssp_scenario_manager.compile import writer
 from ssp_scenario_manager.compile.task import load_task
 from ssp_scenario_manager.site import LIBRARY

@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 
 from ssp_core.geometry import Pose2
-from ssp_core.run_spec import (
+from ssp_core.run_file.model import LinkDisturbance
+from ssp_core.run_file.participants import (
     Brake,
     FollowPath,
     LaneChange,
-    LinkDisturbance,
     RelativeDistance,
     TimeToArrival,
 )
@@ -320,6 +320,6 @@ def test_a_block_whose_frame_ends_near_the_road_is_refused() -> None:
 
 
 def _line(site: Site) -> Any:
-    from ssp_core.reference_line import ReferenceLine
+    from ssp_core.world.reference_line import ReferenceLine
 
     return ReferenceLine(site.blocks[0].origin.pose, site.blocks[0].pieces)

@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 
-from ssp_core.bag import BagWriter
 from ssp_core.bag.types import serialize, typestore
+from ssp_core.bag.writer import BagWriter
 from ssp_core.cli import main
 from ssp_core.errors import InputError
-from ssp_core.vocab import Phase, SessionPhase, Verdict
+from ssp_core.vocabulary import Phase, SessionPhase, Verdict
 from ssp_scenario_manager.compile.task import load_task
 from ssp_scenario_manager.compile.validate import read_validation
 

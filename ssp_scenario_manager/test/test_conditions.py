@@ -15,10 +15,10 @@ from pydantic import TypeAdapter
 
 from ssp_core.clock import NS_PER_S
 from ssp_core.geometry import Polyline, Pose2
-from ssp_core.interaction import encounter
-from ssp_core.run_spec import Condition
-from ssp_core.state import ObjectState
-from ssp_core.vocab import ObjectClass, Phase
+from ssp_core.motion.encounter import encounter
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.participants import Condition
+from ssp_core.vocabulary import ObjectClass, Phase
 from ssp_scenario_manager.core.conditions import (
     Measured,
     Quantity,

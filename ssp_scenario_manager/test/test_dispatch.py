@@ -8,9 +8,10 @@ from typing import Any
 
 import pytest
 
-from ssp_core.reference import Reference, sample
-from ssp_core.run_spec import Brake, FollowPath, LaneChange, Motion, RunSpec
-from ssp_core.state import ObjectState
+from ssp_core.motion.reference import Reference, sample
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.participants import Brake, FollowPath, LaneChange, Motion
 from ssp_scenario_manager.core import dispatch
 from ssp_scenario_manager.core.dispatch import Address, approach_reference, manoeuvre_reference
 

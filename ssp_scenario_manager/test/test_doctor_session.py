@@ -8,8 +8,8 @@ import pytest
 from ssp_core import names
 from ssp_core.cli import main
 from ssp_core.clock import seconds_to_ns
-from ssp_core.state import ObjectState
-from ssp_core.vocab import ControlState, Role, SessionPhase
+from ssp_core.motion.state import ObjectState
+from ssp_core.vocabulary import ControlState, Role, SessionPhase
 from ssp_scenario_manager.compile.compiler import Request, compile_task
 from ssp_scenario_manager.core.link_clock import Link
 from ssp_scenario_manager.doctor.checks import Status

@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 
 from ssp_core.clock import ns_to_seconds
-from ssp_core.in_process import make_plant
-from ssp_core.run_spec import RunSpec, WantedPassing
-from ssp_core.vocab import Phase, SessionPhase, Verdict
+from ssp_core.run_file.model import RunSpec, WantedPassing
+from ssp_core.vocabulary import Phase, SessionPhase, Verdict
+from ssp_core.world.plant import make_plant
 from ssp_scenario_manager.compile.compiler import load_ground
 from ssp_scenario_manager.compile.fitting_trigger import fitting_trigger
 from ssp_scenario_manager.compile.ground import Ground

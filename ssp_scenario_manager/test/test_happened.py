@@ -11,10 +11,10 @@ from typing import Any
 
 import pytest
 
-from ssp_core.in_process import FaultFact
-from ssp_core.run_spec import RunSpec, WantedPassing
-from ssp_core.state import ObjectState
-from ssp_core.vocab import Phase, Verdict
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import RunSpec, WantedPassing
+from ssp_core.vocabulary import Phase, Verdict
+from ssp_core.world.plant import FaultFact
 from ssp_scenario_manager.core.outbox import PhaseBegan
 from ssp_scenario_manager.in_process.outcome import run_in_process
 from ssp_scenario_manager.in_process.passing import Passing

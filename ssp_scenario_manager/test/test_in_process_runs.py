@@ -16,8 +16,8 @@ import pytest
 from click.testing import CliRunner
 
 from ssp_core.errors import InputError
-from ssp_core.run_spec import Fault, LinkDisturbance, RunSpec
-from ssp_core.vocab import Phase, Verdict
+from ssp_core.run_file.model import Fault, LinkDisturbance, RunSpec
+from ssp_core.vocabulary import Phase, Verdict
 from ssp_scenario_manager.in_process.command import for_one_process
 from ssp_scenario_manager.in_process.outcome import result_json, run_in_process, save_states
 from ssp_scenario_manager.in_process.sweep import Row, Sweep, run_sweep
@@ -138,7 +138,7 @@ def test_a_machine_without_ros_can_run_it(make_run: MakeRun, tmp_path: Path) -> 
 import sys
 for name in ("rclpy", "ssp_msgs", "libsumo"):
     sys.modules[name] = None
-from ssp_core.run_spec import load_run
+from ssp_core.run_file.model import load_run
 from ssp_scenario_manager.in_process.outcome import run_in_process
 print(run_in_process(load_run({str(tmp_path / "run.json")!r}))[0].verdict.name)
 """

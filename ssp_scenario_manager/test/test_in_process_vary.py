@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from ssp_core.errors import InputError
-from ssp_core.run_spec import RunSpec
+from ssp_core.run_file.model import RunSpec
 from ssp_scenario_manager.in_process.vary import (
     Choice,
     Span,

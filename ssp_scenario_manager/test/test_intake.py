@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 from ssp_core import names
-from ssp_core.wire.states import StateArray
+from ssp_core.cdr.states import StateArray
 from ssp_scenario_manager.core.barrier import StepInputs
 from ssp_scenario_manager.core.intake import Intake
 from ssp_scenario_manager.core.vigil import Vigil

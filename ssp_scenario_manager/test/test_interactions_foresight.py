@@ -8,23 +8,23 @@ from dataclasses import replace
 import pytest
 
 from ssp_core.geometry import Pose2
-from ssp_core.reference_line import ReferenceLine
-from ssp_core.run_spec import (
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.run_file.model import ConflictThresholds
+from ssp_core.run_file.participants import (
     Brake,
-    ConflictThresholds,
-    CurvePiece,
     Driver,
     FollowPath,
     LaneChange,
     Motion,
     ParticipantSpec,
     RelativeDistance,
-    Start,
     TimeToArrival,
     TriggerSpec,
 )
-from ssp_core.state import DEFAULT_SIZES, ObjectState
-from ssp_core.vocab import ObjectClass, Role
+from ssp_core.run_file.road import CurvePiece
+from ssp_core.run_file.values import Start
+from ssp_core.vocabulary import ObjectClass, Role
+from ssp_core.world.reference_line import ReferenceLine
 from ssp_scenario_manager.interactions.base import (
     BlockPoint,
     CannotPlace,

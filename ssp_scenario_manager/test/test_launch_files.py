@@ -19,7 +19,7 @@ import pytest
 import yaml
 
 from ssp_core.errors import InputError
-from ssp_core.run_spec import load_run
+from ssp_core.run_file.model import load_run
 from ssp_scenario_manager.compile.prepare import prepare_run
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ssp_core.geometry import FloatArray, Polyline
-from ssp_core.manoeuvre_points import lane_change
+from ssp_core.motion.manoeuvre import lane_change
 from ssp_scenario_manager.core.pace import as_planned, play, toward, wanted_rate
 
 S = 1_000_000_000

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from ssp_core import names
-from ssp_core.run_spec import RunSpec
-from ssp_core.vocab import ControlState, SessionPhase
+from ssp_core.run_file.model import RunSpec
+from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_scenario_manager.core.patience import ABORT_STANDSTILL_S, ARM_CONFIRMATION_S, Patience
 from ssp_scenario_manager.core.vigil import Vigil
 

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from ssp_core.geometry import Polyline, Pose2
-from ssp_core.interaction import Observable
-from ssp_core.run_spec import ConflictThresholds
-from ssp_core.state import ObjectState
-from ssp_core.vocab import ObjectClass, Phase
+from ssp_core.motion.encounter import Observable
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import ConflictThresholds
+from ssp_core.vocabulary import ObjectClass, Phase
 from ssp_scenario_manager.core.phases import PhaseStart, PhaseWatch, watch_phases
 
 MS = 1_000_000

@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 
-from ssp_core.run_spec import RunSpec
-from ssp_core.state import ObjectState
-from ssp_core.vocab import ControlState
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import RunSpec
+from ssp_core.vocabulary import ControlState
 from ssp_scenario_manager.core import readiness
 from ssp_scenario_manager.core.link_clock import Link
 from ssp_scenario_manager.core.readiness import Facts, missing_to_connect

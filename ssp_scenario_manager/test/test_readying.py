@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from ssp_core.reference import Reference
-from ssp_core.run_spec import RunSpec
-from ssp_core.state import ObjectState
+from ssp_core.motion.reference import Reference
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import RunSpec
 from ssp_scenario_manager.core.conditions import Quantity
 from ssp_scenario_manager.core.dispatch import Address, approach_reference, manoeuvre_reference
 from ssp_scenario_manager.core.readying import Readiness

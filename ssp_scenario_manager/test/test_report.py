@@ -12,11 +12,11 @@ from typing import Any
 
 import pytest
 
-from ssp_core.reference import Reference, ReferencePoint
-from ssp_core.run_spec import RunSpec
-from ssp_core.state import ObjectState
-from ssp_core.vocab import ControlState
-from ssp_core.wire.references import Acknowledgement
+from ssp_core.cdr.references import Acknowledgement
+from ssp_core.motion.reference import Reference, ReferencePoint
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import RunSpec
+from ssp_core.vocabulary import ControlState
 from ssp_scenario_manager.runner.report import Heard, lines, measured, told
 from ssp_scenario_manager.runner.report_onset import Band, bands, differences, onset
 from ssp_scenario_manager.runner.report_tracking import receipt, tracking

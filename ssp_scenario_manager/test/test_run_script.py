@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from ssp_core.vocab import SessionPhase as P
+from ssp_core.vocabulary import SessionPhase as P
 from ssp_scenario_manager.core.command_answer import Answer
 from ssp_scenario_manager.core.run_script import PATIENCE_S, RunScript
 from ssp_scenario_manager.core.session_machine import SessionEvent as E

@@ -14,7 +14,7 @@ import pytest
 
 from ssp_core.errors import InputError
 from ssp_core.processes import NodeProcess, ProcessGroup
-from ssp_core.run_spec import Fault, RunSpec
+from ssp_core.run_file.model import Fault, RunSpec
 from ssp_scenario_manager.core.runnable import cannot_fire
 from ssp_scenario_manager.runner.inject import (
     Injector,

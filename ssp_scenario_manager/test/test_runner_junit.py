@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from lxml import etree
 
-from ssp_core.vocab import Verdict
+from ssp_core.vocabulary import Verdict
 from ssp_scenario_manager.runner.junit import Case, junit_xml, write_junit
 from ssp_scenario_manager.runner.outcome import Outcome
 

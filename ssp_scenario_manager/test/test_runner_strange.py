@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 
 from ssp_core.geometry import Polyline
-from ssp_core.manoeuvre_points import drive_along
-from ssp_core.reference import Reference, sample
-from ssp_core.run_spec import Limits, RunSpec
-from ssp_core.vocab import ControlState, ObjectClass
+from ssp_core.motion.manoeuvre import drive_along
+from ssp_core.motion.reference import Reference, sample
+from ssp_core.run_file.model import Limits, RunSpec
+from ssp_core.vocabulary import ControlState, ObjectClass
 from ssp_ot_controller.core.bodies import LIMITS, tightened
 from ssp_ot_controller.core.reference_check import Refusal, RefusalCode, check_reference
 from ssp_ot_controller.core.stop_room import StopRoom

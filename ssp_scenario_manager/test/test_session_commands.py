@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from ssp_core.names import SESSION_COMMANDS
-from ssp_core.run_spec import RunSpec
-from ssp_core.safety_codes import SafetyCode
-from ssp_core.vocab import ControlState, SessionPhase
+from ssp_core.run_file.model import RunSpec
+from ssp_core.safety.codes import SafetyCode
+from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_scenario_manager.core import outbox
 from ssp_scenario_manager.core.command_answer import REFUSED_CONDITION, REFUSED_TRANSITION, Answer
 from ssp_scenario_manager.core.session_machine import TABLE, SessionEvent

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from ssp_core.names import SESSION_COMMANDS
-from ssp_core.vocab import SessionPhase
+from ssp_core.vocabulary import SessionPhase
 from ssp_scenario_manager.core.session_machine import (
     TABLE,
     IllegalTransition,

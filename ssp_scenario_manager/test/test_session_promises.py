@@ -10,9 +10,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ssp_core.names import SESSION_COMMANDS
-from ssp_core.run_spec import RunSpec
-from ssp_core.safety_codes import SafetyCode
-from ssp_core.vocab import ControlState, SessionPhase, Verdict
+from ssp_core.run_file.model import RunSpec
+from ssp_core.safety.codes import SafetyCode
+from ssp_core.vocabulary import ControlState, SessionPhase, Verdict
 from ssp_scenario_manager.core import outbox
 from ssp_scenario_manager.core.readiness import Facts
 from ssp_scenario_manager.core.session import Session

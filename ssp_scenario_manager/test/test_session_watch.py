@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from ssp_core.run_spec import RunSpec
-from ssp_core.safety_codes import SafetyCode
-from ssp_core.vocab import ControlState, SessionPhase, Verdict
+from ssp_core.run_file.model import RunSpec
+from ssp_core.safety.codes import SafetyCode
+from ssp_core.vocabulary import ControlState, SessionPhase, Verdict
 from ssp_scenario_manager.core.supervisor import Violation
 
 MS = 1_000_000

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ssp_core.errors import InputError
-from ssp_core.vocab import MOTIONS, OBJECTS
+from ssp_core.vocabulary import MOTIONS, OBJECTS
 from ssp_scenario_manager.interactions import KINDS
 from ssp_scenario_manager.spec.checks import check_event
 from ssp_scenario_manager.spec.extract.answers import (

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 from xml.etree import ElementTree
 
-from ssp_core.run_spec import RunSpec
+from ssp_core.run_file.model import RunSpec
 from ssp_scenario_manager.sros2 import policy, rights
 
 

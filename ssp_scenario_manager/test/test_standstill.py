@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from ssp_core.run_spec import RunSpec
-from ssp_core.state import ObjectState
-from ssp_core.vocab import ControlState
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import RunSpec
+from ssp_core.vocabulary import ControlState
 from ssp_scenario_manager.core.standstill import moving, stands
 
 S = 1_000_000_000

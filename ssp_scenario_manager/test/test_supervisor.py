@@ -10,10 +10,10 @@ from typing import Any
 
 import pytest
 
-from ssp_core.run_spec import Limits, RunSpec
-from ssp_core.safety_codes import MEANINGS, SafetyCode
-from ssp_core.state import ObjectState
-from ssp_core.vocab import ControlState, Verdict
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import Limits, RunSpec
+from ssp_core.safety.codes import MEANINGS, SafetyCode
+from ssp_core.vocabulary import ControlState, Verdict
 from ssp_scenario_manager.core import supervisor
 from ssp_scenario_manager.core.supervisor import Violation, verdict_for
 from ssp_scenario_manager.core.watching import violations

@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 
 from ssp_core.geometry import Polyline
-from ssp_core.run_spec import TriggerSpec
-from ssp_core.state import ObjectState, Size
-from ssp_core.vocab import ObjectClass, Phase, Role
+from ssp_core.motion.state import ObjectState, Size
+from ssp_core.run_file.participants import TriggerSpec
+from ssp_core.vocabulary import ObjectClass, Phase, Role
 from ssp_scenario_manager.core.conditions import Sample
 from ssp_scenario_manager.core.scene import Scene
 from ssp_scenario_manager.core.triggers import Firing, OpenWatches, TriggerWatch, truth

@@ -17,9 +17,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ssp_core.geometry import Polyline
-from ssp_core.run_spec import TriggerSpec
-from ssp_core.state import ObjectState, Size
-from ssp_core.vocab import ObjectClass, Phase, Role
+from ssp_core.motion.state import ObjectState, Size
+from ssp_core.run_file.participants import TriggerSpec
+from ssp_core.vocabulary import ObjectClass, Phase, Role
 from ssp_scenario_manager.core.scene import Scene
 from ssp_scenario_manager.core.triggers import TriggerWatch
 

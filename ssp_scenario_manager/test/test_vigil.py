@@ -7,9 +7,9 @@ import math
 import pytest
 
 from ssp_core import names
-from ssp_core.run_spec import Camera, RunSpec
-from ssp_core.safety_codes import SafetyCode
-from ssp_core.vocab import SessionPhase
+from ssp_core.run_file.model import Camera, RunSpec
+from ssp_core.safety.codes import SafetyCode
+from ssp_core.vocabulary import SessionPhase
 from ssp_scenario_manager.core.link_clock import Exchange, LinkClocks
 from ssp_scenario_manager.core.vigil import (
     CAMERA_SILENT_S,

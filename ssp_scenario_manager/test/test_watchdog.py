@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from ssp_core import names
-from ssp_core.run_spec import RunSpec
-from ssp_core.safety_codes import SafetyCode
-from ssp_core.vocab import ControlState, SessionPhase, Verdict
+from ssp_core.run_file.model import RunSpec
+from ssp_core.safety.codes import SafetyCode
+from ssp_core.vocabulary import ControlState, SessionPhase, Verdict
 from ssp_scenario_manager.core.patience import ARM_CONFIRMATION_S
 from ssp_scenario_manager.core.supervisor import Violation
 from ssp_scenario_manager.core.vigil import WORLD_SILENT_LOCKSTEP_S, Vigil

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ssp_core.parameters import Parameter
+from ssp_core.node_interface import Parameter
 from ssp_vla_bridge.core.backend import parse_options
 from ssp_vla_bridge.core.interfaces import find_interface
 

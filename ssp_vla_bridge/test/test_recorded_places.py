@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ssp_core.bag import BagWriter
 from ssp_core.bag.types import serialize, typestore
+from ssp_core.bag.writer import BagWriter
 from ssp_core.errors import InputError, PeerError
 from ssp_vla_bridge.core.backend import make_backend
 from ssp_vla_bridge.core.response import response_to_json

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssp_core.clock import NS_PER_S
-from ssp_core.health import Level
-from ssp_core.state import DEFAULT_SIZES, ObjectState
-from ssp_core.vocab import ObjectClass, Role
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.node_interface import Level
+from ssp_core.vocabulary import ObjectClass, Role
 from ssp_vla_bridge.core.health import BridgeHealth
 from ssp_vla_bridge.core.request import Frame, Request
 from ssp_vla_bridge.core.response import ErrorCode, Response

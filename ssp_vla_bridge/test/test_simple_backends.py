@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ssp_core.errors import InputError, PeerError
-from ssp_core.vocab import CONFLICTS, LAT_ACTIONS, LON_ACTIONS, MOTIONS, OBJECTS, POSITIONS
+from ssp_core.vocabulary import CONFLICTS, LAT_ACTIONS, LON_ACTIONS, MOTIONS, OBJECTS, POSITIONS
 from ssp_vla_bridge.backends.perfect import Perfect, PerfectLabel
 from ssp_vla_bridge.core.adapters import adapt
 from ssp_vla_bridge.core.backend import make_backend, respond

@@ -29,18 +29,17 @@ from measure import report
 
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.geometry import Polyline
-from ssp_core.reference import Reference, sample
-from ssp_core.run_spec import (
-    LinkDisturbance,
+from ssp_core.motion.reference import Reference, sample
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import LinkDisturbance, RunSpec
+from ssp_core.run_file.participants import (
     ParticipantSpec,
     RelativeDistance,
-    RunSpec,
     SpeedChange,
-    Start,
     TimeToArrival,
 )
-from ssp_core.state import ObjectState
-from ssp_core.vocab import Role
+from ssp_core.run_file.values import Start
+from ssp_core.vocabulary import Role
 from ssp_ot_controller.core.bodies import BodyState, step_body
 from ssp_ot_controller.sil.vut import VutDriver
 from ssp_scenario_manager.compile.compiler import Request, compile_task

@@ -7,7 +7,7 @@ import random
 from measure import report
 from scoring import a_cell, best_s
 
-from ssp_core.vocab import DOMAINS
+from ssp_core.vocabulary import DOMAINS
 from ssp_eval.analysis.blocks import block_draws, block_of
 from ssp_eval.analysis.bootstrap import RESAMPLES, SEED, bootstrap_records, clip_generator
 from ssp_eval.analysis.row import CellRow

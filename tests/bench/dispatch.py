@@ -41,14 +41,14 @@ from track import (
 )
 
 from ssp_core import names, ros
-from ssp_core.domains import free_domain
+from ssp_core.cdr.references import encode_reference
 from ssp_core.files import write_text
 from ssp_core.geometry import Polyline
-from ssp_core.manoeuvre_points import drive_along
-from ssp_core.processes import ProcessGroup, session_environment
-from ssp_core.reference import Reference
-from ssp_core.run_spec import Motion, RunSpec
-from ssp_core.wire.references import encode_reference
+from ssp_core.motion.manoeuvre import drive_along
+from ssp_core.motion.reference import Reference
+from ssp_core.processes import ProcessGroup, free_domain, session_environment
+from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.participants import Motion
 from ssp_msgs import msg
 from ssp_scenario_manager.runner.session import PROFILE
 

@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from measure import report
 
-from ssp_core.domains import free_domain
+from ssp_core.processes import free_domain
 from tests.system.test_page import OBJECTS, TOKEN, Stage
 
 MEASURED_S = 10.0

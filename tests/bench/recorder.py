@@ -19,8 +19,8 @@ from measure import report
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 
-from ssp_core.bag import BagWriter
 from ssp_core.bag.types import definition, typestore
+from ssp_core.bag.writer import BagWriter
 
 TYPE = "std_msgs/msg/String"
 SIZES = (

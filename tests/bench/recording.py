@@ -28,12 +28,12 @@ from measure import report
 from traffic import Load
 
 from ssp_core import names
-from ssp_core.bag import BagReader
-from ssp_core.domains import free_domain
+from ssp_core.bag.reader import BagReader
+from ssp_core.cdr.messages import leading_stamp_ns
 from ssp_core.errors import HostError
-from ssp_core.messages import leading_stamp_ns
 from ssp_core.processes import (
     die_with_parent,
+    free_domain,
     remove_shared_ports,
     remove_stale_shared_memory,
     session_environment,

@@ -14,8 +14,9 @@ import cv2
 import numpy as np
 from measure import report
 
-from ssp_core.bag import BagReader, BagWriter
+from ssp_core.bag.reader import BagReader
 from ssp_core.bag.types import serialize, typestore
+from ssp_core.bag.writer import BagWriter
 from ssp_core.files import write_json
 from ssp_core.hashing import sha256_file
 from ssp_eval.evaluate.asker import DirectAskers, ModelSpec

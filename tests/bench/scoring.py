@@ -19,7 +19,7 @@ from typing import Any
 import naive_scorer
 from measure import report
 
-from ssp_core.vocab import CONFLICTS, LON_ACTIONS, MOTIONS, OBJECTS, POSITIONS
+from ssp_core.vocabulary import CONFLICTS, LON_ACTIONS, MOTIONS, OBJECTS, POSITIONS
 from ssp_eval.labels.model import Label, Labels, labels_to_json
 from ssp_eval.records import SLOT_NAMES, BehaviourRecord, Slot, Slots, record_to_json
 from ssp_eval.score import score_cell

@@ -15,8 +15,10 @@ from pathlib import Path
 
 from measure import report
 
-from ssp_core.run_spec import Camera, Motion, ParticipantSpec, RunSpec, Start
-from ssp_core.vocab import ObjectWord, Verdict
+from ssp_core.run_file.model import Camera, RunSpec
+from ssp_core.run_file.participants import Motion, ParticipantSpec
+from ssp_core.run_file.values import Start
+from ssp_core.vocabulary import ObjectWord, Verdict
 from ssp_scenario_manager.compile.compiler import Request, compile_task
 from ssp_scenario_manager.in_process.outcome import run_in_process
 from ssp_scenario_manager.runner.session import run_session

@@ -15,23 +15,22 @@ from rclpy.executors import Executor
 from rclpy.node import Node
 
 from ssp_core import names, ros
+from ssp_core.cdr.messages import peek_stamp_ns
+from ssp_core.cdr.references import Acknowledgement, decode_reference, encode_ack
+from ssp_core.cdr.states import StateArray, encode_state, encode_states
+from ssp_core.cdr.steps import WorldTick, encode_tick
 from ssp_core.clock import seconds_to_ns
-from ssp_core.messages import peek_stamp_ns
-from ssp_core.run_spec import (
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import Limits, RunSpec
+from ssp_core.run_file.participants import (
     FollowPath,
-    Limits,
     Motion,
     ParticipantSpec,
-    RunSpec,
-    Start,
     TimeToArrival,
     TriggerSpec,
 )
-from ssp_core.state import ObjectState
-from ssp_core.vocab import ControlState, Role, SessionPhase
-from ssp_core.wire.references import Acknowledgement, decode_reference, encode_ack
-from ssp_core.wire.states import StateArray, encode_state, encode_states
-from ssp_core.wire.steps import WorldTick, encode_tick
+from ssp_core.run_file.values import Start
+from ssp_core.vocabulary import ControlState, Role, SessionPhase
 from ssp_msgs import msg
 from ssp_msgs.srv import LoadScenario, ObjectCommand, SessionCommand
 from ssp_scenario_manager.compile.compiler import Request, compile_task

@@ -21,10 +21,10 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 
 from ssp_core import names, ros
-from ssp_core.state import ObjectState, Size
-from ssp_core.vocab import ObjectClass, Role
-from ssp_core.wire.cdr import ENCAPSULATION, START, padded_text, stamp_bytes, u32_bytes
-from ssp_core.wire.states import encode_state
+from ssp_core.cdr.codec import ENCAPSULATION, START, padded_text, stamp_bytes, u32_bytes
+from ssp_core.cdr.states import encode_state
+from ssp_core.motion.state import ObjectState, Size
+from ssp_core.vocabulary import ObjectClass, Role
 from ssp_monitor.conversions import message_class
 from ssp_monitor.core.topics import Profile, TopicSpec
 

@@ -9,11 +9,11 @@ from collections.abc import Callable
 from measure import report
 from rclpy.serialization import deserialize_message, serialize_message
 
-from ssp_core.conversions import state_to_msg
-from ssp_core.messages import object_state
-from ssp_core.state import DEFAULT_SIZES, ObjectState
-from ssp_core.vocab import ControlState, ObjectClass, Role
-from ssp_core.wire import states
+from ssp_core.cdr import states
+from ssp_core.cdr.messages import object_state
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.ros.conversions import state_to_msg
+from ssp_core.vocabulary import ControlState, ObjectClass, Role
 from ssp_msgs.msg import ObjectState as ObjectStateMsg
 
 OBJECTS = 20

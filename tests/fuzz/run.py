@@ -35,14 +35,14 @@ FOLLOWED = {
     "info": _BAG,
     "metadata": _YAML,
     "qos": _YAML,
-    "wire": ("ssp_core.wire", "ssp_core.messages"),
+    "wire": ("ssp_core.cdr",),
     "types": _TYPES,
     "cdr": _TYPES,
-    "run": ("ssp_core.fault_file", "ssp_core.run_spec", "ssp_core.files", "yaml"),
+    "run": ("ssp_core.run_file", "ssp_core.files", "yaml"),
     "answer": ("ssp_vla_bridge.core",),
     "response": ("ssp_vla_bridge.core",),
     "extract": ("ssp_eval.extract",),
-    "reply": ("ssp_eval.extract.llm", "ssp_core.strict_json"),
+    "reply": ("ssp_eval.extract.llm", "ssp_core.files"),
 }
 
 

@@ -14,15 +14,13 @@ from mcap.writer import CompressionType, Writer
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 
-from ssp_core.bag import BagWriter
-from ssp_core.bag.qos import offered_qos
+from ssp_core.bag.metadata import offered_qos
 from ssp_core.bag.split import Split
 from ssp_core.bag.types import TypeDefinition, definition, serialize, store_from, typestore
-from ssp_core.state import ObjectState, Size
-from ssp_core.vocab import ObjectClass, Role
-from ssp_core.wire.references import Acknowledgement, encode_ack
-from ssp_core.wire.states import StateArray, encode_state, encode_states
-from ssp_core.wire.steps import (
+from ssp_core.bag.writer import BagWriter
+from ssp_core.cdr.references import Acknowledgement, encode_ack
+from ssp_core.cdr.states import StateArray, encode_state, encode_states
+from ssp_core.cdr.steps import (
     BodyCommand,
     BodyCommands,
     Heartbeat,
@@ -34,6 +32,8 @@ from ssp_core.wire.steps import (
     encode_heartbeat,
     encode_tick,
 )
+from ssp_core.motion.state import ObjectState, Size
+from ssp_core.vocabulary import ObjectClass, Role
 
 STATES = "ssp_msgs/msg/ObjectStates"
 # A short one, so that changes hit more than definitions.

@@ -15,22 +15,18 @@ import extraction
 import seeds
 from rosbags.serde import SerdeError
 
-from ssp_core.bag import BagReader, recover
 from ssp_core.bag.check import check_bag
 from ssp_core.bag.cut import cut_bag
 from ssp_core.bag.mcap_file import DAMAGE
-from ssp_core.bag.metadata import read_metadata
-from ssp_core.bag.qos import offered_qos, parse_offered_qos
-from ssp_core.bag.survey import survey
+from ssp_core.bag.metadata import offered_qos, parse_offered_qos, read_metadata
+from ssp_core.bag.reader import BagReader
+from ssp_core.bag.repair import recover
+from ssp_core.bag.summary import summarise_bag
 from ssp_core.bag.types import TypeDefinition, definition, store_from, typestore
-from ssp_core.errors import InputError
-from ssp_core.fault_file import load_faults
-from ssp_core.files import load_model
-from ssp_core.messages import leading_stamp_ns, peek_stamp_ns
-from ssp_core.run_spec import RunSpec
-from ssp_core.wire.references import decode_ack, decode_reference
-from ssp_core.wire.states import decode_state, decode_states, find_state
-from ssp_core.wire.steps import (
+from ssp_core.cdr.messages import leading_stamp_ns, peek_stamp_ns
+from ssp_core.cdr.references import decode_ack, decode_reference
+from ssp_core.cdr.states import decode_state, decode_states, find_state
+from ssp_core.cdr.steps import (
     decode_command,
     decode_commands,
     decode_done,
@@ -38,6 +34,10 @@ from ssp_core.wire.steps import (
     decode_tick,
     decode_tick_head,
 )
+from ssp_core.errors import InputError
+from ssp_core.files import load_model
+from ssp_core.run_file.faults import load_faults
+from ssp_core.run_file.model import RunSpec
 
 _MESSAGES = 300  # of a bag; a short file may repeat a message often, but not without end
 # In memory where there is such a folder: a target writes a file for each input.
@@ -131,7 +131,7 @@ def info(data: bytes) -> None:
     with _scratch() as folder:
         (folder / "a.mcap").write_bytes(data)
         try:
-            survey(folder / "a.mcap")
+            summarise_bag(folder / "a.mcap")
         except InputError:
             return
 

@@ -11,7 +11,7 @@ import pytest
 from rosbags.highlevel import AnyReader
 from scipy.spatial.transform import Rotation
 
-from ssp_core.run_spec import RunSpec
+from ssp_core.run_file.model import RunSpec
 
 TF = "/tf"
 

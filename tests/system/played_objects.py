@@ -14,10 +14,11 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from ssp_core import names, ros
-from ssp_core.run_spec import ParticipantSpec, load_run
-from ssp_core.state import ObjectState as State
-from ssp_core.vocab import ControlState, Role
-from ssp_core.wire.states import StateArray, encode_state, encode_states
+from ssp_core.cdr.states import StateArray, encode_state, encode_states
+from ssp_core.motion.state import ObjectState as State
+from ssp_core.run_file.model import load_run
+from ssp_core.run_file.participants import ParticipantSpec
+from ssp_core.vocabulary import ControlState, Role
 from ssp_msgs.msg import ObjectState, ObjectStates
 from ssp_msgs.srv import LoadScenario
 

@@ -14,7 +14,7 @@ from typing import Any
 
 from ssp_core.cli import main
 from ssp_core.files import write_text
-from ssp_core.run_spec import load_run
+from ssp_core.run_file.model import load_run
 from ssp_scenario_manager.compile.changes import value_at, with_value
 from ssp_scenario_manager.site import LIBRARY
 from ssp_scenario_manager.spec.load import load_event

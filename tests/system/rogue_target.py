@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import ssp_ot_controller.target.outlet.node as outlet
 from ssp_core.clock import seconds_to_ns
-from ssp_core.state import ObjectState
+from ssp_core.motion.state import ObjectState
 from ssp_ot_controller.target.node import main
 
 CHANGE_NS = seconds_to_ns(8.0)

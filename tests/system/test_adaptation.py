@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest
 
-from ssp_core.run_spec import LinkDisturbance, RunSpec
-from ssp_core.vocab import Verdict
+from ssp_core.run_file.model import LinkDisturbance, RunSpec
+from ssp_core.vocabulary import Verdict
 from ssp_scenario_manager.in_process.loop import InProcessSession
 from ssp_scenario_manager.in_process.outcome import run_in_process
 
@@ -91,7 +91,7 @@ def test_slow_and_lossy_links_end_no_run_at_twenty_hertz(
 
 def test_a_link_that_is_too_slow_ends_the_adaptation_and_not_the_run(study: ModuleType) -> None:
     """Adapted references come too late whatever their lead; the manoeuvre itself doesn't."""
-    from ssp_core.in_process import make_plant
+    from ssp_core.world.plant import make_plant
 
     wish = {"lead_time_s": 0.02, "rate_hz": 20.0}
     links = LinkDisturbance(command_delay_s=0.42, state_delay_s=0.02)

@@ -15,10 +15,10 @@ from typing import Any
 import pytest
 from rosbags.highlevel import AnyReader
 
+from ssp_core.cdr.messages import object_state
 from ssp_core.files import make_folder
-from ssp_core.messages import object_state
-from ssp_core.run_spec import load_run
-from ssp_core.state import ObjectState
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import load_run
 from ssp_scenario_manager.compile.prepare import prepare_run
 from ssp_scenario_manager.in_process.command import for_one_process
 from ssp_scenario_manager.in_process.outcome import Record, result_json, run_in_process

@@ -18,9 +18,8 @@ from typing import Any
 
 import pytest
 
-from ssp_core.domains import free_domain
-from ssp_core.processes import session_environment
-from ssp_core.run_spec import RunSpec
+from ssp_core.processes import free_domain, session_environment
+from ssp_core.run_file.model import RunSpec
 from tests.system.browser import Browser
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]

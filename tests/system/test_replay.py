@@ -26,17 +26,17 @@ from std_srvs.srv import Trigger
 
 import ssp_core
 from ssp_core import names, ros
-from ssp_core.bag import BagMessage, BagReader, BagWriter
-from ssp_core.bag.qos import offered_qos
-from ssp_core.bag.types import TypeDefinition, serialize, typestore
-from ssp_core.camera import Mounting
+from ssp_core.bag.metadata import offered_qos
+from ssp_core.bag.reader import BagReader
+from ssp_core.bag.types import BagMessage, TypeDefinition, serialize, typestore
+from ssp_core.bag.writer import BagWriter
+from ssp_core.cdr.states import encode_state
 from ssp_core.clock import NS_PER_S
-from ssp_core.domains import free_domain
-from ssp_core.processes import session_environment
-from ssp_core.state import DEFAULT_SIZES, ObjectState
-from ssp_core.transforms import TF_TYPE, encode_transforms, of_camera, of_state
-from ssp_core.vocab import ObjectClass, Role
-from ssp_core.wire.states import encode_state
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.processes import free_domain, session_environment
+from ssp_core.vocabulary import ObjectClass, Role
+from ssp_core.world.camera import Mounting
+from ssp_core.world.transforms import TF_TYPE, encode_transforms, of_camera, of_state
 from ssp_monitor.core.recorder import Recorder
 from ssp_monitor.core.topics import Profile, TopicSpec
 from ssp_monitor.intake.node import Intake

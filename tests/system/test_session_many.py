@@ -8,10 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from ssp_core.bag import BagReader, object_states
-from ssp_core.run_spec import Fault, Motion, ParticipantSpec, RunSpec, Start
-from ssp_core.vocab import Verdict
-from ssp_core.wire.states import decode_states
+from ssp_core.bag.reader import BagReader, object_states
+from ssp_core.cdr.states import decode_states
+from ssp_core.run_file.model import Fault, RunSpec
+from ssp_core.run_file.participants import Motion, ParticipantSpec
+from ssp_core.run_file.values import Start
+from ssp_core.vocabulary import Verdict
 from ssp_scenario_manager.compile.compiler import Request, compile_task
 from ssp_scenario_manager.runner.session import run_session
 

@@ -11,7 +11,7 @@ import pytest
 import yaml
 from rosbags.highlevel import AnyReader
 
-from ssp_core.run_spec import load_run
+from ssp_core.run_file.model import load_run
 from tests.system.recordings import SAID_FILE, Recordings
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]

@@ -12,15 +12,16 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from ssp_core.geometry import Pose2
-from ssp_core.reference_line import ReferenceLine
-from ssp_core.run_spec import CurvePiece, RunSpec
+from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.road import CurvePiece
+from ssp_core.world.reference_line import ReferenceLine
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
 
 RUN = """
 import sys
 from pathlib import Path
-from ssp_core.run_spec import load_run
+from ssp_core.run_file.model import load_run
 from ssp_scenario_manager.runner.session import run_session
 folder = Path(sys.argv[1])
 result = run_session(load_run(folder / "given.yaml"), folder / "run", print)

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from ssp_core.bag import BagReader
-from ssp_core.messages import peek_stamp_ns
+from ssp_core.bag.reader import BagReader
+from ssp_core.cdr.messages import peek_stamp_ns
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
 IMAGE = "/ssp/vut/front_camera/image/compressed"

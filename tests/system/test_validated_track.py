@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from ssp_core.bag import BagReader
+from ssp_core.bag.reader import BagReader
 from ssp_core.cli import main
 from ssp_scenario_manager.compile.prepare import TASK_FOLDER
 from ssp_scenario_manager.compile.records import COMPILER

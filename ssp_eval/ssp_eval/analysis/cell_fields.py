@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from ssp_core.vocab import DOMAINS_READ, read_domain
+from ssp_core.vocabulary import DOMAINS_READ, read_domain
 from ssp_eval.analysis.matrix_table import NO, YES
 from ssp_eval.analysis.row import MACRO, OK, CellRow
 from ssp_eval.evaluate.controls import is_control_name

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from ssp_core.vocab import DOMAINS, PHASES
+from ssp_core.vocabulary import DOMAINS, PHASES
 from ssp_eval.analysis.control_tables import condition_of
 from ssp_eval.analysis.row import OK, CellRow, entering, one_scale, over_what
 from ssp_eval.analysis.rows import compared_labels

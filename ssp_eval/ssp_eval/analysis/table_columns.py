@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from ssp_core.vocab import DOMAINS
+from ssp_core.vocabulary import DOMAINS
 from ssp_eval.analysis.table import Column
 
 SCORES = (

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from ssp_core.bag import BagReader
+from ssp_core.bag.reader import BagReader
 from ssp_core.errors import InputError
 from ssp_core.files import parse_mapping, parse_model
-from ssp_core.run_spec import RunSpec
+from ssp_core.run_file.model import RunSpec
 from ssp_eval.audit.model import ChangeEntry
 from ssp_eval.audit.reasons import Finding
 from ssp_eval.recordings.provenance import bag_folder

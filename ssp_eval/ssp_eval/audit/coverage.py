@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ssp_core.camera import Intrinsics, Mounting, View, mounted_view, project
 from ssp_core.geometry import FloatArray, Pose2
-from ssp_core.state import ObjectState
+from ssp_core.motion.state import ObjectState
+from ssp_core.world.camera import Intrinsics, Mounting, View, mounted_view, project
 from ssp_eval.sight import MIN_SHARE, blocked, surface_points
 
 MIN_HEIGHT_PX = 8.0

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ssp_core.errors import InputError
-from ssp_core.interaction import Observable
-from ssp_core.run_spec import ConflictThresholds
+from ssp_core.motion.encounter import Observable
+from ssp_core.run_file.model import ConflictThresholds
 from ssp_eval.audit.compare import phase_findings
 from ssp_eval.audit.evidence import (
     Evidence,

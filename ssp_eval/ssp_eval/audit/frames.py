@@ -11,14 +11,14 @@ from statistics import median
 import cv2
 import numpy as np
 
-from ssp_core.bag import BagReader
 from ssp_core.bag.frames import Frames
-from ssp_core.camera import View, object_corners, project
+from ssp_core.bag.reader import BagReader
+from ssp_core.cdr.messages import peek_stamp_ns
 from ssp_core.clock import ns_to_seconds
 from ssp_core.geometry import FloatArray
-from ssp_core.messages import peek_stamp_ns
+from ssp_core.motion.state import ObjectState
 from ssp_core.names import CAMERA_IMAGE, absolute
-from ssp_core.state import ObjectState
+from ssp_core.world.camera import View, object_corners, project
 from ssp_eval.audit.examined import Examined
 from ssp_eval.audit.measure import Phases
 from ssp_eval.report import svg

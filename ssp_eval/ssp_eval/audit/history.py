@@ -11,7 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ssp_core.safety_codes import SafetyCode
+from ssp_core.safety.codes import SafetyCode
 from ssp_eval.audit.changes import site_changes
 from ssp_eval.audit.identity import find_switches
 from ssp_eval.audit.model import ChangeEntry

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from ssp_core import __version__
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_file
-from ssp_core.vocab import DOMAINS
+from ssp_core.vocabulary import DOMAINS
 from ssp_eval.audit.compare import property_findings
 from ssp_eval.audit.disclosures import disclosures, shared_renderers
 from ssp_eval.audit.examine import examine

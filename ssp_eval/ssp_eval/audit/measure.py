@@ -12,10 +12,11 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 from ssp_core.geometry import box_distance
-from ssp_core.interaction import Observable, encounter
-from ssp_core.run_spec import ConflictThresholds, Road
-from ssp_core.state import ObjectState
-from ssp_core.vocab import MOTIONS
+from ssp_core.motion.encounter import Observable, encounter
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import ConflictThresholds
+from ssp_core.run_file.road import Road
+from ssp_core.vocabulary import MOTIONS
 from ssp_eval.audit.lanes import Lanes, Spot
 from ssp_eval.audit.meeting import Meeting, Zone, meet
 from ssp_eval.recordings.crop import LOCATED_S, TOLERANCE_S

@@ -6,8 +6,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ssp_core.interaction import AGAINST_RAD, is_crossing, swept_stations
-from ssp_core.state import ObjectState
+from ssp_core.motion.encounter import AGAINST_RAD, is_crossing, swept_stations
+from ssp_core.motion.state import ObjectState
 from ssp_eval.recordings.geometry import Corridor, Extent
 from ssp_eval.recordings.phases import Event, Sample
 

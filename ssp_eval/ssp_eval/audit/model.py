@@ -11,8 +11,8 @@ from pydantic import ConfigDict, Field
 
 from ssp_core.errors import InputError
 from ssp_core.files import load_model
-from ssp_core.run_spec import Finite, NonNegative, Strict
-from ssp_core.vocab import DOMAINS, DomainWord, PhaseWord
+from ssp_core.run_file.values import Finite, NonNegative, Strict
+from ssp_core.vocabulary import DOMAINS, DomainWord, PhaseWord
 from ssp_eval.audit.ratios import phase_difference, phase_fraction
 from ssp_eval.recordings.properties import EVENT_PHASES, FIELDS, Property, differences
 

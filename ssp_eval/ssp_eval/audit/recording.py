@@ -7,19 +7,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from ssp_core.bag import BagReader
-from ssp_core.camera import Intrinsics
+from ssp_core.bag.reader import BagReader
+from ssp_core.cdr.messages import peek_stamp_ns, stamp_ns
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.errors import InputError
-from ssp_core.messages import peek_stamp_ns, stamp_ns
 from ssp_core.names import (
     CAMERA_IMAGE,
     PHASE_EVENT,
     SAFETY_EVENT,
     absolute,
 )
-from ssp_core.safety_codes import MEANINGS, SafetyCode
-from ssp_core.vocab import Phase
+from ssp_core.safety.codes import MEANINGS, SafetyCode
+from ssp_core.vocabulary import Phase
+from ssp_core.world.camera import Intrinsics
 from ssp_eval.audit.changes import Attached, read_attached
 from ssp_eval.audit.coverage import Moment, Optics
 from ssp_eval.audit.measure import RoadFacts

@@ -15,9 +15,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from ssp_core.console import on_stop_signals
 from ssp_core.errors import PeerError
 from ssp_core.processes import die_with_parent
-from ssp_core.terminal import on_stop_signals
 from ssp_eval.demo.plan import Step
 
 END_TIMEOUT_S = 30.0

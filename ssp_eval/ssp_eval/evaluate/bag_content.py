@@ -9,9 +9,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from threading import Event
 
-from ssp_core.bag import BagReader
-from ssp_core.closing import Closing
+from ssp_core.bag.reader import BagReader
 from ssp_core.errors import InputError
+from ssp_core.files import Closing
 from ssp_eval.recordings.provenance import content_sha256
 
 

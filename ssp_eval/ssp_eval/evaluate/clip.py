@@ -14,16 +14,17 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ssp_core.bag import BagMessage, BagReader
 from ssp_core.bag.frames import Frames
-from ssp_core.bag.image_messages import IMAGE_TYPES
-from ssp_core.camera import Mounting
+from ssp_core.bag.reader import BagReader
+from ssp_core.bag.types import BagMessage
+from ssp_core.cdr.images import IMAGE_TYPES
+from ssp_core.cdr.messages import object_state, peek_stamp_ns
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
-from ssp_core.closing import Closing
 from ssp_core.errors import InputError
-from ssp_core.messages import object_state, peek_stamp_ns
+from ssp_core.files import Closing
+from ssp_core.motion.state import ObjectState
 from ssp_core.names import CAMERA_IMAGE, CAMERA_INFO, CAMERA_MOUNT, VUT_ID, absolute, state_topic
-from ssp_core.state import ObjectState
+from ssp_core.world.camera import Mounting
 from ssp_eval.evaluate.bag_content import BagContent
 from ssp_eval.evaluate.question import KeptQuestions, NoQuestion, Question
 from ssp_eval.recordings.crop import Crop

@@ -7,8 +7,8 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
-from ssp_core.closing import Closing
 from ssp_core.errors import HostError, InputError
+from ssp_core.files import Closing
 from ssp_eval.evaluate.admission import NO_AUDIT, Admission
 from ssp_eval.evaluate.asker import Askers, WithAnswerers
 from ssp_eval.evaluate.campaign import labelled_clip

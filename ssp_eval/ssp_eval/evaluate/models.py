@@ -12,7 +12,7 @@ from pydantic import ConfigDict, Field
 
 from ssp_core.errors import InputError
 from ssp_core.files import parse_model, read_mapping
-from ssp_core.run_spec import Strict
+from ssp_core.run_file.values import Strict
 from ssp_eval.evaluate.controls import ANSWERERS, CONDITIONS, CONTROLS
 from ssp_eval.evaluate.model_spec import ModelFacts, ModelSpec
 from ssp_eval.evaluate.secret_options import refuse_secrets

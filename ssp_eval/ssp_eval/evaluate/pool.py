@@ -17,9 +17,9 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any
 
+from ssp_core.console import ignore_stop_signals
 from ssp_core.errors import SspError
 from ssp_core.processes import die_with_parent
-from ssp_core.terminal import ignore_stop_signals
 from ssp_eval.evaluate.cell_file import CellResult
 from ssp_eval.evaluate.job import Job, JobRunner, Settings
 

@@ -10,7 +10,7 @@ from typing import Any
 from rich.table import Table
 
 from ssp_core import console
-from ssp_core.vocab import PHASES
+from ssp_core.vocabulary import PHASES
 from ssp_eval.evaluate.admission import ADMITTED, REFUSED, UNAUDITED
 from ssp_eval.evaluate.cell_file import CellResult, holds_answers, losses_text
 from ssp_eval.evaluate.plan import NO_CONTROLS, Plan

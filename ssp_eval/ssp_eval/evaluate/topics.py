@@ -12,10 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import ssp_core
-from ssp_core.closing import Closing
-from ssp_core.domains import free_domain
 from ssp_core.errors import HostError
-from ssp_core.processes import NodeProcess, ProcessGroup, session_environment
+from ssp_core.files import Closing
+from ssp_core.processes import NodeProcess, ProcessGroup, free_domain, session_environment
 from ssp_eval.evaluate.asker import Asker, Ignored
 from ssp_eval.evaluate.exchange import Exchange
 from ssp_eval.evaluate.model_spec import ModelSpec

@@ -6,9 +6,8 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-from ssp_core.bag.frames import Picture
-from ssp_core.bag.still_images import even_sized
-from ssp_core.bag.video_file import VideoFile
+from ssp_core.bag.frames import Picture, VideoFile
+from ssp_core.bag.images import even_sized
 from ssp_core.clock import NS_PER_S
 from ssp_eval.analysis.notices import stand_in_text, stand_ins
 from ssp_eval.figures.annotate import Annotation, annotated, wrapped

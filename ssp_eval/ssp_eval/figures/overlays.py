@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ssp_core import __version__
-from ssp_core.bag.still_images import encode_jpeg
+from ssp_core.bag.images import encode_jpeg
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder, read_text, write_bytes, write_json, write_text
 from ssp_core.hashing import sha256_file, sha256_json

@@ -8,7 +8,7 @@ import cv2
 from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 
-from ssp_core.vocab import DOMAINS, PHASES
+from ssp_core.vocabulary import DOMAINS, PHASES
 from ssp_eval.analysis.notices import stand_in_text, stand_ins
 from ssp_eval.figures.drawing import Drawing, caption
 from ssp_eval.figures.moments import RIGHT, WRONG, Moment, Story

@@ -7,12 +7,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from ssp_core.bag import BagReader
 from ssp_core.bag.frames import Frames, Picture
+from ssp_core.bag.reader import BagReader
+from ssp_core.cdr.messages import object_state, peek_stamp_ns
 from ssp_core.clock import NS_PER_S
 from ssp_core.errors import SspError
 from ssp_core.geometry import Pose2
-from ssp_core.messages import object_state, peek_stamp_ns
 from ssp_core.names import CAMERA_IMAGE, VUT_ID, absolute, state_topic
 from ssp_eval.figures.ego_path import EgoPath
 from ssp_eval.recordings.provenance import content_sha256

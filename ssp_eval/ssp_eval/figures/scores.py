@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from ssp_core.vocab import DOMAINS
+from ssp_core.vocabulary import DOMAINS
 from ssp_eval.analysis.row import OK, CellRow, entering, merged, over_what
 from ssp_eval.analysis.tables import run_notes
 from ssp_eval.score.aggregate import (

@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ssp_core.bag import BagWriter
-from ssp_core.bag.image_messages import COMPRESSED_TYPE, RAW_TYPE, ImageMessage, read_image
-from ssp_core.bag.qos import offered_qos
-from ssp_core.bag.still_images import JPEG_START, decode_still, size_px
-from ssp_core.camera import Mounting
+from ssp_core.bag.images import JPEG_START, decode_still, size_px
+from ssp_core.bag.metadata import offered_qos
+from ssp_core.bag.writer import BagWriter
+from ssp_core.cdr.images import COMPRESSED_TYPE, RAW_TYPE, ImageMessage, read_image
 from ssp_core.clock import NS_PER_S, ns_to_seconds, seconds_to_ns
 from ssp_core.errors import InputError
 from ssp_core.names import VUT_ID
-from ssp_core.vocab import ObjectClass, Role
+from ssp_core.vocabulary import ObjectClass, Role
+from ssp_core.world.camera import Mounting
 from ssp_eval.imports import messages
 from ssp_eval.imports.bag_camera import camera_facts
 from ssp_eval.imports.clocks import Clock, check_clocks

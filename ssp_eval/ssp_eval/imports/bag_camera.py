@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # scipy has no types
 
-from ssp_core.camera import Intrinsics, Mounting
 from ssp_core.errors import InputError
+from ssp_core.world.camera import Intrinsics, Mounting
 from ssp_eval.imports.pictures import CameraFacts
 from ssp_eval.imports.ros_bag import TF_STATIC, SourceBag
 

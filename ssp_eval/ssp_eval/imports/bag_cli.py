@@ -8,11 +8,11 @@ from typing import Any
 
 import click
 
-from ssp_core.camera import Mounting
+from ssp_core.cli import Number
 from ssp_core.console import progress
 from ssp_core.names import VUT_ID
-from ssp_core.options import Number
-from ssp_core.vocab import OBJECTS, ObjectClass
+from ssp_core.vocabulary import OBJECTS, ObjectClass
+from ssp_core.world.camera import Mounting
 from ssp_eval.imports.bag import BagOptions, import_bag
 from ssp_eval.imports.clocks import Clock
 from ssp_eval.imports.declare import declared, declaring

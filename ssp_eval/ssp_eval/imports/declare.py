@@ -14,9 +14,9 @@ from typing import Any
 
 import click
 
+from ssp_core.cli import Domain
 from ssp_core.errors import InputError
-from ssp_core.options import Domain
-from ssp_core.vocab import DomainWord
+from ssp_core.vocabulary import DomainWord
 from ssp_eval.recordings.import_record import SAFE_NAME, DomainDeclaration, LogDeclaration
 from ssp_scenario_manager.spec.load import load_event, read_event_file
 from ssp_scenario_manager.spec.model import Event

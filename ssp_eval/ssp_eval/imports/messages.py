@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from ssp_core.bag.types import serialize, typestore
-from ssp_core.camera import Intrinsics
 from ssp_core.clock import NS_PER_S
-from ssp_core.transforms import OPTICAL_FRAME
+from ssp_core.world.camera import Intrinsics
+from ssp_core.world.transforms import OPTICAL_FRAME
 
 IMAGE_TYPE = "sensor_msgs/msg/CompressedImage"
 INFO_TYPE = "sensor_msgs/msg/CameraInfo"

@@ -10,8 +10,8 @@ from typing import Any, get_args
 
 import click
 
-from ssp_core.state import Size
-from ssp_core.vocab import ObjectClass, Role
+from ssp_core.motion.state import Size
+from ssp_core.vocabulary import ObjectClass, Role
 from ssp_eval.imports.tracks import Body, ReferencePoint, Rigid, size_of
 
 ALL = "all"

@@ -9,12 +9,12 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from ssp_core.bag import BagWriter
-from ssp_core.bag.qos import offered_qos
-from ssp_core.bag.still_images import Bgr, encode_jpeg
-from ssp_core.camera import Intrinsics, Mounting
+from ssp_core.bag.images import Bgr, encode_jpeg
+from ssp_core.bag.metadata import offered_qos
+from ssp_core.bag.writer import BagWriter
 from ssp_core.names import TF_STATIC
-from ssp_core.transforms import TF_TYPE, encode_transform, encode_transforms, mount, of_camera
+from ssp_core.world.camera import Intrinsics, Mounting
+from ssp_core.world.transforms import TF_TYPE, encode_transform, encode_transforms, mount, of_camera
 from ssp_eval.imports import messages
 from ssp_eval.imports.target import INFO, MOUNT
 from ssp_eval.recordings.import_record import ImportedCamera

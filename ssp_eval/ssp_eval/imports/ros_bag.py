@@ -16,11 +16,11 @@ from rosbags.serde import SerdeError
 
 from ssp_core.bag.mcap_file import DAMAGE
 from ssp_core.bag.types import typestore
-from ssp_core.closing import Closing
+from ssp_core.cdr.messages import leading_stamp_ns, stamp_ns
 from ssp_core.errors import InputError
+from ssp_core.files import Closing
 from ssp_core.geometry import yaw_of
 from ssp_core.hashing import sha256_file, sha256_json
-from ssp_core.messages import leading_stamp_ns, stamp_ns
 from ssp_eval.imports.clocks import Clock, Times
 from ssp_eval.imports.geodesy import Datum, local
 from ssp_eval.imports.tracks import Samples, Source

@@ -17,8 +17,8 @@ import numpy as np
 from ssp_core.clock import seconds_to_ns
 from ssp_core.errors import InputError
 from ssp_core.files import read_text
-from ssp_core.state import DEFAULT_SIZES, Size
-from ssp_core.vocab import OBJECTS, ObjectClass
+from ssp_core.motion.state import DEFAULT_SIZES, Size
+from ssp_core.vocabulary import OBJECTS, ObjectClass
 from ssp_eval.imports.tracks import Samples, Source, size_of
 
 MAX_BYTES = 256 << 20

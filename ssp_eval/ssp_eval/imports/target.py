@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import TypeVar
 
 from ssp_core import names
-from ssp_core.bag import BagWriter
-from ssp_core.bag.qos import offered_qos
+from ssp_core.bag.metadata import offered_qos
+from ssp_core.bag.writer import BagWriter
+from ssp_core.cdr.states import encode_state
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder
-from ssp_core.state import ObjectState
-from ssp_core.transforms import TF_TYPE, encode_transforms, of_state
-from ssp_core.wire.states import encode_state
+from ssp_core.motion.state import ObjectState
+from ssp_core.world.transforms import TF_TYPE, encode_transforms, of_state
 from ssp_eval.imports import messages
 from ssp_eval.imports.declare import Declared
 from ssp_eval.imports.road import BoundRoad

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from ssp_core.clock import NS_PER_S, ns_to_seconds
 from ssp_core.errors import InputError
 from ssp_core.geometry import FloatArray, wrap_angle
-from ssp_core.interaction import OBSERVABLE_LATERAL_MPS
-from ssp_core.state import DEFAULT_SIZES, ObjectState, Size
-from ssp_core.vocab import ObjectClass, Role
+from ssp_core.motion.encounter import OBSERVABLE_LATERAL_MPS
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState, Size
+from ssp_core.vocabulary import ObjectClass, Role
 from ssp_eval.recordings.states import STATE_AGE_S
 
 # Derivatives are the slope of a straight line through the samples this near in time, at least

@@ -10,18 +10,18 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ssp_core.bag import BagWriter
-from ssp_core.bag.qos import offered_qos
-from ssp_core.bag.still_images import Bgr
-from ssp_core.camera import Mounting
+from ssp_core.bag.images import Bgr
+from ssp_core.bag.metadata import offered_qos
+from ssp_core.bag.writer import BagWriter
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.errors import InputError
 from ssp_core.geometry import FloatArray
 from ssp_core.hashing import sha256_file
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.names import VUT_ID
-from ssp_core.state import DEFAULT_SIZES, ObjectState
 from ssp_core.video import Video, sound_video
-from ssp_core.vocab import ObjectClass, Role
+from ssp_core.vocabulary import ObjectClass, Role
+from ssp_core.world.camera import Mounting
 from ssp_eval.imports import messages
 from ssp_eval.imports.declare import NOTHING, Declared
 from ssp_eval.imports.motion_options import MotionOptions

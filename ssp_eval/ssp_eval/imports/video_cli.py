@@ -9,10 +9,10 @@ from typing import Any
 
 import click
 
-from ssp_core.camera import Mounting
+from ssp_core.cli import Number
 from ssp_core.console import note, out, progress
 from ssp_core.names import VUT_ID
-from ssp_core.options import Number
+from ssp_core.world.camera import Mounting
 from ssp_eval.imports.declare import declared, declaring
 from ssp_eval.imports.motion_options import motion_options, moving, pairs
 from ssp_eval.imports.target import ImportSummary, log_source

@@ -14,15 +14,15 @@ from typing import Any
 
 import numpy as np
 
-from ssp_core.bag import BagReader
-from ssp_core.camera import Intrinsics, View, mounted_view, shown_box, view_from
+from ssp_core.bag.reader import BagReader
+from ssp_core.cdr.messages import object_state, peek_stamp_ns
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError
 from ssp_core.files import parse_model, read_mapping
-from ssp_core.messages import object_state, peek_stamp_ns
+from ssp_core.motion.state import ObjectState
 from ssp_core.names import CAMERA_IMAGE, WORLD_TICK, absolute
-from ssp_core.run_spec import Camera
-from ssp_core.state import ObjectState
+from ssp_core.run_file.model import Camera
+from ssp_core.world.camera import Intrinsics, View, mounted_view, shown_box, view_from
 from ssp_eval.evaluate.clip import Clip
 from ssp_eval.labels.proposal.truth_file import truth_from_file
 from ssp_eval.recordings.provenance import read_provenance

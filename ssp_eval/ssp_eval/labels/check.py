@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import Any
 
-from ssp_core.vocab import PHASES
+from ssp_core.vocabulary import PHASES
 from ssp_eval.labels.model import Labels
 from ssp_eval.labels.place import At
 from ssp_eval.labels.plan import APART_S

@@ -9,10 +9,10 @@ from typing import Any
 import click
 
 from ssp_core import console
+from ssp_core.cli import Number
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder, read_mapping, write_bytes, write_text
-from ssp_core.options import Number
-from ssp_core.vocab import PHASES
+from ssp_core.vocabulary import PHASES
 from ssp_eval.labels.boxes_command import boxes
 from ssp_eval.labels.check import event_problems, phase_problems, plan_problems, risk_warnings
 from ssp_eval.labels.comparable import counts_text, phase_counts

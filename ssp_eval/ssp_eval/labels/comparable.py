@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from ssp_core.vocab import PHASES
+from ssp_core.vocabulary import PHASES
 from ssp_eval.labels.model import Labels
 from ssp_eval.labels.place import BY_PHASE, At
 

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ssp_core.bag import BagReader
+from ssp_core.bag.reader import BagReader
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_file

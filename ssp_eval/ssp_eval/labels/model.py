@@ -10,7 +10,7 @@ from typing import Any
 from ssp_core.errors import InputError
 from ssp_core.files import read_mapping, read_text
 from ssp_core.hashing import sha256_json
-from ssp_core.vocab import (
+from ssp_core.vocabulary import (
     CONFLICTS,
     DOMAINS,
     LAT_ACTIONS,

@@ -8,10 +8,10 @@ from pathlib import Path
 import click
 
 from ssp_core import console
+from ssp_core.cli import Domain, Number
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder
-from ssp_core.options import Domain, Number
-from ssp_core.run_spec import ConflictThresholds
+from ssp_core.run_file.model import ConflictThresholds
 from ssp_eval.audit.recording import find_bag
 from ssp_eval.evaluate.campaign import find_labels, labels_places
 from ssp_eval.labels.comparable import counts_text, phase_counts

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from ssp_core.vocab import PHASES
+from ssp_core.vocabulary import PHASES
 from ssp_eval import strict
 from ssp_eval.strict import Place
 

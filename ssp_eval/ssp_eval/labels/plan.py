@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from ssp_core.errors import InputError
-from ssp_core.vocab import PHASES
+from ssp_core.vocabulary import PHASES
 from ssp_eval.labels.place import At
 from ssp_eval.recordings.crop import TOLERANCE_S, Crop
 from ssp_eval.score import DEFAULT

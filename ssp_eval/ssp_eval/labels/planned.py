@@ -11,10 +11,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ssp_core.bag import BagReader
+from ssp_core.bag.reader import BagReader
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_file
-from ssp_core.vocab import DOMAINS
+from ssp_core.vocabulary import DOMAINS
 from ssp_eval.labels.footage import About, about, is_bag
 from ssp_eval.labels.plan import Plan, Timeline
 from ssp_eval.labels.proposal.basis import Truth

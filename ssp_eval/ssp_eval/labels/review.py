@@ -10,7 +10,15 @@ from typing import Any
 
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_bytes, sha256_file
-from ssp_core.vocab import CONFLICTS, LAT_ACTIONS, LON_ACTIONS, MOTIONS, OBJECTS, PHASES, POSITIONS
+from ssp_core.vocabulary import (
+    CONFLICTS,
+    LAT_ACTIONS,
+    LON_ACTIONS,
+    MOTIONS,
+    OBJECTS,
+    PHASES,
+    POSITIONS,
+)
 from ssp_eval.labels.check import phase_problems, plan_problems, risk_warnings
 from ssp_eval.labels.model import Labels, labels_to_json, load_labels, parse_labels
 from ssp_eval.labels.place import BY_PHASE

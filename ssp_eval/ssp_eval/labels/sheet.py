@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ssp_core.contact_sheet import Tile, contact_sheet, encode
 from ssp_core.errors import InputError
 from ssp_core.files import read_mapping
+from ssp_core.video import Tile, contact_sheet, encode
 from ssp_eval import strict
 from ssp_eval.labels.footage import Picture
 from ssp_eval.labels.model import LABEL_KEYS

@@ -11,11 +11,11 @@ import click
 from rich.table import Table
 
 from ssp_core import console
-from ssp_core.bag import BagReader
+from ssp_core.bag.reader import BagReader
+from ssp_core.cli import Number
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder, write_text
 from ssp_core.names import VUT_ID
-from ssp_core.options import Number
 from ssp_eval.audit.recording import find_bag
 from ssp_eval.observe.frames import Choice, chosen, shown_frames
 from ssp_eval.observe.page import render

@@ -10,10 +10,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from ssp_core.bag import BagReader
 from ssp_core.bag.frames import Frames
+from ssp_core.bag.reader import BagReader
+from ssp_core.cdr.messages import peek_stamp_ns
 from ssp_core.errors import InputError
-from ssp_core.messages import peek_stamp_ns
 from ssp_core.names import CAMERA_IMAGE, absolute
 from ssp_eval.recordings.observation_file import Footage
 

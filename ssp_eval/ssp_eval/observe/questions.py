@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import permutations
 from typing import Any, Literal, get_args
 
-from ssp_core.vocab import MOTIONS, OBJECTS
+from ssp_core.vocabulary import MOTIONS, OBJECTS
 from ssp_eval.recordings.observation import MAY_LACK, REASONS, PlaceWord, RelationWord
 from ssp_eval.recordings.properties import EVENT_PHASES
 from ssp_scenario_manager.spec.model import BoundaryWord, RoadTypeWord, SegmentWord

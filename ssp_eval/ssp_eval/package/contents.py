@@ -11,7 +11,7 @@ from itertools import takewhile
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from ssp_core.bag import BagReader
+from ssp_core.bag.reader import BagReader
 from ssp_core.errors import InputError
 from ssp_core.files import parse_mapping
 from ssp_eval.package.model import FileEntry, Role, object_path

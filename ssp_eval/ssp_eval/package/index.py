@@ -7,15 +7,14 @@ from dataclasses import dataclass
 from pathlib import PurePosixPath
 from typing import TypeVar
 
-from ssp_core.bag import BagReader
 from ssp_core.bag.frames import Frames
-from ssp_core.bag.reader import bag_files
+from ssp_core.bag.reader import BagReader, bag_files
 from ssp_core.errors import InputError
 from ssp_core.files import Model, parse_mapping, parse_model
 from ssp_core.hashing import sha256_bytes, sha256_json
 from ssp_core.names import CAMERA_IMAGE, absolute
-from ssp_core.run_spec import RunSpec
-from ssp_core.verdict import VERDICT_FILE
+from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.verdict import VERDICT_FILE
 from ssp_eval.audit.model import RecordingEntry
 from ssp_eval.package.contents import Contents
 from ssp_eval.package.model import FileEntry

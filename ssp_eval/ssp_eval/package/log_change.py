@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ssp_core.bag import BagReader
+from ssp_core.bag.reader import BagReader
 from ssp_core.errors import InputError
 from ssp_core.files import parse_mapping, parse_model, write_text
-from ssp_core.run_spec import RunSpec, load_run
+from ssp_core.run_file.model import RunSpec, load_run
 from ssp_eval.recordings.provenance import RUN_ATTACHMENT
 from ssp_scenario_manager.compile.changes import (
     check_changeable,

@@ -17,7 +17,7 @@ from pydantic import AfterValidator, ConfigDict, Field
 from ssp_core.errors import InputError
 from ssp_core.files import parse_model
 from ssp_core.hashing import sha256_json
-from ssp_core.run_spec import Strict
+from ssp_core.run_file.values import Strict
 
 SCHEMA: Literal["ssp.package/1"] = "ssp.package/1"
 TABLE_FILE = "package.json"

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ssp_core.errors import InputError
-from ssp_core.interaction import Observable
-from ssp_core.run_spec import ConflictThresholds
+from ssp_core.motion.encounter import Observable
+from ssp_core.run_file.model import ConflictThresholds
 from ssp_eval.recordings.crop import Window
 from ssp_scenario_manager.interactions import KINDS
 from ssp_scenario_manager.spec.model import Event, Interval, Quantity, Unresolved

@@ -14,14 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from ssp_core.geometry import Polyline, Pose2, wrap_angle
-from ssp_core.interaction import (
+from ssp_core.motion.encounter import (
     AGAINST_RAD,
     OBSERVABLE_LATERAL_MPS,
     corridor_half_m,
     is_crossing,
 )
-from ssp_core.state import ObjectState
-from ssp_core.vocab import ObjectClass
+from ssp_core.motion.state import ObjectState
+from ssp_core.vocabulary import ObjectClass
 from ssp_eval.sight import MIN_SHARE, clear_share
 
 _EXTENSION_M = 500.0

@@ -11,8 +11,9 @@ from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field, model_validator
 
-from ssp_core.run_spec import Finite, NonNegative, ObjectId, Road, Strict
-from ssp_core.vocab import DomainWord, ObjectWord
+from ssp_core.run_file.road import Road
+from ssp_core.run_file.values import Finite, NonNegative, ObjectId, Strict
+from ssp_core.vocabulary import DomainWord, ObjectWord
 
 SCHEMA: Literal["ssp.import/2"] = "ssp.import/2"
 IMPORT_ATTACHMENT = "import.json"

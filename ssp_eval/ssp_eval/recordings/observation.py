@@ -13,8 +13,8 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AwareDatetime, BeforeValidator, ConfigDict, Field, model_validator
 
 from ssp_core.hashing import sha256_json
-from ssp_core.run_spec import Finite, ObjectId, Strict
-from ssp_core.vocab import MotionWord, ObjectWord
+from ssp_core.run_file.values import Finite, ObjectId, Strict
+from ssp_core.vocabulary import MotionWord, ObjectWord
 from ssp_eval.recordings.import_record import Words
 from ssp_eval.recordings.properties import (
     CONFLICT,

@@ -7,15 +7,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from ssp_core.geometry import Polyline
-from ssp_core.interaction import (
-    Encounter,
-    Observable,
-    encounter,
-    is_conflict,
-    is_observable,
-)
-from ssp_core.run_spec import ConflictThresholds
-from ssp_core.state import ObjectState
+from ssp_core.motion.encounter import Encounter, Observable, encounter, is_conflict, is_observable
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import ConflictThresholds
 from ssp_eval.recordings.crop import TOLERANCE_S
 
 # "Staying so" for a lead vehicle that brakes: it has no corridor to arrive in.

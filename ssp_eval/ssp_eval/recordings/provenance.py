@@ -6,15 +6,16 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from ssp_core.bag import BagReader
+from ssp_core.bag.reader import BagReader
+from ssp_core.cdr.messages import stamp_ns
 from ssp_core.errors import InputError
 from ssp_core.files import parse_mapping, parse_model
 from ssp_core.hashing import sha256_file, sha256_json
-from ssp_core.messages import stamp_ns
 from ssp_core.names import SESSION_STATE, absolute
-from ssp_core.run_spec import Road, RunSpec
-from ssp_core.verdict import VERDICT_FILE, Told, read_verdict
-from ssp_core.vocab import SessionPhase, Verdict
+from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.road import Road
+from ssp_core.run_file.verdict import VERDICT_FILE, RecordedVerdict, read_verdict
+from ssp_core.vocabulary import SessionPhase, Verdict
 from ssp_eval.recordings.import_record import IMPORT_ATTACHMENT, ImportRecord
 
 OUR_RENDERER = "the camera of ssp"
@@ -188,7 +189,7 @@ def read_provenance(bag: BagReader, digest: str | None = None) -> Provenance:
     )
 
 
-def _told_verdict(bag: Path) -> tuple[Told, str] | None:
+def _told_verdict(bag: Path) -> tuple[RecordedVerdict, str] | None:
     """What lies in the bag's folder on how the run ended, and the file's hash; or None.
 
     Args:

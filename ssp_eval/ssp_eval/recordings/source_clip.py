@@ -21,8 +21,8 @@ from ssp_core.errors import InputError
 from ssp_core.files import make_folder
 from ssp_core.geometry import Polyline
 from ssp_core.hashing import sha256_file
-from ssp_core.source_clip import ClipBoard, clip_maker
-from ssp_core.vocab import PHASES, PhaseWord
+from ssp_core.vocabulary import PHASES, PhaseWord
+from ssp_core.world.source_clip import ClipBoard, clip_maker
 from ssp_eval.recordings.event_rules import event_thresholds
 from ssp_eval.recordings.phases import find_event, samples_of
 from ssp_scenario_manager.compile.compiler import EventRefused, checked_event

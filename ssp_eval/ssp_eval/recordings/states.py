@@ -12,13 +12,13 @@ from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from ssp_core.bag import BagReader, object_states
+from ssp_core.bag.reader import BagReader, object_states
+from ssp_core.cdr.messages import object_state, peek_stamp_ns, stamp_ns
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError
-from ssp_core.messages import object_state, peek_stamp_ns, stamp_ns
+from ssp_core.motion.state import ObjectState
 from ssp_core.names import CAMERA_IMAGE, WORLD_TICK, absolute
-from ssp_core.state import ObjectState
-from ssp_core.vocab import ControlState
+from ssp_core.vocabulary import ControlState
 from ssp_eval.recordings.provenance import Provenance
 
 WORLD = "the world"

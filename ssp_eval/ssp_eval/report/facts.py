@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from ssp_core.files import load_model
-from ssp_core.run_spec import Finite
+from ssp_core.run_file.values import Finite
 
 Count = Annotated[int, Field(ge=0)]
 

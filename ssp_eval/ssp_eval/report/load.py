@@ -11,7 +11,7 @@ from typing import Any
 
 from ssp_core.errors import InputError
 from ssp_core.files import parse_model, read_mapping, read_text
-from ssp_core.vocab import DOMAINS
+from ssp_core.vocabulary import DOMAINS
 from ssp_eval.audit.model import Audit, load_audit
 from ssp_eval.evaluate.admission import AUDITS, REFUSED, UNAUDITED, kept_audits, said_of
 from ssp_eval.evaluate.cell_file import (

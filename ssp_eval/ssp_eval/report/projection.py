@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
-from ssp_core import camera
 from ssp_core.geometry import Pose2
+from ssp_core.world import camera
 from ssp_eval.report import svg
 from ssp_vla_bridge.core.trajectory import Trajectory, interpolate
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ssp_core.vocab import LAT_ACTIONS, LON_ACTIONS
+from ssp_core.vocabulary import LAT_ACTIONS, LON_ACTIONS
 from ssp_eval.score.columns import NOTHING, Flags, Numbers, RecordColumns, Whole
 from ssp_eval.score.motion import Motion, sample_places, step_of
 from ssp_eval.score.thresholds import Thresholds

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ssp_core.vocab import LAT_ACTIONS, LON_ACTIONS
+from ssp_core.vocabulary import LAT_ACTIONS, LON_ACTIONS
 from ssp_eval.labels.model import Label, Labels
 from ssp_eval.record_lines import Lines
 from ssp_eval.records import SLOT_NAMES, VOCABULARIES, BehaviourRecord, Slot

@@ -12,7 +12,7 @@ from itertools import product
 
 import numpy as np
 
-from ssp_core.vocab import CONFLICTS, LON_ACTIONS, OBJECTS
+from ssp_core.vocabulary import CONFLICTS, LON_ACTIONS, OBJECTS
 from ssp_eval.records import VOCABULARIES
 from ssp_eval.score.columns import NOTHING, Columns, Flags, Numbers, Whole
 from ssp_eval.score.risk import DEFENSIVE_ACTIONS, RISKY_CONFLICTS

@@ -16,7 +16,7 @@ from pydantic import Field, field_validator
 
 from ssp_core.errors import InputError
 from ssp_core.files import load_model
-from ssp_core.run_spec import NonNegative, Positive, Strict
+from ssp_core.run_file.values import NonNegative, Positive, Strict
 from ssp_eval.score.thresholds import DEFAULT, Thresholds
 
 WEIGHTS = "weight_"

@@ -8,10 +8,10 @@ import click
 from rich.table import Table
 
 from ssp_core import console
+from ssp_core.cli import Number
 from ssp_core.errors import InputError
 from ssp_core.files import write_text
-from ssp_core.options import Number
-from ssp_core.shortlist_file import Limits, Listed, Shortlist
+from ssp_core.run_file.shortlist import Limits, Listed, Shortlist
 from ssp_eval.analysis.bootstrap import RESAMPLES
 from ssp_eval.report.load import load_cells
 from ssp_eval.shortlist.rank import DEFAULT_LIMITS, shortlist

@@ -18,8 +18,8 @@ from itertools import combinations
 from ssp_core import __version__
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_file
-from ssp_core.shortlist_file import LeftOut, Limits, Listed, Shortlist
-from ssp_core.vocab import DomainWord
+from ssp_core.run_file.shortlist import LeftOut, Limits, Listed, Shortlist
+from ssp_core.vocabulary import DomainWord
 from ssp_eval.analysis.bootstrap import SEED, bootstrap_records
 from ssp_eval.analysis.failure_table import STAGE_NAMES
 from ssp_eval.analysis.row import CellRow, one_scale

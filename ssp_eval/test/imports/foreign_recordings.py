@@ -17,12 +17,12 @@ import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from ssp_core.bag import BagReader
+from ssp_core.bag.reader import BagReader
+from ssp_core.cdr.messages import peek_stamp_ns
 from ssp_core.clock import NS_PER_S
-from ssp_core.messages import peek_stamp_ns
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.names import CAMERA_IMAGE, absolute
-from ssp_core.state import DEFAULT_SIZES, ObjectState
-from ssp_core.vocab import ObjectClass, Role
+from ssp_core.vocabulary import ObjectClass, Role
 from ssp_eval.recordings.event_rules import event_thresholds
 from ssp_eval.recordings.geometry import Corridor
 from ssp_eval.recordings.phases import Event, find_event, samples_of

@@ -37,10 +37,10 @@ from foreign_recordings import (
     write_bag,
 )
 
-from ssp_core.bag import BagReader
+from ssp_core.bag.reader import BagReader
+from ssp_core.cdr.messages import stamp_ns
 from ssp_core.cli import main
 from ssp_core.hashing import sha256_file
-from ssp_core.messages import stamp_ns
 from ssp_scenario_manager.site import find_shipped
 from ssp_scenario_manager.spec.load import load_event
 from ssp_scenario_manager.spec.log_file import read_log

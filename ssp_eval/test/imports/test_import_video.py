@@ -16,7 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rosbags.highlevel import AnyReader
 
-from ssp_core.bag import BagReader
+from ssp_core.bag.reader import BagReader
 from ssp_core.cli import main
 from ssp_core.hashing import sha256_file
 from ssp_eval.imports.pictures import keep_every, output_size

@@ -14,7 +14,7 @@ import pytest
 from ssp_core.cli import main
 from ssp_core.files import write_json
 from ssp_core.hashing import sha256_file
-from ssp_core.vocab import PHASES
+from ssp_core.vocabulary import PHASES
 from ssp_eval.audit.model import Audit
 from ssp_eval.evaluate.admission import load_admissions
 from ssp_eval.evaluate.asker import DirectAskers

@@ -8,8 +8,8 @@ from typing import Any
 
 import click
 
-from ssp_core.bag import RecoverReport, recover
 from ssp_core.bag.check import CheckReport, check_bag
+from ssp_core.bag.repair import RecoverReport, recover
 from ssp_core.console import note, out, progress
 
 BAG = click.Path(path_type=Path)

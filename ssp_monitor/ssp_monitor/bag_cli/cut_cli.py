@@ -8,8 +8,8 @@ from pathlib import Path
 
 import click
 
-from ssp_core.bag import BagReader
 from ssp_core.bag.cut import CutReport, cut_bag
+from ssp_core.bag.reader import BagReader
 from ssp_core.clock import ns_to_seconds
 from ssp_core.console import note, out, progress
 from ssp_monitor.bag_cli.info_cli import topics_text

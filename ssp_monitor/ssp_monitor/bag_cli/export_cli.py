@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from ssp_core.bag import BagReader
+from ssp_core.bag.reader import BagReader
 from ssp_core.console import note, out, progress
 from ssp_monitor.bag_cli.selection import chosen_span, chosen_topics, span_options
 from ssp_monitor.export.export import ExportReport, Wanted, export_bag

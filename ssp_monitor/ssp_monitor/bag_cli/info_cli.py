@@ -11,8 +11,8 @@ from typing import Any
 
 import click
 
-from ssp_core.bag import BagReader
-from ssp_core.bag.survey import Survey, TopicSurvey, survey
+from ssp_core.bag.reader import BagReader
+from ssp_core.bag.summary import BagSummary, TopicSummary, summarise_bag
 from ssp_core.clock import NS_PER_S, ns_to_seconds
 from ssp_core.console import out
 from ssp_monitor.bag_cli.recording import recording_report, told
@@ -33,7 +33,7 @@ def info_command(path: Path, json_: bool) -> None:
 
     Messages are not read, so it takes no longer for a large bag.
     """
-    found = survey(path)
+    found = summarise_bag(path)
     report = _report(found)
     if json_:
         click.echo(json.dumps({**survey_json(found), "recording": report}, indent=1))
@@ -48,7 +48,7 @@ def info_command(path: Path, json_: bool) -> None:
             out.print(f"  {line}", markup=False)
 
 
-def _report(found: Survey) -> dict[str, Any] | None:
+def _report(found: BagSummary) -> dict[str, Any] | None:
     """What the recorder said; a bag that isn't closed has none yet."""
     if found.path.is_dir() and not (found.path / "metadata.yaml").is_file():
         return None
@@ -58,7 +58,7 @@ def _report(found: Survey) -> dict[str, Any] | None:
         return recording_report(bag)
 
 
-def survey_json(found: Survey) -> dict[str, Any]:
+def survey_json(found: BagSummary) -> dict[str, Any]:
     """What stands in a bag, for programs; times are log times in ns."""
     return {
         "path": str(found.path),
@@ -102,7 +102,7 @@ def survey_json(found: Survey) -> dict[str, Any]:
     }
 
 
-def survey_lines(found: Survey) -> list[str]:
+def survey_lines(found: BagSummary) -> list[str]:
     """What stands in a bag, for people."""
     files = f"{len(found.files)} files" if len(found.files) != 1 else "1 file"
     lines = [
@@ -124,7 +124,7 @@ def survey_lines(found: Survey) -> list[str]:
     return lines
 
 
-def _file_rows(found: Survey) -> list[tuple[str, ...]]:
+def _file_rows(found: BagSummary) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = []
     begin_ns = found.start_ns or 0
     for file in found.files:
@@ -141,7 +141,7 @@ def _file_rows(found: Survey) -> list[tuple[str, ...]]:
     return rows
 
 
-def _topic_row(topic: TopicSurvey) -> tuple[str, ...]:
+def _topic_row(topic: TopicSummary) -> tuple[str, ...]:
     rate = "-" if topic.rate_hz is None else f"{topic.rate_hz:.1f}"
     kind = ", ".join(topic.msgtypes)
     message, schema = topic.encodings

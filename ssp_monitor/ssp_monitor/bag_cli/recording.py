@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ssp_core.bag import BagReader
+from ssp_core.bag.reader import BagReader
 from ssp_core.errors import InputError
 from ssp_core.files import parse_mapping
 from ssp_monitor.core.report import REPORT_NAME, SCHEMA

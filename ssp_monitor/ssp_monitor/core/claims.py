@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 
 from ssp_core import names
-from ssp_core.wire.steps import decode_heartbeat, decode_tick_head
+from ssp_core.cdr.steps import decode_heartbeat, decode_tick_head
 
 TICK, HEARTBEAT = names.absolute(names.WORLD_TICK), names.absolute(names.HEARTBEAT)
 SOURCES = frozenset({TICK, HEARTBEAT})

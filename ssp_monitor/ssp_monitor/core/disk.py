@@ -8,7 +8,7 @@ from collections import deque
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ssp_core.run_spec import RunSpec
+from ssp_core.run_file.model import RunSpec
 
 # A run is ended while there is room for so long: to brake, to say so, and to close the bag.
 LEAST_S = 20.0

@@ -11,23 +11,22 @@ from typing import Literal
 import numpy as np
 
 from ssp_core.geometry import FloatArray, Polyline, wrap_angle
-from ssp_core.interaction import corridor_half_m, is_crossing, swept_stations
-from ssp_core.reference_line import NotOneToOne, ReferenceLine
-from ssp_core.run_spec import (
+from ssp_core.motion.encounter import corridor_half_m, is_crossing, swept_stations
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.participants import (
     AllOf,
     AnyOf,
     Condition,
     FollowPath,
     InRegion,
-    Lane,
     ParticipantSpec,
-    Point,
-    Road,
-    RunSpec,
     TimeToArrival,
 )
-from ssp_core.state import ObjectState
-from ssp_core.vocab import Role
+from ssp_core.run_file.road import Lane, Road
+from ssp_core.run_file.values import Point
+from ssp_core.vocabulary import Role
+from ssp_core.world.reference_line import NotOneToOne, ReferenceLine
 
 LineKind = Literal["edge", "divider", "centre", "reference"]
 _ZEBRA_M = 3.0  # along the road, as SIL's own crossings are

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from ssp_core.bag import BagMessage
+from ssp_core.bag.types import BagMessage
 from ssp_core.errors import InputError
 from ssp_monitor.core.pattern import Pattern
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import IntEnum
 
-from ssp_core.transforms import TF_TYPE
+from ssp_core.world.transforms import TF_TYPE
 from ssp_monitor.core.topics import Profile, TopicSpec
 
 

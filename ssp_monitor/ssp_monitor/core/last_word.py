@@ -5,7 +5,7 @@ A session that was started by hand has nobody else who could leave a verdict bes
 
 from __future__ import annotations
 
-from ssp_core.vocab import SessionPhase, Verdict
+from ssp_core.vocabulary import SessionPhase, Verdict
 
 _OVER = (SessionPhase.FINISHED, SessionPhase.ABORTED)
 # What the session says in these states is the end of a run, or leads to it.

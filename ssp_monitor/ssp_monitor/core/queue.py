@@ -14,7 +14,7 @@ import threading
 from collections import Counter, deque
 from collections.abc import Iterable, Mapping
 
-from ssp_core.bag import BagMessage
+from ssp_core.bag.types import BagMessage
 from ssp_monitor.core.importance import Importance
 
 # What a waiting message takes beside its data: objects, a place in the queue.

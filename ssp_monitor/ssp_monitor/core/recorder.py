@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from ssp_core.bag import BagMessage, BagWriter
-from ssp_core.bag.qos import offered_qos, parse_offered_qos
+from ssp_core.bag.metadata import offered_qos, parse_offered_qos
 from ssp_core.bag.split import Split
-from ssp_core.bag.types import definition
+from ssp_core.bag.types import BagMessage, definition
+from ssp_core.bag.writer import BagWriter
 from ssp_core.errors import InputError, SspError
 from ssp_monitor.core.attachments import Attachment
 from ssp_monitor.core.encoding import ORIGINAL, Encoder, Encoding

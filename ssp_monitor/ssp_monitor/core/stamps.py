@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from rosbags.interfaces import Nodetype
 
 from ssp_core.bag.types import typestore
-from ssp_core.messages import leading_stamp_ns
-from ssp_core.transforms import TF_TYPE
-from ssp_core.wire.cdr import START
+from ssp_core.cdr.codec import START
+from ssp_core.cdr.messages import leading_stamp_ns
+from ssp_core.world.transforms import TF_TYPE
 
 _STAMPED = ("std_msgs/msg/Header", "builtin_interfaces/msg/Time")
 

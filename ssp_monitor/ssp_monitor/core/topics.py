@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from enum import Enum
 
 from ssp_core import names
-from ssp_core.run_spec import RunSpec
-from ssp_core.transforms import TF_TYPE
+from ssp_core.run_file.model import RunSpec
+from ssp_core.world.transforms import TF_TYPE
 
 CLOCK_TYPE = "rosgraph_msgs/msg/Clock"
 

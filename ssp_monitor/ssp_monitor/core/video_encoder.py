@@ -15,16 +15,16 @@ import av
 from av.video.frame import PictureType
 from av.video.reformatter import ColorRange, Colorspace
 
-from ssp_core.bag import BagMessage
-from ssp_core.bag.image_messages import (
+from ssp_core.bag.images import Bgr, decode_still, even_sized
+from ssp_core.bag.types import BagMessage
+from ssp_core.cdr.images import (
     COMPRESSED_TYPE,
     RAW_TYPE,
+    VIDEO_TYPE,
     ImageMessage,
     encode_video_message,
     read_image,
 )
-from ssp_core.bag.still_images import Bgr, decode_still, even_sized
-from ssp_core.bag.video_type import VIDEO_TYPE
 from ssp_core.clock import NS_PER_S
 
 SOURCE_TYPES = (COMPRESSED_TYPE, RAW_TYPE)

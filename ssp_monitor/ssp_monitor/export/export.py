@@ -11,8 +11,8 @@ from pathlib import Path
 
 import av
 
-from ssp_core.bag import BagReader
 from ssp_core.bag.frames import image_topics
+from ssp_core.bag.reader import BagReader
 from ssp_core.errors import HostError, InputError
 from ssp_core.files import make_folder
 from ssp_monitor.export.file_names import FileNames

@@ -19,7 +19,7 @@ import numpy as np
 from rosbags.interfaces import Nodetype
 from rosbags.typesys.store import Typestore
 
-from ssp_core.bag.message import BagMessage
+from ssp_core.bag.types import BagMessage
 from ssp_core.clock import NS_PER_S
 
 # A table with more isn't one that anybody reads.

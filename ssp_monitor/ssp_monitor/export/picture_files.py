@@ -6,17 +6,10 @@ import csv
 from collections.abc import Callable
 from pathlib import Path
 
-from ssp_core.bag import BagReader
-from ssp_core.bag.frames import Frames, Picture
-from ssp_core.bag.image_messages import ImageMessage
-from ssp_core.bag.still_images import (
-    decode_still,
-    encode_jpeg,
-    encode_png,
-    even_sized,
-    suffix_of,
-)
-from ssp_core.bag.video_file import VideoFile
+from ssp_core.bag.frames import Frames, Picture, VideoFile
+from ssp_core.bag.images import decode_still, encode_jpeg, encode_png, even_sized, suffix_of
+from ssp_core.bag.reader import BagReader
+from ssp_core.cdr.images import ImageMessage
 
 
 class Losses:

@@ -24,7 +24,7 @@ from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
 from ssp_core import names
-from ssp_core.bag import BagMessage
+from ssp_core.bag.types import BagMessage
 from ssp_monitor.conversions import message_class, recording_profile
 from ssp_monitor.core.claims import SOURCES, claims
 from ssp_monitor.core.losses import Arrivals

@@ -7,10 +7,10 @@ import re
 from typing import Any
 
 from ssp_core.geometry import Polyline, box_distance
-from ssp_core.interaction import Encounter, encounter
-from ssp_core.run_spec import Limits
-from ssp_core.state import ObjectState
-from ssp_core.vocab import ControlState, Phase, Role, SessionPhase
+from ssp_core.motion.encounter import Encounter, encounter
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import Limits
+from ssp_core.vocabulary import ControlState, Phase, Role, SessionPhase
 from ssp_monitor.watch.ages import age_s, links_of, object_age_s
 from ssp_monitor.watch.board import Board
 from ssp_monitor.watch.facts import Event, Heard, LinkFact, RecorderFact

@@ -18,11 +18,11 @@ from rclpy.node import Node
 from sensor_msgs.msg import CompressedImage
 
 from ssp_core import names, ros
+from ssp_core.cdr.references import decode_ack
 from ssp_core.clock import NS_PER_S
+from ssp_core.credentials import TOKEN_VARIABLE, check_token
 from ssp_core.errors import HostError
-from ssp_core.page_token import TOKEN_VARIABLE, check_token
-from ssp_core.run_spec import load_run
-from ssp_core.wire.references import decode_ack
+from ssp_core.run_file.model import load_run
 from ssp_monitor.page.guard import is_loopback, make_token
 from ssp_monitor.page.mailbox import Payload
 from ssp_monitor.page.model import Snapshots

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from ssp_core.run_spec import Point, RunSpec
+from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.values import Point
 from ssp_monitor.core.drawing import Drawing, drawing_of
 
 # A line of more points is thinned: on a screen nobody would see the difference.

@@ -23,7 +23,8 @@ from rosgraph_msgs.msg import Clock as ClockMsg
 from std_srvs.srv import Trigger
 
 from ssp_core import names, ros
-from ssp_core.bag import BagMessage, BagReader
+from ssp_core.bag.reader import BagReader
+from ssp_core.bag.types import BagMessage
 from ssp_core.console import err, note
 from ssp_core.errors import HostError
 from ssp_monitor.conversions import message_class

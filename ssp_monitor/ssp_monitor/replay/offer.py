@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ssp_core import names
-from ssp_core.bag.qos import parse_offered_qos
+from ssp_core.bag.metadata import parse_offered_qos
 
 # Room for a subscriber that stalls for a moment. What a subscriber has acknowledged is forgotten,
 # so that it costs nothing while all keep up.

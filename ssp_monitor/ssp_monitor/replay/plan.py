@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from ssp_core import names
-from ssp_core.bag import TopicInfo
+from ssp_core.bag.reader import TopicInfo
 from ssp_core.errors import InputError
 from ssp_monitor.core.pattern import Pattern
 from ssp_monitor.core.topics import CLOCK_TYPE

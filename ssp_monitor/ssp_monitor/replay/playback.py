@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from ssp_core.bag import BagMessage
+from ssp_core.bag.types import BagMessage
 from ssp_monitor.replay.timeline import Timeline
 
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
 
-from ssp_core.bag import BagMessage
+from ssp_core.bag.types import BagMessage
 from ssp_core.clock import seconds_to_ns
 from ssp_monitor.replay.lateness import Lateness
 from ssp_monitor.replay.playback import End, Playback, Rest, Send, Tick

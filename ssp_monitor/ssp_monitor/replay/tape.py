@@ -6,7 +6,8 @@ import threading
 from collections import deque
 from collections.abc import Iterator
 
-from ssp_core.bag import BagMessage, BagReader
+from ssp_core.bag.reader import BagReader
+from ssp_core.bag.types import BagMessage
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.errors import InputError
 from ssp_monitor.replay.plan import Line

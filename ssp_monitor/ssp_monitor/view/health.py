@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from ssp_core.health import Level, Status
-from ssp_core.run_spec import Limits, RunSpec
-from ssp_core.vocab import ControlState, Role, SessionPhase, Verdict
+from ssp_core.node_interface import Level, Status
+from ssp_core.run_file.model import Limits, RunSpec
+from ssp_core.vocabulary import ControlState, Role, SessionPhase, Verdict
 from ssp_monitor.watch.ages import age_s, links_of, object_age_s
 from ssp_monitor.watch.board import Board
 from ssp_monitor.watch.facts import Heard, LinkFact

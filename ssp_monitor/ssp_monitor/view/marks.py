@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from ssp_core.geometry import Pose2
-from ssp_core.run_spec import Point
+from ssp_core.run_file.values import Point
 
 ORIGIN = Pose2(0.0, 0.0, 0.0)
 

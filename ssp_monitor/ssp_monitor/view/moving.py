@@ -7,10 +7,10 @@ from collections import deque
 from dataclasses import dataclass, field
 
 from ssp_core.geometry import Polyline, Pose2
-from ssp_core.interaction import encounter
-from ssp_core.run_spec import Point
-from ssp_core.state import ObjectState
-from ssp_core.vocab import ObjectClass, Role
+from ssp_core.motion.encounter import encounter
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.values import Point
+from ssp_core.vocabulary import ObjectClass, Role
 from ssp_monitor.view.marks import Colour, Gone, Mark, Shape, line, text
 from ssp_monitor.watch.ages import object_age_s
 from ssp_monitor.watch.board import Board

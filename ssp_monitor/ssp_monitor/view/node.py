@@ -13,7 +13,7 @@ from visualization_msgs.msg import MarkerArray
 
 from ssp_core import names, ros
 from ssp_core.geometry import Polyline
-from ssp_core.run_spec import load_run
+from ssp_core.run_file.model import load_run
 from ssp_monitor.core.drawing import drawing_of
 from ssp_monitor.params import VIEW
 from ssp_monitor.view.conversions import marker_array

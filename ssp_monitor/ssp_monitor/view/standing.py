@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from ssp_core.geometry import Pose2
-from ssp_core.vocab import Role
+from ssp_core.vocabulary import Role
 from ssp_monitor.core.drawing import Drawing
 from ssp_monitor.view.marks import Colour, Mark, Shape, circle, line, text
 

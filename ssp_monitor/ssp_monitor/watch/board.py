@@ -6,9 +6,9 @@ from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
-from ssp_core.run_spec import RunSpec
-from ssp_core.state import ObjectState
-from ssp_core.vocab import Phase, SessionPhase
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import RunSpec
+from ssp_core.vocabulary import Phase, SessionPhase
 from ssp_monitor.watch.facts import Event, Heard, LinkFact, RecorderFact, SessionFact
 
 MOST_EVENTS = 120

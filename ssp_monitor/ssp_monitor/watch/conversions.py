@@ -6,11 +6,11 @@ import math
 import struct
 from typing import Any
 
-from ssp_core.messages import stamp_ns
-from ssp_core.safety_codes import SafetyCode
-from ssp_core.vocab import Phase, SessionPhase, Verdict
-from ssp_core.wire.cdr import START, check_start, decoder, read_count, read_header, read_text
-from ssp_core.wire.references import Acknowledgement
+from ssp_core.cdr.codec import START, check_start, decoder, read_count, read_header, read_text
+from ssp_core.cdr.messages import stamp_ns
+from ssp_core.cdr.references import Acknowledgement
+from ssp_core.safety.codes import SafetyCode
+from ssp_core.vocabulary import Phase, SessionPhase, Verdict
 from ssp_monitor.watch.facts import (
     Answer,
     Event,

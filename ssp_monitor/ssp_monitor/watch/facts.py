@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from ssp_core.state import ObjectState
-from ssp_core.vocab import SessionPhase, Verdict
+from ssp_core.motion.state import ObjectState
+from ssp_core.vocabulary import SessionPhase, Verdict
 
 
 @dataclass(frozen=True, slots=True)

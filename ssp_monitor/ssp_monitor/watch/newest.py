@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
-from ssp_core.state import ObjectState
+from ssp_core.motion.state import ObjectState
 
 
 @dataclass

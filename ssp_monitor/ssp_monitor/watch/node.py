@@ -8,8 +8,8 @@ from functools import partial
 from rclpy.node import Node
 
 from ssp_core import names, ros
-from ssp_core.wire.states import decode_state, decode_states
-from ssp_core.wire.steps import decode_heartbeat
+from ssp_core.cdr.states import decode_state, decode_states
+from ssp_core.cdr.steps import decode_heartbeat
 from ssp_monitor.watch import conversions
 from ssp_monitor.watch.board import Board
 from ssp_monitor.watch.newest import Newest

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import math
 
-from ssp_core import limits as judge
-from ssp_core.fence import box_excess_m
-from ssp_core.run_spec import ParticipantSpec, RunSpec
-from ssp_core.state import ObjectState
-from ssp_core.vocab import ControlState, SessionPhase
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.participants import ParticipantSpec
+from ssp_core.safety import limits as judge
+from ssp_core.safety.fence import box_excess_m
+from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_monitor.watch.ages import age_s, links_of, object_age_s
 from ssp_monitor.watch.board import Board
 from ssp_monitor.watch.facts import LinkFact

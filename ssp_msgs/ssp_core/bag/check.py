@@ -12,17 +12,19 @@ from mcap.records import Channel
 from mcap.writer import MCAP0_MAGIC
 
 from ssp_core.bag.bounds import UnpackBudget, chunk_parts, unpack_chunk
-from ssp_core.bag.mcap_file import BoundedFile, damage_of, open_bounded
-from ssp_core.bag.metadata import read_metadata
-from ssp_core.bag.reader import BagReader
-from ssp_core.bag.records import (
+from ssp_core.bag.mcap_file import (
+    BoundedFile,
+    damage_of,
     inner_records,
+    open_bounded,
     parse_attachment_body,
     parse_channel,
     parse_message,
 )
+from ssp_core.bag.metadata import read_metadata
+from ssp_core.bag.reader import BagReader
+from ssp_core.bag.scanner import RecordFrame, data_crc, read_body, read_frame
 from ssp_core.bag.split import REPEATED_KEY
-from ssp_core.bag.walk import Frame, data_crc, read_body, read_frame
 from ssp_core.errors import InputError
 
 
@@ -142,7 +144,7 @@ class _Pass:
             if data_crc(stream) is False:
                 raise ValueError("the CRC over all its data is wrong")
 
-    def _frame(self, stream: BoundedFile, frame: Frame, budget: UnpackBudget) -> None:
+    def _frame(self, stream: BoundedFile, frame: RecordFrame, budget: UnpackBudget) -> None:
         if frame.opcode == Opcode.CHUNK:
             parts = chunk_parts(read_body(stream, frame))
             budget.take(parts.unpacked_bytes)

@@ -11,16 +11,16 @@ from pathlib import Path
 
 from ssp_core.bag.frames import keyframe_before
 from ssp_core.bag.mcap_file import McapFile
-from ssp_core.bag.message import BagMessage
-from ssp_core.bag.qos import is_latched, parse_offered_qos
+from ssp_core.bag.metadata import is_latched, parse_offered_qos
 from ssp_core.bag.reader import BagReader
 from ssp_core.bag.split import Kept, LatchedTopic
-from ssp_core.bag.video_type import VIDEO_TYPE
+from ssp_core.bag.types import BagMessage
 from ssp_core.bag.writer import BagWriter
+from ssp_core.cdr.images import VIDEO_TYPE
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder
 from ssp_core.names import SESSION_STATE, absolute
-from ssp_core.verdict import VERDICT_FILE
+from ssp_core.run_file.verdict import VERDICT_FILE
 
 _SESSION = absolute(SESSION_STATE)
 

@@ -1,13 +1,17 @@
-"""One MCAP file being written: which record comes where, and the bytes on their way to the disk."""
+"""One MCAP file being written: chunks and records in their order, and their way to the disk."""
 
 from __future__ import annotations
 
 import os
 import struct
+import threading
+import time
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import dataclass
 from io import FileIO
 from pathlib import Path
+from typing import TypeAlias
 
 from isal.isal_zlib import crc32, crc32_combine
 from mcap.data_stream import RecordBuilder
@@ -15,6 +19,7 @@ from mcap.opcode import Opcode
 from mcap.records import (
     AttachmentIndex,
     Channel,
+    ChunkIndex,
     DataEnd,
     Header,
     McapRecord,
@@ -26,7 +31,276 @@ from mcap.records import (
 )
 from mcap.writer import MCAP0_MAGIC
 
-from ssp_core.bag.chunk import Buffer, ChunkBuilder
+# Opcode, length of what follows, channel, sequence, log time, publish time.
+MESSAGE_HEAD = struct.Struct("<BQHIQQ")
+MESSAGE_BODY_BYTES = MESSAGE_HEAD.size - 9
+# Opcode, length, start, end, uncompressed size, CRC, length of the compression's name, data length.
+CHUNK_HEAD = struct.Struct("<BQQQQIIQ")
+# Opcode, length, channel, length of the entries; each entry is a log time and an offset.
+INDEX_HEAD = struct.Struct("<BQHI")
+INDEX_ENTRY_BYTES = 16
+_MESSAGE = int(Opcode.MESSAGE)
+# Copying a small message costs less than one more buffer for the system to gather.
+COPIED_BYTES = 8192
+
+Buffer: TypeAlias = bytes | bytearray | memoryview
+
+
+@dataclass(frozen=True, slots=True)
+class FinishedChunk:
+    """A Chunk record and its MessageIndex records.
+
+    Args:
+        buffers: the bytes, in order.
+        length: of all buffers.
+        crc: of all bytes.
+        chunk_bytes: length of the Chunk record alone.
+        payload_bytes: length of the messages in it.
+        start_ns, end_ns: earliest and latest log time.
+        index_offsets: where each channel's MessageIndex record begins, from the first buffer.
+        counts: messages by channel.
+    """
+
+    buffers: list[Buffer]
+    length: int
+    crc: int
+    chunk_bytes: int
+    payload_bytes: int
+    start_ns: int
+    end_ns: int
+    index_offsets: dict[int, int]
+    counts: dict[int, int]
+
+    def index(self, offset: int) -> ChunkIndex:
+        """The ChunkIndex record of this chunk when it begins at that offset of the file."""
+        return ChunkIndex(
+            chunk_length=self.chunk_bytes,
+            chunk_start_offset=offset,
+            compression="",
+            compressed_size=self.payload_bytes,
+            message_end_time=self.end_ns,
+            message_index_length=self.length - self.chunk_bytes,
+            message_index_offsets={
+                channel: offset + begin for channel, begin in self.index_offsets.items()
+            },
+            message_start_time=self.start_ns,
+            uncompressed_size=self.payload_bytes,
+        )
+
+
+class ChunkBuilder:
+    """The open chunk: a reference to each large message, a copy of the small ones."""
+
+    __slots__ = ("_buffers", "_entries", "_small", "size")
+
+    def __init__(self) -> None:
+        self._clear()
+
+    def _clear(self) -> None:
+        self.size = 0
+        self._small = bytearray()
+        self._buffers: list[Buffer] = []
+        # Log times and offsets in turn, by channel.
+        self._entries: dict[int, list[int]] = {}
+
+    def add(
+        self, channel_id: int, sequence: int, log_time_ns: int, publish_time_ns: int, data: bytes
+    ) -> None:
+        """Appends a message; large data must not change until the chunk was written.
+
+        Raises:
+            struct.error: a number doesn't fit its field; nothing has happened then.
+        """
+        length = len(data)
+        head = MESSAGE_HEAD.pack(
+            _MESSAGE,
+            length + MESSAGE_BODY_BYTES,
+            channel_id,
+            sequence,
+            log_time_ns,
+            publish_time_ns,
+        )
+        entries = self._entries.get(channel_id)
+        if entries is None:
+            entries = self._entries[channel_id] = []
+        entries += (log_time_ns, self.size)
+        self._small += head
+        if length <= COPIED_BYTES:
+            self._small += data
+        else:
+            self._buffers += (self._small, data)
+            self._small = bytearray()
+        self.size += MESSAGE_HEAD.size + length
+
+    def counts(self) -> dict[int, int]:
+        """Messages by channel."""
+        return {channel: len(entries) // 2 for channel, entries in self._entries.items()}
+
+    def times(self) -> tuple[int, int] | None:
+        """Earliest and latest log time, None while there is no message."""
+        if not self._entries:
+            return None
+        times = [entries[::2] for entries in self._entries.values()]
+        return min(map(min, times)), max(map(max, times))
+
+    def finish(self) -> FinishedChunk:
+        """The records of what was added; the builder is empty afterwards."""
+        payload = self._buffers
+        if self._small:
+            payload.append(self._small)
+        payload_crc = 0
+        for buffer in payload:
+            payload_crc = crc32(buffer, payload_crc)
+        start_ns, end_ns = self.times() or (0, 0)
+        head = CHUNK_HEAD.pack(
+            Opcode.CHUNK,
+            CHUNK_HEAD.size - 9 + self.size,
+            start_ns,
+            end_ns,
+            self.size,
+            payload_crc,
+            0,
+            self.size,
+        )
+        chunk_bytes = len(head) + self.size
+        index, index_offsets = _message_indexes(self._entries, chunk_bytes)
+        crc = crc32_combine(crc32(head), payload_crc, self.size)
+        finished = FinishedChunk(
+            buffers=[head, *payload, index],
+            length=chunk_bytes + len(index),
+            crc=crc32(index, crc),
+            chunk_bytes=chunk_bytes,
+            payload_bytes=self.size,
+            start_ns=start_ns,
+            end_ns=end_ns,
+            index_offsets=index_offsets,
+            counts=self.counts(),
+        )
+        self._clear()
+        return finished
+
+
+def _message_indexes(entries: dict[int, list[int]], begin: int) -> tuple[bytearray, dict[int, int]]:
+    """MessageIndex records one after the other, and where each channel's begins."""
+    records = bytearray()
+    offsets = {}
+    for channel_id, flat in entries.items():
+        offsets[channel_id] = begin + len(records)
+        size = 8 * len(flat)
+        records += INDEX_HEAD.pack(Opcode.MESSAGE_INDEX, 6 + size, channel_id, size)
+        records += struct.pack(f"<{len(flat)}Q", *flat)
+    return records, offsets
+
+
+# A sync that takes longer makes the writer wait for it, so that what the disk can't keep up with
+# waits where it is counted and bounded, and not in the system's memory.
+OVERDUE_S = 1.0
+# How long one request waits at most: the writer must still notice that it is to end.
+LONGEST_WAIT_S = 5.0
+
+
+class DiskSync:
+    """Runs fdatasync behind the writer's back, so that a disk's hiccup doesn't hold it up.
+
+    The thread starts with the first request and works on descriptors of its own, so a file may
+    be closed at any time. Requests for a file that already waits for its turn are one request:
+    no more than one is running and one waiting per file, however slow the disk is.
+    """
+
+    def __init__(self) -> None:
+        self._changed = threading.Condition()
+        self._waiting: dict[str, tuple[int, float]] = {}
+        self._running_since_s: float | None = None
+        self._stopped = False
+        self._error: OSError | None = None
+        self._thread: threading.Thread | None = None
+
+    @property
+    def age_s(self) -> float:
+        """Seconds since the oldest request that is not done yet, 0.0 when all are done."""
+        with self._changed:
+            return self._age_s()
+
+    def _age_s(self) -> float:
+        since = [asked_s for _, asked_s in self._waiting.values()]
+        if self._running_since_s is not None:
+            since.append(self._running_since_s)
+        return time.monotonic() - min(since) if since else 0.0
+
+    def request(self, name: str, descriptor: int) -> None:
+        """Asks for a file to be synchronised soon.
+
+        Args:
+            name: of the file; a name waits once.
+            descriptor: open for writing.
+
+        Raises:
+            OSError: an earlier request failed: what was written may be lost.
+        """
+        with self._changed:
+            self._raise()
+            if name not in self._waiting:
+                self._waiting[name] = (os.dup(descriptor), time.monotonic())
+                self._changed.notify_all()
+        if self._thread is None:
+            self._thread = threading.Thread(target=self._run, name="bag-sync", daemon=True)
+            self._thread.start()
+
+    def wait_for_overdue(self) -> None:
+        """Returns when no request is older than OVERDUE_S, or after LONGEST_WAIT_S.
+
+        Raises:
+            OSError: a request failed: what was written may be lost.
+        """
+        with self._changed:
+            self._changed.wait_for(
+                lambda: self._error is not None or self._stopped or self._age_s() <= OVERDUE_S,
+                LONGEST_WAIT_S,
+            )
+            self._raise()
+
+    def finish(self) -> None:
+        """Waits until everything asked for is done, and ends the thread.
+
+        Raises:
+            OSError: a request failed.
+        """
+        self.abandon()
+        if self._thread is not None:
+            self._thread.join()
+        self._raise()
+
+    def abandon(self) -> None:
+        """Lets the thread end when it has done what it was asked for; doesn't wait for it."""
+        with self._changed:
+            self._stopped = True
+            self._changed.notify_all()
+
+    def _raise(self) -> None:
+        if self._error is not None:
+            raise OSError(self._error.errno, self._error.strerror)
+
+    def _run(self) -> None:
+        while True:
+            with self._changed:
+                while not self._waiting and not self._stopped:
+                    self._changed.wait()
+                if not self._waiting:
+                    return
+                name = next(iter(self._waiting))
+                descriptor, self._running_since_s = self._waiting.pop(name)
+            failed = None
+            try:
+                os.fdatasync(descriptor)
+            except OSError as error:
+                failed = error
+            finally:
+                os.close(descriptor)
+            with self._changed:
+                self._error = failed or self._error
+                self._running_since_s = None
+                self._changed.notify_all()
+
 
 CHUNK_BYTES = 1 << 20
 GATHERED = os.sysconf("SC_IOV_MAX")

@@ -6,7 +6,7 @@ from collections import deque
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from ssp_core.bag.qos import parse_offered_qos, stated_depth
+from ssp_core.bag.metadata import parse_offered_qos, stated_depth
 from ssp_core.errors import InputError
 
 MIN_BYTES = 1024  # as rosbag2

@@ -1,23 +1,355 @@
-"""Message types without ROS: Jazzy's own and ssp_msgs, read from the .msg files themselves."""
+"""Message types without ROS: Jazzy's own, ssp_msgs, those installed, and those that a bag defines.
+
+A definition in a bag is held against limits before code is generated from it.
+"""
 
 from __future__ import annotations
 
 import os
+import re
+from collections.abc import Container, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
+from typing import Any, NamedTuple
 
+from rosbags.interfaces import Nodetype
+from rosbags.interfaces.typing import Constdefs, Fielddefs, FieldDesc, Typesdict
+from rosbags.serde import SerdeError
+from rosbags.serde.utils import SIZEMAP
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.base import TypesysError
 from rosbags.typesys.store import Typestore
 
-from ssp_core.bag.definition_limits import BoundedStore, check_text, check_types
-from ssp_core.bag.installed_types import installed_types
-from ssp_core.bag.video_type import VIDEO_DEFINITION, VIDEO_TYPE
+from ssp_core.cdr.images import VIDEO_DEFINITION, VIDEO_TYPE
 from ssp_core.errors import HostError, InputError
+
+
+class BagMessage(NamedTuple):
+    """One serialised message; log time is when it was received, publish time when it was sent."""
+
+    topic: str
+    log_time_ns: int
+    publish_time_ns: int
+    data: bytes
+    sequence: int = 0
+
+
+# Autoware's and PX4's largest definitions, with all that they use, stay below a tenth of these.
+MAX_TEXT_BYTES = 512 << 10
+MAX_TYPES = 1000
+MAX_MEMBERS = 4096
+MAX_DEPTH = 32
+# Items of arrays of messages and strings, which become a line of code each; all together.
+MAX_UNROLLED = 4096
+# Items of one array of numbers: a message of 1 GiB could hold no more.
+MAX_ARRAY = 1 << 30
+# Memory for the Python objects of one message.
+MAX_DECODED_BYTES = 2 << 30
+
+# CPython 3.11: an object with its dict of fields, a field's value, a string's head.
+_OBJECT_BYTES = 152
+_FIELD_BYTES = 40
+_STRING_BYTES = 64
+_LEAST_STRING_BYTES = 5
+
+# The grammar's expressions take exponential time in nested brackets, and shifts and products make
+# numbers of any size. No definition that ROS generates holds any of these.
+_IDL_TOKEN = re.compile(
+    r'//[^\n]*|/\*.*?(?:\*/|\Z)|"(?:\\.|[^"\\])*"|(?P<operator><<|\*)|(?P<open>[(\[{<])'
+    r"|(?P<close>[)\]}>])",
+    re.DOTALL,
+)
+_IDL_DEPTH = {"(": 1, "[": 1, "{": 8, "<": 2}
+_OPENED = {")": "(", "]": "[", "}": "{", ">": "<"}
+_NAME = re.compile(r"[A-Za-z]\w*(?:/[A-Za-z]\w*)+", re.ASCII)
+
+Fields = list[tuple[str, Any]]
+
+
+def check_text(text: str, *, idl: bool) -> None:
+    """Refuses a text that would take the parser unreasonably long.
+
+    Raises:
+        ValueError: it is too long, or holds expressions that no generated definition has.
+    """
+    size = len(text.encode("utf-8", "surrogatepass"))
+    if size > MAX_TEXT_BYTES:
+        raise ValueError(f"{size} bytes of text, more than {MAX_TEXT_BYTES} are not read")
+    if text.count("\n") > MAX_MEMBERS * 4:
+        raise ValueError(f"more than {MAX_MEMBERS * 4} lines")
+    if not idl:
+        return
+    depth = dict.fromkeys(_IDL_DEPTH, 0)
+    for token in _IDL_TOKEN.finditer(text):
+        if token["operator"]:
+            raise ValueError(f"the operator {token['operator']} at character {token.start()}")
+        if bracket := token["open"]:
+            depth[bracket] += 1
+            if depth[bracket] > _IDL_DEPTH[bracket]:
+                raise ValueError(
+                    f"brackets {bracket} nested deeper than {_IDL_DEPTH[bracket]} at character "
+                    f"{token.start()}"
+                )
+        elif bracket := token["close"]:
+            depth[_OPENED[bracket]] -= 1
+
+
+def check_types(types: Mapping[str, Any]) -> None:
+    """Refuses parsed types from which too much code would be made.
+
+    Args:
+        types: by name (constants, fields), as rosbags' parsers give them.
+
+    Raises:
+        ValueError: which type and field, and what is wrong there.
+    """
+    if len(types) > MAX_TYPES:
+        raise ValueError(f"{len(types)} types, more than {MAX_TYPES} are not read")
+    members = sum(len(constants) + len(fields) for constants, fields in types.values())
+    if members > MAX_MEMBERS:
+        raise ValueError(f"{members} fields and constants, more than {MAX_MEMBERS} are not read")
+    unrolled = 0
+    for name, (constants, fields) in types.items():
+        if not _NAME.fullmatch(name):
+            raise ValueError(f"{name[:80]!r} is no name of a type")
+        for constant, _, value in constants:
+            if isinstance(value, list):
+                raise ValueError(f"constant {name}.{constant} is a list")
+            if isinstance(value, float) and not -1.8e308 < value < 1.8e308:
+                raise ValueError(f"constant {name}.{constant} is no finite number")
+        for field, (kind, rest) in fields:
+            if kind != Nodetype.ARRAY:
+                continue
+            inner, count = rest
+            if not 0 < count <= MAX_ARRAY:
+                raise ValueError(f"{name}.{field} has {count} items (1 to {MAX_ARRAY} are right)")
+            if _is_boxed(inner):
+                unrolled += count
+    if unrolled > MAX_UNROLLED:
+        raise ValueError(
+            f"arrays of {unrolled} messages and strings, more than {MAX_UNROLLED} are not read"
+        )
+    _check_depth(types)
+
+
+def _is_boxed(inner: Any) -> bool:
+    return bool(inner[0] == Nodetype.NAME or inner[1][0] == "string")
+
+
+def _named(fields: Fields) -> list[str]:
+    """The message types that a type's fields name."""
+    found = []
+    for _, (kind, rest) in fields:
+        inner = rest[0] if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE) else (kind, rest)
+        if inner[0] == Nodetype.NAME:
+            found.append(inner[1])
+    return found
+
+
+def _check_depth(types: Mapping[str, Any]) -> None:
+    """Raises ValueError where a type contains itself, or types nest deeper than MAX_DEPTH."""
+    depths: dict[str, int] = {}
+    for root in types:
+        open_types: dict[str, None] = {}  # the way from the root to where we are
+        stack: list[tuple[str, bool]] = [(root, False)]
+        while stack:
+            name, done = stack.pop()
+            below = [n for n in _named(types[name][1]) if n in types]
+            if done:
+                del open_types[name]
+                depths[name] = 1 + max((depths[n] for n in below), default=0)
+                if depths[name] > MAX_DEPTH:
+                    raise ValueError(f"types nest deeper than {MAX_DEPTH} in {name}")
+            elif name in open_types:
+                raise ValueError(f"{name} contains itself")
+            elif name not in depths:
+                open_types[name] = None
+                stack.append((name, True))
+                stack += [(n, False) for n in below]
+
+
+# Behind a count, which is aligned to 4, up to where numbers of 8 bytes would begin.
+_PADDING = bytes(4)
+_WIDE = frozenset({"int64", "uint64", "float64"})
+
+
+class BoundedStore(Typestore):
+    """A store that decodes no message whose objects could take more than MAX_DECODED_BYTES.
+
+    A byte of a message can become an object of some hundred bytes: an array of empty messages
+    takes one byte an item.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._growth: dict[str, float] = {}
+
+    def deserialize_cdr(self, rawdata: bytes | memoryview, typename: str) -> object:
+        """As Typestore.deserialize_cdr; what rclpy writes behind a message is no part of it.
+
+        Before the items of an empty sequence of 8-byte numbers at a message's end rclpy writes the
+        padding that would align them.
+
+        Raises:
+            SerdeError: the bytes are no such message, or their objects could take too much memory.
+        """
+        growth = self._growth.get(typename)
+        if growth is None:
+            growth = self._growth[typename] = growth_of(self.fielddefs, typename)
+        if len(rawdata) * growth > MAX_DECODED_BYTES:
+            raise SerdeError(
+                f"{len(rawdata)} bytes of small items could take "
+                f"{len(rawdata) * growth / 2**30:.1f} GiB of memory once decoded "
+                f"(at most {MAX_DECODED_BYTES >> 30} GiB are taken)"
+            )
+        try:
+            return super().deserialize_cdr(rawdata, typename)
+        except SerdeError:
+            is_padded = bytes(rawdata[-len(_PADDING) :]) == _PADDING
+            if not is_padded or not _ends_in_wide_numbers(self.fielddefs, typename):
+                raise
+            return super().deserialize_cdr(rawdata[: -len(_PADDING)], typename)
+
+
+def _ends_in_wide_numbers(types: Mapping[str, Any], name: str) -> bool:
+    """True for a type whose last field is a sequence of numbers of 8 bytes, be it in another's."""
+    fields = types[name][1]
+    if not fields:
+        return False
+    kind, rest = fields[-1][1]
+    if kind == Nodetype.NAME:
+        return _ends_in_wide_numbers(types, rest)
+    return kind == Nodetype.SEQUENCE and rest[0][0] == Nodetype.BASE and rest[0][1][0] in _WIDE
+
+
+def growth_of(types: Mapping[str, Any], msgtype: str) -> float:
+    """Bytes of Python objects per byte of a message, at the worst."""
+    return _growth(types, msgtype, {}, {})
+
+
+def _least(types: Mapping[str, Any], name: str, sizes: dict[str, tuple[int, int]]) -> Any:
+    """Least bytes of a type in a message, and bytes of its objects besides its sequences' items."""
+    if name in sizes:
+        return sizes[name]
+    least, objects = 0, _OBJECT_BYTES
+    for _, (kind, rest) in types[name][1]:
+        objects += _FIELD_BYTES
+        if kind == Nodetype.SEQUENCE:
+            least += 4
+            objects += _OBJECT_BYTES  # an empty list or array
+            continue
+        inner, count = rest if kind == Nodetype.ARRAY else ((kind, rest), 1)
+        if inner[0] == Nodetype.NAME:
+            size, more = _least(types, inner[1], sizes)
+        elif inner[1][0] == "string":
+            size, more = _LEAST_STRING_BYTES, _STRING_BYTES
+        else:
+            size, more = SIZEMAP[inner[1][0]], 0 if kind == Nodetype.ARRAY else 32
+        least += size * count
+        objects += more * count
+    sizes[name] = least, objects
+    return sizes[name]
+
+
+def _growth(
+    types: Mapping[str, Any],
+    name: str,
+    sizes: dict[str, tuple[int, int]],
+    known: dict[str, float],
+) -> float:
+    if name in known:
+        return known[name]
+    worst = 1.0
+    for _, (kind, rest) in types[name][1]:
+        inner = rest[0] if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE) else (kind, rest)
+        if inner[0] == Nodetype.NAME:
+            worst = max(worst, _growth(types, inner[1], sizes, known))
+        if kind != Nodetype.SEQUENCE or not _is_boxed(inner):
+            continue
+        if inner[0] == Nodetype.NAME:
+            least, objects = _least(types, inner[1], sizes)
+        else:
+            least, objects = _LEAST_STRING_BYTES, _STRING_BYTES
+        worst = max(worst, objects / max(1, least))
+    known[name] = worst
+    return worst
+
+
+_MSGTYPE = re.compile(r"([A-Za-z][A-Za-z0-9_]*)/msg/([A-Za-z][A-Za-z0-9_]*)", re.ASCII)
+# A definition is text that people write; these bound what a damaged installation can ask for.
+_MOST_BYTES = 1 << 20
+_MOST_TYPES = 500
+
+
+def installed_file(msgtype: str) -> Path | None:
+    """The .msg file of a type below AMENT_PREFIX_PATH; None when there is none.
+
+    Args:
+        msgtype: from anywhere; it is no path, whatever it says.
+    """
+    found = _MSGTYPE.fullmatch(msgtype)
+    if found is None:
+        return None
+    for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep):
+        path = Path(prefix, "share", found[1], "msg", f"{found[2]}.msg")
+        if prefix and path.is_file():
+            return path
+    return None
+
+
+def installed_types(msgtype: str, known: Container[str]) -> Typesdict:
+    """A type and all that it uses, read from their .msg files.
+
+    Args:
+        msgtype: full name.
+        known: types that need no look.
+
+    Raises:
+        InputError: the file of one isn't there, or is no definition.
+    """
+    found: Typesdict = {}
+    left = [msgtype]
+    while left:
+        name = left.pop()
+        if name in found or name in known:
+            continue
+        if len(found) >= _MOST_TYPES:
+            raise InputError(f"uses more than {_MOST_TYPES} types", field=msgtype)
+        found[name] = _read(name)
+        left += [used for _, kind in found[name][1] for used in _used(kind)]
+    return found
+
+
+def _read(msgtype: str) -> tuple[Constdefs, Fielddefs]:
+    path = installed_file(msgtype)
+    if path is None:
+        raise InputError(
+            "is no known message type",
+            field=msgtype,
+            remedy="install its package and source it, so that AMENT_PREFIX_PATH names it",
+        )
+    try:
+        if path.stat().st_size > _MOST_BYTES:
+            raise InputError("is too large for a message definition", file=path)
+        types = get_types_from_msg(path.read_text("utf-8"), msgtype)
+        return types[msgtype]
+    except (OSError, ValueError, KeyError, RecursionError, TypesysError) as error:
+        raise InputError(f"is no message definition: {error}", file=path) from error
+
+
+def _used(kind: FieldDesc) -> list[str]:
+    """Names of the types in a field."""
+    if kind[0] == Nodetype.NAME:
+        return [str(kind[1])]
+    if kind[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+        inner = kind[1][0]
+        return [str(inner[1])] if inner[0] == Nodetype.NAME else []
+    return []
+
 
 PACKAGE = "ssp_msgs"
 MSG_ENCODING = "ros2msg"
@@ -176,3 +508,42 @@ def store_from(written: TypeDefinition) -> Typestore:
             f"has a definition that can't be used: {text[:_SHOWN]}", field=written.msgtype
         ) from error
     return store
+
+
+class TopicTypestores:
+    """The store of each topic's type.
+
+    A definition takes time in proportion to its length, so it is parsed once: topics that share
+    it share the store, and one that can't be used isn't tried again with each message.
+
+    Args:
+        path: the bag, for messages.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._by_topic: dict[str, Typestore] = {}
+        self._by_definition: dict[TypeDefinition, Typestore | InputError] = {}
+
+    def of(self, topic: str, written: TypeDefinition) -> Typestore:
+        """Raises InputError when the definition can't be used."""
+        store = self._by_topic.get(topic)
+        if store is not None:
+            return store
+        found = self._by_definition.get(written)
+        if found is None:
+            try:
+                found = store_from(written)
+            except InputError as error:
+                found = error
+            self._by_definition[written] = found
+        if isinstance(found, InputError):
+            raise InputError(
+                found.problem,
+                file=self._path,
+                field=found.field,
+                value=found.value,
+                remedy=found.remedy,
+            )
+        self._by_topic[topic] = found
+        return found

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ssp_core.run_spec import Look
+from ssp_core.run_file.model import Look
 from ssp_ot_controller.camera.palettes import PALETTES, Colour, Palette, rgb
 
 _GREY_SKY = rgb("9aa3aa")

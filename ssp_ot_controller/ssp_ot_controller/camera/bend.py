@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ssp_core.geometry import Pose2
-from ssp_core.reference_line import ReferenceLine
-from ssp_core.run_spec import Road
+from ssp_core.run_file.road import Road
+from ssp_core.world.reference_line import ReferenceLine
 from ssp_ot_controller.camera.jit import Array, compiled, inlined
 
 _NODE_STEP_M = 0.25

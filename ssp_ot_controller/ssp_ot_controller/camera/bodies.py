@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import zlib
 
-from ssp_core.state import ObjectState
-from ssp_core.vocab import ObjectClass
+from ssp_core.motion.state import ObjectState
+from ssp_core.vocabulary import ObjectClass
 from ssp_ot_controller.camera import cars, heavy_vehicles, people, riders
 from ssp_ot_controller.camera.indicators import OFF, Indicator, is_lit
 from ssp_ot_controller.camera.mesh import Mesh

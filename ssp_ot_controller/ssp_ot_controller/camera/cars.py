@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 
-from ssp_core.state import Size
+from ssp_core.motion.state import Size
 from ssp_ot_controller.camera.mesh import Colour, Mesh, box, join, loft, quad
 from ssp_ot_controller.camera.surfaces import GLASS, GLOSSY, MATTE
 from ssp_ot_controller.camera.vehicle_parts import (

@@ -15,8 +15,8 @@ import cv2
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.errors import HostError
 from ssp_core.files import write_json
-from ssp_core.reference_line import ReferenceLine
-from ssp_core.state import ObjectState
+from ssp_core.motion.state import ObjectState
+from ssp_core.world.reference_line import ReferenceLine
 from ssp_ot_controller.camera.indicators import AHEAD_S, Indicator, Indicators, side_of
 from ssp_ot_controller.camera.render import render
 from ssp_ot_controller.camera.scene import Scene

@@ -7,8 +7,8 @@ from array import array
 from builtin_interfaces.msg import Time
 from sensor_msgs.msg import CameraInfo, CompressedImage
 
-from ssp_core.camera import Intrinsics
-from ssp_core.transforms import OPTICAL_FRAME
+from ssp_core.world.camera import Intrinsics
+from ssp_core.world.transforms import OPTICAL_FRAME
 
 
 def image_message(stamp: Time, jpeg: bytes) -> CompressedImage:

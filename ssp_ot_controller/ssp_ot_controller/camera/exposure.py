@@ -10,8 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ssp_core.camera import object_corners, project, view_from
-from ssp_core.run_spec import Camera, Look
+from ssp_core.run_file.model import Camera, Look
+from ssp_core.world.camera import object_corners, project, view_from
 from ssp_ot_controller.camera import night, rain, raster_frame, tilt, wet
 from ssp_ot_controller.camera.jit import Array
 from ssp_ot_controller.camera.placing import bodies_of, to_block

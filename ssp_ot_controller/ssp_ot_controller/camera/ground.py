@@ -14,7 +14,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ssp_core.run_spec import Lane, Road
+from ssp_core.run_file.road import Lane, Road
 from ssp_ot_controller.camera.jit import Array
 from ssp_ot_controller.camera.palettes import Palette
 

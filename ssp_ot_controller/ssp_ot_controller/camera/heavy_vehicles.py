@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import lru_cache
 
-from ssp_core.state import Size
+from ssp_core.motion.state import Size
 from ssp_ot_controller.camera.mesh import Colour, Mesh, Vec, box, join, quad
 from ssp_ot_controller.camera.palettes import rgb
 from ssp_ot_controller.camera.surfaces import GLASS, GLOSSY, LAMP, MATTE

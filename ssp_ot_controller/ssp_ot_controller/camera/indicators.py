@@ -14,23 +14,23 @@ from enum import Enum
 
 from ssp_core.clock import NS_PER_S, ns_to_seconds, seconds_to_ns
 from ssp_core.geometry import Polyline, wrap_angle
-from ssp_core.interaction import encounter
-from ssp_core.reference_line import ReferenceLine
-from ssp_core.run_spec import (
+from ssp_core.motion.encounter import encounter
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.participants import (
     AllOf,
     AnyOf,
     Condition,
     ElapsedTime,
     LaneChange,
     RelativeDistance,
-    Road,
-    RunSpec,
     TimeHeadway,
     TimeToArrival,
     TimeToCollision,
 )
-from ssp_core.state import ObjectState
-from ssp_core.vocab import ObjectClass
+from ssp_core.run_file.road import Road
+from ssp_core.vocabulary import ObjectClass
+from ssp_core.world.reference_line import ReferenceLine
 
 AHEAD_S = 1.2  # a driver indicates so long before the wheel is turned
 _PERIOD_NS = 2 * NS_PER_S // 3  # 1.5 Hz

@@ -9,8 +9,8 @@ from typing import Literal
 import numpy as np
 
 from ssp_core.geometry import Pose2
-from ssp_core.run_spec import Building, Road, SceneryItem, Sign, Tree
-from ssp_core.scenery import Clearance, half_extent_m, item_pose
+from ssp_core.run_file.road import Building, Road, SceneryItem, Sign, Tree
+from ssp_core.world.scenery import Clearance, half_extent_m, item_pose
 from ssp_ot_controller.camera import ground, signs
 from ssp_ot_controller.camera.bend import block_line
 from ssp_ot_controller.camera.mesh import Mesh

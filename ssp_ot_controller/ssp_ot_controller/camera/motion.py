@@ -11,8 +11,8 @@ import numpy as np
 
 from ssp_core.clock import seconds_to_ns
 from ssp_core.geometry import wrap_angle
-from ssp_core.state import DEFAULT_SIZES, ObjectState
-from ssp_core.vocab import ObjectClass, Role
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.vocabulary import ObjectClass, Role
 
 # Exact for polynomials up to degree 31; the integrand of Steered is as smooth as one.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)

@@ -14,7 +14,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, CompressedImage
 
 from ssp_core import names
-from ssp_core.camera import intrinsics
+from ssp_core.cdr import steps
 from ssp_core.errors import InputError
 from ssp_core.ros import (
     LATCHED,
@@ -26,10 +26,10 @@ from ssp_core.ros import (
     stamp_from_ns,
     subscribe_raw,
 )
-from ssp_core.run_spec import Camera, RunSpec, load_run
-from ssp_core.scenery import left_out
-from ssp_core.transforms import encode_transform, mount
-from ssp_core.wire import steps
+from ssp_core.run_file.model import Camera, RunSpec, load_run
+from ssp_core.world.camera import intrinsics
+from ssp_core.world.scenery import left_out
+from ssp_core.world.transforms import encode_transform, mount
 from ssp_msgs.msg import StepDone, WorldTick
 from ssp_ot_controller.camera import conversions
 from ssp_ot_controller.camera.encode import jpeg

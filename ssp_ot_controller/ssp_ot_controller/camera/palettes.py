@@ -1,4 +1,4 @@
-"""Colours and light of the three palettes of ``ssp_core.run_spec.Look``."""
+"""Colours and light of the three palettes of ``ssp_core.run_file.model.Look``."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from ssp_core.state import Size
+from ssp_core.motion.state import Size
 from ssp_ot_controller.camera.mesh import (
     Colour,
     Mesh,

@@ -7,9 +7,9 @@ import math
 import cv2
 import numpy as np
 
-from ssp_core.camera import intrinsics, optical_axes
 from ssp_core.clock import ns_to_seconds
-from ssp_core.run_spec import Camera, Look
+from ssp_core.run_file.model import Camera, Look
+from ssp_core.world.camera import intrinsics, optical_axes
 from ssp_ot_controller.camera.jit import Array
 from ssp_ot_controller.camera.scene import Scene
 from ssp_ot_controller.camera.stage import Stage

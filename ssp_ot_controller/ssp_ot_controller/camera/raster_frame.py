@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ssp_core.camera import View
-from ssp_core.run_spec import Look
+from ssp_core.run_file.model import Look
+from ssp_core.world.camera import View
 from ssp_ot_controller.camera import compose, light, sensor
 from ssp_ot_controller.camera.buffers import SAMPLES, Buffers, Samples
 from ssp_ot_controller.camera.contact import contact

@@ -12,10 +12,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ssp_core.camera import view_from
-from ssp_core.run_spec import Camera, Look, Road
-from ssp_core.state import DEFAULT_SIZES, ObjectState
-from ssp_core.vocab import ObjectClass, Role
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.run_file.model import Camera, Look
+from ssp_core.run_file.road import Road
+from ssp_core.vocabulary import ObjectClass, Role
+from ssp_core.world.camera import view_from
 from ssp_ot_controller.camera import raster_frame
 from ssp_ot_controller.camera.bodies import BRAKE_MPS2
 from ssp_ot_controller.camera.exposure import exposed

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
 
-from ssp_core.state import Size
+from ssp_core.motion.state import Size
 from ssp_ot_controller.camera.mesh import Colour, Mesh, Vec, box, ellipsoid, join, quad, ring, tube
 from ssp_ot_controller.camera.palettes import rgb
 from ssp_ot_controller.camera.people import SHOE, Outfit, joint, limb, torso

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ssp_core.geometry import Pose2
-from ssp_core.run_spec import Road
-from ssp_core.scenery import BEFORE_M, BEYOND_M
+from ssp_core.run_file.road import Road
+from ssp_core.world.scenery import BEFORE_M, BEYOND_M
 from ssp_ot_controller.camera import signs
 from ssp_ot_controller.camera.bend import Bend, block_line, offsets_of
 from ssp_ot_controller.camera.jit import Array

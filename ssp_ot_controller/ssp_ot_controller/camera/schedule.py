@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ssp_core.clock import NS_PER_S
-from ssp_core.run_spec import Camera
+from ssp_core.run_file.model import Camera
 
 _QUICK_PX = 2_100_000  # 1920 x 1080 and a little
 _QUICK_FRAME_S, _SLOW_FRAME_S = 1.5, 15.0

@@ -16,11 +16,13 @@ import cv2
 import numpy as np
 
 from ssp_core import console
-from ssp_core.camera import shown_box, view_from
 from ssp_core.files import make_folder, write_bytes
-from ssp_core.run_spec import Camera, Lane, Look, Road, Start
-from ssp_core.state import DEFAULT_SIZES, ObjectState
-from ssp_core.vocab import ObjectClass, Role
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.run_file.model import Camera, Look
+from ssp_core.run_file.road import Lane, Road
+from ssp_core.run_file.values import Start
+from ssp_core.vocabulary import ObjectClass, Role
+from ssp_core.world.camera import shown_box, view_from
 from ssp_ot_controller.camera.command import run_command
 from ssp_ot_controller.camera.encode import jpeg
 from ssp_ot_controller.camera.indicators import Indicator

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from ssp_core.run_spec import Sign
+from ssp_core.run_file.road import Sign
 from ssp_ot_controller.camera.mesh import Colour, Mesh, Vec, box, fan, join, quad, triangles, tube
 from ssp_ot_controller.camera.palettes import rgb
 

@@ -9,7 +9,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from ssp_core.run_spec import Look, Road
+from ssp_core.run_file.model import Look
+from ssp_core.run_file.road import Road
 from ssp_ot_controller.camera import ground, light, scenery, sky
 from ssp_ot_controller.camera.atmosphere import fog_per_m, palette_of
 from ssp_ot_controller.camera.bend import Bend, build_bend

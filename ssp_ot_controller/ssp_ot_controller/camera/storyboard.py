@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ssp_core.errors import InputError
-from ssp_core.run_spec import Camera, Look, Road
-from ssp_core.state import ObjectState
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import Camera, Look
+from ssp_core.run_file.road import Road
 from ssp_ot_controller.camera.motion import Actor
 from ssp_ot_controller.camera.storyboards import (
     cut_in,

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from ssp_core.run_spec import Camera
+from ssp_core.run_file.model import Camera
 from ssp_ot_controller.camera.jit import Array, compiled, inlined
 
 _MARGIN_PX = 4

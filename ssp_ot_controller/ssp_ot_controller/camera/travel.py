@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 
-from ssp_core.state import ObjectState
+from ssp_core.motion.state import ObjectState
 
 
 class Odometer:

@@ -13,7 +13,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from ssp_core.state import Size
+from ssp_core.motion.state import Size
 from ssp_ot_controller.camera.mesh import Colour, Mesh, Vec, fan, join, quad, tube
 from ssp_ot_controller.camera.palettes import rgb
 from ssp_ot_controller.camera.surfaces import GLOSSY, LAMP

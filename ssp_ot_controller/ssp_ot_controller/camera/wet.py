@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from ssp_core.run_spec import Road
+from ssp_core.run_file.road import Road
 from ssp_ot_controller.camera.bend import locate
 from ssp_ot_controller.camera.jit import Array, compiled
 from ssp_ot_controller.camera.raster_frame import LightField

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 from ssp_core.geometry import Pose2, wrap_angle
-from ssp_core.run_spec import Limits
-from ssp_core.vocab import ObjectClass
+from ssp_core.run_file.model import Limits
+from ssp_core.vocabulary import ObjectClass
 
 # Below this speed yaw rate over speed says nothing about the curvature.
 _MIN_CURVATURE_SPEED_MPS = 0.5

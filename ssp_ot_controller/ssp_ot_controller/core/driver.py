@@ -12,11 +12,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ssp_core.car_following import following_acceleration, free_acceleration
 from ssp_core.geometry import Polyline, wrap_angle
-from ssp_core.run_spec import Driver
-from ssp_core.state import ObjectState
-from ssp_core.vocab import ObjectClass
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.participants import Driver
+from ssp_core.vocabulary import ObjectClass
+from ssp_core.world.car_following import following_acceleration, free_acceleration
 from ssp_ot_controller.core.bodies import LIMITS, Command
 
 VULNERABLE = frozenset({ObjectClass.PEDESTRIAN, ObjectClass.CYCLIST})

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from ssp_core.run_spec import Driver
+from ssp_core.run_file.participants import Driver
 from ssp_ot_controller.core.driver import Obstacle
 
 # What is left between two bumpers when the braking was just enough.

@@ -1,7 +1,7 @@
 """What an object watches by itself: may it go on, or must it stop without being told?
 
-The predicates are those of ssp_core.limits, which the manager judges by too; here is which of them
-count when.
+The predicates are those of ssp_core.safety.limits, which the manager judges by too; here is which
+of them count when.
 """
 
 from __future__ import annotations
@@ -9,14 +9,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ssp_core import limits as judge
 from ssp_core.clock import ns_to_seconds
-from ssp_core.limits import Passed
-from ssp_core.reference import Reference
-from ssp_core.run_spec import Limits
-from ssp_core.safety_codes import MEANINGS, SafetyCode
-from ssp_core.state import ObjectState
-from ssp_core.vocab import ControlState
+from ssp_core.motion.reference import Reference
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import Limits
+from ssp_core.safety import limits as judge
+from ssp_core.safety.codes import MEANINGS, SafetyCode
+from ssp_core.safety.limits import LimitViolation
+from ssp_core.vocabulary import ControlState
 from ssp_ot_controller.core.tracking import TrackingError
 
 # States in which an object may move or is about to: here it needs the manager and a good state.
@@ -62,7 +62,7 @@ def reference_over(reference: Reference | None, now_ns: int) -> bool:
     return reference is None or now_ns < reference.execute_at_ns or now_ns >= reference.end_ns
 
 
-def _stop(passed: Passed) -> StopNow:
+def _stop(passed: LimitViolation) -> StopNow:
     meaning = MEANINGS[passed.code]
     return StopNow(passed.code, meaning.limit_name, passed.measured, passed.limit, meaning.unit)
 
@@ -90,7 +90,7 @@ class Seen:
     reference: Reference | None
     error: TrackingError | None
     running_s: float = 0.0
-    lost: Passed | None = None
+    lost: LimitViolation | None = None
     other_managers: int = 0
     outside_m: float = 0.0
     room_excess_m: float = 0.0
@@ -99,14 +99,14 @@ class Seen:
 
 
 def lost_its_place(
-    state: ObjectState, now_ns: int, continuity: Sequence[Passed], limits: Limits
-) -> Passed | None:
+    state: ObjectState, now_ns: int, continuity: Sequence[LimitViolation], limits: Limits
+) -> LimitViolation | None:
     """The first sign that an object's own state can't be believed, None when there is none.
 
     Args:
         state: the newest own state.
         now_ns: on the object's clock.
-        continuity: what ``ssp_core.continuity.follow`` says of it.
+        continuity: what ``ssp_core.safety.limits.follow`` says of it.
         limits: of the site.
     """
     age_s = ns_to_seconds(now_ns - state.stamp_ns)
@@ -160,19 +160,19 @@ def decide(
     return Continue(brake=idle) if passed is None else _stop(passed)
 
 
-def _foreign_manager(others: int) -> Passed | None:
-    return Passed(SafetyCode.FOREIGN_MANAGER, float(others), 0.0) if others else None
+def _foreign_manager(others: int) -> LimitViolation | None:
+    return LimitViolation(SafetyCode.FOREIGN_MANAGER, float(others), 0.0) if others else None
 
 
-def _refused(number: int) -> Passed | None:
-    return Passed(SafetyCode.REFERENCE_REFUSED, float(number), 0.0) if number else None
+def _refused(number: int) -> LimitViolation | None:
+    return LimitViolation(SafetyCode.REFERENCE_REFUSED, float(number), 0.0) if number else None
 
 
-def _stopping_room(excess_m: float) -> Passed | None:
-    return None if excess_m <= 0.0 else Passed(SafetyCode.STOPPING_ROOM, excess_m, 0.0)
+def _stopping_room(excess_m: float) -> LimitViolation | None:
+    return None if excess_m <= 0.0 else LimitViolation(SafetyCode.STOPPING_ROOM, excess_m, 0.0)
 
 
-def _too_close(seen: Seen, limits: Limits) -> Passed | None:
+def _too_close(seen: Seen, limits: Limits) -> LimitViolation | None:
     for other in seen.others:
         passed = judge.separation(seen.state, other, limits)
         if passed is not None:
@@ -180,7 +180,7 @@ def _too_close(seen: Seen, limits: Limits) -> Passed | None:
     return None
 
 
-def _off_reference(error: TrackingError | None, limits: Limits) -> Passed | None:
+def _off_reference(error: TrackingError | None, limits: Limits) -> LimitViolation | None:
     if error is None:
         return None
     return (

@@ -10,7 +10,7 @@ from __future__ import annotations
 from enum import IntEnum
 
 from ssp_core.errors import PeerError
-from ssp_core.vocab import ControlState
+from ssp_core.vocabulary import ControlState
 
 
 class ObjectEvent(IntEnum):

@@ -10,12 +10,12 @@ from enum import IntEnum
 import numpy as np
 
 from ssp_core.clock import ns_to_seconds
-from ssp_core.fence import row_excess_m
 from ssp_core.geometry import Pose2, wrap_angle
-from ssp_core.reference import Reference, sample
-from ssp_core.run_spec import Limits
-from ssp_core.state import ObjectState
-from ssp_core.vocab import ControlState, ObjectClass
+from ssp_core.motion.reference import Reference, sample
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import Limits
+from ssp_core.safety.fence import row_excess_m
+from ssp_core.vocabulary import ControlState, ObjectClass
 from ssp_ot_controller.core.bodies import BodyLimits
 from ssp_ot_controller.core.one_motion import STEP_M, contradiction
 from ssp_ot_controller.core.stop_room import StopRoom

@@ -7,7 +7,7 @@ keeps the object from beginning any.
 
 from __future__ import annotations
 
-from ssp_core.reference import Reference
+from ssp_core.motion.reference import Reference
 
 
 class ReferenceQueue:

@@ -15,20 +15,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ssp_core.blind_stop import (
+from ssp_core.geometry import Box, FloatArray, Pose2
+from ssp_core.motion.state import ObjectState, Size
+from ssp_core.run_file.model import Limits
+from ssp_core.safety.fence import box_excess_m, room_m, row_excess_m
+from ssp_core.safety.stopping import (
     SLACK_STOP_M,
     STRAIGHT_RAD,
     blind_excess_m,
     blind_s,
     blind_stopping,
     grown,
+    stopping_of,
 )
-from ssp_core.fence import box_excess_m, room_m, row_excess_m
-from ssp_core.geometry import Box, FloatArray, Pose2
-from ssp_core.run_spec import Limits
-from ssp_core.state import ObjectState, Size
-from ssp_core.stopping import stopping_of
-from ssp_core.vocab import ObjectClass
+from ssp_core.vocabulary import ObjectClass
 from ssp_ot_controller.core.track import Track
 
 # Points of a reference are looked at so far apart at most.

@@ -1,6 +1,6 @@
 """A reference made ready for being driven: plain numbers, so that a step costs microseconds.
 
-``sample`` of ssp_core.reference says what a reference means; this gives the same values.
+``sample`` of ssp_core.motion.reference says what a reference means; this gives the same values.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 
 from ssp_core.clock import ns_to_seconds
 from ssp_core.geometry import FloatArray, Pose2, wrap_angle
-from ssp_core.reference import Reference
+from ssp_core.motion.reference import Reference
 
 # Rows that are made ready at once; a power of two.
 _PIECE_BITS = 6

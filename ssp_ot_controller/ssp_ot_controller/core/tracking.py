@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ssp_core.geometry import FloatArray, wrap_angle
-from ssp_core.reference import Reference, ReferencePoint
-from ssp_core.state import ObjectState
-from ssp_core.vocab import ObjectClass
+from ssp_core.motion.reference import Reference, ReferencePoint
+from ssp_core.motion.state import ObjectState
+from ssp_core.vocabulary import ObjectClass
 from ssp_ot_controller.core.bodies import LIMITS, BodyLimits, Command
 from ssp_ot_controller.core.gains import (
     DEFAULT_GAINS,

@@ -8,9 +8,9 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from ssp_core.closing import Closing
 from ssp_core.errors import HostError
-from ssp_core.run_spec import RunSpec
+from ssp_core.files import Closing
+from ssp_core.run_file.model import RunSpec
 from ssp_ot_controller.target.bodies.body_server import BodyServer
 from ssp_ot_controller.target.bodies.datagrams import COMMAND_BYTES
 

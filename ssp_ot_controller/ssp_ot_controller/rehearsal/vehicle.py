@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
-from ssp_core.run_spec import RunSpec
-from ssp_core.state import ObjectState
-from ssp_core.vocab import Role, SessionPhase
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import RunSpec
+from ssp_core.vocabulary import Role, SessionPhase
 from ssp_ot_controller.core.bodies import BodyState, step_body
 from ssp_ot_controller.sil.vut import VutDriver
 

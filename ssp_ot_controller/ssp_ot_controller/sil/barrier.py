@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from ssp_core.lockstep import RECORDER_LAG_STEPS
+from ssp_core.cdr.steps import RECORDER_LAG_STEPS
 
 
 class Barrier:

@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 from typing import TypeVar
 
 from ssp_core.clock import seconds_to_ns
-from ssp_core.run_spec import FaultKind, LinkDisturbance, RunSpec
-from ssp_core.state import ObjectState
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import FaultKind, LinkDisturbance, RunSpec
 from ssp_ot_controller.core.bodies import Command
 from ssp_ot_controller.sil.draws import normals, uniforms
 from ssp_ot_controller.sil.fault_schedule import FaultChange, FaultSchedule

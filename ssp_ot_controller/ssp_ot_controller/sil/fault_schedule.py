@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 from ssp_core.clock import seconds_to_ns
-from ssp_core.run_spec import Fault, FaultKind
+from ssp_core.run_file.model import Fault, FaultKind
 
 UNITS: dict[FaultKind, str] = {
     "link_delay": "s",

@@ -15,13 +15,13 @@ from rclpy.node import Node
 from rosgraph_msgs.msg import Clock as ClockMsg
 
 from ssp_core import names, ros
+from ssp_core.cdr import steps
+from ssp_core.cdr.states import encode_state
 from ssp_core.clock import NS_PER_S, ns_to_seconds
 from ssp_core.errors import InputError
-from ssp_core.run_spec import load_run
-from ssp_core.safety_codes import MEANINGS, SafetyCode
-from ssp_core.vocab import SessionPhase
-from ssp_core.wire import steps
-from ssp_core.wire.states import encode_state
+from ssp_core.run_file.model import load_run
+from ssp_core.safety.codes import MEANINGS, SafetyCode
+from ssp_core.vocabulary import SessionPhase
 from ssp_msgs.msg import (
     ActuatorCommand,
     ActuatorCommands,

@@ -18,10 +18,11 @@ import libsumo  # type: ignore[import-untyped] # has no types
 from ssp_core.clock import seconds_to_ns
 from ssp_core.errors import HostError, InputError
 from ssp_core.geometry import Pose2, wrap_angle
-from ssp_core.run_spec import RunSpec, TrafficSpec
-from ssp_core.state import DEFAULT_SIZES, ObjectState
-from ssp_core.sumo_network import SUMO_CLASSES, SUMO_SEEDS, Network, write_network
-from ssp_core.vocab import ObjectClass, Role
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.participants import TrafficSpec
+from ssp_core.vocabulary import ObjectClass, Role
+from ssp_core.world.sumo_network import SUMO_CLASSES, SUMO_SEEDS, Network, write_network
 
 # moveToXY: 2 takes the pose as given, on a lane or not; 4 lets persons be on any lane.
 _KEEP_VEHICLE = 2

@@ -8,8 +8,9 @@ from dataclasses import replace
 from ssp_core import names
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.geometry import Polyline
-from ssp_core.run_spec import Driver, FaultKind, RunSpec
-from ssp_core.state import ObjectState
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import FaultKind, RunSpec
+from ssp_core.run_file.participants import Driver
 from ssp_ot_controller.core import emergency_brake
 from ssp_ot_controller.core.bodies import Command, brake_command
 from ssp_ot_controller.core.driver import drive, find_obstacles

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from typing import Protocol
 
 from ssp_core.clock import seconds_to_ns
-from ssp_core.run_spec import RunSpec
-from ssp_core.state import ObjectState
-from ssp_core.vocab import ControlState, Role, SessionPhase
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import RunSpec
+from ssp_core.vocabulary import ControlState, Role, SessionPhase
 from ssp_ot_controller.core.bodies import BodyState, Command, step_body
 from ssp_ot_controller.sil.disturbance import Actuator
 from ssp_ot_controller.sil.vut import VutDriver

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ssp_core.run_spec import RunSpec
+from ssp_core.run_file.model import RunSpec
 from ssp_ot_controller.core.object_machine import ObjectEvent
 
 # Numbers of ObjectCommand.srv.

@@ -6,12 +6,12 @@ from collections.abc import Iterable, Mapping
 
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError
+from ssp_core.motion.reference import Reference
+from ssp_core.motion.state import ObjectState
 from ssp_core.names import SCENARIO_MANAGER
-from ssp_core.reference import Reference
-from ssp_core.run_spec import RunSpec
-from ssp_core.safety_codes import MEANINGS, SafetyCode
-from ssp_core.state import ObjectState
-from ssp_core.vocab import ControlState, SessionPhase
+from ssp_core.run_file.model import RunSpec
+from ssp_core.safety.codes import MEANINGS, SafetyCode
+from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_ot_controller.core.bodies import Command
 from ssp_ot_controller.core.local_safety import StopNow
 from ssp_ot_controller.core.object_machine import ObjectEvent

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from ssp_core.state import ObjectState
+from ssp_core.motion.state import ObjectState
 from ssp_ot_controller.core.bodies import Command
 from ssp_ot_controller.core.local_safety import StopNow
 from ssp_ot_controller.core.reference_check import Refusal

@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
-from ssp_core.run_spec import Limits
-from ssp_core.state import ObjectState
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import Limits
 
 
 def _reach_m(state: ObjectState) -> float:

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from ssp_core.clock import seconds_to_ns
-from ssp_core.run_spec import RunSpec
+from ssp_core.run_file.model import RunSpec
 from ssp_ot_controller.sil.disturbance import LinkSizes
 
 # In lockstep a manager may beat a thousand times a second; more answers would measure nothing more.

@@ -6,10 +6,10 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from ssp_core.motion.reference import Reference
+from ssp_core.motion.state import ObjectState
 from ssp_core.names import VUT_ID
-from ssp_core.reference import Reference
-from ssp_core.state import ObjectState
-from ssp_core.vocab import SessionPhase
+from ssp_core.vocabulary import SessionPhase
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterable, Mapping
 
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError
-from ssp_core.run_spec import LinkDisturbance, RunSpec
-from ssp_core.state import ObjectState
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import LinkDisturbance, RunSpec
 from ssp_ot_controller.core.bodies import Command
 from ssp_ot_controller.target.bodies import Body, BodyReading, state_of
 from ssp_ot_controller.target.bodies.mirror import MirrorBody

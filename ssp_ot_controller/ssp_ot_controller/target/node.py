@@ -13,13 +13,13 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.qos import QoSProfile
 
 from ssp_core import names, ros
+from ssp_core.cdr import steps
+from ssp_core.cdr.references import decode_reference
+from ssp_core.cdr.states import StateArray, decode_state, decode_states
 from ssp_core.errors import HostError
-from ssp_core.reference import Reference
-from ssp_core.run_spec import RunSpec, load_run
-from ssp_core.state import ObjectState as State
-from ssp_core.wire import steps
-from ssp_core.wire.references import decode_reference
-from ssp_core.wire.states import StateArray, decode_state, decode_states
+from ssp_core.motion.reference import Reference
+from ssp_core.motion.state import ObjectState as State
+from ssp_core.run_file.model import RunSpec, load_run
 from ssp_msgs.msg import Heartbeat, ObjectState, ObjectStates, WorldTick
 from ssp_msgs.msg import Reference as ReferenceMsg
 from ssp_msgs.srv import ObjectCommand

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from ssp_core.clock import ns_to_seconds
-from ssp_core.continuity import Continuity, follow
-from ssp_core.reference import Reference, sample
-from ssp_core.run_spec import RunSpec
-from ssp_core.state import ObjectState
-from ssp_core.vocab import ControlState, SessionPhase
+from ssp_core.motion.reference import Reference, sample
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import RunSpec
+from ssp_core.safety.limits import Continuity, follow
+from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_ot_controller.core.bodies import LIMITS, Command, brake_command, tightened
 from ssp_ot_controller.core.brake_watch import BrakeWatch
 from ssp_ot_controller.core.local_safety import (

@@ -9,9 +9,9 @@ from nav_msgs.msg import Odometry
 from rclpy.node import Node
 
 from ssp_core import names, ros
-from ssp_core.conversions import state_to_msg
 from ssp_core.errors import InputError
-from ssp_core.run_spec import load_run
+from ssp_core.ros.conversions import state_to_msg
+from ssp_core.run_file.model import load_run
 from ssp_msgs.msg import ObjectState
 from ssp_ot_controller.params import VUT_ADAPTER
 from ssp_ot_controller.vut.odometry import Fix, LeverArm, Unusable, VutStates

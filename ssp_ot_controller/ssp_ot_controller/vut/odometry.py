@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import PeerError
 from ssp_core.geometry import wrap_angle, yaw_of
-from ssp_core.run_spec import ParticipantSpec
-from ssp_core.state import ObjectState
-from ssp_core.vocab import ControlState, Role
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.participants import ParticipantSpec
+from ssp_core.vocabulary import ControlState, Role
 
 # Time constant of the acceleration that is made of differences of speed.
 ACCELERATION_FILTER_S = 0.1

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ssp_core.names import VUT_ID
-from ssp_core.reference_line import NotOneToOne
+from ssp_core.world.reference_line import NotOneToOne
 from ssp_scenario_manager.compile.task import Anchors, Place, TriggerRegion, Tuning
 from ssp_scenario_manager.interactions.base import (
     BlockPoint,

@@ -17,7 +17,7 @@ import yaml
 
 from ssp_core.errors import InputError
 from ssp_core.files import parse_model
-from ssp_core.run_spec import RunSpec
+from ssp_core.run_file.model import RunSpec
 from ssp_scenario_manager.compile.live import as_live
 from ssp_scenario_manager.spec.log import Record
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from ssp_core.errors import InputError
 from ssp_core.files import parse_model
 from ssp_core.hashing import sha256_bytes
-from ssp_core.shortlist_file import load_candidate
+from ssp_core.run_file.shortlist import load_candidate
 from ssp_scenario_manager.compile import records
 from ssp_scenario_manager.compile.choose import Chosen, choose_block
 from ssp_scenario_manager.compile.fitting_trigger import fitting_trigger

@@ -7,8 +7,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 from ssp_core.geometry import point_in_polygon
-from ssp_core.reference_line import ReferenceLine
-from ssp_core.run_spec import Camera, Limits, LinkDisturbance, Look, Point, TrafficSpec
+from ssp_core.run_file.model import Camera, Limits, LinkDisturbance, Look
+from ssp_core.run_file.participants import TrafficSpec
+from ssp_core.run_file.values import Point
+from ssp_core.world.reference_line import ReferenceLine
 from ssp_scenario_manager.compile.task import PlaceLink
 from ssp_scenario_manager.interactions.base import CannotPlace
 from ssp_scenario_manager.interactions.choosing import in_si

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ssp_core.errors import InputError
-from ssp_core.run_spec import LinkDisturbance, RunSpec
+from ssp_core.run_file.model import LinkDisturbance, RunSpec
 
 
 def as_live(run: RunSpec) -> RunSpec:

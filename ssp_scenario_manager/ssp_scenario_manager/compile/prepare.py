@@ -8,7 +8,7 @@ from typing import Literal
 
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder
-from ssp_core.run_spec import RunSpec, load_run
+from ssp_core.run_file.model import RunSpec, load_run
 from ssp_scenario_manager.compile.live import as_live
 from ssp_scenario_manager.compile.task import (
     EVENT_FILE,

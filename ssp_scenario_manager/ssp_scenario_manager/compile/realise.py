@@ -7,17 +7,10 @@ from dataclasses import dataclass
 from itertools import islice
 
 import ssp_core
-from ssp_core.run_spec import (
-    Lane,
-    Limits,
-    LinkDisturbance,
-    Point,
-    Road,
-    RunSpec,
-    Start,
-    TrafficSpec,
-    TriggerSpec,
-)
+from ssp_core.run_file.model import Limits, LinkDisturbance, RunSpec
+from ssp_core.run_file.participants import TrafficSpec, TriggerSpec
+from ssp_core.run_file.road import Lane, Road
+from ssp_core.run_file.values import Point, Start
 from ssp_scenario_manager.compile.anchoring import anchors, place, trigger_region, tunings
 from ssp_scenario_manager.compile.ground import Ground
 from ssp_scenario_manager.compile.room import check_fence, check_reachable, check_safe_stop

@@ -7,7 +7,7 @@ import os
 from collections.abc import Sequence
 
 from ssp_core.errors import InputError
-from ssp_core.shortlist_file import Listed
+from ssp_core.run_file.shortlist import Listed
 from ssp_scenario_manager.compile.choose import Chosen
 from ssp_scenario_manager.compile.task import Task, Validation
 from ssp_scenario_manager.spec.log import Record

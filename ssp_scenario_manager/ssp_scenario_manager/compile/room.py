@@ -6,8 +6,10 @@ from collections.abc import Iterator, Sequence
 
 from ssp_core.geometry import Box, Polyline
 from ssp_core.names import VUT_ID
-from ssp_core.reference_line import NotOneToOne
-from ssp_core.run_spec import FollowPath, LaneChange, ParticipantSpec, Point, RunSpec, Start
+from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.participants import FollowPath, LaneChange, ParticipantSpec
+from ssp_core.run_file.values import Point, Start
+from ssp_core.world.reference_line import NotOneToOne
 from ssp_scenario_manager.compile.ground import outside
 from ssp_scenario_manager.interactions.base import CannotPlace, Drive, Plan
 from ssp_scenario_manager.interactions.travel import stopping_m

@@ -9,10 +9,11 @@ from pathlib import Path
 
 from ssp_core.files import write_text
 from ssp_core.geometry import Box, Polyline
-from ssp_core.manoeuvre_points import lane_change
+from ssp_core.motion.manoeuvre import lane_change
 from ssp_core.names import VUT_ID
-from ssp_core.reference_line import NotOneToOne, ReferenceLine
-from ssp_core.run_spec import FollowPath, LaneChange, Point, TriggerSpec
+from ssp_core.run_file.participants import FollowPath, LaneChange, TriggerSpec
+from ssp_core.run_file.values import Point
+from ssp_core.world.reference_line import NotOneToOne, ReferenceLine
 from ssp_scenario_manager.compile.compiler import Compiled
 from ssp_scenario_manager.compile.task import Place, Task
 from ssp_scenario_manager.core.dispatch import run_out_end_m

@@ -14,11 +14,13 @@ from xml.etree import ElementTree
 
 from ssp_core.errors import InputError
 from ssp_core.files import write_bytes
-from ssp_core.reference_line import ReferenceLine
-from ssp_core.run_spec import ParticipantSpec, Point, RunSpec
-from ssp_core.state import DEFAULT_SIZES
-from ssp_core.sumo_network import SUMO_CLASSES, SUMO_SEEDS, LanePlace, write_network
-from ssp_core.vocab import ObjectClass
+from ssp_core.motion.state import DEFAULT_SIZES
+from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.participants import ParticipantSpec
+from ssp_core.run_file.values import Point
+from ssp_core.vocabulary import ObjectClass
+from ssp_core.world.reference_line import ReferenceLine
+from ssp_core.world.sumo_network import SUMO_CLASSES, SUMO_SEEDS, LanePlace, write_network
 from ssp_scenario_manager.compile.task import Task
 
 NET_FILE, ROUTE_FILE = "road.net.xml", "run.rou.xml"

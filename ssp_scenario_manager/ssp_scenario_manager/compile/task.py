@@ -10,7 +10,9 @@ from pydantic import ConfigDict, Field
 from ssp_core.errors import InputError
 from ssp_core.files import load_model
 from ssp_core.hashing import sha256_json
-from ssp_core.run_spec import CurvePiece, Finite, Lane, Limits, Point, RunSpec, Start, Strict
+from ssp_core.run_file.model import Limits, RunSpec
+from ssp_core.run_file.road import CurvePiece, Lane
+from ssp_core.run_file.values import Finite, Point, Start, Strict
 
 SCHEMA: Literal["ssp.task/1"] = "ssp.task/1"
 TASK_FILE = "task.json"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ssp_core.run_spec import TrafficSpec
+from ssp_core.run_file.participants import TrafficSpec
 from ssp_scenario_manager.interactions.base import Cross, Drive, Plan
 from ssp_scenario_manager.topology.block import Block, BlockLane
 

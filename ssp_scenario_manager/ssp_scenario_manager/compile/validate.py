@@ -5,16 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from ssp_core.bag import BagReader
 from ssp_core.bag.check import check_bag
-from ssp_core.bag.reader import bag_files
+from ssp_core.bag.reader import BagReader, bag_files
 from ssp_core.errors import InputError
 from ssp_core.files import parse_mapping, parse_model, read_mapping
 from ssp_core.hashing import sha256_file, sha256_json
 from ssp_core.names import PHASE_EVENT, SAFETY_EVENT, SESSION_STATE, absolute
-from ssp_core.run_spec import RunSpec
-from ssp_core.verdict import VERDICT_FILE
-from ssp_core.vocab import Phase, Verdict
+from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.verdict import VERDICT_FILE
+from ssp_core.vocabulary import Phase, Verdict
 from ssp_scenario_manager.compile.changes import differences
 from ssp_scenario_manager.compile.task import (
     RUN_FILE,

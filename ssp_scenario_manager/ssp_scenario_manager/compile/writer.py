@@ -10,8 +10,8 @@ from pathlib import Path
 
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder, write_bytes, write_json, write_text
-from ssp_core.run_spec import RunSpec
-from ssp_core.shortlist_file import SHORTLIST_FILE
+from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.shortlist import SHORTLIST_FILE
 from ssp_scenario_manager.compile.compiler import Compiled
 from ssp_scenario_manager.compile.outputs import write_target
 from ssp_scenario_manager.compile.sheet import SHEET_FILE

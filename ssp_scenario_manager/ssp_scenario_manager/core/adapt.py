@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 
 from ssp_core.clock import NS_PER_S, seconds_to_ns
 from ssp_core.geometry import Polyline
-from ssp_core.run_spec import Adaptation
-from ssp_core.state import ObjectState, Size
+from ssp_core.motion.state import ObjectState, Size
+from ssp_core.run_file.participants import Adaptation
 from ssp_scenario_manager.core.adapt_bounds import Bounds, nearest_rate
 from ssp_scenario_manager.core.pace import Pace, as_planned, toward, wanted_rate
 from ssp_scenario_manager.core.routine import Routine

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ssp_core.blind_stop import blind_excess_m
 from ssp_core.geometry import FloatArray
-from ssp_core.run_spec import Adaptation, Limits, ParticipantSpec
+from ssp_core.run_file.model import Limits
+from ssp_core.run_file.participants import Adaptation, ParticipantSpec
+from ssp_core.safety.stopping import blind_excess_m
 from ssp_scenario_manager.core.pace import Pace, play, toward
 
 _SAME_SPEED_MPS = 0.01

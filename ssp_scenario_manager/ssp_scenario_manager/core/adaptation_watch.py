@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
-from ssp_core.reference import Reference
-from ssp_core.safety_codes import SafetyCode
-from ssp_core.state import ObjectState
+from ssp_core.motion.reference import Reference
+from ssp_core.motion.state import ObjectState
+from ssp_core.safety.codes import SafetyCode
 from ssp_scenario_manager.core import outbox
 from ssp_scenario_manager.core.adaptations import Wish
 from ssp_scenario_manager.core.answers import ADAPTED

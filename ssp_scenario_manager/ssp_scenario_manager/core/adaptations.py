@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 from ssp_core.clock import seconds_to_ns
 from ssp_core.geometry import Polyline
-from ssp_core.reference import Reference
-from ssp_core.run_spec import Adaptation, RunSpec, TriggerSpec
-from ssp_core.state import ObjectState
+from ssp_core.motion.reference import Reference
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.participants import Adaptation, TriggerSpec
 from ssp_scenario_manager.core.adapt import Adapting, Decision, answered, begin, decide
 from ssp_scenario_manager.core.adapt_bounds import Bounds
 from ssp_scenario_manager.core.pace import Pace

@@ -9,7 +9,7 @@ it says that the link works.
 from __future__ import annotations
 
 from ssp_core.clock import seconds_to_ns
-from ssp_core.reference import Reference
+from ssp_core.motion.reference import Reference
 
 # An answer that hasn't come after so long may have been lost, or its reference.
 RESEND_S = 0.06

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from ssp_core.state import ObjectState
-from ssp_core.wire.states import find_state
+from ssp_core.cdr.states import find_state
+from ssp_core.motion.state import ObjectState
 
 
 class Arrivals:

@@ -13,9 +13,8 @@ from dataclasses import dataclass
 from typing import Literal, Protocol
 
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
-from ssp_core.fence import room_m
 from ssp_core.geometry import Polyline
-from ssp_core.run_spec import (
+from ssp_core.run_file.participants import (
     AllOf,
     AnyOf,
     Condition,
@@ -29,7 +28,8 @@ from ssp_core.run_spec import (
     TimeToArrival,
     TimeToCollision,
 )
-from ssp_core.vocab import Phase
+from ssp_core.safety.fence import room_m
+from ssp_core.vocabulary import Phase
 from ssp_scenario_manager.core.scene import Scene
 
 # Below this speed a time to arrival or a headway is infinite rather than an amplified noise of the

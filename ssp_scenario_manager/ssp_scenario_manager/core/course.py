@@ -6,9 +6,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
-from ssp_core.safety_codes import SafetyCode
-from ssp_core.state import ObjectState
-from ssp_core.vocab import Phase
+from ssp_core.motion.state import ObjectState
+from ssp_core.safety.codes import SafetyCode
+from ssp_core.vocabulary import Phase
 from ssp_scenario_manager.core import dispatch, outbox, phases
 from ssp_scenario_manager.core.readiness import trigger_age_s
 from ssp_scenario_manager.core.run import Run

@@ -8,11 +8,12 @@ from functools import lru_cache
 
 from ssp_core.clock import seconds_to_ns
 from ssp_core.geometry import Polyline, wrap_angle
-from ssp_core.manoeuvre_points import brake_along, drive_along, lane_change
-from ssp_core.reference import Points, Reference, sample
-from ssp_core.run_spec import Brake, FollowPath, LaneChange, Manoeuvre, Motion, RunSpec
-from ssp_core.speed_profile import DEFAULT_RAMP_S
-from ssp_core.state import ObjectState
+from ssp_core.motion.manoeuvre import brake_along, drive_along, lane_change
+from ssp_core.motion.reference import Points, Reference, sample
+from ssp_core.motion.speed_profile import DEFAULT_RAMP_S
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.participants import Brake, FollowPath, LaneChange, Manoeuvre, Motion
 
 # The time between dispatch and execute_at of the approach: every link has delivered by then.
 APPROACH_LEAD_S = 0.5

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 
 from ssp_core.geometry import Polyline
 from ssp_core.names import VUT_ID
-from ssp_core.run_spec import (
+from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.participants import (
     AllOf,
     AnyOf,
     Condition,
@@ -22,7 +23,6 @@ from ssp_core.run_spec import (
     Leaf,
     PhaseReached,
     RelativeDistance,
-    RunSpec,
     SpeedIs,
     TimeHeadway,
     TimeToArrival,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Set
 
-from ssp_core.state import ObjectState
+from ssp_core.motion.state import ObjectState
 from ssp_scenario_manager.core import readiness, standstill
 from ssp_scenario_manager.core.run import Run
 from ssp_scenario_manager.core.session_machine import SessionEvent

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ssp_core import names
-from ssp_core.state import ObjectState
-from ssp_core.wire.states import StateArray
+from ssp_core.cdr.states import StateArray
+from ssp_core.motion.state import ObjectState
 from ssp_scenario_manager.core.arrivals import Arrivals
 from ssp_scenario_manager.core.barrier import StepInputs
 from ssp_scenario_manager.core.session import Session

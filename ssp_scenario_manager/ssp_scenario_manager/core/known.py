@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from ssp_core.state import ObjectState
+from ssp_core.motion.state import ObjectState
 from ssp_scenario_manager.core.run import Run
 
 

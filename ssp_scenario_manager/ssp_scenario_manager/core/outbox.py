@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ssp_core.reference import Reference
-from ssp_core.vocab import Phase, SessionPhase, Verdict
+from ssp_core.motion.reference import Reference
+from ssp_core.vocabulary import Phase, SessionPhase, Verdict
 from ssp_scenario_manager.core.conditions import Sample
 from ssp_scenario_manager.core.supervisor import Violation
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from ssp_core.clock import NS_PER_S, ns_to_seconds
 from ssp_core.geometry import FloatArray, wrap_angle
-from ssp_core.reference import Points, ReferencePoint, between
+from ssp_core.motion.reference import Points, ReferencePoint, between
 
 # Natural frequencies of the law, 1/s: most of a change is made within 1 s; nothing presses on the
 # way back, which comes on top of whatever the manoeuvre itself brakes.

@@ -9,9 +9,9 @@ from collections.abc import Mapping
 
 from ssp_core import names
 from ssp_core.clock import NS_PER_S
-from ssp_core.run_spec import RunSpec
-from ssp_core.state import ObjectState
-from ssp_core.vocab import ControlState, SessionPhase
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import RunSpec
+from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_scenario_manager.core.session import Session
 from ssp_scenario_manager.core.vigil import Vigil
 

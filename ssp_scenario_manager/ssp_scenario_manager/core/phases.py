@@ -11,16 +11,10 @@ from dataclasses import dataclass, replace
 
 from ssp_core.clock import seconds_to_ns
 from ssp_core.geometry import Polyline
-from ssp_core.interaction import (
-    Encounter,
-    Observable,
-    encounter,
-    is_conflict,
-    is_observable,
-)
-from ssp_core.run_spec import ConflictThresholds
-from ssp_core.state import ObjectState
-from ssp_core.vocab import Phase
+from ssp_core.motion.encounter import Encounter, Observable, encounter, is_conflict, is_observable
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import ConflictThresholds
+from ssp_core.vocabulary import Phase
 
 TRIGGER_CONFIRMATION_S = 0.2
 RESOLUTION_CONFIRMATION_S = 1.0

@@ -11,11 +11,18 @@ from functools import cached_property
 
 import numpy as np
 
-from ssp_core.fence import room_m
 from ssp_core.geometry import FloatArray, Polyline
-from ssp_core.interaction import corridor_half_m
-from ssp_core.run_spec import Brake, FollowPath, LaneChange, ParticipantSpec, RunSpec, TriggerSpec
-from ssp_core.state import Size
+from ssp_core.motion.encounter import corridor_half_m
+from ssp_core.motion.state import Size
+from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.participants import (
+    Brake,
+    FollowPath,
+    LaneChange,
+    ParticipantSpec,
+    TriggerSpec,
+)
+from ssp_core.safety.fence import room_m
 from ssp_scenario_manager.core.dispatch import APPROACH_LEAD_S
 
 SPACING_M = 0.5

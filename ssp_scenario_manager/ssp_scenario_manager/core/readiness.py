@@ -6,13 +6,14 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from ssp_core import limits as judge
 from ssp_core.clock import ns_to_seconds
-from ssp_core.fence import box_excess_m
 from ssp_core.geometry import box_distance
-from ssp_core.run_spec import Limits, ParticipantSpec, RunSpec
-from ssp_core.state import ObjectState
-from ssp_core.vocab import ControlState
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import Limits, RunSpec
+from ssp_core.run_file.participants import ParticipantSpec
+from ssp_core.safety import limits as judge
+from ssp_core.safety.fence import box_excess_m
+from ssp_core.vocabulary import ControlState
 from ssp_scenario_manager.core.link_clock import Link
 
 FRESH_S = 1.0

@@ -14,8 +14,9 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 from ssp_core.clock import seconds_to_ns
-from ssp_core.reference import Reference
-from ssp_core.run_spec import FollowPath, RunSpec, TriggerSpec
+from ssp_core.motion.reference import Reference
+from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.participants import FollowPath, TriggerSpec
 from ssp_scenario_manager.core.conditions import Quantity
 from ssp_scenario_manager.core.dispatch import Address, manoeuvre_reference
 from ssp_scenario_manager.core.triggers import TriggerWatch

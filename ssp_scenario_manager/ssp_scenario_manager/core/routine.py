@@ -13,11 +13,11 @@ import numpy as np
 
 from ssp_core.clock import NS_PER_S, ns_to_seconds
 from ssp_core.geometry import FloatArray, Polyline, wrap_angle
-from ssp_core.interaction import AGAINST_RAD, corridor_half_m, is_crossing, swept_stations
-from ssp_core.reference import Reference
-from ssp_core.run_spec import ParticipantSpec
-from ssp_core.state import ObjectState
-from ssp_core.vocab import Role
+from ssp_core.motion.encounter import AGAINST_RAD, corridor_half_m, is_crossing, swept_stations
+from ssp_core.motion.reference import Reference
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.participants import ParticipantSpec
+from ssp_core.vocabulary import Role
 
 # What a manoeuvre does later than this is no matter of its conflict.
 _LOOKED_AT_S = 20.0

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
-from ssp_core.continuity import Continuity, follow
 from ssp_core.geometry import Polyline
-from ssp_core.reference import Reference
-from ssp_core.run_spec import RunSpec
-from ssp_core.safety_codes import SafetyCode
-from ssp_core.state import ObjectState
-from ssp_core.vocab import Phase, Verdict
+from ssp_core.motion.reference import Reference
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import RunSpec
+from ssp_core.safety.codes import SafetyCode
+from ssp_core.safety.limits import Continuity, follow
+from ssp_core.vocabulary import Phase, Verdict
 from ssp_scenario_manager.core import outbox, phases
 from ssp_scenario_manager.core.adaptations import Adaptations
 from ssp_scenario_manager.core.answers import ADAPTED, Answers, is_fatal

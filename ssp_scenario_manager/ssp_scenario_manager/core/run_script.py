@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ssp_core.clock import seconds_to_ns
-from ssp_core.vocab import SessionPhase
+from ssp_core.vocabulary import SessionPhase
 from ssp_scenario_manager.core.command_answer import Answer
 from ssp_scenario_manager.core.session_machine import SessionEvent
 

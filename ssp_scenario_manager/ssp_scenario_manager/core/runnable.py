@@ -3,15 +3,10 @@
 from __future__ import annotations
 
 from ssp_core.geometry import Polyline
-from ssp_core.interaction import OBSERVABLE_BRAKING_MPS2
-from ssp_core.run_spec import (
-    Brake,
-    FollowPath,
-    LaneChange,
-    Path2,
-    RunSpec,
-    TriggerSpec,
-)
+from ssp_core.motion.encounter import OBSERVABLE_BRAKING_MPS2
+from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.participants import Brake, FollowPath, LaneChange, TriggerSpec
+from ssp_core.run_file.values import Path2
 from ssp_scenario_manager.core import fireable
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from ssp_core.geometry import Polyline
-from ssp_core.interaction import Encounter, encounter
+from ssp_core.motion.encounter import Encounter, encounter
+from ssp_core.motion.state import ObjectState
 from ssp_core.names import VUT_ID
-from ssp_core.state import ObjectState
-from ssp_core.vocab import Phase
+from ssp_core.vocabulary import Phase
 
 
 class Scene:

@@ -11,10 +11,10 @@ from collections.abc import Iterable, Iterator, Sequence
 from ssp_core import names
 from ssp_core.clock import seconds_to_ns
 from ssp_core.geometry import Polyline
-from ssp_core.run_spec import RunSpec
-from ssp_core.safety_codes import SafetyCode
-from ssp_core.state import ObjectState
-from ssp_core.vocab import Phase, SessionPhase, Verdict
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import RunSpec
+from ssp_core.safety.codes import SafetyCode
+from ssp_core.vocabulary import Phase, SessionPhase, Verdict
 from ssp_scenario_manager.core import (
     adaptation_watch,
     course,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import Enum
 
-from ssp_core.vocab import SessionPhase
+from ssp_core.vocabulary import SessionPhase
 
 
 class SessionEvent(Enum):

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from ssp_core.clock import ns_to_seconds
-from ssp_core.run_spec import RunSpec
-from ssp_core.state import ObjectState
-from ssp_core.vocab import ControlState
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import RunSpec
+from ssp_core.vocabulary import ControlState
 from ssp_scenario_manager.core.readiness import FRESH_S, STANDSTILL_MPS
 
 _MOVING = (ControlState.RUNNING, ControlState.REMOTE_CONTROLLED)

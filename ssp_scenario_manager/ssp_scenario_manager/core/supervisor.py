@@ -1,21 +1,21 @@
 """Limits of a session as the manager judges them: one named predicate each, with what it measured.
 
 A predicate returns None while its limit is kept. Limits are inclusive: a value equal to its limit
-is still allowed (METHOD 6.11). What objects judge by too stands in ssp_core.limits.
+is still allowed (METHOD 6.11). What objects judge by too stands in ssp_core.safety.limits.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from ssp_core import limits as judge
 from ssp_core import names
 from ssp_core.clock import ns_to_seconds
-from ssp_core.limits import Passed
-from ssp_core.run_spec import Limits
-from ssp_core.safety_codes import MEANINGS, SafetyCode
-from ssp_core.state import ObjectState
-from ssp_core.vocab import ControlState, Verdict
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import Limits
+from ssp_core.safety import limits as judge
+from ssp_core.safety.codes import MEANINGS, SafetyCode
+from ssp_core.safety.limits import LimitViolation
+from ssp_core.vocabulary import ControlState, Verdict
 
 # A manager whose own timer comes so late blames nobody for that time.
 LATE_S = 0.5
@@ -68,7 +68,7 @@ class Violation:
 
 
 def of_object(
-    passed: Passed | None, object_id: str, stamp_ns: int, detail: str = ""
+    passed: LimitViolation | None, object_id: str, stamp_ns: int, detail: str = ""
 ) -> Violation | None:
     """A shared predicate's answer as this session's violation."""
     if passed is None:

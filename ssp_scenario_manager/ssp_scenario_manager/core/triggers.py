@@ -31,7 +31,7 @@ from dataclasses import dataclass
 
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.geometry import Polyline
-from ssp_core.run_spec import AllOf, AnyOf, Condition, PhaseReached, TriggerSpec
+from ssp_core.run_file.participants import AllOf, AnyOf, Condition, PhaseReached, TriggerSpec
 from ssp_scenario_manager.core.conditions import (
     Quantity,
     Question,

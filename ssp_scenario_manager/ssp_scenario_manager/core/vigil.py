@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 
-from ssp_core import limits as judge
 from ssp_core import names
 from ssp_core.clock import ns_to_seconds
-from ssp_core.run_spec import RunSpec
-from ssp_core.safety_codes import SafetyCode
-from ssp_core.vocab import SessionPhase
+from ssp_core.run_file.model import RunSpec
+from ssp_core.safety import limits as judge
+from ssp_core.safety.codes import SafetyCode
+from ssp_core.vocabulary import SessionPhase
 from ssp_scenario_manager.core import supervisor
 from ssp_scenario_manager.core.link_clock import LinkClocks
 from ssp_scenario_manager.core.readiness import Facts

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from ssp_core.clock import NS_PER_S, ns_to_seconds
 from ssp_core.geometry import Polyline
-from ssp_core.state import ObjectState, Size
+from ssp_core.motion.state import ObjectState, Size
 from ssp_scenario_manager.core.routine import Routine
 
 # Time constant of the filter on the VUT's place and speed.

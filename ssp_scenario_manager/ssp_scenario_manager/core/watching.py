@@ -1,20 +1,20 @@
 """Limits of a session: what the states of one instant pass. The caller makes an end of it.
 
-The predicates are in ``supervisor`` and in ssp_core.limits; here is whose states they are asked
-about, and when.
+The predicates are in ``supervisor`` and in ssp_core.safety.limits; here is whose states they are
+asked about, and when.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from ssp_core import limits as judge
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
-from ssp_core.fence import box_excess_m
-from ssp_core.run_spec import RunSpec
-from ssp_core.safety_codes import SafetyCode
-from ssp_core.state import ObjectState
-from ssp_core.vocab import ControlState
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import RunSpec
+from ssp_core.safety import limits as judge
+from ssp_core.safety.codes import SafetyCode
+from ssp_core.safety.fence import box_excess_m
+from ssp_core.vocabulary import ControlState
 from ssp_scenario_manager.core import supervisor
 from ssp_scenario_manager.core.run import Run
 from ssp_scenario_manager.core.supervisor import Violation, of_object

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 
-from ssp_core.domains import DOMAINS, free_domain
 from ssp_core.errors import HostError
+from ssp_core.processes import DOMAINS, free_domain
 
 _GB = 1 << 30
 

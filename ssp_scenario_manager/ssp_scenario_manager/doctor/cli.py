@@ -12,7 +12,7 @@ from rich.table import Table
 
 from ssp_core import console
 from ssp_core.errors import InputError
-from ssp_core.run_spec import load_run
+from ssp_core.run_file.model import load_run
 from ssp_scenario_manager.doctor.checks import Finding, Status, all_checks
 from ssp_scenario_manager.doctor.session import failed, session_findings
 

@@ -14,9 +14,8 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from ssp_core import names, ros
-from ssp_core.domains import free_domain
 from ssp_core.errors import HostError
-from ssp_core.processes import ProcessGroup, session_environment
+from ssp_core.processes import ProcessGroup, free_domain, session_environment
 from ssp_msgs.msg import Heartbeat
 
 PING, PONG = "doctor/ping", "doctor/pong"

@@ -13,9 +13,9 @@ from itertools import pairwise
 
 from ssp_core import names
 from ssp_core.clock import ns_to_seconds
-from ssp_core.run_spec import RunSpec
-from ssp_core.state import ObjectState
-from ssp_core.vocab import SessionPhase
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import RunSpec
+from ssp_core.vocabulary import SessionPhase
 from ssp_scenario_manager.core.link_clock import Link
 from ssp_scenario_manager.core.readiness import Facts, missing_to_arm
 from ssp_scenario_manager.doctor.checks import Finding, Status

@@ -11,7 +11,7 @@ from typing import Literal
 from ssp_core.errors import HostError, InputError
 from ssp_core.files import make_folder, read_mapping, write_json, write_text
 from ssp_core.hashing import sha256_json
-from ssp_core.run_spec import Fault, RunSpec
+from ssp_core.run_file.model import Fault, RunSpec
 from ssp_scenario_manager.compile.prepare import TASK_FOLDER, prepare_run
 from ssp_scenario_manager.faults.evidence import Evidence
 from ssp_scenario_manager.faults.in_one_process import possible, run_for_evidence

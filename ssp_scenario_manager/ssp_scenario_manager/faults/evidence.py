@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ssp_core.run_spec import RunSpec
-from ssp_core.vocab import ControlState, Phase, SessionPhase
+from ssp_core.run_file.model import RunSpec
+from ssp_core.vocabulary import ControlState, Phase, SessionPhase
 from ssp_scenario_manager.faults.motion import Track
 
 

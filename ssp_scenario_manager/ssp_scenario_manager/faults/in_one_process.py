@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from ssp_core.clock import ns_to_seconds
-from ssp_core.in_process import Plant, Report, Word, make_plant
-from ssp_core.run_spec import RunSpec
-from ssp_core.safety_codes import MEANINGS
-from ssp_core.state import ObjectState
-from ssp_core.vocab import ControlState, Role, Verdict
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import RunSpec
+from ssp_core.safety.codes import MEANINGS
+from ssp_core.vocabulary import ControlState, Role, Verdict
+from ssp_core.world.plant import ManagerUpdate, Plant, StepReport, make_plant
 from ssp_scenario_manager.faults.evidence import Evidence, FaultNote, SafetyNote
 from ssp_scenario_manager.faults.motion import Track
 from ssp_scenario_manager.faults.read_evidence import track_of
@@ -31,12 +31,12 @@ class _Watched:
 
     def __init__(self, plant: Plant) -> None:
         self._plant = plant
-        self.reports: list[Report] = []
+        self.reports: list[StepReport] = []
 
-    def hold(self, word: Word) -> Report:
+    def hold(self, word: ManagerUpdate) -> StepReport:
         return self._kept(self._plant.hold(word))
 
-    def advance(self, word: Word) -> Report:
+    def advance(self, word: ManagerUpdate) -> StepReport:
         return self._kept(self._plant.advance(word))
 
     def command(self, object_id: str, command: int, event_version: str) -> str:
@@ -45,7 +45,7 @@ class _Watched:
     def close(self) -> None:
         self._plant.close()
 
-    def _kept(self, report: Report) -> Report:
+    def _kept(self, report: StepReport) -> StepReport:
         self.reports.append(report)
         return report
 
@@ -102,7 +102,7 @@ def run_for_evidence(spec: RunSpec) -> Evidence:
     )
 
 
-def _truth(reports: list[Report]) -> dict[str, Track]:
+def _truth(reports: list[StepReport]) -> dict[str, Track]:
     rows: dict[str, list[tuple[float, ObjectState]]] = {}
     for report in reports:
         if report.running:
@@ -112,7 +112,7 @@ def _truth(reports: list[Report]) -> dict[str, Track]:
     return {object_id: track_of(kept) for object_id, kept in rows.items()}
 
 
-def _own_states(reports: list[Report]) -> tuple[tuple[float, str, ControlState], ...]:
+def _own_states(reports: list[StepReport]) -> tuple[tuple[float, str, ControlState], ...]:
     last: dict[str, ControlState] = {}
     changes = []
     for report in reports:
@@ -124,7 +124,7 @@ def _own_states(reports: list[Report]) -> tuple[tuple[float, str, ControlState],
     return tuple(changes)
 
 
-def _faults(spec: RunSpec, reports: list[Report]) -> tuple[FaultNote, ...]:
+def _faults(spec: RunSpec, reports: list[StepReport]) -> tuple[FaultNote, ...]:
     notes = [
         FaultNote(ns_to_seconds(f.stamp_ns), int(f.fault.partition(" ")[0]), f.active)
         for report in reports

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from ssp_core.run_spec import Fault, RunSpec
-from ssp_core.stopping import BRAKE_LAG_S, MARGIN_M, Stopping, stopping_of
-from ssp_core.vocab import ControlState, SessionPhase
+from ssp_core.run_file.model import Fault, RunSpec
+from ssp_core.safety.stopping import BRAKE_LAG_S, MARGIN_M, Stopping, stopping_of
+from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_scenario_manager.faults.evidence import Evidence
 from ssp_scenario_manager.faults.model import Expected, Within
 from ssp_scenario_manager.faults.motion import Stop, stop_of, touch

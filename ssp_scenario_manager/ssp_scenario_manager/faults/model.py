@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Literal
 
-from ssp_core.run_spec import FaultKind, RunSpec
+from ssp_core.run_file.model import FaultKind, RunSpec
 
 
 class Stage(Enum):

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ssp_core.fence import corners_of, excess_m
 from ssp_core.geometry import Box, FloatArray, Pose2, boxes_overlap
-from ssp_core.state import Size
-from ssp_core.stopping import Stopping
+from ssp_core.motion.state import Size
+from ssp_core.safety.fence import corners_of, excess_m
+from ssp_core.safety.stopping import Stopping
 
 STANDSTILL_MPS = 0.05
 

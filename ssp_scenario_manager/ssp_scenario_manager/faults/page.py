@@ -7,7 +7,7 @@ from html import escape
 from pathlib import Path
 
 from ssp_core.files import write_text
-from ssp_core.run_spec import RunSpec
+from ssp_core.run_file.model import RunSpec
 from ssp_scenario_manager.faults.campaign import CellResult
 from ssp_scenario_manager.faults.model import Expected, NotApplicable, Stage
 from ssp_scenario_manager.faults.table import (

@@ -10,16 +10,17 @@ from typing import Any
 import numpy as np
 
 from ssp_core import names
-from ssp_core.bag import BagMessage, BagReader
 from ssp_core.bag.check import check_bag
+from ssp_core.bag.reader import BagReader
+from ssp_core.bag.types import BagMessage
+from ssp_core.cdr.messages import stamp_ns
+from ssp_core.cdr.states import decode_state, decode_states
+from ssp_core.cdr.steps import decode_heartbeat, decode_tick
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError
-from ssp_core.messages import stamp_ns
-from ssp_core.run_spec import RunSpec, load_run
-from ssp_core.state import ObjectState
-from ssp_core.vocab import ControlState, Phase, Role, SessionPhase
-from ssp_core.wire.states import decode_state, decode_states
-from ssp_core.wire.steps import decode_heartbeat, decode_tick
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import RunSpec, load_run
+from ssp_core.vocabulary import ControlState, Phase, Role, SessionPhase
 from ssp_scenario_manager.faults.evidence import Evidence, FaultNote, Heard, SafetyNote
 from ssp_scenario_manager.faults.motion import Track
 from ssp_scenario_manager.runner.session import FAULTS_FILE, WITNESS_FILE

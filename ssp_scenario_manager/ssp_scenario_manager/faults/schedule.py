@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ssp_core.errors import InputError
-from ssp_core.run_spec import Fault, RunSpec
-from ssp_core.vocab import Phase, SessionPhase
+from ssp_core.run_file.model import Fault, RunSpec
+from ssp_core.vocabulary import Phase, SessionPhase
 from ssp_scenario_manager.faults.evidence import Evidence
 from ssp_scenario_manager.faults.model import OT, Row, Stage
 

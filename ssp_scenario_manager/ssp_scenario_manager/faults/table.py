@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from ssp_core.run_spec import RunSpec
-from ssp_core.vocab import Verdict
+from ssp_core.run_file.model import RunSpec
+from ssp_core.vocabulary import Verdict
 from ssp_scenario_manager.faults.campaign import CellResult
 from ssp_scenario_manager.faults.judge import Judged, Reaction
 from ssp_scenario_manager.faults.model import Cell, Expected, NotApplicable, Row, Stage

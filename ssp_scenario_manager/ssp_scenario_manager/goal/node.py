@@ -11,7 +11,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 
 from ssp_core import names
-from ssp_core.vocab import SessionPhase
+from ssp_core.vocabulary import SessionPhase
 from ssp_msgs.action import RunScenario
 from ssp_msgs.msg import SessionState
 from ssp_scenario_manager.core.command_answer import Answer

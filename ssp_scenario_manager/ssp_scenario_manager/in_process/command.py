@@ -13,7 +13,7 @@ from ssp_core import console
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder, write_json, write_text
-from ssp_core.run_spec import RunSpec
+from ssp_core.run_file.model import RunSpec
 from ssp_scenario_manager.in_process.outcome import (
     InProcessResult,
     result_json,

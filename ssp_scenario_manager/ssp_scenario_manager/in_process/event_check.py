@@ -10,9 +10,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ssp_core.run_spec import RunSpec
-from ssp_core.safety_codes import SafetyCode
-from ssp_core.vocab import Phase
+from ssp_core.run_file.model import RunSpec
+from ssp_core.safety.codes import SafetyCode
+from ssp_core.vocabulary import Phase
 from ssp_scenario_manager.in_process.outcome import InProcessResult, Record, run_in_process
 
 # What a VUT that doesn't respond brings about after the conflict has begun.

@@ -13,11 +13,11 @@ from dataclasses import dataclass, field, replace
 
 from ssp_core import names
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
-from ssp_core.in_process import FaultFact, LimitFact, Plant, Report, Word
-from ssp_core.reference import Reference
-from ssp_core.run_spec import Fault, RunSpec
-from ssp_core.state import ObjectState
-from ssp_core.vocab import ControlState, SessionPhase
+from ssp_core.motion.reference import Reference
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import Fault, RunSpec
+from ssp_core.vocabulary import ControlState, SessionPhase
+from ssp_core.world.plant import FaultFact, LimitFact, ManagerUpdate, Plant, StepReport
 from ssp_scenario_manager.core import outbox, supervisor
 from ssp_scenario_manager.core.link_clock import Link
 from ssp_scenario_manager.core.patience import ABORT_STANDSTILL_S, SILENT_S
@@ -37,7 +37,7 @@ ARMED_HOLD_S = 3.0
 ROLL_OUT_S = 20.0
 _OVER = (SessionPhase.FINISHED, SessionPhase.ABORTED)
 
-OnReport = Callable[[Report], None]
+OnReport = Callable[[StepReport], None]
 
 
 @dataclass
@@ -178,7 +178,7 @@ class InProcessSession:
             return bool(silent) and self.session.stands(self._now_ns, without=silent)
         return False
 
-    def _take(self, report: Report) -> None:
+    def _take(self, report: StepReport) -> None:
         session = self.session
         self._now_ns = report.now_ns
         self.account.faults += report.faults
@@ -218,9 +218,9 @@ class InProcessSession:
 
     # -- sending -------------------------------------------------------------------------------
 
-    def _word(self) -> Word:
+    def _word(self) -> ManagerUpdate:
         references, self._fresh = tuple(self._fresh), []
-        return Word(self.session.state, self._now_ns, references)
+        return ManagerUpdate(self.session.state, self._now_ns, references)
 
     def _flush(self) -> None:
         account = self.account

@@ -14,10 +14,10 @@ import numpy as np
 
 from ssp_core.clock import ns_to_seconds
 from ssp_core.files import write_bytes
-from ssp_core.in_process import FaultFact, Report, make_plant
-from ssp_core.run_spec import RunSpec
-from ssp_core.state import ObjectState
-from ssp_core.vocab import Phase, Verdict
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import RunSpec
+from ssp_core.vocabulary import Phase, Verdict
+from ssp_core.world.plant import FaultFact, StepReport, make_plant
 from ssp_scenario_manager.core.outbox import PhaseBegan
 from ssp_scenario_manager.in_process.loop import InProcessSession
 from ssp_scenario_manager.in_process.passing import Passing
@@ -31,7 +31,7 @@ _COLUMNS = ("stamp_ns", "x_m", "y_m", "yaw_rad", "speed_mps", "acceleration_mps2
 class Record:
     """Every report of a run while its world went."""
 
-    reports: list[Report] = field(default_factory=list)
+    reports: list[StepReport] = field(default_factory=list)
 
     def truths(self, object_id: str) -> list[ObjectState]:
         """True states of one object, in time order."""

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 from ssp_core.clock import ns_to_seconds
 from ssp_core.geometry import Polyline
-from ssp_core.interaction import corridor_half_m, is_crossing, swept_stations
-from ssp_core.state import ObjectState
+from ssp_core.motion.encounter import corridor_half_m, is_crossing, swept_stations
+from ssp_core.motion.state import ObjectState
 
 
 @dataclass(frozen=True, slots=True)

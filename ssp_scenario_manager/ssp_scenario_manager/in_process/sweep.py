@@ -15,12 +15,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ssp_core.console import ignore_stop_signals
 from ssp_core.errors import HostError, InputError
 from ssp_core.files import read_mapping, write_bytes, write_json, write_text
 from ssp_core.hashing import sha256_json
-from ssp_core.run_spec import RunSpec
-from ssp_core.terminal import ignore_stop_signals
-from ssp_core.vocab import Phase
+from ssp_core.run_file.model import RunSpec
+from ssp_core.vocabulary import Phase
 from ssp_scenario_manager.in_process.outcome import InProcessResult, run_in_process
 from ssp_scenario_manager.in_process.vary import Variable, Variation, values_of
 from ssp_scenario_manager.runner.happened import rounded

@@ -15,7 +15,7 @@ import numpy as np
 
 from ssp_core.errors import InputError
 from ssp_core.files import parse_model
-from ssp_core.run_spec import RunSpec
+from ssp_core.run_file.model import RunSpec
 
 OPTION = "--vary"
 # A run has one of each; what a sweep is of must stay the same over its rows.

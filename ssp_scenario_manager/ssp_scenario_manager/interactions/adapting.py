@@ -9,8 +9,9 @@ from __future__ import annotations
 
 from ssp_core.clock import seconds_to_ns
 from ssp_core.geometry import Polyline
-from ssp_core.run_spec import Adaptation, Point
-from ssp_core.vocab import ObjectWord
+from ssp_core.run_file.participants import Adaptation
+from ssp_core.run_file.values import Point
+from ssp_core.vocabulary import ObjectWord
 from ssp_scenario_manager.core.dispatch import (
     APPROACH_LEAD_S,
     Address,

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from ssp_core.interaction import Observable
+from ssp_core.motion.encounter import Observable
 from ssp_scenario_manager.spec.model import Event
 from ssp_scenario_manager.topology.block import Block
 

@@ -7,9 +7,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
-from ssp_core.interaction import corridor_half_m
-from ssp_core.run_spec import Camera
-from ssp_core.state import Size
+from ssp_core.motion.encounter import corridor_half_m
+from ssp_core.motion.state import Size
+from ssp_core.run_file.model import Camera
 from ssp_scenario_manager.interactions.base import (
     BlockPoint,
     CannotPlace,

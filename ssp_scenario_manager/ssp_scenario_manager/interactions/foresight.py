@@ -11,9 +11,9 @@ import math
 from dataclasses import dataclass, replace
 
 from ssp_core.geometry import box_distance
-from ssp_core.interaction import Encounter, Observable, encounter, is_conflict, is_observable
-from ssp_core.run_spec import ConflictThresholds
-from ssp_core.state import ObjectState
+from ssp_core.motion.encounter import Encounter, Observable, encounter, is_conflict, is_observable
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import ConflictThresholds
 from ssp_scenario_manager.core.conditions import condition_text
 from ssp_scenario_manager.core.scene import Scene
 from ssp_scenario_manager.core.triggers import TriggerWatch

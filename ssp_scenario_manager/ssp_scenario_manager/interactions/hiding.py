@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ssp_core.state import ObjectState
+from ssp_core.motion.state import ObjectState
 
 
 def is_hidden(vut: ObjectState, subject: ObjectState, occluder: ObjectState, eye_m: float) -> bool:

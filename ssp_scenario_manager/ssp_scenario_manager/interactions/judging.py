@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from ssp_core.geometry import Polyline
-from ssp_core.run_spec import EndCondition
+from ssp_core.run_file.model import EndCondition
 from ssp_scenario_manager.interactions.base import PlaceLimits
 from ssp_scenario_manager.interactions.choosing import in_si
 from ssp_scenario_manager.interactions.foresight import Foresight

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 from ssp_core.geometry import wrap_angle
 from ssp_core.names import VUT_ID
-from ssp_core.reference_line import NotOneToOne, ReferenceLine
-from ssp_core.run_spec import (
+from ssp_core.run_file.participants import (
     Brake,
     Condition,
     Driver,
@@ -17,13 +16,13 @@ from ssp_core.run_spec import (
     Manoeuvre,
     Motion,
     ParticipantSpec,
-    Point,
     RelativeDistance,
-    Start,
     TimeToArrival,
     TriggerSpec,
 )
-from ssp_core.vocab import ObjectWord
+from ssp_core.run_file.values import Point, Start
+from ssp_core.vocabulary import ObjectWord
+from ssp_core.world.reference_line import NotOneToOne, ReferenceLine
 from ssp_scenario_manager.interactions.base import (
     BlockPoint,
     BrakeTo,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from ssp_core.geometry import Polyline
-from ssp_core.state import Size
+from ssp_core.motion.state import Size
 from ssp_scenario_manager.interactions.base import BlockPoint, CannotPlace
 from ssp_scenario_manager.spec.model import Event
 from ssp_scenario_manager.topology.block import Block, BlockLane

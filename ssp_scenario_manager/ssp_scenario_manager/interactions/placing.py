@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
-from ssp_core.interaction import Observable, corridor_half_m
+from ssp_core.motion.encounter import Observable, corridor_half_m
 from ssp_scenario_manager.interactions.adapting import gap_before_response_s
 from ssp_scenario_manager.interactions.base import (
     BlockPoint,

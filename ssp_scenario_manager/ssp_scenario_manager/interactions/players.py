@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 
-from ssp_core.car_following import following_acceleration, free_acceleration
 from ssp_core.clock import seconds_to_ns
 from ssp_core.geometry import Polyline
-from ssp_core.interaction import Encounter
-from ssp_core.reference import Reference, sample
-from ssp_core.run_spec import ParticipantSpec
-from ssp_core.state import ObjectState
-from ssp_core.vocab import ObjectClass, Role
+from ssp_core.motion.encounter import Encounter
+from ssp_core.motion.reference import Reference, sample
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.participants import ParticipantSpec
+from ssp_core.vocabulary import ObjectClass, Role
+from ssp_core.world.car_following import following_acceleration, free_acceleration
 from ssp_scenario_manager.core.dispatch import (
     APPROACH_LEAD_S,
     Address,

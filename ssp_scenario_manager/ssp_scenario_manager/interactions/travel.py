@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from ssp_core.car_following import free_acceleration
-from ssp_core.run_spec import Driver
+from ssp_core.run_file.participants import Driver
+from ssp_core.world.car_following import free_acceleration
 from ssp_scenario_manager.core.dispatch import APPROACH_LEAD_S
 
 STEP_S = 0.05

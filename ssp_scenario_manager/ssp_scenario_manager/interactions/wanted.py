@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-from ssp_core.run_spec import ConflictThresholds, WantedPassing
-from ssp_core.state import DEFAULT_SIZES, Size
-from ssp_core.vocab import ObjectClass, ObjectWord
+from ssp_core.motion.state import DEFAULT_SIZES, Size
+from ssp_core.run_file.model import ConflictThresholds, WantedPassing
+from ssp_core.vocabulary import ObjectClass, ObjectWord
 from ssp_scenario_manager.interactions.base import PlaceLimits
 from ssp_scenario_manager.interactions.choosing import in_si
 from ssp_scenario_manager.spec.model import Event, Interval

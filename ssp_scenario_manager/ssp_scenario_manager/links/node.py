@@ -9,11 +9,11 @@ from typing import Any
 from rclpy.node import Node
 
 from ssp_core import names, ros
-from ssp_core.reference import Reference
-from ssp_core.run_spec import RunSpec
-from ssp_core.state import ObjectState as State
-from ssp_core.wire.references import Acknowledgement, decode_ack, encode_reference
-from ssp_core.wire.states import decode_state
+from ssp_core.cdr.references import Acknowledgement, decode_ack, encode_reference
+from ssp_core.cdr.states import decode_state
+from ssp_core.motion.reference import Reference
+from ssp_core.motion.state import ObjectState as State
+from ssp_core.run_file.model import RunSpec
 from ssp_msgs.msg import ObjectState, ObjectStates, ReferenceAck
 from ssp_msgs.msg import Reference as ReferenceMsg
 from ssp_msgs.srv import ObjectCommand

@@ -10,12 +10,12 @@ from rclpy.node import Node
 from tf2_msgs.msg import TFMessage
 
 from ssp_core import names, ros
+from ssp_core.cdr import steps
 from ssp_core.clock import NS_PER_S
-from ssp_core.run_spec import RunSpec
-from ssp_core.state import ObjectState
-from ssp_core.transforms import Poses, encode_transforms, of_camera
-from ssp_core.vocab import SessionPhase
-from ssp_core.wire import steps
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import RunSpec
+from ssp_core.vocabulary import SessionPhase
+from ssp_core.world.transforms import TransformFilter, encode_transforms, of_camera
 from ssp_msgs.msg import (
     Heartbeat,
     LinkStatus,
@@ -55,7 +55,7 @@ class Outlet:
         self._links = pub(LinkStatus, names.LINK_STATUS, ros.STATE)
         self._tf = pub(TFMessage, names.TF, ros.TF)
         self._tf_static = pub(TFMessage, names.TF_STATIC, ros.TF_STATIC)
-        self._poses = Poses()
+        self._poses = TransformFilter()
         self._count = 0
 
     def state_changed(self, change: outbox.StateChanged, spec: RunSpec | None) -> None:
@@ -107,7 +107,7 @@ class Outlet:
 
     def loaded(self, spec: RunSpec) -> None:
         """A run's camera to tf2; poses begin anew, since another run may have another clock."""
-        self._poses = Poses()
+        self._poses = TransformFilter()
         if spec.camera is not None:
             self._tf_static.publish(encode_transforms(of_camera(spec.camera)))
 

@@ -14,11 +14,11 @@ from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo
 
 from ssp_core import names, ros
-from ssp_core.safety_codes import MEANINGS, SafetyCode
-from ssp_core.state import ObjectState as State
-from ssp_core.wire import steps
-from ssp_core.wire.states import decode_state
-from ssp_core.wire.steps import decode_done, decode_tick_head
+from ssp_core.cdr import steps
+from ssp_core.cdr.states import decode_state
+from ssp_core.cdr.steps import decode_done, decode_tick_head
+from ssp_core.motion.state import ObjectState as State
+from ssp_core.safety.codes import MEANINGS, SafetyCode
 from ssp_msgs.msg import (
     HeartbeatReply,
     ObjectState,

@@ -14,10 +14,10 @@ import click
 
 from ssp_core import console, names
 from ssp_core.errors import InputError
-from ssp_core.fault_file import load_faults, with_faults
 from ssp_core.files import make_folder
-from ssp_core.run_spec import RunSpec
-from ssp_core.vocab import Verdict
+from ssp_core.run_file.faults import load_faults, with_faults
+from ssp_core.run_file.model import RunSpec
+from ssp_core.vocabulary import Verdict
 from ssp_scenario_manager.compile.changes import differences
 from ssp_scenario_manager.compile.live import check_live
 from ssp_scenario_manager.compile.prepare import (

@@ -11,8 +11,8 @@ from typing import Any
 
 from ssp_core import names
 from ssp_core.processes import NodeProcess, ProcessGroup
-from ssp_core.run_spec import RunSpec
-from ssp_core.vocab import Verdict
+from ssp_core.run_file.model import RunSpec
+from ssp_core.vocabulary import Verdict
 from ssp_scenario_manager.runner import inject
 from ssp_scenario_manager.runner.by_hand.node import ByHand
 from ssp_scenario_manager.runner.hands.node import SessionHands

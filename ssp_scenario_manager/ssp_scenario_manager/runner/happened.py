@@ -14,18 +14,18 @@ from pathlib import Path
 from typing import Any
 
 from ssp_core import names
-from ssp_core.bag import BagReader, object_states
+from ssp_core.bag.reader import BagReader, object_states
+from ssp_core.cdr.messages import stamp_ns
+from ssp_core.cdr.steps import decode_tick
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.errors import SspError
 from ssp_core.geometry import Polyline, box_distance
-from ssp_core.in_process import FaultFact
-from ssp_core.interaction import encounter, is_conflict
-from ssp_core.messages import stamp_ns
+from ssp_core.motion.encounter import encounter, is_conflict
+from ssp_core.motion.state import ObjectState
 from ssp_core.names import absolute
-from ssp_core.run_spec import RunSpec
-from ssp_core.state import ObjectState
-from ssp_core.vocab import Phase, SessionPhase
-from ssp_core.wire.steps import decode_tick
+from ssp_core.run_file.model import RunSpec
+from ssp_core.vocabulary import Phase, SessionPhase
+from ssp_core.world.plant import FaultFact
 from ssp_scenario_manager.core.conditions import Sample
 from ssp_scenario_manager.core.outbox import PhaseBegan
 from ssp_scenario_manager.in_process.passing import NEVER, Passing, passing

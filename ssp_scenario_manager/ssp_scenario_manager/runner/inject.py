@@ -19,7 +19,7 @@ from typing import Any, Protocol
 from ssp_core import names
 from ssp_core.errors import InputError
 from ssp_core.processes import NodeProcess, ProcessGroup
-from ssp_core.run_spec import Fault, RunSpec
+from ssp_core.run_file.model import Fault, RunSpec
 
 _OF_NODES = ("kill", "pause", "disk_full")
 _OF_REFERENCES = ("reference_stale", "reference_out_of_fence")

@@ -14,7 +14,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from ssp_core.files import write_text
-from ssp_core.vocab import Verdict
+from ssp_core.vocabulary import Verdict
 from ssp_scenario_manager.runner.outcome import Outcome
 
 _FAILURES = (Verdict.FAILED_SAFETY, Verdict.ABORTED, Verdict.OFF_SPEC)

@@ -16,7 +16,7 @@ import click
 
 from ssp_core import names
 from ssp_core.errors import InputError
-from ssp_core.run_spec import RunSpec
+from ssp_core.run_file.model import RunSpec
 
 _OPTIONS = (
     click.option(

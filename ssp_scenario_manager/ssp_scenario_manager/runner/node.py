@@ -15,8 +15,8 @@ from rclpy.signals import SignalHandlerOptions
 from ssp_core import names, ros
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import PeerError
-from ssp_core.safety_codes import SafetyCode
-from ssp_core.vocab import Phase, SessionPhase, Verdict
+from ssp_core.safety.codes import SafetyCode
+from ssp_core.vocabulary import Phase, SessionPhase, Verdict
 from ssp_msgs.action import RunScenario
 from ssp_msgs.msg import FaultEvent, LinkStatus, PhaseEvent, SafetyEvent, SessionState, TriggerEvent
 from ssp_msgs.srv import LoadScenario, SessionCommand

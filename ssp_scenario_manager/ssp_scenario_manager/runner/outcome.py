@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ssp_core.verdict import Told
-from ssp_core.vocab import Verdict
+from ssp_core.run_file.verdict import RecordedVerdict
+from ssp_core.vocabulary import Verdict
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +35,7 @@ class Outcome:
         """
         return Outcome(Verdict.OFF_SPEC, tuple(misses)) if self.ok and misses else self
 
-    def with_word_of_recorder(self, told: Told | None) -> Outcome:
+    def with_word_of_recorder(self, told: RecordedVerdict | None) -> Outcome:
         """The same with what the recorder alone knows, which it left when it closed the bag.
 
         Args:

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from ssp_core import names
-from ssp_core.page_token import TOKEN_VARIABLE, check_token
+from ssp_core.credentials import TOKEN_VARIABLE, check_token
 from ssp_core.processes import NodeProcess, ProcessGroup
 
 MODULE = "ssp_monitor.page.node"

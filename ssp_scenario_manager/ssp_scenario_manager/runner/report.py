@@ -13,16 +13,16 @@ from pathlib import Path
 from typing import Any
 
 from ssp_core import names
-from ssp_core.bag import BagReader, object_states
+from ssp_core.bag.reader import BagReader, object_states
+from ssp_core.cdr.messages import stamp_ns
+from ssp_core.cdr.references import Acknowledgement, decode_ack, decode_reference
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import SspError
-from ssp_core.messages import stamp_ns
+from ssp_core.motion.reference import Reference
+from ssp_core.motion.state import ObjectState
 from ssp_core.names import absolute
-from ssp_core.reference import Reference
-from ssp_core.run_spec import RunSpec
-from ssp_core.state import ObjectState
-from ssp_core.vocab import SessionPhase
-from ssp_core.wire.references import Acknowledgement, decode_ack, decode_reference
+from ssp_core.run_file.model import RunSpec
+from ssp_core.vocabulary import SessionPhase
 from ssp_scenario_manager.runner.report_onset import UNITS, Onset, bands, onset
 from ssp_scenario_manager.runner.report_tracking import Errors, receipt, tracking
 

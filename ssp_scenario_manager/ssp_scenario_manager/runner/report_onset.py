@@ -15,8 +15,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ssp_core.clock import NS_PER_S, ns_to_seconds
-from ssp_core.reference import Reference, sample
-from ssp_core.state import ObjectState
+from ssp_core.motion.reference import Reference, sample
+from ssp_core.motion.state import ObjectState
 
 BEFORE_S = 2.0
 LEAST_STATES = 5

@@ -6,8 +6,8 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
-from ssp_core.state import ObjectState
-from ssp_core.vocab import ControlState
+from ssp_core.motion.state import ObjectState
+from ssp_core.vocabulary import ControlState
 from ssp_scenario_manager.core.tally import Tally
 
 

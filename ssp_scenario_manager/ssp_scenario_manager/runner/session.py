@@ -13,15 +13,14 @@ from typing import Any
 
 import ssp_core
 from ssp_core import names
-from ssp_core.bag import recover
-from ssp_core.domains import free_domain
+from ssp_core.bag.repair import recover
+from ssp_core.console import on_stop_signals
 from ssp_core.errors import HostError, InputError
 from ssp_core.files import write_json, write_text
-from ssp_core.processes import ProcessGroup, live_environment, session_environment
-from ssp_core.run_spec import RunSpec
-from ssp_core.terminal import on_stop_signals
-from ssp_core.verdict import read_verdict, write_verdict
-from ssp_core.vocab import Verdict
+from ssp_core.processes import ProcessGroup, free_domain, live_environment, session_environment
+from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.verdict import read_verdict, write_verdict
+from ssp_core.vocabulary import Verdict
 from ssp_scenario_manager.runner import inject
 from ssp_scenario_manager.runner.follow import Followed, Interrupt, follow, obituary
 from ssp_scenario_manager.runner.happened import happened_by, misses, result_keys

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 
 from ssp_core.clock import seconds_to_ns
 from ssp_core.geometry import Polyline, point_in_polygon
-from ssp_core.manoeuvre_points import drive_along
-from ssp_core.reference import Reference, sample
-from ssp_core.state import ObjectState
+from ssp_core.motion.manoeuvre import drive_along
+from ssp_core.motion.reference import Reference, sample
+from ssp_core.motion.state import ObjectState
 
 # How long ago a stale reference was dispatched, and how long ago it expired.
 AGE_S = 3.0

@@ -9,7 +9,7 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import Any, Literal
 
-from ssp_core.vocab import PHASES
+from ssp_core.vocabulary import PHASES
 from ssp_scenario_manager.spec.fields import ROAD_FIELD, get, granules, leaves, owner
 from ssp_scenario_manager.spec.load import event_version
 from ssp_scenario_manager.spec.model import UNRESOLVED, Event

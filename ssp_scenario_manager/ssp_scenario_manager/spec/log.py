@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, ConfigDict, Field
 
-from ssp_core.run_spec import Strict
+from ssp_core.run_file.values import Strict
 
 LOG_FILE = "log.jsonl"
 

@@ -11,8 +11,8 @@ from typing import Annotated, Generic, Literal, TypeVar
 
 from pydantic import ConfigDict, Field
 
-from ssp_core.run_spec import ObjectId, Strict
-from ssp_core.vocab import LatWord, LonWord, MotionWord, ObjectWord, PhaseWord, PositionWord
+from ssp_core.run_file.values import ObjectId, Strict
+from ssp_core.vocabulary import LatWord, LonWord, MotionWord, ObjectWord, PhaseWord, PositionWord
 
 SCHEMA: Literal["ssp.event/2"] = "ssp.event/2"
 UNRESOLVED: Literal["unresolved"] = "unresolved"

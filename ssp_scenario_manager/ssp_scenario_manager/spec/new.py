@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ssp_core.errors import InputError
-from ssp_core.vocab import PHASES
+from ssp_core.vocabulary import PHASES
 from ssp_scenario_manager.interactions import KINDS
 from ssp_scenario_manager.site import LIBRARY
 from ssp_scenario_manager.spec.fields import granules

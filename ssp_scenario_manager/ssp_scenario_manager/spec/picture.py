@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ssp_core.vocab import PHASES, PhaseWord
+from ssp_core.vocabulary import PHASES, PhaseWord
 from ssp_scenario_manager.spec import drawing as d
 from ssp_scenario_manager.spec.checks.base import show
 from ssp_scenario_manager.spec.fields import ROAD_FIELD, get, granules

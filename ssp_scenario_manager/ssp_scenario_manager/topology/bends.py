@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ssp_core.geometry import FloatArray
-from ssp_core.reference_line import ReferenceLine
+from ssp_core.world.reference_line import ReferenceLine
 from ssp_scenario_manager.topology.block import Segment
 
 # A bend with a radius of more than 1000 m is driven, and seen, as a straight.

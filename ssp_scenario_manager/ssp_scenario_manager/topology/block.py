@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
-from ssp_core.reference_line import ReferenceLine
-from ssp_core.run_spec import SceneryItem
+from ssp_core.run_file.road import SceneryItem
+from ssp_core.world.reference_line import ReferenceLine
 
 Segment = Literal["straight", "curve", "junction"]
 Boundary = Literal["kerb", "sidewalk", "shoulder", "verge", "any"]

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from ssp_core.geometry import FloatArray
-from ssp_core.reference_line import ReferenceLine
+from ssp_core.world.reference_line import ReferenceLine
 from ssp_scenario_manager.topology.block import BlockLane, ConflictArea
 
 _SAMPLES = 24

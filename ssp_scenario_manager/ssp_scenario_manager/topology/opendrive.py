@@ -15,8 +15,8 @@ from pathlib import Path
 
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_file
-from ssp_core.reference_line import ReferenceLine
-from ssp_core.scenery import shifted
+from ssp_core.world.reference_line import ReferenceLine
+from ssp_core.world.scenery import shifted
 from ssp_scenario_manager.topology.block import Library, RoadType
 from ssp_scenario_manager.topology.lane_layout import Slot, Stretch, may_change, stretches
 from ssp_scenario_manager.topology.opendrive_read import read_junction, read_road

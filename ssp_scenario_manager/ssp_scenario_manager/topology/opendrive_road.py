@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from ssp_core.run_spec import SceneryItem
+from ssp_core.run_file.road import SceneryItem
 
 End = Literal["start", "end"]
 

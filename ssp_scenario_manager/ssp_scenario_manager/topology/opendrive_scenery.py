@@ -14,7 +14,7 @@ from xml.etree.ElementTree import Element
 
 from pydantic import ValidationError
 
-from ssp_core.run_spec import Building, Pole, SceneryItem, Sign, Tree
+from ssp_core.run_file.road import Building, Pole, SceneryItem, Sign, Tree
 from ssp_scenario_manager.topology.xml_input import BadElement, number
 
 MOST_OF_ROAD = 5000

@@ -15,8 +15,8 @@ import numpy as np
 from pyclothoids import Clothoid  # type: ignore[import-untyped] # has no types
 
 from ssp_core.geometry import FloatArray, Pose2, wrap_angle
-from ssp_core.reference_line import ReferenceLine
-from ssp_core.run_spec import CurvePiece
+from ssp_core.run_file.road import CurvePiece
+from ssp_core.world.reference_line import ReferenceLine
 from ssp_scenario_manager.topology.opendrive_road import Geometry, RoadRecord
 
 # A line leaves the map's by at most this.

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 from ssp_core.geometry import Pose2, wrap_angle
-from ssp_core.reference_line import ReferenceLine
-from ssp_core.run_spec import CurvePiece, Point
+from ssp_core.run_file.road import CurvePiece
+from ssp_core.run_file.values import Point
+from ssp_core.world.reference_line import ReferenceLine
 from ssp_scenario_manager.topology.plan_view import Unusable, piece
 
 # The line cuts each corner by at most this.

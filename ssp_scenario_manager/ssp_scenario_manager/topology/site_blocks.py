@@ -7,9 +7,10 @@ from itertools import pairwise
 from pathlib import Path
 
 from ssp_core.errors import InputError
-from ssp_core.reference_line import NotOneToOne, ReferenceLine
-from ssp_core.run_spec import Lane, Point
-from ssp_core.scenery import Clearance
+from ssp_core.run_file.road import Lane
+from ssp_core.run_file.values import Point
+from ssp_core.world.reference_line import NotOneToOne, ReferenceLine
+from ssp_core.world.scenery import Clearance
 from ssp_scenario_manager.site import Region, Site, SiteBlock, Strip, site_version
 from ssp_scenario_manager.topology.areas import conflict_areas
 from ssp_scenario_manager.topology.bends import segment_of

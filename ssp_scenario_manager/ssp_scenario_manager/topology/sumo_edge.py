@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from xml.etree.ElementTree import Element
 
-from ssp_core.run_spec import Point
+from ssp_core.run_file.values import Point
 from ssp_scenario_manager.topology.xml_input import FARTHEST_M, BadElement, number, text, whole
 
 # SUMO's own width of a lane that says nothing.

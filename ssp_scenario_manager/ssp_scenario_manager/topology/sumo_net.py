@@ -17,7 +17,7 @@ import numpy as np
 from ssp_core.errors import InputError
 from ssp_core.geometry import FloatArray
 from ssp_core.hashing import sha256_file
-from ssp_core.reference_line import ReferenceLine
+from ssp_core.world.reference_line import ReferenceLine
 from ssp_scenario_manager.topology.block import Library, RoadType
 from ssp_scenario_manager.topology.lane_layout import NARROWEST_M
 from ssp_scenario_manager.topology.plan_view import Unusable

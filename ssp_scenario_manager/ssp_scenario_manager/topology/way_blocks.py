@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ssp_core.run_spec import MOST_SCENERY, SceneryItem
-from ssp_core.scenery import Clearance, shifted
+from ssp_core.run_file.road import MOST_SCENERY, SceneryItem
+from ssp_core.world.scenery import Clearance, shifted
 from ssp_scenario_manager.topology.areas import conflict_areas
 from ssp_scenario_manager.topology.bends import segment_of, straight_parts
 from ssp_scenario_manager.topology.block import Block, BlockLane, ConflictArea

@@ -14,9 +14,9 @@ from typing import Literal
 import numpy as np
 
 from ssp_core.geometry import wrap_angle
-from ssp_core.reference_line import ReferenceLine
-from ssp_core.run_spec import SceneryItem
-from ssp_core.scenery import reversed_item, shifted
+from ssp_core.run_file.road import SceneryItem
+from ssp_core.world.reference_line import ReferenceLine
+from ssp_core.world.scenery import reversed_item, shifted
 from ssp_scenario_manager.topology.bends import headings
 from ssp_scenario_manager.topology.block import Boundary, RoadType
 

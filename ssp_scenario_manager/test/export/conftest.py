@@ -10,25 +10,21 @@ from typing import Any
 import pytest
 
 from ssp_core.geometry import Pose2
-from ssp_core.reference_line import ReferenceLine
-from ssp_core.run_spec import (
+from ssp_core.run_file.model import EndCondition, Limits, RunSpec
+from ssp_core.run_file.participants import (
     Brake,
-    CurvePiece,
     Driver,
-    EndCondition,
     FollowPath,
-    Lane,
     LaneChange,
-    Limits,
     Motion,
     ParticipantSpec,
     RelativeDistance,
-    Road,
-    RunSpec,
-    Start,
     TimeToArrival,
     TriggerSpec,
 )
+from ssp_core.run_file.road import CurvePiece, Lane, Road
+from ssp_core.run_file.values import Start
+from ssp_core.world.reference_line import ReferenceLine
 from ssp_scenario_manager.compile.ground import strip_polygon
 from ssp_scenario_manager.compile.task import (
     Anchors,

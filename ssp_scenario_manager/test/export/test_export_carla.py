@@ -19,7 +19,7 @@ from ssp_core.errors import InputError
 from ssp_core.files import load_model
 from ssp_core.geometry import Pose2
 from ssp_core.hashing import sha256_file
-from ssp_core.run_spec import TimeHeadway
+from ssp_core.run_file.participants import TimeHeadway
 from ssp_scenario_manager.compile.export import carla_check
 from ssp_scenario_manager.compile.export.carla import carla_config, export_carla
 from ssp_scenario_manager.compile.export.carla_config import CarlaConfig, Transform

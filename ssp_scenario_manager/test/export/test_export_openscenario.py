@@ -18,9 +18,9 @@ from pydantic import TypeAdapter
 
 from ssp_core.errors import InputError
 from ssp_core.geometry import Polyline
-from ssp_core.run_spec import Condition, FollowPath, RelativeDistance, TimeToArrival
-from ssp_core.state import DEFAULT_SIZES
-from ssp_core.vocab import ObjectClass, Phase
+from ssp_core.motion.state import DEFAULT_SIZES
+from ssp_core.run_file.participants import Condition, FollowPath, RelativeDistance, TimeToArrival
+from ssp_core.vocabulary import ObjectClass, Phase
 from ssp_scenario_manager.compile.export.motion import legs
 from ssp_scenario_manager.compile.export.openscenario import export_openscenario
 from ssp_scenario_manager.compile.task import PlaceLink, Task, sealed

@@ -11,7 +11,7 @@ import pytest
 
 from ssp_core.cli import main
 from ssp_core.files import write_json, write_text
-from ssp_core.run_spec import Fault, RunSpec
+from ssp_core.run_file.model import Fault, RunSpec
 from ssp_scenario_manager.faults import campaign, matrix
 from ssp_scenario_manager.faults.campaign import Scene, run_cells
 from ssp_scenario_manager.faults.model import Row, Stage

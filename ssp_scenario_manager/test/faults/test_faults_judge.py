@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ssp_core.run_spec import Fault, RunSpec
-from ssp_core.vocab import ControlState, SessionPhase
+from ssp_core.run_file.model import Fault, RunSpec
+from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_scenario_manager.faults.evidence import Evidence, FaultNote, Heard, SafetyNote
 from ssp_scenario_manager.faults.judge import judge
 from ssp_scenario_manager.faults.model import Expected, Within

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from ssp_core.run_spec import RunSpec
-from ssp_core.safety_codes import MEANINGS
+from ssp_core.run_file.model import RunSpec
+from ssp_core.safety.codes import MEANINGS
 from ssp_scenario_manager.faults.campaign import Scene, prepare_scene, run_cells
 from ssp_scenario_manager.faults.in_one_process import possible
 from ssp_scenario_manager.faults.matrix import MATRIX

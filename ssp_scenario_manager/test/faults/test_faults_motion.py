@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ssp_core.state import DEFAULT_SIZES
-from ssp_core.stopping import Stopping
-from ssp_core.vocab import ObjectClass
+from ssp_core.motion.state import DEFAULT_SIZES
+from ssp_core.safety.stopping import Stopping
+from ssp_core.vocabulary import ObjectClass
 from ssp_scenario_manager.faults.motion import Track, stop_of, touch
 
 CAR = DEFAULT_SIZES[ObjectClass.CAR]

@@ -19,11 +19,15 @@ from rclpy.executors import SingleThreadedExecutor
 from tf2_msgs.msg import TFMessage
 
 from ssp_core import names, ros
-from ssp_core.conversions import state_to_msg
-from ssp_core.domains import free_domain
-from ssp_core.processes import remove_shared_ports, remove_stale_shared_memory, session_environment
-from ssp_core.state import ObjectState
-from ssp_core.vocab import ControlState, SessionPhase
+from ssp_core.motion.state import ObjectState
+from ssp_core.processes import (
+    free_domain,
+    remove_shared_ports,
+    remove_stale_shared_memory,
+    session_environment,
+)
+from ssp_core.ros.conversions import state_to_msg
+from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_msgs import msg
 from ssp_msgs.action import RunScenario
 from ssp_msgs.srv import LoadScenario, ObjectCommand, SessionCommand

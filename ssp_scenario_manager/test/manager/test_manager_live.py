@@ -12,8 +12,8 @@ import pytest
 import rclpy
 
 from ssp_core import names, ros
-from ssp_core.safety_codes import SafetyCode
-from ssp_core.vocab import ControlState, SessionPhase
+from ssp_core.safety.codes import SafetyCode
+from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_msgs import msg
 
 pytestmark = pytest.mark.ros

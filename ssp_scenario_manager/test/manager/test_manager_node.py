@@ -13,8 +13,8 @@ import pytest
 import rclpy
 
 from ssp_core import names, ros
-from ssp_core.conversions import state_to_msg
-from ssp_core.vocab import ControlState, ObjectClass, SessionPhase, Verdict
+from ssp_core.ros.conversions import state_to_msg
+from ssp_core.vocabulary import ControlState, ObjectClass, SessionPhase, Verdict
 from ssp_msgs import msg
 from ssp_msgs.srv import ObjectCommand
 

@@ -11,7 +11,7 @@ import pytest
 
 from ssp_core.errors import InputError
 from ssp_core.geometry import FloatArray
-from ssp_core.reference_line import ReferenceLine
+from ssp_core.world.reference_line import ReferenceLine
 from ssp_scenario_manager.topology import xml_input
 from ssp_scenario_manager.topology.block import Block, Library
 from ssp_scenario_manager.topology.load import load_library

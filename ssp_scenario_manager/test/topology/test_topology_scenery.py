@@ -10,8 +10,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ssp_core.errors import InputError
-from ssp_core.run_spec import Building, Pole, SceneryItem, Sign, Tree
-from ssp_core.scenery import item_pose
+from ssp_core.run_file.road import Building, Pole, SceneryItem, Sign, Tree
+from ssp_core.world.scenery import item_pose
 from ssp_scenario_manager.compile.realise import road_of
 from ssp_scenario_manager.site import Site, load_site, site_version
 from ssp_scenario_manager.topology.block import Block

@@ -12,8 +12,8 @@ import threading
 import time
 from dataclasses import dataclass
 
+from ssp_core.credentials import gives_away, redact
 from ssp_core.errors import InputError, PeerError
-from ssp_core.secret import gives_away, redact
 from ssp_vla_bridge.backends.http_line import BrokenError, LateError, Line, RefusedError, Reply
 from ssp_vla_bridge.core.backend import NoTimeError, NotTakenError
 from ssp_vla_bridge.core.http_form import (

@@ -18,8 +18,16 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ssp_core.chat import NoAnswer, OpenAIChat, Policy, Reply, looks_like_html
-from ssp_core.chat_reply import Completion, NoCompletion, read_completion
+from ssp_core.chat import (
+    Completion,
+    NoAnswer,
+    NoCompletion,
+    OpenAIChat,
+    Policy,
+    Reply,
+    looks_like_html,
+    read_completion,
+)
 from ssp_core.errors import PeerError
 from ssp_core.hashing import sha256_bytes, sha256_json
 from ssp_vla_bridge.backends.openai_options import Options, read_options

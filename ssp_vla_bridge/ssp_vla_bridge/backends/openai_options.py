@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 from typing import Any
 from urllib.parse import urlsplit
 
+from ssp_core.credentials import check_key, gives_away, is_http_address
 from ssp_core.errors import InputError
 from ssp_core.hashing import canonical_json
-from ssp_core.secret import check_key, gives_away, is_http_address
 from ssp_vla_bridge.core.backend import check_options
 from ssp_vla_bridge.core.prompts import find_stages
 

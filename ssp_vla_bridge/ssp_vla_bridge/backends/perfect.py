@@ -13,7 +13,7 @@ from typing import Any
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError, PeerError
 from ssp_core.files import read_mapping
-from ssp_core.vocab import CONFLICTS, LAT_ACTIONS, LON_ACTIONS, MOTIONS, OBJECTS, POSITIONS
+from ssp_core.vocabulary import CONFLICTS, LAT_ACTIONS, LON_ACTIONS, MOTIONS, OBJECTS, POSITIONS
 from ssp_vla_bridge.backends.phrases import action_sentence, scene_text
 from ssp_vla_bridge.backends.plan import point_times, travelled_m, waypoints
 from ssp_vla_bridge.core.backend import check_options

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ssp_core.camera import Mounting
+from ssp_core.world.camera import Mounting
 from ssp_vla_bridge.core.request import CameraGeometry
 
 

@@ -6,7 +6,7 @@ from collections import Counter, deque
 from dataclasses import dataclass, field
 
 from ssp_core.clock import NS_PER_S, ns_to_seconds
-from ssp_core.health import Level, Status
+from ssp_core.node_interface import Level, Status
 from ssp_vla_bridge.core.response import ErrorCode
 
 # Latencies and errors of this many answers are looked at; an error counts for this long.

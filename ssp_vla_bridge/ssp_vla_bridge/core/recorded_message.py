@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from ssp_core.messages import stamp_ns
+from ssp_core.cdr.messages import stamp_ns
 from ssp_vla_bridge.core.response import NativeArray, Response
 
 RESPONSE_TYPE = "ssp_msgs/msg/VlaResponse"

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from ssp_core.bag import BagReader
+from ssp_core.bag.reader import BagReader
 from ssp_core.errors import InputError
 from ssp_vla_bridge.core.recorded_message import RESPONSE_TYPE, response_of_message
 from ssp_vla_bridge.core.response import Response, response_from_json

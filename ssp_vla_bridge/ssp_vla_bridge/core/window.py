@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.geometry import wrap_angle
 from ssp_core.hashing import sha256_json
-from ssp_core.state import ObjectState
+from ssp_core.motion.state import ObjectState
 from ssp_vla_bridge.core.request import EgoSample
 
 # Recorders stamp in ns and cameras in their own clock: this much slack keeps a 10 Hz camera at

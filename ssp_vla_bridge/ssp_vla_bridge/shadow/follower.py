@@ -6,7 +6,7 @@ from bisect import insort
 from dataclasses import dataclass, field, replace
 
 from ssp_core.clock import NS_PER_S, seconds_to_ns
-from ssp_core.state import ObjectState
+from ssp_core.motion.state import ObjectState
 from ssp_vla_bridge.core.request import CameraGeometry, Frame, Request
 from ssp_vla_bridge.core.response import Response
 from ssp_vla_bridge.core.task import TASK, DrivingTask

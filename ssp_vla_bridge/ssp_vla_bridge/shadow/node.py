@@ -10,9 +10,9 @@ from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, CompressedImage
 
 from ssp_core import names
-from ssp_core.camera import Mounting
+from ssp_core.cdr.states import decode_state
 from ssp_core.ros import LATCHED, SENSOR, STATE, session_ns, subscribe_raw
-from ssp_core.wire.states import decode_state
+from ssp_core.world.camera import Mounting
 from ssp_msgs.msg import ObjectState
 from ssp_vla_bridge.core.camera import geometry_of, mounting_of
 from ssp_vla_bridge.core.request import Frame

@@ -8,7 +8,7 @@ import time
 import pytest
 
 from ssp_core.chat import NoAnswer, OpenAIChat, Policy
-from ssp_core.chat_exchange import Failed, Failure, Received, exchange, retry_after_s
+from ssp_core.chat_transport import Failed, Failure, Received, exchange, retry_after_s
 
 MIB = 1 << 20
 REQUEST = {"model": "m", "messages": [{"role": "user", "content": [{"type": "text", "text": ""}]}]}

@@ -16,8 +16,8 @@ from typing import Any
 
 import pytest
 
-from ssp_core.domains import free_domain
 from ssp_core.files import write_text
+from ssp_core.processes import free_domain
 from ssp_scenario_manager.compile.changes import differences
 from ssp_scenario_manager.compile.compiler import Request, compile_task
 from ssp_scenario_manager.compile.task import RUN_FILE

@@ -19,8 +19,8 @@ from typing import Any
 import pytest
 
 import ssp_core
-from ssp_core.run_spec import load_run
-from ssp_core.stopping import stopping_of
+from ssp_core.run_file.model import load_run
+from ssp_core.safety.stopping import stopping_of
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
 

@@ -15,9 +15,9 @@ from typing import Any
 import pytest
 
 import ssp_core
-from ssp_core.domains import free_domain
 from ssp_core.processes import (
     die_with_parent,
+    free_domain,
     remove_shared_ports,
     remove_stale_shared_memory,
     session_environment,

@@ -14,9 +14,10 @@ import yaml
 from mcap.reader import NonSeekingReader
 from rosbags.highlevel import AnyReader
 
-from ssp_core.bag import BagMessage, BagReader
 from ssp_core.bag.check import check_bag
+from ssp_core.bag.reader import BagReader
 from ssp_core.bag.split import Split
+from ssp_core.bag.types import BagMessage
 from ssp_monitor.core.recorder import Recorder
 from ssp_monitor.core.stamps import SimulatedTime, stamp_at
 from ssp_monitor.core.topics import Profile, TopicSpec

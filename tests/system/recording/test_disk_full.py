@@ -12,8 +12,9 @@ from typing import Any
 
 import pytest
 
-from ssp_core.bag import BagReader, recover
 from ssp_core.bag.check import check_bag
+from ssp_core.bag.reader import BagReader
+from ssp_core.bag.repair import recover
 
 from .checks import kept_until_ns, missing
 from .conftest import MOST_S, Field, wait_for

@@ -9,10 +9,11 @@ from pathlib import Path
 import pytest
 import yaml
 
-from ssp_core.bag import BagMessage, BagReader, BagWriter
 from ssp_core.bag.check import check_bag
-from ssp_core.bag.metadata import ROOT_KEY
-from ssp_core.bag.qos import offered_qos
+from ssp_core.bag.metadata import ROOT_KEY, offered_qos
+from ssp_core.bag.reader import BagReader
+from ssp_core.bag.types import BagMessage
+from ssp_core.bag.writer import BagWriter
 from ssp_monitor.core.queue import OVERHEAD_BYTES
 from ssp_monitor.core.recorder import Recorder
 from ssp_monitor.core.selection import MOST_TOPICS

@@ -18,8 +18,10 @@ from pathlib import Path
 
 import pytest
 
-from ssp_core.bag import BagMessage, disk_sync, recover
+from ssp_core.bag import mcap_output
 from ssp_core.bag.check import check_bag
+from ssp_core.bag.repair import recover
+from ssp_core.bag.types import BagMessage
 from ssp_monitor.core.recorder import Recorder
 from ssp_monitor.core.topics import Profile, TopicSpec
 
@@ -76,7 +78,7 @@ def _count_requests(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         requests.append((time.monotonic(), os.fstat(descriptor).st_size))
         real(descriptor)
 
-    monkeypatch.setattr(disk_sync.os, "fdatasync", noted)
+    monkeypatch.setattr(mcap_output.os, "fdatasync", noted)
     topic = LoadTopic("/load/state", size_bytes=2_000)
     recorder = Recorder(folder / "bag", [TopicSpec(topic.name, IMAGE, Profile.STATE)])
     put: list[tuple[float, int]] = []

@@ -10,8 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from ssp_core.bag import BagMessage, mcap_output
+from ssp_core.bag import mcap_output
 from ssp_core.bag.check import check_bag
+from ssp_core.bag.types import BagMessage
 from ssp_monitor.core.importance import Importance, importance
 from ssp_monitor.core.recorder import Recorder
 from ssp_monitor.core.topics import Profile, TopicSpec

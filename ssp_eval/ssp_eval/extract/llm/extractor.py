@@ -9,8 +9,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from ssp_core.chat import Chat
-from ssp_core.chat_reply import NoCompletion, read_completion
+from ssp_core.chat import Chat, NoCompletion, read_completion
 from ssp_core.errors import PeerError
 from ssp_core.hashing import sha256_bytes, sha256_json
 from ssp_eval.extract.language import foreign_language

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
-from ssp_core.vocab import OBJECTS
+from ssp_core.vocabulary import OBJECTS
 from ssp_eval.extract.measure.corpus import STYLES, Example
 from ssp_eval.extract.measure.intervals import Share
 from ssp_eval.records import SLOT_NAMES, Slot, Slots

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ssp_core.vocab import OBJECTS
+from ssp_core.vocabulary import OBJECTS
 from ssp_eval.extract.measure.counts import Score
 from ssp_eval.extract.measure.intervals import Z_95, Share
 from ssp_eval.extract.review.model import BETWEEN, NONE, UNSURE, KeyItem

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ssp_core.files import read_text
-from ssp_core.vocab import OBJECTS
+from ssp_core.vocabulary import OBJECTS
 from ssp_eval import strict
 from ssp_eval.records import SLOT_NAMES, VOCABULARIES
 from ssp_eval.strict import Place

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from ssp_core.hashing import sha256_bytes, sha256_json
-from ssp_core.vocab import OBJECTS
+from ssp_core.vocabulary import OBJECTS
 from ssp_eval.extract.review.model import BETWEEN, NOBODY, NONE, Key, KeyItem
 from ssp_eval.records import SLOT_NAMES, Slot, Slots
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from ssp_core.vocab import OBJECTS
+from ssp_core.vocabulary import OBJECTS
 from ssp_eval.extract.rules.motion.verb_meaning import (
     COMES_FROM,
     CROSSING,

@@ -6,9 +6,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from ssp_core.interaction import Observable
-from ssp_core.run_spec import ConflictThresholds
-from ssp_core.state import ObjectState
+from ssp_core.motion.encounter import Observable
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import ConflictThresholds
 from ssp_eval.recordings.crop import Window
 from ssp_eval.recordings.geometry import DEFAULT_MOTION, MotionThresholds
 

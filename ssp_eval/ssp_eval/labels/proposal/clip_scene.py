@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ssp_core.state import ObjectState
+from ssp_core.motion.state import ObjectState
 from ssp_eval.labels.proposal.basis import ProposalRules, Truth
 from ssp_eval.recordings.crop import TOLERANCE_S
 from ssp_eval.recordings.geometry import Corridor, in_view, is_hidden

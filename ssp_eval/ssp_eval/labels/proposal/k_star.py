@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ssp_core.bag import BagReader
+from ssp_core.bag.reader import BagReader
 from ssp_core.errors import InputError
 from ssp_core.files import parse_mapping, parse_model
-from ssp_core.interaction import Observable
-from ssp_core.run_spec import ConflictThresholds
+from ssp_core.motion.encounter import Observable
+from ssp_core.run_file.model import ConflictThresholds
 from ssp_eval.recordings.crop import Window
 from ssp_eval.recordings.event_rules import event_observable, event_thresholds, window_of
 from ssp_eval.recordings.provenance import Provenance

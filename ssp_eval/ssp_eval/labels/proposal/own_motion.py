@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ssp_core.clock import seconds_to_ns
-from ssp_core.state import ObjectState
+from ssp_core.motion.state import ObjectState
 from ssp_eval.recordings.crop import TOLERANCE_S
 from ssp_eval.score import DEFAULT
 

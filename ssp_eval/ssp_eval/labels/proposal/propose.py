@@ -41,9 +41,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ssp_core.errors import InputError
-from ssp_core.interaction import Observable
-from ssp_core.state import ObjectState
-from ssp_core.vocab import LON_ACTIONS
+from ssp_core.motion.encounter import Observable
+from ssp_core.motion.state import ObjectState
+from ssp_core.vocabulary import LON_ACTIONS
 from ssp_eval.labels.model import Label, Labels
 from ssp_eval.labels.place import BY_CLOCK, BY_PHASE, At
 from ssp_eval.labels.plan import NoPlan, Plan, Timeline, plan_labels

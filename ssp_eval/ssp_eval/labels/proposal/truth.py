@@ -9,9 +9,9 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
-from ssp_core.bag import BagReader
+from ssp_core.bag.reader import BagReader
 from ssp_core.errors import InputError
-from ssp_core.run_spec import ConflictThresholds
+from ssp_core.run_file.model import ConflictThresholds
 from ssp_eval.labels.proposal.basis import Truth
 from ssp_eval.labels.proposal.k_star import (
     UNKNOWN_VERSION,

@@ -17,10 +17,11 @@ from pydantic import ConfigDict, Field
 from ssp_core.clock import seconds_to_ns
 from ssp_core.errors import InputError
 from ssp_core.files import parse_model, read_text
+from ssp_core.motion.state import ObjectState, Size
 from ssp_core.names import VUT_ID
-from ssp_core.run_spec import ConflictThresholds, Strict
-from ssp_core.state import ObjectState, Size
-from ssp_core.vocab import ObjectClass, Role
+from ssp_core.run_file.model import ConflictThresholds
+from ssp_core.run_file.values import Strict
+from ssp_core.vocabulary import ObjectClass, Role
 from ssp_eval.labels.proposal.basis import Truth
 from ssp_eval.labels.proposal.k_star import UNKNOWN_VERSION, KStar, rules_of
 
@@ -37,7 +38,7 @@ class TruthSize(Strict):
 
 
 class TruthObject(Strict):
-    """One object of a truth file, fields as in ssp_core.state.ObjectState."""
+    """One object of a truth file, fields as in ssp_core.motion.state.ObjectState."""
 
     model_config = ConfigDict(extra="ignore", frozen=True)
 

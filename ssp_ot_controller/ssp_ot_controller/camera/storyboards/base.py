@@ -7,10 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ssp_core.motion.state import DEFAULT_SIZES
 from ssp_core.names import VUT_ID
-from ssp_core.run_spec import Camera, Lane, Look, Road, Start
-from ssp_core.state import DEFAULT_SIZES
-from ssp_core.vocab import ObjectClass, Role
+from ssp_core.run_file.model import Camera, Look
+from ssp_core.run_file.road import Lane, Road
+from ssp_core.run_file.values import Start
+from ssp_core.vocabulary import ObjectClass, Role
 from ssp_ot_controller.camera.motion import Actor, Line, Ramp
 
 LANE_M = 3.4

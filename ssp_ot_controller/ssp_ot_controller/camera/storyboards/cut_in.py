@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ssp_core.vocab import ObjectClass, Role
+from ssp_core.vocabulary import ObjectClass, Role
 from ssp_ot_controller.camera.motion import Actor, Line, Ramp, Steered
 from ssp_ot_controller.camera.storyboards import base
 

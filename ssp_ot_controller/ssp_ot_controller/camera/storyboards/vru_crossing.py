@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ssp_core.vocab import ObjectClass, Role
+from ssp_core.vocabulary import ObjectClass, Role
 from ssp_ot_controller.camera.motion import Actor, Line, Ramp
 from ssp_ot_controller.camera.storyboards import base
 

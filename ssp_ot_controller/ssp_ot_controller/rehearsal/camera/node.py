@@ -11,12 +11,12 @@ from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, CompressedImage
 
 from ssp_core import names, ros
-from ssp_core.camera import intrinsics
+from ssp_core.cdr.states import StateArray, decode_state, decode_states
 from ssp_core.errors import InputError
-from ssp_core.run_spec import load_run
-from ssp_core.state import ObjectState as State
-from ssp_core.transforms import encode_transform, mount
-from ssp_core.wire.states import StateArray, decode_state, decode_states
+from ssp_core.motion.state import ObjectState as State
+from ssp_core.run_file.model import load_run
+from ssp_core.world.camera import intrinsics
+from ssp_core.world.transforms import encode_transform, mount
 from ssp_msgs.msg import ObjectState, ObjectStates
 from ssp_ot_controller.camera import conversions
 from ssp_ot_controller.camera.encode import jpeg

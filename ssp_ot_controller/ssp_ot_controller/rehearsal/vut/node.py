@@ -11,13 +11,13 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from ssp_core import names, ros
+from ssp_core.cdr import steps
+from ssp_core.cdr.states import StateArray, decode_state, decode_states
 from ssp_core.clock import seconds_to_ns
-from ssp_core.run_spec import load_run
-from ssp_core.state import ObjectState as State
-from ssp_core.transforms import BASE_FRAME
-from ssp_core.vocab import SessionPhase
-from ssp_core.wire import steps
-from ssp_core.wire.states import StateArray, decode_state, decode_states
+from ssp_core.motion.state import ObjectState as State
+from ssp_core.run_file.model import load_run
+from ssp_core.vocabulary import SessionPhase
+from ssp_core.world.transforms import BASE_FRAME
 from ssp_msgs.msg import Heartbeat, ObjectState, ObjectStates
 from ssp_ot_controller.params import PLAYED_VUT
 from ssp_ot_controller.rehearsal.vehicle import PlayedVehicle

@@ -8,9 +8,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-from ssp_core.run_spec import ParticipantSpec
-from ssp_core.state import ObjectState
-from ssp_core.vocab import Role
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.participants import ParticipantSpec
+from ssp_core.vocabulary import Role
 from ssp_ot_controller.core.bodies import Command
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from ssp_core.clock import NS_PER_S, ns_to_seconds, seconds_to_ns
 from ssp_core.geometry import Pose2
-from ssp_core.vocab import ObjectClass
+from ssp_core.vocabulary import ObjectClass
 from ssp_ot_controller.core.bodies import BodyState, Command, step_body
 from ssp_ot_controller.target.bodies import BodyReading
 from ssp_ot_controller.target.bodies.datagrams import (

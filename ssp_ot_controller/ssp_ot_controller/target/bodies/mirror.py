@@ -6,7 +6,7 @@ import math
 
 from ssp_core.clock import ns_to_seconds
 from ssp_core.geometry import Pose2, wrap_angle
-from ssp_core.vocab import ObjectClass
+from ssp_core.vocabulary import ObjectClass
 from ssp_ot_controller.core.bodies import LIMITS, Command
 from ssp_ot_controller.target.bodies import BodyReading
 

@@ -13,7 +13,7 @@ import time
 import click
 
 from ssp_core.geometry import Pose2
-from ssp_core.vocab import ObjectClass
+from ssp_core.vocabulary import ObjectClass
 from ssp_ot_controller.target.bodies.body_server import BodyServer
 from ssp_ot_controller.target.bodies.datagrams import COMMAND_BYTES
 

@@ -11,10 +11,10 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from ssp_core import names, ros
-from ssp_core.state import ObjectState as State
-from ssp_core.wire import steps
-from ssp_core.wire.references import Acknowledgement, encode_ack
-from ssp_core.wire.states import StateArray, encode_state, encode_states
+from ssp_core.cdr import steps
+from ssp_core.cdr.references import Acknowledgement, encode_ack
+from ssp_core.cdr.states import StateArray, encode_state, encode_states
+from ssp_core.motion.state import ObjectState as State
 from ssp_msgs.msg import (
     ActuatorCommands,
     FaultEvent,

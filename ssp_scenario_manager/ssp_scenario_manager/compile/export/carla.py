@@ -12,22 +12,20 @@ from pathlib import Path, PurePath
 from ssp_core.errors import InputError
 from ssp_core.files import write_bytes, write_json
 from ssp_core.hashing import sha256_bytes
+from ssp_core.motion.state import Size
 from ssp_core.names import VUT_ID
-from ssp_core.run_spec import (
+from ssp_core.run_file.model import Camera, Look, RunSpec
+from ssp_core.run_file.participants import (
     Brake,
-    Camera,
     FollowPath,
     LaneChange,
-    Look,
     Motion,
     ParticipantSpec,
-    Point,
     RelativeDistance,
-    RunSpec,
     TimeToArrival,
     TriggerSpec,
 )
-from ssp_core.state import Size
+from ssp_core.run_file.values import Point
 from ssp_scenario_manager.compile.export import carla_check
 from ssp_scenario_manager.compile.export.carla_config import (
     SCHEMA,

@@ -10,8 +10,8 @@ from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field
 
-from ssp_core.run_spec import Finite, NonNegative, ObjectId, Positive, Strict
-from ssp_core.vocab import ObjectWord
+from ssp_core.run_file.values import Finite, NonNegative, ObjectId, Positive, Strict
+from ssp_core.vocabulary import ObjectWord
 
 SCHEMA: Literal["ssp.carla/1"] = "ssp.carla/1"
 CARLA_VERSION: Literal["0.9.16"] = "0.9.16"

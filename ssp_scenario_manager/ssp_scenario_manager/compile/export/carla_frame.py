@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 
 from ssp_core.geometry import Pose2
-from ssp_core.run_spec import Camera, ParticipantSpec, Point
-from ssp_core.state import Size
+from ssp_core.motion.state import Size
+from ssp_core.run_file.model import Camera
+from ssp_core.run_file.participants import ParticipantSpec
+from ssp_core.run_file.values import Point
 from ssp_scenario_manager.compile.export.carla_config import Location, Rotation, Transform
 
 # Room below a body that appears, so that it doesn't stick in the ground.

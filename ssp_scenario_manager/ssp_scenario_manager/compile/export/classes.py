@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from scenariogeneration import xosc  # type: ignore[import-untyped]  # it ships no types
 
-from ssp_core.vocab import ObjectWord
+from ssp_core.vocabulary import ObjectWord
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +38,7 @@ class ClassFacts:
     mass_kg: float
 
 
-# CARLA's bodies nearest in size to ours (ssp_core.state.DEFAULT_SIZES). The speeds and
+# CARLA's bodies nearest in size to ours (ssp_core.motion.state.DEFAULT_SIZES). The speeds and
 # accelerations bound what a player may do with the body and lie above what a task asks of it.
 CLASSES: dict[ObjectWord, ClassFacts] = {
     "car": ClassFacts(

@@ -34,7 +34,7 @@ from scenariogeneration import xosc  # type: ignore[import-untyped]  # it ships 
 from ssp_core.errors import InputError
 from ssp_core.geometry import Polyline
 from ssp_core.names import VUT_ID
-from ssp_core.run_spec import (
+from ssp_core.run_file.participants import (
     AllOf,
     AnyOf,
     ElapsedTime,

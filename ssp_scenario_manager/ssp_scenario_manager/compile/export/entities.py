@@ -8,9 +8,10 @@ from __future__ import annotations
 
 from scenariogeneration import xosc  # type: ignore[import-untyped]  # it ships no types
 
+from ssp_core.motion.state import Size
 from ssp_core.names import VUT_ID
-from ssp_core.run_spec import ParticipantSpec, Point
-from ssp_core.state import Size
+from ssp_core.run_file.participants import ParticipantSpec
+from ssp_core.run_file.values import Point
 from ssp_scenario_manager.compile.export.classes import CLASSES, ClassFacts
 from ssp_scenario_manager.compile.export.heights import Heights
 

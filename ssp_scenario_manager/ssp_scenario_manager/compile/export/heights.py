@@ -16,8 +16,9 @@ import numpy as np
 
 from ssp_core.errors import InputError
 from ssp_core.geometry import FloatArray, Pose2
-from ssp_core.reference_line import ReferenceLine
-from ssp_core.run_spec import CurvePiece, Point
+from ssp_core.run_file.road import CurvePiece
+from ssp_core.run_file.values import Point
+from ssp_core.world.reference_line import ReferenceLine
 from ssp_scenario_manager.topology.opendrive_read import read_road
 from ssp_scenario_manager.topology.opendrive_road import Geometry, RoadRecord
 from ssp_scenario_manager.topology.xml_input import BadElement, number

@@ -9,8 +9,8 @@ from collections.abc import Callable
 
 from ssp_core.files import write_bytes
 from ssp_core.geometry import Pose2
-from ssp_core.reference_line import ReferenceLine
-from ssp_core.run_spec import CurvePiece
+from ssp_core.run_file.road import CurvePiece
+from ssp_core.world.reference_line import ReferenceLine
 from ssp_scenario_manager.compile.export.opendrive import opendrive_map
 from ssp_scenario_manager.site import LIBRARY
 from ssp_scenario_manager.topology.block import Block, BlockLane

@@ -14,9 +14,10 @@ from itertools import pairwise
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError
 from ssp_core.geometry import Polyline
-from ssp_core.run_spec import Motion, RunSpec
-from ssp_core.speed_profile import DEFAULT_RAMP_S
-from ssp_core.vocab import Phase
+from ssp_core.motion.speed_profile import DEFAULT_RAMP_S
+from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.participants import Motion
+from ssp_core.vocabulary import Phase
 from ssp_scenario_manager.core.conditions import condition_text
 from ssp_scenario_manager.core.dispatch import APPROACH_LEAD_S
 from ssp_scenario_manager.core.phases import RESOLUTION_CONFIRMATION_S

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from scenariogeneration import xodr  # type: ignore[import-untyped]  # it ships no types
 
 from ssp_core.errors import InputError
-from ssp_core.run_spec import CurvePiece
+from ssp_core.run_file.road import CurvePiece
 from ssp_scenario_manager.compile.export.xml_bytes import FIXED_DATE, to_bytes
 from ssp_scenario_manager.topology.block import Block, BlockLane
 

@@ -16,18 +16,17 @@ from scenariogeneration import xosc  # type: ignore[import-untyped]  # it ships 
 
 from ssp_core.errors import InputError
 from ssp_core.files import write_bytes
+from ssp_core.motion.speed_profile import DEFAULT_RAMP_S
 from ssp_core.names import VUT_ID
-from ssp_core.run_spec import (
+from ssp_core.run_file.model import Look, RunSpec
+from ssp_core.run_file.participants import (
     Brake,
     FollowPath,
     LaneChange,
-    Look,
     Motion,
     ParticipantSpec,
-    RunSpec,
     TriggerSpec,
 )
-from ssp_core.speed_profile import DEFAULT_RAMP_S
 from ssp_scenario_manager.compile.export.conditions import after, driven, fires, stop_at
 from ssp_scenario_manager.compile.export.entities import (
     entity,

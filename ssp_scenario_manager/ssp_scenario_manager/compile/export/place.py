@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import PurePath
 
 from ssp_core.errors import InputError
-from ssp_core.run_spec import LaneChange
+from ssp_core.run_file.participants import LaneChange
 from ssp_scenario_manager.compile.export.heights import Heights
 from ssp_scenario_manager.compile.export.opendrive import opendrive_map
 from ssp_scenario_manager.compile.task import Task

@@ -15,10 +15,10 @@ from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import CameraInfo, CompressedImage
 
 from ssp_core import names, ros
-from ssp_core.messages import object_state
-from ssp_core.run_spec import RunSpec
-from ssp_core.state import ObjectState as State
-from ssp_core.vocab import SessionPhase
+from ssp_core.cdr.messages import object_state
+from ssp_core.motion.state import ObjectState as State
+from ssp_core.run_file.model import RunSpec
+from ssp_core.vocabulary import SessionPhase
 from ssp_msgs.msg import Heartbeat, LinkStatus, ObjectState, ObjectStates, RecorderStatus
 from ssp_scenario_manager.core.link_clock import Link
 from ssp_scenario_manager.doctor.session import Heard, Stream

@@ -9,8 +9,8 @@ from typing import Any
 from rclpy.node import Node
 
 from ssp_core import names, ros
-from ssp_core.run_spec import RunSpec
-from ssp_core.vocab import ControlState, SessionPhase
+from ssp_core.run_file.model import RunSpec
+from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_msgs.msg import ObjectState, ObjectStates, SessionState
 from ssp_msgs.srv import LoadScenario, SessionCommand
 from ssp_scenario_manager.core.command_answer import Answer

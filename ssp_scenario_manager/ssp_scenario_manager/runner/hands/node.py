@@ -8,13 +8,13 @@ from typing import Any
 from rclpy.node import Node
 
 from ssp_core import names, ros
+from ssp_core.cdr.messages import peek_stamp_ns
+from ssp_core.cdr.steps import decode_tick
 from ssp_core.clock import NS_PER_S, ns_to_seconds
-from ssp_core.conversions import reference_from_msg, reference_to_msg
-from ssp_core.messages import peek_stamp_ns
-from ssp_core.reference import Reference
-from ssp_core.run_spec import RunSpec
-from ssp_core.vocab import Role, SessionPhase
-from ssp_core.wire.steps import decode_tick
+from ssp_core.motion.reference import Reference
+from ssp_core.ros.conversions import reference_from_msg, reference_to_msg
+from ssp_core.run_file.model import RunSpec
+from ssp_core.vocabulary import Role, SessionPhase
 from ssp_msgs.msg import FaultEvent, SafetyEvent, SessionState, WorldTick
 from ssp_msgs.msg import Reference as ReferenceMsg
 from ssp_msgs.srv import SessionCommand

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
-from ssp_core.vocab import PhaseWord
+from ssp_core.vocabulary import PhaseWord
 from ssp_scenario_manager.interactions import KINDS
 from ssp_scenario_manager.interactions.base import Kind
 from ssp_scenario_manager.spec.failure import Check, Failure, Origin

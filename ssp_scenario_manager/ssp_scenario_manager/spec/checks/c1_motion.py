@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from ssp_core.vocab import PHASES, PhaseWord
+from ssp_core.vocabulary import PHASES, PhaseWord
 from ssp_scenario_manager.spec.checks.base import Fail, Predicate, View, known, one_of
 from ssp_scenario_manager.spec.failure import Failure
 from ssp_scenario_manager.spec.model import UNRESOLVED, MotionCell

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from ssp_core.vocab import PHASES
+from ssp_core.vocabulary import PHASES
 from ssp_scenario_manager.spec.checks.base import Fail, Predicate, View, known, one_of
 from ssp_scenario_manager.spec.failure import Failure
 

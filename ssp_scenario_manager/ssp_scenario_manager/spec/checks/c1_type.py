@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import get_args
 
-from ssp_core.vocab import PHASES
+from ssp_core.vocabulary import PHASES
 from ssp_scenario_manager.spec.checks.base import Fail, Predicate, View, one_of
 from ssp_scenario_manager.spec.failure import Failure
 from ssp_scenario_manager.spec.model import IntentWord

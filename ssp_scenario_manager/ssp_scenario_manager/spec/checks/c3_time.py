@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import pairwise
 
-from ssp_core.vocab import PHASES
+from ssp_core.vocabulary import PHASES
 from ssp_scenario_manager.spec.checks.base import Fail, Predicate, View
 from ssp_scenario_manager.spec.failure import Failure
 from ssp_scenario_manager.spec.model import Evidence

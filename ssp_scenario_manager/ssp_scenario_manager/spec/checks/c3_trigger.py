@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from ssp_core.interaction import OBSERVABLE_BRAKING_MPS2, OBSERVABLE_LATERAL_MPS
-from ssp_core.vocab import PHASES
+from ssp_core.motion.encounter import OBSERVABLE_BRAKING_MPS2, OBSERVABLE_LATERAL_MPS
+from ssp_core.vocabulary import PHASES
 from ssp_scenario_manager.spec.checks.base import Fail, Predicate, View, known
 from ssp_scenario_manager.spec.failure import Failure
 from ssp_scenario_manager.spec.units import Span

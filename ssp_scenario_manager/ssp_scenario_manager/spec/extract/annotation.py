@@ -9,7 +9,7 @@ from pydantic import Field
 
 from ssp_core.files import load_model
 from ssp_core.hashing import sha256_file
-from ssp_core.run_spec import Strict
+from ssp_core.run_file.values import Strict
 
 Sentence = Annotated[str, Field(min_length=1, max_length=10_000)]
 

@@ -12,9 +12,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, create_model
 
-from ssp_core.files import field_path
+from ssp_core.files import field_path, parse_strict
 from ssp_core.hashing import canonical_json
-from ssp_core.strict_json import parse_strict
 from ssp_scenario_manager.interactions import KINDS
 from ssp_scenario_manager.spec.extract.questions import (
     CELL_PHASES,

@@ -12,8 +12,8 @@ import click
 
 from ssp_core import console
 from ssp_core.chat import OpenAIChat, Policy
-from ssp_core.options import Number
-from ssp_core.secret import check_key, is_http_address, without_userinfo
+from ssp_core.cli import Number
+from ssp_core.credentials import check_key, is_http_address, without_userinfo
 from ssp_scenario_manager.interactions import KINDS
 from ssp_scenario_manager.spec.extract.candidate import Origin
 from ssp_scenario_manager.spec.extract.extraction import Extracted, Order, extract

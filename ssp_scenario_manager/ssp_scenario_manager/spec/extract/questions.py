@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass
 from typing import Literal, get_args
 
 from ssp_core.hashing import sha256_json
-from ssp_core.vocab import LAT_ACTIONS, LON_ACTIONS, MOTIONS, OBJECTS, POSITIONS
+from ssp_core.vocabulary import LAT_ACTIONS, LON_ACTIONS, MOTIONS, OBJECTS, POSITIONS
 from ssp_scenario_manager.spec.model import UNRESOLVED, IntentWord, ManoeuvreWord
 
 # word: one word; words: at least one; count: from min to max; frame: number of a frame.

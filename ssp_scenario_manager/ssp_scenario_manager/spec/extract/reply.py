@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ssp_core.chat_reply import NoCompletion, read_completion
+from ssp_core.chat import NoCompletion, read_completion
 from ssp_core.errors import PeerError
 from ssp_scenario_manager.spec.extract.answers import BadAnswer, printable
 

@@ -24,7 +24,7 @@ from pydantic import Field
 from ssp_core.errors import InputError
 from ssp_core.files import load_model, make_folder, write_bytes, write_json
 from ssp_core.hashing import sha256_bytes, sha256_json
-from ssp_core.run_spec import Strict
+from ssp_core.run_file.values import Strict
 
 INDEX_FILE = "index.json"
 _HASH_PATTERN = r"^sha256:[0-9a-f]{64}$"

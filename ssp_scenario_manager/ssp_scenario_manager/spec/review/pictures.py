@@ -58,7 +58,7 @@ class Evidence:
 
     def sheet(self, frames: tuple[int, ...]) -> Path | None:
         """The contact sheet of some frames; None without video or frames."""
-        from ssp_core.contact_sheet import Tile, contact_sheet, encode
+        from ssp_core.video import Tile, contact_sheet, encode
 
         tiles = [
             Tile(self._frames[n][1], (f"frame {n}, t = {self._frames[n][0]:.3f} s",))

@@ -1,0 +1,392 @@
+"""Makes a closed, indexed bag of what can be read of a recording that was cut off or is damaged."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections import Counter, deque
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from isal.isal_zlib import crc32
+from mcap.opcode import Opcode
+from mcap.records import Channel, Message, Schema
+from mcap.writer import MCAP0_MAGIC
+
+from ssp_core.bag.bounds import UnpackBudget, chunk_parts, unpack_chunk
+from ssp_core.bag.mcap_file import (
+    BoundedFile,
+    inner_records,
+    open_bounded,
+    parse_attachment_body,
+    parse_channel,
+    parse_message,
+    parse_schema,
+    read_summary,
+)
+from ssp_core.bag.metadata import is_latched, parse_offered_qos
+from ssp_core.bag.scanner import (
+    DamagedSpan,
+    RecordFrame,
+    RecordScanner,
+    data_crc,
+    read_body,
+    read_frame,
+)
+from ssp_core.bag.split import MOST_KEPT, REPEATED_KEY
+from ssp_core.bag.types import TypeDefinition
+from ssp_core.bag.writer import BagWriter
+from ssp_core.errors import HostError, InputError
+from ssp_core.files import make_folder
+
+# rosbag2 keeps times as int64.
+_MAX_TIME_NS = (1 << 63) - 1
+# A file may be damaged in a million places; a person reads the first ones.
+MAX_DAMAGE = 1000
+
+
+@dataclass(slots=True)
+class Names:
+    """Schemas and channels of one file, by number.
+
+    Args:
+        schemas, channels: from the file's summary, whose CRC was right; else empty.
+    """
+
+    schemas: dict[int, Schema | None] = field(default_factory=dict)
+    channels: dict[int, Channel | None] = field(default_factory=dict)
+
+    def schema(self, new: Schema) -> None:
+        """Raises ValueError for another one of the same number; none of both is used then."""
+        if self.schemas.setdefault(new.id, new) != new:
+            self.schemas[new.id] = None
+            raise ValueError(f"two types have number {new.id}")
+
+    def channel(self, new: Channel) -> None:
+        """Raises ValueError for another one of the same number; none of both is used then."""
+        if self.channels.setdefault(new.id, new) != new:
+            self.channels[new.id] = None
+            raise ValueError(f"two topics have number {new.id}")
+
+
+@dataclass(slots=True)
+class Salvage:
+    """Copies the records of one file after the other into a new bag.
+
+    Args:
+        writer: of the new bag.
+    """
+
+    writer: BagWriter
+    messages: Counter[str] = field(default_factory=Counter)
+    attachments: list[str] = field(default_factory=list)
+    damage: list[str] = field(default_factory=list)
+    places: int = 0
+    bytes_read: int = 0
+    bytes_total: int = 0
+    _types: dict[str, TypeDefinition] = field(default_factory=dict)
+    _latched: dict[str, deque[tuple[int, int, int, int]]] = field(default_factory=dict)
+
+    def file(self, path: Path) -> None:
+        """Copies one file.
+
+        Raises:
+            InputError: the file is no MCAP at all.
+        """
+        with open_bounded(path) as stream:
+            head = stream.read(len(MCAP0_MAGIC))
+            if self.bytes_total and len(head) < len(MCAP0_MAGIC) and MCAP0_MAGIC.startswith(head):
+                # A recorder that was killed when it went on in a new file.
+                self.note(f"{path.name}: has no content")
+                return
+            if head != MCAP0_MAGIC:
+                raise InputError("is no MCAP file", file=path)
+            self.bytes_total += stream.size
+            self.bytes_read += _FileSalvage(self, stream, path).run()
+
+    def note(self, text: str) -> None:
+        """Remembers a damaged place."""
+        self.places += 1
+        if self.places <= MAX_DAMAGE:
+            self.damage.append(text)
+
+    def message(self, message: Message, names: Names) -> None:
+        """Writes one message.
+
+        Raises:
+            ValueError: its topic or type is not known or differs from what came before.
+        """
+        channel = names.channels.get(message.channel_id)
+        schema = names.schemas.get(channel.schema_id) if channel is not None else None
+        if channel is None or schema is None:
+            raise ValueError(f"topic or type of channel {message.channel_id} is not known")
+        if channel.message_encoding != "cdr":
+            raise ValueError(f"{channel.topic} is encoded as {channel.message_encoding!r}, not cdr")
+        if max(message.log_time, message.publish_time) > _MAX_TIME_NS:
+            raise ValueError(f"{channel.topic} has a message later than the year 2262")
+        self._announce(channel, schema)
+        if (kept := self._latched.get(channel.topic)) is not None:
+            data = message.data
+            key = (message.publish_time, message.sequence, len(data), crc32(data))
+            if REPEATED_KEY in channel.metadata and key in kept:
+                return
+            kept.append(key)
+        self.writer.write(
+            channel.topic, message.data, message.log_time, message.publish_time, message.sequence
+        )
+        self.messages[channel.topic] += 1
+
+    def _announce(self, channel: Channel, schema: Schema) -> None:
+        known = self._types.get(channel.topic)
+        if known is not None and (known.msgtype, known.encoding) == (schema.name, schema.encoding):
+            if known.text.encode() == schema.data:
+                return
+            raise ValueError(f"{channel.topic} has messages of two definitions of {schema.name}")
+        if known is not None:
+            raise ValueError(f"{channel.topic} has messages of two types")
+        offered = _usable_qos(channel.metadata.get("offered_qos_profiles", ""))
+        written = TypeDefinition(
+            schema.name,
+            schema.encoding,
+            schema.data.decode("utf-8"),
+            channel.metadata.get("topic_type_hash", ""),
+        )
+        latched = is_latched(offered) or REPEATED_KEY in channel.metadata
+        self.writer.add_topic(channel.topic, schema.name, offered, written=written, latched=latched)
+        self._types[channel.topic] = written
+        if latched:
+            self._latched[channel.topic] = deque(maxlen=MOST_KEPT)
+
+
+def _usable_qos(text: str) -> str:
+    try:
+        parse_offered_qos(text)
+    except ValueError:
+        return ""  # the messages matter more than what their publisher once offered
+    return text
+
+
+class _FileSalvage:
+    """One file on its way into the new bag."""
+
+    def __init__(self, salvage: Salvage, stream: BoundedFile, path: Path) -> None:
+        self._into = salvage
+        self._stream = stream
+        self._name = path.name
+        # With the CRC over all data right, nothing needs to be doubted. Some writers give none.
+        crc_right = data_crc(stream)
+        self._whole = crc_right is True
+        self._wrong = crc_right is False
+        self._names = Names()
+        self._known: list[int] = []
+        self._end = len(MCAP0_MAGIC)
+        self._budget = UnpackBudget(stream.size)
+        self._copies: set[tuple[int, ...]] = set()
+        self._kinds: set[int] = set()
+        try:
+            stream.seek(0)
+            summary = read_summary(stream, path)
+        except InputError:
+            return
+        self._names = Names(dict(summary.schemas), dict(summary.channels))
+        self._known = [index.chunk_start_offset for index in summary.chunk_indexes]
+        self._known += [index.offset for index in summary.attachment_indexes]
+
+    def run(self) -> int:
+        """Copies the file; gives the offset behind the last record that could be used."""
+        before = self._into.places
+        walk = RecordScanner(
+            self._stream, self._known, lambda number: number in self._names.channels
+        )
+        for found in walk:
+            if isinstance(found, DamagedSpan):
+                self._gap(found)
+            elif found.opcode == Opcode.DATA_END and self._is_end(found):
+                if self._wrong and self._into.places == before:
+                    self._into.note(f"{self._name}: the CRC over all data is wrong")
+                return self._stream.size
+            else:
+                try:
+                    self._frame(found)
+                    self._end = found.end
+                except ValueError as error:
+                    place = f"{self._name}: record at byte {found.offset}"
+                    self._into.note(f"{place} left out: {error}")
+                    walk.doubt(found)
+        self._into.note(f"{self._name}: stopped at byte {self._end}: the file was not closed")
+        return self._end
+
+    def _gap(self, gap: DamagedSpan) -> None:
+        if gap.next_offset is not None:
+            then = f"went on at byte {gap.next_offset}"
+        else:
+            then = "found no record behind it"
+        self._into.note(f"{self._name}: damaged at byte {gap.offset}: {gap.why}; {then}")
+
+    def _is_end(self, frame: RecordFrame) -> bool:
+        """Whether a summary or the footer follows, as it must."""
+        try:
+            return frame.length == 4 and read_frame(self._stream, frame.end).opcode != 0
+        except ValueError:
+            return False
+
+    def _frame(self, frame: RecordFrame) -> None:
+        """Raises ValueError when the record is damaged; what stands before that is copied."""
+        if frame.opcode == Opcode.CHUNK:
+            self._chunk(frame)
+        elif frame.opcode == Opcode.ATTACHMENT:
+            attachment = parse_attachment_body(read_body(self._stream, frame))
+            self._once(crc32(attachment.name.encode()), crc32(attachment.data))
+            self._into.writer.attach(attachment.name, attachment.data, attachment.media_type)
+            self._into.attachments.append(attachment.name)
+        elif frame.opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+            self._named(frame.opcode, read_body(self._stream, frame))
+        elif frame.opcode == Opcode.MESSAGE:
+            # No CRC says that it is one. In a damaged file with chunks it is a damaged record.
+            if not self._whole and (Opcode.CHUNK in self._kinds or self._known):
+                raise ValueError("a message outside the chunks, which nothing vouches for")
+            self._into.message(parse_message(read_body(self._stream, frame)), self._names)
+        elif frame.opcode == Opcode.DATA_END:
+            raise ValueError("the end of the data in the midst of it")
+        self._kinds.add(frame.opcode)
+
+    def _chunk(self, frame: RecordFrame) -> None:
+        parts = chunk_parts(read_body(self._stream, frame))
+        self._budget.take(parts.unpacked_bytes)
+        data = unpack_chunk(parts)
+        self._kinds.add(frame.opcode)
+        self._once(parts.start_ns, parts.end_ns, parts.unpacked_bytes, crc32(data))
+        left_out: Counter[str] = Counter()
+        for record in inner_records(data):
+            try:
+                if record.opcode == Opcode.MESSAGE:
+                    self._into.message(parse_message(record.body), self._names)
+                elif record.opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                    self._named(record.opcode, record.body)
+            except ValueError as error:
+                left_out[str(error)] += 1
+        if left_out:
+            raise ValueError(_reasons(left_out.most_common(3)))
+
+    def _named(self, opcode: int, body: memoryview) -> None:
+        if opcode == Opcode.SCHEMA:
+            self._names.schema(parse_schema(body))
+        else:
+            self._names.channel(parse_channel(body))
+
+    def _once(self, *key: int) -> None:
+        """Raises ValueError for what a damaged file holds a second time."""
+        if self._whole:
+            return
+        if key in self._copies:
+            raise ValueError("a copy of an earlier record")
+        self._copies.add(key)
+
+
+def _reasons(reasons: Iterable[tuple[str, int]]) -> str:
+    return ", ".join(f"{count} records: {why}" for why, count in reasons)
+
+
+_MAX_NAME_BYTES = 240  # a file system takes 255, and the file inside is named <target>_0.mcap
+
+
+@dataclass(frozen=True, slots=True)
+class RecoverReport:
+    """What recover kept of one or several files.
+
+    Args:
+        messages: kept, by topic.
+        attachments: names of those kept.
+        complete: every file was read up to its regular end, and nothing was damaged.
+        bytes_read: up to where the files could be read.
+        bytes_total: size of the files.
+        damage: per place that could not be used, what was wrong there; of very many the first
+            ones, and how many more there were.
+    """
+
+    messages: dict[str, int]
+    attachments: tuple[str, ...]
+    complete: bool
+    bytes_read: int
+    bytes_total: int
+    damage: tuple[str, ...]
+
+    @property
+    def count(self) -> int:
+        return sum(self.messages.values())
+
+
+def source_files(source: Path) -> tuple[Path, ...]:
+    """The MCAP files below a directory by name and number, or the file itself.
+
+    Raises:
+        InputError: there are none.
+    """
+    if source.is_dir():
+        files = tuple(sorted(source.glob("*.mcap"), key=_place))
+        if not files:
+            raise InputError("has no .mcap file", file=source)
+        return files
+    if not source.exists():
+        raise InputError("is not there", file=source)
+    if not source.is_file():  # opening a pipe would wait for somebody to write into it
+        raise InputError("is no file", file=source)
+    return (source,)
+
+
+def _place(file: Path) -> tuple[str, int, str]:
+    """Where a file of a split bag stands: ``bag_10`` comes behind ``bag_9``."""
+    stem, _, number = file.stem.rpartition("_")
+    whole = number.isascii() and number.isdigit() and len(number) < 10
+    return (stem, int(number), file.name) if whole else (file.stem, -1, file.name)
+
+
+def recover(source: str | Path, target: str | Path) -> RecoverReport:
+    """Copies every message that can be read into a new bag; the source stays as it is.
+
+    A chunk counts only when its CRC is right, so nothing damaged gets into the new bag. Behind a
+    damaged place the copy goes on at the next whole chunk. Latched messages that the files of a
+    split bag repeat are written once. The target is whole or not there.
+
+    Args:
+        source: bag directory (with or without metadata.yaml) or .mcap file.
+        target: directory of the new bag; must not exist.
+
+    Raises:
+        InputError: the source is no MCAP, or the target exists or can't be made.
+        HostError: the disk doesn't take it.
+    """
+    source, target = Path(source), Path(target)
+    files = source_files(source)
+    if len(os.fsencode(target.name)) > _MAX_NAME_BYTES:
+        raise InputError(
+            f"has a name of more than {_MAX_NAME_BYTES} bytes", file=target, remedy="shorten it"
+        )
+    if os.path.lexists(target):
+        raise InputError("exists already", file=target, remedy="name a new directory")
+    make_folder(target.parent)
+    try:
+        scratch = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name[:100]}."))
+    except OSError as error:
+        raise InputError(f"can't be made: {error.strerror or error}", file=target) from error
+    try:
+        with BagWriter(scratch / "bag", name=f"{target.name}_0") as writer:
+            salvage = Salvage(writer)
+            for file in files:
+                salvage.file(file)
+        (scratch / "bag").rename(target)
+    except OSError as error:
+        raise HostError(f"{target}: can't be written: {error.strerror or error}") from error
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
+    more = salvage.places - MAX_DAMAGE
+    return RecoverReport(
+        messages=dict(salvage.messages),
+        attachments=tuple(salvage.attachments),
+        complete=not salvage.places,
+        bytes_read=salvage.bytes_read,
+        bytes_total=salvage.bytes_total,
+        damage=(*salvage.damage, *([f"and {more} more places"] if more > 0 else [])),
+    )

@@ -1,0 +1,1 @@
+"""The hot messages straight between bytes (CDR) and dataclasses, without rclpy."""

@@ -1,0 +1,144 @@
+"""Images and video frames as they stand in serialised messages, read without decoding the rest.
+
+The pixels stay where they are: a view of the message's bytes, since a raw frame has megabytes.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from ssp_core.cdr.codec import (
+    ENCAPSULATION,
+    START,
+    check_start,
+    padded_text,
+    read_count,
+    read_stamp,
+    read_text,
+    read_u32,
+    stamp_bytes,
+    text_bytes,
+    u32_bytes,
+)
+
+VIDEO_TYPE = "foxglove_msgs/msg/CompressedVideo"
+
+# The fields of the releases for ROS 2; drafts append others, which readers here pass over.
+VIDEO_DEFINITION = """\
+# One frame of a video; it can be decoded when all frames since the last keyframe are known.
+builtin_interfaces/Time timestamp   # of the picture
+string frame_id                     # optical frame of the camera: x right, y down, z ahead
+uint8[] data                        # H.264, H.265: Annex B, one whole picture, no B-frames;
+                                    # each keyframe brings its parameter sets with it
+string format                       # h264, h265, vp9 or av1
+"""
+
+
+COMPRESSED_TYPE = "sensor_msgs/msg/CompressedImage"
+RAW_TYPE = "sensor_msgs/msg/Image"
+IMAGE_TYPES = (COMPRESSED_TYPE, RAW_TYPE, VIDEO_TYPE)
+
+
+@dataclass(frozen=True, slots=True)
+class RawLayout:
+    """How the pixels of a raw image lie: size in px, bytes from row to row."""
+
+    width_px: int
+    height_px: int
+    step_bytes: int
+
+
+@dataclass(frozen=True, slots=True)
+class ImageMessage:
+    """One image of any of IMAGE_TYPES.
+
+    Args:
+        stamp_ns: when it was taken.
+        frame_id: optical frame of the camera.
+        format: as the message says: ``jpeg``, ``rgb8; jpeg compressed bgr8``, ``rgb8``, ``h264``.
+        data: the compressed picture, the pixels, or the frame of the video.
+        layout: of a raw image, else None.
+    """
+
+    stamp_ns: int
+    frame_id: str
+    format: str
+    data: memoryview
+    layout: RawLayout | None = None
+
+
+def _blob(cdr: bytes, at: int) -> tuple[memoryview, int]:
+    count, at = read_count(cdr, at, 1)
+    return memoryview(cdr)[at : at + count], at + count
+
+
+def _compressed(cdr: bytes) -> ImageMessage:
+    stamp_ns, at = read_stamp(cdr, START)
+    frame_id, at = read_text(cdr, at)
+    form, at = read_text(cdr, at)
+    data, _ = _blob(cdr, at)
+    return ImageMessage(stamp_ns, frame_id, form, data)
+
+
+def _raw(cdr: bytes) -> ImageMessage:
+    stamp_ns, at = read_stamp(cdr, START)
+    frame_id, at = read_text(cdr, at)
+    height, at = read_u32(cdr, at)
+    width, at = read_u32(cdr, at)
+    encoding, at = read_text(cdr, at)
+    step, at = read_u32(cdr, at + 1)  # behind is_bigendian, which says nothing of 8-bit pixels
+    data, _ = _blob(cdr, at)
+    return ImageMessage(stamp_ns, frame_id, encoding, data, RawLayout(width, height, step))
+
+
+def _video(cdr: bytes) -> ImageMessage:
+    stamp_ns, at = read_stamp(cdr, START)
+    frame_id, at = read_text(cdr, at)
+    data, at = _blob(cdr, at)
+    form, _ = read_text(cdr, at)
+    return ImageMessage(stamp_ns, frame_id, form, data)
+
+
+_READERS: dict[str, Callable[[bytes], ImageMessage]] = {
+    COMPRESSED_TYPE: _compressed,
+    RAW_TYPE: _raw,
+    VIDEO_TYPE: _video,
+}
+
+
+def read_image(msgtype: str, cdr: bytes) -> ImageMessage:
+    """The image in a serialised message; fields behind those that are known are passed over.
+
+    Args:
+        msgtype: one of IMAGE_TYPES.
+        cdr: the message with its encapsulation.
+
+    Raises:
+        ValueError: the bytes are no such message.
+    """
+    check_start(cdr)
+    try:
+        return _READERS[msgtype](cdr)
+    except (struct.error, IndexError) as error:
+        raise ValueError(f"{len(cdr)} bytes are too few: {error}") from None
+
+
+def encode_video_message(stamp_ns: int, frame_id: str, data: bytes, form: str) -> bytes:
+    """A CompressedVideo message of one encoded frame.
+
+    Raises:
+        ValueError: a stamp or text that no message can carry.
+    """
+    return b"".join(
+        (
+            ENCAPSULATION,
+            stamp_bytes(stamp_ns),
+            padded_text(frame_id),
+            u32_bytes(len(data)),
+            data,
+            bytes(-len(data) % 4),
+            text_bytes(form),
+        )
+    )

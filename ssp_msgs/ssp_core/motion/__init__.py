@@ -1,0 +1,1 @@
+"""How objects move: states, references, speed profiles, manoeuvres and encounters."""

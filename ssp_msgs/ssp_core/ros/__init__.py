@@ -1,0 +1,265 @@
+"""What all nodes share of ROS: QoS by name, stamps, parameters, subscriptions, signals, executor.
+
+A package's ``ros`` folder is the only place in it that imports rclpy, messages or this package.
+"""
+
+from __future__ import annotations
+
+import faulthandler
+import gc
+import os
+import sys
+import traceback
+from collections.abc import Callable, Iterable
+from typing import Any, TypeVar
+
+import rclpy
+from builtin_interfaces.msg import Time as TimeMsg
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.executors import Executor, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+
+from ssp_core.cdr.messages import stamp_ns
+from ssp_core.clock import NS_PER_S, time_ns
+from ssp_core.console import catch_stop_signals, report_error, survive_lost_output
+from ssp_core.errors import SspError
+from ssp_core.names import NAMESPACE
+from ssp_core.node_interface import Parameter, Status
+
+T = TypeVar("T")
+
+
+def _profile(depth: int, durability: DurabilityPolicy = DurabilityPolicy.VOLATILE) -> QoSProfile:
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=depth,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=durability,
+    )
+
+
+# A publisher and its subscribers take the same profile, by name.
+STATE = _profile(50)  # periodic states, ticks, heartbeats
+COMMAND = _profile(50)  # references, acknowledgements, actuator commands
+SENSOR = _profile(20)  # camera frames: none may be lost, they are what is scored
+LATCHED = _profile(20, DurabilityPolicy.TRANSIENT_LOCAL)  # session state, events, camera info
+TF = _profile(100)  # as tf2_ros
+TF_STATIC = _profile(1, DurabilityPolicy.TRANSIENT_LOCAL)  # as tf2_ros
+VLA = _profile(4, DurabilityPolicy.VOLATILE)  # requests and responses
+# Subscriptions to drivers that aren't ours: a best-effort reader hears either kind of writer.
+DRIVER = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST, depth=50, reliability=ReliabilityPolicy.BEST_EFFORT
+)
+
+
+def stamp_from_ns(ns: int) -> TimeMsg:
+    return TimeMsg(sec=ns // NS_PER_S, nanosec=ns % NS_PER_S)
+
+
+ns_from_stamp = stamp_ns
+
+
+def session_ns(stamp: TimeMsg) -> int:
+    """A stamp that a node goes on with, ns; ValueError for one that is no time of a session."""
+    return time_ns(stamp.sec, stamp.nanosec)
+
+
+def diagnostic_array(statuses: Iterable[Status], stamp_ns: int) -> DiagnosticArray:
+    """The statuses, dated by this host's clock as is usual on that topic."""
+    array = DiagnosticArray()
+    array.header.stamp = stamp_from_ns(stamp_ns)
+    array.status = [
+        DiagnosticStatus(
+            level=bytes([status.level]),
+            name=status.name,
+            hardware_id=status.part,
+            message=status.message,
+            values=[KeyValue(key=key, value=value) for key, value in status.values],
+        )
+        for status in statuses
+    ]
+    return array
+
+
+def declare(node: Node, table: Iterable[Parameter]) -> dict[str, Any]:
+    """Declares the parameters of a table, each with its descriptor, and gives their values.
+
+    Raises:
+        InputError: a value is of another type than its parameter's, or out of its range.
+    """
+    found = {}
+    for one in table:
+        # rclpy would end with a traceback for what is wrong, and take no 5 where 5.0 is meant.
+        as_given = ParameterDescriptor(dynamic_typing=True)
+        value = one.check(node.declare_parameter(one.name, one.default, as_given).value)
+        node.undeclare_parameter(one.name)
+        node.declare_parameter(one.name, value, _descriptor(one), ignore_override=True)
+        found[one.name] = value
+    return found
+
+
+def _descriptor(one: Parameter) -> ParameterDescriptor:
+    made = ParameterDescriptor(
+        description=one.description,
+        additional_constraints=one.constraint,
+        read_only=one.read_only,
+    )
+    if isinstance(one.default, float):
+        made.floating_point_range = [FloatingPointRange(from_value=one.least, to_value=one.most)]
+    elif one.is_number:
+        bounds = {"from_value": int(one.least), "to_value": int(one.most)}
+        made.integer_range = [IntegerRange(**bounds, step=1)]
+    return made
+
+
+def subscribe_raw(
+    node: Node,
+    kind: Any,
+    topic: str,
+    decode: Callable[[Any], T],
+    callback: Callable[[T], None],
+    qos: QoSProfile,
+    *,
+    raw: bool = True,
+) -> Any:
+    """A subscription whose messages are decoded by one of ``ssp_core.cdr``, not by rclpy.
+
+    A message that is none is dropped, which is as good as silence; the first one of a topic is
+    logged, because more of the same would tell nothing new and cost time.
+
+    Args:
+        node: owns the subscription.
+        kind: message class.
+        topic: relative to the node's namespace.
+        decode: raises ValueError for bytes that are no such message.
+        callback: takes what ``decode`` gives.
+        qos: one of the profiles above.
+        raw: False: ``decode`` takes what rclpy has decoded.
+    """
+    decode_or_tell = tolerant(node, topic, decode)
+
+    def take(data: Any) -> None:
+        message = decode_or_tell(data)
+        if message is not None:
+            callback(message)
+
+    return node.create_subscription(kind, topic, take, qos, raw=raw)
+
+
+def tolerant(node: Node, topic: str, decode: Callable[[Any], T]) -> Callable[[Any], T | None]:
+    """``decode`` as subscribe_raw calls it: None for bytes that are no message, told of once."""
+    told = False
+
+    def decode_or_tell(data: Any) -> T | None:
+        nonlocal told
+        try:
+            return decode(data)
+        except ValueError as error:
+            if not told:
+                told = True
+                node.get_logger().error(
+                    f"{topic}: message dropped (more will be without a word): {error}"
+                )
+            return None
+
+    return decode_or_tell
+
+
+def make_executor() -> Executor:
+    """EventsExecutor where this rclpy has it, SingleThreadedExecutor otherwise."""
+    try:
+        from rclpy.experimental import EventsExecutor
+    except ImportError:
+        return SingleThreadedExecutor()
+    return EventsExecutor()
+
+
+# For executor, node and context, and the interpreter's own end; usually they take 0.1 s.
+_TEARDOWN_LIMIT_S = 4.0
+
+
+class StopRequest:
+    """Set by SIGINT, SIGTERM, SIGHUP or SIGQUIT, or by the node itself; the loop looks at it."""
+
+    def __init__(self) -> None:
+        self.reason: str | None = None
+
+    def set(self, reason: str) -> None:
+        if self.reason is None:
+            self.reason = reason
+
+
+def run_node(
+    make: Callable[[StopRequest], Node],
+    shutdown: Callable[[Any], None],
+    args: list[str] | None = None,
+) -> int:
+    """Runs one node in this process until a signal, or until the node asks to stop; then exits.
+
+    rclpy's own signal handler would invalidate the context before the node could say that it
+    stops, so signals only set a flag; ``shutdown(node)`` then runs with the context still valid.
+
+    Args:
+        make: the node.
+        shutdown: closes it.
+        args: for ROS to read; None: those of this process, in which it finds remap rules also
+            before ``--ros-args``. A command that reads its own gives an empty list.
+
+    Returns:
+        Never: the process ends with status 0 after an orderly stop, 1 when the node raised: an
+        SspError is one message on standard error, anything else is a traceback.
+    """
+    # A process that has to be killed says first where it hung (ProcessGroup.stop sends SIGABRT).
+    faulthandler.enable()
+    survive_lost_output()
+    stop = StopRequest()
+    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    catch_stop_signals(lambda number: stop.set(number.name))
+    status = 0
+    node: Node | None = None
+    executor = make_executor()
+    try:
+        node = make(stop)
+        executor.add_node(node)
+        # What was imported and made so far stays until the end. Looking through it again and again
+        # for cycles would stop a running node for some 10 ms each time.
+        gc.collect()
+        gc.freeze()
+        while stop.reason is None and rclpy.ok():
+            executor.spin_once(timeout_sec=0.2)
+    except SspError as error:
+        report_error(str(error))
+        status = 1
+    except Exception:
+        traceback.print_exc()
+        status = 1
+    finally:
+        try:
+            if node is not None:
+                shutdown(node)
+        except SspError as error:
+            report_error(str(error))
+            status = 1
+        except Exception:
+            traceback.print_exc()
+            status = 1
+        # The node has said and closed what it had to. Middleware that hangs while it is taken down
+        # must not make the runner kill a process whose work is done.
+        faulthandler.dump_traceback_later(_TEARDOWN_LIMIT_S, exit=True)
+        executor.shutdown()
+        if node is not None:
+            node.destroy_node()
+        rclpy.try_shutdown()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    # Not through the interpreter's own end: there the middleware's threads and static objects have
+    # hung for good on a busy machine, where no watchdog of Python's runs any more.
+    os._exit(status)
+
+
+def make_node(name: str, cls: type[Node] = Node, **kwargs: Any) -> Node:
+    """A node in the project's namespace."""
+    return cls(name, namespace=NAMESPACE, **kwargs)

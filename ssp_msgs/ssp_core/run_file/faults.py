@@ -1,0 +1,169 @@
+"""``ssp.faults/1``: faults and disturbances that are added to a run, and what they may strike."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field
+
+from ssp_core.errors import InputError
+from ssp_core.files import load_model
+from ssp_core.run_file.model import Fault, FaultKind, LinkDisturbance, RunSpec
+from ssp_core.run_file.values import ObjectId, Strict
+
+FAULTS_SCHEMA: Literal["ssp.faults/1"] = "ssp.faults/1"
+
+
+class FaultFile(Strict):
+    """What is to go wrong in a run, in a file of its own."""
+
+    schema_: Literal["ssp.faults/1"] = Field(FAULTS_SCHEMA, alias="schema")
+    faults: list[Fault] = Field([], description="added to those of the run")
+    disturbance: LinkDisturbance | None = Field(None, description="instead of the run's")
+    disturbances: dict[ObjectId, LinkDisturbance] = Field(
+        {}, description="of single objects, instead of what the run has for them"
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Rule:
+    """What a kind of fault takes.
+
+    Args:
+        objects: what it strikes: the VUT, or any object.
+        value: whether it has one: never, maybe or always.
+        low: the value is above this, where it has a bound.
+        high: and at most this.
+        unit: of the value.
+    """
+
+    objects: Literal["vut", "any"]
+    value: Literal["never", "maybe", "always"] = "never"
+    low: float | None = None
+    high: float | None = None
+    unit: str = ""
+
+
+# The faults of objects; those of nodes, operator and references are the runner's.
+_RULES: dict[FaultKind, _Rule] = {
+    "link_cut": _Rule("any"),
+    "link_delay": _Rule("any", "always", low=0.0, unit="s, one way"),
+    "link_loss": _Rule("any", "always", low=0.0, high=1.0, unit="share"),
+    "link_reorder": _Rule("any", "always", low=0.0, high=1.0, unit="share"),
+    "clock_step": _Rule("any", "always", unit="s"),
+    "position_jump": _Rule("any", "always", unit="m to the left"),
+    "state_nan": _Rule("any"),
+    "state_frozen": _Rule("any"),
+    "actuator_stuck": _Rule("any", "maybe", unit="m/s^2"),
+    "vut_stop": _Rule("vut", "maybe", low=0.0, unit="m/s^2"),
+}
+
+
+def load_faults(path: str | Path) -> FaultFile:
+    """Reads a fault file.
+
+    Raises:
+        InputError: it can't be read or is not valid.
+    """
+    return load_model(FaultFile, path)
+
+
+def with_faults(run: RunSpec, extra: FaultFile, file: str | Path) -> RunSpec:
+    """The run with the faults and disturbances of a file.
+
+    Raises:
+        InputError: a fault or a disturbance is of something that the run doesn't have, its value
+            makes no sense, or its time comes when the run is over.
+    """
+    known = [run.vut.id, *(t.id for t in run.targets)]
+    for object_id in extra.disturbances:
+        if object_id not in known:
+            raise InputError(
+                "is no object of this run",
+                file=file,
+                field=f"disturbances.{object_id}",
+                remedy=f"choose {', '.join(known)}",
+            )
+    check_object_faults(run, extra.faults, file)
+    _check_times(run, extra.faults, file)
+    return run.model_copy(
+        update={
+            "faults": [*run.faults, *extra.faults],
+            "disturbance": extra.disturbance or run.disturbance,
+            "disturbances": {**run.disturbances, **extra.disturbances},
+        }
+    )
+
+
+def check_object_faults(run: RunSpec, faults: list[Fault], file: str | Path | None = None) -> None:
+    """Refuses faults of objects that strike nothing in this run, or with a value of no use.
+
+    Raises:
+        InputError: naming the fault's field.
+    """
+    for index, fault in enumerate(faults):
+        rule = _RULES.get(fault.kind)
+        if rule is not None:
+            _check_target(run, rule, fault, f"faults[{index}].target", file)
+            _check_value(rule, fault, f"faults[{index}].value", file)
+
+
+def _check_times(run: RunSpec, faults: list[Fault], file: str | Path) -> None:
+    over_s = min(run.end.at_latest_s, run.limits.duration_s)
+    for index, fault in enumerate(faults):
+        if fault.at_s is not None and fault.at_s >= over_s:
+            raise InputError(
+                "comes when the run is over",
+                file=file,
+                field=f"faults[{index}].at_s",
+                value=fault.at_s,
+                remedy=f"give a time before {over_s:g} s",
+            )
+
+
+def _check_target(
+    run: RunSpec, rule: _Rule, fault: Fault, field: str, file: str | Path | None
+) -> None:
+    targets = [t.id for t in run.targets] if rule.objects == "any" else []
+    known = [run.vut.id, *targets]
+    if fault.target not in known:
+        raise InputError(
+            f"is no object that {fault.kind} can strike in this run",
+            file=file,
+            field=field,
+            value=fault.target,
+            remedy=f"choose {', '.join(known)}",
+        )
+
+
+def _check_value(rule: _Rule, fault: Fault, field: str, file: str | Path | None) -> None:
+    value = fault.value
+    if value is None:
+        if rule.value == "always":
+            raise InputError(
+                f"is missing: {fault.kind} has a size",
+                file=file,
+                field=field,
+                remedy=f"give it ({rule.unit})",
+            )
+        return
+    if rule.value == "never":
+        raise InputError(
+            f"means nothing for {fault.kind}",
+            file=file,
+            field=field,
+            value=value,
+            remedy="leave it out",
+        )
+    low, high = rule.low, rule.high
+    if (low is not None and value <= low) or (high is not None and value > high):
+        top = f" and at most {high:g}" if high is not None else ""
+        raise InputError(
+            f"is no size of {fault.kind}",
+            file=file,
+            field=field,
+            value=value,
+            remedy=f"give a number above {low:g}{top} ({rule.unit})",
+        )

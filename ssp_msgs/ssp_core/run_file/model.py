@@ -1,0 +1,322 @@
+"""The run file ``ssp.run/1``: one resolved run, which every node of a session reads.
+
+Limits, camera and faults of the run stand here; its road and its participants have own files.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BeforeValidator, ConfigDict, Field, model_validator
+
+from ssp_core.files import load_model
+from ssp_core.run_file.participants import Driver, ParticipantSpec, TrafficSpec, TriggerSpec
+from ssp_core.run_file.road import Road
+from ssp_core.run_file.values import Finite, NonNegative, ObjectId, Point, Positive, Strict, without
+from ssp_core.vocabulary import DomainWord
+
+_TOLERANCE_S = 1e-9
+
+
+class Limits(Strict):
+    """Limits of the site; passing one is a safety event."""
+
+    speed_mps: Positive
+    acceleration_mps2: Positive
+    stop_deceleration_mps2: Positive = 4.0
+    separation_m: NonNegative = 0.5
+    state_age_s: Positive = 0.3
+    heartbeat_s: Positive = 0.5
+    ack_s: Positive = 0.5
+    error_longitudinal_m: Positive = 2.0
+    error_lateral_m: Positive = 0.8
+    error_yaw_rad: Positive = 0.35
+    duration_s: Positive = 60.0
+    position_std_m: Positive = Field(0.5, description="localisation's own stated uncertainty")
+    jump_m: Positive = Field(1.0, description="between a position and where the last one led")
+    frozen_s: Positive = Field(0.3, description="a moving object whose position stands")
+    clock_offset_s: Positive = 0.05
+    link_delay_s: Positive = Field(0.5, description="there and back")
+    start_region_m: Positive = Field(1.5, description="from an object's start when it is armed")
+    trigger_age_s: Positive | None = Field(
+        None, description="no trigger is judged on an older state of the VUT; null: two periods"
+    )
+
+
+class ConflictThresholds(Strict):
+    """METHOD 1: conflict starts when TTC or the predicted arrival gap is under these.
+
+    An event whose K* gives no threshold for one of them is judged by the other alone.
+    """
+
+    ttc_s: Positive | None = 2.5
+    arrival_gap_s: Positive | None = 1.5
+
+
+class WantedPassing(Strict):
+    """What K* says of how VUT and initiator pass the conflict zone (METHOD 1, 4.4)."""
+
+    first: Literal["initiator", "vut"] = Field(description="who arrives first")
+    least_gap_s: Finite | None = Field(
+        None, description="of second arrival minus first departure; null: any"
+    )
+    most_gap_s: Finite | None = Field(None, description="as least_gap_s")
+
+    @model_validator(mode="after")
+    def _is_a_range(self) -> WantedPassing:
+        if self.bounds_s[0] > self.bounds_s[1]:
+            raise ValueError("least_gap_s is above most_gap_s")
+        return self
+
+    @property
+    def initiator_first(self) -> bool:
+        return self.first == "initiator"
+
+    @property
+    def bounds_s(self) -> tuple[float, float]:
+        """Least and largest time gap, infinite where it may be any."""
+        return (
+            -math.inf if self.least_gap_s is None else self.least_gap_s,
+            math.inf if self.most_gap_s is None else self.most_gap_s,
+        )
+
+    def misses(
+        self, initiator: str, initiator_first: bool | None, gap_s: float | None
+    ) -> list[str]:
+        """What of a passing isn't as K* wants it, each with quantity, value and range.
+
+        A gap is asked for only where K* bounds it; one that never came is a miss then too.
+
+        Args:
+            initiator: its id.
+            initiator_first: it arrived before the VUT; None: it never arrived.
+            gap_s: time gap at the conflict point; None: one of them never arrived or never left.
+        """
+        names = (initiator, "the VUT")
+        first, second = names if self.initiator_first else names[::-1]
+        wanted = f"K* wants {first} before {second}"
+        if initiator_first is None:
+            return [f"passing order: {initiator} never came into the VUT's corridor, {wanted}"]
+        if initiator_first is not self.initiator_first:
+            return [f"passing order: {second} before {first}, {wanted}"]
+        least, most = self.bounds_s
+        if math.isinf(least) and math.isinf(most):
+            return []
+        wanted = f"K* wants {least:g} to {most:g} s"
+        if gap_s is None:
+            last = f"{second} never reached the conflict zone, or {first} never left it"
+            return [f"time gap at the conflict point: none, {last}; {wanted}"]
+        if not least - _TOLERANCE_S <= gap_s <= most + _TOLERANCE_S:
+            return [f"time gap at the conflict point: {gap_s:.3f} s, {wanted}"]
+        return []
+
+
+class Camera(Strict):
+    """Forward camera: pinhole without distortion, mounted on the VUT."""
+
+    width_px: Annotated[int, Field(ge=64, le=4096)] = 960
+    height_px: Annotated[int, Field(ge=64, le=4096)] = 540
+    hfov_deg: Annotated[float, Field(gt=10, lt=150)] = 75.0
+    rate_hz: Annotated[float, Field(gt=0, le=60)] = 10.0
+    forward_m: Finite = Field(1.8, description="ahead of the VUT's reference point")
+    left_m: Finite = Field(0.0, description="to the left of the VUT's middle")
+    height_m: Positive = 1.45
+    pitch_down_rad: Finite = 0.03
+    yaw_left_rad: Finite = 0.0
+    roll_right_rad: Finite = 0.0
+    exposure_time_s: NonNegative = Field(0.0, description="motion blur; 0: none")
+    renderer: Annotated[
+        Literal["raster"], BeforeValidator(without("gl", "the renderer", "raster"))
+    ] = Field("raster", description="numba, the same pixels everywhere")
+    jpeg_quality: Annotated[int, Field(ge=10, le=100)] = 90
+
+    @property
+    def focal_px(self) -> float:
+        return self.width_px / 2 / math.tan(math.radians(self.hfov_deg) / 2)
+
+
+class Look(Strict):
+    """What the surroundings look like. Nothing here changes what happens."""
+
+    palette: Literal["suburb", "proving_ground", "dusk_city"] = "suburb"
+    fog_per_m: NonNegative = 0.002
+    rain: Annotated[float, Field(ge=0, le=1)] = Field(0.0, description="0 none, 1 a downpour")
+    light: Literal["day", "dusk"] = "day"
+    sun_azimuth_deg: Finite = 50.0
+    sun_elevation_deg: Annotated[float, Field(gt=5, le=90)] = 40.0
+    exposure: Positive = 1.0
+    noise_sigma: NonNegative = 1.5
+
+
+class LinkDisturbance(Strict):
+    """Seeded disturbance of one object's links, sensors and actuators; zero is off.
+
+    Up is from the object to the manager, down from the manager to the object; one way each.
+    """
+
+    state_delay_s: NonNegative = Field(0.0, description="up")
+    state_jitter_s: NonNegative = Field(0.0, description="up, one sigma added to the delay")
+    state_loss: Annotated[float, Field(ge=0, lt=1)] = Field(0.0, description="up")
+    reorder: Annotated[float, Field(ge=0, lt=1)] = Field(
+        0.0, description="up: share of states that are overtaken by the next one"
+    )
+    command_delay_s: NonNegative = Field(0.0, description="down")
+    command_loss: Annotated[float, Field(ge=0, lt=1)] = Field(0.0, description="down")
+    clock_offset_s: Finite = Field(0.0, description="the object's clock minus the manager's")
+    position_noise_m: NonNegative = 0.0
+    speed_noise_mps: NonNegative = 0.0
+    dropout_per_s: NonNegative = Field(0.0, description="how often localisation fails")
+    dropout_s: NonNegative = Field(0.2, description="for how long")
+    actuator_lag_scale: Positive = 1.0
+
+
+FaultKind = Literal[
+    "kill",
+    "pause",
+    "disk_full",
+    "operator_abort",
+    "link_cut",
+    "link_delay",
+    "link_loss",
+    "link_reorder",
+    "clock_step",
+    "position_jump",
+    "state_nan",
+    "state_frozen",
+    "actuator_stuck",
+    "vut_stop",
+    "reference_stale",
+    "reference_out_of_fence",
+    "trigger_never",
+]
+
+
+class Fault(Strict):
+    """A fault that is injected on purpose.
+
+    ``kill``, ``pause`` and ``disk_full`` strike a node, by its name; the others an object by its
+    id, the VUT included; ``operator_abort`` and ``trigger_never`` strike the session.
+    """
+
+    kind: FaultKind
+    target: str = Field("", description="node or object; empty for the session")
+    at_s: NonNegative | None = Field(None, description="session time; null: armed, before start")
+    duration_s: Positive | None = Field(None, description="null: for good")
+    value: Finite | None = Field(None, description="s, share, m or m/s^2, by kind")
+
+
+# Faults of processes and of the operator: they touch no object's sensors, links or actuators.
+LIVE_FAULTS: frozenset[FaultKind] = frozenset(
+    {"kill", "pause", "disk_full", "operator_abort", "trigger_never"}
+)
+
+
+# Up to so many object targets have a state topic each.
+SINGLE_STATE_TOPICS = 4
+RUN_SCHEMA: Literal["ssp.run/1"] = "ssp.run/1"
+
+
+class EndCondition(Strict):
+    """The run is complete after the event was resolved, or has nothing left to wait for."""
+
+    after_resolution_s: NonNegative = 1.5
+    at_latest_s: Positive = 40.0
+
+
+class RunSpec(Strict):
+    """One resolved run, everything in frame map and SI units."""
+
+    schema_: Literal["ssp.run/1"] = Field(RUN_SCHEMA, alias="schema")
+    run_id: str
+    scenario: str
+    interaction: ObjectId
+    observable: Literal["lateral", "braking"] = Field(
+        "lateral", description="what makes the OT's manoeuvre observable: the trigger's start"
+    )
+    initiator: ObjectId | None = Field(
+        None, description="the OT whose manoeuvre is the event; null: the first trigger's"
+    )
+    domain: DomainWord
+    stand_in: bool = Field(description="true: a software stand-in for a physical session")
+    event_version: str
+    task_version: str | None = Field(None, description="compiled task that this run was made from")
+    compiler: str | None = Field(None, description="that compiled it; null: made by hand")
+    site: str
+    site_version: str
+    seed: Annotated[int, Field(ge=0, lt=2**63)]
+    mode: Literal["lockstep", "realtime", "live"] = Field(
+        description="live: no simulated world; session time is the system clock's"
+    )
+    step_s: Annotated[float, Field(ge=0.005, le=0.1)] = 0.02
+    road: Road
+    geofence: Annotated[list[Point], Field(min_length=3)]
+    vut: ParticipantSpec
+    driver: Driver
+    targets: Annotated[list[ParticipantSpec], Field(min_length=1)]
+    triggers: Annotated[list[TriggerSpec], Field(min_length=1)]
+    thresholds: ConflictThresholds = ConflictThresholds()
+    passing: WantedPassing | None = Field(
+        None, description="what K* says of it; null: made by hand, nobody judges the passing"
+    )
+    limits: Limits
+    disturbance: LinkDisturbance = Field(LinkDisturbance(), description="of everybody's")
+    disturbances: dict[ObjectId, LinkDisturbance] = Field(
+        {}, description="instead of it, for single objects; the VUT's id is vut"
+    )
+    faults: list[Fault] = Field([], description="injected on purpose")
+    traffic: list[TrafficSpec] = []
+    camera: Camera | None = Field(Camera(), description="null: nothing is rendered")
+    look: Look = Look()
+    end: EndCondition = EndCondition()
+
+    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
+
+    @model_validator(mode="after")
+    def _real_objects_are_left_alone(self) -> RunSpec:
+        problem = self.live_problem
+        if problem is not None:
+            raise ValueError(problem)
+        return self
+
+    @property
+    def live_problem(self) -> str | None:
+        """What a live run must not hold: disturbances and faults would move real objects wrongly.
+
+        None where there is nothing of it, and in a simulated run.
+        """
+        if self.mode != "live":
+            return None
+        disturbed = [self.disturbance, *self.disturbances.values()]
+        if any(one != LinkDisturbance() for one in disturbed):
+            return "a live run has no disturbance: real links and sensors have their own"
+        for fault in self.faults:
+            if fault.kind not in LIVE_FAULTS:
+                return f"fault {fault.kind} is for simulated objects, and this run is live"
+        if self.traffic:
+            return "a live run has no simulated traffic"
+        return None
+
+    @property
+    def initiator_id(self) -> str:
+        """Id of the OT whose manoeuvre is the event."""
+        return self.initiator or self.triggers[0].object_id
+
+    @property
+    def states_in_one(self) -> bool:
+        """True: object targets send their states as one ObjectStates message per process."""
+        return len(self.targets) > SINGLE_STATE_TOPICS
+
+    def disturbance_of(self, object_id: str) -> LinkDisturbance:
+        """The disturbance of one object's links, sensors and actuators."""
+        return self.disturbances.get(object_id, self.disturbance)
+
+
+def load_run(path: str | Path) -> RunSpec:
+    """Reads a run file.
+
+    Raises:
+        InputError: it can't be read or is not a valid run file.
+    """
+    return load_model(RunSpec, path)

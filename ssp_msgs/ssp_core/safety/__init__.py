@@ -1,0 +1,1 @@
+"""What keeps a session safe: codes of its events, limits, the geofence and stopping distances."""

@@ -1,0 +1,270 @@
+"""The limits of a session: one named predicate each, for the objects and for the manager.
+
+A predicate returns None while its limit is kept, else what was measured and the limit. Limits are
+inclusive: a value equal to its limit is still allowed (METHOD 6.11). Every comparison is written so
+that a value that is no number has passed its limit.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ssp_core.clock import ns_to_seconds
+from ssp_core.geometry import box_distance
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import Limits
+from ssp_core.safety.codes import SafetyCode
+
+# Far more than the rounding of map coordinates.
+_ROUNDING_M = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class LimitViolation:
+    """A limit that was passed; units as in safety_codes.MEANINGS.
+
+    Args:
+        code: which limit.
+        measured: with its sign where it has one.
+        limit: that its amount may be at most.
+    """
+
+    code: SafetyCode
+    measured: float
+    limit: float
+
+
+def _judge(code: SafetyCode, measured: float, limit: float) -> LimitViolation | None:
+    return None if abs(measured) <= limit else LimitViolation(code, measured, limit)
+
+
+def heartbeat_lost(silence_s: float, limits: Limits) -> LimitViolation | None:
+    """The manager was not heard for too long, s."""
+    return _judge(SafetyCode.HEARTBEAT_LOST, silence_s, limits.heartbeat_s)
+
+
+def state_stale(age_s: float, limits: Limits) -> LimitViolation | None:
+    """The newest state is too old, s; an age below zero is the clock's matter."""
+    return _judge(SafetyCode.STATE_STALE, max(age_s, 0.0), limits.state_age_s)
+
+
+def state_not_finite(state: ObjectState) -> LimitViolation | None:
+    """A state with a value that is no number says nothing about where the object is."""
+    return None if state.is_finite else LimitViolation(SafetyCode.STATE_NOT_FINITE, math.nan, 0.0)
+
+
+def outside_geofence(excess_m: float) -> LimitViolation | None:
+    """The object's box sticks out of the fence, by so many m (ssp_core.safety.fence.excess_m)."""
+    return _judge(SafetyCode.OUTSIDE_GEOFENCE, excess_m, 0.0)
+
+
+def _least_gap_m(a: ObjectState, b: ObjectState) -> float:
+    """No two points of the two boxes are nearer than this: the widest gap along one of their axes.
+
+    Negative when there is none. Cheap, because most pairs need not be measured any closer.
+    """
+    ca, sa, cb, sb = (
+        math.cos(a.yaw_rad),
+        math.sin(a.yaw_rad),
+        math.cos(b.yaw_rad),
+        math.sin(b.yaw_rad),
+    )
+    za, zb = a.size, b.size
+    # Half lengths, half widths, and middles ahead of the reference points.
+    la, lb = 0.5 * (za.front_m + za.rear_m), 0.5 * (zb.front_m + zb.rear_m)
+    wa, wb = 0.5 * za.width_m, 0.5 * zb.width_m
+    ma, mb = 0.5 * (za.front_m - za.rear_m), 0.5 * (zb.front_m - zb.rear_m)
+    dx = b.x_m + cb * mb - a.x_m - ca * ma
+    dy = b.y_m + sb * mb - a.y_m - sa * ma
+    cosine, sine = abs(ca * cb + sa * sb), abs(ca * sb - sa * cb)
+    return max(
+        abs(ca * dx + sa * dy) - la - lb * cosine - wb * sine,
+        abs(ca * dy - sa * dx) - wa - lb * sine - wb * cosine,
+        abs(cb * dx + sb * dy) - lb - la * cosine - wa * sine,
+        abs(cb * dy - sb * dx) - wb - la * sine - wa * cosine,
+    )
+
+
+def near_pairs(states: Sequence[ObjectState], within_m: float) -> list[tuple[int, int]]:
+    """The pairs of objects whose boxes may be within a distance of each other.
+
+    Among many objects few are near each other, and most pairs need not be looked at.
+
+    Args:
+        states: with finite poses, at one instant.
+        within_m: distance.
+
+    Returns:
+        Indexes of the two, the lower one first, in rising order; no pair that is as near is left
+        out, some that aren't may be in it.
+    """
+    spans = []
+    for i, state in enumerate(states):
+        size = state.size
+        reach_m = math.hypot(max(size.front_m, size.rear_m), 0.5 * size.width_m) + _ROUNDING_M
+        if not math.isfinite(reach_m):
+            reach_m = math.inf
+        spans.append((state.x_m - reach_m, state.x_m + reach_m + within_m, reach_m, i))
+    spans.sort()
+    found: list[tuple[int, int]] = []
+    ahead: list[tuple[float, float, int]] = []
+    for begin_m, end_m, reach_m, i in spans:
+        ahead = [other for other in ahead if other[0] >= begin_m]
+        y_m = states[i].y_m
+        for _, other_reach_m, j in ahead:
+            if abs(states[j].y_m - y_m) <= reach_m + other_reach_m + within_m:
+                found.append((i, j) if i < j else (j, i))
+        ahead.append((end_m, reach_m, i))
+    return sorted(found)
+
+
+def separation(a: ObjectState, b: ObjectState, limits: Limits) -> LimitViolation | None:
+    """The boxes of two objects at the same instant are too close, m; touching is a collision."""
+    if _least_gap_m(a, b) > limits.separation_m:
+        return None
+    distance_m = box_distance(a.box, b.box)
+    if distance_m == 0.0:
+        return LimitViolation(SafetyCode.COLLISION, 0.0, 0.0)
+    if not distance_m >= limits.separation_m:
+        return LimitViolation(SafetyCode.SEPARATION, distance_m, limits.separation_m)
+    return None
+
+
+def over_speed(state: ObjectState, limits: Limits) -> LimitViolation | None:
+    """Too fast, forwards or backwards, m/s."""
+    return _judge(SafetyCode.OVER_SPEED, state.speed_mps, limits.speed_mps)
+
+
+def over_acceleration(state: ObjectState, limits: Limits) -> LimitViolation | None:
+    """Accelerates or brakes too hard, m/s^2 along the heading."""
+    return _judge(SafetyCode.OVER_ACCELERATION, state.acceleration_mps2, limits.acceleration_mps2)
+
+
+def error_longitudinal(error_m: float, limits: Limits) -> LimitViolation | None:
+    """Too far ahead of (+) or behind (-) the reference, m."""
+    return _judge(SafetyCode.ERROR_LONGITUDINAL, error_m, limits.error_longitudinal_m)
+
+
+def error_lateral(error_m: float, limits: Limits) -> LimitViolation | None:
+    """Too far left (+) or right (-) of the reference, m."""
+    return _judge(SafetyCode.ERROR_LATERAL, error_m, limits.error_lateral_m)
+
+
+def error_yaw(error_rad: float, limits: Limits) -> LimitViolation | None:
+    """Turned too far left (+) or right (-) of the reference, rad."""
+    return _judge(SafetyCode.ERROR_YAW, error_rad, limits.error_yaw_rad)
+
+
+def localisation(state: ObjectState, limits: Limits) -> LimitViolation | None:
+    """The stated uncertainty of the position is too large, m, one sigma."""
+    return _judge(SafetyCode.LOCALISATION, state.position_std_m, limits.position_std_m)
+
+
+def position_jump(before: ObjectState, state: ObjectState, limits: Limits) -> LimitViolation | None:
+    """The position is too far from where the state before it led, m.
+
+    The state before is extrapolated with its speed and yaw rate. States that were lost in between
+    leave more time to accelerate, so that the limit grows by a t^2 / 2 with the acceleration limit.
+
+    Args:
+        before: an earlier state of the same object.
+        state: the newer one.
+        limits: of the site.
+    """
+    x_m, y_m, _ = before.place_at(state.stamp_ns)
+    away_m = math.hypot(state.x_m - x_m, state.y_m - y_m)
+    passed_s = ns_to_seconds(state.stamp_ns - before.stamp_ns)
+    limit_m = limits.jump_m + 0.5 * limits.acceleration_mps2 * passed_s**2
+    return _judge(SafetyCode.POSITION_JUMP, away_m, limit_m)
+
+
+def state_frozen(stood_s: float, limits: Limits) -> LimitViolation | None:
+    """The position has stood for too long in states that say that the object moves, s."""
+    return _judge(SafetyCode.STATE_FROZEN, stood_s, limits.frozen_s)
+
+
+def clock_offset(offset_s: float, limits: Limits) -> LimitViolation | None:
+    """An object's clock is too far ahead of (+) or behind (-) the manager's, s."""
+    return _judge(SafetyCode.CLOCK_OFFSET, offset_s, limits.clock_offset_s)
+
+
+def stamp_ahead(age_s: float, limits: Limits, allowance_s: float = 0.0) -> LimitViolation | None:
+    """A state is younger than now: the clocks that made its stamp and its age are too far apart.
+
+    Args:
+        age_s: of the state; below zero for a stamp ahead of time.
+        limits: of the site.
+        allowance_s: how far the clock of ``age_s`` may lag behind by itself.
+    """
+    return clock_offset(max(-age_s - allowance_s, 0.0), limits)
+
+
+def duration(running_s: float, limits: Limits) -> LimitViolation | None:
+    """The run goes on for too long, s."""
+    return _judge(SafetyCode.DURATION, running_s, limits.duration_s)
+
+
+def link_delay(delay_s: float, limits: Limits) -> LimitViolation | None:
+    """A message to an object and its answer take too long, s, there and back."""
+    return _judge(SafetyCode.LINK_DELAY, delay_s, limits.link_delay_s)
+
+
+# An object whose own state says that it is faster than this can't stay where it is.
+MOVING_MPS = 0.2
+# It has stayed when it is still so near; receivers repeat a position to the last digit.
+STOOD_M = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class Continuity:
+    """What is remembered of one object's states.
+
+    Args:
+        before: the newest state that could be judged; None before the first.
+        stood_at: the first state at the present position of an object that moves, as it says, or
+            that must move; None while the position moves, or while the object may stand.
+    """
+
+    before: ObjectState | None = None
+    stood_at: ObjectState | None = None
+
+
+def follow(
+    memory: Continuity, state: ObjectState, limits: Limits, asked_mps: float = 0.0
+) -> tuple[Continuity, list[LimitViolation]]:
+    """Judges a state by those before it.
+
+    A state with a value that is no number is not judged and not remembered, nor is one that is
+    older than the newest. After a jump the new position is believed, so that it is told once.
+
+    Args:
+        memory: of the states so far.
+        state: the next state of the same object.
+        limits: of the site.
+        asked_mps: speed that an object which isn't ahead of its reference is asked for, 0 for
+            none. A state that froze while the object stood says that it stands for ever.
+
+    Returns:
+        The memory with this state, and the limits that it passes.
+    """
+    before = memory.before
+    if not state.is_finite or (before is not None and state.stamp_ns <= before.stamp_ns):
+        return memory, []
+    found = [] if before is None else [position_jump(before, state, limits)]
+    stood_at = _stood_at(memory, state, asked_mps)
+    if stood_at is not None:
+        stood_s = ns_to_seconds(state.stamp_ns - stood_at.stamp_ns)
+        found.append(state_frozen(stood_s, limits))
+    return Continuity(state, stood_at), [passed for passed in found if passed is not None]
+
+
+def _stood_at(memory: Continuity, state: ObjectState, asked_mps: float) -> ObjectState | None:
+    if max(abs(state.speed_mps), asked_mps) <= MOVING_MPS:
+        return None
+    since = memory.stood_at
+    if since is None:
+        return state
+    moved_m = math.hypot(state.x_m - since.x_m, state.y_m - since.y_m)
+    return since if moved_m <= STOOD_M else state

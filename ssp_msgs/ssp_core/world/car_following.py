@@ -1,0 +1,58 @@
+"""How the VUT's built-in driver keeps its speed and its gap: the law, without a world around it.
+
+The driver uses it in every step; the compiler uses it to foresee what the driver will do.
+"""
+
+from __future__ import annotations
+
+import math
+
+from ssp_core.run_file.participants import Driver
+
+# Share of the softened acceleration in the mix.
+_COOLNESS = 0.99
+_MIN_GAP_M = 0.1
+
+
+def free_acceleration(speed_mps: float, driver: Driver) -> float:
+    """Acceleration in m/s^2 on a free road: a (1 - (v/v0)^4), v0 the cruise speed."""
+    return driver.acceleration_mps2 * (1.0 - (speed_mps / driver.cruise_mps) ** 4)
+
+
+def following_acceleration(
+    speed_mps: float,
+    gap_m: float,
+    ahead_mps: float,
+    ahead_acceleration_mps2: float,
+    driver: Driver,
+) -> float:
+    """Acceleration in m/s^2 with somebody ahead.
+
+    IDM: a (1 - (v/v0)^4 - (s*/s)^2), s* = s0 + v T + v dv / (2 sqrt(a b)). CAH: the acceleration
+    that just avoids a collision when the one ahead keeps its own. Of the two the milder counts,
+    softened: CAH + b tanh((IDM - CAH) / b).
+
+    Args:
+        speed_mps: own speed.
+        gap_m: bumper gap, > 0.
+        ahead_mps: speed of the one ahead along the same path.
+        ahead_acceleration_mps2: its acceleration along the path.
+        driver: of the run.
+    """
+    a, b = driver.acceleration_mps2, driver.comfortable_deceleration_mps2
+    v = speed_mps
+    closing = v - ahead_mps
+    wanted = driver.standstill_gap_m + v * driver.headway_s + v * closing / (2.0 * math.sqrt(a * b))
+    idm = free_acceleration(v, driver) - a * (max(wanted, 0.0) / gap_m) ** 2
+    # The room that is left above the gap to keep at standstill.
+    room = max(gap_m - driver.standstill_gap_m, _MIN_GAP_M)
+    ahead_a = min(ahead_acceleration_mps2, a)
+    slower = max(ahead_mps, 0.0)
+    below = slower * slower - 2.0 * room * ahead_a
+    if below > 0.0 and slower * closing <= -2.0 * room * ahead_a:
+        cah = v * v * ahead_a / below
+    else:
+        cah = ahead_a - (closing * closing / (2.0 * room) if closing > 0.0 else 0.0)
+    if idm >= cah:
+        return idm
+    return (1.0 - _COOLNESS) * idm + _COOLNESS * (cah + b * math.tanh((idm - cah) / b))

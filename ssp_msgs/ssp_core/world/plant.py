@@ -1,0 +1,146 @@
+"""A session in one process: what the manager's side asks of the world's, step by step.
+
+The two sides are made of the cores that the nodes have, and never import each other: whoever runs
+a session in one process names the world's side by its module (``make_plant``).
+"""
+
+from __future__ import annotations
+
+import importlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol, cast
+
+from ssp_core.motion.reference import Reference
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import RunSpec
+from ssp_core.safety.codes import SafetyCode
+from ssp_core.vocabulary import SessionPhase
+
+PLANT_MODULE = "ssp_ot_controller.in_process"
+
+
+@dataclass(frozen=True, slots=True)
+class ManagerUpdate:
+    """What the manager has to say after a step: one heartbeat, and the references before it.
+
+    Args:
+        session: state of the session.
+        stamp_ns: session time.
+        references: new ones, in the order of dispatch.
+    """
+
+    session: SessionPhase
+    stamp_ns: int
+    references: tuple[Reference, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class AckFact:
+    """An object's answer to a reference (ReferenceAck.msg)."""
+
+    reference_id: str
+    object_id: str
+    accepted: bool
+    error_code: int
+    error_msg: str
+    stamp_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class LimitFact:
+    """A limit that the world or an object saw passed (SafetyEvent.msg)."""
+
+    code: SafetyCode
+    source: str
+    object_id: str
+    measured: float
+    limit: float
+    stamp_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class FaultFact:
+    """An injected fault begins or ends (FaultEvent.msg); its value is NaN where it has none."""
+
+    source: str
+    fault: str
+    target: str
+    active: bool
+    value: float
+    unit: str
+    stamp_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class LinkFact:
+    """What a measurement of the link to an object would find; infinite where nothing passes."""
+
+    object_id: str
+    offset_s: float
+    delay_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class StepReport:
+    """What reaches the manager in one step.
+
+    Args:
+        step: of the world, 0 while it holds.
+        now_ns: session time.
+        running: False: the world holds, before the start or after the end.
+        truths: true states of everything, sorted by id.
+        vut_states: of the VUT, in the order of arrival.
+        target_states: of the object targets, in the order of ids and of arrival.
+        acks: answers to references.
+        limits: that were seen passed.
+        faults: that begin or end.
+        links: what a measurement of the links would find now.
+    """
+
+    step: int
+    now_ns: int
+    running: bool
+    truths: tuple[ObjectState, ...]
+    vut_states: tuple[ObjectState, ...]
+    target_states: tuple[ObjectState, ...]
+    acks: tuple[AckFact, ...] = ()
+    limits: tuple[LimitFact, ...] = ()
+    faults: tuple[FaultFact, ...] = ()
+    links: tuple[LinkFact, ...] = ()
+
+
+class Plant(Protocol):
+    """The world and all objects of one run."""
+
+    def hold(self, word: ManagerUpdate) -> StepReport:
+        """The state before the start once more, as the objects report it."""
+        ...
+
+    def command(self, object_id: str, command: int, event_version: str) -> str:
+        """An ObjectCommand; gives the reason of a refusal, empty when it was accepted."""
+        ...
+
+    def advance(self, word: ManagerUpdate) -> StepReport:
+        """One step on."""
+        ...
+
+    def close(self) -> None:
+        """Gives back what the plant holds."""
+        ...
+
+
+class _PlantModule(Protocol):
+    def make_plant(self, run: RunSpec, work_dir: Path | None) -> Plant: ...
+
+
+def make_plant(run: RunSpec, work_dir: Path | None = None, module: str = PLANT_MODULE) -> Plant:
+    """The world's side of a run.
+
+    Args:
+        run: the run, in mode lockstep.
+        work_dir: for SUMO's files, where there is traffic; None: a temporary folder.
+        module: that has ``make_plant(run, work_dir)``.
+    """
+    maker = cast(_PlantModule, importlib.import_module(module))
+    return maker.make_plant(run, work_dir)

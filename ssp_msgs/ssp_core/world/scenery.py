@@ -1,0 +1,156 @@
+"""Where a road's scenery stands, and whether that is beside the road.
+
+Nothing of a map may stand on the lanes: the camera would show an obstacle that isn't there.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from ssp_core.geometry import FloatArray, Pose2, wrap_angle
+from ssp_core.run_file.road import Building, Road, SceneryItem, Sign
+from ssp_core.world.reference_line import NotOneToOne, ReferenceLine
+
+# The road goes on straight before and beyond the block, and so far what stands there is looked at.
+BEFORE_M, BEYOND_M = 60.0, 260.0
+FARTHEST_M = 1000.0  # to either side; nobody sees so far
+_OUTLINE_STEP_M = 1.0
+# Half the side of the square of ground that a sign, a pole or a trunk takes.
+_POST_M = 0.1
+# A smaller building can't lie between the places of lanes that are looked at: its outline can't
+# pass them by.
+_ALONG_M, _ACROSS_M = 2.0, 1.0
+# On the border of a lane is beside it.
+_BORDER_M = 1e-6
+
+
+def half_extent_m(item: SceneryItem) -> tuple[float, float]:
+    """Half the length and half the width of the ground that an item takes."""
+    if isinstance(item, Building):
+        return item.length_m / 2, item.width_m / 2
+    return _POST_M, _POST_M
+
+
+def item_pose(item: SceneryItem, line: ReferenceLine) -> Pose2:
+    """Pose of an item in the line's parent frame; its x axis is along its length, or its traffic's.
+
+    Args:
+        item: of the road.
+        line: the road's.
+
+    Raises:
+        NotOneToOne: the line has no such place.
+    """
+    x, y = line.to_map(item.s_m, item.l_m)
+    yaw = line.pose(item.s_m).yaw_rad
+    if isinstance(item, Building):
+        yaw += item.yaw_rad
+    elif isinstance(item, Sign) and item.direction == "backward":
+        yaw += math.pi
+    return Pose2(x, y, wrap_angle(yaw))
+
+
+class Clearance:
+    """Says of items whether they stand clear of a road's lanes.
+
+    Args:
+        line: of the road.
+        lanes: offset of the centre and width of each, m.
+    """
+
+    def __init__(self, line: ReferenceLine, lanes: Sequence[tuple[float, float]]) -> None:
+        self._line = line
+        self._lanes = [(y - width / 2, y + width / 2) for y, width in lanes]
+        self._places: FloatArray | None = None
+
+    @classmethod
+    def of_road(cls, road: Road) -> Clearance:
+        """That of a run's road."""
+        lanes = [(lane.y_m, lane.width_m) for lane in road.lanes]
+        return cls(ReferenceLine.of_road(road), lanes)
+
+    def problem(self, item: SceneryItem) -> str | None:
+        """Why an item can't stand where it is; None: it can."""
+        if not -BEFORE_M <= item.s_m <= self._line.length_m + BEYOND_M:
+            return "lies beyond the road's ends"
+        if abs(item.l_m) > FARTHEST_M:
+            return f"lies more than {FARTHEST_M:g} m from the road"
+        try:
+            pose = item_pose(item, self._line)
+        except NotOneToOne:
+            return "has no place in the road's coordinates"
+        half = half_extent_m(item)
+        offsets = self._line.to_local_many(_outline(pose, *half))[:, 1]
+        for low, high in self._lanes:
+            if bool(((offsets > low + _BORDER_M) & (offsets < high - _BORDER_M)).any()):
+                return "stands on the lanes"
+        if min(half) > _ACROSS_M and self._surrounds(pose, *half):
+            return "stands on the lanes"
+        return None
+
+    def _surrounds(self, pose: Pose2, half_length_m: float, half_width_m: float) -> bool:
+        """Whether some place of the lanes lies inside of a rectangle."""
+        if self._places is None:
+            self._places = self._lane_places()
+        away = self._places - (pose.x_m, pose.y_m)
+        c, s = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
+        ahead = np.abs(away[:, 0] * c + away[:, 1] * s)
+        left = np.abs(away[:, 1] * c - away[:, 0] * s)
+        return bool(((ahead < half_length_m) & (left < half_width_m)).any())
+
+    def _lane_places(self) -> FloatArray:
+        end = self._line.length_m + BEYOND_M
+        poses = self._line.poses(np.arange(-BEFORE_M, end, _ALONG_M).tolist())
+        middles = [(low + high) / 2 for low, high in self._lanes]
+        return np.array([pose.to_parent(0.0, y) for pose in poses for y in middles])
+
+
+def _outline(pose: Pose2, half_length_m: float, half_width_m: float) -> FloatArray:
+    """Places along the border of a rectangle, its corners and its middle, shape (n, 2)."""
+    along = _steps(half_length_m)
+    across = _steps(half_width_m)
+    local = np.concatenate(
+        [
+            np.stack([along, np.full_like(along, half_width_m)], axis=1),
+            np.stack([along, np.full_like(along, -half_width_m)], axis=1),
+            np.stack([np.full_like(across, half_length_m), across], axis=1),
+            np.stack([np.full_like(across, -half_length_m), across], axis=1),
+            np.zeros((1, 2)),
+        ]
+    )
+    c, s = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
+    turned = local @ np.array([[c, s], [-s, c]])
+    return np.asarray(turned + np.array([pose.x_m, pose.y_m]))
+
+
+def _steps(half_m: float) -> FloatArray:
+    return np.linspace(-half_m, half_m, math.ceil(2 * half_m / _OUTLINE_STEP_M) + 1)
+
+
+def shifted(item: SceneryItem, by_m: float) -> SceneryItem:
+    """The item along a line that starts by_m earlier."""
+    return item.model_copy(update={"s_m": item.s_m + by_m})
+
+
+def reversed_item(item: SceneryItem, length_m: float) -> SceneryItem:
+    """The same item along the same line driven the other way, which is that long."""
+    place: dict[str, float | str] = {"s_m": length_m - item.s_m, "l_m": -item.l_m}
+    if isinstance(item, Building):
+        place["yaw_rad"] = wrap_angle(item.yaw_rad + math.pi)
+    elif isinstance(item, Sign):
+        place["direction"] = "backward" if item.direction == "forward" else "forward"
+    return item.model_copy(update=place)
+
+
+def left_out(road: Road) -> list[str]:
+    """What of a road's scenery can't stand where it is, and why, for people."""
+    clearance = Clearance.of_road(road)
+    found = []
+    for i, item in enumerate(road.scenery):
+        problem = clearance.problem(item)
+        if problem is not None:
+            found.append(f"road.scenery[{i}], a {item.type}, {problem}: it isn't drawn")
+    return found
