@@ -17,7 +17,6 @@ from pathlib import Path
 
 import ssp_eval.params
 import ssp_monitor.params
-import ssp_ot_controller.params as ot_controller_params
 import ssp_vla_bridge.params as vla_bridge_params
 from ssp_core.names import SESSION_COMMANDS
 from ssp_core.node_interface import Parameter
@@ -25,7 +24,8 @@ from ssp_core.run_file.model import Limits
 from ssp_core.safety.codes import MEANINGS, SafetyCode
 from ssp_core.safety.stopping import stopping_of
 from ssp_core.vocabulary import ObjectClass, Verdict
-from ssp_ot_controller.core import object_machine
+from ssp_ot_controller.objects import state_machine
+from ssp_ot_controller.ros import parameters as ot_controller_params
 from ssp_scenario_manager.core import (
     patience,
     readiness,
@@ -75,7 +75,7 @@ def _matrix(
 
 def state_machines() -> str:
     """The whole of state-machines.md."""
-    session, target = session_machine.TABLE, object_machine.TABLE
+    session, target = session_machine.TABLE, state_machine.TABLE
     commands = [session_machine.SessionEvent(word) for word in ("load", *SESSION_COMMANDS)]
     seen = [event for event in session_machine.SessionEvent if event not in commands]
     return f"""# State machines
@@ -102,13 +102,13 @@ What the session notices itself:
 conditions hold as well ([safety.md](safety.md)). `abort` is never refused.
 
 ## Object
-`ssp_ot_controller/core/object_machine.py`; names and numbers are those of ISO 22133. PRE_RUNNING
+`ssp_ot_controller/objects/state_machine.py`; names and numbers are those of ISO 22133. PRE_RUNNING
 and REMOTE_CONTROLLED are states of the standard that our objects don't enter; abort is legal there
 too.
 
 {_diagram(target, lambda event: event.name)}
 
-{_matrix(target, list(object_machine.ObjectEvent), lambda event: event.name)}
+{_matrix(target, list(state_machine.ObjectEvent), lambda event: event.name)}
 """
 
 
@@ -215,8 +215,8 @@ def _constant(file: str, name: str) -> float:
 
 def times() -> str:
     """Times that are the same at every site."""
-    target = "ssp_ot_controller/ssp_ot_controller/target/crew.py"
-    world = "ssp_ot_controller/ssp_ot_controller/sil/node.py"
+    target = "ssp_ot_controller/ssp_ot_controller/objects/pool.py"
+    world = "ssp_ot_controller/ssp_ot_controller/ros/sil_world.py"
     body = "ssp_ot_controller/ssp_ot_controller/sil/world.py"
     manager = "ssp_scenario_manager/ssp_scenario_manager/node.py"
     follow = "ssp_scenario_manager/ssp_scenario_manager/runner/follow.py"

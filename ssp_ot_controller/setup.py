@@ -19,10 +19,10 @@ setup(
     license="Apache-2.0",
     entry_points={
         "console_scripts": [
-            "sil_world = ssp_ot_controller.sil.node:main",
-            "front_camera = ssp_ot_controller.camera.node:main",
-            "object_target = ssp_ot_controller.target.node:main",
-            "vut_adapter = ssp_ot_controller.vut.node:main",
+            "sil_world = ssp_ot_controller.ros.sil_world:main",
+            "front_camera = ssp_ot_controller.ros.front_camera:main",
+            "object_target = ssp_ot_controller.ros.object_target:main",
+            "vut_adapter = ssp_ot_controller.ros.vut_adapter:main",
             "rehearsal = ssp_ot_controller.rehearsal.__main__:run",
         ]
     },

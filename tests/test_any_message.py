@@ -38,11 +38,11 @@ from ssp_monitor.page.node import MonitorPage
 from ssp_monitor.view.node import ViewNode
 from ssp_msgs.msg import HeartbeatReply, RecorderStatus, SessionState, WorldTick
 from ssp_msgs.srv import ObjectCommand
-from ssp_ot_controller.camera.node import FrontCamera
-from ssp_ot_controller.sil.node import SilWorld
-from ssp_ot_controller.target.crew import Crew
-from ssp_ot_controller.target.node import ObjectTargetNode
-from ssp_ot_controller.vut.node import VutAdapter
+from ssp_ot_controller.objects.pool import ObjectPool
+from ssp_ot_controller.ros.front_camera import FrontCamera
+from ssp_ot_controller.ros.object_target import ObjectTargetNode
+from ssp_ot_controller.ros.sil_world import SilWorld
+from ssp_ot_controller.ros.vut_adapter import VutAdapter
 from ssp_scenario_manager.core.readiness import Facts
 from ssp_scenario_manager.core.session import Session
 from ssp_scenario_manager.core.session_machine import SessionEvent
@@ -338,11 +338,11 @@ class Objects(Struck):
         self.run = RunSpec.model_validate(RUN)
 
     def ready(self) -> None:
-        crew = self.node._crew
-        if crew.state_of("ot1") is ControlState.RUNNING:
+        pool = self.node._pool
+        if pool.state_of("ot1") is ControlState.RUNNING:
             return
-        vars(crew).update(vars(Crew(self.run, (), time.monotonic_ns())))
-        crew.active = True
+        vars(pool).update(vars(ObjectPool(self.run, (), time.monotonic_ns())))
+        pool.active = True
         self.now_ns, self.sequence = self.now_ns + STEP_NS, 0
         self.beat(SessionPhase.CONNECTED)
         self.tick()
@@ -354,12 +354,12 @@ class Objects(Struck):
             service = next(iter(s for s in self.node.services if "ot1/command" in s.srv_name))
             answer = service.callback(asked, ObjectCommand.Response())
             self.tick()
-            if crew.state_of("ot1") is ControlState.ARMED:
+            if pool.state_of("ot1") is ControlState.ARMED:
                 break
-        assert crew.state_of("ot1") is ControlState.ARMED, answer
+        assert pool.state_of("ot1") is ControlState.ARMED, answer
         self.beat(SessionPhase.RUNNING)
         self.tick()
-        assert crew.state_of("ot1") is ControlState.RUNNING
+        assert pool.state_of("ot1") is ControlState.RUNNING
 
     def beat(self, phase: SessionPhase) -> None:
         self.sequence += 1

@@ -9,7 +9,7 @@ from ssp_core.motion.encounter import encounter
 from ssp_core.run_file.model import ConflictThresholds
 from ssp_eval.recordings.phases import find_event, samples_of
 from ssp_ot_controller.camera.clip import GENERATOR
-from ssp_ot_controller.camera.storyboard import INTERACTIONS, Storyboard, storyboard
+from ssp_ot_controller.camera.storyboards import INTERACTIONS, Storyboard, storyboard
 from ssp_scenario_manager.interactions import KINDS
 from ssp_scenario_manager.spec.load import load_event
 from ssp_scenario_manager.spec.model import Event, Interval

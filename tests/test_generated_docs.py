@@ -88,7 +88,7 @@ def test_who_judges_what(generate: ModuleType) -> None:
         "ssp_ot_controller/ssp_ot_controller/",
         "ssp_scenario_manager/ssp_scenario_manager/core/",
     )
-    by_objects = judged_in(f"{target}core/local_safety.py", f"{target}target/target.py")
+    by_objects = judged_in(f"{target}objects/local_safety.py", f"{target}objects/target.py")
     by_manager = judged_in(
         *(f"{core}{name}.py" for name in ("supervisor", "watching", "vigil", "run", "course"))
     )

@@ -21,7 +21,7 @@ from ssp_eval.audit.recording import read_recording
 from ssp_eval.recordings.import_record import ImportedSite
 from ssp_eval.recordings.provenance import read_provenance
 from ssp_ot_controller.camera.clip import write_clip
-from ssp_ot_controller.camera.storyboard import storyboard
+from ssp_ot_controller.camera.storyboards import storyboard
 from ssp_scenario_manager.site import find_shipped
 from ssp_scenario_manager.spec.load import load_event
 from ssp_scenario_manager.topology.load import load_library

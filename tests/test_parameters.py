@@ -11,11 +11,11 @@ import pytest
 
 import ssp_eval.params
 import ssp_monitor.params
-import ssp_ot_controller.params as ot_controller_params
 import ssp_vla_bridge.params as vla_bridge_params
 from ssp_core.errors import InputError
 from ssp_core.node_interface import Parameter
 from ssp_core.processes import free_domain, remove_shared_ports
+from ssp_ot_controller.ros import parameters as ot_controller_params
 from ssp_scenario_manager.compile.prepare import prepare_run
 
 pytestmark = pytest.mark.ros
@@ -57,17 +57,17 @@ def make(name: str, stop: Any, run_file: Path, start: Start) -> Any:
         start()
         return ScenarioManager()
     if name == "object_target":
-        from ssp_ot_controller.target.node import ObjectTargetNode
+        from ssp_ot_controller.ros.object_target import ObjectTargetNode
 
         start(run_file=run_file, autostart="false")
         return ObjectTargetNode(stop)
     if name == "vut_adapter":
-        from ssp_ot_controller.vut.node import VutAdapter
+        from ssp_ot_controller.ros.vut_adapter import VutAdapter
 
         start(run_file=run_file, unit_forward_m=1)
         return VutAdapter(stop)
     if name == "played_vut":
-        from ssp_ot_controller.rehearsal.vut.node import PlayedVut
+        from ssp_ot_controller.ros.played_vut import PlayedVut
 
         start(run_file=run_file)
         return PlayedVut(stop)

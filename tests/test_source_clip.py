@@ -12,8 +12,7 @@ from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_file
 from ssp_eval.recordings.source_clip import board_of, bound_event, measure_clip
-from ssp_ot_controller.camera.storyboard import INTERACTIONS, storyboard
-from ssp_ot_controller.camera.storyboards.base import LANE_M, LaneCounts
+from ssp_ot_controller.camera.storyboards import INTERACTIONS, LANE_M, LaneCounts, storyboard
 from ssp_scenario_manager.spec.checks import check_event
 from ssp_scenario_manager.spec.diff import differences
 from ssp_scenario_manager.spec.load import load_event

@@ -20,14 +20,13 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import SessionPhase
 from ssp_core.world.plant import AckFact, FaultFact, LimitFact, LinkFact, ManagerUpdate, StepReport
-from ssp_ot_controller.core.bodies import Command
-from ssp_ot_controller.core.object_machine import ObjectEvent
+from ssp_ot_controller.bodies.dynamics import Command
+from ssp_ot_controller.objects.pool import ObjectPool, PoolStep, Tick
+from ssp_ot_controller.objects.state_machine import ObjectEvent
 from ssp_ot_controller.sil.disturbance import Channel
-from ssp_ot_controller.sil.fault_schedule import FaultChange
-from ssp_ot_controller.sil.vut import DRIVER_TIMEOUT_S
-from ssp_ot_controller.sil.world import OVER, Scene, World
-from ssp_ot_controller.target.crew import Crew
-from ssp_ot_controller.target.crew_step import CrewStep, Tick
+from ssp_ot_controller.sil.faults import FaultChange
+from ssp_ot_controller.sil.vut_driver import DRIVER_TIMEOUT_S
+from ssp_ot_controller.sil.world import OVER, TrafficSimulation, World
 
 # While the world holds it repeats its state so often, on the clock of those who wait.
 HOLD_PERIOD_S = 0.1
@@ -52,11 +51,11 @@ class InProcessPlant:
         resources: closed with the plant.
     """
 
-    def __init__(self, run: RunSpec, scene: Scene, resources: ExitStack) -> None:
+    def __init__(self, run: RunSpec, scene: TrafficSimulation, resources: ExitStack) -> None:
         self._run = run
         self._resources = resources
         self._world = World(run, scene)
-        self._crew = Crew(run)
+        self._pool = ObjectPool(run)
         self._vut = Channel(run, names.VUT_ID)
         self._commands: dict[str, tuple[int, Command]] = {}
         self._references_sent = {t.id: 0 for t in run.targets}
@@ -73,7 +72,7 @@ class InProcessPlant:
 
     def command(self, object_id: str, command: int, event_version: str) -> str:
         event = ObjectEvent(command)
-        reply = self._crew.command(object_id, event, event_version, self._steady_ns)
+        reply = self._pool.command(object_id, event, event_version, self._steady_ns)
         return "" if reply.accepted else reply.error_msg
 
     def advance(self, word: ManagerUpdate) -> StepReport:
@@ -92,9 +91,9 @@ class InProcessPlant:
     def _hear(self, word: ManagerUpdate) -> None:
         for reference in word.references:
             self._references_sent[reference.object_id] += 1
-            self._crew.take_reference(reference)
+            self._pool.take_reference(reference)
         self._beats += 1
-        self._crew.take_heartbeat(
+        self._pool.take_heartbeat(
             self._beats, word.session, word.stamp_ns, dict(self._references_sent)
         )
 
@@ -123,8 +122,8 @@ class InProcessPlant:
         faults += _facts(changes, names.SIL_WORLD, now_ns)
         vut_states = self._vut.up(self._vut.measure(world.vut(), now_ns), now_ns)
         truths = world.objects()
-        self._crew.take_states(vut_states)
-        self._crew.take_tick(
+        self._pool.take_states(vut_states)
+        self._pool.take_tick(
             Tick(
                 step=world.step_index,
                 now_ns=now_ns,
@@ -135,7 +134,7 @@ class InProcessPlant:
             ),
             self._steady_ns,
         )
-        answer = self._crew.step(self._steady_ns)
+        answer = self._pool.step(self._steady_ns)
         if answer is None:
             raise RuntimeError("the objects wait for something that was never sent")
         for object_id, command in answer.commands:
@@ -155,8 +154,8 @@ class InProcessPlant:
 
     def _links(self) -> tuple[LinkFact, ...]:
         found = []
-        for object_id in self._crew.object_ids:
-            link = self._crew.links_of(object_id)
+        for object_id in self._pool.object_ids:
+            link = self._pool.links_of(object_id)
             delay_s = math.inf if link.cut else link.up_s + link.down_s
             found.append(LinkFact(object_id, link.clock_offset_s, delay_s))
         return tuple(found)
@@ -182,7 +181,7 @@ def make_plant(run: RunSpec, work_dir: Path | None) -> InProcessPlant:
             remedy="run it in processes of their own",
         )
     with ExitStack() as resources:
-        scene: Scene = NoTraffic()
+        scene: TrafficSimulation = NoTraffic()
         if run.traffic:
             from ssp_ot_controller.sil.sumo_world import SumoWorld
 
@@ -200,7 +199,7 @@ def _facts(changes: Iterable[FaultChange], source: str, now_ns: int) -> list[Fau
     ]
 
 
-def _acks(answer: CrewStep) -> tuple[AckFact, ...]:
+def _acks(answer: PoolStep) -> tuple[AckFact, ...]:
     return tuple(
         AckFact(
             ack.reference_id,
@@ -214,7 +213,7 @@ def _acks(answer: CrewStep) -> tuple[AckFact, ...]:
     )
 
 
-def _limits(answer: CrewStep) -> list[LimitFact]:
+def _limits(answer: PoolStep) -> list[LimitFact]:
     return [
         LimitFact(
             event.stop.code,

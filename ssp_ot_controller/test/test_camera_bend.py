@@ -17,12 +17,12 @@ from ssp_core.run_file.values import Start
 from ssp_core.vocabulary import ObjectClass, Role
 from ssp_core.world.camera import project, view_from
 from ssp_core.world.reference_line import ReferenceLine
-from ssp_ot_controller.camera.bend import Bend, build_bend, locate_all, offsets_of
-from ssp_ot_controller.camera.ground import KERB_HEIGHT_M
-from ssp_ot_controller.camera.palettes import PALETTES
-from ssp_ot_controller.camera.render import Scene, render
-from ssp_ot_controller.camera.scenery import build_scenery
-from ssp_ot_controller.camera.stage import Detail
+from ssp_ot_controller.camera.kernels.bend import Bend, build_bend, locate_all, offsets_of
+from ssp_ot_controller.camera.kernels.ground import KERB_HEIGHT_M
+from ssp_ot_controller.camera.kernels.palettes import PALETTES
+from ssp_ot_controller.camera.renderer.render import Scene, render
+from ssp_ot_controller.camera.renderer.scenery import build_scenery
+from ssp_ot_controller.camera.renderer.stage import Detail
 
 Image = NDArray[np.uint8]
 Floats = NDArray[np.float64]

@@ -19,9 +19,16 @@ from ssp_core.motion.encounter import CORRIDOR_MARGIN_M, encounter, is_observabl
 from ssp_core.motion.state import ObjectState
 from ssp_core.vocabulary import ObjectClass, Role
 from ssp_ot_controller.camera.clip import truth, truth_path, write_clip
-from ssp_ot_controller.camera.motion import Actor, Line, Ramp, Steered
-from ssp_ot_controller.camera.render import BRAKE_MPS2
-from ssp_ot_controller.camera.storyboard import INTERACTIONS, Storyboard, storyboard
+from ssp_ot_controller.camera.renderer.render import BRAKE_MPS2
+from ssp_ot_controller.camera.storyboards import (
+    INTERACTIONS,
+    Actor,
+    Line,
+    Ramp,
+    Steered,
+    Storyboard,
+    storyboard,
+)
 
 seeds = st.integers(0, 2**31)
 

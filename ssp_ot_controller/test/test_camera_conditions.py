@@ -16,15 +16,12 @@ from ssp_core.run_file.road import Lane, Road
 from ssp_core.run_file.values import Start
 from ssp_core.vocabulary import ObjectClass, Role
 from ssp_core.world.camera import image_box, project, view_from
-from ssp_ot_controller.camera import raster_frame
-from ssp_ot_controller.camera.atmosphere import fog_per_m, palette_of
-from ssp_ot_controller.camera.exposure import exposed, subframes
-from ssp_ot_controller.camera.indicators import Indicator
-from ssp_ot_controller.camera.palettes import PALETTES
-from ssp_ot_controller.camera.placing import bodies_of
-from ssp_ot_controller.camera.render import render
-from ssp_ot_controller.camera.scene import Scene
-from ssp_ot_controller.camera.stage import FULL, Detail, stage_for
+from ssp_ot_controller.camera.kernels.palettes import PALETTES, fog_per_m, palette_of
+from ssp_ot_controller.camera.renderer import frame
+from ssp_ot_controller.camera.renderer.bodies import bodies_of
+from ssp_ot_controller.camera.renderer.render import exposed, render, subframes
+from ssp_ot_controller.camera.renderer.scene import Indicator, Scene
+from ssp_ot_controller.camera.renderer.stage import FULL, Detail, stage_for
 
 Image = NDArray[np.uint8]
 
@@ -75,11 +72,9 @@ def test_light_developed_later_is_the_picture_drawn_at_once() -> None:
     look = Look(noise_sigma=2.0)
     at_once = render(scene, look, CAMERA, 4, 3)
     stage = stage_for(ROAD, look, 3)
-    field = raster_frame.light_field(
-        stage, look, view_from(VUT.pose, CAMERA), bodies_of(scene, stage)
-    )
+    field = frame.light_field(stage, look, view_from(VUT.pose, CAMERA), bodies_of(scene, stage))
     state = np.random.SeedSequence([3, 4]).generate_state(1, np.uint64)[0]
-    assert np.array_equal(raster_frame.develop(field.light, look, np.uint64(state)), at_once)
+    assert np.array_equal(frame.develop(field.light, look, np.uint64(state)), at_once)
 
 
 @pytest.mark.parametrize(

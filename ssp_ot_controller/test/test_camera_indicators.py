@@ -25,7 +25,7 @@ from ssp_core.run_file.values import Start
 from ssp_core.vocabulary import ObjectClass, Role
 from ssp_core.world.reference_line import ReferenceLine
 from ssp_ot_controller.camera.clip import foreseen
-from ssp_ot_controller.camera.indicators import (
+from ssp_ot_controller.camera.renderer.scene import (
     AHEAD_S,
     OFF,
     Foreseen,
@@ -34,7 +34,7 @@ from ssp_ot_controller.camera.indicators import (
     is_lit,
     sideways_mps,
 )
-from ssp_ot_controller.camera.storyboard import storyboard
+from ssp_ot_controller.camera.storyboards import storyboard
 
 LANES = [Lane(y_m=0.0, width_m=3.5, direction="forward")]
 ROAD = Road(origin=Start(x_m=0.0, y_m=0.0, yaw_rad=0.5), length_m=200.0, lanes=LANES)

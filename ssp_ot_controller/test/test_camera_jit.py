@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ssp_ot_controller.camera.jit import cache_folder, digest
+from ssp_ot_controller.camera.kernels.jit import cache_folder, digest
 
 
 def test_any_source_changes_the_digest(tmp_path: Path) -> None:

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from ssp_core.run_file.road import Lane, Road
 from ssp_core.run_file.values import Start
-from ssp_ot_controller.camera import ground, sensor
-from ssp_ot_controller.camera.ground_row import ground_row
-from ssp_ot_controller.camera.palettes import PALETTES
-from ssp_ot_controller.camera.raster import PLANE_NUMBERS, rasterise, rasterise_cover
-from ssp_ot_controller.camera.surfaces import make_noise, window_mix
+from ssp_ot_controller.camera.kernels import ground, sensor
+from ssp_ot_controller.camera.kernels.ground import ground_row
+from ssp_ot_controller.camera.kernels.palettes import PALETTES
+from ssp_ot_controller.camera.kernels.raster import PLANE_NUMBERS, rasterise, rasterise_cover
+from ssp_ot_controller.camera.kernels.shading import make_noise, window_mix
 
 Floats = NDArray[np.float64]
 

@@ -131,7 +131,7 @@ class World:
 
 
 def start(run_file: Path) -> subprocess.Popen[str]:
-    command = [sys.executable, "-m", "ssp_ot_controller.camera.node", "--ros-args"]
+    command = [sys.executable, "-m", "ssp_ot_controller.ros.front_camera", "--ros-args"]
     command += ["-p", f"run_file:={run_file}"]
     return subprocess.Popen(
         command, env=os.environ.copy(), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True

@@ -22,9 +22,9 @@ from ssp_core.run_file.road import Lane, Road
 from ssp_core.run_file.values import Start
 from ssp_core.vocabulary import ObjectClass, Role
 from ssp_core.world.camera import image_box, view_from
-from ssp_ot_controller.camera.render import Scene, render
-from ssp_ot_controller.camera.stage import Detail
-from ssp_ot_controller.camera.storyboard import storyboard
+from ssp_ot_controller.camera.renderer.render import Scene, render
+from ssp_ot_controller.camera.renderer.stage import Detail
+from ssp_ot_controller.camera.storyboards import storyboard
 
 Image = NDArray[np.uint8]
 
@@ -99,8 +99,8 @@ def test_two_processes_draw_the_same_pixels(tmp_path: Path) -> None:
     program = f"""
 import hashlib
 from ssp_core.run_file.model import Camera
-from ssp_ot_controller.camera.render import Scene, render
-from ssp_ot_controller.camera.storyboard import storyboard
+from ssp_ot_controller.camera.renderer.render import Scene, render
+from ssp_ot_controller.camera.storyboards import storyboard
 board = storyboard("cut_in", 3)
 scene = Scene(board.road, board.vut.state(4.0), board.states(4.0))
 image = render(scene, board.look, Camera.model_validate_json({camera!r}), 7, board.seed)

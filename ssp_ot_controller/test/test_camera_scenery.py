@@ -14,14 +14,13 @@ from ssp_core.vocabulary import ObjectClass, Role
 from ssp_core.world.camera import project, view_from
 from ssp_core.world.reference_line import ReferenceLine
 from ssp_core.world.scenery import item_pose
-from ssp_ot_controller.camera.bend import block_line, build_bend
-from ssp_ot_controller.camera.ground import KERB_HEIGHT_M
-from ssp_ot_controller.camera.mapped import Prop
-from ssp_ot_controller.camera.palettes import PALETTES
-from ssp_ot_controller.camera.render import Scene, render
-from ssp_ot_controller.camera.scenery import build_scenery
-from ssp_ot_controller.camera.signs import sign_of
-from ssp_ot_controller.camera.stage import stage_for
+from ssp_ot_controller.camera.kernels.bend import block_line, build_bend
+from ssp_ot_controller.camera.kernels.ground import KERB_HEIGHT_M
+from ssp_ot_controller.camera.kernels.palettes import PALETTES
+from ssp_ot_controller.camera.meshes.roadside import sign_of
+from ssp_ot_controller.camera.renderer.render import Scene, render
+from ssp_ot_controller.camera.renderer.scenery import Prop, build_scenery
+from ssp_ot_controller.camera.renderer.stage import stage_for
 
 Image = NDArray[np.uint8]
 LOOK = Look(noise_sigma=0.0, fog_per_m=0.0)

@@ -10,8 +10,7 @@ from ssp_core.clock import NS_PER_S
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.run_file.model import Camera
 from ssp_core.vocabulary import ObjectClass, Role
-from ssp_ot_controller.camera.schedule import Schedule, slowest_frame_s, steps_per_frame
-from ssp_ot_controller.camera.travel import Odometer
+from ssp_ot_controller.camera.frames import Odometer, Schedule, slowest_frame_s, steps_per_frame
 
 
 def walker(x_m: float, y_m: float, yaw_rad: float = 0.0) -> ObjectState:

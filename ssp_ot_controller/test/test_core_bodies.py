@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from ssp_core.geometry import Pose2, wrap_angle
 from ssp_core.run_file.model import Limits
 from ssp_core.vocabulary import ObjectClass
-from ssp_ot_controller.core.bodies import (
+from ssp_ot_controller.bodies.dynamics import (
     LIMITS,
     BodyState,
     Command,

@@ -12,8 +12,8 @@ from ssp_core.geometry import Polyline, box_distance
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.run_file.participants import Driver
 from ssp_core.vocabulary import ObjectClass, Role
-from ssp_ot_controller.core.bodies import BodyState, step_body
-from ssp_ot_controller.core.driver import Obstacle, drive, find_obstacles, follow
+from ssp_ot_controller.bodies.dynamics import BodyState, step_body
+from ssp_ot_controller.sil.vut_driver import Obstacle, drive, find_obstacles, follow
 
 DT = 0.02
 PATH = Polyline([(0.0, 0.0), (250.0, 0.0)])

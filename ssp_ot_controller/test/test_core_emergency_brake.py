@@ -9,8 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssp_core.run_file.participants import Driver
-from ssp_ot_controller.core.driver import Obstacle
-from ssp_ot_controller.core.emergency_brake import BUILD_UP_S, MARGIN_M, brakes, needed_deceleration
+from ssp_ot_controller.sil.vut_driver import (
+    BUILD_UP_S,
+    MARGIN_M,
+    Obstacle,
+    brakes_in_emergency,
+    needed_deceleration,
+)
 
 DRIVER = Driver(cruise_mps=14.0, comfortable_deceleration_mps2=2.5, aeb_deceleration_mps2=6.0)
 
@@ -66,17 +71,19 @@ def test_bounds(obstacle: Obstacle, needed: float) -> None:
 def test_it_begins_above_comfortable_braking_and_not_at_it() -> None:
     # v^2 / (2 b) = 20 m with 2.5 m/s^2 from 10 m/s; 2 m close while brakes build up.
     at = 20.0 + MARGIN_M + 10.0 * BUILD_UP_S
-    assert not brakes(False, 10.0, [Obstacle("o", at + 0.01, 0.0, 0.0)], DRIVER)
-    assert brakes(False, 10.0, [Obstacle("o", at - 0.01, 0.0, 0.0)], DRIVER)
-    assert not brakes(False, 10.0, [], DRIVER)
-    assert not brakes(False, 10.0, [Obstacle("o", 1.0, 0.0, 0.0)], Driver(cruise_mps=14.0))
+    assert not brakes_in_emergency(False, 10.0, [Obstacle("o", at + 0.01, 0.0, 0.0)], DRIVER)
+    assert brakes_in_emergency(False, 10.0, [Obstacle("o", at - 0.01, 0.0, 0.0)], DRIVER)
+    assert not brakes_in_emergency(False, 10.0, [], DRIVER)
+    assert not brakes_in_emergency(
+        False, 10.0, [Obstacle("o", 1.0, 0.0, 0.0)], Driver(cruise_mps=14.0)
+    )
 
 
 def test_it_ends_when_nothing_ahead_is_slower_and_holds_at_standstill() -> None:
     far, stands = Obstacle("o", 200.0, 3.0, 0.0), Obstacle("o", 5.0, 0.0, 0.0)
-    assert brakes(True, 3.1, [far], DRIVER)
-    assert not brakes(True, 3.0, [far], DRIVER)
-    assert not brakes(True, 0.0, [far], DRIVER)
-    assert not brakes(True, 5.0, [], DRIVER)
-    assert brakes(True, 0.0, [stands], DRIVER)
-    assert not brakes(False, 0.0, [stands], DRIVER)
+    assert brakes_in_emergency(True, 3.1, [far], DRIVER)
+    assert not brakes_in_emergency(True, 3.0, [far], DRIVER)
+    assert not brakes_in_emergency(True, 0.0, [far], DRIVER)
+    assert not brakes_in_emergency(True, 5.0, [], DRIVER)
+    assert brakes_in_emergency(True, 0.0, [stands], DRIVER)
+    assert not brakes_in_emergency(False, 0.0, [stands], DRIVER)

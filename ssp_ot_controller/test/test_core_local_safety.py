@@ -17,8 +17,8 @@ from ssp_core.safety.codes import MEANINGS, SafetyCode
 from ssp_core.safety.fence import box_excess_m
 from ssp_core.safety.limits import LimitViolation
 from ssp_core.vocabulary import ControlState, ObjectClass, Role
-from ssp_ot_controller.core import local_safety as ls
-from ssp_ot_controller.core.tracking import TrackingError
+from ssp_ot_controller.control.tracker import TrackingError
+from ssp_ot_controller.objects import local_safety as ls
 
 S = 1_000_000_000
 NOW = 20 * S
@@ -63,7 +63,9 @@ def decide(
     # As Target does; what isn't located isn't judged by continuity.
     seen.setdefault("lost", ls.lost_its_place(seen["state"], NOW, (), LIMITS))
     seen.setdefault("outside_m", box_excess_m(seen["state"].box, FENCE))
-    return ls.decide(ls.Seen(**seen), now_ns=NOW, control_state=control_state, limits=LIMITS)
+    return ls.decide(
+        ls.SafetyInputs(**seen), now_ns=NOW, control_state=control_state, limits=LIMITS
+    )
 
 
 def state(**changes: Any) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ssp_core.vocabulary import ControlState
-from ssp_ot_controller.core.object_machine import (
+from ssp_ot_controller.objects.state_machine import (
     TABLE,
     IllegalTransition,
     ObjectEvent,

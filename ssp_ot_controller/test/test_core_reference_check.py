@@ -15,9 +15,9 @@ from ssp_core.motion.reference import Reference, ReferencePoint
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.run_file.model import Limits
 from ssp_core.vocabulary import ControlState, ObjectClass, Role
-from ssp_ot_controller.core.bodies import LIMITS
-from ssp_ot_controller.core.reference_check import Refusal, RefusalCode, check_reference
-from ssp_ot_controller.core.stop_room import StopRoom
+from ssp_ot_controller.bodies.dynamics import LIMITS
+from ssp_ot_controller.control.stopping import StoppingRoom
+from ssp_ot_controller.objects.references import Refusal, RefusalCode, check_reference
 
 S = 1_000_000_000
 PATH = Polyline([(0.0, 0.0), (200.0, 0.0)])
@@ -57,7 +57,7 @@ def refused(ref: Reference, **changes: Any) -> Refusal | None:
         **changes,
     }
     current = arguments["current"]
-    arguments["stop_room"] = StopRoom(
+    arguments["stop_room"] = StoppingRoom(
         current.object_class, current.size, arguments["limits"], arguments["geofence"], 0.02
     )
     return check_reference(ref, **arguments)

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssp_core.motion.reference import Reference
-from ssp_ot_controller.core.reference_queue import ReferenceQueue
+from ssp_ot_controller.objects.references import ReferenceQueue
 
 
 def reference(name: str, execute_at_ns: int) -> Reference:

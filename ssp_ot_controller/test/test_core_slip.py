@@ -20,8 +20,8 @@ from ssp_core.motion.manoeuvre import drive_along, lane_change
 from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.vocabulary import ObjectClass, Role
-from ssp_ot_controller.core.bodies import LIMITS, Command
-from ssp_ot_controller.core.tracking import Tracker
+from ssp_ot_controller.bodies.dynamics import LIMITS, Command
+from ssp_ot_controller.control.tracker import Tracker
 
 CAR = ObjectClass.CAR
 DT_S, DT_NS = 0.01, 10_000_000

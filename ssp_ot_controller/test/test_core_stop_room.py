@@ -15,9 +15,9 @@ from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.run_file.model import Limits
 from ssp_core.safety.stopping import EMERGENCY_BRAKE_MPS2, stopping_of
 from ssp_core.vocabulary import ObjectClass, Role
-from ssp_ot_controller.core.bodies import LIMITS as BODIES
-from ssp_ot_controller.core.stop_room import StopRoom
-from ssp_ot_controller.core.track import Track
+from ssp_ot_controller.bodies.dynamics import LIMITS as BODIES
+from ssp_ot_controller.control.stopping import StoppingRoom
+from ssp_ot_controller.control.track import Track
 
 S = 1_000_000_000
 CAR, WALKER = ObjectClass.CAR, ObjectClass.PEDESTRIAN
@@ -30,8 +30,8 @@ def fence(right_m: float = -50.0, end_m: float = 300.0) -> list[tuple[float, flo
     return [(-20.0, right_m), (end_m, right_m), (end_m, 50.0), (-20.0, 50.0)]
 
 
-def room(cls: ObjectClass = CAR, **sides: float) -> StopRoom:
-    return StopRoom(cls, DEFAULT_SIZES[cls], LIMITS, fence(**sides), 0.02)
+def room(cls: ObjectClass = CAR, **sides: float) -> StoppingRoom:
+    return StoppingRoom(cls, DEFAULT_SIZES[cls], LIMITS, fence(**sides), 0.02)
 
 
 def state(cls: ObjectClass = CAR, **changes: float) -> ObjectState:

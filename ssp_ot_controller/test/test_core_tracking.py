@@ -14,9 +14,8 @@ from ssp_core.motion.manoeuvre import drive_along, lane_change
 from ssp_core.motion.reference import Reference, ReferencePoint, sample
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.vocabulary import ObjectClass, Role
-from ssp_ot_controller.core.bodies import LIMITS, BodyState, Command, step_body
-from ssp_ot_controller.core.gains import lateral_gains
-from ssp_ot_controller.core.tracking import Tracker, tracking_error
+from ssp_ot_controller.bodies.dynamics import LIMITS, BodyState, Command, step_body
+from ssp_ot_controller.control.tracker import Tracker, lateral_gains, tracking_error
 
 DT = 0.02
 DT_NS = 20_000_000

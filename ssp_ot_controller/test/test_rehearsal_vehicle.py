@@ -6,7 +6,7 @@ from typing import Any
 
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import SessionPhase
-from ssp_ot_controller.rehearsal.vehicle import PlayedVehicle
+from ssp_ot_controller.rehearsal.played import PlayedVehicle
 
 S = 1_000_000_000
 EPOCH = 1_700_000_000 * S

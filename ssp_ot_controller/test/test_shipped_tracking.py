@@ -12,9 +12,9 @@ from ssp_core.motion.reference import Reference, sample
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.participants import ParticipantSpec
 from ssp_core.vocabulary import Role
-from ssp_ot_controller.core.bodies import LIMITS as BODIES
-from ssp_ot_controller.core.bodies import BodyLimits, BodyState, step_body, tightened
-from ssp_ot_controller.core.tracking import Tracker
+from ssp_ot_controller.bodies.dynamics import LIMITS as BODIES
+from ssp_ot_controller.bodies.dynamics import BodyLimits, BodyState, step_body, tightened
+from ssp_ot_controller.control.tracker import Tracker
 from ssp_scenario_manager.compile.compiler import Request, compile_task
 from ssp_scenario_manager.core.dispatch import Address, approach_reference, manoeuvre_reference
 

@@ -9,23 +9,25 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ssp_core.cdr.steps import RECORDER_LAG_STEPS
-from ssp_ot_controller.sil.barrier import Barrier
+from ssp_ot_controller.sil.lockstep import StepBarrier
 
 OT, MANAGER, CAMERA = "object_target", "scenario_manager", "front_camera"
 
 
-def barrier(camera: str | None = None, frame_steps: int = 5, objects: Any = ("ot1",)) -> Barrier:
-    return Barrier((OT, MANAGER), objects, OT, camera, frame_steps, MANAGER)
+def barrier(
+    camera: str | None = None, frame_steps: int = 5, objects: Any = ("ot1",)
+) -> StepBarrier:
+    return StepBarrier((OT, MANAGER), objects, OT, camera, frame_steps, MANAGER)
 
 
-def answer(b: Barrier, step: int) -> None:
+def answer(b: StepBarrier, step: int) -> None:
     b.on_command("ot1", step)
     b.on_done(OT, step)
     b.on_done(MANAGER, step)
 
 
 def test_a_run_may_start_when_everybody_but_its_leader_is_heard() -> None:
-    b = Barrier((OT, MANAGER), ("ot1",), OT, CAMERA, 5, MANAGER, "monitor")
+    b = StepBarrier((OT, MANAGER), ("ot1",), OT, CAMERA, 5, MANAGER, "monitor")
     assert b.unheard() == [OT, "monitor"]
     b.on_done(OT, 0)
     b.on_done("monitor", 0)
@@ -100,7 +102,7 @@ def test_the_world_never_runs_ahead_of_the_camera_by_more_than_a_frame() -> None
 @given(data=st.data())
 def test_any_order_of_answers_opens_it_with_the_last(data: st.DataObject) -> None:
     objects = ["ot1", "ot2"]
-    b = Barrier((OT, MANAGER), objects, OT, CAMERA, 1, MANAGER)
+    b = StepBarrier((OT, MANAGER), objects, OT, CAMERA, 1, MANAGER)
     for step in range(1, 4):
         messages = [(b.on_done, name) for name in (OT, MANAGER)]
         messages += [(b.on_command, name) for name in objects]
@@ -112,14 +114,14 @@ def test_any_order_of_answers_opens_it_with_the_last(data: st.DataObject) -> Non
 
 
 def test_the_leader_is_lost_only_when_nobody_else_is() -> None:
-    b = Barrier((OT, MANAGER), ("ot1",), OT, None, 1, MANAGER)
+    b = StepBarrier((OT, MANAGER), ("ot1",), OT, None, 1, MANAGER)
     assert b.lost(1) == [OT]
     b.drop(OT)
     assert b.lost(1) == [MANAGER]
 
 
 def test_a_recorder_is_waited_for_once_it_was_heard_and_may_lag() -> None:
-    b = Barrier((OT, MANAGER), ("ot1",), OT, None, 1, MANAGER, "monitor")
+    b = StepBarrier((OT, MANAGER), ("ot1",), OT, None, 1, MANAGER, "monitor")
     answer(b, 500)
     assert b.waiting_for(500) == []
     b.on_done("monitor", 0)

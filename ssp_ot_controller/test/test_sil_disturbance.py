@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.run_file.model import Fault, LinkDisturbance, RunSpec
 from ssp_core.vocabulary import ObjectClass, Role
-from ssp_ot_controller.core.bodies import Command
+from ssp_ot_controller.bodies.dynamics import Command
 from ssp_ot_controller.sil.disturbance import Actuator, Channel
 
 STEP_NS = 20_000_000

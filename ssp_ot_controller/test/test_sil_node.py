@@ -19,7 +19,7 @@ from ssp_core.processes import session_environment
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import SessionPhase
 from ssp_msgs import msg
-from ssp_ot_controller.sil.node import OVERRUN_S
+from ssp_ot_controller.ros.sil_world import OVERRUN_S
 
 pytestmark = pytest.mark.ros
 DEADLINE_S = 120.0
@@ -121,7 +121,7 @@ def start(
 def world_process(domain_id: int, run_file: Path) -> subprocess.Popen[str]:
     return subprocess.Popen(
         [
-            sys.executable, "-m", "ssp_ot_controller.sil.node",
+            sys.executable, "-m", "ssp_ot_controller.ros.sil_world",
             "--ros-args", "-p", f"run_file:={run_file}",
         ],
         env=session_environment(domain_id),

@@ -14,8 +14,8 @@ from ssp_core.run_file.model import Fault, Limits, RunSpec
 from ssp_core.run_file.participants import Driver, Motion, ParticipantSpec, SpeedChange
 from ssp_core.run_file.values import Start
 from ssp_core.vocabulary import ObjectClass, Role
-from ssp_ot_controller.core.bodies import BodyState, Command, step_body
-from ssp_ot_controller.sil.vut import DRIVER_TIMEOUT_S, VutDriver
+from ssp_ot_controller.bodies.dynamics import BodyState, Command, step_body
+from ssp_ot_controller.sil.vut_driver import DRIVER_TIMEOUT_S, VutDriver
 
 STEP_NS = 20_000_000
 STOP = 4.0

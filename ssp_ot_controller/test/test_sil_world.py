@@ -13,7 +13,7 @@ import pytest
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import ObjectClass, Role
-from ssp_ot_controller.core.bodies import Command
+from ssp_ot_controller.bodies.dynamics import Command
 from ssp_ot_controller.sil.world import BODY_TIMEOUT_S, World
 
 sys.path.insert(0, str(Path(__file__).parent))

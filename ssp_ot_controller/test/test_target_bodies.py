@@ -15,10 +15,8 @@ from hypothesis import strategies as st
 from ssp_core.errors import HostError, InputError
 from ssp_core.geometry import Pose2
 from ssp_core.vocabulary import ObjectClass
-from ssp_ot_controller.core.bodies import LIMITS, Command
-from ssp_ot_controller.target.bodies import BodyReading
-from ssp_ot_controller.target.bodies.body_server import WATCHDOG_S, BodyServer
-from ssp_ot_controller.target.bodies.datagrams import (
+from ssp_ot_controller.bodies.body import BodyReading, MirrorBody
+from ssp_ot_controller.bodies.datagrams import (
     COMMAND_BYTES,
     STATE_BYTES,
     CommandDatagram,
@@ -31,9 +29,10 @@ from ssp_ot_controller.target.bodies.datagrams import (
     encode_command,
     encode_state,
 )
-from ssp_ot_controller.target.bodies.mirror import MirrorBody
-from ssp_ot_controller.target.bodies.udp import TIMEOUT_MS, UdpBody
-from ssp_ot_controller.target.live import parse_bodies
+from ssp_ot_controller.bodies.dynamics import LIMITS, Command
+from ssp_ot_controller.bodies.simulated import WATCHDOG_S, BodyServer
+from ssp_ot_controller.bodies.udp import TIMEOUT_MS, UdpBody
+from ssp_ot_controller.objects.live import parse_bodies
 
 S = 1_000_000_000
 MS = 1_000_000

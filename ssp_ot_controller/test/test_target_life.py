@@ -20,10 +20,10 @@ from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import ControlState, ObjectClass, Role, SessionPhase
-from ssp_ot_controller.core.bodies import LIMITS, BodyState, step_body
-from ssp_ot_controller.core.object_machine import ObjectEvent
-from ssp_ot_controller.core.reference_check import Refusal, RefusalCode
-from ssp_ot_controller.target.target import Outcome, Target
+from ssp_ot_controller.bodies.dynamics import LIMITS, BodyState, step_body
+from ssp_ot_controller.objects.references import Refusal, RefusalCode
+from ssp_ot_controller.objects.state_machine import ObjectEvent
+from ssp_ot_controller.objects.target import Target, TargetStep
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -69,7 +69,7 @@ class Rig:
         self.now_ns = 0
         self.heartbeat_ns: int | None = 0
         self.session = SessionPhase.CONNECTED
-        self.last: Outcome | None = None
+        self.last: TargetStep | None = None
 
     @property
     def own(self) -> ObjectState:
@@ -79,7 +79,7 @@ class Rig:
             b.acceleration_mps2, b.yaw_rate_radps, DEFAULT_SIZES[self.cls],
         )  # fmt: skip
 
-    def step(self, **broken: Any) -> Outcome:
+    def step(self, **broken: Any) -> TargetStep:
         """Heartbeat, judgement, and the body's motion until the next step."""
         if self.heartbeat_ns is not None:
             self.heartbeat_ns = self.now_ns
@@ -590,7 +590,7 @@ def test_after_an_abort_nothing_makes_it_accelerate(
 
     aborted = False
 
-    def check(outcome: Outcome) -> None:
+    def check(outcome: TargetStep) -> None:
         assert outcome.command.is_finite
         if aborted:
             assert outcome.command.emergency_stop or outcome.command.acceleration_mps2 < 0.0

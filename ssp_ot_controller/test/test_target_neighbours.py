@@ -10,10 +10,8 @@ import pytest
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.run_file.model import Limits
 from ssp_core.vocabulary import ObjectClass, Role
+from ssp_ot_controller.objects.messages import HeartbeatResponder, ManagerArbiter, NearbyObjects
 from ssp_ot_controller.sil.disturbance import LinkSizes
-from ssp_ot_controller.target.earshot import Earshot
-from ssp_ot_controller.target.echo import Echo
-from ssp_ot_controller.target.manager_line import ManagerLine
 
 S = 1_000_000_000
 MS = 1_000_000
@@ -32,7 +30,7 @@ def car(object_id: str, x_m: float, **changes: float) -> ObjectState:
 
 
 def test_a_rising_sequence_of_one_sender_is_ours_gaps_or_not() -> None:
-    line = ManagerLine(0.5)
+    line = ManagerArbiter(0.5)
     for sequence in (3, 4, 9, 10):
         assert line.is_ours("m", sequence, sequence * 50 * MS, may_move=True)
     assert line.strangers(S) == 0
@@ -40,7 +38,7 @@ def test_a_rising_sequence_of_one_sender_is_ours_gaps_or_not() -> None:
 
 @pytest.mark.parametrize(("sender", "sequence"), [("n", 11), ("m", 10), ("m", 1)])
 def test_another_sender_or_another_line_is_a_stranger(sender: str, sequence: int) -> None:
-    line = ManagerLine(0.5)
+    line = ManagerArbiter(0.5)
     assert line.is_ours("m", 10, 0, may_move=False)
     assert not line.is_ours(sender, sequence, 100 * MS, may_move=False)
     assert line.strangers(100 * MS) == 1
@@ -50,7 +48,7 @@ def test_another_sender_or_another_line_is_a_stranger(sender: str, sequence: int
 
 
 def test_two_lines_of_one_name_are_told_apart_by_the_one_that_lags() -> None:
-    line = ManagerLine(0.5)
+    line = ManagerArbiter(0.5)
     assert line.is_ours("m", 10, 0, may_move=True)
     assert line.is_ours("m", 500, 20 * MS, may_move=True)  # it might have lost 489
     assert not line.is_ours("m", 11, 40 * MS, may_move=True)
@@ -63,7 +61,7 @@ def test_two_lines_of_one_name_are_told_apart_by_the_one_that_lags() -> None:
 def test_a_new_manager_takes_over_from_a_silent_one_when_nothing_may_move(
     silent_ms: int, may_move: bool, taken: bool
 ) -> None:
-    line = ManagerLine(0.5)
+    line = ManagerArbiter(0.5)
     assert line.is_ours("m", 10, S, may_move=False)
     at_ns = S + silent_ms * MS
     assert line.is_ours("m", 1, at_ns, may_move=may_move) == taken
@@ -74,7 +72,7 @@ def test_a_new_manager_takes_over_from_a_silent_one_when_nothing_may_move(
 
 
 def test_near_ones_are_heard_at_the_own_stamp_and_oneself_is_not() -> None:
-    heard = Earshot(LIMITS)
+    heard = NearbyObjects(LIMITS)
     own = car("ot1", 0.0)
     heard.take([own, car("ot2", 5.0, stamp_ns=10 * S - 100 * MS), car("far", 60.0), car("a", 7.0)])
     near = heard.near(own)
@@ -85,20 +83,20 @@ def test_near_ones_are_heard_at_the_own_stamp_and_oneself_is_not() -> None:
 
 @pytest.mark.parametrize(("age_ms", "counts"), [(0, 1), (300, 1), (301, 0), (-300, 1), (-301, 0)])
 def test_old_states_say_nothing_any_more(age_ms: int, counts: int) -> None:
-    heard = Earshot(LIMITS)
+    heard = NearbyObjects(LIMITS)
     heard.take([car("ot2", 5.0, stamp_ns=10 * S - age_ms * MS)])
     assert len(heard.near(car("ot1", 5.0))) == counts
 
 
 def test_a_broken_state_replaces_none() -> None:
-    heard = Earshot(LIMITS)
+    heard = NearbyObjects(LIMITS)
     heard.take([car("ot2", 5.0), car("ot2", math.nan)])
     assert len(heard.near(car("ot1", 5.0))) == 1
 
 
 def test_whoever_comes_within_the_separation_is_near() -> None:
     """No one whose box is closer than the separation may be left out, at any speed and age."""
-    heard = Earshot(LIMITS)
+    heard = NearbyObjects(LIMITS)
     own = car("ot1", 0.0)
     for gap_m in (0.0, 0.49, 0.5):
         for age_ms in (0, 150, 300):
@@ -113,7 +111,7 @@ GOOD = LinkSizes(0.0, 0.0, 0.0, False)
 
 
 def test_a_good_link_is_answered_at_once_and_once_for_all_objects() -> None:
-    echo = Echo()
+    echo = HeartbeatResponder()
     (reply,) = echo.on_heartbeat(7, 5 * S, {"b": GOOD, "a": GOOD}, 6 * S, 0)
     assert (reply.sequence, reply.object_ids) == (7, ("a", "b"))
     assert (reply.sent_ns, reply.received_ns, reply.replied_ns) == (5 * S, 6 * S, None)
@@ -122,7 +120,7 @@ def test_a_good_link_is_answered_at_once_and_once_for_all_objects() -> None:
 
 def test_a_disturbed_link_is_measured_as_it_is() -> None:
     """offset = ((t2 - t1) + (t3 - t4)) / 2 and delay = (t4 - t1) - (t3 - t2)."""
-    echo = Echo()
+    echo = HeartbeatResponder()
     links = {"a": LinkSizes(0.2, 0.03, 0.03, False), "b": GOOD}
     (at_once,) = echo.on_heartbeat(1, 100 * S, links, 100 * S, 50 * S)
     assert at_once.object_ids == ("b",)
@@ -138,11 +136,11 @@ def test_a_disturbed_link_is_measured_as_it_is() -> None:
 
 
 def test_a_cut_link_is_silent() -> None:
-    echo = Echo()
+    echo = HeartbeatResponder()
     assert echo.on_heartbeat(1, 0, {"a": LinkSizes(0.0, 0.0, 0.0, True)}, 0, 0) == []
 
 
 def test_a_manager_that_beats_very_fast_is_answered_a_hundred_times_a_second() -> None:
-    echo = Echo()
+    echo = HeartbeatResponder()
     answered = [bool(echo.on_heartbeat(k, 0, {"a": GOOD}, 0, k * MS)) for k in range(1, 101)]
     assert sum(answered) == 10

@@ -142,7 +142,7 @@ class Peers:
 
 
 def start(domain: int, **parameters: object) -> subprocess.Popen[str]:
-    arguments = [sys.executable, "-m", "ssp_ot_controller.target.node", "--ros-args"]
+    arguments = [sys.executable, "-m", "ssp_ot_controller.ros.object_target", "--ros-args"]
     for name, value in parameters.items():
         arguments += ["-p", f"{name}:={value}"]
     return subprocess.Popen(
@@ -286,7 +286,7 @@ def test_a_second_manager_stops_an_armed_object_and_keeps_it_from_arming(peers: 
 @pytest.fixture
 def body() -> Iterator[str]:
     """A body behind the body protocol; its address."""
-    module = "ssp_ot_controller.target.bodies.udp_body"
+    module = "ssp_ot_controller.bodies.simulated"
     process = subprocess.Popen(
         [sys.executable, "-m", module, "--object", "ot1", "--x", "40"],
         stdout=subprocess.PIPE,

@@ -21,12 +21,11 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.stopping import stopping_of
 from ssp_core.vocabulary import ControlState, Role, SessionPhase
-from ssp_ot_controller.core.bodies import BodyState, step_body
-from ssp_ot_controller.core.brake_watch import PATIENCE_S
-from ssp_ot_controller.core.object_machine import ObjectEvent
+from ssp_ot_controller.bodies.dynamics import BodyState, step_body
+from ssp_ot_controller.control.stopping import BRAKE_GRACE_S
+from ssp_ot_controller.objects.pool import ObjectPool, PoolStep, Tick
+from ssp_ot_controller.objects.state_machine import ObjectEvent
 from ssp_ot_controller.sil.disturbance import Actuator
-from ssp_ot_controller.target.crew import Crew
-from ssp_ot_controller.target.crew_step import CrewStep, Tick
 
 S = 1_000_000_000
 STEP_S = 0.02
@@ -75,12 +74,12 @@ FAULT_NS = round(FAULT_S * S)
 
 
 class Loop:
-    """A crew of one and its body, stepped as the world does."""
+    """A pool of one and its body, stepped as the world does."""
 
     def __init__(self, run: RunSpec) -> None:
         self.run = run
         self.cls = run.targets[0].cls
-        self.crew = Crew(run)
+        self.pool = ObjectPool(run)
         self.actuator = Actuator(run, "ot1", 1.0)
         self.body = BodyState(START_X_M, 0.0, 0.0)
         self.step_index = 0
@@ -90,7 +89,7 @@ class Loop:
         self.silent = False
         self.push_mps = 0.0
         self.events: list[tuple[int, SafetyCode]] = []
-        self.last: CrewStep | None = None
+        self.last: PoolStep | None = None
 
     @property
     def now_ns(self) -> int:
@@ -106,17 +105,17 @@ class Loop:
 
     def send(self, reference: Reference) -> None:
         self.sent += 1
-        self.crew.take_reference(reference)
+        self.pool.take_reference(reference)
 
-    def step(self) -> CrewStep:
+    def step(self) -> PoolStep:
         running = self.step_index > 0
         if not self.silent:
             self.beats += 1
             stamp_ns = max(self.now_ns - STEP_NS, 0)
-            self.crew.take_heartbeat(self.beats, self.session, stamp_ns, {"ot1": self.sent})
+            self.pool.take_heartbeat(self.beats, self.session, stamp_ns, {"ot1": self.sent})
         tick = Tick(self.step_index, self.now_ns, running, True, self.beats, {"ot1": self.truth()})
-        self.crew.take_tick(tick, 0)
-        answer = self.crew.step(0)
+        self.pool.take_tick(tick, 0)
+        answer = self.pool.step(0)
         assert answer is not None
         self.events += [(self.now_ns, event.stop.code) for event in answer.events]
         command = self.actuator.actuate(dict(answer.commands)["ot1"], self.now_ns)
@@ -133,9 +132,9 @@ class Loop:
         self.step_index = 0
         self.step()
         self.step_index = 0
-        assert self.crew.command("ot1", ObjectEvent.ARM, VERSION, 0).accepted
+        assert self.pool.command("ot1", ObjectEvent.ARM, VERSION, 0).accepted
         self.step()
-        assert self.crew.state_of("ot1") is ControlState.ARMED
+        assert self.pool.state_of("ot1") is ControlState.ARMED
         self.session = SessionPhase.RUNNING
         self.send(approach(self, cruise_mps, end_x_m))
         while self.now_ns < FAULT_NS:
@@ -150,7 +149,7 @@ class Loop:
         while self.body.speed_mps > 0.0:
             self.step()
             assert self.now_ns - since_ns < 20 * S, "it never stands"
-        assert self.crew.state_of("ot1") is ControlState.ABORTING
+        assert self.pool.state_of("ot1") is ControlState.ABORTING
         for _ in range(50):
             self.step()
         assert self.body.speed_mps == 0.0
@@ -255,10 +254,10 @@ def test_a_stuck_actuator_is_overruled_by_the_emergency_brake(
         loop.step()
         assert loop.now_ns < FAULT_NS + 20 * S
     assert loop.events[0][1] is SafetyCode.ERROR_LONGITUDINAL
-    fastest = loop.body.speed_mps + PATIENCE_S * value
+    fastest = loop.body.speed_mps + BRAKE_GRACE_S * value
     distance_m = loop.stop()
     bound = stopping_of(loop.cls, loop.run.limits, STEP_S)
-    assert distance_m <= bound.distance_m(fastest, PATIENCE_S)
+    assert distance_m <= bound.distance_m(fastest, BRAKE_GRACE_S)
     assert loop.last is not None
     assert dict(loop.last.commands)["ot1"].emergency_stop
 
@@ -298,7 +297,7 @@ def test_one_that_speeds_up_while_it_is_blind_keeps_the_bound_of_what_it_may_rea
     loop = Loop(run_of(object_class))
     loop.step()
     loop.step_index = 0
-    assert loop.crew.command("ot1", ObjectEvent.ARM, VERSION, 0).accepted
+    assert loop.pool.command("ot1", ObjectEvent.ARM, VERSION, 0).accepted
     loop.step()
     loop.session = SessionPhase.RUNNING
     loop.send(approach(loop, 3.0, 380.0))

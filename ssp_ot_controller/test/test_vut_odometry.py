@@ -12,7 +12,7 @@ from ssp_core.geometry import yaw_of
 from ssp_core.run_file.participants import ParticipantSpec
 from ssp_core.run_file.values import Start
 from ssp_core.vocabulary import ObjectClass, Role
-from ssp_ot_controller.vut.odometry import Fix, LeverArm, Unusable, VutStates
+from ssp_ot_controller.bodies.odometry import Fix, LeverArm, Unusable, VutStates
 
 VUT = ParticipantSpec(
     id="vut", object_class="car", start=Start(x_m=0.0, y_m=0.0, yaw_rad=0.0), approach=None

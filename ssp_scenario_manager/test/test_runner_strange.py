@@ -12,9 +12,9 @@ from ssp_core.motion.manoeuvre import drive_along
 from ssp_core.motion.reference import Reference, sample
 from ssp_core.run_file.model import Limits, RunSpec
 from ssp_core.vocabulary import ControlState, ObjectClass
-from ssp_ot_controller.core.bodies import LIMITS, tightened
-from ssp_ot_controller.core.reference_check import Refusal, RefusalCode, check_reference
-from ssp_ot_controller.core.stop_room import StopRoom
+from ssp_ot_controller.bodies.dynamics import LIMITS, tightened
+from ssp_ot_controller.control.stopping import StoppingRoom
+from ssp_ot_controller.objects.references import Refusal, RefusalCode, check_reference
 from ssp_scenario_manager.runner import strange
 
 S = 1_000_000_000
@@ -34,7 +34,7 @@ def judged(reference: Reference, current: Any, previous: Reference | None) -> Re
         body_limits=tightened(LIMITS[current.object_class], limits),
         event_version="sha256:event",
         control_state=ControlState.RUNNING,
-        stop_room=StopRoom(current.object_class, current.size, limits, FENCE, 0.02),
+        stop_room=StoppingRoom(current.object_class, current.size, limits, FENCE, 0.02),
     )
 
 

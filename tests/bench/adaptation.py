@@ -40,8 +40,8 @@ from ssp_core.run_file.participants import (
 )
 from ssp_core.run_file.values import Start
 from ssp_core.vocabulary import Role
-from ssp_ot_controller.core.bodies import BodyState, step_body
-from ssp_ot_controller.sil.vut import VutDriver
+from ssp_ot_controller.bodies.dynamics import BodyState, step_body
+from ssp_ot_controller.sil.vut_driver import VutDriver
 from ssp_scenario_manager.compile.compiler import Request, compile_task
 from ssp_scenario_manager.core.dispatch import (
     APPROACH_LEAD_S,

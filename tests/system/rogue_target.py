@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import ssp_ot_controller.target.outlet.node as outlet
 from ssp_core.clock import seconds_to_ns
 from ssp_core.motion.state import ObjectState
-from ssp_ot_controller.target.node import main
+from ssp_ot_controller.ros import object_target as outlet
+from ssp_ot_controller.ros.object_target import main
 
 CHANGE_NS = seconds_to_ns(8.0)
 _honest = outlet.encode_state

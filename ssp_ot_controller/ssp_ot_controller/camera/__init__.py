@@ -1,1 +1,1 @@
-"""The VUT's forward camera in the software-in-the-loop world: model, renderer, node, clips."""
+"""The VUT's forward camera in the software-in-the-loop world: frames, clips, contact sheets."""

@@ -17,12 +17,10 @@ from ssp_core.errors import HostError
 from ssp_core.files import write_json
 from ssp_core.motion.state import ObjectState
 from ssp_core.world.reference_line import ReferenceLine
-from ssp_ot_controller.camera.indicators import AHEAD_S, Indicator, Indicators, side_of
-from ssp_ot_controller.camera.render import render
-from ssp_ot_controller.camera.scene import Scene
-from ssp_ot_controller.camera.storyboard import Storyboard, storyboard
-from ssp_ot_controller.camera.storyboards.base import LaneCounts
-from ssp_ot_controller.camera.travel import Odometer
+from ssp_ot_controller.camera.frames import Odometer
+from ssp_ot_controller.camera.renderer.render import render
+from ssp_ot_controller.camera.renderer.scene import AHEAD_S, Indicator, Indicators, Scene, side_of
+from ssp_ot_controller.camera.storyboards import LaneCounts, Storyboard, storyboard
 
 TRUTH_SCHEMA = "ssp.truth/1"
 GENERATOR = "ssp-clip/1"

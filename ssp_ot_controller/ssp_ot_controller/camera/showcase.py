@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 
 from ssp_core import console
+from ssp_core.errors import SspError
 from ssp_core.files import make_folder, write_bytes
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.run_file.model import Camera, Look
@@ -23,12 +24,29 @@ from ssp_core.run_file.road import Lane, Road
 from ssp_core.run_file.values import Start
 from ssp_core.vocabulary import ObjectClass, Role
 from ssp_core.world.camera import shown_box, view_from
-from ssp_ot_controller.camera.command import run_command
-from ssp_ot_controller.camera.encode import jpeg
-from ssp_ot_controller.camera.indicators import Indicator
-from ssp_ot_controller.camera.jit import Array
-from ssp_ot_controller.camera.render import render
-from ssp_ot_controller.camera.scene import Scene
+from ssp_ot_controller.camera.frames import jpeg
+from ssp_ot_controller.camera.kernels.jit import Array
+from ssp_ot_controller.camera.renderer.render import render
+from ssp_ot_controller.camera.renderer.scene import Indicator, Scene
+
+
+def run_command(command: click.Command, module: str) -> int:
+    """Runs a module's command line and returns its exit status.
+
+    Args:
+        command: of the module.
+        module: its name, as ``python -m`` takes it.
+    """
+    try:
+        command.main(prog_name=f"python -m {module}", standalone_mode=False)
+    except click.ClickException as error:
+        error.show()
+        return error.exit_code
+    except SspError as error:
+        console.report_error(str(error))
+        return 1
+    return 0
+
 
 _SEED = 1
 _STAMP_NS = 1_400_000_000  # indicators shine, and the windscreen is wet

@@ -1,1 +1,1 @@
-"""The hardware of a live session, played: the VUT with its GNSS/INS, its camera, and OT bodies."""
+"""Rehearsal of a live session: plays the hardware that it would meet."""

@@ -21,7 +21,7 @@ from ssp_core.console import catch_stop_signals, report_error, survive_lost_outp
 from ssp_core.errors import InputError, SspError
 from ssp_core.processes import ProcessGroup, live_environment
 from ssp_core.run_file.model import RunSpec, load_run
-from ssp_ot_controller.rehearsal.bodies import PlayedBodies
+from ssp_ot_controller.rehearsal.played import PlayedBodies
 
 PARTS = ("vut", "camera", "bodies")
 RUN_FILE = "run.yaml"
@@ -104,7 +104,7 @@ def main(
             environment = live_environment(PROFILE)
             with ProcessGroup(environment, Path(logs), owns_domain=False) as group:
                 for name, parameters in wanted.items():
-                    module = f"ssp_ot_controller.rehearsal.{name}.node"
+                    module = f"ssp_ot_controller.ros.played_{name}"
                     group.start_node(f"played_{name}", module, parameters, remappings)
                 told = [f"--odometry {odometry}"] if "vut" in parts else []
                 told += [f"--remap {rule}" for rule in remappings]

@@ -1,1 +1,1 @@
-"""The software-in-the-loop world: SUMO, lockstep, disturbances."""
+"""The software-in-the-loop world: bodies, traffic, the VUT's driver, disturbances, and lockstep."""

@@ -9,19 +9,120 @@ so that one disturbance more or less leaves the others as they are.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import zlib
+from collections import deque
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import Generic, TypeVar
+
+import numpy as np
 
 from ssp_core.clock import seconds_to_ns
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import FaultKind, LinkDisturbance, RunSpec
-from ssp_ot_controller.core.bodies import Command
-from ssp_ot_controller.sil.draws import normals, uniforms
-from ssp_ot_controller.sil.fault_schedule import FaultChange, FaultSchedule
-from ssp_ot_controller.sil.line import Line, LineQuality
+from ssp_ot_controller.bodies.dynamics import Command
+from ssp_ot_controller.sil.faults import FaultChange, FaultSchedule
+
+_BLOCK = 256
+
+
+def _generator(seed: int, name: str, purpose: str) -> np.random.Generator:
+    return np.random.default_rng([seed, zlib.crc32(f"{name}/{purpose}".encode())])
+
+
+def uniforms(seed: int, name: str, purpose: str) -> Iterator[float]:
+    """Numbers in [0, 1), the same for the same seed, name and purpose."""
+    random = _generator(seed, name, purpose)
+    while True:
+        yield from random.random(_BLOCK).tolist()
+
+
+def normals(seed: int, name: str, purpose: str) -> Iterator[float]:
+    """Standard normal numbers, the same for the same seed, name and purpose."""
+    random = _generator(seed, name, purpose)
+    while True:
+        yield from random.standard_normal(_BLOCK).tolist()
+
 
 Item = TypeVar("Item")
+
+
+@dataclass(frozen=True, slots=True)
+class LinkQuality:
+    """How well a link carries in one step.
+
+    Args:
+        delay_s: each message arrives that much later, to the nearest step.
+        jitter_s: one sigma that is added to the delay; messages keep their order.
+        loss: share of the steps whose messages are lost.
+        reorder: share of the steps whose messages are overtaken by the next ones.
+        cut: nothing that is sent or under way arrives.
+    """
+
+    delay_s: float = 0.0
+    jitter_s: float = 0.0
+    loss: float = 0.0
+    reorder: float = 0.0
+    cut: bool = False
+
+
+PERFECT = LinkQuality()
+
+
+class DelayLine(Generic[Item]):
+    """Messages under way. What is sent in one step shares its fate.
+
+    Args:
+        step_ns: length of a step.
+        losses: numbers in [0, 1), one is drawn a step.
+        jitters: standard normal numbers, one is drawn a step.
+        overtakings: numbers in [0, 1), one is drawn a step.
+    """
+
+    def __init__(
+        self,
+        step_ns: int,
+        losses: Iterator[float],
+        jitters: Iterator[float],
+        overtakings: Iterator[float],
+    ) -> None:
+        self._step_ns = step_ns
+        self._losses, self._jitters, self._overtakings = losses, jitters, overtakings
+        self._under_way: deque[tuple[int, Sequence[Item]]] = deque()
+        self._overtaken: Sequence[Item] = ()
+        self._last_due_ns = 0
+
+    def clear(self) -> None:
+        """Nothing is under way any more."""
+        self._under_way.clear()
+        self._overtaken = ()
+        self._last_due_ns = 0
+
+    def pass_on(self, items: Sequence[Item], now_ns: int, quality: LinkQuality) -> list[Item]:
+        """Takes in what is sent in this step, and gives what arrives, in order of arrival."""
+        lost = next(self._losses) < quality.loss
+        jitter = next(self._jitters)
+        overtaken = next(self._overtakings) < quality.reorder
+        if quality.cut:
+            self.clear()
+            return []
+        if items and not lost:
+            late_s = max(quality.delay_s + quality.jitter_s * jitter, 0.0)
+            late_steps = round(late_s * 1e9 / self._step_ns)
+            due_ns = max(now_ns + late_steps * self._step_ns, self._last_due_ns)
+            self._last_due_ns = due_ns
+            if overtaken and not self._overtaken:
+                self._overtaken = items
+            else:
+                self._under_way.append((due_ns, items))
+                if self._overtaken:
+                    self._under_way.append((due_ns, self._overtaken))
+                    self._overtaken = ()
+        arrived: list[Item] = []
+        while self._under_way and self._under_way[0][0] <= now_ns:
+            arrived += self._under_way.popleft()[1]
+        return arrived
+
 
 # Below this speed an object stands, and its wheel sensors say so.
 _WHEELS_TURN_MPS = 0.1
@@ -74,8 +175,8 @@ class Channel:
         self._frozen: ObjectState | None = None
         step_ns = seconds_to_ns(run.step_s)
 
-        def line(purpose: str) -> Line[object]:
-            return Line(
+        def line(purpose: str) -> DelayLine[object]:
+            return DelayLine(
                 step_ns,
                 uniforms(seed, object_id, purpose),
                 normals(seed, object_id, f"{purpose} jitter"),
@@ -207,9 +308,9 @@ class Channel:
             return list(references)
         return self._pass_on(self._references, references, now_ns, self._downwards())
 
-    def _upwards(self, loss: float, reorder: float) -> LineQuality:
+    def _upwards(self, loss: float, reorder: float) -> LinkQuality:
         n, faults = self._noise, self._faults
-        return LineQuality(
+        return LinkQuality(
             n.state_delay_s + faults.total("link_delay"),
             n.state_jitter_s,
             faults.share("link_loss", loss),
@@ -217,9 +318,9 @@ class Channel:
             faults.has("link_cut"),
         )
 
-    def _downwards(self) -> LineQuality:
+    def _downwards(self) -> LinkQuality:
         n, faults = self._noise, self._faults
-        return LineQuality(
+        return LinkQuality(
             n.command_delay_s + faults.total("link_delay"),
             0.0,
             faults.share("link_loss", n.command_loss),
@@ -228,7 +329,7 @@ class Channel:
         )
 
     def _pass_on(
-        self, line: Line[object], items: Sequence[Item], now_ns: int, quality: LineQuality
+        self, line: DelayLine[object], items: Sequence[Item], now_ns: int, quality: LinkQuality
     ) -> list[Item]:
         if not self._running:
             # Time stands still: what is sent arrives, unless a fault keeps it from it.

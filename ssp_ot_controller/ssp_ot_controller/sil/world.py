@@ -9,9 +9,9 @@ from ssp_core.clock import seconds_to_ns
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import ControlState, Role, SessionPhase
-from ssp_ot_controller.core.bodies import BodyState, Command, step_body
+from ssp_ot_controller.bodies.dynamics import BodyState, Command, step_body
 from ssp_ot_controller.sil.disturbance import Actuator
-from ssp_ot_controller.sil.vut import VutDriver
+from ssp_ot_controller.sil.vut_driver import VutDriver
 
 # A body that hears no command for this long brakes as hard as it can, whoever is to blame.
 BODY_TIMEOUT_S = 0.2
@@ -26,7 +26,7 @@ def _lag_scale(run: RunSpec, object_id: str) -> float:
     return run.disturbance_of(object_id).actuator_lag_scale
 
 
-class Scene(Protocol):
+class TrafficSimulation(Protocol):
     """What the world needs of SUMO: takes the poses of our objects, moves the traffic."""
 
     def step(self, poses: list[ObjectState]) -> list[ObjectState]: ...
@@ -42,7 +42,7 @@ class World:
         scene: supplies traffic; SumoWorld, or an in-memory one in tests.
     """
 
-    def __init__(self, run: RunSpec, scene: Scene) -> None:
+    def __init__(self, run: RunSpec, scene: TrafficSimulation) -> None:
         self._run = run
         self._scene = scene
         self.step_index = 0

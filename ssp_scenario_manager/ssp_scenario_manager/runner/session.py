@@ -39,10 +39,10 @@ HOSTS_PROFILE = PROFILE.with_name("fastdds_hosts.xml")
 
 _NODES = {
     names.MONITOR: "ssp_monitor.node",
-    names.SIL_WORLD: "ssp_ot_controller.sil.node",
-    names.OBJECT_TARGET: "ssp_ot_controller.target.node",
-    names.FRONT_CAMERA: "ssp_ot_controller.camera.node",
-    names.VUT_ADAPTER: "ssp_ot_controller.vut.node",
+    names.SIL_WORLD: "ssp_ot_controller.ros.sil_world",
+    names.OBJECT_TARGET: "ssp_ot_controller.ros.object_target",
+    names.FRONT_CAMERA: "ssp_ot_controller.ros.front_camera",
+    names.VUT_ADAPTER: "ssp_ot_controller.ros.vut_adapter",
     names.SCENARIO_MANAGER: "ssp_scenario_manager.node",
 }
 

@@ -137,7 +137,7 @@ def start_object(stage: Any, network: Network) -> None:
     run_file = stage.folder / "run" / "run.yaml"
     parts = ("--play", "bodies", "--host", OBJECTS, "--first-port", BODY_PORT)
     stage.play("bodies", *parts, "--log", str(stage.log), host=on(network.b))
-    command = [sys.executable, "-m", "ssp_ot_controller.target.node", "--ros-args"]
+    command = [sys.executable, "-m", "ssp_ot_controller.ros.object_target", "--ros-args"]
     command += ["-r", "__node:=object_target", "-p", f"run_file:={run_file}"]
     command += ["-p", f"bodies:=ot1=udp://{OBJECTS}:{BODY_PORT}"]
     stage.start("object_target", command, on(network.b))

@@ -13,10 +13,10 @@ SEEN_S = 0.06
 # Polling periods and scheduling of processes, on the wall's clock.
 TOLD_S = 0.75
 # Lockstep: the world drops whom it waits for in vain (sil/node.py), and how long its own
-# standstill may last (core/vigil.py, target/crew.py).
+# standstill may last (core/vigil.py, objects/pool.py).
 HANG_S = 1.5
 WORLD_S = 4.0
-# Without ticks outside a run an object takes the world for dead (target/crew.py).
+# Without ticks outside a run an object takes the world for dead (objects/pool.py).
 TICKS_S = 1.0
 # The recorder's flush and report, and how long the manager waits for its status (core/vigil.py).
 DISK_S = 1.0

@@ -1,0 +1,1 @@
+"""Bodies of objects: their dynamics, the datagrams of hardware, and simulated ones."""

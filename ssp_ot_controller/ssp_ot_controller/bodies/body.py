@@ -1,0 +1,131 @@
+"""What an object_target needs of a body; and a mirror, which does exactly what it is told."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+from ssp_core.clock import ns_to_seconds
+from ssp_core.geometry import Pose2, wrap_angle
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.participants import ParticipantSpec
+from ssp_core.vocabulary import ObjectClass, Role
+from ssp_ot_controller.bodies.dynamics import LIMITS, Command
+
+
+@dataclass(frozen=True, slots=True)
+class BodyReading:
+    """What a body knows of itself at one instant; its reference point in frame map.
+
+    Args:
+        stamp_ns: when it was measured, on the body's clock, which is that of the session.
+        x_m: m, east.
+        y_m: m, north.
+        yaw_rad: rad, counter-clockwise from east.
+        speed_mps: m/s along the heading, backwards is negative.
+        acceleration_mps2: m/s^2 along the heading.
+        yaw_rate_radps: rad/s, counter-clockwise positive.
+        position_std_m: one sigma of x and of y, as its localisation states it; NaN: it has none.
+        brakes_by_itself: it heard no command for too long.
+    """
+
+    stamp_ns: int
+    x_m: float
+    y_m: float
+    yaw_rad: float
+    speed_mps: float
+    acceleration_mps2: float = 0.0
+    yaw_rate_radps: float = 0.0
+    position_std_m: float = 0.0
+    brakes_by_itself: bool = False
+
+
+class Body(Protocol):
+    """One body. Neither method waits for anything."""
+
+    def read(self) -> BodyReading | None:
+        """The newest reading since the last call, None when there is no new one."""
+
+    def command(self, command: Command, now_ns: int) -> None:
+        """What to do until the next command; a body that hears none for long brakes by itself.
+
+        Args:
+            command: finite.
+            now_ns: session time, ns.
+        """
+
+    def close(self) -> None:
+        """Gives back what it holds; the body is left to its own watchdog."""
+
+
+def state_of(reading: BodyReading, spec: ParticipantSpec, sequence: int) -> ObjectState:
+    """An object's own state as its body reads it.
+
+    Args:
+        reading: of the body.
+        spec: of the object.
+        sequence: number of the state, from 1.
+    """
+    return ObjectState(
+        object_id=spec.id,
+        object_class=spec.cls,
+        role=Role.OT,
+        stamp_ns=reading.stamp_ns,
+        x_m=reading.x_m,
+        y_m=reading.y_m,
+        yaw_rad=reading.yaw_rad,
+        speed_mps=reading.speed_mps,
+        acceleration_mps2=reading.acceleration_mps2,
+        yaw_rate_radps=reading.yaw_rate_radps,
+        size=spec.size,
+        sequence=sequence,
+        position_std_m=reading.position_std_m,
+    )
+
+
+class MirrorBody:
+    """Accelerates and steers as commanded, at once and exactly; it has no watchdog.
+
+    Args:
+        object_class: a walker turns to the commanded heading, others follow the curvature.
+        pose: where it stands.
+        now_ns: session time.
+    """
+
+    def __init__(self, object_class: ObjectClass, pose: Pose2, now_ns: int = 0) -> None:
+        self._walks = object_class is ObjectClass.PEDESTRIAN
+        self._hardest_mps2 = LIMITS[object_class].emergency_deceleration_mps2
+        self._newest = BodyReading(now_ns, pose.x_m, pose.y_m, wrap_angle(pose.yaw_rad), 0.0)
+        self._reading: BodyReading | None = self._newest
+        self.commands: list[Command] = []
+
+    def read(self) -> BodyReading | None:
+        reading, self._reading = self._reading, None
+        return reading
+
+    def command(self, command: Command, now_ns: int) -> None:
+        """Moves as commanded from the last command's time to this one's."""
+        last = self._newest
+        done = self.commands[-1] if self.commands else Command(0.0, 0.0, last.yaw_rad)
+        self.commands.append(command)
+        dt_s = ns_to_seconds(now_ns - last.stamp_ns)
+        wanted = -self._hardest_mps2 if done.emergency_stop else done.acceleration_mps2
+        speed = max(last.speed_mps + wanted * dt_s, 0.0)
+        way_m = 0.5 * (last.speed_mps + speed) * dt_s
+        turn = way_m * done.curvature_1pm
+        yaw = last.yaw_rad
+        if self._walks and not done.emergency_stop:
+            yaw, turn = done.heading_rad, 0.0
+        self._newest = self._reading = BodyReading(
+            stamp_ns=now_ns,
+            x_m=last.x_m + way_m * math.cos(yaw + 0.5 * turn),
+            y_m=last.y_m + way_m * math.sin(yaw + 0.5 * turn),
+            yaw_rad=wrap_angle(yaw + turn),
+            speed_mps=speed,
+            acceleration_mps2=(speed - last.speed_mps) / dt_s if dt_s > 0.0 else 0.0,
+            yaw_rate_radps=turn / dt_s if dt_s > 0.0 else 0.0,
+        )
+
+    def close(self) -> None:
+        pass

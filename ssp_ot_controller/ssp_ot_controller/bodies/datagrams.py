@@ -1,0 +1,215 @@
+"""Datagrams between an object_target and a body of hardware; the byte table is in the docs.
+
+docs/body-protocol.md has the layout for those who build bodies. Little-endian throughout. What
+isn't a whole, unbroken datagram of this version for this object is rejected with its reason.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+import zlib
+from dataclasses import dataclass
+from enum import Enum
+
+from ssp_ot_controller.bodies.body import BodyReading
+from ssp_ot_controller.bodies.dynamics import Command
+
+MAGIC = b"SSPB"
+VERSION = 1
+STATE_KIND = 1
+COMMAND_KIND = 2
+ID_BYTES = 32
+
+# Magic, version, kind, bytes in all, object, boot, sequence, stamp.
+_HEADER = struct.Struct("<4sBBH32sqQq")
+_STATE = struct.Struct("<7dB7x")
+_COMMAND = struct.Struct("<3dIB3x")
+_CRC = struct.Struct("<I")
+STATE_BYTES = _HEADER.size + _STATE.size + _CRC.size
+COMMAND_BYTES = _HEADER.size + _COMMAND.size + _CRC.size
+_BRAKES_BY_ITSELF = 1
+_EMERGENCY_STOP = 1
+
+
+class Reason(Enum):
+    """Why a datagram is not taken."""
+
+    LENGTH = "length"
+    MAGIC = "magic"
+    VERSION = "version"
+    CHECKSUM = "checksum"
+    KIND = "kind"
+    OBJECT = "object"
+    NOT_FINITE = "not finite"
+    ORDER = "order"
+
+
+@dataclass(frozen=True, slots=True)
+class Rejected:
+    """A datagram that is not taken.
+
+    Args:
+        reason: the first one found.
+        text: what was found and what would have been right.
+    """
+
+    reason: Reason
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Envelope:
+    """What every datagram carries.
+
+    Args:
+        object_id: whose body; ASCII, at most ID_BYTES bytes.
+        boot_ns: when the sender was started; one that was started anew has a higher one.
+        sequence: counts the sender's datagrams of this boot, from 1.
+        stamp_ns: when the content was measured or decided, on the session's clock.
+    """
+
+    object_id: str
+    boot_ns: int
+    sequence: int
+    stamp_ns: int
+
+    @property
+    def order(self) -> tuple[int, int]:
+        """Rises from each datagram of a sender to its next one."""
+        return self.boot_ns, self.sequence
+
+
+@dataclass(frozen=True, slots=True)
+class CommandDatagram:
+    """A command, and how long it holds.
+
+    Args:
+        envelope: of the datagram.
+        command: what to do.
+        timeout_ms: the body brakes by itself when it hears nothing new for so long.
+    """
+
+    envelope: Envelope
+    command: Command
+    timeout_ms: int
+
+
+def _pack(kind: int, envelope: Envelope, payload: bytes) -> bytes:
+    name = envelope.object_id.encode("ascii")
+    if not 0 < len(name) <= ID_BYTES:
+        raise ValueError(f"object id {envelope.object_id!r} needs 1 to {ID_BYTES} bytes")
+    size = _HEADER.size + len(payload) + _CRC.size
+    head = _HEADER.pack(
+        MAGIC, VERSION, kind, size, name, envelope.boot_ns, envelope.sequence, envelope.stamp_ns
+    )
+    body = head + payload
+    return body + _CRC.pack(zlib.crc32(body))
+
+
+def encode_state(envelope: Envelope, reading: BodyReading) -> bytes:
+    """A body's datagram. Raises ValueError for what its fields can't hold.
+
+    The envelope's stamp is sent, not the reading's.
+    """
+    flags = _BRAKES_BY_ITSELF if reading.brakes_by_itself else 0
+    payload = _STATE.pack(
+        reading.x_m,
+        reading.y_m,
+        reading.yaw_rad,
+        reading.speed_mps,
+        reading.acceleration_mps2,
+        reading.yaw_rate_radps,
+        reading.position_std_m,
+        flags,
+    )
+    return _pack(STATE_KIND, envelope, payload)
+
+
+def encode_command(datagram: CommandDatagram) -> bytes:
+    """An object_target's datagram. Raises ValueError for what its fields can't hold."""
+    command = datagram.command
+    if not command.is_finite:
+        raise ValueError(f"a body can't follow a command that isn't finite: {command}")
+    payload = _COMMAND.pack(
+        command.acceleration_mps2,
+        command.curvature_1pm,
+        command.heading_rad,
+        datagram.timeout_ms,
+        _EMERGENCY_STOP if command.emergency_stop else 0,
+    )
+    return _pack(COMMAND_KIND, datagram.envelope, payload)
+
+
+def _open(data: bytes, kind: int, size: int, object_id: str) -> Envelope | Rejected:
+    if len(data) != size:
+        return Rejected(Reason.LENGTH, f"{len(data)} bytes, must be {size}")
+    magic, version, its_kind, stated, name, boot_ns, sequence, stamp_ns = _HEADER.unpack_from(data)
+    if magic != MAGIC:
+        return Rejected(Reason.MAGIC, f"begins with {magic!r}, must be {MAGIC!r}")
+    if version != VERSION:
+        return Rejected(Reason.VERSION, f"version {version}, this is {VERSION}")
+    (crc,) = _CRC.unpack_from(data, size - _CRC.size)
+    if crc != zlib.crc32(data[: -_CRC.size]):
+        return Rejected(Reason.CHECKSUM, "CRC-32 doesn't fit the bytes")
+    if stated != size:
+        return Rejected(Reason.LENGTH, f"says {stated} bytes, has {size}")
+    if its_kind != kind:
+        return Rejected(Reason.KIND, f"kind {its_kind}, must be {kind}")
+    if name.rstrip(b"\0") != object_id.encode("ascii"):
+        return Rejected(Reason.OBJECT, f"is for {name.rstrip(bytes(1))!r}, this is {object_id!r}")
+    return Envelope(object_id, boot_ns, sequence, stamp_ns)
+
+
+def decode_state(data: bytes, object_id: str) -> tuple[Envelope, BodyReading] | Rejected:
+    """A body's reading, or why it is not taken. Its stamp is the envelope's.
+
+    Args:
+        data: of one datagram, whatever it is.
+        object_id: whose body's datagrams are wanted.
+    """
+    envelope = _open(data, STATE_KIND, STATE_BYTES, object_id)
+    if isinstance(envelope, Rejected):
+        return envelope
+    x, y, yaw, speed, acceleration, yaw_rate, std, flags = _STATE.unpack_from(data, _HEADER.size)
+    values = (x, y, yaw, speed, acceleration, yaw_rate)
+    if not all(map(math.isfinite, values)):
+        return Rejected(Reason.NOT_FINITE, f"position and motion {values}")
+    reading = BodyReading(
+        stamp_ns=envelope.stamp_ns,
+        x_m=x,
+        y_m=y,
+        yaw_rad=yaw,
+        speed_mps=speed,
+        acceleration_mps2=acceleration,
+        yaw_rate_radps=yaw_rate,
+        position_std_m=std,
+        brakes_by_itself=bool(flags & _BRAKES_BY_ITSELF),
+    )
+    return envelope, reading
+
+
+def decode_command(data: bytes, object_id: str) -> CommandDatagram | Rejected:
+    """A command, or why it is not taken; arguments as for decode_state."""
+    envelope = _open(data, COMMAND_KIND, COMMAND_BYTES, object_id)
+    if isinstance(envelope, Rejected):
+        return envelope
+    acceleration, curvature, heading, timeout_ms, flags = _COMMAND.unpack_from(data, _HEADER.size)
+    command = Command(acceleration, curvature, heading, bool(flags & _EMERGENCY_STOP))
+    if not command.is_finite:
+        return Rejected(Reason.NOT_FINITE, f"{command}")
+    return CommandDatagram(envelope, command, timeout_ms)
+
+
+class Order:
+    """Lets each datagram of a sender pass once and in order; a late one is an old one."""
+
+    def __init__(self) -> None:
+        self._last: tuple[int, int] | None = None
+
+    def check(self, envelope: Envelope) -> Rejected | None:
+        """None for one that is newer than all before; it counts from then on."""
+        if self._last is not None and envelope.order <= self._last:
+            return Rejected(Reason.ORDER, f"{envelope.order} after {self._last}")
+        self._last = envelope.order
+        return None

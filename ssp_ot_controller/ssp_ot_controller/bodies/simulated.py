@@ -1,0 +1,184 @@
+"""The body's end of the body protocol: a simulated plant, and the command that serves it."""
+
+from __future__ import annotations
+
+import select
+import socket
+import time
+from collections import Counter
+from typing import Any
+
+import click
+
+from ssp_core.clock import NS_PER_S, ns_to_seconds, seconds_to_ns
+from ssp_core.geometry import Pose2
+from ssp_core.vocabulary import ObjectClass
+from ssp_ot_controller.bodies.body import BodyReading
+from ssp_ot_controller.bodies.datagrams import (
+    COMMAND_BYTES,
+    CommandDatagram,
+    Envelope,
+    Order,
+    Reason,
+    Rejected,
+    decode_command,
+    encode_state,
+)
+from ssp_ot_controller.bodies.dynamics import BodyState, Command, step_body
+
+# However long a command says that it holds: nothing heard for this long, and the body brakes.
+WATCHDOG_S = 0.2
+# The plant is stepped this finely.
+_PLANT_STEP_S = 0.005
+
+
+class BodyServer:
+    """One body: follows the newest command, and brakes by itself when it hears none.
+
+    It follows one commander. Another address is not listened to until the first has been silent
+    for as long as the watchdog waits and the body stands.
+
+    Args:
+        object_id: whose body.
+        object_class: its plant.
+        pose: where it stands, frame map.
+        now_ns: on the session's clock.
+        rate_hz: how often it sends its state.
+    """
+
+    def __init__(
+        self,
+        object_id: str,
+        object_class: ObjectClass,
+        pose: Pose2,
+        now_ns: int,
+        rate_hz: float = 100.0,
+    ) -> None:
+        self.rejected: Counter[Reason] = Counter()
+        self.strangers = 0
+        self.commander: Any = None
+        self.body = BodyState.at_rest(pose)
+        self._object_id = object_id
+        self._class = object_class
+        self._boot_ns = now_ns
+        self._now_ns = now_ns
+        self._period_ns = round(NS_PER_S / rate_hz)
+        self._next_state_ns = now_ns
+        self._sequence = 0
+        self._order = Order()
+        self._command = Command(0.0, 0.0, self.body.yaw_rad, emergency_stop=True)
+        self._brakes_at_ns = now_ns
+
+    @property
+    def brakes_by_itself(self) -> bool:
+        """The last command is too old."""
+        return self._now_ns >= self._brakes_at_ns
+
+    def on_datagram(self, data: bytes, address: Any, now_ns: int) -> None:
+        """A datagram of whoever, at the time at which it came."""
+        self.advance(now_ns)
+        found = decode_command(data, self._object_id)
+        if isinstance(found, Rejected):
+            self.rejected[found.reason] += 1
+            return
+        if address != self.commander:
+            free = self.commander is None or (self.brakes_by_itself and self.body.speed_mps == 0.0)
+            if not free:
+                self.strangers += 1
+                return
+            self.commander, self._order = address, Order()
+        late = self._order.check(found.envelope)
+        if late is not None:
+            self.rejected[late.reason] += 1
+            return
+        self._take(found, now_ns)
+
+    def _take(self, datagram: CommandDatagram, now_ns: int) -> None:
+        holds_s = min(datagram.timeout_ms / 1000.0, WATCHDOG_S)
+        self._command = datagram.command
+        self._brakes_at_ns = now_ns + seconds_to_ns(holds_s)
+
+    def advance(self, now_ns: int) -> None:
+        """Moves the body up to a time."""
+        step_ns = seconds_to_ns(_PLANT_STEP_S)
+        while self._now_ns + step_ns <= now_ns:
+            command = self._command
+            if self.brakes_by_itself:
+                # Steering stays as it is: that is where the object was led last.
+                command = Command(
+                    0.0, self.body.curvature_1pm, self.body.yaw_rad, emergency_stop=True
+                )
+            self.body = step_body(self._class, self.body, command, ns_to_seconds(step_ns))
+            self._now_ns += step_ns
+
+    def state_due(self, now_ns: int) -> bytes | None:
+        """The datagram that is due by now, None while none is, or nobody has asked for any."""
+        self.advance(now_ns)
+        if self.commander is None or now_ns < self._next_state_ns:
+            return None
+        self._next_state_ns = max(self._next_state_ns + self._period_ns, now_ns)
+        self._sequence += 1
+        b = self.body
+        reading = BodyReading(
+            self._now_ns, b.x_m, b.y_m, b.yaw_rad, b.speed_mps, b.acceleration_mps2,
+            b.yaw_rate_radps, 0.02, self.brakes_by_itself,
+        )  # fmt: skip
+        envelope = Envelope(self._object_id, self._boot_ns, self._sequence, self._now_ns)
+        return encode_state(envelope, reading)
+
+
+# The loop looks at the plant this often at least.
+_TICK_S = 0.002
+_CLASSES = [c.word for c in ObjectClass if c is not ObjectClass.UNKNOWN]
+
+
+@click.command()
+@click.option("--object", "object_id", required=True, help="Whose body, as in the run file.")
+@click.option("--class", "object_class", type=click.Choice(_CLASSES), default="car")
+@click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen at.")
+@click.option("--port", default=0, show_default=True, help="0: one that is free.")
+@click.option("--x", "x_m", default=0.0, help="Where it stands, m, map.")
+@click.option("--y", "y_m", default=0.0, help="Where it stands, m, map.")
+@click.option("--yaw", "yaw_rad", default=0.0, help="Where it looks, rad from east.")
+@click.option("--rate", "rate_hz", default=100.0, show_default=True, help="States per second.")
+def main(
+    object_id: str,
+    object_class: str,
+    host: str,
+    port: int,
+    x_m: float,
+    y_m: float,
+    yaw_rad: float,
+    rate_hz: float,
+) -> None:
+    """Plays the body of one object: follows commands, sends states, brakes when it hears none."""
+    if not rate_hz > 0.0:
+        raise click.BadParameter(f"must be positive, got {rate_hz:g}", param_hint="--rate")
+    cls = ObjectClass.from_word(object_class)
+    server = BodyServer(object_id, cls, Pose2(x_m, y_m, yaw_rad), time.time_ns(), rate_hz)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        try:
+            sock.bind((host, port))
+        except OSError as error:
+            raise click.ClickException(f"can't listen at {host}:{port}: {error}") from None
+        sock.setblocking(False)
+        click.echo(f"{object_id} listens at udp://{host}:{sock.getsockname()[1]}")
+        try:
+            _serve(server, sock)
+        except KeyboardInterrupt:
+            return
+
+
+def _serve(server: BodyServer, sock: socket.socket) -> None:
+    while True:
+        readable, _, _ = select.select([sock], [], [], _TICK_S)
+        if readable:
+            data, address = sock.recvfrom(COMMAND_BYTES + 1)
+            server.on_datagram(data, address, time.time_ns())
+        state = server.state_due(time.time_ns())
+        if state is not None:
+            sock.sendto(state, server.commander)
+
+
+if __name__ == "__main__":
+    main()

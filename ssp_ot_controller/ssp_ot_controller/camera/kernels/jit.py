@@ -1,0 +1,96 @@
+"""The one way in which this package compiles kernels, and where it keeps the machine code.
+
+numba's cache looks only at the file of the function that it compiled, not at the files of the
+functions that went into it. Here the cache lies in a folder named after the contents of all
+sources of the camera, so that no change is ever answered with old machine code.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numba
+from numpy.typing import NDArray
+
+Array = NDArray[Any]
+
+_CAMERA = Path(__file__).parent.parent
+_PREFIX = "kernels-"
+_SETTINGS: Any = numba.config  # its attributes are made at run time
+
+
+def digest(folder: Path) -> str:
+    """A short hash of the names and contents of the Python files below a folder."""
+    total = hashlib.sha256()
+    for path in sorted(folder.rglob("*.py")):
+        content = path.read_bytes()
+        total.update(f"{path.relative_to(folder)} {len(content)}\n".encode() + content)
+    return total.hexdigest()[:16]
+
+
+def cache_folder(sources: Path, places: list[Path]) -> Path | None:
+    """The folder for the machine code of these sources, in the first place that can be written.
+
+    Folders of earlier sources in the same place are removed. None: no place can be written, and
+    kernels are compiled anew in each process.
+    """
+    name = _PREFIX + digest(sources)
+    for place in places:
+        try:
+            (place / name).mkdir(parents=True, exist_ok=True)
+        except OSError:
+            continue
+        if not os.access(place / name, os.W_OK):
+            continue
+        for old in place.glob(_PREFIX + "*"):
+            if old.name != name:
+                shutil.rmtree(old, ignore_errors=True)
+        return place / name
+    return None
+
+
+def _places() -> list[Path]:
+    if _SETTINGS.CACHE_DIR:  # NUMBA_CACHE_DIR
+        return [Path(_SETTINGS.CACHE_DIR)]
+    home = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"))
+    return [_CAMERA / "__pycache__", home / "ssp"]
+
+
+_CACHE = cache_folder(_CAMERA, _places())
+
+
+# Without numba's memory management ("nrt"): it counts references to arrays in the innermost loops,
+# with atomic instructions, which took half of a frame's time. Kernels allocate nothing.
+_OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": False}
+
+
+def _jit(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
+    before = _SETTINGS.CACHE_DIR
+    try:
+        _SETTINGS.CACHE_DIR = str(_CACHE or before)
+        njit: Any = numba.njit
+        make = njit(cache=_CACHE is not None, **_OPTIONS, **options)
+        kernel: Callable[..., Any] = make(function)
+        return kernel
+    finally:
+        _SETTINGS.CACHE_DIR = before
+
+
+def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compiles with numba on the first call and keeps the machine code on disk.
+
+    The interpreter lock is released while the kernel runs, so that a node's executor stays
+    responsive; one thread, so that the order of operations and with it every pixel is fixed.
+    A kernel can't make arrays: what it needs beside its input is handed to it.
+    """
+    return _jit(function)
+
+
+def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
+    """As compiled, for small helpers of inner loops: callers take them in whole."""
+    return _jit(function, forceinline=True)

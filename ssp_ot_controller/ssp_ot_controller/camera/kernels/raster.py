@@ -1,0 +1,281 @@
+"""Z-buffer rasteriser: finds which triangle is nearest at each sample, and how to colour it there.
+
+A triangle's corners in the optical frame span a matrix; its inverse, written with three cross
+products, gives at once the edges on the image and the planes on which 1 / z and value / z lie, also
+for triangles that reach behind the camera, so that nothing has to be clipped. The two triangles at
+an edge compute it from the same numbers, hence there are no cracks.
+
+Samples remember only depth and triangle; ``shading`` colours what is still visible in the end.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ssp_ot_controller.camera.kernels.jit import Array, compiled, inlined
+
+CORNER_ATTRIBUTES = 5  # of a corner, beside its place: blue, green, red (0-255), u, v (m)
+
+# Layout of a triangle's planes: value / z = [0] rx + [1] ry + [2] at the ray (rx, ry, 1).
+G_INVERSE, G_COLOUR, G_CLEAR, G_UV, G_KIND = 0, 3, 12, 15, 21
+PLANE_NUMBERS = 22
+
+_FLAT = 1e-12  # smaller volumes of corners and eye are taken for a triangle seen edge-on
+_IN_FRONT_M = 1e-3
+
+
+@inlined
+def _to_optical(corners: Array, n: int, eye: Array, axes: Array, place: Array) -> float:
+    """Places of a triangle's corners in the optical frame into ``place``; the largest depth."""
+    deepest = -1e30
+    for i in range(3):
+        dx, dy, dz = (
+            corners[n, i, 0] - eye[0],
+            corners[n, i, 1] - eye[1],
+            corners[n, i, 2] - eye[2],
+        )
+        for k in range(3):
+            place[i, k] = axes[k, 0] * dx + axes[k, 1] * dy + axes[k, 2] * dz
+        deepest = max(deepest, place[i, 2])
+    return deepest
+
+
+@inlined
+def _edges(place: Array, lens: Array, cross: Array, edge: Array) -> float:
+    """Cross products of the corners, and the edges on the image; volume, + when seen from front.
+
+    Args:
+        place: shape (3, 3), corners in the optical frame.
+        lens: fx, fy, cx, cy in samples.
+        cross: shape (3, 3); its rows times a ray (rx, ry, 1) are not negative inside.
+        edge: shape (3, 3); the same of column, row and 1.
+    """
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        cross[i, 0] = place[k, 1] * place[j, 2] - place[k, 2] * place[j, 1]
+        cross[i, 1] = place[k, 2] * place[j, 0] - place[k, 0] * place[j, 2]
+        cross[i, 2] = place[k, 0] * place[j, 1] - place[k, 1] * place[j, 0]
+        edge[i, 0], edge[i, 1] = cross[i, 0] / lens[0], cross[i, 1] / lens[1]
+        edge[i, 2] = cross[i, 2] - edge[i, 0] * lens[2] - edge[i, 1] * lens[3]
+    volume: float = (
+        place[0, 0] * cross[0, 0] + place[0, 1] * cross[0, 1] + place[0, 2] * cross[0, 2]
+    )
+    return volume
+
+
+@inlined
+def _frame(place: Array, lens: Array, height: int, width: int) -> tuple[int, int, int, int]:
+    """Rows and columns that a triangle may cover: top, bottom, left, right; bottom < top: none."""
+    if min(place[0, 2], place[1, 2], place[2, 2]) < _IN_FRONT_M:
+        return 0, height - 1, 0, width - 1
+    left, right, top, bottom = 1e30, -1e30, 1e30, -1e30
+    for i in range(3):
+        inverse = 1.0 / place[i, 2]
+        x = lens[0] * place[i, 0] * inverse + lens[2]
+        y = lens[1] * place[i, 1] * inverse + lens[3]
+        left, right = min(left, x), max(right, x)
+        top, bottom = min(top, y), max(bottom, y)
+    if right < 0.0 or left > width - 1.0 or bottom < 0.0 or top > height - 1.0:
+        return 0, -1, 0, -1
+    # A sample on the border counts; rounding may have moved the border past it.
+    return (
+        math.ceil(max(0.0, top) - 1e-6),
+        math.floor(min(height - 1.0, bottom) + 1e-6),
+        math.ceil(max(0.0, left) - 1e-6),
+        math.floor(min(width - 1.0, right) + 1e-6),
+    )
+
+
+@inlined
+def _samples(low: float, high: float, left: int, right: int) -> tuple[int, int]:
+    """First and last column within limits; none: last < first."""
+    if low > right or high < left:
+        return 0, -1
+    return math.ceil(max(low, float(left))), math.floor(min(high, float(right)))
+
+
+@inlined
+def _limits(edge: Array, i: int) -> tuple[float, float, float, float]:
+    """An edge as limits of the column: slope per row and value at row 0, below and above.
+
+    A level edge becomes a very steep one, so that its limit lies far outside on one of its sides.
+    """
+    if edge[i, 0] >= 0.0:
+        scale = -1.0 / max(edge[i, 0], 1e-30)
+        return scale * edge[i, 1], scale * edge[i, 2], 0.0, 1e300
+    scale = -1.0 / edge[i, 0]
+    return 0.0, -1e300, scale * edge[i, 1], scale * edge[i, 2]
+
+
+@compiled
+def _draw_span(
+    base: np.float32,
+    slope: np.float32,
+    number: np.int32,
+    ramp: Array,
+    row: int,
+    first: int,
+    last: int,
+    inverse_depth: Array,
+    owner: Array,
+) -> int:
+    """Takes the samples of one span where the triangle is nearer; the number of those.
+
+    Plain enough for the compiler to do several samples at once.
+    """
+    depths, owners = inverse_depth[row, first : last + 1], owner[row, first : last + 1]
+    taken = np.int32(0)
+    for i in range(depths.shape[0]):
+        inverse = base + slope * ramp[i]
+        if inverse > depths[i]:
+            depths[i] = inverse
+            owners[i] = number
+            taken += np.int32(1)
+    return int(taken)
+
+
+@inlined
+def _write_planes(
+    place: Array,
+    cross: Array,
+    volume: float,
+    attributes: Array,
+    n: int,
+    kind: int,
+    fog_per_m: float,
+    planes: Array,
+    number: int,
+) -> None:
+    """The planes of a triangle's values over z into ``planes[number]``."""
+    a, b, c = 1.0 / volume, 1.0 / volume, 1.0 / volume
+    for k in range(3):
+        planes[number, G_INVERSE + k] = a * cross[0, k] + b * cross[1, k] + c * cross[2, k]
+    for m in range(CORNER_ATTRIBUTES):
+        a = attributes[n, 0, m] / volume
+        b = attributes[n, 1, m] / volume
+        c = attributes[n, 2, m] / volume
+        start = G_COLOUR + 3 * m if m < 3 else G_UV + 3 * (m - 3)
+        for k in range(3):
+            planes[number, start + k] = a * cross[0, k] + b * cross[1, k] + c * cross[2, k]
+    a = math.exp(-fog_per_m * max(0.0, place[0, 2])) / volume
+    b = math.exp(-fog_per_m * max(0.0, place[1, 2])) / volume
+    c = math.exp(-fog_per_m * max(0.0, place[2, 2])) / volume
+    for k in range(3):
+        planes[number, G_CLEAR + k] = a * cross[0, k] + b * cross[1, k] + c * cross[2, k]
+    planes[number, G_KIND] = kind
+
+
+@compiled
+def rasterise(
+    corners: Array,
+    attributes: Array,
+    kinds: Array,
+    ranges: Array,
+    eye: Array,
+    axes: Array,
+    lens: Array,
+    fog_per_m: float,
+    ramp: Array,
+    count: int,
+    inverse_depth: Array,
+    owner: Array,
+    planes: Array,
+    scratch: Array,
+) -> int:
+    """Draws the front sides of triangles where they are nearest.
+
+    Args:
+        corners: shape (n, 3, 3), block frame, m, counter-clockwise as seen from the front.
+        attributes: shape (n, 3, CORNER_ATTRIBUTES).
+        kinds: shape (n,), surface kinds.
+        ranges: shape (r, 2): first and end of the runs of triangles to draw; near ones first is
+            faster.
+        eye: camera centre, block frame.
+        axes: shape (3, 3): optical axes in the block frame.
+        lens: fx, fy, cx, cy in samples.
+        fog_per_m: extinction, 1/m.
+        ramp: 0, 1, 2, ... as float32, at least a row long.
+        count: triangles that ``planes`` holds already.
+        inverse_depth: shape (rows, columns), 1/m, 0 is infinitely far; updated.
+        owner: shape (rows, columns), the nearest triangle where inverse_depth isn't 0; updated.
+        planes: shape (room, PLANE_NUMBERS); triangles that were seen are appended.
+        scratch: shape (3, 3, 3), for numbers of one triangle.
+
+    Returns:
+        Triangles that ``planes`` holds now.
+    """
+    height, width = inverse_depth.shape
+    place, cross, edge = scratch[0], scratch[1], scratch[2]
+    for r in range(ranges.shape[0]):
+        for n in range(ranges[r, 0], ranges[r, 1]):
+            if _to_optical(corners, n, eye, axes, place) < _IN_FRONT_M:
+                continue
+            volume = _edges(place, lens, cross, edge)
+            if volume < _FLAT:
+                continue
+            top, bottom, left, right = _frame(place, lens, height, width)
+            if right < left or bottom < top:
+                continue
+            a, a_low, b, b_high = _limits(edge, 0)
+            c, c_low, d, d_high = _limits(edge, 1)
+            e, e_low, f, f_high = _limits(edge, 2)
+            per_column = (edge[0, 0] + edge[1, 0] + edge[2, 0]) / volume
+            per_row = (edge[0, 1] + edge[1, 1] + edge[2, 1]) / volume
+            corner = (edge[0, 2] + edge[1, 2] + edge[2, 2]) / volume
+            taken = 0
+            for row in range(top, bottom + 1):
+                low = max(max(a * row + a_low, c * row + c_low), e * row + e_low)
+                high = min(min(b * row + b_high, d * row + d_high), f * row + f_high)
+                first, last = _samples(low, high, left, right)
+                if last < first:
+                    continue
+                base = corner + per_row * row + per_column * first
+                taken += _draw_span(
+                    np.float32(base), np.float32(per_column), np.int32(count),
+                    ramp, row, first, last, inverse_depth, owner,
+                )  # fmt: skip
+            if taken > 0:
+                _write_planes(
+                    place, cross, volume, attributes, n, kinds[n], fog_per_m, planes, count
+                )
+                count += 1
+    return count
+
+
+@compiled
+def rasterise_cover(
+    corners: Array,
+    ranges: Array,
+    eye: Array,
+    axes: Array,
+    lens: Array,
+    cover: Array,
+    scratch: Array,
+) -> None:
+    """Marks the samples that the front sides of triangles cover, whatever their depth.
+
+    Args:
+        corners, ranges, eye, axes, lens, scratch: see rasterise.
+        cover: shape (rows, columns), uint8; covered samples become 1.
+    """
+    height, width = cover.shape
+    place, cross, edge = scratch[0], scratch[1], scratch[2]
+    for r in range(ranges.shape[0]):
+        for n in range(ranges[r, 0], ranges[r, 1]):
+            if _to_optical(corners, n, eye, axes, place) < _IN_FRONT_M:
+                continue
+            if _edges(place, lens, cross, edge) < _FLAT:
+                continue
+            top, bottom, left, right = _frame(place, lens, height, width)
+            if right < left or bottom < top:
+                continue
+            a, a_low, b, b_high = _limits(edge, 0)
+            c, c_low, d, d_high = _limits(edge, 1)
+            e, e_low, f, f_high = _limits(edge, 2)
+            for row in range(top, bottom + 1):
+                low = max(max(a * row + a_low, c * row + c_low), e * row + e_low)
+                high = min(min(b * row + b_high, d * row + d_high), f * row + f_high)
+                first, last = _samples(low, high, left, right)
+                cover[row, first : last + 1] = 1

@@ -1,0 +1,162 @@
+"""From light to the numbers of a frame: exposure, vignette, sensor noise, rounding; and roll.
+
+A camera that leans sees the level picture turned about its principal point. Turning about the
+direction of view is a rotation of the image plane, so that this is exact but for the resampling.
+The level picture is larger by what comes in at the corners.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ssp_core.run_file.model import Camera
+from ssp_ot_controller.camera.kernels.jit import Array, compiled, inlined
+
+_VIGNETTE = 0.10  # light that the corners lose
+_GRAIN_LENGTH = 1 << 17
+_GRAIN_SIGMA = 104.5  # standard deviation of a sum of two uniform bytes
+
+
+def make_grain() -> Array:
+    """Noise to be read from changing starts, shape (n,), int16: sums of two uniform bytes - 255."""
+    bytes_ = np.random.default_rng(0).integers(0, 256, (2, _GRAIN_LENGTH), dtype=np.int16)
+    return np.asarray(bytes_.sum(axis=0, dtype=np.int16) - 255, dtype=np.int16)
+
+
+def falloff(width_px: int) -> Array:
+    """Squared distance from the middle column per channel of a row, shape (3 width,), float32."""
+    columns = np.arange(width_px, dtype=np.float32) - np.float32(0.5 * (width_px - 1))
+    return np.repeat(columns * columns, 3)
+
+
+@inlined
+def mixed(state: np.uint64) -> np.uint64:
+    """A well mixed 64-bit number (splitmix64)."""
+    state = (state ^ (state >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    state = (state ^ (state >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return state ^ (state >> np.uint64(31))
+
+
+@inlined
+def develop_row(
+    row: Array,
+    squares: Array,
+    v: int,
+    height: int,
+    exposure: float,
+    noise_sigma: float,
+    grain: Array,
+    noise_state: np.uint64,
+    out: Array,
+) -> None:
+    """Writes one image row.
+
+    Args:
+        row: shape (3 width,), float32, light of blue, green, red in turn.
+        squares: of falloff.
+        v: the row's number, of ``height``.
+        exposure: factor on the light.
+        noise_sigma: standard deviation of the noise, of 255.
+        grain: of make_grain.
+        noise_state: what the noise of this frame follows from.
+        out: shape (3 width,), uint8.
+    """
+    length = row.shape[0]
+    dy = v - 0.5 * (height - 1)
+    corner = _VIGNETTE / ((length / 6.0) ** 2 + (0.5 * height) ** 2)
+    gain = np.float32(exposure * (1.0 - corner * dy * dy))
+    loss = np.float32(exposure * corner)
+    scale = np.float32(noise_sigma / _GRAIN_SIGMA)
+    number = mixed(noise_state + np.uint64(v) * np.uint64(0x9E3779B97F4A7C15))
+    begin = int(number % np.uint64(grain.shape[0] - length))
+    part = grain[begin : begin + length]
+    half, lowest, highest = np.float32(0.5), np.float32(0.0), np.float32(255.0)
+    for i in range(length):
+        value = (gain - loss * squares[i]) * row[i] + scale * np.float32(part[i]) + half
+        out[i] = np.uint8(min(highest, max(lowest, value)))
+
+
+@compiled
+def develop(
+    light: Array,
+    squares: Array,
+    exposure: float,
+    noise_sigma: float,
+    grain: Array,
+    noise_state: np.uint64,
+    out: Array,
+) -> None:
+    """Writes a whole image; arguments as develop_row, with ``light`` and ``out`` row by row."""
+    for v in range(out.shape[0]):
+        develop_row(
+            light[v], squares, v, out.shape[0], exposure, noise_sigma, grain, noise_state, out[v]
+        )
+
+
+_MARGIN_PX = 4
+
+
+def level_camera(camera: Camera) -> Camera:
+    """The camera without roll whose picture holds all that the leaning one sees."""
+    if camera.roll_right_rad == 0.0:
+        return camera
+    c, s = abs(math.cos(camera.roll_right_rad)), abs(math.sin(camera.roll_right_rad))
+    width = math.ceil(c * camera.width_px + s * camera.height_px) + _MARGIN_PX
+    height = math.ceil(s * camera.width_px + c * camera.height_px) + _MARGIN_PX
+    half = math.atan(width / 2 / camera.focal_px)
+    return camera.model_copy(
+        update={
+            "width_px": width,
+            "height_px": height,
+            "hfov_deg": math.degrees(2.0 * half),
+            "roll_right_rad": 0.0,
+        }
+    )
+
+
+@inlined
+def _weight(away: float) -> float:
+    t = abs(away)
+    if t < 1.0:
+        return 1.0 + t * t * (1.5 * t - 2.5)
+    if t < 2.0:
+        return 2.0 + t * (-4.0 + t * (2.5 - 0.5 * t))
+    return 0.0
+
+
+@compiled
+def _turn(source: Array, c: float, s: float, out: Array) -> None:
+    """Bicubic (Catmull-Rom) samples of ``source`` turned about the middle of both."""
+    rows, columns, _ = source.shape
+    height, width, _ = out.shape
+    for v in range(height):
+        y = v - 0.5 * (height - 1)
+        for u in range(width):
+            x = u - 0.5 * (width - 1)
+            p = c * x - s * y + 0.5 * (columns - 1)
+            q = s * x + c * y + 0.5 * (rows - 1)
+            i, j = math.floor(p), math.floor(q)
+            fx, fy = p - i, q - j
+            for k in range(3):
+                total = 0.0
+                for b in range(-1, 3):
+                    wy = _weight(b - fy)
+                    row = min(max(j + b, 0), rows - 1)
+                    part = 0.0
+                    for a in range(-1, 3):
+                        column = min(max(i + a, 0), columns - 1)
+                        part += _weight(a - fx) * source[row, column, k]
+                    total += wy * part
+                out[v, u, k] = max(0.0, total)
+
+
+def rolled(light: Array, camera: Camera) -> Array:
+    """The light of a leaning camera from that of its level one, shape (height, width, 3)."""
+    if camera.roll_right_rad == 0.0:
+        return light
+    out = np.empty((camera.height_px, camera.width_px, 3), np.float32)
+    c, s = math.cos(camera.roll_right_rad), math.sin(camera.roll_right_rad)
+    _turn(light, c, s, out)
+    return out

@@ -1,0 +1,200 @@
+"""Sky, sun glow, clouds, and the distant outline on the horizon: painted once, then looked up."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ssp_ot_controller.camera.kernels.jit import Array, compiled, inlined
+from ssp_ot_controller.camera.kernels.palettes import Palette
+from ssp_ot_controller.camera.kernels.shading import noise_at
+
+_AZIMUTHS = 4096
+
+# Layout of the vector of numbers of the sky's painter.
+(S_ZENITH, S_HORIZON, S_GLOW, S_CLOUD, S_SUN, S_OUTLINE, S_LAMP, S_FOG) = range(0, 24, 3)
+S_COVER, S_LIT, S_FOG_PER_M = range(24, 27)
+PARAMETERS = 27
+
+# Fog lies low: a ray leaves it after this height, and what stands on the horizon is this far.
+_FOG_HEIGHT_M, _OUTLINE_DISTANCE_M = 10.0, 350.0
+
+
+# The panorama: columns by azimuth from -pi on, rows by slope / (1 + slope) from 0 to 1, where
+# slope is the tangent of the elevation. Finer at the horizon than a 720p camera. The number of
+# columns is a power of two, so that a mask wraps them.
+PANORAMA_COLUMNS, PANORAMA_ROWS = 4096, 640
+_CHANNEL_BITS = 16
+_FIXED = 65536.0
+
+
+def sun_direction(azimuth_rad: float, elevation_rad: float) -> tuple[float, float, float]:
+    """Unit vector towards the sun; azimuth counter-clockwise from the frame's x axis."""
+    c = math.cos(elevation_rad)
+    return c * math.cos(azimuth_rad), c * math.sin(azimuth_rad), math.sin(elevation_rad)
+
+
+def build_outline(palette: Palette, palette_name: str, seed: int) -> Array:
+    """Tangent of the horizon's elevation by azimuth, shape (4096,), from -pi on."""
+    rng = np.random.default_rng(np.random.SeedSequence([seed, 0x0071]))
+    if palette_name == "dusk_city":
+        edges = np.sort(rng.integers(0, _AZIMUTHS, 190))
+        heights = palette.skyline_height * rng.uniform(0.25, 1.0, 191) ** 1.6
+        return np.asarray(heights[np.searchsorted(edges, np.arange(_AZIMUTHS))])
+    angle = 2.0 * np.pi * np.arange(_AZIMUTHS) / _AZIMUTHS
+    outline = np.zeros(_AZIMUTHS)
+    for wave in (5, 11, 23, 61, 173, 419):
+        outline += wave**-0.5 * np.sin(wave * angle + rng.uniform(0, 2 * np.pi))
+    outline = (outline - outline.min()) / np.ptp(outline)
+    return np.asarray(palette.skyline_height * (0.25 + 0.75 * outline))
+
+
+def build_parameters(
+    palette: Palette,
+    sun: tuple[float, float, float],
+    fog_per_m: float,
+    clouds: bool,
+) -> Array:
+    """The vector of the sky's painter, shape (PARAMETERS,)."""
+    numbers = np.zeros(PARAMETERS)
+    numbers[S_ZENITH : S_ZENITH + 3] = palette.sky_zenith
+    numbers[S_HORIZON : S_HORIZON + 3] = palette.sky_horizon
+    numbers[S_GLOW : S_GLOW + 3] = palette.sun_glow
+    numbers[S_CLOUD : S_CLOUD + 3] = palette.cloud
+    numbers[S_SUN : S_SUN + 3] = sun
+    numbers[S_OUTLINE : S_OUTLINE + 3] = palette.skyline
+    numbers[S_FOG : S_FOG + 3], numbers[S_FOG_PER_M] = palette.fog, fog_per_m
+    numbers[S_COVER] = palette.cloud_cover if clouds else 0.0
+    numbers[S_LIT] = palette.window_lit_share
+    numbers[S_LAMP : S_LAMP + 3] = palette.window_lit
+    return numbers
+
+
+@compiled
+def _fill_panorama(
+    numbers: Array,
+    outline: Array,
+    noise: Array,
+    cosines: Array,
+    sines: Array,
+    panorama: Array,
+) -> None:
+    """Paints the sky; see build_panorama. cosines, sines: of the columns' azimuths."""
+    rows, columns = panorama.shape
+    turn = outline.shape[0] / columns
+    for row in range(rows):
+        slope = row / (rows - row)
+        flat = 1.0 / math.sqrt(1.0 + slope * slope)
+        up = flat * slope
+        haze = (1.0 - up) ** 4
+        reach = 26.0 / (slope + 0.12)
+        thickness = 0.75 * min(1.0, slope / 0.10)
+        through = min(_OUTLINE_DISTANCE_M, _FOG_HEIGHT_M / max(slope, 1e-6))
+        clear = math.exp(-numbers[S_FOG_PER_M] * through)
+        for column in range(columns):
+            c, s = cosines[column], sines[column]
+            index = int((column + 0.5) * turn)
+            shown, lit, cloud, glow = slope < outline[index], 0.0, 0.0, 0.0
+            if shown:
+                if numbers[S_LIT] > 0.0:
+                    number = (index // 3 * 73856093) ^ (int(slope / 0.0045) * 83492791)
+                    lit = 0.4 if (number >> 4) & 15 < 3 else 0.0
+            else:
+                along = flat * (c * numbers[S_SUN] + s * numbers[S_SUN + 1])
+                glow = max(0.0, along + up * numbers[S_SUN + 2]) ** 8
+                glow = min(1.0, 0.35 * glow + 0.9 * glow**24)
+                if numbers[S_COVER] > 0.0:
+                    px, py = reach * c, reach * s
+                    cloud = 0.7 * noise_at(noise, px, py) + 0.3 * noise_at(
+                        noise, 3.1 * px, 3.1 * py
+                    )
+                    cloud = 2.4 * (cloud - 0.35 + 0.6 * numbers[S_COVER])
+                    cloud = thickness * min(1.0, max(0.0, cloud))
+            packed = np.uint64(0)
+            for k in range(3):
+                if shown:
+                    value = numbers[S_OUTLINE + k]
+                    value += lit * (numbers[S_LAMP + k] - value)
+                else:
+                    value = numbers[S_ZENITH + k]
+                    value += haze * (numbers[S_HORIZON + k] - value)
+                    value += cloud * (numbers[S_CLOUD + k] - value)
+                    value += glow * (numbers[S_GLOW + k] - value)
+                value = numbers[S_FOG + k] + clear * (value - numbers[S_FOG + k])
+                level = np.uint64(min(255.0, max(0.0, value + 0.5)))
+                packed |= level << np.uint64(_CHANNEL_BITS * k)
+            panorama[row, column] = packed
+
+
+def build_panorama(numbers: Array, outline: Array, noise: Array) -> Array:
+    """The whole sky, shape (PANORAMA_ROWS, PANORAMA_COLUMNS), uint64: three numbers in each.
+
+    Blue, green and red (0-255) have 16 bits each, so that a weighted mean with weights of 256 in
+    sum is one multiplication for all three.
+    """
+    panorama = np.empty((PANORAMA_ROWS, PANORAMA_COLUMNS), np.uint64)
+    azimuths = 2.0 * np.pi * (np.arange(PANORAMA_COLUMNS) + 0.5) / PANORAMA_COLUMNS - np.pi
+    _fill_panorama(numbers, outline, noise, np.cos(azimuths), np.sin(azimuths), panorama)
+    return panorama
+
+
+def colours(panorama: Array) -> Array:
+    """The panorama as blue, green, red, shape (rows, columns, 3), uint8."""
+    parts = [(panorama >> np.uint64(_CHANNEL_BITS * k)) & np.uint64(0xFF) for k in range(3)]
+    return np.stack(parts, axis=2).astype(np.uint8)
+
+
+@inlined
+def _panorama_place(start: Array, step: Array, u: int, rows: int) -> tuple[float, float]:
+    """Column and row in the panorama of the ray at a column of the image."""
+    x, y, z = start[0] + u * step[0], start[1] + u * step[1], start[2] + u * step[2]
+    slope = max(0.0, z) / math.sqrt(x * x + y * y)
+    column = (math.atan2(y, x) + math.pi) * (PANORAMA_COLUMNS / (2.0 * math.pi)) - 0.5
+    return column, rows * slope / (1.0 + slope)
+
+
+@inlined
+def sky_row(panorama: Array, start: Array, step: Array, hidden: Array, row: Array) -> None:
+    """Colours of one image row above the horizon.
+
+    Args:
+        panorama: of build_panorama.
+        start: ray direction at column 0; its z must not be negative.
+        step: change of the direction per column.
+        hidden: shape (width,); pixels where it is true are left out.
+        row: shape (3 width,), blue, green, red in turn; filled.
+    """
+    stride = 16  # directions are exact at every sixteenth column and linear between
+    width = hidden.shape[0]
+    rows = panorama.shape[0]
+    p_end, q_end = _panorama_place(start, step, 0, rows)
+    for first in range(0, width, stride):
+        p, q = p_end, q_end
+        p_end, q_end = _panorama_place(start, step, first + stride, rows)
+        if p_end - p > PANORAMA_COLUMNS / 2:
+            p += PANORAMA_COLUMNS
+        elif p_end - p < -PANORAMA_COLUMNS / 2:
+            p -= PANORAMA_COLUMNS
+        # Fixed point from here: 16 bits behind the point, of which 8 are weights.
+        pu, pu_step = int(p * _FIXED), int((p_end - p) * (_FIXED / stride))
+        qu, qu_step = int(q * _FIXED), int((q_end - q) * (_FIXED / stride))
+        for u in range(first, min(width, first + stride)):
+            if not hidden[u]:
+                i0 = np.uint64((pu >> 16) & (PANORAMA_COLUMNS - 1))
+                i1 = (i0 + np.uint64(1)) & np.uint64(PANORAMA_COLUMNS - 1)
+                j0 = np.uint64(min(rows - 2, qu >> 16))
+                j1 = j0 + np.uint64(1)
+                fp, fq = np.uint64((pu >> 8) & 255), np.uint64((qu >> 8) & 255)
+                both = (fp * fq) >> np.uint64(8)
+                mean = (
+                    panorama[j0, i0] * (np.uint64(256) + both - fp - fq)
+                    + panorama[j0, i1] * (fp - both)
+                    + panorama[j1, i0] * (fq - both)
+                    + panorama[j1, i1] * both
+                )
+                for k in range(3):
+                    level = np.int32((mean >> np.uint64(_CHANNEL_BITS * k)) & np.uint64(0xFFFF))
+                    row[3 * u + k] = np.float32(level) * np.float32(1.0 / 256.0)
+            pu += pu_step
+            qu += qu_step

@@ -1,0 +1,1 @@
+"""Triangle meshes of vehicles, people and what stands beside a road."""

@@ -1,0 +1,1 @@
+"""The renderer: from a scene and the weather to the picture of a frame."""

@@ -1,0 +1,174 @@
+"""The raster renderer: runs the kernels for one frame, on the CPU and without a graphics driver."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ssp_core.run_file.model import Look
+from ssp_core.world.camera import View
+from ssp_ot_controller.camera.kernels import compose, sensor
+from ssp_ot_controller.camera.kernels.compose import SAMPLES, Buffers, Samples
+from ssp_ot_controller.camera.kernels.jit import Array
+from ssp_ot_controller.camera.kernels.raster import G_KIND, rasterise, rasterise_cover
+from ssp_ot_controller.camera.kernels.shading import LAMP, contact
+from ssp_ot_controller.camera.renderer import light
+from ssp_ot_controller.camera.renderer.bodies import Body, shadows_of
+from ssp_ot_controller.camera.renderer.stage import Stage, ranges
+
+SCENERY_RANGE_M = 230.0
+SHADOW_RANGE_M = 110.0
+CONTACT_REACH_M = 0.45
+_GRAIN = sensor.make_grain()
+_BUFFERS = Buffers()
+
+
+@dataclass(frozen=True)
+class LightField:
+    """The light that falls on the sensor, before it becomes numbers.
+
+    Args:
+        light: shape (height, width, 3), float32, blue, green, red; 255 is white.
+        inverse_depth: shape (height, width), float32, 1/m along the optical axis of what is drawn;
+            0 where ground or sky shows.
+        shines: shape (height, width), bool: lamps, which no light falls on.
+        view: the camera, block frame.
+    """
+
+    light: Array
+    inverse_depth: Array
+    shines: Array
+    view: View
+
+    @property
+    def rays(self) -> Array:
+        """Shape (3, 3): direction at pixel (0, 0), and its change per column and per row."""
+        return rays_of(self.view)
+
+
+def rays_of(view: View) -> Array:
+    """Direction at pixel (0, 0) and its change per column and per row, shape (3, 3)."""
+    lens = view.intrinsics
+    columns, rows = view.rotation[0] / lens.fx_px, view.rotation[1] / lens.fy_px
+    corner = view.rotation[2] - lens.cx_px * columns - lens.cy_px * rows
+    return np.stack([corner, columns, rows])
+
+
+def visible(places: Array, view: View, range_m: float) -> Array:
+    """Indices of props within range that reach into the horizontal field of view, nearest first."""
+    forward = view.rotation[2, :2] / np.linalg.norm(view.rotation[2, :2])
+    slope = view.intrinsics.width_px / (2 * view.intrinsics.fx_px)
+    dx, dy = places[:, 0] - view.position_m[0], places[:, 1] - view.position_m[1]
+    radius = places[:, 2]
+    ahead = dx * forward[0] + dy * forward[1]
+    aside = np.abs(dx * forward[1] - dy * forward[0])
+    inside = aside < ahead * slope + radius * math.sqrt(1.0 + slope * slope)
+    kept = np.flatnonzero((ahead > -radius) & (ahead < range_m) & inside)
+    return np.asarray(kept[np.argsort(ahead[kept], kind="stable")])
+
+
+def finished(
+    stage: Stage, look: Look, view: View, bodies: Sequence[Body], noise_state: np.uint64
+) -> Array:
+    """The picture, shape (height, width, 3), uint8, with the sensor's noise."""
+    lens = view.intrinsics
+    out = np.empty((lens.height_px, lens.width_px, 3), np.uint8)
+    none = np.empty((0, 3 * lens.width_px), np.float32)
+    _draw(stage, look, view, bodies, noise_state, none, out.reshape(lens.height_px, -1))
+    return out
+
+
+def light_field(stage: Stage, look: Look, view: View, bodies: Sequence[Body]) -> LightField:
+    """The light of a frame."""
+    lens = view.intrinsics
+    shape = (lens.height_px, lens.width_px)
+    field = np.empty((*shape, 3), np.float32)
+    out = np.empty((lens.height_px, 3 * lens.width_px), np.uint8)
+    kept = _draw(stage, look, view, bodies, np.uint64(0), field.reshape(lens.height_px, -1), out)
+    depth = np.maximum(
+        kept.inverse_depth[::SAMPLES, ::SAMPLES], kept.inverse_depth[1::SAMPLES, 1::SAMPLES]
+    )
+    shines = np.zeros(shape, np.bool_)
+    rows, columns = np.nonzero(depth > 0.0)
+    # Of whichever of the two samples above has something.
+    upper = kept.inverse_depth[SAMPLES * rows, SAMPLES * columns] > 0.0
+    owner = np.where(
+        upper,
+        kept.owner[SAMPLES * rows, SAMPLES * columns],
+        kept.owner[SAMPLES * rows + 1, SAMPLES * columns + 1],
+    )
+    shines[rows, columns] = kept.planes[owner, G_KIND] == LAMP
+    return LightField(field, depth, shines, view)
+
+
+def develop(field: Array, look: Look, noise_state: np.uint64) -> Array:
+    """From light, shape (height, width, 3), to numbers, uint8."""
+    height, width, _ = field.shape
+    out = np.empty((height, width, 3), np.uint8)
+    sensor.develop(
+        np.ascontiguousarray(field, dtype=np.float32).reshape(height, -1), sensor.falloff(width),
+        look.exposure, look.noise_sigma, _GRAIN, noise_state, out.reshape(height, -1),
+    )  # fmt: skip
+    return out
+
+
+def _draw(
+    stage: Stage,
+    look: Look,
+    view: View,
+    bodies: Sequence[Body],
+    noise_state: np.uint64,
+    field: Array,
+    out: Array,
+) -> Samples:
+    """Runs the kernels for one frame; see compose for ``field`` and ``out``."""
+    lens = view.intrinsics
+    static = stage.static
+    far = visible(static.places, view, SCENERY_RANGE_M)
+    near = visible(static.places, view, SHADOW_RANGE_M)
+    drawn = [b.lit for b in bodies if b.drawn]
+    room = sum(len(b.kinds) for b in drawn) + int(np.diff(static.body_ranges[far]).sum())
+    kept = _BUFFERS.cleared(lens.height_px, lens.width_px, room)
+    n = SAMPLES
+    # Sample i of a pixel's n lies at (i + 0.5) / n - 0.5 px from its centre.
+    samples = np.array(
+        [n * lens.fx_px, n * lens.fy_px, n * lens.cx_px + (n - 1) / 2, n * lens.cy_px + (n - 1) / 2]
+    )
+    rays = rays_of(view)
+    eye, axes = view.position_m, view.rotation
+    flat = shadows_of(bodies, stage.sun)
+    for corners, runs in (
+        (flat, ranges([len(flat)])),
+        (static.shadows, static.shadow_ranges[near]),
+    ):
+        rasterise_cover(corners, runs, eye, axes, samples, kept.cover, kept.triangle)
+    drawables = [(static.bodies, static.body_ranges[far])]
+    if drawn:
+        outlines = np.array([b.outline for b in bodies if b.drawn])
+        contact(outlines, eye, rays, CONTACT_REACH_M, kept.dark)
+        moving = light.gather(drawn)
+        drawables.insert(0, (moving, ranges([len(moving.kinds)])))
+    count = 0
+    for lit, runs in drawables:
+        count = rasterise(
+            lit.corners, lit.attributes, lit.kinds, runs, eye, axes, samples, stage.fog_per_m,
+            kept.ramp, count, kept.inverse_depth, kept.owner, kept.planes, kept.triangle,
+        )  # fmt: skip
+    numbers = np.zeros(compose.PARAMETERS)
+    numbers[compose.C_FOG : compose.C_FOG + 3] = stage.palette.fog
+    numbers[compose.C_SHADOW : compose.C_SHADOW + 3] = stage.palette.shadow
+    numbers[compose.C_FOG_PER_M] = stage.fog_per_m
+    numbers[compose.C_EXPOSURE] = look.exposure
+    numbers[compose.C_NOISE] = look.noise_sigma
+    compose.compose(
+        numbers, stage.ground.sums, stage.ground.strips, stage.ground.values,
+        stage.ground_numbers, stage.bend.nodes, stage.bend.cells, stage.bend.numbers,
+        stage.panorama, stage.noise, stage.style, eye, rays, samples,
+        kept.inverse_depth, kept.owner, kept.planes, kept.cover, kept.dark, kept.squares,
+        _GRAIN, noise_state, kept.row, kept.drawn, kept.hidden, kept.ray,
+        kept.single, field, out,
+    )  # fmt: skip
+    return kept

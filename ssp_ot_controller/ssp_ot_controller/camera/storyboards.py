@@ -1,0 +1,456 @@
+"""Motion for synthetic clips: closed formulas of time, without dynamics, control or traffic.
+
+A clip shows the same interaction as a session with its own speeds, distances, timing and look. A
+further scenario is one function and a line in ``_PLAYS``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Protocol
+
+import numpy as np
+
+from ssp_core.clock import seconds_to_ns
+from ssp_core.errors import InputError
+from ssp_core.geometry import wrap_angle
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.names import VUT_ID
+from ssp_core.run_file.model import Camera, Look
+from ssp_core.run_file.road import Lane, Road
+from ssp_core.run_file.values import Start
+from ssp_core.vocabulary import ObjectClass, Role
+
+# Exact for polynomials up to degree 31; the integrand of Steered is as smooth as one.
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
+
+
+class Axis(Protocol):
+    """Motion along one axis, m and s."""
+
+    def position(self, t_s: float) -> float: ...
+
+    def speed(self, t_s: float) -> float: ...
+
+    def acceleration(self, t_s: float) -> float: ...
+
+
+@dataclass(frozen=True)
+class Ramp:
+    """A smooth change of a speed: by change_mps, from start_s over duration_s (smoothstep)."""
+
+    start_s: float
+    duration_s: float
+    change_mps: float
+
+    def _share(self, t_s: float) -> float:
+        return min(1.0, max(0.0, (t_s - self.start_s) / self.duration_s))
+
+    def speed(self, t_s: float) -> float:
+        p = self._share(t_s)
+        return self.change_mps * (3.0 - 2.0 * p) * p * p
+
+    def acceleration(self, t_s: float) -> float:
+        p = self._share(t_s)
+        return self.change_mps * 6.0 * p * (1.0 - p) / self.duration_s
+
+    def way(self, t_s: float) -> float:
+        p = self._share(t_s)
+        after = max(0.0, t_s - self.start_s - self.duration_s)
+        return self.change_mps * ((1.0 - 0.5 * p) * p**3 * self.duration_s + after)
+
+
+@dataclass(frozen=True)
+class Line:
+    """Motion along one axis: a start, a speed, and smooth changes of the speed."""
+
+    start_m: float
+    speed_mps: float
+    ramps: tuple[Ramp, ...] = ()
+
+    def position(self, t_s: float) -> float:
+        return self.start_m + self.speed_mps * t_s + sum(r.way(t_s) for r in self.ramps)
+
+    def speed(self, t_s: float) -> float:
+        return self.speed_mps + sum(r.speed(t_s) for r in self.ramps)
+
+    def acceleration(self, t_s: float) -> float:
+        return sum(r.acceleration(t_s) for r in self.ramps)
+
+
+@dataclass(frozen=True)
+class Steered:
+    """Motion along the road of a body that keeps its speed while ``ramps`` move it sideways.
+
+    What it gains sideways it loses ahead, as a car does that only steers: sqrt(v^2 - v_y^2).
+
+    Args:
+        start_m: place at t = 0.
+        speed_mps: speed on the path, above every speed sideways.
+        ramps: changes of the speed sideways, which starts at 0.
+    """
+
+    start_m: float
+    speed_mps: float
+    ramps: tuple[Ramp, ...]
+
+    def _sideways(self, t_s: float) -> float:
+        return sum(r.speed(t_s) for r in self.ramps)
+
+    def position(self, t_s: float) -> float:
+        """Speed times time, less the integral of what is lost, ramp by ramp."""
+        limits = {0.0, t_s}
+        for ramp in self.ramps:
+            limits |= {min(t_s, ramp.start_s), min(t_s, ramp.start_s + ramp.duration_s)}
+        times = sorted(t for t in limits if t >= 0.0)
+        lost = 0.0
+        for begin, end in pairwise(times):
+            middle, half = (begin + end) / 2, (end - begin) / 2
+            for node, weight in zip(_NODES, _WEIGHTS, strict=True):
+                speed = self.speed(middle + half * float(node))
+                lost += half * float(weight) * (self.speed_mps - speed)
+        return self.start_m + self.speed_mps * t_s - lost
+
+    def speed(self, t_s: float) -> float:
+        return math.sqrt(self.speed_mps**2 - self._sideways(t_s) ** 2)
+
+    def acceleration(self, t_s: float) -> float:
+        change = sum(r.acceleration(t_s) for r in self.ramps)
+        return -self._sideways(t_s) * change / self.speed(t_s)
+
+
+@dataclass(frozen=True)
+class Actor:
+    """A participant: motion along the road and across it; standing, it faces ``facing_rad``."""
+
+    object_id: str
+    object_class: ObjectClass
+    role: Role
+    along: Axis
+    across: Axis
+    facing_rad: float = 0.0
+
+    def state(self, t_s: float) -> ObjectState:
+        vx, vy = self.along.speed(t_s), self.across.speed(t_s)
+        speed = math.hypot(vx, vy)
+        yaw = math.atan2(vy, vx) if speed > 1e-3 else self.facing_rad
+        ax, ay = self.along.acceleration(t_s), self.across.acceleration(t_s)
+        turning = (vx * ay - vy * ax) / speed**2 if speed > 0.1 else 0.0
+        return ObjectState(
+            object_id=self.object_id,
+            object_class=self.object_class,
+            role=self.role,
+            stamp_ns=seconds_to_ns(t_s),
+            x_m=self.along.position(t_s),
+            y_m=self.across.position(t_s),
+            yaw_rad=wrap_angle(yaw),
+            speed_mps=speed,
+            acceleration_mps2=ax * math.cos(yaw) + ay * math.sin(yaw),
+            yaw_rate_radps=turning,
+            size=DEFAULT_SIZES[self.object_class],
+        )
+
+
+LANE_M = 3.4
+VUT_START_M = 10.0
+CAR = DEFAULT_SIZES[ObjectClass.CAR]
+
+
+@dataclass(frozen=True)
+class Play:
+    """What one scenario shows; map and block frame are the same, the VUT's lane is at y = 0."""
+
+    road: Road
+    camera: Camera
+    look: Look
+    vut: Actor
+    others: tuple[Actor, ...]
+
+
+@dataclass(frozen=True)
+class LaneCounts:
+    """Lanes of the road that is drawn: in the VUT's direction, and oncoming."""
+
+    same: int = 2
+    opposite: int = 2
+
+    @property
+    def total(self) -> int:
+        return self.same + self.opposite
+
+
+def clip_road(counts: LaneCounts) -> Road:
+    """A city road with sidewalks; the VUT's lane is the rightmost."""
+    lanes = [
+        Lane(y_m=i * LANE_M, width_m=LANE_M, direction="forward" if i < counts.same else "backward")
+        for i in range(counts.total)
+    ]
+    return Road(
+        origin=Start(x_m=0.0, y_m=0.0, yaw_rad=0.0),
+        length_m=260.0,
+        lanes=lanes,
+        sidewalk_left_m=2.4,
+        sidewalk_right_m=2.4,
+        crossing_x_m=None,
+    )
+
+
+def clip_camera() -> Camera:
+    """Another one than in the sessions."""
+    return Camera(
+        width_px=960,
+        height_px=540,
+        hfov_deg=66.0,
+        rate_hz=24.0,
+        forward_m=1.6,
+        height_m=1.35,
+        pitch_down_rad=0.02,
+        jpeg_quality=92,
+    )
+
+
+def clip_look(rng: np.random.Generator) -> Look:
+    """The light of an evening."""
+    return Look(
+        palette="dusk_city",
+        fog_per_m=float(rng.uniform(0.001, 0.002)),
+        sun_azimuth_deg=float(rng.uniform(15.0, 40.0)),
+        sun_elevation_deg=float(rng.uniform(9.0, 16.0)),
+        exposure=1.15,
+        noise_sigma=2.0,
+    )
+
+
+def vut_actor(speed_mps: float, ramps: tuple[Ramp, ...]) -> Actor:
+    """The car with the camera, in its lane."""
+    along = Line(VUT_START_M, speed_mps, ramps)
+    return Actor(VUT_ID, ObjectClass.CAR, Role.VUT, along, Line(0.0, 0.0))
+
+
+def oncoming(counts: LaneCounts, start_m: float, speed_mps: float) -> tuple[Actor, ...]:
+    """A car in the outer oncoming lane; nobody on a one-way road."""
+    if counts.opposite == 0:
+        return ()
+    car = Actor(
+        "oncoming_car",
+        ObjectClass.CAR,
+        Role.TRAFFIC,
+        Line(start_m, -speed_mps),
+        Line((counts.total - 1) * LANE_M, 0.0),
+        math.pi,
+    )
+    return (car,)
+
+
+CUT_IN_GAP_M = 15.0  # bumper gap when the lane change starts
+
+
+def cut_in(rng: np.random.Generator, lanes: LaneCounts) -> Play:
+    """The VUT closes in, the car cuts in, the VUT brakes to less than its speed."""
+    speed = float(rng.uniform(11.0, 12.0))
+    slower = float(rng.uniform(4.1, 4.5))  # closing speed at the start
+    cut_s, change_s = float(rng.uniform(2.9, 3.4)), 2.4
+    brake_s = cut_s + 1.3
+    ahead = CUT_IN_GAP_M + slower * cut_s + CAR.front_m + CAR.rear_m
+    # Across: a speed that swells and goes back; its integral is one lane width.
+    peak = 2.0 * LANE_M / change_s
+    across = (Ramp(cut_s, change_s / 2, -peak), Ramp(cut_s + change_s / 2, change_s / 2, peak))
+    other = Actor(
+        "ot1",
+        ObjectClass.CAR,
+        Role.OT,
+        Steered(VUT_START_M + ahead, speed - slower, across),
+        Line(LANE_M, 0.0, across),
+    )
+    return Play(
+        clip_road(lanes),
+        clip_camera(),
+        clip_look(rng),
+        vut_actor(speed, (Ramp(brake_s, 2.2, -slower - 0.6),)),
+        (other, *oncoming(lanes, 150.0, 9.0)),
+    )
+
+
+LEAD_GAP_M = 24.0  # bumper gap when the car ahead begins to brake
+LEAD_BRAKING_S, LEAD_LATE_S, VUT_BRAKING_S = 2.7, 1.35, 3.2
+
+
+def lead_braking(rng: np.random.Generator, lanes: LaneCounts) -> Play:
+    """The VUT closes in slowly, the car ahead brakes nearly to a standstill, the VUT late."""
+    speed = float(rng.uniform(12.2, 12.8))
+    slower = float(rng.uniform(2.4, 2.8))  # closing speed at the start
+    brake_s = float(rng.uniform(2.9, 3.3))
+    left = float(rng.uniform(1.6, 2.2))  # speed after braking
+    lead_mps = speed - slower
+    ahead = LEAD_GAP_M + slower * brake_s + CAR.front_m + CAR.rear_m
+    lead = Actor(
+        "ot1",
+        ObjectClass.CAR,
+        Role.OT,
+        Line(
+            VUT_START_M + ahead,
+            lead_mps,
+            (Ramp(brake_s, LEAD_BRAKING_S, left - lead_mps),),
+        ),
+        Line(0.0, 0.0),
+    )
+    # In the end a little slower than the car ahead, so that the gap opens again.
+    vut = vut_actor(speed, (Ramp(brake_s + LEAD_LATE_S, VUT_BRAKING_S, left - 0.5 - speed),))
+    return Play(
+        clip_road(lanes),
+        clip_camera(),
+        clip_look(rng),
+        vut,
+        (lead, *oncoming(lanes, 165.0, 9.5)),
+    )
+
+
+TRUCK = DEFAULT_SIZES[ObjectClass.TRUCK]
+PEDESTRIAN = DEFAULT_SIZES[ObjectClass.PEDESTRIAN]
+OCCLUDED_LATE_S, STOP_S = 1.1, 3.4
+OCCLUDED_STAND_M = 4.0  # from the VUT's front to the pedestrian's path in the end
+KERB_M = 0.6  # from the kerb to where the pedestrian waits
+ASIDE_M = 0.05  # from the carriageway's edge to the truck, which stands on the shoulder
+
+
+def occluded_crossing(rng: np.random.Generator, lanes: LaneCounts) -> Play:
+    """The pedestrian waits hidden, steps out, and the VUT stops late before the path."""
+    speed = float(rng.uniform(9.5, 10.2))
+    step_s = float(rng.uniform(2.5, 2.9))
+    walk = float(rng.uniform(1.35, 1.5))
+    hidden_m = float(rng.uniform(1.0, 1.4))  # from the truck's front to the pedestrian
+    brake_s = step_s + OCCLUDED_LATE_S
+    stand = VUT_START_M + speed * brake_s + 0.5 * speed * STOP_S
+    crossing = stand + CAR.front_m + OCCLUDED_STAND_M
+    kerb = -LANE_M / 2
+    pedestrian = Actor(
+        "ot1",
+        ObjectClass.PEDESTRIAN,
+        Role.OT,
+        Line(crossing, 0.0),
+        Line(kerb - KERB_M, 0.0, (Ramp(step_s, 0.9, walk),)),
+        math.pi / 2,
+    )
+    truck = Actor(
+        "ot2",
+        ObjectClass.TRUCK,
+        Role.OT,
+        Line(crossing - PEDESTRIAN.width_m / 2 - hidden_m - TRUCK.front_m, 0.0),
+        Line(kerb - ASIDE_M - TRUCK.width_m / 2, 0.0),
+    )
+    return Play(
+        clip_road(lanes),
+        clip_camera(),
+        clip_look(rng),
+        vut_actor(speed, (Ramp(brake_s, STOP_S, -speed),)),
+        (pedestrian, truck, *oncoming(lanes, 140.0, 10.0)),
+    )
+
+
+VRU_STAND_M = 3.5  # from the VUT's front to the pedestrian's path in the end
+
+
+def vru_crossing(rng: np.random.Generator, lanes: LaneCounts) -> Play:
+    """The pedestrian waits, walks, and the VUT stops before the path."""
+    speed = float(rng.uniform(8.8, 9.6))
+    step_s = float(rng.uniform(2.3, 2.7))
+    brake_s, stop_s = step_s + 1.0, 3.0
+    walk = float(rng.uniform(1.3, 1.45))
+    stand = VUT_START_M + speed * brake_s + 0.5 * speed * stop_s
+    crossing = stand + CAR.front_m + VRU_STAND_M
+    kerb = -LANE_M / 2
+    pedestrian = Actor(
+        "ot1",
+        ObjectClass.PEDESTRIAN,
+        Role.OT,
+        Line(crossing, 0.0),
+        Line(kerb - 0.6, 0.0, (Ramp(step_s, 0.6, walk),)),
+        math.pi / 2,
+    )
+    return Play(
+        clip_road(lanes),
+        clip_camera(),
+        clip_look(rng),
+        vut_actor(speed, (Ramp(brake_s, stop_s, -speed),)),
+        (pedestrian, *oncoming(lanes, 118.0, 10.0)),
+    )
+
+
+# New ones at the end: a scenario's number is part of its seed.
+_PLAYS: dict[str, Callable[[np.random.Generator, LaneCounts], Play]] = {
+    "cut_in": cut_in,
+    "vru_crossing": vru_crossing,
+    "lead_braking": lead_braking,
+    "occluded_crossing": occluded_crossing,
+}
+INTERACTIONS = tuple(_PLAYS)
+FPS = 24.0
+DURATION_S = 9.0
+MOST_LANES = 4
+
+
+@dataclass(frozen=True)
+class Storyboard:
+    """A whole clip before it is drawn; map and block frame are the same."""
+
+    scenario: str
+    seed: int
+    road: Road
+    camera: Camera
+    look: Look
+    fps: float
+    duration_s: float
+    vut: Actor
+    others: tuple[Actor, ...]
+
+    def times(self) -> list[float]:
+        """Times of the frames in s, from 0."""
+        return [k / self.fps for k in range(round(self.duration_s * self.fps))]
+
+    def states(self, t_s: float) -> tuple[ObjectState, ...]:
+        """All objects, the VUT too, sorted by id."""
+        actors = sorted((self.vut, *self.others), key=lambda actor: actor.object_id)
+        return tuple(actor.state(t_s) for actor in actors)
+
+
+def storyboard(scenario: str, seed: int, lanes: LaneCounts | None = None) -> Storyboard:
+    """The clip of a scenario; the seed varies speeds, timing and light a little.
+
+    Args:
+        scenario: one of `INTERACTIONS`.
+        seed: of speeds, timing and light.
+        lanes: of the road, None: two each way. They change nothing else.
+
+    Raises:
+        InputError: there is no such scenario, or the road has too few lanes for it.
+    """
+    if scenario not in INTERACTIONS:
+        raise InputError(
+            "is no scenario", field="scenario", value=scenario, remedy=f"one of {INTERACTIONS}"
+        )
+    lanes = lanes or LaneCounts()
+    least = 2 if scenario == "cut_in" else 1
+    if not least <= lanes.same <= MOST_LANES or not 0 <= lanes.opposite <= MOST_LANES:
+        raise InputError(
+            f"can't be drawn on a road of {lanes.same}+{lanes.opposite} lanes",
+            field="scenario",
+            value=scenario,
+            remedy=f"{least} to {MOST_LANES} lanes in the VUT's direction and 0 to {MOST_LANES} "
+            "oncoming ones",
+        )
+    rng = np.random.default_rng(np.random.SeedSequence([seed, INTERACTIONS.index(scenario)]))
+    play = _PLAYS[scenario](rng, lanes)
+    return Storyboard(
+        scenario,
+        seed,
+        play.road,
+        play.camera,
+        play.look,
+        FPS,
+        DURATION_S,
+        play.vut,
+        play.others,
+    )

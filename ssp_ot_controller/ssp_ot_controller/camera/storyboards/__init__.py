@@ -1,1 +1,0 @@
-"""Synthetic clips, one module per scenario: closed formulas of time, no dynamics, no control."""

@@ -1,1 +1,0 @@
-"""Decisions of object targets and their world, as pure functions without ROS."""

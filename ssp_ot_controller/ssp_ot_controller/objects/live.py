@@ -1,0 +1,165 @@
+"""Objects with bodies of hardware: readings in, steps on the session's clock, commands out."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Mapping
+
+from ssp_core.clock import ns_to_seconds
+from ssp_core.errors import InputError
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import LinkDisturbance, RunSpec
+from ssp_ot_controller.bodies.body import Body, BodyReading, MirrorBody, state_of
+from ssp_ot_controller.bodies.dynamics import Command
+from ssp_ot_controller.bodies.udp import UdpBody
+from ssp_ot_controller.objects.pool import PoolStep, Tick
+
+_ADDRESS = re.compile(r"udp://(?P<host>[^:/\[\]]+|\[[0-9a-fA-F:]+\]):(?P<port>[0-9]{1,5})")
+_FIELD = "parameter bodies"
+# A body that does what it is told, in this process: a dry run without hardware.
+MIRROR = "mirror"
+# Until a body is heard for the first time it is told to stand; it sends to whoever commands it.
+_STAND = Command(0.0, 0.0, 0.0, emergency_stop=True)
+
+
+def parse_bodies(text: str, object_ids: Iterable[str]) -> dict[str, tuple[str, int] | None]:
+    """Host and port of each object's body, None for a mirror.
+
+    Args:
+        text: ``ot1=udp://host:port,ot2=mirror,...``.
+        object_ids: that need one.
+
+    Raises:
+        InputError: not of that form, or not exactly one for each object.
+    """
+    wanted = sorted(object_ids)
+    found: dict[str, tuple[str, int] | None] = {}
+    for entry in filter(None, (part.strip() for part in text.split(","))):
+        object_id, _, address = entry.partition("=")
+        match = _ADDRESS.fullmatch(address)
+        if address != MIRROR and (match is None or not 0 < int(match["port"]) < 65536):
+            raise InputError(
+                "is no body",
+                field=_FIELD,
+                value=entry,
+                remedy="write <object>=udp://<host>:<port> or <object>=mirror, separated by commas",
+            )
+        if object_id in found or object_id not in wanted:
+            raise InputError(
+                "has a body already" if object_id in found else "is no object of this process",
+                field=_FIELD,
+                value=object_id,
+                remedy=f"give one body for each of {', '.join(wanted)}",
+            )
+        found[object_id] = (match["host"].strip("[]"), int(match["port"])) if match else None
+    missing = [object_id for object_id in wanted if object_id not in found]
+    if missing:
+        raise InputError(
+            f"{', '.join(missing)} has no body",
+            field=_FIELD,
+            value=text,
+            remedy="a live run needs <object>=udp://<host>:<port> for each object",
+        )
+    return found
+
+
+def check_undisturbed(run: RunSpec, object_ids: Iterable[str]) -> None:
+    """Noise and faults are for simulated objects.
+
+    Raises:
+        InputError: the run disturbs one of these objects on purpose.
+    """
+    for object_id in object_ids:
+        disturbed = run.disturbance_of(object_id) != LinkDisturbance()
+        if disturbed or any(fault.target == object_id for fault in run.faults):
+            raise InputError(
+                f"{object_id} has a disturbance or a fault, which moves a real object wrongly",
+                field="disturbances, faults",
+                remedy="leave them out of a live run, or use simulated objects",
+            )
+
+
+def open_bodies(run: RunSpec, object_ids: Iterable[str], text: str, now_ns: int) -> dict[str, Body]:
+    """The bodies of a live run's objects.
+
+    Raises:
+        InputError: the parameter or the run doesn't fit.
+        HostError: there is no way to a body.
+    """
+    ids = list(object_ids)
+    check_undisturbed(run, ids)
+    specs = {t.id: t for t in run.targets}
+    bodies: dict[str, Body] = {}
+    for object_id, address in parse_bodies(text, ids).items():
+        if address is None:
+            spec = specs[object_id]
+            bodies[object_id] = MirrorBody(spec.cls, spec.start.pose, now_ns)
+        else:
+            bodies[object_id] = UdpBody(object_id, *address, now_ns)
+    return bodies
+
+
+class LiveObjects:
+    """All bodies of one process, stepped on the session's clock. Reads no clock itself.
+
+    Args:
+        run: gives classes, sizes and limits.
+        bodies: by object id.
+        warn: is told of readings that aren't taken, once for each object.
+    """
+
+    def __init__(
+        self, run: RunSpec, bodies: Mapping[str, Body], warn: Callable[[str], None]
+    ) -> None:
+        self._bodies = dict(bodies)
+        self._specs = {t.id: t for t in run.targets if t.id in bodies}
+        self._ahead_s = run.limits.clock_offset_s
+        self._newest: dict[str, BodyReading] = {}
+        self._states: dict[str, int] = {}
+        self._warn = warn
+        self._warned: set[str] = set()
+        self._step = 0
+
+    def tick(self, now_ns: int) -> Tick:
+        """Reads all bodies; one that says nothing new is where it was, with its old stamp.
+
+        Args:
+            now_ns: system clock, which is the session's.
+        """
+        self._step += 1
+        for object_id, body in self._bodies.items():
+            reading = body.read()
+            if reading is not None and self._is_believable(object_id, reading, now_ns):
+                self._newest[object_id] = reading
+        truths: dict[str, ObjectState] = {}
+        for object_id, reading in sorted(self._newest.items()):
+            number = self._states[object_id] = self._states.get(object_id, 0) + 1
+            truths[object_id] = state_of(reading, self._specs[object_id], number)
+        return Tick(self._step, now_ns, True, False, 0, truths)
+
+    def _is_believable(self, object_id: str, reading: BodyReading, now_ns: int) -> bool:
+        ahead_s = ns_to_seconds(reading.stamp_ns - now_ns)
+        if ahead_s <= self._ahead_s:
+            return True
+        if object_id not in self._warned:
+            self._warned.add(object_id)
+            self._warn(
+                f"{object_id}: its body's clock is {ahead_s:.3f} s ahead, limit "
+                f"{self._ahead_s:g} s; its readings aren't taken"
+            )
+        return False
+
+    def command(self, step: PoolStep | None, now_ns: int) -> None:
+        """Sends a step's commands; bodies that were never heard are told to stand."""
+        commands = dict(step.commands) if step is not None else {}
+        for object_id, body in self._bodies.items():
+            command = commands.get(object_id)
+            if command is None and object_id not in self._newest:
+                command = _STAND
+            if command is not None:
+                body.command(command if command.is_finite else _STAND, now_ns)
+
+    def close(self) -> None:
+        """Leaves the bodies to their own watchdogs."""
+        for body in self._bodies.values():
+            body.close()

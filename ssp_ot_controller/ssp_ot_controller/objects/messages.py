@@ -1,0 +1,316 @@
+"""What the objects of a process hear, and how they answer heartbeats.
+
+MessageBuffer hands messages on in the order in which they belong together. ManagerArbiter decides
+which heartbeats are our manager's: two managers that both lead would pull an object to and fro,
+so an object follows the one that it heard first, stops when it hears another beside it, and
+follows a new one only when the old one has fallen silent and the object stands. NearbyObjects has
+the newest states of others that are near enough to matter; whether it hears anything is the
+manager's to judge. HeartbeatResponder answers on the system clock, outside the steps, so that the
+manager can measure clocks and links: an object whose link is disturbed answers as late as its
+messages would be.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from ssp_core.clock import ns_to_seconds, seconds_to_ns
+from ssp_core.motion.reference import Reference
+from ssp_core.motion.state import ObjectState
+from ssp_core.names import VUT_ID
+from ssp_core.run_file.model import Limits, RunSpec
+from ssp_core.vocabulary import SessionPhase
+from ssp_ot_controller.sil.disturbance import LinkSizes
+
+
+@dataclass(frozen=True, slots=True)
+class Heartbeat:
+    """One heartbeat of the manager."""
+
+    sequence: int
+    session: SessionPhase
+    stamp_ns: int
+    references_sent: Mapping[str, int]
+
+
+class MessageBuffer:
+    """Holds a lockstep tick back until the manager's messages that precede it are here.
+
+    A tick names the manager's last heartbeat before it, and that heartbeat says how many
+    references had been sent to each object; it also counts the states of the VUT. Outside lockstep
+    nothing is held back.
+
+    Args:
+        object_ids: the objects of this node.
+    """
+
+    def __init__(self, object_ids: Iterable[str]) -> None:
+        self._ids = tuple(object_ids)
+        self._beats: list[Heartbeat] = []
+        self._last_beat: Heartbeat | None = None
+        self._references: dict[str, list[Reference]] = {i: [] for i in self._ids}
+        self._received = dict.fromkeys(self._ids, 0)
+        self._states: list[ObjectState] = []
+        self._vut_states = 0
+        self._tick: Any = None
+
+    def on_heartbeat(
+        self, sequence: int, session: SessionPhase, stamp_ns: int, sent: Mapping[str, int]
+    ) -> None:
+        self._last_beat = Heartbeat(sequence, session, stamp_ns, sent)
+        self._beats.append(self._last_beat)
+
+    def on_reference(self, reference: Reference) -> None:
+        if reference.object_id in self._references:
+            self._references[reference.object_id].append(reference)
+            self._received[reference.object_id] += 1
+
+    def on_state(self, state: ObjectState) -> None:
+        """A state of the VUT or of another process's object."""
+        self._states.append(state)
+        # While the world holds, the VUT's first state is repeated and not counted.
+        self._vut_states += state.object_id == VUT_ID and state.sequence > 1
+
+    def on_tick(self, tick: Any) -> None:
+        """Keeps the newest WorldTick; a held one that the world didn't wait for is replaced."""
+        self._tick = tick
+
+    def take(self, *, overdue: bool = False) -> Any:
+        """The held tick if it may be dealt with now, else None.
+
+        Args:
+            overdue: what is still missing won't come; a manager that died has sent its last.
+        """
+        tick = self._tick
+        if tick is None:
+            return None
+        if tick.lockstep and tick.running and not (overdue or self._complete(tick)):
+            return None
+        self._tick = None
+        return tick
+
+    def heartbeats(self, up_to: int | None, holding: bool) -> list[Heartbeat]:
+        """Takes out the heartbeats up to a sequence number, all with None.
+
+        Args:
+            up_to: last sequence number to be taken.
+            holding: the world holds at step 0. A heartbeat that starts the run is then left for
+                the first step, so that the start falls on the same step every time.
+        """
+        taken: list[Heartbeat] = []
+        while self._beats:
+            beat = self._beats[0]
+            if up_to is not None and beat.sequence > up_to:
+                break
+            if holding and beat.session is SessionPhase.RUNNING:
+                break
+            taken.append(self._beats.pop(0))
+        return taken
+
+    def references(self, object_id: str) -> list[Reference]:
+        """Takes out the references to an object, in the order of arrival."""
+        taken, self._references[object_id] = self._references[object_id], []
+        return taken
+
+    def states(self) -> list[ObjectState]:
+        """Takes out the states of others, in the order of arrival."""
+        taken, self._states = self._states, []
+        return taken
+
+    def _complete(self, tick: Any) -> bool:
+        if self._vut_states < tick.vut_states_sent:
+            return False
+        heartbeat = tick.heartbeat
+        if heartbeat == 0:
+            return True
+        beat = self._last_beat
+        if beat is None or beat.sequence < heartbeat:
+            return False
+        named = next((b for b in self._beats if b.sequence == heartbeat), beat)
+        return all(self._received[i] >= named.references_sent.get(i, 0) for i in self._ids)
+
+
+# A stranger counts for so long after its last heartbeat.
+_REMEMBERED_S = 1.0
+
+
+class ManagerArbiter:
+    """Tells our manager's heartbeats from others'. Reads no clock.
+
+    Args:
+        silence_s: our manager has gone when it wasn't heard for longer.
+    """
+
+    def __init__(self, silence_s: float) -> None:
+        self._silence_ns = seconds_to_ns(silence_s)
+        self._sender: str | None = None
+        self._sequence = 0
+        self._heard_ns = 0
+        self._strangers: dict[str, int] = {}
+
+    def is_ours(self, sender: str, sequence: int, steady_ns: int, *, may_move: bool) -> bool:
+        """True for a heartbeat that is to be obeyed.
+
+        Args:
+            sender: node that sent it.
+            sequence: of the heartbeat.
+            steady_ns: when it came, on the steady clock.
+            may_move: an object moves or is about to, so that nobody new may take over.
+        """
+        gone = not may_move and steady_ns - self._heard_ns > self._silence_ns
+        if self._sender is None or gone:
+            self._sender, self._sequence = sender, 0
+            self._strangers.pop(sender, None)
+        if sender != self._sender or sequence <= self._sequence:
+            self._strangers[sender] = steady_ns
+            return False
+        self._sequence, self._heard_ns = sequence, steady_ns
+        return True
+
+    def strangers(self, steady_ns: int) -> int:
+        """How many others were heard of late."""
+        if not self._strangers:
+            return 0
+        oldest_ns = steady_ns - seconds_to_ns(_REMEMBERED_S)
+        return sum(heard_ns >= oldest_ns for heard_ns in self._strangers.values())
+
+
+def _reach_m(state: ObjectState) -> float:
+    return max(state.size.front_m, state.size.rear_m) + 0.5 * state.size.width_m
+
+
+class NearbyObjects:
+    """The newest states of the VUT and the object targets. Reads no clock.
+
+    Args:
+        limits: of the site; a state older than its state age says nothing any more.
+    """
+
+    def __init__(self, limits: Limits) -> None:
+        self._separation_m = limits.separation_m
+        self._oldest_ns = seconds_to_ns(limits.state_age_s)
+        self._age_s = limits.state_age_s
+        # With x, y, and how far from there anything of it may be while it is heard.
+        self._heard: dict[str, tuple[float, float, float, ObjectState]] = {}
+
+    def take(self, states: Iterable[ObjectState]) -> None:
+        """States as they were heard; a broken one replaces none."""
+        for state in states:
+            if state.is_finite:
+                far_m = _reach_m(state) + abs(state.speed_mps) * self._age_s
+                self._heard[state.object_id] = (state.x_m, state.y_m, far_m, state)
+
+    def near(self, own: ObjectState) -> list[ObjectState]:
+        """Those that may be too close, led on to the stamp of the own state, by id."""
+        found = []
+        x, y, mine_m = own.x_m, own.y_m, _reach_m(own) + self._separation_m
+        for its_x, its_y, far_m, state in self._heard.values():
+            near_m = mine_m + far_m
+            if not (-near_m <= x - its_x <= near_m and -near_m <= y - its_y <= near_m):
+                continue
+            if state.object_id == own.object_id:
+                continue
+            age_ns = own.stamp_ns - state.stamp_ns
+            if not -self._oldest_ns <= age_ns <= self._oldest_ns:
+                continue
+            # As far as it can have come in this time.
+            near_m += abs(state.speed_mps) * (abs(ns_to_seconds(age_ns)) - self._age_s)
+            if (x - its_x) ** 2 + (y - its_y) ** 2 <= near_m * near_m:
+                found.append(state.extrapolated(own.stamp_ns))
+        return sorted(found, key=lambda state: state.object_id)
+
+
+# In lockstep a manager may beat a thousand times a second; more answers would measure nothing more.
+_PERIOD_S = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class HeartbeatAnswer:
+    """One answer; fields as in HeartbeatReply.msg.
+
+    Args:
+        sequence: of the heartbeat.
+        object_ids: that it is given for, sorted.
+        sent_ns: when the heartbeat was sent, on the manager's clock.
+        received_ns: when it came, on the objects' clock.
+        replied_ns: when the answer leaves, on the objects' clock; None: now.
+        offset_ns: of the objects' clock, for an answer that leaves now.
+    """
+
+    sequence: int
+    object_ids: tuple[str, ...]
+    sent_ns: int
+    received_ns: int
+    replied_ns: int | None
+    offset_ns: int = 0
+
+
+class HeartbeatResponder:
+    """Answers of one process, and those that are still under way. Reads no clock."""
+
+    def __init__(self) -> None:
+        self._answered_ns: int | None = None
+        self._under_way: deque[tuple[int, HeartbeatAnswer]] = deque()
+
+    def on_heartbeat(
+        self,
+        sequence: int,
+        sent_ns: int,
+        links: Mapping[str, LinkSizes],
+        system_ns: int,
+        steady_ns: int,
+    ) -> list[HeartbeatAnswer]:
+        """The answers that leave at once; others are handed out by ``due``.
+
+        Args:
+            sequence: of the heartbeat.
+            sent_ns: when it was sent, on the manager's clock.
+            links: clock and delays of each object.
+            system_ns: when it came, on this machine's clock.
+            steady_ns: the same on the steady clock.
+        """
+        if self._answered_ns is not None and steady_ns - self._answered_ns < seconds_to_ns(
+            _PERIOD_S
+        ):
+            return []
+        self._answered_ns = steady_ns
+        groups: dict[LinkSizes, list[str]] = {}
+        for object_id, link in sorted(links.items()):
+            groups.setdefault(link, []).append(object_id)
+        at_once = []
+        for link, ids in groups.items():
+            if link.cut:
+                continue
+            offset_ns = seconds_to_ns(link.clock_offset_s)
+            received_ns = system_ns + seconds_to_ns(link.down_s) + offset_ns
+            late_ns = seconds_to_ns(link.down_s) + seconds_to_ns(link.up_s)
+            reply = HeartbeatAnswer(
+                sequence,
+                tuple(ids),
+                sent_ns,
+                received_ns,
+                received_ns if late_ns else None,
+                offset_ns,
+            )
+            if late_ns:
+                self._under_way.append((steady_ns + late_ns, reply))
+            else:
+                at_once.append(reply)
+        return at_once
+
+    def due(self, steady_ns: int) -> list[HeartbeatAnswer]:
+        """Answers that arrive by now, in the order in which they were given."""
+        arrived = [reply for due_ns, reply in self._under_way if due_ns <= steady_ns]
+        if arrived:
+            self._under_way = deque(entry for entry in self._under_way if entry[0] > steady_ns)
+        return arrived
+
+
+def answers_late(run: RunSpec, object_ids: Iterable[str]) -> bool:
+    """True when the run delays messages of one of these objects at any time."""
+    links = [run.disturbance_of(object_id) for object_id in object_ids]
+    delayed = any(link.state_delay_s or link.command_delay_s for link in links)
+    return delayed or any(fault.kind == "link_delay" for fault in run.faults)

@@ -1,0 +1,379 @@
+"""The object targets of one process without ROS: messages and ticks in, a step's answers out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from ssp_core.clock import ns_to_seconds
+from ssp_core.errors import InputError
+from ssp_core.motion.reference import Reference
+from ssp_core.motion.state import ObjectState
+from ssp_core.names import SCENARIO_MANAGER
+from ssp_core.run_file.model import RunSpec
+from ssp_core.safety.codes import MEANINGS, SafetyCode
+from ssp_core.vocabulary import ControlState, SessionPhase
+from ssp_ot_controller.bodies.dynamics import Command
+from ssp_ot_controller.objects.local_safety import StopNow
+from ssp_ot_controller.objects.messages import (
+    Heartbeat,
+    ManagerArbiter,
+    MessageBuffer,
+    NearbyObjects,
+)
+from ssp_ot_controller.objects.references import Refusal, RefusalCode
+from ssp_ot_controller.objects.state_machine import REFUSED_CONDITION, CommandResponse, ObjectEvent
+from ssp_ot_controller.objects.target import Target
+from ssp_ot_controller.sil.disturbance import Channel, LinkSizes
+from ssp_ot_controller.sil.faults import FaultChange
+
+
+@dataclass(frozen=True, slots=True)
+class Tick:
+    """One step of the world, or one reading of the bodies (WorldTick.msg).
+
+    Args:
+        step: of the world, counted from 0.
+        now_ns: session time.
+        running: False while the world holds at step 0.
+        lockstep: True: watchdogs count session time.
+        heartbeat: sequence of the manager's last heartbeat before this step.
+        truths: true states of objects, by id; those of others are not looked at.
+        vut_states_sent: states of the VUT sent so far; in lockstep they are waited for.
+    """
+
+    step: int
+    now_ns: int
+    running: bool
+    lockstep: bool
+    heartbeat: int
+    truths: Mapping[str, ObjectState]
+    vut_states_sent: int = 0
+
+    @property
+    def in_step(self) -> bool:
+        """True when the world waits for the answer."""
+        return self.lockstep and self.running
+
+
+@dataclass(frozen=True, slots=True)
+class Ack:
+    """Answer to a reference (ReferenceAck.msg); no refusal is an acceptance.
+
+    ``stamp_ns`` is on the object's own clock.
+    """
+
+    object_id: str
+    reference_id: str
+    refusal: Refusal | None
+    stamp_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class Stopped:
+    """An object stops by itself (SafetyEvent.msg)."""
+
+    object_id: str
+    stop: StopNow
+
+
+@dataclass(frozen=True, slots=True)
+class Counts:
+    """What was sent so far (StepDone.msg)."""
+
+    states: int = 0
+    acks: int = 0
+    safety_events: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class PoolStep:
+    """What the objects of a process send for one step, each in the order of the object ids.
+
+    Args:
+        step: that is answered.
+        now_ns: session time.
+        answered: by StepDone; in lockstep, also while the world holds and wants to hear everybody.
+        commands: for the bodies, by object id.
+        states: those that arrive at the manager now.
+        acks: answers to references that arrive at the manager now.
+        events: objects that stop by themselves.
+        counts: of what was sent, this step's included.
+        faults: injected ones that begin or end with this step.
+    """
+
+    step: int
+    now_ns: int
+    answered: bool
+    commands: tuple[tuple[str, Command], ...]
+    states: tuple[ObjectState, ...]
+    acks: tuple[Ack, ...]
+    events: tuple[Stopped, ...]
+    counts: Counts
+    faults: tuple[FaultChange, ...] = ()
+
+
+# On the steady clock: without ticks there are no states to judge.
+TICK_SILENCE_S = 1.0
+# Lockstep: the world may take this long for a step (others may be dropped meanwhile).
+WORLD_HANG_S = 4.0
+# In lockstep: what belongs to a tick and hasn't come for so long after it is lost. Less than the
+# world waits for an answer.
+OVERDUE_S = 0.75
+_MAY_MOVE = (
+    ControlState.PRE_ARMING,
+    ControlState.ARMED,
+    ControlState.RUNNING,
+    ControlState.POSTRUN,
+)
+
+
+_INACTIVE = Refusal(RefusalCode.STATE, "the node of this object is not active")
+
+
+class _Member:
+    """One object with its localisation, its links and what it has heard."""
+
+    def __init__(self, object_id: str, run: RunSpec) -> None:
+        self.target = Target(object_id, run)
+        self.channel = Channel(run, object_id)
+        self.references: list[Reference] = []
+        self.heartbeat_stamp_ns: int | None = None
+        self.heartbeat_arrived_ns: int | None = None
+
+    def hear(self, beats: Iterable[Heartbeat], steady_ns: int) -> None:
+        for beat in beats:
+            self.heartbeat_stamp_ns = beat.stamp_ns
+            self.heartbeat_arrived_ns = steady_ns
+            self.target.on_session_state(beat.session)
+
+    def silence_s(self, steady_ns: int) -> float:
+        """Since the last heartbeat on the steady clock, inf before the first."""
+        if self.heartbeat_arrived_ns is None:
+            return float("inf")
+        return ns_to_seconds(steady_ns - self.heartbeat_arrived_ns)
+
+    def answer(self, now_ns: int, active: bool) -> list[Ack]:
+        """Deals with the references that have come, on the object's own clock."""
+        # While armed they wait for the start, which may be under way on another topic.
+        if not self.references or self.target.state is ControlState.ARMED:
+            return []
+        taken, self.references = self.references, []
+        return [
+            Ack(
+                r.object_id,
+                r.reference_id,
+                self.target.on_reference(r, now_ns) if active else _INACTIVE,
+                now_ns,
+            )
+            for r in taken
+        ]
+
+
+class ObjectPool:
+    """The object targets of one process. Reads no clock; see the arguments of each method.
+
+    Args:
+        run: the run.
+        object_ids: which of its targets; all of them when empty.
+        steady_ns: time on the steady clock.
+
+    Attributes:
+        active: False: nothing is armed or accepted, whatever comes.
+
+    Raises:
+        InputError: an id that is none of the run's targets.
+    """
+
+    def __init__(self, run: RunSpec, object_ids: Iterable[str] = (), steady_ns: int = 0) -> None:
+        known = [t.id for t in run.targets]
+        wanted = list(object_ids)
+        unknown = sorted(set(wanted) - set(known))
+        if unknown:
+            raise InputError(
+                "not in the run",
+                field="parameter object_ids",
+                value=", ".join(unknown),
+                remedy=f"the run has {', '.join(known)}",
+            )
+        self.object_ids = tuple(sorted(set(wanted or known)))
+        self._members = {i: _Member(i, run) for i in self.object_ids}
+        self.active = True
+        self._buffer = MessageBuffer(self.object_ids)
+        self._arbiter = ManagerArbiter(run.limits.heartbeat_s)
+        self._nearby = NearbyObjects(run.limits)
+        self._counts = Counts()
+        self._now_ns = 0
+        self._step = 0
+        self._tick_arrived_ns = steady_ns
+        self._in_step = False
+        for member in self._members.values():
+            member.target.power_on()
+
+    # -- what arrives --------------------------------------------------------------------------
+
+    def take_heartbeat(
+        self,
+        sequence: int,
+        session: SessionPhase,
+        stamp_ns: int,
+        references_sent: Mapping[str, int],
+        sender: str = SCENARIO_MANAGER,
+        steady_ns: int = 0,
+    ) -> None:
+        """A heartbeat of a manager (Heartbeat.msg); the objects hear it with the next tick.
+
+        Args:
+            sequence: of the heartbeat; one sender's rises.
+            session: state of the session.
+            stamp_ns: session time.
+            references_sent: so far, by object id.
+            sender: node that sent it. Another one than before is not obeyed, but stops us.
+            steady_ns: when it came, on the steady clock.
+        """
+        may_move = any(m.target.state in _MAY_MOVE for m in self._members.values())
+        if self._arbiter.is_ours(sender, sequence, steady_ns, may_move=may_move):
+            self._buffer.on_heartbeat(sequence, session, stamp_ns, references_sent)
+
+    def take_reference(self, reference: Reference) -> None:
+        """A reference; one for an object of another process is not looked at."""
+        self._buffer.on_reference(reference)
+
+    def take_states(self, states: Iterable[ObjectState]) -> None:
+        """States of others that are heard: the VUT's, and objects' of other processes."""
+        for state in states:
+            self._buffer.on_state(state)
+
+    def take_tick(self, tick: Tick, steady_ns: int) -> None:
+        """The newest tick, and when it came on the steady clock."""
+        self._tick_arrived_ns = steady_ns
+        self._in_step = tick.in_step
+        self._buffer.on_tick(tick)
+
+    def command(
+        self, object_id: str, event: ObjectEvent, event_version: str, steady_ns: int
+    ) -> CommandResponse:
+        """A command of the manager to one object."""
+        if event is ObjectEvent.ALL_CLEAR:
+            # Beats that came before this command must not abort the object again after it.
+            beats = self._buffer.heartbeats(None, holding=False)
+            for member in self._members.values():
+                member.hear(beats, steady_ns)
+        member = self._members[object_id]
+        if not self.active and event is not ObjectEvent.ABORT:
+            return CommandResponse(False, REFUSED_CONDITION, _INACTIVE.message)
+        return member.target.command(
+            event, event_version, member.silence_s(steady_ns), self._arbiter.strangers(steady_ns)
+        )
+
+    def links_of(self, object_id: str) -> LinkSizes:
+        """Clock and delays of an object's links as they are now."""
+        return self._members[object_id].channel.links()
+
+    def state_of(self, object_id: str) -> ControlState:
+        return self._members[object_id].target.state
+
+    # -- steps ---------------------------------------------------------------------------------
+
+    def step(self, steady_ns: int) -> PoolStep | None:
+        """Answers the newest tick; None while there is none or something before it is missing.
+
+        Args:
+            steady_ns: now on the steady clock; in lockstep it decides only when something is lost.
+        """
+        waited_s = ns_to_seconds(steady_ns - self._tick_arrived_ns)
+        tick: Tick | None = self._buffer.take(overdue=waited_s > OVERDUE_S)
+        if tick is None:
+            return None
+        self._now_ns, self._step = tick.now_ns, tick.step
+        holding = tick.lockstep and not tick.running and tick.step == 0
+        beats = self._buffer.heartbeats(tick.heartbeat if tick.in_step else None, holding)
+        self._nearby.take(self._buffer.states())
+        strangers = self._arbiter.strangers(steady_ns)
+        commands: list[tuple[str, Command]] = []
+        states: list[ObjectState] = []
+        acks: list[Ack] = []
+        events: list[Stopped] = []
+        faults: list[FaultChange] = []
+        for object_id, member in self._members.items():
+            channel, now_ns = member.channel, tick.now_ns
+            armed = member.target.state is ControlState.ARMED
+            faults += channel.begin(now_ns, running=tick.running, armed=armed)
+            member.hear(channel.down_heartbeats(beats, now_ns), steady_ns)
+            truth = tick.truths.get(object_id)
+            if truth is None:
+                continue
+            own = channel.measure(truth, now_ns)
+            own_ns = channel.clock_ns(now_ns)
+            if member.target.state is not ControlState.ARMED:
+                sent = self._buffer.references(object_id)
+                member.references += channel.down_references(sent, now_ns)
+            acks += channel.up_acks(member.answer(own_ns, self.active), now_ns)
+            outcome = member.target.step(
+                own,
+                own_ns,
+                self._heartbeat_age_s(member, tick, steady_ns),
+                self._nearby.near(own),
+                strangers,
+            )
+            if outcome.stopped is not None:
+                events.append(Stopped(object_id, outcome.stopped))
+            commands.append((object_id, outcome.command))
+            states += channel.up(outcome.report, now_ns)
+        # What the objects of one process tell the manager, they hear of each other a step later.
+        self._nearby.take(states)
+        counts = self._count(len(states) if tick.running else 0, len(acks), len(events))
+        return PoolStep(
+            tick.step,
+            tick.now_ns,
+            tick.lockstep,
+            tuple(commands),
+            tuple(states),
+            tuple(acks),
+            tuple(events),
+            counts,
+            tuple(faults),
+        )
+
+    def watch(self, steady_ns: int) -> PoolStep | None:
+        """Stops whatever may move when no tick comes any more; None when nothing is to be done."""
+        limit_s = WORLD_HANG_S if self._in_step else TICK_SILENCE_S
+        if ns_to_seconds(steady_ns - self._tick_arrived_ns) <= limit_s:
+            return None
+        return self.halt(steady_ns, limit_s)
+
+    def halt(self, steady_ns: int, limit_s: float = 0.0) -> PoolStep | None:
+        """Whatever may move stops, latched and announced; None when nothing does."""
+        silence_s = ns_to_seconds(steady_ns - self._tick_arrived_ns)
+        meaning = MEANINGS[SafetyCode.STATE_STALE]
+        stop = StopNow(SafetyCode.STATE_STALE, meaning.limit_name, silence_s, limit_s, meaning.unit)
+        moving = {i: m.target for i, m in self._members.items() if m.target.state in _MAY_MOVE}
+        if not moving:
+            return None
+        commands = tuple((i, target.stop_blindly()) for i, target in moving.items())
+        reports = [target.last_report() for target in moving.values()]
+        return PoolStep(
+            self._step,
+            self._now_ns,
+            False,
+            commands,
+            tuple(report for report in reports if report is not None),
+            (),
+            tuple(Stopped(i, stop) for i in moving),
+            self._count(0, 0, len(moving)),
+        )
+
+    # -- inside --------------------------------------------------------------------------------
+
+    def _heartbeat_age_s(self, member: _Member, tick: Tick, steady_ns: int) -> float:
+        """On session time in lockstep, where the manager beats once a step; else steady."""
+        if not tick.in_step:
+            return member.silence_s(steady_ns)
+        if member.heartbeat_stamp_ns is None:
+            return float("inf")
+        return ns_to_seconds(tick.now_ns - member.heartbeat_stamp_ns)
+
+    def _count(self, states: int, acks: int, safety_events: int) -> Counts:
+        c = self._counts
+        self._counts = Counts(c.states + states, c.acks + acks, c.safety_events + safety_events)
+        return self._counts

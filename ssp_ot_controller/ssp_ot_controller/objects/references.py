@@ -1,0 +1,403 @@
+"""References of an object: the checks before one is accepted, and the queue of those that were."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from ssp_core.clock import ns_to_seconds
+from ssp_core.geometry import FloatArray, Pose2, wrap_angle
+from ssp_core.motion.reference import Reference, sample
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import Limits
+from ssp_core.safety.fence import row_excess_m
+from ssp_core.vocabulary import ControlState, ObjectClass
+from ssp_ot_controller.bodies.dynamics import BodyLimits
+from ssp_ot_controller.control.stopping import StoppingRoom
+
+# How far a step's length and change of speed may differ from what its points say.
+STEP_M = 0.1
+_STEP_SHARE = 0.05
+_ACCELERATION_MPS2 = 0.5
+_SPEED_MPS = 1e-3
+# How far speeds and headings may lead from the places, all in all.
+_AWAY_M = 0.5
+_AWAY_SHARE = 0.02
+
+
+def contradiction(columns: FloatArray, step_m: float = STEP_M) -> str | None:
+    """The first contradiction between columns, for people; None when there is none.
+
+    Args:
+        columns: of a reference: t, x, y, yaw, speed, acceleration, curvature; finite, t rising.
+        step_m: largest difference between a step's length and what its speeds say, besides 5 %.
+    """
+    return _of_steps(columns, step_m) or _of_speeds(columns) or _of_headings(columns)
+
+
+def _said_m(columns: FloatArray) -> FloatArray:
+    t, speed = columns[0], columns[4]
+    said: FloatArray = 0.5 * (speed[:-1] + speed[1:]) * np.diff(t)
+    return said
+
+
+def _of_steps(columns: FloatArray, step_m: float) -> str | None:
+    moved = np.hypot(np.diff(columns[1]), np.diff(columns[2]))
+    said = _said_m(columns)
+    gap = np.abs(moved - said)
+    i = int(np.argmax(gap - _STEP_SHARE * said))
+    allowed = step_m + _STEP_SHARE * said[i]
+    if gap[i] <= allowed:
+        return None
+    return (
+        f"from point {i} to {i + 1} it moves {moved[i]:.3f} m while its speeds say "
+        f"{said[i]:.3f} m, limit is {allowed:.3f} m apart"
+    )
+
+
+def _of_speeds(columns: FloatArray) -> str | None:
+    t, speed, stated = columns[0], columns[4], np.abs(columns[5])
+    change = np.diff(speed)
+    most = np.maximum(stated[:-1], stated[1:])
+    over = np.abs(change) - (most + _ACCELERATION_MPS2) * np.diff(t) - _SPEED_MPS
+    i = int(np.argmax(over))
+    if over[i] <= 0.0:
+        return None
+    return (
+        f"from point {i} to {i + 1} its speed changes by {change[i]:.3f} m/s in "
+        f"{t[i + 1] - t[i]:.3f} s, while it states {most[i]:.3f} m/s^2 at most, limit is "
+        f"{_ACCELERATION_MPS2:g} m/s^2 apart"
+    )
+
+
+def _of_headings(columns: FloatArray) -> str | None:
+    _, x, y, yaw = columns[:4]
+    said = _said_m(columns)
+    middle = yaw[:-1] + 0.5 * (np.mod(np.diff(yaw) + np.pi, 2.0 * np.pi) - np.pi)
+    away = np.hypot(
+        x[1:] - x[0] - np.cumsum(said * np.cos(middle)),
+        y[1:] - y[0] - np.cumsum(said * np.sin(middle)),
+    )
+    allowed = _AWAY_M + _AWAY_SHARE * np.cumsum(said)
+    over = away - allowed
+    i = int(np.argmax(over > 0.0))
+    if over[i] <= 0.0:
+        return None
+    return (
+        f"point {i + 1} is {away[i]:.3f} m from where its speeds and headings lead, limit is "
+        f"{allowed[i]:.3f} m"
+    )
+
+
+# Rounding of a profile that drives exactly at a limit is no refusal.
+_ROUNDING = 1e-6
+
+
+class RefusalCode(IntEnum):
+    """Numbers of ReferenceAck.msg."""
+
+    STATE = 1
+    LATE = 2
+    EXPIRED = 3
+    MALFORMED = 4
+    DISCONTINUOUS = 5
+    LIMIT = 6
+    FENCE = 7
+    MOVING_END = 8
+    VERSION = 9
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """Why a reference is not taken: number and one sentence with measured value and limit."""
+
+    code: RefusalCode
+    message: str
+
+
+@dataclass(frozen=True, slots=True)
+class ContinuityLimits:
+    """How far a reference may start from where the object will be, and from itself.
+
+    Args:
+        position_m: largest jump at the start.
+        yaw_rad: largest jump of heading at the start; not for pedestrians, who turn on the spot.
+        speed_mps: largest jump of speed at the start.
+        step_m: largest difference between a step's length and what its speeds say.
+    """
+
+    position_m: float = 0.5
+    yaw_rad: float = 0.2
+    speed_mps: float = 1.0
+    step_m: float = STEP_M
+
+
+DEFAULT_CONTINUITY = ContinuityLimits()
+
+
+def check_reference(
+    reference: Reference,
+    *,
+    now_ns: int,
+    current: ObjectState,
+    previous: Reference | None,
+    limits: Limits,
+    geofence: Sequence[tuple[float, float]],
+    body_limits: BodyLimits,
+    event_version: str,
+    control_state: ControlState,
+    stop_room: StoppingRoom,
+    continuity: ContinuityLimits = DEFAULT_CONTINUITY,
+) -> Refusal | None:
+    """The first reason to refuse a reference, None when it may be taken.
+
+    Args:
+        reference: the candidate.
+        now_ns: session time, ns.
+        current: the object's own state; its size is used against the fence.
+        previous: the reference being tracked or waiting, None when there is none.
+        limits: of the site.
+        geofence: polygon, m, frame map.
+        body_limits: of the object.
+        event_version: K* version that the object was connected with.
+        control_state: references are taken in RUNNING only.
+        stop_room: of the object, in this fence.
+        continuity: tolerances.
+    """
+    return (
+        _check_state(control_state)
+        or _check_version(reference, event_version)
+        or _check_times(reference, now_ns)
+        or _check_form(reference, current)
+        or _check_start(reference, current, previous, continuity)
+        or _check_limits(reference, limits, body_limits)
+        or _check_steps(reference, continuity)
+        or _check_fence(reference, current, geofence)
+        or _check_end(reference)
+        or _check_stops(reference, stop_room)
+    )
+
+
+def _check_state(control_state: ControlState) -> Refusal | None:
+    if control_state is ControlState.RUNNING:
+        return None
+    return Refusal(
+        RefusalCode.STATE, f"object is {control_state.name}; references are taken in RUNNING"
+    )
+
+
+def _check_version(reference: Reference, event_version: str) -> Refusal | None:
+    if reference.event_version == event_version:
+        return None
+    return Refusal(
+        RefusalCode.VERSION,
+        f"reference is of event {reference.event_version or 'none'}, loaded is {event_version}",
+    )
+
+
+def _check_times(reference: Reference, now_ns: int) -> Refusal | None:
+    if now_ns >= reference.expires_at_ns:
+        over = ns_to_seconds(now_ns - reference.expires_at_ns)
+        return Refusal(RefusalCode.EXPIRED, f"expired {over:.3f} s ago; limit is before expires_at")
+    if now_ns > reference.execute_at_ns:
+        over = ns_to_seconds(now_ns - reference.execute_at_ns)
+        return Refusal(RefusalCode.LATE, f"execute_at was {over:.3f} s ago; limit is 0 s")
+    return None
+
+
+def _malformed(text: str) -> Refusal:
+    return Refusal(RefusalCode.MALFORMED, text)
+
+
+def _check_form(reference: Reference, current: ObjectState) -> Refusal | None:
+    if reference.object_id != current.object_id:
+        return _malformed(f"is for {reference.object_id!r}, this is {current.object_id!r}")
+    if len(reference.points) < 2:
+        return _malformed(f"has {len(reference.points)} point(s), needs at least 2")
+    columns = reference.columns
+    if not np.isfinite(columns).all():
+        bad = int(np.flatnonzero(~np.isfinite(columns).all(axis=0))[0])
+        return _malformed(f"point {bad} holds a value that isn't finite")
+    t, speed = columns[0], columns[4]
+    if t[0] < 0.0:
+        return _malformed(f"first point is at {t[0]:.3f} s, limit is 0 s")
+    falls = np.flatnonzero(np.diff(t) <= 0.0)
+    if len(falls):
+        i = int(falls[0]) + 1
+        return _malformed(f"time of point {i} ({t[i]:.3f} s) isn't after the one before")
+    if (speed < 0.0).any():
+        i = int(np.argmin(speed))
+        return _malformed(f"speed of point {i} is {speed[i]:.3f} m/s, limit is 0 m/s")
+    return None
+
+
+def _check_start(
+    reference: Reference,
+    current: ObjectState,
+    previous: Reference | None,
+    continuity: ContinuityLimits,
+) -> Refusal | None:
+    if previous is not None:
+        p = sample(previous, reference.execute_at_ns)
+        there, there_mps = Pose2(p.x_m, p.y_m, p.yaw_rad), p.speed_mps
+    else:
+        ahead = current.extrapolated(reference.execute_at_ns)
+        there, there_mps = ahead.pose, ahead.speed_mps
+    start = sample(reference, reference.execute_at_ns)
+    jump = math.hypot(start.x_m - there.x_m, start.y_m - there.y_m)
+    turn = abs(wrap_angle(start.yaw_rad - there.yaw_rad))
+    change = abs(start.speed_mps - there_mps)
+    checks = [
+        ("position", jump, continuity.position_m, "m"),
+        ("speed", change, continuity.speed_mps, "m/s"),
+    ]
+    if current.object_class is not ObjectClass.PEDESTRIAN:
+        checks.append(("yaw", turn, continuity.yaw_rad, "rad"))
+    for name, measured, limit, unit in checks:
+        # Written so that a value that isn't finite is refused too.
+        if not measured <= limit:
+            return Refusal(
+                RefusalCode.DISCONTINUOUS,
+                f"{name} jumps by {measured:.3f} {unit} at execute_at, limit is {limit:g} {unit}",
+            )
+    return None
+
+
+def _check_limits(reference: Reference, limits: Limits, body: BodyLimits) -> Refusal | None:
+    _, _, _, _, speed, acceleration, curvature = reference.columns
+    fastest = min(limits.speed_mps, body.speed_mps)
+    checks = [
+        ("speed", float(speed.max()), fastest, "m/s"),
+        (
+            "acceleration",
+            float(acceleration.max()),
+            min(limits.acceleration_mps2, body.acceleration_mps2),
+            "m/s^2",
+        ),
+        (
+            "deceleration",
+            float(-acceleration.min()),
+            min(limits.acceleration_mps2, body.deceleration_mps2),
+            "m/s^2",
+        ),
+    ]
+    # A walker turns on the spot, so neither curvature nor grip bounds it.
+    if body.curvature_1pm > 0.0:
+        grip = np.abs(curvature) * speed**2
+        checks += [
+            ("curvature", float(np.abs(curvature).max()), body.curvature_1pm, "1/m"),
+            ("lateral acceleration", float(grip.max()), body.lateral_acceleration_mps2, "m/s^2"),
+        ]
+    for name, measured, limit, unit in checks:
+        if measured > limit + _ROUNDING:
+            return Refusal(
+                RefusalCode.LIMIT,
+                f"{name} reaches {measured:.3f} {unit}, limit is {limit:g} {unit}",
+            )
+    return None
+
+
+def _check_steps(reference: Reference, continuity: ContinuityLimits) -> Refusal | None:
+    text = contradiction(reference.columns, continuity.step_m)
+    return None if text is None else _malformed(text)
+
+
+def _check_fence(
+    reference: Reference, current: ObjectState, geofence: Sequence[tuple[float, float]]
+) -> Refusal | None:
+    _, x, y, yaw, _, _, _ = reference.columns
+    excess = row_excess_m(x, y, yaw, current.size, geofence)
+    i = int(np.argmax(excess))
+    if excess[i] > 0.0:
+        return Refusal(
+            RefusalCode.FENCE,
+            f"at point {i} (x {x[i]:.2f} m, y {y[i]:.2f} m) the object is {excess[i]:.3f} m "
+            "outside the geofence, limit is 0 m",
+        )
+    return None
+
+
+def _check_stops(reference: Reference, stop_room: StoppingRoom) -> Refusal | None:
+    """From each of its points the object must be able to stop inside the fence."""
+    lack = stop_room.lack(reference.columns)
+    if lack is None:
+        return None
+    point = reference.points[lack.point]
+    return Refusal(
+        RefusalCode.FENCE,
+        f"{lack.how} from point {lack.point} (x {point.x_m:.2f} m, y {point.y_m:.2f} m, "
+        f"{point.speed_mps:.1f} m/s) on ends {lack.excess_m:.3f} m outside the geofence, "
+        "limit is 0 m",
+    )
+
+
+def _check_end(reference: Reference) -> Refusal | None:
+    last = reference.points[-1]
+    if last.speed_mps > _ROUNDING:
+        return Refusal(RefusalCode.MOVING_END, f"ends at {last.speed_mps:.3f} m/s, limit is 0 m/s")
+    return None
+
+
+class ReferenceQueue:
+    """Accepted references of one object. Reads no clock."""
+
+    def __init__(self) -> None:
+        self.current: Reference | None = None
+        self._waiting: list[Reference] = []
+        self._taken: dict[str, int] = {}
+
+    def before(self, execute_at_ns: int) -> Reference | None:
+        """The reference that the object will be driving just before a time, as things stand."""
+        earlier = [r for r in self._waiting if r.execute_at_ns < execute_at_ns]
+        return earlier[-1] if earlier else self.current
+
+    @property
+    def is_empty(self) -> bool:
+        """True when nothing is driven and nothing waits."""
+        return self.current is None and not self._waiting
+
+    def has_taken(self, reference: Reference) -> bool:
+        """True for one that was taken before: what was sent twice is answered alike twice."""
+        return self._taken.get(reference.reference_id) == reference.execute_at_ns
+
+    def overtaker(self, reference: Reference) -> Reference | None:
+        """An accepted reference that waits, begins no earlier, and was sent after this one.
+
+        Taking the older one would put it in the place of what the manager wants now and believes
+        to be driven.
+        """
+        return next(
+            (
+                waiting
+                for waiting in self._waiting
+                if waiting.dispatched_ns > reference.dispatched_ns
+                and waiting.execute_at_ns >= reference.execute_at_ns
+            ),
+            None,
+        )
+
+    def take(self, reference: Reference) -> None:
+        """Lets a reference wait for its time, instead of what would have begun then or later."""
+        at_ns = reference.execute_at_ns
+        self._waiting = [r for r in self._waiting if r.execute_at_ns < at_ns]
+        self._waiting.append(reference)
+        self._taken[reference.reference_id] = at_ns
+
+    def advance(self, now_ns: int) -> bool:
+        """Begins what is due; True when another reference is driven from now on."""
+        due = [r for r in self._waiting if r.execute_at_ns <= now_ns]
+        if not due:
+            return False
+        self.current = due[-1]
+        self._waiting = self._waiting[len(due) :]
+        return True
+
+    def clear(self) -> None:
+        """Forgets everything."""
+        self.current = None
+        self._waiting.clear()
+        self._taken.clear()

@@ -1,0 +1,151 @@
+"""The object's state machine after ISO 22133, as one table.
+
+Everything that changes an object's control state goes through ``transition``. PRE_RUNNING and
+REMOTE_CONTROLLED are states of the standard that our objects don't enter; they stand in the table
+because abort must be legal wherever an object may be.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+from ssp_core.errors import PeerError
+from ssp_core.run_file.model import RunSpec
+from ssp_core.vocabulary import ControlState
+
+
+class ObjectEvent(IntEnum):
+    """Commands by the numbers of ObjectCommand.srv; from 100 on what the object itself notices."""
+
+    CONNECT = 1
+    ARM = 2
+    DISARM = 3
+    START = 4
+    STOP = 5
+    ABORT = 6
+    ALL_CLEAR = 7
+    INIT_DONE = 100
+    PRE_ARM_DONE = 101
+    STANDSTILL = 102
+    RUN_DONE = 103
+    LOCAL_STOP = 104
+
+
+class IllegalTransition(PeerError):
+    """An event that the present state doesn't know. The state is as it was."""
+
+    def __init__(self, state: ControlState, event: ObjectEvent) -> None:
+        self.state = state
+        self.event = event
+        known = ", ".join(e.name for e in TABLE[state])
+        super().__init__(f"{event.name} is not possible in {state.name} (possible: {known})")
+
+
+_ALWAYS: dict[ObjectEvent, ControlState] = {
+    ObjectEvent.ABORT: ControlState.ABORTING,
+    ObjectEvent.LOCAL_STOP: ControlState.ABORTING,
+}
+
+TABLE: dict[ControlState, dict[ObjectEvent, ControlState]] = {
+    ControlState.OFF: {ObjectEvent.CONNECT: ControlState.INIT, **_ALWAYS},
+    ControlState.INIT: {ObjectEvent.INIT_DONE: ControlState.DISARMED, **_ALWAYS},
+    ControlState.DISARMED: {
+        ObjectEvent.CONNECT: ControlState.INIT,
+        ObjectEvent.ARM: ControlState.PRE_ARMING,
+        **_ALWAYS,
+    },
+    ControlState.PRE_ARMING: {
+        ObjectEvent.PRE_ARM_DONE: ControlState.ARMED,
+        ObjectEvent.DISARM: ControlState.DISARMED,
+        **_ALWAYS,
+    },
+    ControlState.ARMED: {
+        ObjectEvent.START: ControlState.RUNNING,
+        ObjectEvent.DISARM: ControlState.DISARMED,
+        **_ALWAYS,
+    },
+    ControlState.PRE_RUNNING: dict(_ALWAYS),
+    ControlState.RUNNING: {
+        ObjectEvent.STOP: ControlState.POSTRUN,
+        ObjectEvent.RUN_DONE: ControlState.POSTRUN,
+        **_ALWAYS,
+    },
+    ControlState.POSTRUN: {ObjectEvent.STANDSTILL: ControlState.DISARMED, **_ALWAYS},
+    ControlState.REMOTE_CONTROLLED: dict(_ALWAYS),
+    ControlState.ABORTING: {
+        ObjectEvent.ALL_CLEAR: ControlState.DISARMED,
+        ObjectEvent.STANDSTILL: ControlState.ABORTING,
+        **_ALWAYS,
+    },
+}
+
+
+def transition(state: ControlState, event: ObjectEvent) -> ControlState:
+    """The state after an event.
+
+    Raises:
+        IllegalTransition: the table has no such pair.
+    """
+    try:
+        return TABLE[state][event]
+    except KeyError:
+        raise IllegalTransition(state, event) from None
+
+
+# Numbers of ObjectCommand.srv.
+REFUSED_TRANSITION = 1
+REFUSED_CONDITION = 2
+REFUSED_VERSION = 3
+# What the manager may ask for; the other events are for the object itself to notice.
+COMMANDS = frozenset(
+    {
+        ObjectEvent.CONNECT,
+        ObjectEvent.ARM,
+        ObjectEvent.DISARM,
+        ObjectEvent.START,
+        ObjectEvent.STOP,
+        ObjectEvent.ABORT,
+        ObjectEvent.ALL_CLEAR,
+    }
+)
+
+
+@dataclass(frozen=True, slots=True)
+class CommandResponse:
+    """Answer to a command of the manager (ObjectCommand.srv)."""
+
+    accepted: bool
+    error_code: int = 0
+    error_msg: str = ""
+
+
+def cannot_arm(
+    run: RunSpec, event_version: str, heartbeat_age_s: float, other_managers: int
+) -> CommandResponse | None:
+    """Why an object can't be armed, None when nothing keeps it from that.
+
+    Args:
+        run: of the object.
+        event_version: K* version of the manager's run.
+        heartbeat_age_s: since the manager's last heartbeat, inf before the first.
+        other_managers: how many managers beside ours send heartbeats.
+    """
+    ours, limit_s = run.event_version, run.limits.heartbeat_s
+    if event_version != ours:
+        return CommandResponse(
+            False,
+            REFUSED_VERSION,
+            f"this object has K* version {ours[:19]}..., the manager {event_version[:19]}...",
+        )
+    if not heartbeat_age_s <= limit_s:
+        return CommandResponse(
+            False,
+            REFUSED_CONDITION,
+            f"no heartbeat of the manager for {heartbeat_age_s:.2g} s, limit {limit_s:g} s",
+        )
+    if other_managers:
+        return CommandResponse(
+            False, REFUSED_CONDITION, f"{other_managers} other manager(s) send heartbeats too"
+        )
+    return None

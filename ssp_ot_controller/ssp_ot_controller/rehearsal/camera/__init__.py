@@ -1,1 +1,0 @@
-"""The played camera driver."""

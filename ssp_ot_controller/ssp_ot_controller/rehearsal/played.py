@@ -1,0 +1,174 @@
+"""Hardware that a rehearsal plays: the VUT as its driver moves it, and bodies behind UDP."""
+
+from __future__ import annotations
+
+import select
+import socket
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from ssp_core.clock import ns_to_seconds, seconds_to_ns
+from ssp_core.errors import HostError
+from ssp_core.files import Closing
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import RunSpec
+from ssp_core.vocabulary import Role, SessionPhase
+from ssp_ot_controller.bodies.datagrams import COMMAND_BYTES
+from ssp_ot_controller.bodies.dynamics import BodyState, step_body
+from ssp_ot_controller.bodies.simulated import BodyServer
+from ssp_ot_controller.sil.vut_driver import VutDriver
+
+# The plant is stepped at least this finely, also where a busy machine comes late.
+_PLANT_STEP_S = 0.01
+# However late: what wasn't stepped by then stays out, as for a vehicle that stood meanwhile.
+_LONGEST_S = 1.0
+
+
+class PlayedVehicle:
+    """Drives by the heartbeats that it hears, as a driver does by the radio. Reads no clock.
+
+    Args:
+        run: its VUT and driver.
+        now_ns: system clock.
+    """
+
+    def __init__(self, run: RunSpec, now_ns: int) -> None:
+        self._run = run
+        self._driver = VutDriver(run)
+        self._now_ns = now_ns
+        self._began_ns: int | None = None
+        self._silent_ns = seconds_to_ns(run.limits.heartbeat_s)
+        self._heard_ns: int | None = None
+        self._phase = SessionPhase.IDLE
+        self.body = BodyState.at_rest(run.vut.start.pose)
+
+    def hear(self, phase: SessionPhase, now_ns: int) -> None:
+        """A heartbeat."""
+        if phase is SessionPhase.RUNNING and self._phase is not SessionPhase.RUNNING:
+            self._began_ns = now_ns
+        self._phase, self._heard_ns = phase, now_ns
+
+    def drives(self, now_ns: int) -> bool:
+        """The session runs, and somebody still says so."""
+        heard = self._heard_ns is not None and now_ns - self._heard_ns <= self._silent_ns
+        return heard and self._phase is SessionPhase.RUNNING
+
+    def advance(self, others: Sequence[ObjectState], now_ns: int) -> BodyState:
+        """Moves the vehicle up to a time.
+
+        Args:
+            others: what its driver sees.
+            now_ns: system clock.
+        """
+        left_ns = min(now_ns - self._now_ns, seconds_to_ns(_LONGEST_S))
+        self._now_ns = now_ns - left_ns
+        longest_ns = seconds_to_ns(_PLANT_STEP_S)
+        while self._now_ns < now_ns:
+            step_ns = min(longest_ns, now_ns - self._now_ns)
+            self._now_ns += step_ns
+            command = self._driver.command(
+                self._state(), others, None, drives=self.drives(self._now_ns)
+            )
+            self.body = step_body(self._run.vut.cls, self.body, command, ns_to_seconds(step_ns))
+        return self.body
+
+    @property
+    def now_ns(self) -> int:
+        """Up to when it was moved."""
+        return self._now_ns
+
+    def _state(self) -> ObjectState:
+        vut, b = self._run.vut, self.body
+        began_ns = self._began_ns if self._began_ns is not None else self._now_ns
+        return ObjectState(
+            vut.id, vut.cls, Role.VUT, max(self._now_ns - began_ns, 0), b.x_m, b.y_m, b.yaw_rad,
+            b.speed_mps, b.acceleration_mps2, b.yaw_rate_radps, vut.size,
+        )  # fmt: skip
+
+
+# The loop looks at the plants this often at least.
+_TICK_S = 0.002
+_LOG_HEADER = "time_ns,object,x_m,y_m,yaw_rad,speed_mps,brakes_by_itself"
+
+
+class PlayedBodies(Closing):
+    """One socket and one plant per object of a run.
+
+    Args:
+        run: gives classes and starts.
+        host: address to listen at.
+        first_port: of the first object, counting up; 0: any that are free.
+        log: CSV file for the true states, one row per object and state; None: none.
+
+    Raises:
+        HostError: an address can't be listened at.
+    """
+
+    def __init__(self, run: RunSpec, host: str, first_port: int, log: Path | None) -> None:
+        self._log = log.open("w") if log is not None else None
+        self._served: list[tuple[str, BodyServer, socket.socket]] = []
+        if self._log is not None:
+            self._log.write(_LOG_HEADER + "\n")
+        for number, target in enumerate(run.targets):
+            port = first_port + number if first_port else 0
+            sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+            sock.setblocking(False)
+            server = BodyServer(target.id, target.cls, target.start.pose, time.time_ns())
+            self._served.append((target.id, server, sock))
+            try:
+                sock.bind((host, port))
+            except OSError as error:
+                self.close()
+                raise HostError(
+                    f"can't listen at {host}:{port}: {error.strerror}; choose other ports with "
+                    "--first-port, or 0 for any that are free"
+                ) from None
+
+    @property
+    def addresses(self) -> dict[str, str]:
+        """Of each object's body, as ``ssp run --body`` takes it."""
+        found = {}
+        for object_id, _, sock in self._served:
+            host, port = sock.getsockname()
+            found[object_id] = f"udp://{host}:{port}"
+        return found
+
+    def serve(self, until: Callable[[], bool]) -> None:
+        """Follows commands and sends states until told to end."""
+        sockets = [sock for _, _, sock in self._served]
+        while not until():
+            readable, _, _ = select.select(sockets, [], [], _TICK_S)
+            for object_id, server, sock in self._served:
+                if sock in readable:
+                    data, address = sock.recvfrom(COMMAND_BYTES + 1)
+                    server.on_datagram(data, address, time.time_ns())
+                state = server.state_due(time.time_ns())
+                if state is not None:
+                    _send(sock, state, server.commander)
+                    self._write(object_id, server)
+
+    def _write(self, object_id: str, server: BodyServer) -> None:
+        if self._log is None:
+            return
+        b = server.body
+        self._log.write(
+            f"{time.time_ns()},{object_id},{b.x_m:.4f},{b.y_m:.4f},{b.yaw_rad:.5f},"
+            f"{b.speed_mps:.4f},{int(server.brakes_by_itself)}\n"
+        )
+        self._log.flush()
+
+    def close(self) -> None:
+        """Frees the sockets."""
+        for _, _, sock in self._served:
+            sock.close()
+        if self._log is not None:
+            self._log.close()
+
+
+def _send(sock: socket.socket, data: bytes, address: tuple[str, int]) -> None:
+    try:
+        sock.sendto(data, address)
+    except OSError:
+        # A commander that is gone or can't be reached: lost, like a datagram on the way.
+        return

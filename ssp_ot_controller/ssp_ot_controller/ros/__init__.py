@@ -1,0 +1,1 @@
+"""What talks to ROS: nodes, their parameters, and conversions of messages."""

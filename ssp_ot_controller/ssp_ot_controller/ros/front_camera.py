@@ -1,0 +1,146 @@
+"""The node ``front_camera``: renders the VUT's forward view on the world's ticks."""
+
+from __future__ import annotations
+
+import sys
+from collections import deque
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import TransformStamped
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from sensor_msgs.msg import CameraInfo, CompressedImage
+
+from ssp_core import names
+from ssp_core.cdr import steps
+from ssp_core.errors import InputError
+from ssp_core.ros import (
+    LATCHED,
+    SENSOR,
+    STATE,
+    StopRequest,
+    declare,
+    run_node,
+    stamp_from_ns,
+    subscribe_raw,
+)
+from ssp_core.run_file.model import Camera, RunSpec, load_run
+from ssp_core.world.camera import intrinsics
+from ssp_core.world.scenery import left_out
+from ssp_core.world.transforms import encode_transform, mount
+from ssp_msgs.msg import StepDone, WorldTick
+from ssp_ot_controller.camera.frames import Odometer, Schedule, jpeg, steps_per_frame
+from ssp_ot_controller.camera.renderer.render import render, warm_up
+from ssp_ot_controller.camera.renderer.scene import Foreseen, Indicators, Scene
+from ssp_ot_controller.ros import conversions
+from ssp_ot_controller.ros.parameters import FRONT_CAMERA
+
+_CHECK_PERIOD_S = 0.2
+_DROP_REPORT_PERIOD_S = 5.0
+_REALTIME_BACKLOG = 1  # frames that may wait while one is drawn
+
+
+@dataclass(frozen=True)
+class _Job:
+    step: int
+    stamp: Time
+    scene: Scene
+
+
+class FrontCamera(Node):
+    """Draws in a worker thread, in order; in lockstep nothing is dropped."""
+
+    def __init__(self) -> None:
+        super().__init__(names.FRONT_CAMERA, namespace=names.NAMESPACE)
+        run_file = declare(self, FRONT_CAMERA)["run_file"]
+        self._run: RunSpec = load_run(run_file)
+        if self._run.camera is None:
+            raise InputError(
+                "asks for no pictures", file=run_file, field="camera",
+                remedy="give the run a camera, or don't start front_camera",
+            )  # fmt: skip
+        self._camera: Camera = self._run.camera
+        for text in left_out(self._run.road):
+            self.get_logger().warning(text)
+        self._lens = intrinsics(self._camera)
+        self._schedule = Schedule(steps_per_frame(self._camera.rate_hz, self._run.step_s))
+        self._odometer = Odometer()
+        self._indicators = Indicators(self._run.road, Foreseen(self._run))
+        # Compiling or loading kernels takes seconds: do it before anybody can see this node.
+        warm_up(self._run.road, self._run.look, self._camera, self._run.seed)
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._worker = ThreadPoolExecutor(1, thread_name_prefix="render")
+        self._waiting: deque[Future[None]] = deque()
+        self._dropped = 0
+        self._reported = 0
+        self._image = self.create_publisher(CompressedImage, names.CAMERA_IMAGE, SENSOR)
+        self._info = self.create_publisher(CameraInfo, names.CAMERA_INFO, LATCHED)
+        self._done = self.create_publisher(StepDone, names.STEP_DONE, STATE)
+        self._mount = self.create_publisher(TransformStamped, names.CAMERA_MOUNT, LATCHED)
+        self._mount.publish(encode_transform(mount(self._camera)))
+        subscribe_raw(self, WorldTick, names.WORLD_TICK, steps.decode_tick, self._on_tick, STATE)
+        self.create_timer(_CHECK_PERIOD_S, self._check, clock=self._steady)
+        self.create_timer(_DROP_REPORT_PERIOD_S, self._report_drops, clock=self._steady)
+
+    def _on_tick(self, tick: steps.WorldTick) -> None:
+        states = tuple(s for s in tick.objects if s.is_finite)
+        self._odometer.update(states)
+        now_ns = self._steady.now().nanoseconds
+        wanted, self._schedule = self._schedule.decide(tick.step, tick.running, now_ns)
+        if not wanted:
+            return
+        vut = next((s for s in states if s.object_id == self._run.vut.id), None)
+        if vut is None:
+            self.get_logger().error(
+                f"tick {tick.step}: no place of {self._run.vut.id!r}, so no frame", once=True
+            )
+            return
+        blinking = self._indicators.update(states, tick.stamp_ns)
+        self._check()
+        if not tick.lockstep and len(self._waiting) > _REALTIME_BACKLOG:
+            self._dropped += 1
+            return
+        scene = Scene(self._run.road, vut, states, self._odometer.snapshot(), blinking)
+        job = _Job(tick.step, stamp_from_ns(tick.stamp_ns), scene)
+        self._waiting.append(self._worker.submit(self._publish_frame, job))
+
+    def _publish_frame(self, job: _Job) -> None:
+        """Runs in the worker thread: draws, publishes, and answers the step."""
+        run = self._run
+        index = job.step // self._schedule.every
+        picture = render(job.scene, run.look, self._camera, index, run.seed)
+        data = jpeg(picture, self._camera.jpeg_quality)
+        self._info.publish(conversions.info_message(job.stamp, self._lens))
+        self._image.publish(conversions.image_message(job.stamp, data))
+        self._done.publish(steps.encode_done(steps.StepDone(names.FRONT_CAMERA, job.step)))
+
+    def _check(self) -> None:
+        """Forgets finished frames; raises the worker's error here, where it stops the node."""
+        while self._waiting and self._waiting[0].done():
+            self._waiting.popleft().result()
+
+    def _report_drops(self) -> None:
+        if self._dropped > self._reported:
+            self.get_logger().warning(
+                f"{self._dropped - self._reported} frames dropped, {self._dropped} in all: "
+                "drawing doesn't keep up with the wall clock"
+            )
+            self._reported = self._dropped
+
+    def close(self) -> None:
+        """Finishes the frame being drawn, drops those that wait, and says what was lost."""
+        self._worker.shutdown(wait=True, cancel_futures=True)
+        self._report_drops()
+
+
+def main() -> int:
+    def make(_: StopRequest) -> Node:
+        return FrontCamera()
+
+    return run_node(make, FrontCamera.close)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,399 @@
+"""The object_target node: one or several object targets of a run in one process."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from rclpy.clock import Clock, ClockType
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+
+from ssp_core import names, ros
+from ssp_core.cdr import steps
+from ssp_core.cdr.references import Acknowledgement, decode_reference, encode_ack
+from ssp_core.cdr.states import StateArray, decode_state, decode_states, encode_state, encode_states
+from ssp_core.errors import HostError
+from ssp_core.motion.reference import Reference
+from ssp_core.motion.state import ObjectState as State
+from ssp_core.run_file.model import RunSpec, load_run
+from ssp_msgs.msg import (
+    ActuatorCommands,
+    FaultEvent,
+    Heartbeat,
+    HeartbeatReply,
+    ObjectState,
+    ObjectStates,
+    ReferenceAck,
+    SafetyEvent,
+    StepDone,
+    WorldTick,
+)
+from ssp_msgs.msg import Reference as ReferenceMsg
+from ssp_msgs.srv import ObjectCommand
+from ssp_ot_controller.objects.live import LiveObjects, open_bodies
+from ssp_ot_controller.objects.messages import HeartbeatAnswer, HeartbeatResponder, answers_late
+from ssp_ot_controller.objects.pool import Ack, ObjectPool, PoolStep, Stopped, Tick
+from ssp_ot_controller.objects.state_machine import ObjectEvent
+from ssp_ot_controller.ros.conversions import fault_to_msg
+from ssp_ot_controller.ros.parameters import OBJECT_TARGET
+
+
+class ObjectPublishers:
+    """Publishes for one process of objects.
+
+    Args:
+        node: owns the publishers.
+        object_ids: its objects.
+        states_in_one: all states in one message instead of one per object.
+        destroyers: takes what ends each publisher.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        object_ids: tuple[str, ...],
+        states_in_one: bool,
+        destroyers: list[Callable[[], object]],
+    ) -> None:
+        self._node = node
+        self._destroyers = destroyers
+        pub = self._pub
+        self._command = pub(ActuatorCommands, names.ACTUATOR_COMMANDS, ros.COMMAND)
+        self._done = pub(StepDone, names.STEP_DONE, ros.STATE)
+        self._safety = pub(SafetyEvent, names.SAFETY_EVENT, ros.LATCHED)
+        self._fault = pub(FaultEvent, names.FAULT_EVENT, ros.LATCHED)
+        self._reply = pub(HeartbeatReply, names.HEARTBEAT_REPLY, ros.STATE)
+        self._states = None
+        self._state: dict[str, Any] = {}
+        if states_in_one:
+            self._states = pub(ObjectStates, names.OBJECT_STATES, ros.STATE)
+        else:
+            self._state = {i: pub(ObjectState, names.state_topic(i), ros.STATE) for i in object_ids}
+        self._ack = {i: pub(ReferenceAck, names.ack_topic(i), ros.COMMAND) for i in object_ids}
+
+    def _pub(self, kind: Any, topic: str, qos: QoSProfile) -> Any:
+        publisher = self._node.create_publisher(kind, topic, qos)
+        self._destroyers.append(partial(self._node.destroy_publisher, publisher))
+        return publisher
+
+    def send(self, step: PoolStep | None) -> None:
+        """Everything that a step led to; nothing for None."""
+        if step is None:
+            return
+        stamp = ros.stamp_from_ns(step.now_ns)
+        for change in step.faults:
+            self._fault.publish(fault_to_msg(change, self._node.get_name(), step.now_ns))
+        for ack in step.acks:
+            self._send_ack(ack)
+        for event in step.events:
+            self._announce(event, stamp)
+        self._send_states(step.states)
+        if step.answered:
+            counts = step.counts
+            done = steps.StepDone(
+                self._node.get_name(),
+                step.step,
+                states_sent=counts.states,
+                acks_sent=counts.acks,
+                safety_events_sent=counts.safety_events,
+            )
+            self._done.publish(steps.encode_done(done))
+        # Last: the manager judges the step meanwhile, and the world waits for it anyway.
+        self._command.publish(steps.encode_commands(self._commands_of(step)))
+
+    def reply(self, reply: HeartbeatAnswer) -> None:
+        """An answer to a heartbeat; one that leaves now is stamped here, as late as may be."""
+        message = HeartbeatReply(
+            participant=self._node.get_name(),
+            object_ids=list(reply.object_ids),
+            sequence=reply.sequence,
+            heartbeat_sent=ros.stamp_from_ns(reply.sent_ns),
+            heartbeat_received=ros.stamp_from_ns(reply.received_ns),
+        )
+        message.header.frame_id = names.MAP_FRAME
+        replied_ns = reply.replied_ns
+        if replied_ns is None:
+            replied_ns = time.time_ns() + reply.offset_ns
+        message.header.stamp = ros.stamp_from_ns(replied_ns)
+        self._reply.publish(message)
+
+    def _send_states(self, states: tuple[State, ...]) -> None:
+        if self._states is None:
+            for state in states:
+                self._state[state.object_id].publish(encode_state(state))
+        elif states:
+            newest_ns = max(state.stamp_ns for state in states)
+            array = StateArray(newest_ns, self._node.get_name(), states)
+            self._states.publish(encode_states(array))
+
+    def _commands_of(self, step: PoolStep) -> steps.BodyCommands:
+        commands = tuple(
+            steps.BodyCommand(
+                object_id,
+                step.step,
+                command.acceleration_mps2,
+                command.curvature_1pm,
+                command.heading_rad,
+                command.emergency_stop,
+            )
+            for object_id, command in step.commands
+        )
+        return steps.BodyCommands(step.now_ns, self._node.get_name(), step.step, commands)
+
+    def _send_ack(self, ack: Ack) -> None:
+        answer = Acknowledgement(
+            ack.stamp_ns,
+            ack.reference_id,
+            ack.object_id,
+            ack.refusal is None,
+            int(ack.refusal.code) if ack.refusal else 0,
+            ack.refusal.message if ack.refusal else "",
+        )
+        self._ack[ack.object_id].publish(encode_ack(answer))
+
+    def _announce(self, event: Stopped, stamp: Any) -> None:
+        stop = event.stop
+        message = SafetyEvent(
+            code=int(stop.code),
+            limit_name=stop.limit_name,
+            source=self._node.get_name(),
+            object_id=event.object_id,
+            measured=stop.measured,
+            limit=stop.limit,
+            unit=stop.unit,
+            reaction="local_stop",
+        )
+        message.header.stamp = stamp
+        message.header.frame_id = names.MAP_FRAME
+        self._safety.publish(message)
+        self._node.get_logger().error(
+            f"{event.object_id}: {stop.limit_name} {stop.measured:.3g} (limit {stop.limit:.3g})"
+        )
+
+
+LATE_ANSWER_PERIOD_S = 0.005
+WATCHDOG_PERIOD_S = 0.05
+
+
+class ObjectTargetNode(LifecycleNode):
+    """Thin lifecycle node around objects.pool; with ``autostart`` it activates itself."""
+
+    def __init__(self, stop: ros.StopRequest) -> None:
+        super().__init__(names.OBJECT_TARGET, namespace=names.NAMESPACE)
+        self._given = ros.declare(self, OBJECT_TARGET)
+        self._pool: ObjectPool | None = None
+        self._live: LiveObjects | None = None
+        self._destroyers: list[Callable[[], object]] = []
+        self._failure: Exception | None = None
+        if self._given["autostart"]:
+            for trigger in (self.trigger_configure, self.trigger_activate):
+                if trigger() is not TransitionCallbackReturn.SUCCESS:
+                    raise self._failure or HostError("the node could not be activated")
+
+    # -- lifecycle -----------------------------------------------------------------------------
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        try:
+            self._configure()
+        except Exception as error:
+            # rclpy turns an exception here into ERROR without a word.
+            self.get_logger().error(f"can't configure: {error}")
+            self._failure = error
+            raise
+        return super().on_configure(state)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        if self._pool is not None:
+            self._pool.active = True
+        return super().on_activate(state)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self._halt()
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self._halt()
+        while self._destroyers:
+            self._destroyers.pop()()
+        return super().on_cleanup(state)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self._halt()
+        return super().on_shutdown(state)
+
+    def _halt(self) -> None:
+        """Whatever may move stops, and stays stopped until it is cleared."""
+        if self._pool is not None:
+            self._pool.active = False
+            self._send(self._pool.halt(time.monotonic_ns()))
+
+    def _configure(self) -> None:
+        run = load_run(self._given["run_file"])
+        wanted = [i for i in self._given["object_ids"].split(",") if i]
+        pool = self._pool = ObjectPool(run, wanted, time.monotonic_ns())
+        pool.active = False
+        self._responder = HeartbeatResponder()
+        self._outgoing = ObjectPublishers(
+            self, pool.object_ids, run.states_in_one, self._destroyers
+        )
+        self._hear(pool, run)
+        self._timer(WATCHDOG_PERIOD_S, partial(self._watch, pool))
+        if answers_late(run, pool.object_ids):
+            self._timer(LATE_ANSWER_PERIOD_S, self._answer_late)
+        if run.mode == "live":
+            self._connect_bodies(pool, run)
+
+    def _connect_bodies(self, pool: ObjectPool, run: RunSpec) -> None:
+        """No simulated world: the bodies are read and commanded here, on a steady timer."""
+        bodies = open_bodies(run, pool.object_ids, self._given["bodies"], time.time_ns())
+        live = self._live = LiveObjects(run, bodies, self.get_logger().error)
+        self._destroyers.append(self._disconnect_bodies)
+        self._timer(run.step_s, partial(self._live_step, pool, live))
+
+    def _disconnect_bodies(self) -> None:
+        if self._live is not None:
+            self._live.close()
+            self._live = None
+
+    def _live_step(self, pool: ObjectPool, live: LiveObjects) -> None:
+        pool.take_tick(live.tick(time.time_ns()), time.monotonic_ns())
+        self._send(pool.step(time.monotonic_ns()))
+
+    def _hear(self, pool: ObjectPool, run: RunSpec) -> None:
+        sub = self._sub
+        for object_id in pool.object_ids:
+            on_reference = partial(self._on_reference, pool)
+            topic = names.reference_topic(object_id)
+            sub(ReferenceMsg, topic, decode_reference, on_reference, ros.COMMAND)
+            service = self.create_service(
+                ObjectCommand,
+                names.command_service(object_id),
+                partial(self._on_object_command, pool, object_id),
+            )
+            self._destroyers.append(partial(self.destroy_service, service))
+        others = [t.id for t in run.targets if t.id not in pool.object_ids]
+        if others and run.states_in_one:
+            on_array = partial(self._on_array, pool)
+            sub(ObjectStates, names.OBJECT_STATES, decode_states, on_array, ros.STATE)
+            others = []
+        for object_id in [names.VUT_ID, *others]:
+            topic, on_state = names.state_topic(object_id), partial(self._on_state, pool)
+            sub(ObjectState, topic, decode_state, on_state, ros.STATE)
+        on_heartbeat = partial(self._on_heartbeat, pool)
+        sub(Heartbeat, names.HEARTBEAT, steps.decode_heartbeat, on_heartbeat, ros.STATE)
+        if run.mode != "live":
+            on_tick = partial(self._on_tick, pool)
+            sub(WorldTick, names.WORLD_TICK, steps.decode_tick, on_tick, ros.STATE)
+
+    def _timer(self, period_s: float, callback: Callable[[], None]) -> None:
+        timer = self.create_timer(period_s, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._destroyers.append(partial(self.destroy_timer, timer))
+
+    def _sub(
+        self,
+        kind: Any,
+        topic: str,
+        decode: Callable[[bytes], Any],
+        callback: Callable[[Any], None],
+        qos: QoSProfile,
+    ) -> None:
+        subscription = ros.subscribe_raw(self, kind, topic, decode, callback, qos)
+        self._destroyers.append(partial(self.destroy_subscription, subscription))
+
+    # -- what arrives --------------------------------------------------------------------------
+
+    def _on_heartbeat(self, pool: ObjectPool, beat: steps.Heartbeat) -> None:
+        system_ns, steady_ns = time.time_ns(), time.monotonic_ns()
+        pool.take_heartbeat(
+            beat.sequence,
+            beat.session_state,
+            beat.stamp_ns,
+            beat.references_sent,
+            beat.sender,
+            steady_ns,
+        )
+        if pool.active:
+            links = {i: pool.links_of(i) for i in pool.object_ids}
+            for reply in self._responder.on_heartbeat(
+                beat.sequence, beat.sent_ns, links, system_ns, steady_ns
+            ):
+                self._outgoing.reply(reply)
+        self._work(pool)
+
+    def _on_state(self, pool: ObjectPool, state: State) -> None:
+        pool.take_states((state,))
+        self._work(pool)
+
+    def _on_array(self, pool: ObjectPool, array: StateArray) -> None:
+        pool.take_states(s for s in array.states if s.object_id not in pool.object_ids)
+
+    def _on_reference(self, pool: ObjectPool, reference: Reference) -> None:
+        pool.take_reference(reference)
+        self._work(pool)
+
+    def _on_tick(self, pool: ObjectPool, message: steps.WorldTick) -> None:
+        tick = Tick(
+            step=message.step,
+            now_ns=message.stamp_ns,
+            running=message.running,
+            lockstep=message.lockstep,
+            heartbeat=message.heartbeat,
+            truths={s.object_id: s for s in message.objects if s.object_id in pool.object_ids},
+            vut_states_sent=message.vut_states_sent,
+        )
+        pool.take_tick(tick, time.monotonic_ns())
+        self._work(pool)
+
+    def _on_object_command(
+        self,
+        pool: ObjectPool,
+        object_id: str,
+        request: ObjectCommand.Request,
+        response: ObjectCommand.Response,
+    ) -> ObjectCommand.Response:
+        try:
+            event = ObjectEvent(request.command)
+        except ValueError:
+            response.accepted = False
+            response.error_code = ObjectCommand.Response.REFUSED_TRANSITION
+            response.error_msg = f"command {request.command} is unknown"
+        else:
+            reply = pool.command(object_id, event, request.event_version, time.monotonic_ns())
+            response.accepted = reply.accepted
+            response.error_code = reply.error_code
+            response.error_msg = reply.error_msg
+        response.control_state = int(pool.state_of(object_id))
+        return response
+
+    def _work(self, pool: ObjectPool) -> None:
+        """Deals with the newest tick once everything that belongs to it has arrived."""
+        if self._live is None:
+            self._send(pool.step(time.monotonic_ns()))
+
+    def _send(self, step: PoolStep | None) -> None:
+        # Bodies first: what is published can wait.
+        if self._live is not None:
+            self._live.command(step, time.time_ns())
+        self._outgoing.send(step)
+
+    def _watch(self, pool: ObjectPool) -> None:
+        self._work(pool)
+        self._send(pool.watch(time.monotonic_ns()))
+
+    def _answer_late(self) -> None:
+        for reply in self._responder.due(time.monotonic_ns()):
+            self._outgoing.reply(reply)
+
+
+def main() -> None:
+    """Entry point of the node."""
+    sys.exit(ros.run_node(ObjectTargetNode, lambda node: node.trigger_shutdown()))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,339 @@
+"""The sil_world node: owns the simulated world, paces it, publishes its truth."""
+
+from __future__ import annotations
+
+import faulthandler
+import sys
+import tempfile
+import time
+from collections.abc import Iterable
+from functools import partial
+from pathlib import Path
+
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rosgraph_msgs.msg import Clock as ClockMsg
+
+from ssp_core import names, ros
+from ssp_core.cdr import steps
+from ssp_core.cdr.states import encode_state
+from ssp_core.clock import NS_PER_S, ns_to_seconds
+from ssp_core.errors import InputError
+from ssp_core.run_file.model import load_run
+from ssp_core.safety.codes import MEANINGS, SafetyCode
+from ssp_core.vocabulary import SessionPhase
+from ssp_msgs.msg import (
+    ActuatorCommand,
+    ActuatorCommands,
+    FaultEvent,
+    Heartbeat,
+    ObjectState,
+    SafetyEvent,
+    SessionState,
+    StepDone,
+    WorldTick,
+)
+from ssp_ot_controller.bodies.dynamics import Command
+from ssp_ot_controller.camera.frames import slowest_frame_s
+from ssp_ot_controller.ros.conversions import fault_to_msg
+from ssp_ot_controller.ros.parameters import SIL_WORLD
+from ssp_ot_controller.sil.disturbance import Channel
+from ssp_ot_controller.sil.faults import FaultChange
+from ssp_ot_controller.sil.lockstep import StepBarrier
+from ssp_ot_controller.sil.sumo_world import SumoWorld
+from ssp_ot_controller.sil.vut_driver import DRIVER_TIMEOUT_S
+from ssp_ot_controller.sil.world import OVER, World
+
+HOLD_PERIOD_S = 0.1
+# Lockstep: a participant that keeps the world waiting this long on the steady clock is dropped.
+HANG_LIMIT_S = 1.5
+# A world that didn't look for so long stood still itself, and blames nobody for that time.
+OWN_PAUSE_S = 0.5
+# An external driver that is heard while the world holds is one that may drive.
+DRIVER_FRESH_S = 1.0
+CLOSE_LIMIT_S = 4.0
+# Realtime: falling behind the wall clock by more than this makes the run invalid.
+OVERRUN_S = 0.1
+
+
+class SilWorld(Node):
+    """Thin node around sil.world.World."""
+
+    def __init__(self, stop: ros.StopRequest) -> None:
+        super().__init__(names.SIL_WORLD, namespace=names.NAMESPACE)
+        run_file = ros.declare(self, SIL_WORLD)["run_file"]
+        self._run = load_run(run_file)
+        if self._run.mode == "live":
+            raise InputError(
+                "a live session has no simulated world",
+                file=run_file,
+                field="mode",
+                value="live",
+                remedy="start it without sil_world, or run it in mode lockstep or realtime",
+            )
+        self._work_dir = tempfile.TemporaryDirectory(prefix="ssp-sumo-")
+        self._sumo = SumoWorld(self._run, Path(self._work_dir.name))
+        self._sumo.__enter__()
+        self._world = World(self._run, self._sumo)
+        self._lockstep = self._run.mode == "lockstep"
+        self._channel = Channel(self._run, names.VUT_ID)
+        camera = self._run.camera
+        external = (names.VUT_DRIVER,) if self._run.driver.external else ()
+        self._barrier = StepBarrier(
+            (names.OBJECT_TARGET, names.SCENARIO_MANAGER, *external),
+            [t.id for t in self._run.targets],
+            names.OBJECT_TARGET,
+            names.FRONT_CAMERA if camera is not None else None,
+            max(1, round(1.0 / (camera.rate_hz * self._run.step_s))) if camera is not None else 1,
+            names.SCENARIO_MANAGER,
+            names.MONITOR,
+        )
+        self._commands: dict[str, tuple[int, Command]] = {}
+        self._session = SessionPhase.UNKNOWN
+        self._heartbeat = 0
+        self._heartbeat_arrived_ns = time.monotonic_ns()
+        self._vut_states_sent = 0
+        self._running = False
+        self._over = False
+        self._waiting_since_ns = self._looked_ns = time.monotonic_ns()
+        self._started_ns = 0
+        self._overrun_told = False
+        self._driver_told = False
+        self._driver_heard_ns: int | None = None
+        self._make_endpoints()
+
+    def _make_endpoints(self) -> None:
+        pub, raw = self.create_publisher, partial(ros.subscribe_raw, self)
+        self._pub_clock = pub(ClockMsg, names.CLOCK, ros.STATE)
+        self._pub_tick = pub(WorldTick, names.WORLD_TICK, ros.STATE)
+        self._pub_vut = pub(ObjectState, names.state_topic(names.VUT_ID), ros.STATE)
+        self._pub_safety = pub(SafetyEvent, names.SAFETY_EVENT, ros.LATCHED)
+        self._pub_fault = pub(FaultEvent, names.FAULT_EVENT, ros.LATCHED)
+        raw(StepDone, names.STEP_DONE, steps.decode_done, self._on_done, ros.STATE)
+        commands = names.ACTUATOR_COMMANDS
+        raw(ActuatorCommands, commands, steps.decode_commands, self._on_commands, ros.COMMAND)
+        if not self._lockstep:
+            # There the manager's answers carry the state, in step order.
+            state, take = names.SESSION_STATE, self._take_session
+            raw(SessionState, state, _session_of, take, ros.LATCHED, raw=False)
+        if self._run.driver.external:
+            topic, decode = names.VUT_COMMAND, steps.decode_command
+            raw(ActuatorCommand, topic, decode, self._on_vut_command, ros.COMMAND)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(HOLD_PERIOD_S, self._on_hold_timer, clock=steady)
+        if not self._lockstep:
+            raw(Heartbeat, names.HEARTBEAT, steps.decode_heartbeat, self._on_heartbeat, ros.STATE)
+            self.create_timer(self._run.step_s, self._on_pace_timer, clock=steady)
+
+    # -- what arrives --------------------------------------------------------------------------
+
+    def _on_commands(self, message: steps.BodyCommands) -> None:
+        for one in message.commands:
+            if one.object_id != names.VUT_ID:
+                self._commands[one.object_id] = one.step, _command(one)
+                self._barrier.on_command(one.object_id, one.step)
+        self._go_on()
+
+    def _on_vut_command(self, message: steps.BodyCommand) -> None:
+        """An external driver; in lockstep its command for a step is its answer to it."""
+        self._driver_heard_ns = time.monotonic_ns()
+        self._barrier.on_done(names.VUT_DRIVER, message.step)
+        if self._lockstep and message.step == 0:
+            # Of the state before the start there are any number, and none is driven by.
+            return
+        self._commands[names.VUT_ID] = message.step, _command(message)
+        self._go_on()
+
+    def _on_heartbeat(self, beat: steps.Heartbeat) -> None:
+        self._heartbeat_arrived_ns = time.monotonic_ns()
+
+    def _on_done(self, message: steps.StepDone) -> None:
+        self._barrier.on_done(message.participant, message.step)
+        if message.participant == names.SCENARIO_MANAGER and self._lockstep:
+            self._heartbeat = max(self._heartbeat, message.heartbeat)
+            self._take_session(message.session_state)
+        self._go_on()
+
+    def _take_session(self, session: SessionPhase) -> None:
+        self._session = session
+        if session is SessionPhase.RUNNING and not self._running and not self._over:
+            self._running = True
+            self._started_ns = self._waiting_since_ns = time.monotonic_ns()
+
+    # -- stepping ------------------------------------------------------------------------------
+
+    def _go_on(self) -> None:
+        """Lockstep: steps as soon as nobody is waited for."""
+        if not (self._lockstep and self._running):
+            return
+        if not self._barrier.waiting_for(self._world.step_index):
+            self._step()
+
+    def _step(self) -> None:
+        manager_lost = self._manager_lost()
+        drive_vut = self._session is SessionPhase.RUNNING and not manager_lost
+        before_ns = self._world.now_ns
+        self._world.advance(self._commands, drive_vut)
+        self._waiting_since_ns = time.monotonic_ns()
+        self._report_driver(before_ns)
+        over = manager_lost or self._session in OVER
+        if over and self._world.all_stand():
+            self._running = False
+            self._over = True
+        self._vut_states_sent += self._report_vut(running=True)
+        self._publish_tick()
+
+    def _report_driver(self, now_ns: int) -> None:
+        """Faults of the VUT's driver that began or ended, and the silence of an external one."""
+        driver = self._world.driver
+        self._publish_faults(driver.fault_changes, now_ns)
+        driver.fault_changes.clear()
+        if driver.external_is_silent and not self._driver_told:
+            self._driver_told = True
+            self._announce(
+                SafetyCode.PARTICIPANT_LOST,
+                names.VUT_DRIVER,
+                driver.external_silence_s,
+                DRIVER_TIMEOUT_S,
+            )
+
+    def _may_start(self) -> bool:
+        """Until then the VUT says nothing of itself, so that no session can start.
+
+        Its driver is heard; in lockstep also everybody whom the world is going to wait for.
+        """
+        if self._lockstep and self._barrier.unheard():
+            return False
+        if not self._run.driver.external:
+            return True
+        heard_ns = self._driver_heard_ns
+        return heard_ns is not None and time.monotonic_ns() - heard_ns <= DRIVER_FRESH_S * NS_PER_S
+
+    def _publish_faults(self, changes: Iterable[FaultChange], now_ns: int) -> None:
+        for change in changes:
+            self._pub_fault.publish(fault_to_msg(change, self.get_name(), now_ns))
+
+    def _report_vut(self, running: bool) -> int:
+        """Sends what the VUT reports of itself; gives the number of states that arrive now."""
+        now_ns, channel = self._world.now_ns, self._channel
+        armed = self._session is SessionPhase.ARMED
+        self._publish_faults(channel.begin(now_ns, running=running, armed=armed), now_ns)
+        arrived = channel.up(channel.measure(self._world.vut(), now_ns), now_ns)
+        for state in arrived:
+            self._pub_vut.publish(encode_state(state))
+        return len(arrived)
+
+    def _manager_lost(self) -> bool:
+        """The VUT's driver stops when nobody leads the session any more."""
+        if self._lockstep:
+            return names.SCENARIO_MANAGER in self._barrier.dropped
+        silence_s = (time.monotonic_ns() - self._heartbeat_arrived_ns) / NS_PER_S
+        return silence_s > self._run.limits.heartbeat_s
+
+    def _on_pace_timer(self) -> None:
+        """Realtime: one step a period, and the truth about falling behind."""
+        if not self._running:
+            return
+        behind_s = ns_to_seconds(time.monotonic_ns() - self._started_ns - self._world.now_ns)
+        if behind_s > OVERRUN_S and not self._overrun_told:
+            self._overrun_told = True
+            self._announce(SafetyCode.OVERRUN, names.SIL_WORLD, behind_s, OVERRUN_S)
+        self._step()
+
+    def _on_hold_timer(self) -> None:
+        """While holding: repeats the present state. While stepping: watches for the silent."""
+        now_ns, looked_ns = time.monotonic_ns(), self._looked_ns
+        self._looked_ns = now_ns
+        if not self._running:
+            if self._may_start():
+                self._report_vut(running=False)
+            self._publish_tick()
+            return
+        if (now_ns - looked_ns) / NS_PER_S > OWN_PAUSE_S:
+            self._waiting_since_ns = now_ns
+        waited_s = (now_ns - self._waiting_since_ns) / NS_PER_S
+        if self._lockstep and waited_s > HANG_LIMIT_S:
+            lost = self._barrier.lost(self._world.step_index)
+            overdue = [one for one in lost if waited_s > self._hang_limit_s(one)]
+            for participant in overdue:
+                limit_s = self._hang_limit_s(participant)
+                self._barrier.drop(participant)
+                self._driver_told = self._driver_told or participant == names.VUT_DRIVER
+                if participant == names.MONITOR:
+                    # The manager watches the recorder by itself, and knows more of it.
+                    continue
+                self._announce(SafetyCode.PARTICIPANT_LOST, participant, waited_s, limit_s)
+            if overdue or not lost:
+                self._waiting_since_ns = time.monotonic_ns()
+        if self._lockstep and self._barrier.dropped:
+            # Those that were dropped send nothing that would make the world go on.
+            for _ in range(round(HOLD_PERIOD_S / self._run.step_s)):
+                self._go_on()
+
+    def _hang_limit_s(self, participant: str) -> float:
+        """How long the world waits for a participant, wall clock."""
+        if participant == names.FRONT_CAMERA and self._run.camera is not None:
+            return max(HANG_LIMIT_S, slowest_frame_s(self._run.camera))
+        return HANG_LIMIT_S
+
+    # -- sending -------------------------------------------------------------------------------
+
+    def _publish_tick(self) -> None:
+        now_ns = self._world.now_ns
+        tick = steps.WorldTick(
+            stamp_ns=now_ns,
+            step=self._world.step_index,
+            running=self._running,
+            lockstep=self._lockstep,
+            heartbeat=self._heartbeat,
+            vut_states_sent=self._vut_states_sent,
+            objects=tuple(self._world.objects()),
+        )
+        self._pub_tick.publish(steps.encode_tick(tick))
+        # Last: others work on the tick meanwhile.
+        self._pub_clock.publish(steps.encode_clock(now_ns))
+
+    def _announce(self, code: SafetyCode, who: str, measured: float, limit: float) -> None:
+        meaning = MEANINGS[code]
+        message = SafetyEvent(
+            code=int(code),
+            limit_name=meaning.limit_name,
+            source=self.get_name(),
+            object_id=who,
+            measured=measured,
+            limit=limit,
+            unit=meaning.unit,
+            reaction="abort",
+        )
+        message.header.stamp = ros.stamp_from_ns(self._world.now_ns)
+        message.header.frame_id = names.MAP_FRAME
+        self._pub_safety.publish(message)
+        self.get_logger().error(f"{meaning.limit_name}: {who} after {measured:.2f} s")
+
+    def close(self) -> None:
+        # A SUMO that doesn't come to its end has nothing left to write.
+        faulthandler.dump_traceback_later(CLOSE_LIMIT_S, exit=True)
+        self._sumo.__exit__(None, None, None)
+        self._work_dir.cleanup()
+
+
+def _session_of(message: SessionState) -> SessionPhase:
+    return SessionPhase(message.state)
+
+
+def _command(command: steps.BodyCommand) -> Command:
+    return Command(
+        command.acceleration_mps2,
+        command.curvature_1pm,
+        command.heading_rad,
+        command.emergency_stop,
+    )
+
+
+def main() -> None:
+    """Entry point of the node."""
+    sys.exit(ros.run_node(SilWorld, lambda node: node.close()))
+
+
+if __name__ == "__main__":
+    main()

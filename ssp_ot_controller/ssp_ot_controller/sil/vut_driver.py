@@ -1,0 +1,399 @@
+"""The driver of the simulated VUT: car following, emergency braking, external commands, faults."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+from ssp_core import names
+from ssp_core.clock import ns_to_seconds, seconds_to_ns
+from ssp_core.geometry import Polyline, wrap_angle
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import FaultKind, RunSpec
+from ssp_core.run_file.participants import Driver
+from ssp_core.vocabulary import ObjectClass
+from ssp_core.world.car_following import following_acceleration, free_acceleration
+from ssp_ot_controller.bodies.dynamics import LIMITS, Command, brake_command
+from ssp_ot_controller.sil.faults import FaultChange, FaultSchedule
+
+VULNERABLE = frozenset({ObjectClass.PEDESTRIAN, ObjectClass.CYCLIST})
+
+# METHOD 1: a corridor is the vehicle's width plus this on each side.
+CORRIDOR_MARGIN_M = 0.3
+# Two passages of the same place count as meeting when they are closer in time than this.
+_MEETING_MARGIN_S = 1.0
+# Speed below which the time that the VUT needs past a place isn't stretched further.
+_MIN_PASSING_MPS = 1.0
+# Sideways speed below which somebody beside the corridor isn't on the way into it.
+_STEPPING_MPS = 0.2
+_LOOKAHEAD_S = 0.6
+_MIN_LOOKAHEAD_M = 4.0
+_MIN_GAP_M = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Obstacle:
+    """Something to keep a gap to.
+
+    Args:
+        object_id: whose it is; empty for the path's end.
+        gap_m: from the VUT's front to it along the path, > 0.
+        speed_mps: along the path.
+        acceleration_mps2: along the path.
+    """
+
+    object_id: str
+    gap_m: float
+    speed_mps: float
+    acceleration_mps2: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Extent:
+    """An object in the path's frame: interval along and across, and velocity."""
+
+    rear_m: float
+    front_m: float
+    right_m: float
+    left_m: float
+    along_mps: float
+    across_mps: float
+
+
+def _extent(state: ObjectState, path: Polyline, place: tuple[float, float]) -> _Extent:
+    """Extent about the projection of the reference point; the path counts as straight there."""
+    station, offset = place
+    pose = path.pose(station)
+    if station <= 0.0 or station >= path.length_m:
+        # Beyond an end the path goes on straight.
+        along, offset = pose.to_local(state.x_m, state.y_m)
+        station += along
+    turn = wrap_angle(state.yaw_rad - pose.yaw_rad)
+    c, s = math.cos(turn), math.sin(turn)
+    half, size = state.size.width_m / 2.0, state.size
+    # Of a rectangle, the extremes along a direction are its middle and half its projected sides.
+    ahead, behind = size.front_m, -size.rear_m
+    along = abs(s) * half
+    across = abs(c) * half
+    return _Extent(
+        station + min(c * ahead, c * behind) - along,
+        station + max(c * ahead, c * behind) + along,
+        offset + min(s * ahead, s * behind) - across,
+        offset + max(s * ahead, s * behind) + across,
+        state.speed_mps * c,
+        state.speed_mps * s,
+    )
+
+
+def _is_beside(
+    other: ObjectState, path: Polyline, place: tuple[float, float], half_m: float
+) -> bool:
+    """True when an object is so far beside the path that none of its corners is in the corridor."""
+    station, offset = place
+    size = other.size
+    reach = max(size.front_m, size.rear_m) + 0.5 * size.width_m
+    return 0.0 < station < path.length_m and abs(offset) > half_m + reach
+
+
+def _occupied_s(other: _Extent, half_m: float) -> tuple[float, float] | None:
+    """From when to when (s from now) an extent is within half_m of the path; None for never."""
+    if other.across_mps > _STEPPING_MPS:
+        enter = (-half_m - other.left_m) / other.across_mps
+        leave = (half_m - other.right_m) / other.across_mps
+    elif other.across_mps < -_STEPPING_MPS:
+        enter = (half_m - other.right_m) / other.across_mps
+        leave = (-half_m - other.left_m) / other.across_mps
+    elif other.left_m >= -half_m and other.right_m <= half_m:
+        return 0.0, math.inf
+    else:
+        return None
+    return (max(enter, 0.0), leave) if leave > 0.0 else None
+
+
+def _arrival_s(gap_m: float, speed_mps: float, driver: Driver) -> float:
+    """Earliest arrival: accelerating as the driver would, up to cruise speed."""
+    a, v0 = driver.acceleration_mps2, speed_mps
+    top = max(driver.cruise_mps, v0)
+    t_top = (top - v0) / a
+    s_top = 0.5 * (v0 + top) * t_top
+    if gap_m <= s_top:
+        return (math.sqrt(v0 * v0 + 2.0 * a * gap_m) - v0) / a
+    return t_top + (gap_m - s_top) / top
+
+
+def find_obstacles(
+    vut: ObjectState, others: Sequence[ObjectState], path: Polyline, driver: Driver
+) -> list[Obstacle]:
+    """Everything ahead in the VUT's corridor, or predicted to be there when the VUT comes by.
+
+    A vulnerable road user who is only predicted to be there is an obstacle that stands, so that
+    the VUT stops before the place where they cross.
+
+    Args:
+        vut: the VUT.
+        others: all other objects.
+        path: of the VUT, frame map.
+        driver: for its cruise speed and acceleration.
+    """
+    return _find_obstacles(vut, others, path, driver, _places(vut, others, path))
+
+
+def _places(
+    vut: ObjectState, others: Sequence[ObjectState], path: Polyline
+) -> list[tuple[float, float]]:
+    """Station and offset of the VUT, then of everybody else."""
+    return path.project_all([(vut.x_m, vut.y_m), *((o.x_m, o.y_m) for o in others)])
+
+
+def _find_obstacles(
+    vut: ObjectState,
+    others: Sequence[ObjectState],
+    path: Polyline,
+    driver: Driver,
+    places: Sequence[tuple[float, float]],
+) -> list[Obstacle]:
+    own = _extent(vut, path, places[0])
+    half = vut.size.width_m / 2.0 + CORRIDOR_MARGIN_M
+    found = []
+    for other, place in zip(others, places[1:], strict=True):
+        vulnerable = other.object_class in VULNERABLE
+        if not vulnerable and _is_beside(other, path, place, half):
+            continue
+        e = _extent(other, path, place)
+        if e.front_m <= own.front_m:
+            continue
+        gap = e.rear_m - own.front_m
+        if vulnerable:
+            if not _meets(vut, e, gap, half, driver):
+                continue
+            # Their motion along the path is no reason to close in on them while they cross.
+            ahead = e.along_mps if abs(e.across_mps) <= _STEPPING_MPS else 0.0
+        elif e.left_m < -half or e.right_m > half:
+            continue
+        else:
+            ahead = e.along_mps
+        speed_up = other.acceleration_mps2 if ahead > 0.0 else 0.0
+        found.append(Obstacle(other.object_id, max(gap, _MIN_GAP_M), ahead, speed_up))
+    return found
+
+
+def _meets(vut: ObjectState, other: _Extent, gap_m: float, half_m: float, driver: Driver) -> bool:
+    occupied = _occupied_s(other, half_m)
+    if occupied is None:
+        return False
+    enter_s, leave_s = occupied
+    speed = max(vut.speed_mps, 0.0)
+    arrives_s = _arrival_s(max(gap_m, 0.0), speed, driver)
+    length = other.front_m - other.rear_m + vut.size.length_m
+    passed_s = (max(gap_m, 0.0) + length) / max(speed, _MIN_PASSING_MPS)
+    return enter_s < passed_s + _MEETING_MARGIN_S and leave_s > arrives_s - _MEETING_MARGIN_S
+
+
+def follow(speed_mps: float, obstacle: Obstacle, driver: Driver) -> float:
+    """Acceleration in m/s^2 with one obstacle ahead."""
+    return following_acceleration(
+        speed_mps, obstacle.gap_m, obstacle.speed_mps, obstacle.acceleration_mps2, driver
+    )
+
+
+def steer(vut: ObjectState, path: Polyline) -> float:
+    """Curvature in 1/m of pure pursuit: 2 y / L^2 to the path's point at a distance ahead."""
+    return _steer(vut, path, path.project(vut.x_m, vut.y_m)[0])
+
+
+def _steer(vut: ObjectState, path: Polyline, station: float) -> float:
+    ahead = max(_MIN_LOOKAHEAD_M, _LOOKAHEAD_S * vut.speed_mps)
+    target = path.pose(station + ahead)
+    x, y = vut.pose.to_local(target.x_m, target.y_m)
+    return 2.0 * y / max(x * x + y * y, 1e-6)
+
+
+def drive(
+    vut: ObjectState, others: Sequence[ObjectState], path: Polyline, driver: Driver, dt_s: float
+) -> Command:
+    """The driver's command for the next step.
+
+    The VUT accelerates to cruise speed, keeps its gap to obstacles if the driver reacts, and
+    stands with its reference point at the path's end.
+
+    Args:
+        vut: state of the VUT.
+        others: all other objects; their order doesn't matter.
+        path: to be driven, frame map.
+        driver: of the run.
+        dt_s: time for which the command is held.
+    """
+    limits = LIMITS[vut.object_class]
+    v = max(vut.speed_mps, 0.0)
+    b = driver.comfortable_deceleration_mps2
+    # A little above cruise speed the driver only eases off.
+    wanted = max(min(free_acceleration(v, driver), (driver.cruise_mps - v) / dt_s), -b)
+    places = _places(vut, others if driver.reacts else (), path)
+    station = places[0][0]
+    left = path.length_m - station
+    if v * v / (2.0 * b) >= left - v * limits.acceleration_lag_s:
+        wanted = min(wanted, -v * v / (2.0 * left) if left > 0.05 else -b)
+    if driver.reacts:
+        for obstacle in _find_obstacles(vut, others, path, driver, places):
+            wanted = min(wanted, follow(v, obstacle, driver))
+    acceleration = min(max(wanted, -limits.deceleration_mps2), limits.acceleration_mps2)
+    bound = limits.curvature_1pm
+    return Command(acceleration, min(max(_steer(vut, path, station), -bound), bound), vut.yaw_rad)
+
+
+# What is left between two bumpers when the braking was just enough.
+MARGIN_M = 0.5
+# Brakes need this long to build up; the gap closes meanwhile.
+BUILD_UP_S = 0.2
+
+
+def needed_deceleration(speed_mps: float, obstacle: Obstacle) -> float:
+    """Constant deceleration in m/s^2 that just avoids an obstacle, inf for none that does.
+
+    The obstacle keeps braking until it stands; that it may speed up doesn't count. Where the two
+    come closest while it moves, (v - v_o)^2 / (2 s) + |a_o| is needed; where it stands first,
+    v^2 / (2 (s + v_o^2 / (2 |a_o|))). s is the gap less the margin and less what closes while the
+    brakes build up.
+
+    Args:
+        speed_mps: of the VUT, >= 0.
+        obstacle: ahead of it.
+    """
+    ahead, braking = max(obstacle.speed_mps, 0.0), max(-obstacle.acceleration_mps2, 0.0)
+    closing = speed_mps - ahead
+    if closing <= 0.0 and braking == 0.0:
+        return 0.0
+    room = obstacle.gap_m - MARGIN_M - max(closing, 0.0) * BUILD_UP_S
+    if closing > 0.0:
+        if room <= 0.0:
+            return math.inf
+        meets_after_s = 2.0 * room / closing
+        if braking == 0.0 or meets_after_s < ahead / braking:
+            return braking + closing * closing / (2.0 * room)
+    to_standstill = room + ahead * ahead / (2.0 * braking)
+    return speed_mps**2 / (2.0 * to_standstill) if to_standstill > 0.0 else math.inf
+
+
+def brakes_in_emergency(
+    active: bool, speed_mps: float, obstacles: Iterable[Obstacle], driver: Driver
+) -> bool:
+    """Whether the emergency brake is on in the next step.
+
+    Args:
+        active: it is on.
+        speed_mps: of the VUT, >= 0.
+        obstacles: everything ahead of it, as ``driver.find_obstacles`` gives them.
+        driver: its ``aeb_deceleration_mps2`` is None where there is no such brake.
+    """
+    if driver.aeb_deceleration_mps2 is None:
+        return False
+    if active:
+        return any(o.speed_mps < speed_mps or o.speed_mps <= 0.0 for o in obstacles)
+    limit = driver.comfortable_deceleration_mps2
+    return any(needed_deceleration(speed_mps, o) > limit for o in obstacles)
+
+
+# An external driver that is silent this long is taken for gone.
+DRIVER_TIMEOUT_S = 0.2
+VUT_FAULTS: tuple[FaultKind, ...] = ("vut_stop",)
+
+
+class VutDriver:
+    """The VUT's driver: the built-in one or an external one, and the fault that stops it.
+
+    ``vut_stop`` brakes with the fault's value, or comfortably without one, for as long as it
+    lasts.
+
+    Args:
+        run: the run.
+    """
+
+    def __init__(self, run: RunSpec) -> None:
+        self._run = run
+        motion = run.vut.approach
+        self._path = Polyline(motion.path) if motion is not None else None
+        self._faults = FaultSchedule(run.faults, (names.VUT_ID,), VUT_FAULTS)
+        self._drivers = _drivers(run.driver)
+        self._emergency = False
+        self._heard_ns = 0
+        self.external_silence_s = 0.0
+        self.fault_changes: list[FaultChange] = []
+
+    def command(
+        self,
+        vut: ObjectState,
+        others: Sequence[ObjectState],
+        external: tuple[float, Command] | None,
+        *,
+        drives: bool,
+    ) -> Command:
+        """What the VUT does until the next step.
+
+        Args:
+            vut: its true state; the stamp is session time.
+            others: true states of everybody else.
+            external: age in s and command of an external driver, None before its first one.
+            drives: False: the run is over or nobody leads it; it brakes to a standstill.
+        """
+        self.fault_changes += self._faults.begin(vut.stamp_ns, running=True, armed=True)
+        driver, wants_to_drive = self._driver(vut.stamp_ns)
+        if self._run.driver.external:
+            command = self._external(vut, external)
+        else:
+            command = self._built_in(vut, others, driver)
+        comfortable = driver.comfortable_deceleration_mps2
+        stops = [fault.value or comfortable for fault in self._faults.active("vut_stop")]
+        if not (drives and wants_to_drive):
+            stops.append(comfortable)
+        if not stops:
+            return command
+        # While it stops it keeps its lane, and brakes harder for what stops ahead of it.
+        return replace(command, acceleration_mps2=min(command.acceleration_mps2, -max(stops)))
+
+    def _driver(self, now_ns: int) -> tuple[Driver, bool]:
+        at_ns, driver, drives = self._drivers[0]
+        for at_ns, changed, wants in self._drivers[1:]:
+            if now_ns >= at_ns:
+                driver, drives = changed, wants
+        return driver, drives
+
+    def _built_in(self, vut: ObjectState, others: Sequence[ObjectState], driver: Driver) -> Command:
+        if self._path is None:
+            return brake_command(vut, driver.comfortable_deceleration_mps2)
+        command = drive(vut, others, self._path, driver, self._run.step_s)
+        if driver.aeb_deceleration_mps2 is None:
+            return command
+        obstacles = find_obstacles(vut, others, self._path, driver)
+        speed = max(vut.speed_mps, 0.0)
+        self._emergency = brakes_in_emergency(self._emergency, speed, obstacles, driver)
+        if not self._emergency:
+            return command
+        hardest = min(command.acceleration_mps2, -driver.aeb_deceleration_mps2)
+        return replace(command, acceleration_mps2=hardest)
+
+    @property
+    def external_is_silent(self) -> bool:
+        return self.external_silence_s > DRIVER_TIMEOUT_S
+
+    def _external(self, vut: ObjectState, external: tuple[float, Command] | None) -> Command:
+        """The command of an external driver; a silent one's vehicle brakes to a standstill.
+
+        Nobody answers the state before the start. A command that isn't finite is no command.
+        """
+        if external is not None and external[1].is_finite:
+            self._heard_ns = vut.stamp_ns - seconds_to_ns(external[0])
+        self.external_silence_s = ns_to_seconds(vut.stamp_ns - self._heard_ns)
+        if external is None or not external[1].is_finite or self.external_is_silent:
+            return brake_command(vut, self._run.limits.stop_deceleration_mps2)
+        return external[1]
+
+
+def _drivers(driver: Driver) -> list[tuple[int, Driver, bool]]:
+    """The driver from which time on, ns, and whether it wants to drive at all."""
+    found = [(0, driver, True)]
+    for change in sorted(driver.later, key=lambda c: c.at_s):
+        wants = change.cruise_mps > 0.0
+        changed = driver.model_copy(update={"cruise_mps": change.cruise_mps}) if wants else driver
+        found.append((seconds_to_ns(change.at_s), changed, wants))
+    return found

@@ -1,1 +1,0 @@
-"""The object target: takes references, tracks them, and stops by itself when it must."""

@@ -1,1 +1,0 @@
-"""The vehicle under test of a physical session: what its GNSS/INS says, as the session's state."""
