@@ -18,6 +18,8 @@ from pathlib import Path
 
 NS_PER_S = 1_000_000_000
 RECORD = struct.Struct("<IIqq")
+# So long a busy reader may take for the last messages.
+END_S = 30.0
 _ENCAPSULATION = b"\x00\x01\x00\x00"
 IMAGE, TEXT = "sensor_msgs/msg/CompressedImage", "std_msgs/msg/String"
 
@@ -96,6 +98,7 @@ def write_spec(path: Path, topics: tuple[LoadTopic, ...], log: Path) -> None:
 
 def main(spec_file: str) -> None:
     import rclpy
+    from rclpy.duration import Duration
     from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
     from ssp_monitor.conversions import message_class
@@ -140,6 +143,9 @@ def main(spec_file: str) -> None:
                     publishers[index].publish(encode(topic, number, stamp_ns))
                     sent[index] += 1
                     log.write(RECORD.pack(index, number, time.monotonic_ns(), stamp_ns))
+    for publisher, topic in zip(publishers, topics, strict=True):
+        if topic.reliable:
+            publisher.wait_for_all_acked(Duration(seconds=END_S))
     node.destroy_node()
     rclpy.shutdown()
 
