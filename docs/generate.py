@@ -16,7 +16,7 @@ from enum import Enum
 from pathlib import Path
 
 import ssp_eval.params
-import ssp_monitor.params
+import ssp_monitor.ros.parameters
 import ssp_vla_bridge.params as vla_bridge_params
 from ssp_core.names import SESSION_COMMANDS
 from ssp_core.node_interface import Parameter
@@ -305,7 +305,7 @@ def with_tables(text: str) -> str:
 
 PARAMETERS = {
     "ssp_ot_controller": ot_controller_params.NODES,
-    "ssp_monitor": ssp_monitor.params.NODES,
+    "ssp_monitor": ssp_monitor.ros.parameters.NODES,
     "ssp_vla_bridge": vla_bridge_params.NODES,
     "ssp_eval": ssp_eval.params.NODES,
 }

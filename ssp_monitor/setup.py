@@ -19,10 +19,10 @@ setup(
     license="Apache-2.0",
     entry_points={
         "console_scripts": [
-            "monitor = ssp_monitor.node:main",
-            "page = ssp_monitor.page.node:main",
-            "replay = ssp_monitor.replay.cli:main",
-            "view = ssp_monitor.view.node:main",
+            "monitor = ssp_monitor.ros.monitor_node:main",
+            "page = ssp_monitor.ros.page_node:main",
+            "replay = ssp_monitor.replay_cli:main",
+            "view = ssp_monitor.ros.view_node:main",
         ]
     },
 )

@@ -33,9 +33,9 @@ from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.processes import free_domain, remove_shared_ports, remove_stale_shared_memory
 from ssp_core.run_file.model import RunSpec, load_run
 from ssp_core.vocabulary import ControlState, ObjectClass, Role, SessionPhase
-from ssp_monitor.node import MonitorNode
-from ssp_monitor.page.node import MonitorPage
-from ssp_monitor.view.node import ViewNode
+from ssp_monitor.ros.monitor_node import MonitorNode
+from ssp_monitor.ros.page_node import MonitorPage
+from ssp_monitor.ros.view_node import ViewNode
 from ssp_msgs.msg import HeartbeatReply, RecorderStatus, SessionState, WorldTick
 from ssp_msgs.srv import ObjectCommand
 from ssp_ot_controller.objects.pool import ObjectPool

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 import ssp_eval.params
-import ssp_monitor.params
+import ssp_monitor.ros.parameters
 import ssp_vla_bridge.params as vla_bridge_params
 from ssp_core.errors import InputError
 from ssp_core.node_interface import Parameter
@@ -21,7 +21,7 @@ from ssp_scenario_manager.compile.prepare import prepare_run
 pytestmark = pytest.mark.ros
 TABLES: dict[str, tuple[Parameter, ...]] = {
     **ot_controller_params.NODES,
-    **ssp_monitor.params.NODES,
+    **ssp_monitor.ros.parameters.NODES,
     **vla_bridge_params.NODES,
     **ssp_eval.params.NODES,
     "scenario_manager": (),
@@ -72,17 +72,17 @@ def make(name: str, stop: Any, run_file: Path, start: Start) -> Any:
         start(run_file=run_file)
         return PlayedVut(stop)
     if name == "monitor":
-        from ssp_monitor.node import MonitorNode
+        from ssp_monitor.ros.monitor_node import MonitorNode
 
         start(run_file=run_file, bag_dir=run_file.with_name("bag"))
         return MonitorNode()
     if name == "monitor_page":
-        from ssp_monitor.page.node import MonitorPage
+        from ssp_monitor.ros.page_node import MonitorPage
 
         start(port=0, page_rate_hz=5)
         return MonitorPage()
     if name == "view":
-        from ssp_monitor.view.node import ViewNode
+        from ssp_monitor.ros.view_node import ViewNode
 
         start()
         return ViewNode()

@@ -7,13 +7,11 @@ from pathlib import Path
 
 from ssp_core.bag.split import REPEATED_KEY
 from ssp_core.files import MAX_TEXT_BYTES
-from ssp_monitor.core.closing import MOST_S
-from ssp_monitor.core.disk import LEAST_S
-from ssp_monitor.core.encoding import ORIGINAL
-from ssp_monitor.core.importance import MEANINGS, Importance
-from ssp_monitor.core.recorder import BATCH_BYTES
-from ssp_monitor.core.report import REPORT_NAME, SCHEMA
-from ssp_monitor.core.selection import MOST_TOPICS, NOISE
+from ssp_monitor.recorder.disk import LEAST_S
+from ssp_monitor.recorder.encoding import ORIGINAL
+from ssp_monitor.recorder.recorder import BATCH_BYTES
+from ssp_monitor.recorder.report import MOST_S, REPORT_NAME, SCHEMA
+from ssp_monitor.recorder.topics import MEANINGS, MOST_TOPICS, NOISE, Importance
 
 TEXT = (Path(__file__).resolve().parent.parent / "docs" / "recording.md").read_text()
 FLAT = " ".join(TEXT.split())

@@ -23,8 +23,8 @@ from ssp_core.cdr.images import COMPRESSED_TYPE, VIDEO_TYPE
 from ssp_core.cli import main
 from ssp_core.clock import NS_PER_S
 from ssp_core.errors import InputError
-from ssp_monitor.bag_cli.selection import parse_time
-from ssp_monitor.core.video_encoder import VideoEncoder
+from ssp_monitor.bag_tools.selection import parse_time
+from ssp_monitor.recorder.video_encoder import VideoEncoder
 
 CLOCK = "rosgraph_msgs/msg/Clock"
 STRING = "std_msgs/msg/String"

@@ -27,8 +27,8 @@ from ssp_core.bag.writer import BagWriter
 from ssp_core.cdr.images import COMPRESSED_TYPE, RAW_TYPE, VIDEO_TYPE
 from ssp_core.cli import main
 from ssp_core.clock import NS_PER_S
-from ssp_monitor.core.video_encoder import VideoEncoder
-from ssp_monitor.export.file_names import FileNames
+from ssp_monitor.bag_tools.export import FileNames
+from ssp_monitor.recorder.video_encoder import VideoEncoder
 
 START_NS = 1_700_000_000 * NS_PER_S
 IMAGE = "/ssp/cam/image"

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from ssp_core.errors import InputError
-from ssp_monitor.core import attachments
-from ssp_monitor.core.attachments import run_attachments
+from ssp_monitor.recorder import plan
+from ssp_monitor.recorder.plan import run_attachments
 
 
 @pytest.fixture
@@ -57,9 +57,9 @@ def test_what_is_too_large_is_refused_together(
     (task / "a.xodr").write_bytes(b"a" * 40)
     (task / "b.xodr").write_bytes(b"b" * 40)
     size = len(run_file.read_bytes()) + 80
-    monkeypatch.setattr(attachments, "MOST_BYTES", size)
+    monkeypatch.setattr(plan, "MOST_BYTES", size)
     assert len(run_attachments(run_file)) == 3
-    monkeypatch.setattr(attachments, "MOST_BYTES", size - 1)
+    monkeypatch.setattr(plan, "MOST_BYTES", size - 1)
     with pytest.raises(InputError, match=r"b\.xodr: is too large"):
         run_attachments(run_file)
 

@@ -20,10 +20,16 @@ from ssp_core.clock import NS_PER_S
 from ssp_core.errors import InputError
 from ssp_core.run_file.model import RunSpec
 from ssp_core.world.transforms import TF_TYPE, Transform, encode_transforms
-from ssp_monitor.core.recorder import Recorder
-from ssp_monitor.core.stamps import SimulatedTime, stamp_at
-from ssp_monitor.core.topics import CLOCK_TYPE, Profile, TopicSpec, bag_topics, uses_simulated_time
-from ssp_monitor.params import topic_rules
+from ssp_monitor.recorder.losses import SimulatedTime, stamp_at
+from ssp_monitor.recorder.recorder import Recorder
+from ssp_monitor.recorder.topics import (
+    CLOCK_TYPE,
+    Profile,
+    TopicSpec,
+    bag_topics,
+    uses_simulated_time,
+)
+from ssp_monitor.ros.parameters import topic_rules
 
 CLOCK = TopicSpec("/clock", CLOCK_TYPE, Profile.STATE)
 DEADLINE_S = 120.0

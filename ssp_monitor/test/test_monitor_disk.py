@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssp_core.run_file.model import RunSpec
-from ssp_monitor.core.disk import (
+from ssp_monitor.recorder.disk import (
     LEAST_S,
     RATE_WINDOW_S,
     WARN_S,

@@ -31,15 +31,19 @@ from ssp_core.clock import NS_PER_S
 from ssp_core.errors import HostError
 from ssp_core.processes import free_domain
 from ssp_core.vocabulary import SessionPhase
-from ssp_monitor.conversions import offered_profiles, recording_profile, why_not_recordable
-from ssp_monitor.core.disk import DiskNeeds
-from ssp_monitor.core.plan import RecordingPlan
-from ssp_monitor.core.recorder import Recorder
-from ssp_monitor.core.selection import Selection
-from ssp_monitor.core.topics import Profile, TopicSpec
-from ssp_monitor.intake.node import QUIET_LOOKS, QUIET_PARTS, Intake
-from ssp_monitor.intake.rcl import BATCH_MESSAGES, SerializedTaker
-from ssp_monitor.recording.node import ADDING_S, Recording
+from ssp_monitor.recorder.disk import DiskNeeds
+from ssp_monitor.recorder.plan import RecordingPlan
+from ssp_monitor.recorder.recorder import Recorder
+from ssp_monitor.recorder.topics import Profile, Selection, TopicSpec
+from ssp_monitor.ros.conversions import offered_profiles, recording_profile, why_not_recordable
+from ssp_monitor.ros.recording import ADDING_S, Recording
+from ssp_monitor.ros.recording_subscriptions import (
+    BATCH_MESSAGES,
+    QUIET_LOOKS,
+    QUIET_PARTS,
+    RecordingSubscriptions,
+    SerializedTaker,
+)
 from ssp_msgs import msg
 
 pytestmark = pytest.mark.ros
@@ -108,7 +112,7 @@ class Reception:
     ) -> None:
         self.bag = bag
         self.recorder = Recorder(bag, topics)
-        self.intake = Intake(topics, self.recorder, False, listen or {})
+        self.intake = RecordingSubscriptions(topics, self.recorder, False, listen or {})
 
     def add(self, one: TopicSpec, profile: QoSProfile) -> None:
         self.recorder.add(one, offered_qos(50), False)
@@ -511,7 +515,7 @@ def test_types_are_judged_within_the_time_that_a_poll_has(
         time.sleep(ADDING_S)
         return why_not_recordable(msgtype)
 
-    monkeypatch.setattr("ssp_monitor.recording.node.why_not_recordable", slow)
+    monkeypatch.setattr("ssp_monitor.ros.recording.why_not_recordable", slow)
     kinds = (String, msg.Heartbeat, msg.Reference)
     for number, kind in enumerate(kinds):
         node.create_publisher(kind, f"/t{number}", ros.STATE)

@@ -6,13 +6,13 @@ import pytest
 
 from ssp_core.vocabulary import SessionPhase as P
 from ssp_core.vocabulary import Verdict as V
-from ssp_monitor.core.last_word import LastWord
+from ssp_monitor.recorder.report import RunOutcome
 
 WAY = [P.IDLE, P.LOADED, P.CONNECTED, P.ARMED, P.RUNNING]
 
 
-def heard(*words: P | tuple[P, V, tuple[str, ...]], run_id: str = "run-1") -> LastWord:
-    last = LastWord("run-1")
+def heard(*words: P | tuple[P, V, tuple[str, ...]], run_id: str = "run-1") -> RunOutcome:
+    last = RunOutcome("run-1")
     for word in words:
         state, verdict, reasons = word if isinstance(word, tuple) else (word, V.NONE, ())
         last.hear(state, verdict, reasons, run_id)
@@ -58,7 +58,7 @@ def test_an_abort_that_did_not_come_to_its_end() -> None:
 
 
 def test_no_session_at_all() -> None:
-    assert LastWord("run-1").verdict(0) == (V.INVALID_HARNESS, ("no session was heard",))
+    assert RunOutcome("run-1").verdict(0) == (V.INVALID_HARNESS, ("no session was heard",))
 
 
 def test_two_runs_in_one_recording_are_none() -> None:

@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 
 from ssp_core.cdr.steps import Heartbeat, WorldTick, encode_heartbeat, encode_tick
 from ssp_core.vocabulary import SessionPhase
-from ssp_monitor.core.claims import HEARTBEAT, TICK, claims
-from ssp_monitor.core.losses import Arrivals, losses_beside
+from ssp_monitor.recorder.losses import HEARTBEAT, TICK, Arrivals, claims, losses_beside
 
 A, B = b"a" * 16, b"b" * 16
 

@@ -30,9 +30,9 @@ from ssp_core.processes import free_domain, remove_stale_shared_memory
 from ssp_core.run_file.verdict import RecordedVerdict, read_verdict
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import Verdict
-from ssp_monitor.conversions import PUBLISHED, message_class, recording_profile
-from ssp_monitor.core.recorder import OFFERED
-from ssp_monitor.core.report import REPORT_NAME
+from ssp_monitor.recorder.recorder import OFFERED
+from ssp_monitor.recorder.report import REPORT_NAME
+from ssp_monitor.ros.conversions import PUBLISHED, message_class, recording_profile
 from ssp_msgs.msg import (
     ObjectState,
     RecorderStatus,
@@ -137,7 +137,7 @@ def monitor(domain: int, run_file: Path, tmp_path: Path) -> Iterator[subprocess.
 
 
 def start(run_file: Path, bag_dir: Path, *parameters: str) -> subprocess.Popen[str]:
-    arguments = [sys.executable, "-m", "ssp_monitor.node", "--ros-args"]
+    arguments = [sys.executable, "-m", "ssp_monitor.ros.monitor_node", "--ros-args"]
     arguments += [
         "-r",
         "__node:=monitor",

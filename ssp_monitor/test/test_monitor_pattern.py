@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssp_core.errors import InputError
-from ssp_monitor.core.pattern import Pattern
+from ssp_monitor.recorder.pattern import Pattern
 
 _ATOMS = st.sampled_from(
     ["a", "b", "/", "_", ".", "[ab]", "[^a]", "[a-c/]", "\\d", "\\w", "\\W", "\\.", "[\\d_]"]

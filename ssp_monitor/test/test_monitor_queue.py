@@ -9,9 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssp_core.bag.types import BagMessage
-from ssp_monitor.core.importance import MEANINGS, Importance, importance
-from ssp_monitor.core.queue import OVERHEAD_BYTES, DropQueue
-from ssp_monitor.core.topics import Profile, TopicSpec
+from ssp_monitor.recorder.recorder import OVERHEAD_BYTES, DropQueue
+from ssp_monitor.recorder.topics import MEANINGS, Importance, Profile, TopicSpec, importance
 
 LIMIT = 8 * OVERHEAD_BYTES
 # Either a message of so much data and so important, or a writer that takes so much.

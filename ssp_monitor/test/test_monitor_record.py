@@ -32,7 +32,7 @@ from ssp_core.bag.metadata import parse_offered_qos
 from ssp_core.bag.reader import BagReader
 from ssp_core.cli import main
 from ssp_core.processes import free_domain, remove_stale_shared_memory
-from ssp_monitor.core.report import REPORT_NAME
+from ssp_monitor.recorder.report import REPORT_NAME
 
 pytestmark = pytest.mark.ros
 DEADLINE_S = 120.0

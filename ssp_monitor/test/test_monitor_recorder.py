@@ -17,11 +17,16 @@ from ssp_core.bag.split import Split
 from ssp_core.bag.types import BagMessage
 from ssp_core.bag.writer import BagWriter
 from ssp_core.errors import InputError
-from ssp_monitor.core.closing import check_closed
-from ssp_monitor.core.encoding import video_choice
-from ssp_monitor.core.recorder import Recorder
-from ssp_monitor.core.report import REPORT_NAME, report_attachment, seals, topic_reports
-from ssp_monitor.core.topics import CLOCK_TYPE, Profile, TopicSpec
+from ssp_monitor.recorder.encoding import video_choice
+from ssp_monitor.recorder.recorder import Recorder
+from ssp_monitor.recorder.report import (
+    REPORT_NAME,
+    check_closed,
+    report_attachment,
+    seals,
+    topic_reports,
+)
+from ssp_monitor.recorder.topics import CLOCK_TYPE, Profile, TopicSpec
 
 CLOCK = TopicSpec("/clock", CLOCK_TYPE, Profile.STATE)
 IMAGE = TopicSpec("/camera", "sensor_msgs/msg/CompressedImage", Profile.ADAPTED)
@@ -175,7 +180,7 @@ def test_whatever_ends_the_writing_all_that_comes_is_counted(
 def test_a_slow_encoder_does_not_hold_up_what_is_encoded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("ssp_monitor.core.recorder.FLUSH_S", 0.0)
+    monkeypatch.setattr("ssp_monitor.recorder.recorder.FLUSH_S", 0.0)
     held, go_on = threading.Event(), threading.Event()
 
     class Slow(FakeEncoder):

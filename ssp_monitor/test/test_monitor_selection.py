@@ -6,10 +6,9 @@ from collections import defaultdict
 
 import pytest
 
-from ssp_monitor.core.pattern import Pattern
-from ssp_monitor.core.sayings import MOST, Sayings
-from ssp_monitor.core.selection import Selection, Survey
-from ssp_monitor.core.topics import Profile
+from ssp_monitor.recorder.pattern import Pattern
+from ssp_monitor.recorder.report import MOST, RepeatedWarnings
+from ssp_monitor.recorder.topics import Profile, Selection, TopicDiscovery
 
 INSTALLED: defaultdict[str, str | None] = defaultdict(lambda: None)
 STRING = "std_msgs/msg/String"
@@ -39,7 +38,7 @@ def test_what_is_asked_for_is_recorded(selection: Selection, wanted: str) -> Non
              "/x/_hidden", "/_all/hidden"]  # fmt: skip
     assert [name for name in graph if selection.wants(name)] == wanted.split()
     assert selection.looks == (selection != Selection())
-    found = Survey(selection).look([(name, [STRING]) for name in graph], INSTALLED)
+    found = TopicDiscovery(selection).look([(name, [STRING]) for name in graph], INSTALLED)
     assert sorted(topic.name for topic in found) == sorted(wanted.split())
     for topic in found:
         assert topic.profile is Profile.ADAPTED
@@ -47,7 +46,7 @@ def test_what_is_asked_for_is_recorded(selection: Selection, wanted: str) -> Non
 
 
 def test_late_topics_are_found_once() -> None:
-    survey = Survey(Selection(everything=True))
+    survey = TopicDiscovery(Selection(everything=True))
     assert [t.name for t in survey.look([("/a", [STRING])], INSTALLED)] == ["/a"]
     # No publisher yet.
     assert survey.look([("/a", [STRING]), ("/b", [])], INSTALLED) == []
@@ -59,7 +58,7 @@ def test_late_topics_are_found_once() -> None:
 
 
 def test_two_types_at_once_are_refused_with_a_word() -> None:
-    survey = Survey(Selection(everything=True))
+    survey = TopicDiscovery(Selection(everything=True))
     for _ in range(3):
         assert survey.look([("/a", ["x/msg/X", STRING])], INSTALLED) == []
     warning = f"/a has several types and is not recorded: x/msg/X, {STRING}"
@@ -73,7 +72,7 @@ def test_two_types_at_once_are_refused_with_a_word() -> None:
 
 
 def test_a_type_that_is_not_installed_is_refused_with_a_word() -> None:
-    survey = Survey(Selection(everything=True))
+    survey = TopicDiscovery(Selection(everything=True))
     installed = {"x/msg/X": "message type x/msg/X is not installed", STRING: None}
     for _ in range(2):
         found = survey.look([("/a", ["x/msg/X"]), ("/b", [STRING])], installed)
@@ -83,7 +82,7 @@ def test_a_type_that_is_not_installed_is_refused_with_a_word() -> None:
 
 
 def test_a_topic_that_changes_its_type_is_said_once_and_remembered() -> None:
-    survey = Survey(Selection(everything=True))
+    survey = TopicDiscovery(Selection(everything=True))
     survey.look([("/a", [STRING])], INSTALLED)
     for _ in range(2):
         assert survey.look([("/a", [STRING, "x/msg/X"])], INSTALLED) == []
@@ -94,7 +93,7 @@ def test_a_topic_that_changes_its_type_is_said_once_and_remembered() -> None:
 
 
 def test_beyond_the_limit_named_topics_come_first_and_the_rest_is_said() -> None:
-    survey = Survey(Selection(everything=True, named=frozenset(["/z"]), most=3))
+    survey = TopicDiscovery(Selection(everything=True, named=frozenset(["/z"]), most=3))
     graph = [(f"/t{k}", [STRING]) for k in range(9)] + [("/z", [STRING])]
     assert [t.name for t in survey.look(graph, INSTALLED)] == ["/z", "/t0", "/t1"]
     assert survey.look(graph, INSTALLED) == []
@@ -104,7 +103,7 @@ def test_beyond_the_limit_named_topics_come_first_and_the_rest_is_said() -> None
 
 
 def test_a_warning_whose_figures_move_is_one_warning() -> None:
-    sayings = Sayings()
+    sayings = RepeatedWarnings()
     assert sayings.say("the disk is full in 599 s: 12.5 MB left")
     assert not sayings.say("the disk is full in 20 s: 0.1 MB left")
     # A number in a name is no figure.

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from ssp_core.bag.types import serialize, typestore
 from ssp_core.cdr.states import StateArray, encode_states
 from ssp_core.safety.codes import SafetyCode
-from ssp_monitor.watch import conversions
-from ssp_monitor.watch.newest import Newest
+from ssp_monitor.status import messages
+from ssp_monitor.status.board import Newest
 
 JPEG = b"\xff\xd8 and the rest"
 types = typestore().types
@@ -29,25 +29,25 @@ def image(data: bytes, form: str = "jpeg") -> bytes:
 
 
 def test_the_picture_is_passed_on_as_it_is() -> None:
-    assert conversions.jpeg_of(image(JPEG)) == JPEG
+    assert messages.jpeg_of(image(JPEG)) == JPEG
 
 
 @pytest.mark.parametrize("data", [image(b"png", "png"), image(b""), image(JPEG)[:-6], b"", b"\0\1"])
 def test_what_is_no_picture_is_refused(data: bytes) -> None:
     with pytest.raises(ValueError, match=r"JPEG|few|items|encapsulation"):
-        conversions.jpeg_of(data)
+        messages.jpeg_of(data)
 
 
 @given(st.binary(max_size=80))
 def test_no_bytes_raise_anything_else(data: bytes) -> None:
-    for decode in (conversions.jpeg_of, conversions.source_of):
+    for decode in (messages.jpeg_of, messages.source_of):
         for start in (b"", b"\0\1\0\0"):
             with suppress(ValueError):
                 decode(start + data)
 
 
 def test_the_source_of_an_array() -> None:
-    assert conversions.source_of(encode_states(StateArray(5, "targets_a", ()))) == "targets_a"
+    assert messages.source_of(encode_states(StateArray(5, "targets_a", ()))) == "targets_a"
 
 
 def test_newest_decodes_only_the_last_of_each_source_and_tells_of_bad_ones() -> None:
@@ -75,8 +75,8 @@ def test_what_an_operator_does_has_no_measure() -> None:
     stamp = types["builtin_interfaces/msg/Time"](sec=3, nanosec=0)
     header = types["std_msgs/msg/Header"](stamp=stamp, frame_id="")
 
-    def event(code: SafetyCode) -> conversions.Event:
-        return conversions.safety_event(
+    def event(code: SafetyCode) -> messages.Event:
+        return messages.safety_event(
             kind(
                 header=header,
                 code=int(code),

@@ -6,10 +6,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssp_monitor.page.guard import Bucket, Door, bearer, is_loopback, make_token, same_token
+from ssp_monitor.page.access import (
+    AccessRules,
+    TokenBucket,
+    bearer,
+    is_loopback,
+    make_token,
+    same_token,
+)
 
-HERE = Door("127.0.0.1", 8080, "t" * 20)
-OPEN = Door("0.0.0.0", 8080, "t" * 20, ("tower", "tower.track.lan"))
+HERE = AccessRules("127.0.0.1", 8080, "t" * 20)
+OPEN = AccessRules("0.0.0.0", 8080, "t" * 20, ("tower", "tower.track.lan"))
 
 
 @pytest.mark.parametrize(
@@ -102,7 +109,7 @@ def test_loopback(host: str, own: bool) -> None:
 
 
 def test_a_bucket_lets_a_burst_pass_and_then_its_rate() -> None:
-    bucket = Bucket(3, 2)
+    bucket = TokenBucket(3, 2)
     assert [bucket.take(0) for _ in range(5)] == [True, True, True, False, False]
     assert [bucket.take(500_000_000) for _ in range(2)] == [True, False]
     assert [bucket.take(60_000_000_000) for _ in range(5)] == [True, True, True, False, False]

@@ -15,12 +15,24 @@ from hypothesis import strategies as st
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import ControlState, ObjectClass, Phase, Role, SessionPhase, Verdict
-from ssp_monitor.page.model import COMMANDS, Snapshots, number
-from ssp_monitor.page.picture import Pictures
-from ssp_monitor.page.site import MOST_POINTS, site_message
-from ssp_monitor.watch.board import MOST_EVENTS, MOST_OBJECTS, Board
-from ssp_monitor.watch.facts import Event, LinkFact, RecorderFact, SessionFact
-from ssp_monitor.watch.readiness import standing_in_the_way
+from ssp_monitor.page.snapshot import (
+    COMMANDS,
+    MOST_POINTS,
+    Pictures,
+    Snapshots,
+    number,
+    site_message,
+)
+from ssp_monitor.status.board import (
+    MOST_EVENTS,
+    MOST_OBJECTS,
+    Board,
+    Event,
+    LinkFact,
+    RecorderFact,
+    SessionFact,
+)
+from ssp_monitor.status.readiness import standing_in_the_way
 
 S = 1_000_000_000
 

@@ -14,11 +14,10 @@ import aiohttp
 import pytest
 
 from ssp_core.errors import HostError
-from ssp_monitor.page import hub, server
-from ssp_monitor.page.assets import FOLDER, load_assets
-from ssp_monitor.page.mailbox import Mailbox
-from ssp_monitor.page.server import PageServer
-from ssp_monitor.watch.facts import Answer
+from ssp_monitor.page import server, viewers
+from ssp_monitor.page.server import FOLDER, PageServer, load_assets
+from ssp_monitor.page.viewers import Mailbox
+from ssp_monitor.status.board import Answer
 
 TOKEN = "the-right-token-of-this-test"
 DEADLINE_S = 120.0
@@ -352,7 +351,7 @@ def test_who_says_no_hello_is_sent_away(page: PageServer, text: str) -> None:
 
 
 def test_who_says_nothing_is_sent_away(page: PageServer, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(hub, "HELLO_S", 0.2)
+    monkeypatch.setattr(viewers, "HELLO_S", 0.2)
 
     async def work(stream: Any) -> Any:
         await stream.receive()
@@ -383,7 +382,7 @@ def test_who_talks_too_much_or_at_length_is_sent_away(page: PageServer) -> None:
 def test_viewers_are_counted(page: PageServer) -> None:
     async def work(client: aiohttp.ClientSession) -> int:
         streams = []
-        for _ in range(hub.MOST_VIEWERS):
+        for _ in range(viewers.MOST_VIEWERS):
             streams.append(await client.ws_connect(f"{page.url}api/live"))
             await streams[-1].send_json(hello())
             await streams[-1].receive()  # the welcome
@@ -402,7 +401,9 @@ def test_viewers_are_counted(page: PageServer) -> None:
 
 def test_who_has_said_nothing_yet_takes_no_viewers_place(page: PageServer) -> None:
     async def work(client: aiohttp.ClientSession) -> int:
-        silent = [await client.ws_connect(f"{page.url}api/live") for _ in range(hub.MOST_STRANGERS)]
+        silent = [
+            await client.ws_connect(f"{page.url}api/live") for _ in range(viewers.MOST_STRANGERS)
+        ]
         assert page.viewers == 0
         with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
             await client.ws_connect(f"{page.url}api/live")
@@ -445,7 +446,7 @@ def test_the_next_bundle_waits_for_the_echo_of_the_last(page: PageServer) -> Non
 def test_an_echo_that_never_comes_ends_the_connection(
     page: PageServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(hub, "ECHO_S", 0.2)
+    monkeypatch.setattr(viewers, "ECHO_S", 0.2)
 
     async def work(stream: Any) -> Any:
         await stream.send_json(hello())
@@ -504,8 +505,8 @@ def test_a_viewer_that_takes_nothing_holds_up_nobody(
     page: PageServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """One never reads; the other gets the newest while much is pushed, and the first is let go."""
-    monkeypatch.setattr(hub, "SEND_S", 0.3)
-    monkeypatch.setattr(hub, "ECHO_S", 0.5)
+    monkeypatch.setattr(viewers, "SEND_S", 0.3)
+    monkeypatch.setattr(viewers, "ECHO_S", 0.5)
     large = json.dumps({"type": "snapshot", "x": "y" * 500_000})
     stuck = socket.create_connection(("127.0.0.1", page.door.port), DEADLINE_S)
     stuck.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)

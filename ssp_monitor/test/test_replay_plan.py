@@ -21,16 +21,22 @@ from ssp_core.cli import main
 from ssp_core.clock import NS_PER_S
 from ssp_core.errors import InputError
 from ssp_core.world.transforms import TF_TYPE
-from ssp_monitor.core.recorder import OFFERED
-from ssp_monitor.core.topics import Profile
-from ssp_monitor.replay.commands import is_command, session_signs
-from ssp_monitor.replay.keys import KEYS, Key, parse_keys
-from ssp_monitor.replay.lateness import Lateness
-from ssp_monitor.replay.offer import MOST_LATCHED, Offer, offer_of
-from ssp_monitor.replay.plan import Plan, Wishes, make_plan
-from ssp_monitor.replay.player import Player, Progress, Settings
-from ssp_monitor.replay.report import Outcome, plan_lines, progress_line
-from ssp_monitor.replay.tape import ReadAhead, Tape
+from ssp_monitor.recorder.recorder import OFFERED
+from ssp_monitor.recorder.topics import Profile
+from ssp_monitor.replay.keyboard import KEYS, Key, parse_keys
+from ssp_monitor.replay.plan import (
+    MOST_LATCHED,
+    Plan,
+    PublisherQos,
+    ReplayOptions,
+    is_command,
+    make_plan,
+    offer_of,
+    session_signs,
+)
+from ssp_monitor.replay.player import Lateness, Player, Progress, Settings
+from ssp_monitor.replay.read_ahead import MessageSource, ReadAhead
+from ssp_monitor.replay.report import ReplayOutcome, plan_lines, progress_line
 
 RECORDED = {
     "/clock": TopicInfo("rosgraph_msgs/msg/Clock", 10),
@@ -43,7 +49,7 @@ RECORDED = {
 
 
 def _plan(**wishes: object) -> Plan:
-    return make_plan(RECORDED, dataclasses.replace(Wishes(), **wishes), lambda _t, _h: None)
+    return make_plan(RECORDED, dataclasses.replace(ReplayOptions(), **wishes), lambda _t, _h: None)
 
 
 def _names(plan: Plan) -> list[str]:
@@ -101,7 +107,7 @@ def test_a_command_stays_one_under_another_name_and_a_name_can_make_one() -> Non
     plan = _plan(remap={"/ssp/ot1/reference": "/harmless"})
     assert "/harmless" not in _names(plan)
     recorded = {"/speed": TopicInfo("std_msgs/msg/Float64", 1), "/x": RECORDED["/clock"]}
-    plan = make_plan(recorded, Wishes(remap={"/speed": "/cmd_vel"}), lambda _t, _h: None)
+    plan = make_plan(recorded, ReplayOptions(remap={"/speed": "/cmd_vel"}), lambda _t, _h: None)
     assert [one.topic for one in plan.left_out] == ["/speed"]
     # The project's own types are no excuse for a new name.
     plan = _plan(remap={"/ssp/vut/state": "/ssp/ot1/reference"})
@@ -124,12 +130,12 @@ def test_what_cannot_be_published_is_left_out_with_the_reason_or_refused() -> No
     def missing(msgtype: str, _: str) -> str | None:
         return "its type is not installed" if msgtype.endswith("ObjectState") else None
 
-    plan = make_plan(recorded, Wishes(), missing)
+    plan = make_plan(recorded, ReplayOptions(), missing)
     why = {one.topic: one.why for one in plan.left_out if not one.is_command}
     assert why["/ssp/vut/state"] == "its type is not installed"
     assert "no name of a ROS topic" in why["/bad name"]
     with pytest.raises(InputError, match="/bad name"):
-        make_plan(recorded, Wishes(strict=True), missing)
+        make_plan(recorded, ReplayOptions(strict=True), missing)
     with pytest.raises(InputError, match="--commands publishes") as caught:
         _plan(topics=("reference$",))
     assert "may move objects" in str(caught.value)
@@ -195,18 +201,18 @@ def test_a_session_shows_by_its_nodes_and_by_its_services() -> None:
 
 
 def test_offers_are_those_of_the_bag() -> None:
-    assert offer_of("/x", OFFERED[Profile.LATCHED]) == Offer(True, True, 20)
-    assert offer_of("/x", OFFERED[Profile.STATE]) == Offer(True, False)
+    assert offer_of("/x", OFFERED[Profile.LATCHED]) == PublisherQos(True, True, 20)
+    assert offer_of("/x", OFFERED[Profile.STATE]) == PublisherQos(True, False)
     assert offer_of(names.TF_STATIC, "").latched
     numbers = "[{history: 1, depth: 7, reliability: 2, durability: 1}]"  # as rosbag2 once wrote
-    assert offer_of("/x", numbers) == Offer(False, True, 7)
+    assert offer_of("/x", numbers) == PublisherQos(False, True, 7)
 
 
 def test_of_several_publishers_the_strongest_offer_is_taken() -> None:
     weak = "- {reliability: best_effort, durability: volatile, depth: 5}\n"
     strong = "- {reliability: reliable, durability: transient_local, depth: 3}\n"
-    assert offer_of("/x", weak + strong) == Offer(True, True, 8)
-    assert offer_of("/x", weak) == Offer(reliable=False)
+    assert offer_of("/x", weak + strong) == PublisherQos(True, True, 8)
+    assert offer_of("/x", weak) == PublisherQos(reliable=False)
 
 
 @pytest.mark.parametrize("depth", ["many", "-1", "true", "1e9", "100000000"])
@@ -216,9 +222,9 @@ def test_a_depth_out_of_a_bag_never_takes_all_memory(depth: str) -> None:
 
 
 def test_without_a_word_in_the_bag_the_name_decides() -> None:
-    assert offer_of("/ssp/session_state", "") == Offer(True, True, 20)
-    assert offer_of("/ssp/vut/state", "") == Offer()
-    assert offer_of("/ssp/vut/state", "{no list}") == Offer()
+    assert offer_of("/ssp/session_state", "") == PublisherQos(True, True, 20)
+    assert offer_of("/ssp/vut/state", "") == PublisherQos()
+    assert offer_of("/ssp/vut/state", "{no list}") == PublisherQos()
 
 
 @given(st.text(st.sampled_from(["\x1b", "[", "C", "O", "s", "q", "+", "-", " ", "x", "A"])))
@@ -250,8 +256,8 @@ def bag(tmp_path: Path) -> Path:
 
 def test_a_tape_has_the_stretch_and_what_was_kept_before_it(bag: Path) -> None:
     with BagReader(bag) as reader:
-        plan = make_plan(reader.topics, Wishes(), lambda _t, _h: None)
-        tape = Tape(reader, plan.lines, 2.5, 4.0)
+        plan = make_plan(reader.topics, ReplayOptions(), lambda _t, _h: None)
+        tape = MessageSource(reader, plan.lines, 2.5, 4.0)
         assert [m.data for m in tape.kept()] == [b"kept10", b"kept20"]
         messages = tape.messages()
         stretch = list(messages)
@@ -259,11 +265,11 @@ def test_a_tape_has_the_stretch_and_what_was_kept_before_it(bag: Path) -> None:
         assert stretch[0].data == b"other25"
         assert [m.data for m in stretch[-2:]] == [b"kept40", b"other40"]
         assert tape.length_ns == 1_500_000_000
-        assert Tape(reader, plan.lines).kept() == []
+        assert MessageSource(reader, plan.lines).kept() == []
         with pytest.raises(InputError, match=r"bag is 4\.900 s long"):
-            Tape(reader, plan.lines, 5.0)
+            MessageSource(reader, plan.lines, 5.0)
         with pytest.raises(InputError, match="--end is 1"):
-            Tape(reader, plan.lines, 2.0, 1.0)
+            MessageSource(reader, plan.lines, 2.0, 1.0)
 
 
 def test_reading_ahead_keeps_order_and_a_bounded_heap() -> None:
@@ -310,8 +316,8 @@ def test_a_player_loops_until_it_is_stopped_and_keeps_the_order(bag: Path) -> No
             enough.set()
 
     with BagReader(bag) as reader:
-        lines = make_plan(reader.topics, Wishes(), lambda _t, _h: None).lines
-        tape = Tape(reader, lines, 1.0)
+        lines = make_plan(reader.topics, ReplayOptions(), lambda _t, _h: None).lines
+        tape = MessageSource(reader, lines, 1.0)
         player = Player(tape, Settings(1000.0, loop=True), send, lambda _: None, over.set)
         player.start()
         assert enough.wait(600.0)
@@ -336,10 +342,10 @@ def test_a_paused_player_takes_steps_and_a_new_rate_and_ends_at_the_end(bag: Pat
         first.set()
 
     with BagReader(bag) as reader:
-        lines = make_plan(reader.topics, Wishes(), lambda _t, _h: None).lines
+        lines = make_plan(reader.topics, ReplayOptions(), lambda _t, _h: None).lines
         settings = Settings(0.01, paused=True, clock_hz=200.0)
         player = Player(
-            Tape(reader, lines), settings, lambda m: sent.append(m.data), tick, over.set
+            MessageSource(reader, lines), settings, lambda m: sent.append(m.data), tick, over.set
         )
         player.start()
         assert first.wait(600.0)
@@ -364,8 +370,8 @@ def test_what_goes_wrong_in_publishing_ends_the_player_and_is_told(bag: Path) ->
         raise InputError("can't be sent")
 
     with BagReader(bag) as reader:
-        lines = make_plan(reader.topics, Wishes(), lambda _t, _h: None).lines
-        player = Player(Tape(reader, lines), Settings(), send, lambda _: None, over.set)
+        lines = make_plan(reader.topics, ReplayOptions(), lambda _t, _h: None).lines
+        player = Player(MessageSource(reader, lines), Settings(), send, lambda _: None, over.set)
         player.start()
         assert over.wait(600.0)
         player.stop()
@@ -388,7 +394,7 @@ def test_the_line_and_the_outcome_say_where_it_is_and_how_late() -> None:
     late = Lateness()
     for _ in range(10):
         late.add(200_000_000)
-    outcome = Outcome("end", progress, late, _plan())
+    outcome = ReplayOutcome("end", progress, late, _plan())
     assert math.isclose(outcome.as_json()["late_s"]["max"], 0.2)
     assert "did not keep up" in "\n".join(outcome.lines())
 

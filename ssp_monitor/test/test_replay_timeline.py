@@ -10,9 +10,19 @@ from hypothesis import strategies as st
 
 from ssp_core.bag.types import BagMessage
 from ssp_core.clock import NS_PER_S
-from ssp_monitor.replay.lateness import Lateness
-from ssp_monitor.replay.playback import End, Playback, Rest, Send, Tick
-from ssp_monitor.replay.timeline import FASTEST, SLOWEST, Timeline, faster, slower
+from ssp_monitor.replay.player import (
+    FASTEST,
+    SLOWEST,
+    End,
+    Lateness,
+    Playback,
+    Rest,
+    Send,
+    Tick,
+    Timeline,
+    faster,
+    slower,
+)
 
 times = st.integers(0, 10**15)
 rates = st.floats(SLOWEST, FASTEST)

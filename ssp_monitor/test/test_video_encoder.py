@@ -17,7 +17,7 @@ from ssp_core.bag.writer import BagWriter
 from ssp_core.cdr.images import COMPRESSED_TYPE, RAW_TYPE, VIDEO_TYPE, read_image
 from ssp_core.clock import NS_PER_S
 from ssp_core.errors import InputError
-from ssp_monitor.core.video_encoder import Codec, VideoEncoder
+from ssp_monitor.recorder.video_encoder import Codec, VideoEncoder
 
 TOPIC = "/ssp/vut/front_camera/image/compressed"
 FRAME_NS = NS_PER_S // 25

@@ -15,22 +15,23 @@ from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.node_interface import Level, Status
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import ControlState, ObjectClass, Role, SessionPhase, Verdict
-from ssp_monitor.core.drawing import drawing_of
-from ssp_monitor.view.health import ClockWatch, health
-from ssp_monitor.view.marks import Gone, Mark, Shape
-from ssp_monitor.view.moving import (
+from ssp_monitor.status.board import Board, LinkFact, Received, RecorderFact, SessionFact
+from ssp_monitor.status.drawing import drawing_of
+from ssp_monitor.status.health import ClockWatch, health
+from ssp_monitor.status.markers import (
     COLOURS,
     FORGOTTEN_S,
     STALE,
     TRAIL_POINTS,
     VUT,
+    Mark,
     Moving,
+    RemovedMark,
+    Shape,
     Trails,
     colour_of,
+    standing_marks,
 )
-from ssp_monitor.view.standing import standing_marks
-from ssp_monitor.watch.board import Board
-from ssp_monitor.watch.facts import Heard, LinkFact, RecorderFact, SessionFact
 
 NOW_NS = 100 * NS_PER_S
 
@@ -56,7 +57,7 @@ def _state(object_id: str = "vut", x_m: float = 0.0, **changes: Any) -> ObjectSt
 
 def _moving(*states: ObjectState, age_s: float = 0.0, over: Moving | None = None) -> Any:
     at_ns = NOW_NS - round(age_s * NS_PER_S)
-    board = Board(objects={state.object_id: Heard(state, at_ns) for state in states})
+    board = Board(objects={state.object_id: Received(state, at_ns) for state in states})
     marks = (over or Moving()).marks(board, NOW_NS)
     return {(mark.space, mark.number): mark for mark in marks}
 
@@ -64,7 +65,7 @@ def _moving(*states: ObjectState, age_s: float = 0.0, over: Moving | None = None
 def test_a_state_that_was_held_up_on_its_way_is_shown_as_old() -> None:
     """It arrives now and would look new, were it not for the manager's clock."""
     board = Board(
-        objects={"vut": Heard(_state(), NOW_NS)},
+        objects={"vut": Received(_state(), NOW_NS)},
         manager_at_ns=NOW_NS,
         manager_stamp_ns=_state().stamp_ns + 2 * NS_PER_S,
     )
@@ -113,7 +114,7 @@ def test_a_silent_object_turns_grey_says_so_and_disappears_at_last() -> None:
     assert stale["object", 0].colour == STALE
     assert stale["name", 0].text == "vut  silent for 2.0 s"
     gone = _moving(_state(), age_s=FORGOTTEN_S + 1, over=moving)
-    assert set(gone.values()) == {Gone("name", 0), Gone("object", 0)}
+    assert set(gone.values()) == {RemovedMark("name", 0), RemovedMark("object", 0)}
     assert _moving(_state(), age_s=FORGOTTEN_S + 2, over=moving) == {}
 
 
@@ -162,7 +163,7 @@ def test_the_gap_is_drawn_to_whom_the_vut_is_about_to_meet() -> None:
     assert marks["gap time", 1].text.startswith("gap 0.8 s")
     away = dataclasses.replace(crossing, yaw_rad=math.pi / 2, y_m=20.0)
     later = _moving(_state(), away, over=moving)
-    assert later["gap", 1] == Gone("gap", 1)
+    assert later["gap", 1] == RemovedMark("gap", 1)
     silent = _moving(_state(), crossing, age_s=2.0, over=moving)
     assert ("gap", 1) not in silent
 
@@ -170,7 +171,7 @@ def test_the_gap_is_drawn_to_whom_the_vut_is_about_to_meet() -> None:
 def _board(run_mapping: dict[str, Any], **changes: Any) -> Board:
     board = Board(RunSpec.model_validate(run_mapping))
     for name in ("vut", "ot1", "walker"):
-        board.objects[name] = Heard(_state(name), NOW_NS)
+        board.objects[name] = Received(_state(name), NOW_NS)
     board.session = SessionFact(NS_PER_S, SessionPhase.RUNNING)
     board.session_at_ns = board.manager_at_ns = board.recorder_at_ns = NOW_NS
     board.recorder = RecorderFact(True, "bag")
@@ -268,7 +269,7 @@ def test_an_objects_health(
     changes: dict[str, Any], age_s: float, level: Level, text: str, run_mapping: dict[str, Any]
 ) -> None:
     board = _board(run_mapping)
-    board.objects["ot1"] = Heard(_state("ot1", **changes), NOW_NS - round(age_s * NS_PER_S))
+    board.objects["ot1"] = Received(_state("ot1", **changes), NOW_NS - round(age_s * NS_PER_S))
     status = _health(board)["object ot1"]
     assert status.level is level
     assert text in status.message
@@ -311,11 +312,11 @@ def test_marks_and_statuses_become_messages() -> None:
     from visualization_msgs.msg import MarkerArray
 
     from ssp_core.ros import diagnostic_array
-    from ssp_monitor.view.conversions import marker_array
+    from ssp_monitor.ros.view_node import marker_array
 
     box = Mark("object", 3, Shape.CUBE, VUT, Pose2(1.0, 2.0, math.pi), 0.5, (4.0, 2.0, 1.0))
     path = Mark("trail", 3, Shape.LINE_STRIP, VUT, z_m=0.1, points=((0.0, 0.0), (1.0, 2.0)))
-    sent = serialize_message(marker_array([box, path, Gone("gap", 1)], 1_500_000_000))
+    sent = serialize_message(marker_array([box, path, RemovedMark("gap", 1)], 1_500_000_000))
     first, second, third = deserialize_message(sent, MarkerArray).markers
     assert (first.header.frame_id, first.header.stamp.nanosec) == ("map", 500_000_000)
     assert (first.ns, first.id, first.type, first.action) == ("object", 3, 1, 0)

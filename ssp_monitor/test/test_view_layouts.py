@@ -14,8 +14,8 @@ import yaml
 from ssp_core import names
 from ssp_core.bag.types import typestore
 from ssp_core.run_file.model import RunSpec
-from ssp_monitor.core.topics import bag_topics
-from ssp_monitor.view.topics import PUBLISHED
+from ssp_monitor.recorder.topics import bag_topics
+from ssp_monitor.ros.view_node import PUBLISHED
 
 CONFIG = Path(__file__).resolve().parents[1] / "config"
 # Settings of each panel, as the open viewer that Foxglove's layouts come from declares them.

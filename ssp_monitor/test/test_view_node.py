@@ -20,7 +20,7 @@ from ssp_core.errors import InputError
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.processes import free_domain
 from ssp_core.vocabulary import ObjectClass, Role
-from ssp_monitor.view.node import ViewNode
+from ssp_monitor.ros.view_node import ViewNode
 from ssp_msgs.msg import ObjectState as ObjectStateMsg
 from ssp_msgs.msg import RecorderStatus, SessionState
 

@@ -104,8 +104,8 @@ VERBS: dict[str, tuple[str, str]] = {
         "ssp_eval.package.cli:package",
         "Make and verify evidence packages; log changes on site.",
     ),
-    "bag": ("ssp_monitor.cli:bag", "Look into, check and repair bags."),
-    "replay": ("ssp_monitor.replay.cli:replay", "Publish a bag as it was recorded."),
+    "bag": ("ssp_monitor.bag_tools.cli:bag", "Look into, check and repair bags."),
+    "replay": ("ssp_monitor.replay_cli:replay", "Publish a bag as it was recorded."),
     "faults": (
         "ssp_scenario_manager.faults.cli:faults",
         "Inject every fault at every stage of a run and judge what comes of it.",

@@ -19,7 +19,7 @@ from rclpy.signals import SignalHandlerOptions
 from traffic import Load
 
 from ssp_core import ros
-from ssp_monitor.conversions import message_class, recording_profile
+from ssp_monitor.ros.conversions import message_class, recording_profile
 
 
 def main(load: Load) -> None:

@@ -25,8 +25,8 @@ from ssp_core.cdr.codec import ENCAPSULATION, START, padded_text, stamp_bytes, u
 from ssp_core.cdr.states import encode_state
 from ssp_core.motion.state import ObjectState, Size
 from ssp_core.vocabulary import ObjectClass, Role
-from ssp_monitor.conversions import message_class
-from ssp_monitor.core.topics import Profile, TopicSpec
+from ssp_monitor.recorder.topics import Profile, TopicSpec
+from ssp_monitor.ros.conversions import message_class
 
 WIDTH_PX, HEIGHT_PX = 1280, 720
 JPEG_BYTES = 100_000

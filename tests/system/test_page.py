@@ -137,7 +137,7 @@ class Stage:
         name = f"page{len(self.started)}"
         given = ["-p", f"port:={port}"]
         given += ["-p", f"run_file:={self.run_file}"] if run else []
-        process = self.start(name, "-m", "ssp_monitor.page.node", "--ros-args", *given)
+        process = self.start(name, "-m", "ssp_monitor.ros.page_node", "--ros-args", *given)
         found = self.wait_for_line(name, r"^page: http://127\.0\.0\.1:(\d+)/$")
         assert TOKEN not in self.said(name)
         return process, int(found[1])

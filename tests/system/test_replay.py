@@ -37,9 +37,9 @@ from ssp_core.processes import free_domain, session_environment
 from ssp_core.vocabulary import ObjectClass, Role
 from ssp_core.world.camera import Mounting
 from ssp_core.world.transforms import TF_TYPE, encode_transforms, of_camera, of_state
-from ssp_monitor.core.recorder import Recorder
-from ssp_monitor.core.topics import Profile, TopicSpec
-from ssp_monitor.intake.node import Intake
+from ssp_monitor.recorder.recorder import Recorder
+from ssp_monitor.recorder.topics import Profile, TopicSpec
+from ssp_monitor.ros.recording_subscriptions import RecordingSubscriptions
 from ssp_msgs.msg import SessionState
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
@@ -218,7 +218,7 @@ class Recording:
         plain = TopicSpec(PLAIN, "std_msgs/msg/String", Profile.STATE)
         self.path = path
         self.recorder = Recorder(path, specs)
-        self.intake = Intake(specs, self.recorder, False, {})
+        self.intake = RecordingSubscriptions(specs, self.recorder, False, {})
         self.recorder.add(plain, BEST_EFFORT, False)
         self.intake.add(
             plain,

@@ -1,4 +1,4 @@
-"""The web server: a thread of its own with its own event loop."""
+"""The web server of the operators' page: its files, its commands, and the viewers' connections."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ import threading
 import time
 from collections.abc import Awaitable, Callable
 from concurrent.futures import Future
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Protocol
 
 from aiohttp import web
@@ -19,11 +20,38 @@ from aiohttp.http_exceptions import HttpProcessingError
 
 from ssp_core import names
 from ssp_core.errors import HostError
-from ssp_monitor.page.assets import Asset, load_assets
-from ssp_monitor.page.guard import Bucket, Door, bearer, same_token
-from ssp_monitor.page.hub import Hub
-from ssp_monitor.page.mailbox import Payload
-from ssp_monitor.watch.facts import Answer
+from ssp_monitor.page.access import AccessRules, TokenBucket, bearer, same_token
+from ssp_monitor.page.viewers import Hub, Payload
+from ssp_monitor.status.board import Answer
+
+FOLDER = Path(__file__).parent / "static"
+_TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}
+
+
+@dataclass(frozen=True, slots=True)
+class Asset:
+    """One file as it goes out."""
+
+    body: bytes
+    content_type: str
+
+
+def load_assets(folder: Path = FOLDER) -> dict[str, Asset]:
+    """The files by the path under which they are served; ``/`` is the page.
+
+    Raises:
+        HostError: the installation lacks the page.
+    """
+    found = {
+        f"/{path.name}": Asset(path.read_bytes(), _TYPES[path.suffix])
+        for path in sorted(folder.glob("*"))
+        if path.suffix in _TYPES
+    }
+    if "/index.html" not in found:
+        raise HostError(f"{folder} has no index.html: this installation lacks the operators' page")
+    found["/"] = found.pop("/index.html")
+    return found
+
 
 ANSWER_S = 3.0
 # Shorter than the page's own patience, so that it learns who it was that said nothing.
@@ -77,11 +105,11 @@ class PageServer:
         self._assets = load_assets()
         self._listener = _listen_on(host, port)
         own_names = (sockets.gethostname().lower(), sockets.getfqdn().lower())
-        self.door = Door(host, self._listener.getsockname()[1], token, own_names)
+        self.door = AccessRules(host, self._listener.getsockname()[1], token, own_names)
         self._hub = Hub(self.door)
         # Whoever has the token may abort whatever others do; both are bounded all the same.
-        self._buckets = {"abort": Bucket(40, 20), "": Bucket(20, 5)}
-        self._guesses = Bucket(10, 1)
+        self._buckets = {"abort": TokenBucket(40, 20), "": TokenBucket(20, 5)}
+        self._guesses = TokenBucket(10, 1)
         self._loop = asyncio.new_event_loop()
         self._ready = threading.Event()
         self._thread = threading.Thread(target=self._run, name="page_server", daemon=True)

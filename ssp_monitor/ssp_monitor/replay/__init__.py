@@ -1,1 +1,1 @@
-"""Publishes a recorded bag again, each message as it was recorded and when it was recorded."""
+"""Publishes a bag again: which topics, as what, and when; without ROS."""

@@ -1,18 +1,211 @@
-"""Which topics of a bag are published, as what, and which are left out and why."""
+"""Which topics of a bag are published, with which QoS, and which are omitted and why."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from ssp_core import names
+from ssp_core.bag.metadata import parse_offered_qos
 from ssp_core.bag.reader import TopicInfo
 from ssp_core.errors import InputError
-from ssp_monitor.core.pattern import Pattern
-from ssp_monitor.core.topics import CLOCK_TYPE
-from ssp_monitor.replay.commands import is_command, is_command_name
-from ssp_monitor.replay.offer import Offer, offer_of
+from ssp_monitor.recorder.pattern import Pattern
+from ssp_monitor.recorder.topics import CLOCK_TYPE
+
+# Of the project's own types these are acted on. The others report, whatever their topic is called.
+COMMAND_TYPES = frozenset(
+    (
+        "ssp_msgs/msg/Reference",
+        "ssp_msgs/msg/ActuatorCommand",
+        "ssp_msgs/msg/ActuatorCommands",
+        "ssp_msgs/msg/Heartbeat",  # objects stop when it stays away
+        "ssp_msgs/msg/WorldTick",  # participants in lockstep step on it
+        "ssp_msgs/msg/StepDone",
+    )
+)
+_OWN_PACKAGE = "ssp_msgs"
+# Packages whose messages go to vehicles and machines; some report too, and are left out with them.
+_COMMAND_PACKAGES = frozenset(
+    (
+        "ackermann_msgs",
+        "autoware_auto_control_msgs",
+        "autoware_auto_planning_msgs",
+        "autoware_auto_vehicle_msgs",
+        "autoware_control_msgs",
+        "autoware_planning_msgs",
+        "autoware_vehicle_msgs",
+        "can_msgs",
+        "carla_msgs",
+        "control_msgs",
+        "mavros_msgs",
+        "pacmod_msgs",
+        "pacmod3_msgs",
+        "px4_msgs",
+        "tier4_control_msgs",
+        "tier4_planning_msgs",
+        "tier4_vehicle_msgs",
+        "trajectory_msgs",
+    )
+)
+_DRIVE_BY_WIRE = "dbw"
+# In a name, of a topic or of a type: as a word of its own ...
+_COMMAND_WORDS = frozenset(
+    (
+        *("accelerator", "actuation", "actuator", "actuators", "autopilot", "command", "commands"),
+        *("commanded", "control", "controls", "ctrl", "demand", "desired", "drive", "emergency"),
+        *(
+            "engage",
+            "engaged",
+            "estop",
+            "gear",
+            "goal",
+            "goals",
+            "jog",
+            "joy",
+            "mission",
+            "pedal",
+            "ref",
+        ),
+        *("reference", "references", "request", "set", "stop", "target", "targets", "torque"),
+        *("twist", "vel", "waypoint", "waypoints"),
+    )
+)
+# ... or anywhere in one, as in "cmdvel" or "handbrake".
+_COMMAND_STEMS = (
+    *("brake", "braking", "cmd", "joystick", "setpoint", "setspeed", "steer", "teleop"),
+    *("throttle", "trajector"),
+)
+_WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
+
+# Nodes and services that only a session has: those that move objects, and the one that tells them.
+SESSION_NODES = frozenset(
+    (
+        names.SCENARIO_MANAGER,
+        names.OBJECT_TARGET,
+        names.SIL_WORLD,
+        names.VUT_ADAPTER,
+        names.VUT_DRIVER,
+    )
+)
+SESSION_SERVICES = frozenset(("ssp_msgs/srv/ObjectCommand", "ssp_msgs/srv/LoadScenario"))
+
+
+def is_command(topic: str, msgtype: str) -> bool:
+    """Whether an object may act on messages of a topic as it was recorded.
+
+    What isn't the project's own is judged by words, so that it is rather left out than sent.
+
+    Args:
+        topic: absolute name.
+        msgtype: full name.
+    """
+    package, _, kind = msgtype.partition("/")
+    if package == _OWN_PACKAGE:  # an acknowledgement of a reference is none
+        return msgtype in COMMAND_TYPES
+    return (
+        package in _COMMAND_PACKAGES
+        or _DRIVE_BY_WIRE in package.split("_")
+        or is_command_name(kind)
+        or is_command_name(topic)
+    )
+
+
+def is_command_name(name: str) -> bool:
+    """Whether any part of a name, of a topic or of a type, sounds like something to act on."""
+    words = {word.lower() for word in _WORD.findall(name)}
+    return not _COMMAND_WORDS.isdisjoint(words) or any(
+        stem in name.lower() for stem in _COMMAND_STEMS
+    )
+
+
+def session_signs(
+    nodes: Iterable[tuple[str, str]], services: Iterable[tuple[str, Iterable[str]]]
+) -> list[str]:
+    """What on the graph belongs to a session that is under way, for people; empty: nothing.
+
+    Services tell of nodes that were given other names.
+
+    Args:
+        nodes: name and namespace.
+        services: name and types.
+    """
+    found = {f"node {space.rstrip('/')}/{name}" for name, space in nodes if name in SESSION_NODES}
+    found |= {
+        f"service {name}" for name, types in services if not SESSION_SERVICES.isdisjoint(types)
+    }
+    return sorted(found)
+
+
+# Room for a subscriber that stalls for a moment. What a subscriber has acknowledged is forgotten,
+# so that it costs nothing while all keep up.
+VOLATILE_DEPTH = 500
+# A bag's own word for it must not make this process keep any number of messages for good.
+MOST_LATCHED = 1000
+_LATCHED_DEPTH = 20  # as in ssp_core.ros
+_LATCHED_NAMES = frozenset(
+    names.absolute(name)
+    for name in (
+        names.SESSION_STATE,
+        names.TRIGGER_EVENT,
+        names.PHASE_EVENT,
+        names.SAFETY_EVENT,
+        names.FAULT_EVENT,
+        names.CAMERA_MOUNT,
+        names.TF_STATIC,
+    )
+)
+# As words, and as the numbers that rosbag2 wrote before them.
+_BEST_EFFORT = ("best_effort", 2)
+_TRANSIENT_LOCAL = ("transient_local", 1)
+
+
+@dataclass(frozen=True, slots=True)
+class PublisherQos:
+    """What the publisher offers. Deadline, lifespan and liveliness are left at their defaults: a
+    replay that is paused or slowed down couldn't keep them.
+
+    Args:
+        reliable: lost packets are sent again.
+        latched: transient local, the last ``depth`` messages are kept for those who come later.
+        depth: messages.
+    """
+
+    reliable: bool = True
+    latched: bool = False
+    depth: int = VOLATILE_DEPTH
+
+
+def _whole(value: Any) -> int:
+    return value if isinstance(value, int) and not isinstance(value, bool) and value > 0 else 1
+
+
+def offer_of(topic: str, offered_qos: str) -> PublisherQos:
+    """The offer for a topic.
+
+    Of several recorded publishers the strongest offer is taken, which every subscriber that heard
+    one of them takes too, with room for what each of them kept.
+
+    Args:
+        topic: absolute name; decides where the bag says nothing of use.
+        offered_qos: YAML of the channel, or empty.
+    """
+    try:
+        profiles = parse_offered_qos(offered_qos)
+    except ValueError:
+        profiles = []
+    if not profiles:
+        latched = topic in _LATCHED_NAMES
+        return PublisherQos(latched=latched, depth=_LATCHED_DEPTH if latched else VOLATILE_DEPTH)
+    reliable = any(profile.get("reliability") not in _BEST_EFFORT for profile in profiles)
+    latched = any(profile.get("durability") in _TRANSIENT_LOCAL for profile in profiles)
+    if not latched:
+        return PublisherQos(reliable=reliable)
+    # Each publisher kept its own: of /tf_static all of them are the whole.
+    depth = min(sum(_whole(profile.get("depth")) for profile in profiles), MOST_LATCHED)
+    return PublisherQos(reliable=reliable, latched=True, depth=depth)
+
 
 DEFAULT_CLOCK_HZ = 100.0
 FRAME_TYPES = frozenset(
@@ -29,7 +222,7 @@ Missing = Callable[[str, str], str | None]
 
 
 @dataclass(frozen=True, slots=True)
-class Wishes:
+class ReplayOptions:
     """What a person asked for.
 
     Args:
@@ -50,7 +243,7 @@ class Wishes:
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class PlannedTopic:
     """One topic that is published.
 
     Args:
@@ -61,12 +254,12 @@ class Line:
     recorded: str
     topic: str
     msgtype: str
-    offer: Offer
+    offer: PublisherQos
     count: int
 
 
 @dataclass(frozen=True, slots=True)
-class LeftOut:
+class OmittedTopic:
     """One topic that was wanted, or not unwanted, and isn't published."""
 
     topic: str
@@ -84,8 +277,8 @@ class Plan:
         clock_recorded: the bag's own /clock is among the lines.
     """
 
-    lines: tuple[Line, ...]
-    left_out: tuple[LeftOut, ...]
+    lines: tuple[PlannedTopic, ...]
+    left_out: tuple[OmittedTopic, ...]
     clock_hz: float
     clock_recorded: bool
 
@@ -95,7 +288,7 @@ class Plan:
         return frozenset(line.recorded for line in self.lines if line.msgtype in FRAME_TYPES)
 
 
-def make_plan(recorded: Mapping[str, TopicInfo], wishes: Wishes, missing: Missing) -> Plan:
+def make_plan(recorded: Mapping[str, TopicInfo], wishes: ReplayOptions, missing: Missing) -> Plan:
     """The plan for a bag's topics.
 
     Raises:
@@ -116,12 +309,12 @@ def make_plan(recorded: Mapping[str, TopicInfo], wishes: Wishes, missing: Missin
         renamed = topic != name and is_command_name(topic)
         command = is_command(name, info.msgtype) or renamed
         if command and not wishes.commands:
-            left_out.append(LeftOut(name, info.count, "may move objects", is_command=True))
+            left_out.append(OmittedTopic(name, info.count, "may move objects", is_command=True))
         elif (why := _obstacle(topic, info, missing)) is not None:
-            left_out.append(LeftOut(name, info.count, why))
+            left_out.append(OmittedTopic(name, info.count, why))
         else:
             offer = offer_of(name, info.offered_qos)
-            lines.append(Line(name, topic, info.msgtype, offer, info.count))
+            lines.append(PlannedTopic(name, topic, info.msgtype, offer, info.count))
     _check(lines, left_out, wishes)
     clock_recorded = any(line.topic == names.CLOCK for line in lines)
     clock_hz = DEFAULT_CLOCK_HZ if wishes.clock_hz is None else wishes.clock_hz
@@ -173,7 +366,7 @@ def _obstacle(topic: str, info: TopicInfo, missing: Missing) -> str | None:
     return missing(info.msgtype, info.type_hash)
 
 
-def _check(lines: list[Line], left_out: list[LeftOut], wishes: Wishes) -> None:
+def _check(lines: list[PlannedTopic], left_out: list[OmittedTopic], wishes: ReplayOptions) -> None:
     unable = [one for one in left_out if not one.is_command]
     if wishes.strict and unable:
         raise InputError(

@@ -1,19 +1,241 @@
-"""Plays a tape in a thread of its own: keeps the deadlines that the schedule gives."""
+"""The schedule of a replay, and the thread that keeps its deadlines and measures lateness."""
 
 from __future__ import annotations
 
+import math
 import threading
 import time
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Iterator
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 from ssp_core.bag.types import BagMessage
 from ssp_core.clock import seconds_to_ns
-from ssp_monitor.replay.lateness import Lateness
-from ssp_monitor.replay.playback import End, Playback, Rest, Send, Tick
-from ssp_monitor.replay.tape import Tape
-from ssp_monitor.replay.timeline import Timeline, faster, slower
+from ssp_monitor.replay.read_ahead import MessageSource
+
+SLOWEST, FASTEST = 0.01, 1000.0
+_RATES = (
+    *(base * power for power in (0.01, 0.1, 1.0, 10.0, 100.0) for base in (1.0, 2.0, 5.0)),
+    FASTEST,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Timeline:
+    """A straight line: bag time advances ``rate`` times as fast as the steady clock.
+
+    Every change gives a new timeline that goes on from where the old one was, so that nothing is
+    repeated, left out or drifts away.
+
+    Args:
+        bag_ns: bag time at ``steady_ns``; before it bag time stands there.
+        steady_ns: steady clock.
+        rate: bag seconds per second, above 0.
+        paused: bag time stands.
+    """
+
+    bag_ns: int
+    steady_ns: int
+    rate: float = 1.0
+    paused: bool = False
+
+    def at(self, steady_ns: int) -> int:
+        """Bag time at a time of the steady clock."""
+        if self.paused or steady_ns <= self.steady_ns:
+            return self.bag_ns
+        return self.bag_ns + math.floor((steady_ns - self.steady_ns) * self.rate)
+
+    def due_ns(self, bag_ns: int) -> int | None:
+        """When something of the bag is due, steady clock; None while paused."""
+        if self.paused:
+            return None
+        return self.steady_ns + math.ceil((bag_ns - self.bag_ns) / self.rate)
+
+    def set_paused(self, paused: bool, now_ns: int) -> Timeline:
+        """Standing from now on, or going on from where it stands."""
+        if paused == self.paused:
+            return self
+        return Timeline(self.at(now_ns), max(now_ns, self.steady_ns), self.rate, paused)
+
+    def set_rate(self, rate: float, now_ns: int) -> Timeline:
+        """Another rate from now on.
+
+        Raises:
+            ValueError: the rate is outside SLOWEST to FASTEST.
+        """
+        if not SLOWEST <= rate <= FASTEST:
+            raise ValueError(f"the rate must be from {SLOWEST:g} to {FASTEST:g}, got {rate:g}")
+        return Timeline(self.at(now_ns), max(now_ns, self.steady_ns), rate, self.paused)
+
+    def moved_to(self, bag_ns: int) -> Timeline:
+        """A paused timeline at another bag time; a timeline that runs stays as it is."""
+        return replace(self, bag_ns=bag_ns) if self.paused else self
+
+
+def faster(rate: float) -> float:
+    """The next rate of 1, 2, 5, 10 and so on above this one."""
+    return next((known for known in _RATES if known > rate * 1.001), FASTEST)
+
+
+def slower(rate: float) -> float:
+    """The next rate of that row below this one."""
+    return next((known for known in reversed(_RATES) if known < rate * 0.999), SLOWEST)
+
+
+@dataclass(frozen=True, slots=True)
+class Send:
+    """Publish this message now.
+
+    Args:
+        late_ns: after it was due; None for one that was asked for by a step.
+    """
+
+    message: BagMessage
+    late_ns: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Tick:
+    """Publish this bag time on /clock now."""
+
+    bag_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class Rest:
+    """Nothing to do before this time of the steady clock; None: before somebody commands."""
+
+    until_ns: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class End:
+    """Everything was sent."""
+
+
+Action = Send | Tick | Rest | End
+
+
+class Playback:
+    """One pass; ``act`` says what to do at a time, and takes it for done.
+
+    Args:
+        messages: in order of log time.
+        timeline: where it begins.
+        tick_ns: steady time between two ticks of /clock; None: no ticks.
+        frames: topics whose messages are camera frames, for ``step_frame``.
+    """
+
+    def __init__(
+        self,
+        messages: Iterator[BagMessage],
+        timeline: Timeline,
+        tick_ns: int | None = None,
+        frames: frozenset[str] = frozenset(),
+    ) -> None:
+        self._messages = messages
+        self._frames = frames
+        self._tick_ns = tick_ns
+        self._tick_at_ns = timeline.steady_ns
+        self._steps = 0
+        self._to_frame = False
+        self.timeline = timeline
+        self._next: BagMessage | None = None
+
+    def behind_ns(self, now_ns: int) -> int:
+        """How long the next message has been due; 0 when it isn't yet."""
+        due_ns = None if self._next is None else self.timeline.due_ns(self._next.log_time_ns)
+        return 0 if due_ns is None else max(now_ns - due_ns, 0)
+
+    def set_paused(self, paused: bool, now_ns: int) -> None:
+        self.timeline = self.timeline.set_paused(paused, now_ns)
+        if not paused:
+            self._steps, self._to_frame = 0, False
+
+    def set_rate(self, rate: float, now_ns: int) -> None:
+        """Raises ValueError for a rate that can't be."""
+        self.timeline = self.timeline.set_rate(rate, now_ns)
+
+    def step(self, now_ns: int) -> None:
+        """One more message, then a pause."""
+        self.set_paused(True, now_ns)
+        self._steps += 1
+
+    def step_frame(self, now_ns: int) -> None:
+        """Messages up to and with the next camera frame, then a pause; in a bag without a camera
+        one message."""
+        if not self._frames:
+            self.step(now_ns)
+            return
+        self.set_paused(True, now_ns)
+        self._to_frame = True
+
+    def act(self, now_ns: int) -> Action:
+        """What to do at this time of the steady clock."""
+        # Fetched only now: damage in the bag must not keep the message before it from going out.
+        if self._next is None:
+            self._next = next(self._messages, None)
+        message = self._next
+        if message is None:
+            return End()
+        if self._steps or self._to_frame:
+            return self._send_step(message)
+        if self._tick_ns is not None and self._tick_at_ns <= now_ns:
+            # Ticks that were missed are not made up for: the time that they'd tell is over.
+            self._tick_at_ns = max(self._tick_at_ns, now_ns - self._tick_ns + 1) + self._tick_ns
+            # Never ahead of a message that is still to come, however late that is.
+            return Tick(min(self.timeline.at(now_ns), message.log_time_ns))
+        due_ns = self.timeline.due_ns(message.log_time_ns)
+        if due_ns is not None and due_ns <= now_ns:
+            self._next = None
+            return Send(message, now_ns - due_ns)
+        if self._tick_ns is None:
+            return Rest(due_ns)
+        return Rest(self._tick_at_ns if due_ns is None else min(due_ns, self._tick_at_ns))
+
+    def _send_step(self, message: BagMessage) -> Send:
+        if self._steps:
+            self._steps -= 1
+        elif message.topic in self._frames:
+            self._to_frame = False
+        self._next = None
+        self.timeline = self.timeline.moved_to(max(message.log_time_ns, self.timeline.bag_ns))
+        return Send(message, None)
+
+
+# Each step of the scale is a twentieth of a factor of two: 3.5 %.
+_STEPS = 20
+
+
+@dataclass(slots=True)
+class Lateness:
+    """Counts on a logarithmic scale; the largest value and the number are exact."""
+
+    count: int = 0
+    most_ns: int = 0
+    _counts: Counter[int] = field(default_factory=Counter)
+
+    def add(self, late_ns: int) -> None:
+        """One more message; what was sent early counts as in time."""
+        late_ns = max(late_ns, 0)
+        self.count += 1
+        self.most_ns = max(self.most_ns, late_ns)
+        self._counts[math.ceil(_STEPS * math.log2(late_ns)) if late_ns else -1] += 1
+
+    def quantile_ns(self, share: float) -> int:
+        """At least this share of the messages was not later than this; at most 4 % too large.
+
+        Args:
+            share: from 0 to 1.
+        """
+        wanted = math.ceil(share * self.count)
+        seen = 0
+        for step in sorted(self._counts):
+            seen += self._counts[step]
+            if seen >= wanted:
+                return min(round(2.0 ** (step / _STEPS)) if step >= 0 else 0, self.most_ns)
+        return self.most_ns
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +291,7 @@ class Player:
 
     def __init__(
         self,
-        tape: Tape,
+        tape: MessageSource,
         settings: Settings,
         send: Callable[[BagMessage], None],
         tick: Callable[[int], None],

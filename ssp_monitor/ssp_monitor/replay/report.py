@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from ssp_core.clock import ns_to_seconds
-from ssp_monitor.replay.lateness import Lateness
-from ssp_monitor.replay.plan import LeftOut, Plan
-from ssp_monitor.replay.player import Progress
+from ssp_monitor.replay.plan import OmittedTopic, Plan
+from ssp_monitor.replay.player import Lateness, Progress
 
 # Nobody notices less on a screen, and a loaded machine is late by as much now and then.
 BEHIND_NS = 100_000_000
@@ -56,7 +55,7 @@ def progress_line(progress: Progress, start_ns: int, end_ns: int, topics: int) -
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class ReplayOutcome:
     """How a replay ended.
 
     Args:
@@ -103,5 +102,5 @@ class Outcome:
         return said
 
 
-def _left_out_json(one: LeftOut) -> dict[str, Any]:
+def _left_out_json(one: OmittedTopic) -> dict[str, Any]:
     return {"topic": one.topic, "messages": one.count, "why": one.why}

@@ -14,7 +14,7 @@ from ssp_core import names
 from ssp_core.credentials import TOKEN_VARIABLE, check_token
 from ssp_core.processes import NodeProcess, ProcessGroup
 
-MODULE = "ssp_monitor.page.node"
+MODULE = "ssp_monitor.ros.page_node"
 DEFAULT_PORT = 8080
 START_S = 15.0
 _URL = re.compile(r"^page: (http://\S+/)$", re.MULTILINE)

@@ -38,7 +38,7 @@ PROFILE = Path(ssp_core.__file__).parent / "config" / "fastdds_one_host.xml"
 HOSTS_PROFILE = PROFILE.with_name("fastdds_hosts.xml")
 
 _NODES = {
-    names.MONITOR: "ssp_monitor.node",
+    names.MONITOR: "ssp_monitor.ros.monitor_node",
     names.SIL_WORLD: "ssp_ot_controller.ros.sil_world",
     names.OBJECT_TARGET: "ssp_ot_controller.ros.object_target",
     names.FRONT_CAMERA: "ssp_ot_controller.ros.front_camera",

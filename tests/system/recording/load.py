@@ -101,7 +101,7 @@ def main(spec_file: str) -> None:
     from rclpy.duration import Duration
     from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-    from ssp_monitor.conversions import message_class
+    from ssp_monitor.ros.conversions import message_class
 
     spec = json.loads(Path(spec_file).read_text())
     topics = [

@@ -18,9 +18,9 @@ from ssp_core.bag.check import check_bag
 from ssp_core.bag.reader import BagReader
 from ssp_core.bag.split import Split
 from ssp_core.bag.types import BagMessage
-from ssp_monitor.core.recorder import Recorder
-from ssp_monitor.core.stamps import SimulatedTime, stamp_at
-from ssp_monitor.core.topics import Profile, TopicSpec
+from ssp_monitor.recorder.losses import SimulatedTime, stamp_at
+from ssp_monitor.recorder.recorder import Recorder
+from ssp_monitor.recorder.topics import Profile, TopicSpec
 
 from .checks import held
 from .load import IMAGE, LoadTopic, encode

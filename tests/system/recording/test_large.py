@@ -14,10 +14,8 @@ from ssp_core.bag.metadata import ROOT_KEY, offered_qos
 from ssp_core.bag.reader import BagReader
 from ssp_core.bag.types import BagMessage
 from ssp_core.bag.writer import BagWriter
-from ssp_monitor.core.queue import OVERHEAD_BYTES
-from ssp_monitor.core.recorder import Recorder
-from ssp_monitor.core.selection import MOST_TOPICS
-from ssp_monitor.core.topics import Profile, TopicSpec
+from ssp_monitor.recorder.recorder import OVERHEAD_BYTES, Recorder
+from ssp_monitor.recorder.topics import MOST_TOPICS, Profile, TopicSpec
 
 from .checks import held, missing
 from .conftest import Field, wait_for

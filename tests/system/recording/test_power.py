@@ -22,8 +22,8 @@ from ssp_core.bag import mcap_output
 from ssp_core.bag.check import check_bag
 from ssp_core.bag.repair import recover
 from ssp_core.bag.types import BagMessage
-from ssp_monitor.core.recorder import Recorder
-from ssp_monitor.core.topics import Profile, TopicSpec
+from ssp_monitor.recorder.recorder import Recorder
+from ssp_monitor.recorder.topics import Profile, TopicSpec
 
 from .checks import LATE_FACTOR, kept_until_ns, missing
 from .conftest import Field, wait_for

@@ -13,9 +13,8 @@ import pytest
 from ssp_core.bag import mcap_output
 from ssp_core.bag.check import check_bag
 from ssp_core.bag.types import BagMessage
-from ssp_monitor.core.importance import Importance, importance
-from ssp_monitor.core.recorder import Recorder
-from ssp_monitor.core.topics import Profile, TopicSpec
+from ssp_monitor.recorder.recorder import Recorder
+from ssp_monitor.recorder.topics import Importance, Profile, TopicSpec, importance
 
 from .checks import held
 from .conftest import DEADLINE_S

@@ -1,0 +1,1 @@
+"""The verbs of ``ssp bag``: info, check, recover, cut, export and record."""

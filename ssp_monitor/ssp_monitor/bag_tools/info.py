@@ -1,0 +1,263 @@
+"""``ssp bag info``: what is in a bag, for people or programs, and what its recorder said."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Collection, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import click
+
+from ssp_core.bag.reader import BagReader
+from ssp_core.bag.summary import BagSummary, TopicSummary, summarise_bag
+from ssp_core.clock import NS_PER_S, ns_to_seconds
+from ssp_core.console import out
+from ssp_core.errors import InputError
+from ssp_core.files import parse_mapping
+from ssp_monitor.recorder.report import REPORT_NAME, SCHEMA
+
+
+def recording_report(bag: BagReader) -> dict[str, Any] | None:
+    """The report in a bag, None when there is none or it is of another make.
+
+    Raises:
+        InputError: it is damaged.
+    """
+    data = bag.attachment(REPORT_NAME)
+    if data is None:
+        return None
+    report = parse_mapping(data, f"{bag.path}:{REPORT_NAME}")
+    return report if report.get("schema") == SCHEMA else None
+
+
+def told(report: dict[str, Any]) -> list[str]:
+    """The report in sentences: first whether anything is missing, then where.
+
+    Raises:
+        InputError: the report lacks what it must have.
+    """
+    try:
+        lost, dropped = int(report["lost"]), int(report["dropped"])
+        received, limit = int(report["received"]), int(report["lost_limit"])
+        topics = [(str(t["name"]), int(t["lost"]), int(t["dropped"])) for t in report["topics"]]
+        warnings = [str(warning) for warning in report["warnings"]]
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(
+            f"is no report of a recording: {type(error).__name__} {error}", file=REPORT_NAME
+        ) from error
+    if not lost and not dropped:
+        return [f"complete: {received} messages received, none lost, none dropped", *warnings]
+    within = "within" if lost + dropped <= limit else "past"
+    lines = [
+        f"{lost} lost and {dropped} dropped of {received} received, {within} the limit of {limit}"
+    ]
+    lines += [
+        f"{name}: {_missing(lost, dropped)}" for name, lost, dropped in topics if lost or dropped
+    ]
+    return [*lines, *warnings]
+
+
+def _missing(lost: int, dropped: int) -> str:
+    parts = [f"{lost} never received"] if lost else []
+    parts += [f"{dropped} received and not written"] if dropped else []
+    return ", ".join(parts)
+
+
+# From here on a time is one of a calendar, before it one since a world began.
+_CALENDAR_NS = 10**9 * NS_PER_S
+# rmw's numbers, which rosbag2 wrote before Jazzy.
+_RELIABILITY = {1: "reliable", 2: "best effort", "best_effort": "best effort"}
+_DURABILITY = (1, "transient_local")
+_KEEP_ALL = (2, "keep_all")
+
+
+@click.command("info")
+@click.argument("path", type=click.Path(path_type=Path))
+@click.option("--json", "json_", is_flag=True, help="Print JSON for programs.")
+def info_command(path: Path, json_: bool) -> None:
+    """Topics, types, rates, QoS, files and attachments of a bag directory or .mcap file.
+
+    Messages are not read, so it takes no longer for a large bag.
+    """
+    found = summarise_bag(path)
+    report = _report(found)
+    if json_:
+        click.echo(json.dumps({**survey_json(found), "recording": report}, indent=1))
+        return
+    for line in survey_lines(found):
+        out.print(line, markup=False)
+    if report is not None:
+        whole = report.get("written")
+        cut = "" if whole == found.count else f", of which this bag is a part ({whole} messages)"
+        out.print(f"recording{cut}", markup=False)
+        for line in told(report):
+            out.print(f"  {line}", markup=False)
+
+
+def _report(found: BagSummary) -> dict[str, Any] | None:
+    """What the recorder said; a bag that isn't closed has none yet."""
+    if found.path.is_dir() and not (found.path / "metadata.yaml").is_file():
+        return None
+    if any(file.problem for file in found.files):
+        return None
+    with BagReader(found.path) as bag:
+        return recording_report(bag)
+
+
+def survey_json(found: BagSummary) -> dict[str, Any]:
+    """What stands in a bag, for programs; times are log times in ns."""
+    return {
+        "path": str(found.path),
+        "files": [
+            {
+                "name": f.name,
+                "bytes": f.bytes,
+                "messages": f.count,
+                "repeated": f.repeated,
+                "start_ns": f.start_ns,
+                "end_ns": f.end_ns,
+                "chunks": f.chunks,
+                "compression": list(f.compressions),
+                "problem": f.problem,
+            }
+            for f in found.files
+        ],
+        "bytes": found.bytes,
+        "messages": found.count,
+        "start_ns": found.start_ns,
+        "end_ns": found.end_ns,
+        "topics": {
+            name: {
+                "type": ", ".join(t.msgtypes),
+                "messages": t.count,
+                "rate_hz": t.rate_hz,
+                "first_ns": t.first_ns,
+                "last_ns": t.last_ns,
+                "message_encoding": t.encodings[0],
+                "schema_encoding": t.encodings[1],
+                "type_hash": t.type_hash,
+                "offered_qos": t.qos,
+            }
+            for name, t in sorted(found.topics.items())
+        },
+        "attachments": [
+            {"name": a.name, "media_type": a.media_type, "bytes": a.bytes}
+            for a in found.attachments
+        ],
+        "notes": list(found.notes),
+    }
+
+
+def survey_lines(found: BagSummary) -> list[str]:
+    """What stands in a bag, for people."""
+    files = f"{len(found.files)} files" if len(found.files) != 1 else "1 file"
+    lines = [
+        f"{found.path}: {found.count} messages of "
+        f"{topics_text([t.count for t in found.topics.values()])}, {files}, "
+        f"{size_text(found.bytes)}, {span_text(found.start_ns, found.end_ns)}"
+    ]
+    lines += [f"note: {note}" for note in found.notes]
+    if len(found.files) > 1 or found.files[0].compressions not in ((), ("none",)):
+        lines += _table(
+            [("file", "size", "messages", "from", "length", "chunks")], _file_rows(found)
+        )
+    if found.topics:
+        heads = [("topic", "type", "messages", "Hz", "offered QoS")]
+        lines += _table(heads, [_topic_row(t) for _, t in sorted(found.topics.items())])
+    if found.attachments:
+        rows = [(a.name, size_text(a.bytes), a.media_type) for a in found.attachments]
+        lines += _table([("attachment", "size", "kind")], rows)
+    return lines
+
+
+def _file_rows(found: BagSummary) -> list[tuple[str, ...]]:
+    rows: list[tuple[str, ...]] = []
+    begin_ns = found.start_ns or 0
+    for file in found.files:
+        if file.problem:
+            rows.append((file.name, size_text(file.bytes), "", "", "", file.problem))
+            continue
+        start_s = length_s = "-"
+        if file.start_ns is not None and file.end_ns is not None:
+            start_s = f"+{ns_to_seconds(file.start_ns - begin_ns):.3f} s"
+            length_s = f"{ns_to_seconds(file.end_ns - file.start_ns):.3f} s"
+        count = str(file.count) + (f" ({file.repeated} repeated)" if file.repeated else "")
+        chunks = f"{file.chunks} {', '.join(file.compressions)}" if file.chunks else "none"
+        rows.append((file.name, size_text(file.bytes), count, start_s, length_s, chunks))
+    return rows
+
+
+def _topic_row(topic: TopicSummary) -> tuple[str, ...]:
+    rate = "-" if topic.rate_hz is None else f"{topic.rate_hz:.1f}"
+    kind = ", ".join(topic.msgtypes)
+    message, schema = topic.encodings
+    if message != "cdr" or schema != "ros2msg":
+        kind += f" ({'/'.join(part or 'no definition' for part in topic.encodings)})"
+    return (topic.name, kind, str(topic.count), rate, qos_text(topic.qos))
+
+
+def qos_text(profiles: Sequence[dict[str, Any]] | None) -> str:
+    """Quality of service in a few words: ``reliable, latched, 20``; of several publishers each.
+
+    Args:
+        profiles: as they stand in the bag; None when they can't be read.
+    """
+    if profiles is None:
+        return "unreadable"
+    kinds = Counter(_profile_text(profile) for profile in profiles)
+    return "; ".join(f"{count} x {text}" if count > 1 else text for text, count in kinds.items())
+
+
+def _profile_text(profile: dict[str, Any]) -> str:
+    reliability = profile.get("reliability", "?")
+    parts = [str(_RELIABILITY.get(reliability, reliability))]
+    if profile.get("durability") in _DURABILITY:
+        parts.append("latched")
+    depth = "all" if profile.get("history") in _KEEP_ALL else profile.get("depth", "?")
+    return ", ".join([*parts, f"depth {depth}"])
+
+
+def topics_text(counts: Collection[int]) -> str:
+    """How many topics there are, and how many of them hold messages."""
+    filled = sum(1 for count in counts if count)
+    of = f" of {len(counts)}" if filled < len(counts) else ""
+    return f"{filled}{of} topics"
+
+
+def size_text(size: int) -> str:
+    """Bytes in the unit that suits them."""
+    value, units = float(size), ("B", "kB", "MB", "GB", "TB")
+    for unit in units:
+        if value < 1000.0 or unit == units[-1]:
+            return f"{value:.0f} {unit}" if unit == "B" else f"{value:.1f} {unit}"
+        value /= 1000.0
+    raise AssertionError("the last unit takes any size")
+
+
+def span_text(start_ns: int | None, end_ns: int | None) -> str:
+    """Beginning and length of a bag; a simulated one counts from the beginning of its world."""
+    if start_ns is None or end_ns is None:
+        return "no times"
+    length = f"{ns_to_seconds(end_ns - start_ns):.3f} s"
+    if start_ns < _CALENDAR_NS:
+        return f"{length} from {ns_to_seconds(start_ns):.3f} s"
+    begin = datetime.fromtimestamp(start_ns // NS_PER_S, UTC)
+    return f"{length} from {begin:%Y-%m-%d %H:%M:%S}.{start_ns % NS_PER_S // 10**6:03d} UTC"
+
+
+def _table(heads: Sequence[tuple[str, ...]], rows: Sequence[tuple[str, ...]]) -> list[str]:
+    """Aligned columns, figures to the right; the last column runs free."""
+    cells = [*heads, *rows]
+    widths = [max(len(row[column]) for row in cells) for column in range(len(heads[0]))]
+    figures = ("size", "messages", "Hz", "from", "length")
+    lines = []
+    for row in cells:
+        parts = [
+            f"{cell:>{width}}" if head in figures else f"{cell:{width}}"
+            for cell, width, head in zip(row, widths, heads[0], strict=True)
+        ]
+        lines.append("  ".join(parts).rstrip())
+    return lines

@@ -1,0 +1,159 @@
+"""``ssp bag record``: record topics without a session."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import click
+
+from ssp_core.cli import Number, usage_errors
+from ssp_core.console import err, note, on_stop_signals, out
+from ssp_monitor.recorder.disk import DiskNeeds
+from ssp_monitor.recorder.encoding import CODECS, video_choice
+from ssp_monitor.recorder.plan import MB, QUEUE_MB, RESERVE_MB, RecordingPlan, patterns, split_by
+from ssp_monitor.recorder.report import RepeatedWarnings
+from ssp_monitor.recorder.topics import MOST_TOPICS, Selection
+
+
+def _no_topics(_: click.Context, __: click.Parameter, value: str | None) -> None:
+    if value is not None:
+        raise click.UsageError(
+            "record has no --topics: name topics as arguments, or give --include RE"
+        )
+
+
+@click.command("record")
+@click.argument("topics", nargs=-1, metavar="[TOPIC]...")
+@click.option(
+    "--topics", "_", metavar="TOPIC", hidden=True, expose_value=False, callback=_no_topics
+)
+@click.option("--all", "everything", is_flag=True, help="Every topic, those that come late too.")
+@click.option("--include", multiple=True, metavar="RE", help="Topics with such names; repeatable.")
+@click.option("--exclude", multiple=True, metavar="RE", help="None of these; repeatable.")
+@click.option(
+    "-o", "--out", "bag", type=click.Path(path_type=Path), required=True, help="New bag directory."
+)
+@click.option("--duration", type=Number(0.1), metavar="S", help="End after S seconds.")
+@click.option("--split-mb", type=Number(0), default=0.0, help="New file at this size.")
+@click.option("--split-s", type=Number(0), default=0.0, help="New file after this time.")
+@click.option("--video", type=click.Choice(CODECS), help="Record images as video.")
+@click.option("--video-topics", default="", metavar="RE", help="Only the images of these topics.")
+@click.option(
+    "--queue-mb",
+    type=click.IntRange(1),
+    default=QUEUE_MB,
+    show_default=True,
+    help="What may wait for the disk before something is dropped.",
+)
+@click.option(
+    "--reserve-mb",
+    type=click.IntRange(0),
+    default=RESERVE_MB,
+    show_default=True,
+    help="End the recording when the disk has less room than this.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+@click.pass_context
+def record_command(
+    ctx: click.Context,
+    topics: tuple[str, ...],
+    everything: bool,
+    include: tuple[str, ...],
+    exclude: tuple[str, ...],
+    bag: Path,
+    duration: float | None,
+    split_mb: float,
+    split_s: float,
+    video: str | None,
+    video_topics: str,
+    queue_mb: int,
+    reserve_mb: int,
+    as_json: bool,
+) -> None:
+    """Record topics into a bag until Ctrl-C.
+
+    Named topics are recorded whatever they are; --all and --include leave out hidden topics,
+    /rosout and /parameter_events. An expression may match anywhere in a name. Ctrl-C is the regular
+    end: exit status 0, or 1 when messages were lost or the bag is not as it must be.
+    """
+    if not (topics or everything or include):
+        raise click.UsageError("name topics, or give --all or --include")
+    named = frozenset(topic if topic.startswith("/") else f"/{topic}" for topic in topics)
+    with usage_errors():
+        plan = RecordingPlan(
+            bag_dir=bag,
+            selection=Selection(
+                everything=everything,
+                include=patterns(include, "--include"),
+                exclude=patterns(exclude, "--exclude"),
+                named=named,
+                most=MOST_TOPICS,
+            ),
+            needs=DiskNeeds(reserve_mb * MB),
+            split=split_by(split_mb, split_s),
+            video=video_choice(video or "", video_topics),
+            queue_bytes=queue_mb * MB,
+        )
+    from ssp_monitor.ros.recording import record
+
+    sayings = RepeatedWarnings()
+    with _stopped_by_signals() as stop, err.status("") as live:
+
+        def tell(status: Any) -> None:
+            live.update(_line(status))
+            for warning in status.warnings:
+                if sayings.say(warning):
+                    note(f"warning: {warning}")
+
+        closed, why = record(plan, stop, duration, tell)
+    for name in sorted(named.difference(closed.topics, closed.ambiguous)):
+        note(f"warning: {name} had no publisher")
+    if why:
+        note(f"ended by itself: {why}")
+    problems = list(closed.problems)
+    ok = not (closed.lost or problems or why)
+    if as_json:
+        result = {
+            "bag": str(bag),
+            "ok": ok,
+            "messages": closed.state.messages,
+            "bytes": closed.state.bytes,
+            "files": closed.state.files,
+            "topics": len(closed.topics),
+            "lost": closed.lost,
+            "ended": why,
+            "problems": problems,
+            "warnings": sayings.texts(),
+        }
+        click.echo(json.dumps(result))
+    else:
+        checked = closed.check.text if closed.check else f"not closed: {closed.state.failure}"
+        checked = ", ".join((checked, *closed.incomplete))
+        out.print(
+            f"{bag}: {closed.state.messages} messages of {len(closed.topics)} topics, "
+            f"{closed.state.bytes / MB:.1f} MB, {closed.lost} lost, {checked}",
+            markup=False,
+        )
+    ctx.exit(0 if ok else 1)
+
+
+def _line(status: Any) -> str:
+    """The recorder's state (RecorderStatus.msg) in one line."""
+    return (
+        f"{status.messages} messages of {len(status.topics)} topics, {status.bytes / MB:.1f} MB at "
+        f"{status.write_bytes_per_s / MB:.1f} MB/s, {status.lost} lost, "
+        f"{100 * status.queue_bytes / max(status.queue_limit_bytes, 1):.0f} % of the queue in use"
+    )
+
+
+@contextmanager
+def _stopped_by_signals() -> Iterator[threading.Event]:
+    """An event that Ctrl-C, SIGTERM and a closed terminal set: the bag is closed in good order."""
+    stop = threading.Event()
+    with on_stop_signals(lambda _: stop.set()):
+        yield stop

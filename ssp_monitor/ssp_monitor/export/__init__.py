@@ -1,1 +1,0 @@
-"""Exports a bag as pictures, videos and tables."""

@@ -1,0 +1,251 @@
+"""The viewers that are connected, and what is pushed to each: of every kind only the newest."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import time
+from collections.abc import Mapping
+from contextlib import suppress
+from typing import Any
+
+from aiohttp import WSMsgType, web
+
+from ssp_monitor.page.access import AccessRules, TokenBucket, same_token
+
+Payload = str | bytes
+
+
+class Mailbox:
+    """One slot per kind of message; must be used in one event loop."""
+
+    def __init__(self) -> None:
+        self._slots: dict[str, Payload] = {}
+        self._filled = asyncio.Event()
+        self.dropped = 0
+        self.filled_ns = 0
+
+    def put(self, kind: str, payload: Payload) -> None:
+        """The newest of its kind; an older one that wasn't fetched is dropped."""
+        if kind in self._slots:
+            self.dropped += 1
+        self._slots[kind] = payload
+        self.filled_ns = time.monotonic_ns()
+        self._filled.set()
+
+    async def take(self) -> Mapping[str, Payload]:
+        """Everything there is, as soon as there is something."""
+        await self._filled.wait()
+        self._filled.clear()
+        taken, self._slots = self._slots, {}
+        return taken
+
+
+MOST_VIEWERS = 12
+# Sockets that haven't said who they are yet.
+MOST_STRANGERS = 8
+# A viewer says who it is within this time, and takes what it is sent within that one.
+HELLO_S = 5.0
+SEND_S = 5.0
+# What was sent must be confirmed within this time. Kernels and tunnels buffer far more than one
+# bundle: only a viewer's own word tells that what it sees is new.
+ECHO_S = 5.0
+MOST_BYTES = 2048
+# A viewer that is gone without a word is noticed after one and a half of this.
+PING_S = 5.0
+# What a new viewer gets at once. A snapshot or a picture that nobody looked at may be hours old.
+_KEPT = ("site", "events")
+_TOO_MANY = 4008
+_REFUSED = 4001
+_MALFORMED = 4002
+_NO_ECHO = 4009
+
+
+class Hub:
+    """Sends everybody the newest of each kind; lives in the server's event loop.
+
+    Args:
+        door: tells who may read.
+    """
+
+    def __init__(self, door: AccessRules) -> None:
+        self._door = door
+        self._newest: dict[str, Payload] = {}
+        self._boxes: set[Mailbox] = set()
+        self._viewers: set[web.WebSocketResponse] = set()
+        self._strangers: set[web.WebSocketResponse] = set()
+        self._guesses = TokenBucket(10, 1)
+
+    @property
+    def viewers(self) -> int:
+        return len(self._viewers)
+
+    def push(self, payloads: dict[str, Payload]) -> None:
+        """New things, by kind."""
+        self._newest.update({k: payloads[k] for k in _KEPT if k in payloads})
+        for box in self._boxes:
+            for kind, payload in payloads.items():
+                box.put(kind, payload)
+
+    async def close(self) -> None:
+        """Says goodbye to everybody."""
+        for socket in [*self._viewers, *self._strangers]:
+            with suppress(Exception):
+                await asyncio.wait_for(socket.close(code=1001, message=b"the page ends"), 1.0)
+
+    async def serve(self, request: web.Request) -> web.StreamResponse:
+        """One viewer, from its hello to its end."""
+        if len(self._strangers) >= MOST_STRANGERS:
+            return web.Response(status=503, text="too many say nothing; try again in a moment")
+        if len(self._viewers) >= MOST_VIEWERS:
+            return web.Response(status=503, text=f"{MOST_VIEWERS} viewers are connected, no more")
+        socket = web.WebSocketResponse(
+            max_msg_size=MOST_BYTES, compress=False, heartbeat=PING_S, timeout=2.0
+        )
+        self._strangers.add(socket)
+        try:
+            await socket.prepare(request)
+            if await self._welcome(socket):
+                await self._feed(socket)
+        finally:
+            self._strangers.discard(socket)
+            self._viewers.discard(socket)
+        return socket
+
+    async def _welcome(self, socket: web.WebSocketResponse) -> bool:
+        """Takes the hello and answers it; False: this one may not even read."""
+        try:
+            message = await asyncio.wait_for(socket.receive(), HELLO_S)
+            token = _token_of(message.data) if message.type is WSMsgType.TEXT else None
+        except TimeoutError:
+            token = None
+        if token is None:
+            self._guesses.take(time.monotonic_ns())
+            await socket.close(code=_MALFORMED, message=b"the first message must be a hello")
+            return False
+        right = bool(token) and same_token(token, self._door.token)
+        if token and not right and not self._guesses.take(time.monotonic_ns()):
+            await socket.close(code=_REFUSED, message=b"too many wrong tokens; wait a second")
+            return False
+        why = "" if right else "wrong token" if token else "no token"
+        await _send(
+            socket,
+            json.dumps({"type": "welcome", "may_command": right, "why": why}),
+        )
+        if right or self._door.open_to_read:
+            if len(self._viewers) >= MOST_VIEWERS:
+                await socket.close(code=_TOO_MANY, message=b"too many viewers are connected")
+                return False
+            self._strangers.discard(socket)
+            self._viewers.add(socket)
+            return True
+        await socket.close(code=_REFUSED, message=f"{why}: reading needs it here".encode())
+        return False
+
+    async def _feed(self, socket: web.WebSocketResponse) -> None:
+        box = Mailbox()
+        for kind, payload in self._newest.items():
+            box.put(kind, payload)
+        self._boxes.add(box)
+        echoes = Echoes()
+        feeding = asyncio.ensure_future(_feed_from(box, socket, echoes))
+        listening = asyncio.ensure_future(_listen(socket, echoes))
+        try:
+            await asyncio.wait({feeding, listening}, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            self._boxes.discard(box)
+            for task in (feeding, listening):
+                task.cancel()
+            await asyncio.gather(feeding, listening, return_exceptions=True)
+        if not socket.closed:
+            code, why = (_NO_ECHO, b"not confirmed in time") if echoes.late else (1000, b"")
+            with suppress(Exception):
+                await asyncio.wait_for(socket.close(code=code, message=why), 1.0)
+
+
+class Echoes:
+    """What a viewer has confirmed: never more than one bundle is on its way to it."""
+
+    def __init__(self) -> None:
+        self._sent = 0
+        self._heard = asyncio.Event()
+        self._heard_ns = 0
+        self.late = False
+
+    def mark(self, filled_ns: int) -> str:
+        """Ends a bundle: its number, and how long it was not on its way.
+
+        The viewer knows when it confirmed the one before. From then until this one has come, all
+        time was spent on the way but what it waited here; what it shows can't be older than that
+        and what its own content had waited before it was sent.
+
+        Args:
+            filled_ns: when the newest of the bundle was made, steady clock.
+        """
+        now_ns = time.monotonic_ns()
+        self._sent += 1
+        self._heard.clear()
+        held_s = (now_ns - self._heard_ns) / 1e9 if self._heard_ns else 0.0
+        waited_s = (now_ns - filled_ns) / 1e9 if filled_ns else 0.0
+        return json.dumps(
+            {"type": "mark", "n": self._sent, "held_s": round(held_s - waited_s, 3)},
+            separators=(",", ":"),
+        )
+
+    def hear(self, text: object) -> bool:
+        """Whether this is the echo that is waited for; each counts once."""
+        if text != f'{{"echo":{self._sent}}}' or self._heard.is_set():
+            return False
+        self._heard_ns = time.monotonic_ns()
+        self._heard.set()
+        return True
+
+    async def wait(self) -> None:
+        """Until the last bundle is confirmed. Raises TimeoutError when it takes too long."""
+        try:
+            await asyncio.wait_for(self._heard.wait(), ECHO_S)
+        except TimeoutError:
+            self.late = True
+            raise
+
+
+async def _feed_from(box: Mailbox, socket: web.WebSocketResponse, echoes: Echoes) -> None:
+    with suppress(ConnectionError, asyncio.TimeoutError):
+        # An empty bundle first: how long the way is must be known before anything is shown.
+        await _send(socket, echoes.mark(0))
+        await echoes.wait()
+        while not socket.closed:
+            bundle = (await box.take()).values()
+            # Marked before it is sent: the time that sending takes is time on the way.
+            mark = echoes.mark(box.filled_ns)
+            for payload in (*bundle, mark):
+                await _send(socket, payload)
+            await echoes.wait()
+
+
+async def _send(socket: web.WebSocketResponse, payload: Payload) -> None:
+    sending = socket.send_str(payload) if isinstance(payload, str) else socket.send_bytes(payload)
+    await asyncio.wait_for(sending, SEND_S)
+
+
+async def _listen(socket: web.WebSocketResponse, echoes: Echoes) -> None:
+    """A viewer has nothing to say but echoes; one that talks all the same is sent away."""
+    chatter = TokenBucket(20, 2)
+    async for message in socket:
+        if echoes.hear(message.data):
+            continue
+        if not chatter.take(time.monotonic_ns()):
+            await socket.close(code=_TOO_MANY, message=b"too many messages")
+            return
+
+
+def _token_of(text: str) -> str | None:
+    """The token of a hello, empty without one; None for what is no hello."""
+    try:
+        said: Any = json.loads(text)
+    except (ValueError, RecursionError):
+        return None
+    if not isinstance(said, dict) or said.get("type") != "hello":
+        return None
+    token = said.get("token", "")
+    return token if isinstance(token, str) else None

@@ -1,1 +1,0 @@
-"""A recording without a session."""

@@ -1,0 +1,115 @@
+"""Encodes a topic's pictures while they are written, and keeps what can't be encoded as it came."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+from ssp_core.bag.types import BagMessage
+from ssp_core.errors import InputError
+from ssp_monitor.recorder.pattern import Pattern
+
+# Where pictures go that the encoder refused: beside the video, under the type that they have.
+ORIGINAL = "/original"
+PICTURES = ("sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/Image")
+CODECS = ("h264", "h265")
+
+
+class Encoder(Protocol):
+    """What is needed of an encoder; video_encoder.py has one."""
+
+    @property
+    def msgtype(self) -> str: ...
+
+    @property
+    def damaged(self) -> int: ...
+
+    @property
+    def last_problem(self) -> str: ...
+
+    def encode(self, message: BagMessage) -> list[BagMessage]: ...
+
+    def finish(self) -> list[BagMessage]: ...
+
+
+@dataclass(frozen=True, slots=True)
+class VideoChoice:
+    """Which topics of pictures become video.
+
+    Args:
+        codec: one of CODECS.
+        topics: found in the topic's name.
+    """
+
+    codec: str
+    topics: Pattern
+
+    def encoder(self, topic: str, msgtype: str) -> Encoder | None:
+        """An encoder for a topic, None when it is recorded as it comes."""
+        if msgtype not in PICTURES or not self.topics.found_in(topic):
+            return None
+        # Codecs are large: who records no video doesn't load them.
+        from ssp_monitor.recorder.video_encoder import Codec, VideoEncoder
+
+        return VideoEncoder(msgtype, Codec(self.codec))
+
+
+def video_choice(codec: str, topics: str) -> VideoChoice | None:
+    """The choice out of two options; an empty codec is none.
+
+    Raises:
+        InputError: the codec or the expression isn't one.
+    """
+    if not codec:
+        return None
+    if codec not in CODECS:
+        raise InputError(
+            "is no codec", field="video", value=codec, remedy=f"{' or '.join(CODECS)}, or nothing"
+        )
+    return VideoChoice(codec, Pattern(topics, "video_topics"))
+
+
+class Encoding:
+    """One topic on its way through its encoder. Used by the writer thread alone.
+
+    Args:
+        encoder: of this topic.
+        add_original: announces a topic for what can't be encoded and returns its name; called at
+            most once.
+    """
+
+    def __init__(self, encoder: Encoder, add_original: Callable[[], str]) -> None:
+        self._encoder = encoder
+        self._add_original = add_original
+        self.originals: str | None = None
+        self.failed = 0
+        self.problem = ""
+
+    def encode(self, message: BagMessage) -> list[BagMessage]:
+        """What is written in place of a message; never nothing because of a failure."""
+        before = self._encoder.damaged
+        try:
+            done = self._encoder.encode(message)
+        except Exception as error:
+            # Codecs are foreign code: whatever they raise must not cost the picture.
+            return [self._original(message, f"{type(error).__name__}: {error}")]
+        if self._encoder.damaged > before:
+            done = [*done, self._original(message, self._encoder.last_problem)]
+        return done
+
+    def finish(self) -> list[BagMessage]:
+        """What the encoder held back."""
+        try:
+            return self._encoder.finish()
+        except Exception as error:
+            self.failed += 1
+            self.problem = f"{type(error).__name__}: {error}"
+            return []
+
+    def _original(self, message: BagMessage, problem: str) -> BagMessage:
+        self.failed += 1
+        self.problem = problem
+        if self.originals is None:
+            self.originals = self._add_original()
+        return message._replace(topic=self.originals)

@@ -1,0 +1,161 @@
+"""Counts messages that were published and never arrived, by sequences and publishers' counts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Set
+from contextlib import suppress
+from dataclasses import dataclass, field
+
+from rosbags.interfaces import Nodetype
+
+from ssp_core import names
+from ssp_core.bag.types import typestore
+from ssp_core.cdr.codec import START
+from ssp_core.cdr.messages import leading_stamp_ns
+from ssp_core.cdr.steps import decode_heartbeat, decode_tick_head
+from ssp_core.world.transforms import TF_TYPE
+
+# A warning names so many topics.
+MOST_NAMED = 5
+
+
+@dataclass(slots=True)
+class Arrivals:
+    """What arrived of one topic, by publisher, and what is missing.
+
+    What a publisher sent before its first message that arrived is no loss: it may have been sent
+    before anybody listened.
+
+    Args:
+        received: messages that arrived.
+        gaps: messages missing between two that arrived.
+        told: messages that the middleware says it could not deliver.
+        behind: messages missing behind the last one that arrived.
+    """
+
+    received: int = 0
+    gaps: int = 0
+    told: int = 0
+    behind: int = 0
+    _last: dict[bytes, int] = field(default_factory=dict)
+
+    @property
+    def lost(self) -> int:
+        return max(self.gaps, self.told) + self.behind
+
+    @property
+    def publishers(self) -> int:
+        """How many different ones were heard."""
+        return len(self._last)
+
+    def seen(self, publisher: bytes, sequence: int) -> int:
+        """Notes a message that arrived and returns how many are missing right before it.
+
+        Args:
+            publisher: what tells its publisher from others; a restarted one is another.
+            sequence: the publisher's number for it, 0 where there is none; one that is not above
+                the last one comes from a count that started over.
+        """
+        self.received += 1
+        if not sequence:
+            return 0
+        last = self._last.get(publisher)
+        self._last[publisher] = sequence
+        if last is None or sequence <= last + 1:
+            return 0
+        missing = sequence - last - 1
+        self.gaps += missing
+        return missing
+
+    def claimed(self, sent: int) -> None:
+        """Notes at the end that the topic's publisher says to have sent at least so many.
+
+        With several publishers it proves nothing, since the claim is one publisher's; with none
+        heard, since it may have been sent before anybody listened.
+        """
+        if len(self._last) == 1:
+            (last,) = self._last.values()
+            self.behind = max(0, sent - last)
+
+
+def losses_beside(counts: Mapping[str, int], own: Set[str]) -> list[str]:
+    """A sentence about losses that don't make a run invalid, so that nothing else tells of them.
+
+    Args:
+        counts: messages that are missing, by topic.
+        own: the run's topics; without any, all topics must be complete, and there is no sentence.
+    """
+    others = {name: n for name, n in sorted(counts.items()) if n and name not in own}
+    if not own or not others:
+        return []
+    some = ", ".join(list(others)[:MOST_NAMED]) + (", ..." if len(others) > MOST_NAMED else "")
+    return [f"{sum(others.values())} messages of topics beside the run's are missing: {some}"]
+
+
+TICK, HEARTBEAT = names.absolute(names.WORLD_TICK), names.absolute(names.HEARTBEAT)
+SOURCES = frozenset({TICK, HEARTBEAT})
+
+
+def claims(last: Mapping[str, bytes]) -> dict[str, int]:
+    """By topic, how many messages its publisher has sent at the least.
+
+    The world doesn't count the states of the VUT that it repeats before a run, so that its number
+    may be lower than the truth; it is never higher.
+
+    Args:
+        last: the last message of each topic of SOURCES that has one. One that can't be read says
+            nothing.
+    """
+    sent: dict[str, int] = {}
+    with suppress(KeyError, ValueError):
+        states = decode_tick_head(last[TICK]).vut_states_sent
+        sent[names.absolute(names.state_topic(names.VUT_ID))] = states
+    with suppress(KeyError, ValueError):
+        for object_id, references in decode_heartbeat(last[HEARTBEAT]).references_sent.items():
+            sent[names.absolute(names.reference_topic(object_id))] = references
+    return sent
+
+
+_STAMPED = ("std_msgs/msg/Header", "builtin_interfaces/msg/Time")
+
+
+def stamp_at(msgtype: str) -> int | None:
+    """Where the first stamp stands in a message of this type; None: it doesn't begin with one.
+
+    A Header or a bare Time stands behind the encapsulation, that of a first transform behind their
+    number.
+
+    Raises:
+        KeyError: the type is not known.
+    """
+    if msgtype == TF_TYPE:
+        return START + 4
+    fields = typestore().fielddefs[msgtype][1]
+    if not fields:
+        return None
+    kind, what = fields[0][1]
+    return START if kind == Nodetype.NAME and what in _STAMPED else None
+
+
+@dataclass(slots=True)
+class SimulatedTime:
+    """Gives each message of a simulated session its time: its own stamp, or the newest one seen.
+
+    The newest stamp, not that of /clock, so that the result doesn't depend on the order in which
+    two topics happen to be read.
+    """
+
+    newest_ns: int = 0
+
+    def of(self, cdr: bytes, at: int | None) -> int:
+        """Time of a message, ns.
+
+        Args:
+            cdr: the serialised message.
+            at: where its stamp stands, see stamp_at.
+        """
+        stamp_ns = None if at is None else leading_stamp_ns(cdr, at)
+        if stamp_ns is None:
+            return self.newest_ns
+        self.newest_ns = max(self.newest_ns, stamp_ns)
+        return stamp_ns

@@ -1,1 +1,0 @@
-"""What every recording is made of, with a session or without."""

@@ -1,0 +1,164 @@
+"""``ssp replay``: publishes a bag."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+import click
+
+import ssp_core
+from ssp_core import names
+from ssp_core.bag.reader import BagReader
+from ssp_core.cli import Number, usage_errors
+from ssp_core.errors import InputError
+from ssp_core.processes import live_environment, session_environment
+from ssp_monitor.recorder.pattern import Pattern
+from ssp_monitor.replay.plan import DEFAULT_CLOCK_HZ, ReplayOptions, is_name
+from ssp_monitor.replay.player import FASTEST, SLOWEST, Settings
+
+_PROFILES = Path(ssp_core.__file__).parent / "config"
+_MOST_S = 1e6  # what a wait of the operating system takes
+
+
+def _environment(network: bool) -> dict[str, str]:
+    if network:
+        return live_environment(_PROFILES / "fastdds_hosts.xml")
+    domain = os.environ.get("ROS_DOMAIN_ID") or "0"
+    if not domain.isdecimal() or int(domain) > 232:
+        raise InputError("must be a whole number up to 232", field="ROS_DOMAIN_ID", value=domain)
+    return session_environment(int(domain), _PROFILES / "fastdds_one_host.xml")
+
+
+def _remap(ctx: click.Context, param: click.Parameter, rules: tuple[str, ...]) -> dict[str, str]:
+    found = {}
+    for rule in rules:
+        recorded, mark, topic = rule.partition(":=")
+        if not (recorded and mark and topic):
+            raise click.BadParameter(f"{rule!r} is not FROM:=TO", ctx, param)
+        if not is_name(names.absolute(topic)):
+            raise click.BadParameter(f"{topic!r} is no topic name", ctx, param)
+        found[recorded] = topic
+    return found
+
+
+def _expressions(
+    _: click.Context, param: click.Parameter, texts: tuple[str, ...]
+) -> tuple[str, ...]:
+    with usage_errors():
+        for text in texts:
+            Pattern(text, param.opts[0])
+    return texts
+
+
+@click.command("replay")
+@click.argument("bag", type=click.Path(path_type=Path))
+@click.option("--rate", type=Number(SLOWEST, FASTEST), default=1.0, show_default=True)
+@click.option("--start", "start_s", type=Number(0), default=0.0, help="Seconds from the beginning.")
+@click.option("--end", "end_s", type=Number(0), help="Seconds from the beginning, where to end.")
+@click.option("--loop", is_flag=True, help="Begin again at the end.")
+@click.option("--paused", is_flag=True, help="Begin with a pause.")
+@click.option(
+    "--delay", "delay_s", type=Number(0, _MOST_S), default=0.0, help="Seconds before it begins."
+)
+@click.option(
+    "--clock",
+    "clock_hz",
+    type=Number(0, 1000),
+    help="Publish /clock at this rate, from the bag's times; 0: none. "
+    f"[default: the recorded one, else {DEFAULT_CLOCK_HZ:g}]",
+)
+@click.option(
+    "--topics",
+    multiple=True,
+    metavar="RE",
+    callback=_expressions,
+    help="Only these: names, or regular expressions found in names (`ssp bag cut` takes patterns "
+    "with * instead). Repeatable.",
+)
+@click.option(
+    "--exclude",
+    multiple=True,
+    metavar="RE",
+    callback=_expressions,
+    help="Not these; as --topics. Repeatable.",
+)
+@click.option(
+    "--remap", multiple=True, metavar="FROM:=TO", callback=_remap, help="Another name. Repeatable."
+)
+@click.option("--commands", is_flag=True, help="Also topics that real objects may act on.")
+@click.option(
+    "--beside-session", is_flag=True, help="Even where a session is under way in this ROS domain."
+)
+@click.option(
+    "--network", is_flag=True, help="Let other hosts hear it; otherwise this one alone does."
+)
+@click.option("--strict", is_flag=True, help="Refuse a bag with a type that isn't installed.")
+@click.option(
+    "--wait-for",
+    type=click.IntRange(0),
+    default=0,
+    help="Begin when each topic has so many subscribers.",
+)
+@click.option(
+    "--wait-limit",
+    "wait_limit_s",
+    type=Number(0, _MOST_S, low_open=True),
+    default=30.0,
+    show_default=True,
+    help="Seconds to wait for them.",
+)
+@click.option("--json", "json_", is_flag=True, help="Print JSON for programs.")
+def replay(
+    bag: Path,
+    rate: float,
+    start_s: float,
+    end_s: float | None,
+    loop: bool,
+    paused: bool,
+    delay_s: float,
+    clock_hz: float | None,
+    topics: tuple[str, ...],
+    exclude: tuple[str, ...],
+    remap: dict[str, str],
+    commands: bool,
+    beside_session: bool,
+    network: bool,
+    strict: bool,
+    wait_for: int,
+    wait_limit_s: float,
+    json_: bool,
+) -> int:
+    """Publish a bag as it was recorded: a bag directory or an .mcap file.
+
+    Topics that may move real objects are left out, and a ROS domain with a session in it is
+    refused. Keys: space pauses, right arrow sends one message, s goes on to the next camera frame,
+    + and - change the rate, q ends. The node /ssp/replay offers pause, resume, toggle_paused, step
+    and step_frame as std_srvs/Trigger, and the parameter rate. Ctrl-C ends it as q does: exit
+    status 0.
+    """
+    wishes = ReplayOptions(topics, exclude, remap, commands, clock_hz, strict)
+    environment = _environment(network)
+    reader = BagReader(bag)
+    from ssp_monitor.ros.replay_node import Options
+    from ssp_monitor.ros.replay_node import replay as replay_bag
+
+    options = Options(
+        wishes,
+        Settings(rate, paused, loop, delay_s),
+        start_s,
+        end_s,
+        beside_session,
+        wait_for,
+        wait_limit_s,
+        json_,
+    )
+    return replay_bag(reader, options, environment)
+
+
+def main() -> int:
+    """Entry point for ``ros2 run``: the verb, with errors told as the command line tells them."""
+    from ssp_core.cli import main as ssp
+
+    return ssp(["replay", *sys.argv[1:]])

@@ -1,0 +1,1 @@
+"""Nodes, subscriptions, conversions and parameters: all of this package that knows ROS."""

@@ -1,0 +1,196 @@
+"""The node ``monitor_page``: hears a session and serves the operators' page about it."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+from collections.abc import Callable
+from concurrent.futures import Future
+from functools import partial
+from typing import Any
+
+from rclpy.client import Client
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+from sensor_msgs.msg import CompressedImage
+
+from ssp_core import names, ros
+from ssp_core.cdr.references import decode_ack
+from ssp_core.clock import NS_PER_S
+from ssp_core.credentials import TOKEN_VARIABLE, check_token
+from ssp_core.errors import HostError
+from ssp_core.run_file.model import load_run
+from ssp_monitor.page.access import is_loopback, make_token
+from ssp_monitor.page.server import PageServer
+from ssp_monitor.page.snapshot import Pictures, Snapshots, site_message
+from ssp_monitor.page.viewers import Payload
+from ssp_monitor.ros.parameters import PAGE
+from ssp_monitor.ros.session_subscriptions import LOOK_PERIOD_S, SessionSubscriptions
+from ssp_monitor.status import messages
+from ssp_monitor.status.board import Answer, Board, Event
+from ssp_msgs.msg import FaultEvent, ReferenceAck, SafetyEvent, TriggerEvent
+from ssp_msgs.srv import SessionCommand
+
+_ACK_TYPE = "ssp_msgs/msg/ReferenceAck"
+
+
+class ManagerCommands:
+    """Passes commands on to the manager's services.
+
+    rclpy's clients may be called in any thread, so that an abort waits for no timer of ours.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._clients = {
+            word: node.create_client(SessionCommand, word) for word in names.SESSION_COMMANDS
+        }
+
+    def offered(self) -> frozenset[str]:
+        """Commands whose services were found."""
+        return frozenset(word for word, one in self._clients.items() if one.service_is_ready())
+
+    def ask(self, command: str, who: str) -> Future[Answer]:
+        """As PageServer's Commands; an answer that never comes leaves the future as it is."""
+        answer: Future[Answer] = Future()
+        client = self._clients[command]
+        if not client.service_is_ready():
+            text = f"no scenario manager offers {command} in this ROS domain"
+            answer.set_result(Answer(False, text, answered=False))
+            return answer
+        asked = client.call_async(SessionCommand.Request(requested_by=who))
+        asked.add_done_callback(partial(_pass_on, answer))
+        answer.add_done_callback(lambda done: _forget(client, asked, done))
+        return answer
+
+
+def _pass_on(answer: Future[Answer], asked: Any) -> None:
+    if answer.set_running_or_notify_cancel():
+        answer.set_result(messages.command_answer(asked.result()))
+
+
+def _forget(client: Client, asked: Any, answer: Future[Answer]) -> None:
+    """Nobody waits any more for an answer that never came."""
+    if answer.cancelled():
+        client.remove_pending_request(asked)
+
+
+class MonitorPage(Node):
+    """Owns subscriptions, board and server.
+
+    Raises:
+        InputError: a parameter or the run file is wrong.
+        HostError: the port is taken.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(names.MONITOR_PAGE, namespace=names.NAMESPACE)
+        given = ros.declare(self, PAGE)
+        own = given["token"] or os.environ.get(TOKEN_VARIABLE, "")
+        token = check_token(own, "parameter token") if own else make_token()
+        run = load_run(given["run_file"]) if given["run_file"] else None
+        self._board = Board(run)
+        self._snapshots = Snapshots(self._board)
+        self._events_pushed = -1
+        self._watch = SessionSubscriptions(self, self._board)
+        self._pictures = Pictures(self._board, int(NS_PER_S / given["camera_rate_hz"]))
+        self._acks: set[str] = set()
+        self._subscribe()
+        self._commands = ManagerCommands(self)
+        self.server = PageServer(given["host"], given["port"], token, self._commands)
+        self.server.push({"site": json.dumps({"type": "site", **site_message(run)})})
+        self._announce(not own, token)
+        # Steady: a frozen /clock must not freeze the page.
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(1.0 / given["page_rate_hz"], self._push, clock=steady)
+        self.create_timer(LOOK_PERIOD_S, self._look_around, clock=steady)
+
+    def _announce(self, made: bool, token: str) -> None:
+        if not is_loopback(self.server.door.bound):
+            print(
+                f"page: anybody who can reach {self.server.door.bound} sees this port; reading "
+                "and commands need the token, which travels unencrypted",
+                flush=True,
+            )
+        # The one time that the token is said, and only when nobody gave it to us.
+        print(f"page: {self.server.url}{f'#token={token}' if made else ''}", flush=True)
+
+    def _subscribe(self) -> None:
+        sub = self.create_subscription
+        sub(CompressedImage, names.CAMERA_IMAGE, self._on_picture, ros.SENSOR, raw=True)
+        told: list[tuple[type, str, Callable[[Any], Event]]] = [
+            (SafetyEvent, names.SAFETY_EVENT, messages.safety_event),
+            (TriggerEvent, names.TRIGGER_EVENT, messages.trigger_event),
+            (FaultEvent, names.FAULT_EVENT, messages.fault_event),
+        ]
+        for kind, topic, convert in told:
+            sub(kind, topic, partial(self._on_event, convert), ros.LATCHED)
+        run = self._board.run
+        if run is not None:
+            self._watch.follow(names.absolute(names.state_topic(run.vut.id)))
+            for target in run.targets:
+                self._follow_ack(names.absolute(names.ack_topic(target.id)))
+                if not run.states_in_one:
+                    self._watch.follow(names.absolute(names.state_topic(target.id)))
+
+    def _look_around(self) -> None:
+        """Follows objects that the run file, or no run file, names."""
+        self._watch.look_around()
+        for topic, kinds in self.get_topic_names_and_types():
+            if topic.startswith(f"{names.NAMESPACE}/") and _ACK_TYPE in kinds:
+                self._follow_ack(topic)
+        if not self.server.is_alive:
+            raise HostError("the page's server has ended")
+
+    def _follow_ack(self, topic: str) -> None:
+        if topic not in self._acks:
+            self._acks.add(topic)
+            ros.subscribe_raw(self, ReferenceAck, topic, decode_ack, self._on_ack, ros.COMMAND)
+
+    # -- what is heard ---------------------------------------------------------------------------
+
+    def _on_picture(self, data: bytes) -> None:
+        self._pictures.put(data, time.monotonic_ns())
+
+    def _on_event(self, convert: Callable[[Any], Event], message: Any) -> None:
+        self._board.tell(convert(message))
+
+    def _on_ack(self, ack: Any) -> None:
+        if not ack.accepted:
+            self._board.tell(messages.refused_event(ack))
+
+    # -- what is shown ---------------------------------------------------------------------------
+
+    def _push(self) -> None:
+        """Decodes what is newest, and sends it to whoever looks."""
+        self._watch.settle()
+        now_ns = time.monotonic_ns()
+        if not self.server.viewers:
+            return
+        self._board.offered = self._commands.offered()
+        if fault := self._pictures.settle():
+            self._watch.tell_once(f"{names.CAMERA_IMAGE}: {fault}")
+        payloads: dict[str, Payload] = {}
+        snapshot = {"type": "snapshot", **self._snapshots.snapshot(now_ns)}
+        payloads["snapshot"] = json.dumps(snapshot, separators=(",", ":"), allow_nan=False)
+        if self._events_pushed != self._board.events_seen:
+            self._events_pushed = self._board.events_seen
+            events = {"type": "events", **self._snapshots.events()}
+            payloads["events"] = json.dumps(events, separators=(",", ":"), allow_nan=False)
+        if (picture := self._pictures.take(now_ns)) is not None:
+            payloads["picture"] = picture
+        self.server.push(payloads)
+
+    def close(self) -> None:
+        self.server.close()
+
+
+def main() -> None:
+    """Entry point of the node."""
+    sys.exit(ros.run_node(lambda _: MonitorPage(), MonitorPage.close))
+
+
+if __name__ == "__main__":
+    main()

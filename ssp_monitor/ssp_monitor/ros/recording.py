@@ -1,0 +1,362 @@
+"""Brings graph, reception, bag and disk together; its owner is a node and calls ``poll``."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Mapping, Sequence
+
+import rclpy
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.signals import SignalHandlerOptions
+
+from ssp_core import names
+from ssp_core.errors import HostError, SspError
+from ssp_monitor.recorder.disk import DiskOutlook, WriteRate, free_bytes, outlook
+from ssp_monitor.recorder.losses import losses_beside
+from ssp_monitor.recorder.plan import Attachment, RecordingPlan
+from ssp_monitor.recorder.recorder import Recorder, RecorderState
+from ssp_monitor.recorder.report import (
+    Closed,
+    RepeatedWarnings,
+    check_closed,
+    report_attachment,
+    seals,
+    topic_reports,
+)
+from ssp_monitor.recorder.topics import TopicDiscovery, TopicSpec
+from ssp_monitor.ros.conversions import (
+    adapted_profile,
+    is_heard,
+    is_latched,
+    offered_profiles,
+    recording_profile,
+    topic_status,
+    why_not_recordable,
+)
+from ssp_monitor.ros.recording_subscriptions import RecordingSubscriptions
+from ssp_msgs.msg import RecorderStatus
+
+# Looking at a graph of thousands of nodes takes a while; no more of the time than one in this.
+GRAPH_SHARE = 20
+GRAPH_MOST_S = 5.0
+# To read the types of a thousand new topics and to subscribe to them takes seconds; status must go
+# out meanwhile.
+ADDING_S = 0.2
+MOST_WARNINGS = 50
+# Of so many topics each status says how they are; the bag's own report names all.
+MOST_LISTED = 500
+
+
+class _RecordedTopic(dict[str, str | None]):
+    """Why a type can't be recorded, asked for once."""
+
+    def __missing__(self, msgtype: str) -> str | None:
+        found = self[msgtype] = why_not_recordable(msgtype)
+        return found
+
+
+class Recording:
+    """A bag, the reception for it, and what is known about both.
+
+    Args:
+        node: whose view of the graph is used.
+        plan: what is asked for.
+        listen: takes the bytes of messages of some topics as they are recorded.
+
+    Raises:
+        InputError: the bag directory exists, or a type is not known.
+        HostError: the bag can't be written, or a type is not installed.
+    """
+
+    def __init__(
+        self, node: Node, plan: RecordingPlan, listen: Mapping[str, Callable[[bytes], None]]
+    ) -> None:
+        self._node = node
+        self._plan = plan
+        self._survey = TopicDiscovery(plan.selection)
+        self._types = _RecordedTopic()
+        self._missing: list[str] = []
+        self._publishers: dict[str, int] = {}
+        self._profiles: dict[str, QoSProfile] = {}
+        self._unheard: set[str] = set()
+        self._sayings = RepeatedWarnings()
+        self._rate = WriteRate()
+        self._graph_due_s = 0.0
+        self._to_judge: deque[tuple[str, Sequence[str]]] = deque()
+        self._own = frozenset(topic.name for topic in plan.topics)
+        self._before: tuple[float, dict[str, int]] = (time.monotonic(), {})
+        video = plan.video
+        self.recorder = Recorder(
+            plan.bag_dir,
+            plan.topics,
+            plan.attachments,
+            plan.queue_bytes,
+            plan.split,
+            (lambda _topic, _msgtype: None) if video is None else video.encoder,
+        )
+        try:
+            self.intake = RecordingSubscriptions(
+                plan.topics, self.recorder, plan.simulated_time, listen
+            )
+            self.poll()
+        except BaseException:
+            self.recorder.stop()
+            raise
+
+    def lost_by_topic(self) -> dict[str, int]:
+        """Published and never received, as far as known. Of a publisher that is not heard, for its
+        type or its profile, nobody knows how much is lost: it counts as one message."""
+        lost = dict(self.intake.lost_by_topic())
+        for name in (*self._survey.changed, *self._unheard):
+            lost[name] = lost.get(name, 0) + 1
+        return lost
+
+    @property
+    def lost(self) -> int:
+        """Messages known to be missing of the topics that must be complete: never arrived, or not
+        written. Those are the run's own; without a run all."""
+        dropped = self.recorder.dropped_by_topic
+        return self._of_own(self.lost_by_topic()) + self._of_own(dropped)
+
+    def _of_own(self, counts: Mapping[str, int]) -> int:
+        return sum(n for name, n in counts.items() if not self._own or name in self._own)
+
+    def poll(self) -> DiskOutlook:
+        """Looks at graph and disk, and records what has appeared. Twice a second is often enough.
+
+        Returns:
+            How long the disk lasts, and whether the recording must end.
+        """
+        self._missing = [t.name for t in self._plan.topics if self._is_missing(t)]
+        now_s = time.monotonic()
+        # A graph that isn't gone through yet is finished first.
+        if self._plan.selection.looks and not self._to_judge and now_s >= self._graph_due_s:
+            graph = self._graph()
+            look_s = time.monotonic() - now_s
+            self._graph_due_s = now_s + min(GRAPH_SHARE * look_s, GRAPH_MOST_S)
+            self._to_judge.extend(self._survey.in_order(graph))
+        until_s = time.monotonic() + ADDING_S
+        while self._to_judge and time.monotonic() < until_s:
+            for topic in self._survey.look([self._to_judge.popleft()], self._types):
+                self._add(topic)
+        self._rate_bps = self._rate.note(now_s, self.recorder.state().bytes)
+        self._free = free_bytes(self.recorder.path)
+        self._outlook = outlook(self._free, self._rate_bps, self._plan.needs)
+        return self._outlook
+
+    def status(self) -> RecorderStatus:
+        """Everything but the stamp, as it was at the last poll."""
+        state = self.recorder.state()
+        lost, dropped = self.lost_by_topic(), self.recorder.dropped_by_topic
+        status = RecorderStatus()
+        status.ready = not (self._missing or state.failure or self._outlook.unready)
+        status.bag = self.recorder.path.name
+        status.failure = state.failure or ""
+        status.messages, status.bytes, status.files = state.messages, state.bytes, state.files
+        status.dropped = self._of_own(dropped)
+        status.lost = self._of_own(lost) + status.dropped
+        status.missing_topics = self._missing
+        status.queue_bytes, status.queue_limit_bytes = state.queue_bytes, state.queue_limit_bytes
+        status.free_bytes = self._free or 0
+        status.write_bytes_per_s = float(self._rate_bps)
+        status.disk_left_s = float(self._outlook.left_s)
+        status.flush_age_s = float(state.flush_age_s)
+        rates = self._rates()
+        records = self.recorder.records()
+        status.topics = [
+            topic_status(
+                record,
+                self._publishers.get(record.name, 0),
+                lost.get(record.name, 0),
+                dropped.get(record.name, 0),
+                rates.get(record.name, 0.0),
+            )
+            for record in records[:MOST_LISTED]
+        ]
+        status.warnings = self._current_warnings(state, len(records))
+        return status
+
+    def close(self) -> Closed:
+        """Ends reception, closes the bag with a report in it, and opens it again to check it."""
+        self.intake.stop()
+        received = self.intake.received_by_topic()
+        state = self.recorder.stop(lambda: self._report(received))
+        check = None
+        if state.failure is None:
+            dropped = self.recorder.dropped_by_topic
+            expected = {name: count - dropped[name] for name, count in received.items()}
+            check = check_closed(self.recorder.path, expected, self.recorder.originals)
+        names = tuple(record.name for record in self.recorder.records())
+        several = frozenset(self._survey.ambiguous)
+        return Closed(state, self.lost, names, check, tuple(self._incomplete()), several)
+
+    def _incomplete(self) -> Iterable[str]:
+        if self.intake.error is not None:
+            yield f"reception ended: {self.intake.error}"
+        for name in sorted(self._survey.ambiguous & self._plan.selection.named):
+            yield f"{name} has several types and is not recorded"
+
+    def _report(self, received: Mapping[str, int]) -> Attachment:
+        self._current_warnings(self.recorder.state(), 0)
+        topics = topic_reports(
+            self.recorder.records(),
+            received,
+            self.lost_by_topic(),
+            self.recorder.dropped_by_topic,
+        )
+        return report_attachment(
+            topics,
+            run_id=self._plan.run_id,
+            lost_limit=self._plan.lost_limit,
+            warnings=self._sayings.texts(),
+            sealed=seals(self._plan.attachments),
+        )
+
+    def _is_missing(self, topic: TopicSpec) -> bool:
+        """No publisher where one must be, or one that the recorder can't hear, anywhere."""
+        wanted = recording_profile(topic.profile)
+        publishers = self._node.get_publishers_info_by_topic(topic.name)
+        self._publishers[topic.name] = len(publishers)
+        heard = [is_heard(publisher, topic.msgtype, wanted) for publisher in publishers]
+        # Before anything was heard, a publisher that can't be is a mistake that can be mended.
+        known = topic.name in self._unheard or not self.intake.received_by_topic()[topic.name]
+        if not all(heard) and not known:
+            self._unheard.add(topic.name)
+            stranger = publishers[heard.index(False)]
+            self._sayings.say(
+                f"{topic.name} is not heard from {stranger.node_name}: its type or profile is not "
+                "that of the run; what it says is lost"
+            )
+        return not all(heard) or (topic.required and not heard)
+
+    def _graph(self) -> list[tuple[str, list[str]]]:
+        """Topics that are recorded or asked for, each with the types of its publishers."""
+        graph = []
+        for name, types in self._node.get_topic_names_and_types():
+            recorded = self._survey.recorded.get(name)
+            if recorded is not None:
+                self._count_publishers(name, recorded)
+            elif not self._survey.wants(name):
+                continue
+            # A reader's type counts for nothing; most often all have the same.
+            if recorded is None or types != [recorded]:
+                publishers = self._node.get_publishers_info_by_topic(name)
+                types = sorted({publisher.topic_type for publisher in publishers})
+            graph.append((name, types))
+        return graph
+
+    def _add(self, topic: TopicSpec) -> None:
+        publishers = self._node.get_publishers_info_by_topic(topic.name)
+        profile = adapted_profile(topic, publishers)
+        try:
+            self.recorder.add(topic, offered_profiles(publishers), is_latched(publishers))
+            self.intake.add(topic, profile)
+        except (SspError, RuntimeError) as error:
+            self._sayings.say(f"{topic.name} is not recorded: {error}")
+            return
+        self._profiles[topic.name] = profile
+
+    def _count_publishers(self, name: str, msgtype: str) -> None:
+        """A reader keeps the profile that suited its first publishers; later ones may not."""
+        count = self._node.count_publishers(name)
+        if count == self._publishers.get(name) or name not in self._profiles:
+            return
+        self._publishers[name] = count
+        wanted = self._profiles[name]
+        for publisher in self._node.get_publishers_info_by_topic(name):
+            # Of another type the survey tells.
+            if publisher.topic_type == msgtype and not is_heard(publisher, msgtype, wanted):
+                self._unheard.add(name)
+                self._sayings.say(
+                    f"{name} is not heard from {publisher.node_name}: it came later and offers "
+                    "less than those before; what it says is lost"
+                )
+
+    def _rates(self) -> dict[str, float]:
+        """Messages a second of each topic since the call before."""
+        now_s, received = time.monotonic(), dict(self.intake.received_by_topic())
+        then_s, before = self._before
+        self._before = now_s, received
+        span_s = max(now_s - then_s, 1e-3)
+        return {name: (count - before.get(name, 0)) / span_s for name, count in received.items()}
+
+    def _current_warnings(self, state: RecorderState, topics: int) -> list[str]:
+        """What a person should look at now; all of it is remembered for the bag's report."""
+        found = [*self._survey.all_warnings(), *state.warnings]
+        if self._outlook.warning is not None:
+            found.insert(0, self._outlook.warning)
+        if 2 * state.queue_bytes > state.queue_limit_bytes:
+            found.append("the disk does not keep up: more than half of the queue is in use")
+        counts = Counter(self.lost_by_topic()) + self.recorder.dropped_by_topic
+        found += losses_beside(counts, self._own)
+        if topics > MOST_LISTED:
+            found.append(f"only the first {MOST_LISTED} topics are listed")
+        for text in found:
+            self._sayings.say(text)
+        shown = [*found, *(text for text in self._sayings.texts() if text not in found)]
+        return shown[:MOST_WARNINGS]
+
+
+POLL_S = 0.5
+NODE_NAME = "recorder"
+
+
+def record(
+    plan: RecordingPlan,
+    stop: threading.Event,
+    duration_s: float | None,
+    tell: Callable[[RecorderStatus], None],
+) -> tuple[Closed, str]:
+    """Records what a plan asks for.
+
+    Args:
+        plan: without topics of its own.
+        stop: ends it.
+        duration_s: ends it too, None for never.
+        tell: is given the recorder's state twice a second, and once when all is received.
+
+    Returns:
+        What became of the bag, and why the recording ended by itself; empty when it was told to.
+
+    Raises:
+        InputError: the bag can't be made.
+        HostError: the bag can't be written, or reception failed.
+    """
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        # Nothing is spun: of a node that only looks at the graph, nobody asks anything.
+        node = Node(
+            NODE_NAME,
+            namespace=names.NAMESPACE,
+            enable_rosout=False,
+            start_parameter_services=False,
+        )
+        recording = Recording(node, plan, {})
+        until_s = None if duration_s is None else time.monotonic() + duration_s
+        why = ""
+        try:
+            while not why and not stop.is_set():
+                left_s = POLL_S if until_s is None else min(POLL_S, until_s - time.monotonic())
+                if left_s <= 0:
+                    break
+                stop.wait(left_s)
+                why = _poll(recording, tell)
+        finally:
+            closed = recording.close()
+            tell(recording.status())
+        node.destroy_node()
+        return closed, why
+    finally:
+        rclpy.try_shutdown()
+
+
+def _poll(recording: Recording, tell: Callable[[RecorderStatus], None]) -> str:
+    if recording.intake.error is not None:
+        raise HostError(f"reception ended: {recording.intake.error}") from recording.intake.error
+    disk = recording.poll()
+    status = recording.status()
+    tell(status)
+    return str(status.failure) or disk.ends or ""

@@ -1,0 +1,130 @@
+"""Hears a session for a board: states of all objects, session, phases, recorder, links, manager."""
+
+from __future__ import annotations
+
+import time
+from functools import partial
+
+from rclpy.node import Node
+
+from ssp_core import names, ros
+from ssp_core.cdr.states import decode_state, decode_states
+from ssp_core.cdr.steps import decode_heartbeat
+from ssp_monitor.status import messages
+from ssp_monitor.status.board import Board, Newest
+from ssp_msgs.msg import (
+    Heartbeat,
+    LinkStatus,
+    ObjectState,
+    ObjectStates,
+    PhaseEvent,
+    RecorderStatus,
+    SessionState,
+)
+
+# Objects that no run file names are looked for this often, s.
+LOOK_PERIOD_S = 1.0
+# ``ssp replay`` is this node.
+_REPLAY_NODE = ("replay", names.NAMESPACE)
+_STATE_TYPE = "ssp_msgs/msg/ObjectState"
+
+
+class SessionSubscriptions:
+    """Writes what is heard on a board; the busy topics are decoded only when settle() asks.
+
+    Args:
+        node: owns the subscriptions.
+        board: what is known of the session.
+    """
+
+    def __init__(self, node: Node, board: Board) -> None:
+        self._node = node
+        self._board = board
+        self._single = Newest(lambda data: (decode_state(data),))
+        self._arrays = Newest(lambda data: decode_states(data).states)
+        self._heartbeat: bytes | None = None
+        self._told: set[str] = set()
+        self._followed: set[str] = set()
+        sub = node.create_subscription
+        sub(ObjectStates, names.OBJECT_STATES, self._on_array, ros.STATE, raw=True)
+        sub(Heartbeat, names.HEARTBEAT, self._on_heartbeat, ros.STATE, raw=True)
+        sub(SessionState, names.SESSION_STATE, self._on_session, ros.LATCHED)
+        sub(PhaseEvent, names.PHASE_EVENT, self._on_phase, ros.LATCHED)
+        sub(RecorderStatus, names.RECORDER_STATUS, self._on_recorder, ros.STATE)
+        sub(LinkStatus, names.LINK_STATUS, self._on_links, ros.STATE)
+
+    def look_around(self) -> None:
+        """Follows objects that have topics of their own, and sees whether a bag is replayed."""
+        self._board.replay = _REPLAY_NODE in self._node.get_node_names_and_namespaces()
+        for topic, kinds in self._node.get_topic_names_and_types():
+            if topic.startswith(f"{names.NAMESPACE}/") and _STATE_TYPE in kinds:
+                self.follow(topic)
+
+    def follow(self, topic: str) -> None:
+        """Hears the states of one object.
+
+        Args:
+            topic: absolute.
+        """
+        if topic not in self._followed:
+            self._followed.add(topic)
+            take = partial(self._on_state, topic)
+            self._node.create_subscription(ObjectState, topic, take, ros.STATE, raw=True)
+
+    def settle(self) -> None:
+        """Decodes what is newest of states and heartbeats, and writes it on the board."""
+        for newest in (self._single, self._arrays):
+            states, problems = newest.take()
+            for group, at_ns in states:
+                self._board.hear_states(group, at_ns)
+            for problem in problems:
+                self.tell_once(problem)
+        if self._heartbeat is None:
+            return
+        data, self._heartbeat = self._heartbeat, None
+        try:
+            self._board.manager_stamp_ns = decode_heartbeat(data).stamp_ns
+        except ValueError as error:
+            self.tell_once(f"{names.HEARTBEAT}: {error}")
+
+    def tell_once(self, problem: str) -> None:
+        """Says what is wrong with a topic, ``TOPIC: what``, the first time."""
+        topic = problem.partition(":")[0]
+        if topic not in self._told:
+            self._told.add(topic)
+            self._node.get_logger().error(
+                f"message dropped (more will be without a word): {problem}"
+            )
+
+    # -- what is heard ---------------------------------------------------------------------------
+
+    def _on_state(self, topic: str, data: bytes) -> None:
+        self._single.put(topic, data, time.monotonic_ns())
+
+    def _on_array(self, data: bytes) -> None:
+        try:
+            self._arrays.put(messages.source_of(data), data, time.monotonic_ns())
+        except ValueError as error:
+            self.tell_once(f"{names.OBJECT_STATES}: {error}")
+
+    def _on_heartbeat(self, data: bytes) -> None:
+        self._heartbeat = data
+        self._board.manager_at_ns = time.monotonic_ns()
+
+    def _on_session(self, message: SessionState) -> None:
+        try:
+            self._board.hear_session(messages.session_fact(message), time.monotonic_ns())
+        except ValueError as error:
+            self.tell_once(f"{names.SESSION_STATE}: {error}")
+
+    def _on_phase(self, message: PhaseEvent) -> None:
+        try:
+            self._board.hear_phase(*messages.phase_of(message))
+        except ValueError as error:
+            self.tell_once(f"{names.PHASE_EVENT}: {error}")
+
+    def _on_links(self, message: LinkStatus) -> None:
+        self._board.hear_links(messages.link_facts(message), time.monotonic_ns())
+
+    def _on_recorder(self, message: RecorderStatus) -> None:
+        self._board.hear_recorder(messages.recorder_fact(message), time.monotonic_ns())

@@ -1,0 +1,311 @@
+"""The newest of everything that was heard of a session, as plain values, and how old each is."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import RunSpec
+from ssp_core.vocabulary import Phase, SessionPhase, Verdict
+
+
+@dataclass(frozen=True, slots=True)
+class Received:
+    """The newest state of one object.
+
+    Args:
+        state: as its source sent it.
+        at_ns: when it arrived, ns on this host's steady clock.
+    """
+
+    state: ObjectState
+    at_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class SessionFact:
+    """One transition of the session (SessionState.msg).
+
+    Args:
+        stamp_ns: session time.
+        state: after it.
+        event: what caused it.
+        reason: for people.
+        run_id: of the loaded run, or empty.
+        scenario: of the loaded run, or empty.
+        verdict: none before the end.
+        reasons: of the verdict.
+    """
+
+    stamp_ns: int
+    state: SessionPhase
+    event: str = ""
+    reason: str = ""
+    run_id: str = ""
+    scenario: str = ""
+    verdict: Verdict = Verdict.NONE
+    reasons: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class LinkFact:
+    """One object's link as the manager measures it (LinkStatus.msg); NaN: not measured."""
+
+    offset_s: float = math.nan
+    delay_s: float = math.nan
+    state_age_s: float = math.nan
+    received: int = 0
+    lost: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class TopicFact:
+    """What the recorder has of a topic that it lost something of, or doesn't hear."""
+
+    name: str
+    messages: int
+    lost: int
+    dropped: int
+    rate_hz: float
+
+
+@dataclass(frozen=True, slots=True)
+class RecorderFact:
+    """The recorder's word about itself (RecorderStatus.msg)."""
+
+    ready: bool
+    bag: str = ""
+    failure: str = ""
+    messages: int = 0
+    bytes: int = 0
+    lost: int = 0
+    dropped: int = 0
+    missing: tuple[str, ...] = ()
+    files: int = 1
+    queue_bytes: int = 0
+    queue_limit_bytes: int = 0
+    free_bytes: int = 0
+    write_bytes_per_s: float = 0.0
+    disk_left_s: float = math.inf
+    flush_age_s: float = 0.0
+    warnings: tuple[str, ...] = ()
+    topics: tuple[TopicFact, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something that happened, for the list of events.
+
+    Args:
+        kind: session, phase, trigger, safety, fault or refused.
+        stamp_ns: session time.
+        title: in few words.
+        text: more of it, may be empty.
+        object_id: whom it is about, may be empty.
+        measured: NaN where nothing was measured.
+        limit: NaN where there is none.
+        unit: of both.
+    """
+
+    kind: str
+    stamp_ns: int
+    title: str
+    text: str = ""
+    object_id: str = ""
+    measured: float = math.nan
+    limit: float = math.nan
+    unit: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What became of a command.
+
+    Args:
+        accepted: the manager does it.
+        text: why not, or what it said.
+        missing: everything that keeps the command from being accepted.
+        answered: False: nobody answered, so that nothing is known.
+        state: of the session after it, where somebody answered.
+    """
+
+    accepted: bool
+    text: str = ""
+    missing: tuple[str, ...] = ()
+    answered: bool = True
+    state: str = ""
+
+
+MOST_EVENTS = 120
+# More objects than any session has; a stray publisher must not fill the memory.
+MOST_OBJECTS = 500
+# A stamp that is this much older is no straggler: the session, or a replay, has begun again.
+_BEGUN_AGAIN_NS = 1_000_000_000
+_OVER = (SessionPhase.FINISHED, SessionPhase.ABORTED)
+
+
+@dataclass
+class Board:
+    """Takes facts as they come. Every ``at_ns`` is ns on this host's steady clock.
+
+    Args:
+        run: the run file, where the page was given one.
+        offered: commands whose services were found; None: nobody looks for them.
+    """
+
+    run: RunSpec | None = None
+    objects: dict[str, Received] = field(default_factory=dict)
+    session: SessionFact | None = None
+    session_at_ns: int | None = None
+    phase: Phase = Phase.UNKNOWN
+    manager_at_ns: int | None = None
+    manager_stamp_ns: int | None = None
+    started_ns: int | None = None
+    ended_ns: int | None = None
+    links: dict[str, LinkFact] = field(default_factory=dict)
+    links_at_ns: int | None = None
+    recorder: RecorderFact | None = None
+    recorder_at_ns: int | None = None
+    camera_at_ns: int | None = None
+    camera_fault: str = ""
+    replay: bool = False
+    offered: frozenset[str] | None = None
+    events: deque[tuple[int, Event]] = field(default_factory=lambda: deque(maxlen=MOST_EVENTS))
+    events_seen: int = 0
+
+    def hear_states(self, states: Iterable[ObjectState], at_ns: int) -> None:
+        """Newest states; one that was overtaken on its way is dropped.
+
+        Args:
+            states: as they came.
+            at_ns: when, steady clock.
+        """
+        for state in states:
+            known = self.objects.get(state.object_id)
+            if known is None and len(self.objects) >= MOST_OBJECTS:
+                continue
+            if known is not None:
+                back_ns = known.state.stamp_ns - state.stamp_ns
+                if at_ns < known.at_ns or 0 < back_ns <= _BEGUN_AGAIN_NS:
+                    continue
+            self.objects[state.object_id] = Received(state, at_ns)
+
+    def hear_session(self, fact: SessionFact, at_ns: int) -> None:
+        """A transition; it also becomes an event, and begins or ends the run's own time."""
+        before = self.session
+        self.session, self.session_at_ns = fact, at_ns
+        if fact.state in (SessionPhase.IDLE, SessionPhase.LOADED):
+            self.started_ns = self.ended_ns = None
+            self.phase = Phase.UNKNOWN
+        elif fact.state is SessionPhase.RUNNING:
+            self.started_ns, self.ended_ns = fact.stamp_ns, None
+        elif fact.state in _OVER and self.ended_ns is None:
+            self.ended_ns = fact.stamp_ns
+        was = before.state.name if before is not None else ""
+        self.tell(
+            Event(
+                "session",
+                fact.stamp_ns,
+                f"{was} → {fact.state.name}" if was else fact.state.name,
+                f"{fact.event}: {fact.reason}" if fact.reason else fact.event,
+            )
+        )
+
+    def hear_phase(self, phase: Phase, event: Event) -> None:
+        """The beginning of a phase of the event."""
+        self.phase = phase
+        self.tell(event)
+
+    def hear_links(self, links: dict[str, LinkFact], at_ns: int) -> None:
+        self.links, self.links_at_ns = links, at_ns
+
+    def hear_recorder(self, fact: RecorderFact, at_ns: int) -> None:
+        self.recorder, self.recorder_at_ns = fact, at_ns
+
+    def tell(self, event: Event) -> None:
+        """One more event; the oldest one is forgotten when there are too many."""
+        self.events_seen += 1
+        self.events.append((self.events_seen, event))
+
+    @property
+    def elapsed_s(self) -> float | None:
+        """Session time since the start of the run, None before it."""
+        if self.started_ns is None:
+            return None
+        until_ns = self.ended_ns if self.ended_ns is not None else self.manager_stamp_ns
+        if until_ns is None or until_ns < self.started_ns:
+            return 0.0
+        return (until_ns - self.started_ns) / 1e9
+
+
+@dataclass
+class Newest:
+    """The newest message per source, decoded only when it is asked for.
+
+    Args:
+        decode: gives the states of a message; raises ValueError for bytes that are none.
+    """
+
+    decode: Callable[[bytes], Iterable[ObjectState]]
+    _waiting: dict[str, tuple[bytes, int]] = field(default_factory=dict)
+
+    def put(self, source: str, data: bytes, at_ns: int) -> None:
+        """A message, with its time of arrival on the steady clock."""
+        self._waiting[source] = (data, at_ns)
+
+    def take(self) -> tuple[list[tuple[list[ObjectState], int]], list[str]]:
+        """What came since the last time, with times of arrival; and what of it was no message."""
+        waiting, self._waiting = self._waiting, {}
+        states, problems = [], []
+        for source, (data, at_ns) in waiting.items():
+            try:
+                states.append((list(self.decode(data)), at_ns))
+            except ValueError as error:
+                problems.append(f"{source}: {error}")
+        return states, problems
+
+
+# A manager that was heard this lately tells what session time it is.
+_MANAGER_FRESH_S = 1.0
+# The manager tells of its links once a second; three periods without are silence.
+LINKS_FRESH_S = 3.0
+
+
+def age_s(now_ns: int, at_ns: int | None) -> float:
+    """How long ago something was heard; inf: never."""
+    return math.inf if at_ns is None else max(0, now_ns - at_ns) / 1e9
+
+
+def links_of(board: Board, now_ns: int) -> dict[str, LinkFact]:
+    """The links as they are now; nothing when the manager hasn't told of them lately.
+
+    Args:
+        board: what was heard.
+        now_ns: steady clock.
+    """
+    return board.links if age_s(now_ns, board.links_at_ns) <= LINKS_FRESH_S else {}
+
+
+def object_age_s(board: Board, heard: Received, now_ns: int) -> float:
+    """How old an object's state is: the worst of what arrival, stamp and manager say of it.
+
+    A state that was held up on its way arrives late and looks new by its arrival alone.
+
+    Args:
+        board: what was heard.
+        heard: the state.
+        now_ns: steady clock.
+    """
+    age = age_s(now_ns, heard.at_ns)
+    if (
+        board.manager_stamp_ns is not None
+        and age_s(now_ns, board.manager_at_ns) <= _MANAGER_FRESH_S
+    ):
+        age = max(age, (board.manager_stamp_ns - heard.state.stamp_ns) / 1e9)
+    link = links_of(board, now_ns).get(heard.state.object_id)
+    if link is not None and math.isfinite(link.state_age_s):
+        age = max(age, link.state_age_s)
+    return age

@@ -1,0 +1,196 @@
+"""The health of a session as /diagnostics tells it: one status for each part."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from ssp_core.node_interface import Level, Status
+from ssp_core.run_file.model import Limits, RunSpec
+from ssp_core.vocabulary import ControlState, Role, SessionPhase, Verdict
+from ssp_monitor.status.board import Board, LinkFact, Received, age_s, links_of, object_age_s
+from ssp_monitor.status.readiness import standing_in_the_way
+
+SILENT_S = 1.0
+RECORDER_SILENT_S = 2.5
+CLOCK_STANDS_S = 1.0
+DEFAULT_STATE_AGE_S = 0.3
+
+
+_REPLAY = Status("ssp: replay", "replay", Level.WARN, "a bag is replayed: nothing of this is live")
+
+
+@dataclass(slots=True)
+class ClockWatch:
+    """Whether session time goes on: the newest stamp, and when it last changed."""
+
+    stamp_ns: int | None = None
+    changed_at_ns: int = 0
+
+    def see(self, stamp_ns: int | None, now_ns: int) -> None:
+        """The newest stamp as it is now; a replay that begins again may go back."""
+        if stamp_ns is not None and stamp_ns != self.stamp_ns:
+            self.stamp_ns, self.changed_at_ns = stamp_ns, now_ns
+
+
+def health(board: Board, clock: ClockWatch, now_ns: int) -> tuple[Status, ...]:
+    """Recorder, session, clock, and each object that the run names or that was heard.
+
+    Args:
+        board: what was heard.
+        clock: of session time.
+        now_ns: steady clock.
+    """
+    objects = dict.fromkeys([*_named(board.run), *sorted(board.objects)])
+    return (
+        _recorder(board, now_ns),
+        _session(board, now_ns),
+        _clock(board, clock, now_ns),
+        *(_object(board, object_id, now_ns) for object_id in objects),
+        *([_REPLAY] if board.replay else []),
+    )
+
+
+def _named(run: RunSpec | None) -> list[str]:
+    return [] if run is None else [run.vut.id, *(target.id for target in run.targets)]
+
+
+def _number(value: float, digits: int = 3) -> str:
+    return f"{value:.{digits}f}" if math.isfinite(value) else "unknown"
+
+
+def _recorder(board: Board, now_ns: int) -> Status:
+    fact, name = board.recorder, "ssp: recorder"
+    if fact is None:
+        return Status(name, "monitor", Level.STALE, "no recorder was heard")
+    silent_s = age_s(now_ns, board.recorder_at_ns)
+    values = (
+        ("bag", fact.bag),
+        ("messages", str(fact.messages)),
+        ("bytes", str(fact.bytes)),
+        ("lost", str(fact.lost)),
+        ("dropped", str(fact.dropped)),
+        ("files", str(fact.files)),
+        ("waiting bytes", str(fact.queue_bytes)),
+        ("free bytes", str(fact.free_bytes)),
+        ("disk left, s", _number(fact.disk_left_s, 0)),
+        ("age of the last flush, s", _number(fact.flush_age_s, 2)),
+        ("missing topics", ", ".join(fact.missing)),
+    )
+    if silent_s > RECORDER_SILENT_S:
+        level, message = Level.STALE, f"silent for {silent_s:.1f} s"
+    elif fact.failure:
+        level, message = Level.ERROR, f"nothing is recorded any more: {fact.failure}"
+    elif fact.lost or fact.dropped:
+        level, message = Level.ERROR, f"{fact.lost} messages lost, {fact.dropped} of them dropped"
+    elif not fact.ready:
+        level, message = Level.WARN, f"not ready, missing: {', '.join(fact.missing)}"
+    elif fact.warnings:
+        level, message = Level.WARN, fact.warnings[0]
+    else:
+        level, message = Level.OK, f"recording {fact.bag}"
+    return Status(name, "monitor", level, message, values)
+
+
+def _session(board: Board, now_ns: int) -> Status:
+    fact, name, part = board.session, "ssp: session", "scenario_manager"
+    if fact is None:
+        return Status(name, part, Level.STALE, "no session was heard")
+    in_the_way = standing_in_the_way(board, now_ns)
+    values = (
+        ("state", fact.state.name),
+        ("run", fact.run_id),
+        ("scenario", fact.scenario),
+        ("phase", board.phase.name),
+        ("verdict", fact.verdict.name),
+        ("reasons", "; ".join(fact.reasons)),
+        ("in the way of arming", "; ".join(in_the_way)),
+    )
+    silent_s = age_s(now_ns, board.manager_at_ns)
+    why = f": {fact.reason}" if fact.reason else ""
+    if fact.state in (SessionPhase.ABORTING, SessionPhase.ABORTED):
+        level, message = Level.ERROR, f"{fact.state.name}{why}"
+    elif fact.verdict not in (Verdict.NONE, Verdict.VALID):
+        level, message = Level.ERROR, f"{fact.state.name}, {fact.verdict.name}{why}"
+    elif silent_s > SILENT_S:
+        for_s = "" if math.isinf(silent_s) else f" for {silent_s:.1f} s"
+        level, message = Level.STALE, f"{fact.state.name}; the scenario manager is silent{for_s}"
+    elif in_the_way:
+        level, message = Level.WARN, f"{fact.state.name}; {in_the_way[0]}"
+    else:
+        level, message = Level.OK, fact.state.name
+    return Status(name, part, level, message, values)
+
+
+def _clock(board: Board, clock: ClockWatch, now_ns: int) -> Status:
+    name = "ssp: clock"
+    if clock.stamp_ns is None:
+        return Status(name, "session time", Level.STALE, "no session time was heard")
+    stands_s = age_s(now_ns, clock.changed_at_ns)
+    values = (
+        ("session time, s", _number(clock.stamp_ns / 1e9)),
+        ("unchanged for, s", _number(stands_s, 2)),
+    )
+    running = board.session is not None and board.session.state is SessionPhase.RUNNING
+    if stands_s <= CLOCK_STANDS_S:
+        return Status(name, "session time", Level.OK, "session time goes on", values)
+    level = Level.ERROR if running else Level.WARN
+    return Status(name, "session time", level, f"has stood for {stands_s:.1f} s", values)
+
+
+def _object(board: Board, object_id: str, now_ns: int) -> Status:
+    name = f"ssp: object {object_id}"
+    heard = board.objects.get(object_id)
+    if heard is None:
+        return Status(name, object_id, Level.STALE, "was never heard")
+    limits = board.run.limits if board.run is not None else None
+    link = links_of(board, now_ns).get(object_id, LinkFact())
+    old_s = object_age_s(board, heard, now_ns)
+    level, message = _judged(heard, link, limits, old_s)
+    state = heard.state
+    values = (
+        ("control state", "" if state.role is Role.TRAFFIC else state.control_state.name),
+        ("state age, s", _number(old_s)),
+        ("speed, m/s", _number(state.speed_mps, 2)),
+        ("tracking error ahead, m", _number(state.error_longitudinal_m)),
+        ("tracking error left, m", _number(state.error_lateral_m)),
+        ("tracking error yaw, rad", _number(state.error_yaw_rad, 4)),
+        ("position one sigma, m", _number(state.position_std_m)),
+        ("link there and back, s", _number(link.delay_s, 4)),
+        ("clock offset, s", _number(link.offset_s, 4)),
+        ("states lost", str(link.lost)),
+    )
+    return Status(name, object_id, level, message, values)
+
+
+def _judged(
+    heard: Received, link: LinkFact, limits: Limits | None, old_s: float
+) -> tuple[Level, str]:
+    """The worst that is known of an object, first what makes everything else meaningless."""
+    state = heard.state
+    if old_s > SILENT_S:
+        return Level.STALE, f"silent for {old_s:.1f} s"
+    if not state.is_finite:
+        return Level.ERROR, "its state is no number"
+    age_limit_s = limits.state_age_s if limits is not None else DEFAULT_STATE_AGE_S
+    if old_s > age_limit_s:
+        return Level.ERROR, f"its state is {old_s:.2f} s old, over {age_limit_s:g} s"
+    if state.control_state is ControlState.ABORTING:
+        return Level.ERROR, "is aborting"
+    well = state.control_state.name if state.role is Role.OT else "heard"
+    if limits is None:
+        return Level.OK, well
+    measured = (
+        ("ahead", state.error_longitudinal_m, limits.error_longitudinal_m, "m", Level.ERROR),
+        ("to the left", state.error_lateral_m, limits.error_lateral_m, "m", Level.ERROR),
+        ("of the heading", state.error_yaw_rad, limits.error_yaw_rad, "rad", Level.ERROR),
+    )
+    if state.reference_id:
+        for where, value, limit, unit, level in measured:
+            if abs(value) > limit:
+                return level, f"tracking error {where} is {value:.2f} {unit}, over {limit:g}"
+    if link.delay_s > limits.link_delay_s:
+        return Level.WARN, f"its link takes {link.delay_s:.3f} s, over {limits.link_delay_s:g} s"
+    if abs(link.offset_s) > limits.clock_offset_s:
+        return Level.WARN, f"its clock is {link.offset_s:.3f} s off, over {limits.clock_offset_s:g}"
+    return Level.OK, well

@@ -1,0 +1,174 @@
+"""From the messages of a session to the page's plain values."""
+
+from __future__ import annotations
+
+import math
+import struct
+from typing import Any
+
+from ssp_core.cdr.codec import START, check_start, decoder, read_count, read_header, read_text
+from ssp_core.cdr.messages import stamp_ns
+from ssp_core.cdr.references import Acknowledgement
+from ssp_core.safety.codes import SafetyCode
+from ssp_core.vocabulary import Phase, SessionPhase, Verdict
+from ssp_monitor.status.board import Answer, Event, LinkFact, RecorderFact, SessionFact, TopicFact
+
+_JPEG = b"\xff\xd8"
+# What people read; anybody may send more, and a page shows it ten times a second.
+_MOST_TEXT = 2000
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= _MOST_TEXT else f"{text[:_MOST_TEXT]}…"
+
+
+def session_fact(message: Any) -> SessionFact:
+    """A SessionState. Raises ValueError for a state or verdict that is none."""
+    return SessionFact(
+        stamp_ns(message.header.stamp),
+        SessionPhase(message.state),
+        _short(message.event),
+        _short(message.reason),
+        _short(message.run_id),
+        _short(message.scenario),
+        Verdict(message.verdict),
+        tuple(map(_short, message.reasons)),
+    )
+
+
+def phase_of(message: Any) -> tuple[Phase, Event]:
+    """A PhaseEvent. Raises ValueError for a phase that is none."""
+    phase = Phase(message.phase)
+    title = f"phase {phase.name.lower()}" + (", provisional" if message.provisional else "")
+    return phase, Event("phase", stamp_ns(message.header.stamp), title, _short(message.evidence))
+
+
+def safety_event(message: Any) -> Event:
+    """A SafetyEvent; what an operator does has no measure."""
+    by_hand = message.code == SafetyCode.OPERATOR
+    return Event(
+        "safety",
+        stamp_ns(message.header.stamp),
+        _short(message.limit_name.replace("_", " ")),
+        _short(f"seen by {message.source}, {message.reaction.replace('_', ' ')}"),
+        _short(message.object_id),
+        math.nan if by_hand else message.measured,
+        math.nan if by_hand else message.limit,
+        _short(message.unit),
+    )
+
+
+def trigger_event(message: Any) -> Event:
+    """A TriggerEvent; measured is the condition's value at the later of its two samples."""
+    values = list(message.sample_values)
+    sent = f"reference {', '.join(message.reference_ids)} sent to {', '.join(message.object_ids)}"
+    return Event(
+        "trigger",
+        stamp_ns(message.crossing_time),
+        _short(f"trigger {message.trigger_id}"),
+        _short(f"{message.condition}; {sent}, {message.processing * 1e3:.1f} ms later"),
+        measured=values[-1] if values else math.nan,
+        limit=message.threshold,
+    )
+
+
+def fault_event(message: Any) -> Event:
+    """A FaultEvent: something that was injected on purpose."""
+    what = message.fault.partition(" ")[2].replace("_", " ") or message.fault
+    return Event(
+        "fault",
+        stamp_ns(message.header.stamp),
+        _short(f"fault {what} {'begins' if message.active else 'ends'}"),
+        _short(f"injected by {message.source}"),
+        _short(message.target),
+        message.value,
+        unit=_short(message.unit),
+    )
+
+
+def refused_event(ack: Acknowledgement) -> Event:
+    """An object's refusal of a reference."""
+    return Event(
+        "refused",
+        ack.stamp_ns,
+        f"reference {ack.reference_id} refused",
+        ack.error_msg,
+        ack.object_id,
+    )
+
+
+def link_facts(message: Any) -> dict[str, LinkFact]:
+    """A LinkStatus, by object; lists of unequal lengths give what all of them have."""
+    columns = zip(
+        message.object_ids,
+        message.clock_offset,
+        message.delay,
+        message.state_age,
+        message.states_received,
+        message.states_lost,
+        strict=False,
+    )
+    return {
+        name: LinkFact(float(offset), float(delay), float(age), int(received), int(lost))
+        for name, offset, delay, age, received, lost in columns
+    }
+
+
+def recorder_fact(message: Any) -> RecorderFact:
+    """A RecorderStatus."""
+    return RecorderFact(
+        ready=message.ready,
+        bag=message.bag,
+        failure=_short(message.failure),
+        messages=message.messages,
+        bytes=message.bytes,
+        lost=message.lost,
+        dropped=message.dropped,
+        missing=tuple(map(_short, message.missing_topics)),
+        files=message.files,
+        queue_bytes=message.queue_bytes,
+        queue_limit_bytes=message.queue_limit_bytes,
+        free_bytes=message.free_bytes,
+        write_bytes_per_s=message.write_bytes_per_s,
+        disk_left_s=message.disk_left_s,
+        flush_age_s=message.flush_age_s,
+        warnings=tuple(map(_short, message.warnings)),
+        topics=tuple(
+            TopicFact(t.name, t.messages, t.lost, t.dropped, t.rate_hz) for t in message.topics
+        ),
+    )
+
+
+def command_answer(response: Any) -> Answer:
+    """The manager's answer to a command."""
+    try:
+        state = SessionPhase(response.session_state).name
+    except ValueError:
+        state = ""
+    return Answer(bool(response.accepted), response.error_msg, tuple(response.missing), True, state)
+
+
+@decoder
+def jpeg_of(data: bytes, at: int) -> tuple[bytes, int]:
+    """The picture in a serialised CompressedImage, as it stands there; ValueError if not JPEG."""
+    _, at = read_header(data, at)
+    form, at = read_text(data, at)
+    size, at = read_count(data, at, 1)
+    picture = data[at : at + size]
+    if not picture.startswith(_JPEG):
+        raise ValueError(f"a picture of format {form[:20]!r} is no JPEG")
+    return picture, at + size
+
+
+def source_of(data: bytes) -> str:
+    """Who sent a serialised ObjectStates; the states are passed over.
+
+    Raises:
+        ValueError: the bytes are no such message.
+    """
+    check_start(data)
+    try:
+        _, at = read_header(data, START)
+        return read_text(data, at)[0]
+    except (struct.error, IndexError) as error:
+        raise ValueError(f"{len(data)} bytes are too few: {error}") from None

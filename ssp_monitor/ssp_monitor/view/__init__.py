@@ -1,1 +1,0 @@
-"""The session for other tools: markers for RViz and Foxglove, and /diagnostics."""
