@@ -26,15 +26,11 @@ from ssp_core.safety.stopping import stopping_of
 from ssp_core.vocabulary import ObjectClass, Verdict
 from ssp_ot_controller.objects import state_machine
 from ssp_ot_controller.ros import parameters as ot_controller_params
-from ssp_scenario_manager.core import (
-    patience,
-    readiness,
-    session_machine,
-    supervisor,
-    vigil,
-    watching,
-)
-from ssp_scenario_manager.core.supervisor import verdict_for
+from ssp_scenario_manager.session import limits as supervisor
+from ssp_scenario_manager.session import preconditions, progress, supervision
+from ssp_scenario_manager.session import state_machine as session_machine
+from ssp_scenario_manager.session import supervision as vigil
+from ssp_scenario_manager.session.limits import verdict_for
 
 DOCS = Path(__file__).resolve().parent
 ROOT = DOCS.parent
@@ -85,7 +81,7 @@ event is tested against an expectation of its own, and an event that a state doe
 without any effect.
 
 ## Session
-`ssp_scenario_manager/core/session_machine.py`; numbers as in `SessionState.msg`. Every transition
+`ssp_scenario_manager/session/state_machine.py`; numbers as in `SessionState.msg`. Every transition
 is made, and published on `session_state`, by one function.
 
 {_diagram(session, lambda event: str(event.value))}
@@ -218,11 +214,11 @@ def times() -> str:
     target = "ssp_ot_controller/ssp_ot_controller/objects/pool.py"
     world = "ssp_ot_controller/ssp_ot_controller/ros/sil_world.py"
     body = "ssp_ot_controller/ssp_ot_controller/sil/world.py"
-    manager = "ssp_scenario_manager/ssp_scenario_manager/node.py"
-    follow = "ssp_scenario_manager/ssp_scenario_manager/runner/follow.py"
+    manager = "ssp_scenario_manager/ssp_scenario_manager/ros/manager_node.py"
+    follow = "ssp_scenario_manager/ssp_scenario_manager/run/follow.py"
     rows = [
         ("manager", "beats outside lockstep every", _constant(manager, "WATCHDOG_PERIOD_S")),
-        ("manager", "arms on states and measurements no older than", readiness.FRESH_S),
+        ("manager", "arms on states and measurements no older than", preconditions.FRESH_S),
         ("manager", "takes the recorder for silent after", vigil.RECORDER_SILENT_S),
         ("manager", "takes the camera for lost after", vigil.CAMERA_SILENT_S),
         ("manager", "takes a world for dead in lockstep after", vigil.WORLD_SILENT_LOCKSTEP_S),
@@ -231,10 +227,10 @@ def times() -> str:
             "takes world, VUT or object for silent otherwise, by arrival, after",
             vigil.WORLD_SILENT_REALTIME_S,
         ),
-        ("manager", "gives objects to report that they are armed", patience.ARM_CONFIRMATION_S),
-        ("manager", "gives an object that stops to say why", watching.OWN_REASON_S),
+        ("manager", "gives objects to report that they are armed", supervision.ARM_CONFIRMATION_S),
+        ("manager", "gives an object that stops to say why", progress.OWN_REASON_S),
         ("manager", "blames nobody but itself after a pause of its own of", supervisor.LATE_S),
-        ("manager", "reports an abort without a standstill after", patience.ABORT_STANDSTILL_S),
+        ("manager", "reports an abort without a standstill after", supervision.ABORT_STANDSTILL_S),
         ("runner", "takes the manager for hung after", _constant(follow, "SILENT_S")),
         ("object", "stops without ticks or readings after", _constant(target, "TICK_SILENCE_S")),
         ("object", "gives a lockstep world for a step", _constant(target, "WORLD_HANG_S")),

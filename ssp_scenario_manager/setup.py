@@ -17,5 +17,7 @@ setup(
     ],
     zip_safe=True,
     license="Apache-2.0",
-    entry_points={"console_scripts": ["scenario_manager = ssp_scenario_manager.node:main"]},
+    entry_points={
+        "console_scripts": ["scenario_manager = ssp_scenario_manager.ros.manager_node:main"]
+    },
 )

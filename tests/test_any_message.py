@@ -43,10 +43,10 @@ from ssp_ot_controller.ros.front_camera import FrontCamera
 from ssp_ot_controller.ros.object_target import ObjectTargetNode
 from ssp_ot_controller.ros.sil_world import SilWorld
 from ssp_ot_controller.ros.vut_adapter import VutAdapter
-from ssp_scenario_manager.core.readiness import Facts
-from ssp_scenario_manager.core.session import Session
-from ssp_scenario_manager.core.session_machine import SessionEvent
-from ssp_scenario_manager.node import ScenarioManager
+from ssp_scenario_manager.ros.manager_node import ScenarioManager
+from ssp_scenario_manager.session.preconditions import Facts
+from ssp_scenario_manager.session.session import Session
+from ssp_scenario_manager.session.state_machine import SessionEvent
 from ssp_vla_bridge.node import VlaBridge
 
 pytestmark = pytest.mark.ros

@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 import yaml
 
-from ssp_scenario_manager.site import find_shipped
-from ssp_scenario_manager.spec.checks import PREDICATES
-from ssp_scenario_manager.spec.load import load_event
-from ssp_scenario_manager.spec.picture import picture
-from ssp_scenario_manager.spec.units import UNITS
+from ssp_scenario_manager.event_spec.checks.check import PREDICATES
+from ssp_scenario_manager.event_spec.fields import UNITS
+from ssp_scenario_manager.event_spec.load import load_event
+from ssp_scenario_manager.event_spec.picture import picture
+from ssp_scenario_manager.maps.site import find_shipped
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 TEXT = (DOCS / "event-specification.md").read_text()

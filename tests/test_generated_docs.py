@@ -86,11 +86,11 @@ def test_who_judges_what(generate: ModuleType) -> None:
     """A limit that moves to the other side, or is new there, must move in the table too."""
     target, core = (
         "ssp_ot_controller/ssp_ot_controller/",
-        "ssp_scenario_manager/ssp_scenario_manager/core/",
+        "ssp_scenario_manager/ssp_scenario_manager/session/",
     )
     by_objects = judged_in(f"{target}objects/local_safety.py", f"{target}objects/target.py")
     by_manager = judged_in(
-        *(f"{core}{name}.py" for name in ("supervisor", "watching", "vigil", "run", "course"))
+        *(f"{core}{name}.py" for name in ("limits", "progress", "supervision", "run"))
     )
     told = {
         side: {code for code, (_, judges) in generate.JUDGED.items() if side in judges}

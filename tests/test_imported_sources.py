@@ -22,9 +22,9 @@ from ssp_eval.recordings.import_record import ImportedSite
 from ssp_eval.recordings.provenance import read_provenance
 from ssp_ot_controller.camera.clip import write_clip
 from ssp_ot_controller.camera.storyboards import storyboard
-from ssp_scenario_manager.site import find_shipped
-from ssp_scenario_manager.spec.load import load_event
-from ssp_scenario_manager.topology.load import load_library
+from ssp_scenario_manager.event_spec.load import load_event
+from ssp_scenario_manager.maps.load import load_library
+from ssp_scenario_manager.maps.site import find_shipped
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "ssp_eval" / "test" / "imports"))
 

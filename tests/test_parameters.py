@@ -16,7 +16,7 @@ from ssp_core.errors import InputError
 from ssp_core.node_interface import Parameter
 from ssp_core.processes import free_domain, remove_shared_ports
 from ssp_ot_controller.ros import parameters as ot_controller_params
-from ssp_scenario_manager.compile.prepare import prepare_run
+from ssp_scenario_manager.compile.targets.folder import prepare_run
 
 pytestmark = pytest.mark.ros
 TABLES: dict[str, tuple[Parameter, ...]] = {
@@ -52,7 +52,7 @@ def started(monkeypatch: pytest.MonkeyPatch) -> Iterator[Start]:
 def make(name: str, stop: Any, run_file: Path, start: Start) -> Any:
     """The node itself; what isn't asked for stays as its table says."""
     if name == "scenario_manager":
-        from ssp_scenario_manager.node import ScenarioManager
+        from ssp_scenario_manager.ros.manager_node import ScenarioManager
 
         start()
         return ScenarioManager()

@@ -13,8 +13,15 @@ from pydantic.fields import FieldInfo
 from ssp_core.geometry import point_in_polygon
 from ssp_core.run_file.model import Camera, Limits, LinkDisturbance, Look
 from ssp_scenario_manager.compile.compiler import Request, compile_task
-from ssp_scenario_manager.site import Polygon, Site, SiteBlock, Strip, load_site
-from ssp_scenario_manager.topology.site_blocks import region_polygon, site_library
+from ssp_scenario_manager.maps.site import (
+    Polygon,
+    Site,
+    SiteBlock,
+    Strip,
+    load_site,
+    region_polygon,
+    site_library,
+)
 
 TEXT = (Path(__file__).resolve().parent.parent / "docs" / "sites.md").read_text()
 SECTIONS = {

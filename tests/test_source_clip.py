@@ -13,11 +13,11 @@ from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_file
 from ssp_eval.recordings.source_clip import board_of, bound_event, measure_clip
 from ssp_ot_controller.camera.storyboards import INTERACTIONS, LANE_M, LaneCounts, storyboard
-from ssp_scenario_manager.spec.checks import check_event
-from ssp_scenario_manager.spec.diff import differences
-from ssp_scenario_manager.spec.load import load_event
-from ssp_scenario_manager.spec.log_file import read_log
-from ssp_scenario_manager.spec.model import Event, WordField
+from ssp_scenario_manager.event_spec.checks.check import check_event
+from ssp_scenario_manager.event_spec.graph import differences
+from ssp_scenario_manager.event_spec.load import load_event
+from ssp_scenario_manager.event_spec.log import read_log
+from ssp_scenario_manager.event_spec.model import Event, WordField
 
 SHA256 = "sha256:" + "a" * 64
 

@@ -21,10 +21,9 @@ from ssp_core.files import write_json, write_text
 from ssp_core.vocabulary import ControlState, ObjectClass, Role, SessionPhase, Verdict
 from ssp_eval.extract import extract
 from ssp_scenario_manager.compile.task import Task, sealed
-from ssp_scenario_manager.site import Site, find_shipped, site_version
-from ssp_scenario_manager.spec.load import load_event
-from ssp_scenario_manager.spec.log import Record
-from ssp_scenario_manager.spec.log_file import append_record
+from ssp_scenario_manager.event_spec.load import load_event
+from ssp_scenario_manager.event_spec.log import Record, append_record
+from ssp_scenario_manager.maps.site import Site, find_shipped, site_version
 
 VERSION = "sha256:" + "1" * 64
 STEP_NS = 20_000_000

@@ -22,8 +22,8 @@ from ssp_eval.audit.recording import read_recording
 from ssp_eval.recordings.crop import Window, crop_of
 from ssp_eval.recordings.event_rules import event_thresholds, source_times, window_of
 from ssp_eval.recordings.properties import FIELDS, Property
-from ssp_scenario_manager.spec.load import load_event
-from ssp_scenario_manager.spec.model import Event
+from ssp_scenario_manager.event_spec.load import load_event
+from ssp_scenario_manager.event_spec.model import Event
 
 # METHOD 5.2b's worked example: starts of trigger, conflict, resolution.
 SYNTHETIC = (3.208, 3.333, 5.5)

@@ -22,8 +22,7 @@ from ssp_eval.recordings.agreement import agree
 from ssp_eval.recordings.import_record import ImportRecord
 from ssp_eval.recordings.observation_file import footage_of, load_observation
 from ssp_eval.recordings.properties import ROLES, TOPOLOGY, Property
-from ssp_scenario_manager.spec.load import event_version, load_event
-from ssp_scenario_manager.spec.seal import seal_event
+from ssp_scenario_manager.event_spec.load import event_version, load_event, seal_event
 
 sys.path.insert(0, str(Path(__file__).parent))
 

@@ -9,7 +9,7 @@ from ssp_core.hashing import sha256_file
 from ssp_core.vocabulary import DOMAINS
 from ssp_eval.audit.judge import judge
 from ssp_eval.audit.recording import read_recording
-from ssp_scenario_manager.spec.load import load_event
+from ssp_scenario_manager.event_spec.load import load_event
 
 
 def test_what_lies_beside_the_recording_is_bound_by_hash(make_bag: Callable[..., Path]) -> None:

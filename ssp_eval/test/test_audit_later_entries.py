@@ -16,8 +16,8 @@ from ssp_eval.audit.changes import Attached, disclosed, read_attached, site_chan
 from ssp_eval.audit.disclosures import disclosures, order_remark
 from ssp_eval.audit.examine import examine
 from ssp_eval.audit.recording import read_recording
-from ssp_scenario_manager.compile.records import COMPILER
-from ssp_scenario_manager.spec.log import Record
+from ssp_scenario_manager.compile.compiler import LOGGED_AS
+from ssp_scenario_manager.event_spec.log import Record
 
 Maker = Callable[..., Path]
 FIELD = "limits.speed_mps"
@@ -118,8 +118,8 @@ def test_an_entry_older_than_the_one_above_it_is_remarked() -> None:
 def test_the_compiler_s_fixed_time_is_no_disorder() -> None:
     fixed = "1970-01-01T00:00:00Z"
     chosen = entry("2025-03-01T09:30:00Z")
-    assert order_remark([entry(fixed, COMPILER), chosen, entry(fixed, COMPILER)]) == {}
-    assert order_remark([chosen, entry(fixed, COMPILER), entry("2025-03-01T09:00:00Z")]) != {}
+    assert order_remark([entry(fixed, LOGGED_AS), chosen, entry(fixed, LOGGED_AS)]) == {}
+    assert order_remark([chosen, entry(fixed, LOGGED_AS), entry("2025-03-01T09:00:00Z")]) != {}
     assert order_remark([]) == {}
 
 

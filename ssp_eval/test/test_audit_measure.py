@@ -32,8 +32,8 @@ from ssp_eval.recordings.properties import (
     Property,
     is_equal,
 )
-from ssp_scenario_manager.spec.load import load_event
-from ssp_scenario_manager.spec.model import Event
+from ssp_scenario_manager.event_spec.load import load_event
+from ssp_scenario_manager.event_spec.model import Event
 
 STEP_S = 0.05
 TTC_ONLY = ConflictThresholds(ttc_s=3.0, arrival_gap_s=None)

@@ -22,10 +22,8 @@ from ssp_eval.audit.model import RecordingEntry
 from ssp_eval.audit.recording import read_recording
 from ssp_eval.package.make import make_package
 from ssp_eval.package.verify import verify_package
-from ssp_scenario_manager.spec.load import event_version, load_event
-from ssp_scenario_manager.spec.model import Event
-from ssp_scenario_manager.spec.seal import seal_event
-from ssp_scenario_manager.spec.write import write_event
+from ssp_scenario_manager.event_spec.load import event_version, load_event, seal_event, write_event
+from ssp_scenario_manager.event_spec.model import Event
 
 sys.path.insert(0, str(Path(__file__).parent))
 

@@ -24,9 +24,8 @@ from ssp_eval.audit.reasons import explain
 from ssp_eval.audit.recording import Recording, read_recording
 from ssp_eval.recordings.event_rules import source_times
 from ssp_eval.recordings.properties import FIELDS
-from ssp_scenario_manager.spec.load import event_version, load_event
-from ssp_scenario_manager.spec.model import Event
-from ssp_scenario_manager.spec.seal import seal_event
+from ssp_scenario_manager.event_spec.load import event_version, load_event, seal_event
+from ssp_scenario_manager.event_spec.model import Event
 
 EVENT, VERSION = load_event("cut_in")
 TIMES = source_times(EVENT)

@@ -11,8 +11,7 @@ from ssp_core.cli import cli
 from ssp_core.files import write_json
 from ssp_eval.demo import plan
 from ssp_eval.demo.folder import MADE
-from ssp_scenario_manager.spec.load import load_event
-from ssp_scenario_manager.spec.write import write_event
+from ssp_scenario_manager.event_spec.load import load_event, write_event
 
 OUT = Path("out")
 

@@ -38,7 +38,7 @@ from ssp_eval.labels.proposal_file import is_unreviewed
 from ssp_eval.report.load import load_cells
 from ssp_eval.report.page import write_report
 from ssp_eval.score.aggregate import means
-from ssp_scenario_manager.spec.load import load_event
+from ssp_scenario_manager.event_spec.load import load_event
 
 sys.path.insert(0, str(Path(__file__).parent))
 

@@ -23,9 +23,8 @@ from ssp_eval.labels.model import load_labels, parse_labels
 from ssp_eval.labels.proposal_file import is_unreviewed, sidecar
 from ssp_eval.labels.template import template_json, unfilled
 from ssp_eval.recordings.provenance import read_provenance
-from ssp_scenario_manager.spec.load import load_event
-from ssp_scenario_manager.spec.log_file import read_log
-from ssp_scenario_manager.spec.write import write_event
+from ssp_scenario_manager.event_spec.load import load_event, write_event
+from ssp_scenario_manager.event_spec.log import read_log
 
 MakeBag = Callable[..., Path]
 

@@ -27,7 +27,7 @@ from ssp_eval.recordings.observation_file import (
     sealed_observation,
 )
 from ssp_eval.recordings.properties import CONFLICT, FIELDS, MOTION, ORDER, ROLES, TOPOLOGY
-from ssp_scenario_manager.spec.load import load_event
+from ssp_scenario_manager.event_spec.load import load_event
 
 sys.path.insert(0, str(Path(__file__).parent))
 

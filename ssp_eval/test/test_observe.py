@@ -26,8 +26,8 @@ from ssp_eval.recordings.observation import (
     leaves,
 )
 from ssp_eval.recordings.observation_file import Footage, footage_of, load_observations
-from ssp_scenario_manager.spec.log_file import read_log
-from ssp_scenario_manager.spec.model import SegmentWord
+from ssp_scenario_manager.event_spec.log import read_log
+from ssp_scenario_manager.event_spec.model import SegmentWord
 
 sys.path.insert(0, str(Path(__file__).parent))
 sys.path.insert(0, str(Path(__file__).parents[2]))

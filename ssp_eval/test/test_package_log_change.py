@@ -12,7 +12,7 @@ from ssp_core.cli import main
 from ssp_core.run_file.model import RunSpec, load_run
 from ssp_scenario_manager.compile.changes import differences, explained
 from ssp_scenario_manager.compile.task import load_task
-from ssp_scenario_manager.spec.log_file import read_log
+from ssp_scenario_manager.event_spec.log import read_log
 
 Maker = Callable[..., Path]
 FIELD = "limits.speed_mps"

@@ -22,7 +22,7 @@ from ssp_eval.recordings.event_rules import event_observable, event_thresholds
 from ssp_eval.recordings.geometry import Corridor
 from ssp_eval.recordings.phases import find_event, samples_of
 from ssp_eval.sight import blocked, clear_share, surface_points
-from ssp_scenario_manager.spec.load import load_event
+from ssp_scenario_manager.event_spec.load import load_event
 
 STEP_S = 0.04
 TTC_ONLY = ConflictThresholds(ttc_s=3.0, arrival_gap_s=None)

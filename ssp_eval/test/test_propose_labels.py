@@ -26,10 +26,8 @@ from ssp_eval.labels.proposal_file import is_unreviewed, sidecar, write_proposal
 from ssp_eval.labels.response import response_problems
 from ssp_eval.recordings.geometry import Corridor, motion_word, position_word
 from ssp_eval.recordings.phases import find_event, samples_of
-from ssp_scenario_manager.spec.load import load_event
-from ssp_scenario_manager.spec.model import Interval
-from ssp_scenario_manager.spec.seal import seal_event
-from ssp_scenario_manager.spec.write import write_event
+from ssp_scenario_manager.event_spec.load import load_event, seal_event, write_event
+from ssp_scenario_manager.event_spec.model import Interval
 
 LANE_M = 3.5
 STEP_S = 0.04

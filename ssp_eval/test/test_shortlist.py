@@ -23,8 +23,8 @@ from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.report.load import load_cells
 from ssp_eval.score.terms import record_terms
 from ssp_eval.shortlist.rank import DEFAULT_LIMITS, shortlist
-from ssp_scenario_manager.spec.load import load_event
-from ssp_scenario_manager.spec.log_file import read_log
+from ssp_scenario_manager.event_spec.load import load_event
+from ssp_scenario_manager.event_spec.log import read_log
 
 MODELS = ("constant_velocity", "opencv_baseline")
 FEW = 200

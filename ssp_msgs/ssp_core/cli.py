@@ -74,14 +74,14 @@ VERBS: dict[str, tuple[str, str]] = {
         "Run both scenarios in three domains and report the scores.",
     ),
     "spec": (
-        "ssp_scenario_manager.spec.cli:spec",
+        "ssp_scenario_manager.cli.spec:spec",
         "Check, draw, compare, extract and review event specifications.",
     ),
     "compile": (
-        "ssp_scenario_manager.compile.cli:compile_event",
+        "ssp_scenario_manager.cli.compile:compile_event",
         "Compile an event for a simulator or a track.",
     ),
-    "run": ("ssp_scenario_manager.runner.cli:run", "Run one session and record it into a bag."),
+    "run": ("ssp_scenario_manager.cli.run:run", "Run one session and record it into a bag."),
     "import-bag": (
         "ssp_eval.imports.bag_cli:import_bag_command",
         "Make a recording that can be audited of anybody's ROS 2 bag.",
@@ -107,12 +107,12 @@ VERBS: dict[str, tuple[str, str]] = {
     "bag": ("ssp_monitor.bag_tools.cli:bag", "Look into, check and repair bags."),
     "replay": ("ssp_monitor.replay_cli:replay", "Publish a bag as it was recorded."),
     "faults": (
-        "ssp_scenario_manager.faults.cli:faults",
+        "ssp_scenario_manager.cli.faults:faults",
         "Inject every fault at every stage of a run and judge what comes of it.",
     ),
     "bench": ("ssp_eval.bench:bench", "Measure each path beside its own lower bound."),
     "doctor": (
-        "ssp_scenario_manager.doctor.cli:doctor",
+        "ssp_scenario_manager.cli.doctor:doctor",
         "Say what is installed, missing or broken.",
     ),
     "test": ("ssp_eval.selftest:test", "Run lint, types and all tests."),

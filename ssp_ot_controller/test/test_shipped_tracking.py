@@ -16,7 +16,11 @@ from ssp_ot_controller.bodies.dynamics import LIMITS as BODIES
 from ssp_ot_controller.bodies.dynamics import BodyLimits, BodyState, step_body, tightened
 from ssp_ot_controller.control.tracker import Tracker
 from ssp_scenario_manager.compile.compiler import Request, compile_task
-from ssp_scenario_manager.core.dispatch import Address, approach_reference, manoeuvre_reference
+from ssp_scenario_manager.dispatch.references import (
+    Address,
+    approach_reference,
+    manoeuvre_reference,
+)
 
 LATERAL_RMS_M = 0.05
 LONGITUDINAL_RMS_M = 0.10

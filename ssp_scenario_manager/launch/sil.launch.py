@@ -14,7 +14,7 @@ from launch_ros.actions import Node
 
 from ssp_core.errors import InputError
 from ssp_core.files import write_text
-from ssp_scenario_manager.compile.prepare import prepare_run
+from ssp_scenario_manager.compile.targets.folder import prepare_run
 
 
 def _run_file(scenario: str, site: str, seed: str, mode: str, out: str) -> Path:

@@ -12,14 +12,12 @@ from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import ControlState, ObjectClass, Role
-from ssp_scenario_manager.core import outbox
-from ssp_scenario_manager.core.readiness import Facts
-from ssp_scenario_manager.core.session import Session
-from ssp_scenario_manager.core.session_machine import SessionEvent
-from ssp_scenario_manager.spec.load import load_event
-from ssp_scenario_manager.spec.model import CountField
-from ssp_scenario_manager.spec.seal import seal_event
-from ssp_scenario_manager.spec.write import write_event
+from ssp_scenario_manager.event_spec.load import load_event, seal_event, write_event
+from ssp_scenario_manager.event_spec.model import CountField
+from ssp_scenario_manager.session import outbox
+from ssp_scenario_manager.session.preconditions import Facts
+from ssp_scenario_manager.session.session import Session
+from ssp_scenario_manager.session.state_machine import SessionEvent
 
 S = 1_000_000_000
 

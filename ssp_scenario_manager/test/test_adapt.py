@@ -20,12 +20,28 @@ from ssp_core.run_file.participants import (
     ParticipantSpec,
 )
 from ssp_core.vocabulary import ObjectClass, Role
-from ssp_scenario_manager.core.adapt import Adapting, Decision, answered, begin, decide
-from ssp_scenario_manager.core.adapt_bounds import Bounds
-from ssp_scenario_manager.core.dispatch import Address, approach_reference, manoeuvre_reference
-from ssp_scenario_manager.core.pace import play
-from ssp_scenario_manager.core.routine import Routine, routine_of
-from ssp_scenario_manager.core.vut_track import VutTrack, arrival_ns, follow_vut, foreseen_gap_s
+from ssp_scenario_manager.dispatch.adaptation import (
+    Adapting,
+    Bounds,
+    Decision,
+    answered,
+    begin,
+    decide,
+)
+from ssp_scenario_manager.dispatch.planned_motion import (
+    PlannedMotion,
+    VutTrack,
+    arrival_ns,
+    follow_vut,
+    foreseen_gap_s,
+    play,
+    routine_of,
+)
+from ssp_scenario_manager.dispatch.references import (
+    Address,
+    approach_reference,
+    manoeuvre_reference,
+)
 
 S = 1_000_000_000
 PATH = Polyline([(0.0, 0.0), (300.0, 0.0)])
@@ -49,7 +65,7 @@ def address(execute_s: float, name: str = "r") -> Address:
     return Address(name, "ot1", "v", "manoeuvre", 0, round(execute_s * S))
 
 
-def crossing(execute_s: float = 10.1) -> Routine:
+def crossing(execute_s: float = 10.1) -> PlannedMotion:
     """From 1.3 m beside the corridor (1.2 m wide to each side) at 1.5 m/s."""
     walk = FollowPath(
         kind="follow_path",
@@ -66,7 +82,7 @@ def crossing(execute_s: float = 10.1) -> Routine:
     return found
 
 
-def cut_in(execute_s: float = 13.0) -> Routine:
+def cut_in(execute_s: float = 13.0) -> PlannedMotion:
     change = LaneChange(
         kind="lane_change", lateral_shift_m=-3.5, duration_s=2.5, cruise_mps=5.5,
         deceleration_mps2=2.0,
@@ -96,7 +112,9 @@ def wish(
 class Drive:
     """A VUT along PATH, and what is decided of it every 20 ms."""
 
-    def __init__(self, routine: Routine, asked: Adaptation, x_m: float, limits: Limits = LIMITS):
+    def __init__(
+        self, routine: PlannedMotion, asked: Adaptation, x_m: float, limits: Limits = LIMITS
+    ):
         self.known: Adapting = begin(routine, 10 * S, asked.lead_time_s)
         self.asked = asked
         who = WALKER if routine.zone.start_m < routine.zone.end_m else CAR
@@ -138,7 +156,7 @@ class Drive:
         return arrived_s - decisive_s if first else decisive_s - arrived_s
 
 
-def placed(routine: Routine, gap_s: float, speed_mps: float) -> float:
+def placed(routine: PlannedMotion, gap_s: float, speed_mps: float) -> float:
     """Where the VUT is at 10 s for that gap at that speed, if it comes second."""
     seconds = gap_s + routine.departure_s + routine.execute_at_ns / S - 10.0
     return routine.zone.start_m - VUT.size.front_m - speed_mps * seconds
@@ -216,7 +234,7 @@ def test_a_vut_arrives_at_its_present_speed_and_a_standing_one_never() -> None:
 @pytest.mark.parametrize("speed", [8.0, 9.0, 11.0, 12.0])
 @pytest.mark.parametrize("make", [crossing, cut_in])
 def test_a_faster_or_slower_vut_is_met_with_the_specified_gap(make: object, speed: float) -> None:
-    routine: Routine = make()  # type: ignore[operator]
+    routine: PlannedMotion = make()  # type: ignore[operator]
     gap = 1.0
     drive = Drive(routine, wish(gap), placed(routine, gap, 10.0))
     drive.go(9.0, speed)

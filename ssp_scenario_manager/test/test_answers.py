@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from ssp_core.motion.reference import Reference
-from ssp_scenario_manager.core.answers import Answers, is_fatal
+from ssp_scenario_manager.dispatch.references import PendingReferences, is_fatal
 
 MS = 1_000_000
 
@@ -20,7 +20,7 @@ def ids(found: tuple[Reference, ...] | list[Reference]) -> list[str]:
 
 
 def test_what_is_not_answered_is_sent_again_until_it_is() -> None:
-    answers = Answers()
+    answers = PendingReferences()
     answers.expect(reference("a", 0, "manoeuvre"))
     assert answers.again(59 * MS, 0.02) == []
     assert ids(answers.again(60 * MS, 0.02)) == ["a"]
@@ -35,14 +35,14 @@ def test_what_is_not_answered_is_sent_again_until_it_is() -> None:
 
 
 def test_an_answer_needs_two_steps_of_the_world() -> None:
-    answers = Answers()
+    answers = PendingReferences()
     answers.expect(reference("a", 0))
     assert answers.again(99 * MS, 0.05) == []
     assert answers.again(149 * MS, 0.05) == []
 
 
 def test_of_adapted_ones_the_newest_is_sent_again_until_it_is_known_what_became_of_it() -> None:
-    answers = Answers()
+    answers = PendingReferences()
     for i in range(3):
         answers.expect(reference(f"r{i}", 10 * i))
     answers.expect(reference("other", 0, who="ot2"))
@@ -55,7 +55,7 @@ def test_of_adapted_ones_the_newest_is_sent_again_until_it_is_known_what_became_
 
 
 def test_a_newer_answer_settles_older_adapted_ones_of_the_same_object() -> None:
-    answers = Answers()
+    answers = PendingReferences()
     answers.expect(reference("m", 0, "manoeuvre"))
     answers.expect(reference("a", 10))
     answers.expect(reference("b", 10, who="ot2"))
@@ -66,7 +66,7 @@ def test_a_newer_answer_settles_older_adapted_ones_of_the_same_object() -> None:
 
 
 def test_a_refusal_settles_nothing_else() -> None:
-    answers = Answers()
+    answers = PendingReferences()
     answers.expect(reference("a", 10))
     answers.expect(reference("c", 20))
     answers.take("c", accepted=False)

@@ -10,8 +10,8 @@ from ssp_core.cdr.states import StateArray, encode_states
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import ControlState, SessionPhase
-from ssp_scenario_manager.core import outbox
-from ssp_scenario_manager.core.arrivals import Arrivals
+from ssp_scenario_manager.session import outbox
+from ssp_scenario_manager.session.session import PendingStates
 
 MS = 1_000_000
 
@@ -21,7 +21,7 @@ def message(*states: Any) -> bytes:
 
 
 def test_the_state_that_arrived_last_counts(state: Any) -> None:
-    arrivals = Arrivals()
+    arrivals = PendingStates()
     arrivals.put(message(state("ot1", x_m=1.0), state("ot2")), 10)
     arrivals.put(message(state("ot1", x_m=2.0)), 20)
     arrivals.put(b"broken", 30)
@@ -37,7 +37,7 @@ def test_the_state_that_arrived_last_counts(state: Any) -> None:
 
 def test_what_waits_covers_what_is_known_unless_it_is_older(state: Any) -> None:
     known = {name: state(name, stamp_ns=50 * MS) for name in ("ot1", "ot2", "ot3")}
-    arrivals = Arrivals()
+    arrivals = PendingStates()
     assert arrivals.over(known) is known
     arrivals.put(message(state("ot1", stamp_ns=60 * MS), state("ot2", stamp_ns=40 * MS)), 0)
     over = arrivals.over(known)
@@ -75,7 +75,7 @@ def test_a_trigger_is_judged_before_the_states_of_the_targets_are_taken_in(
     driver.session.on_vut_state(
         state("vut", stamp_ns=driver.now_ns, x_m=23.2, speed_mps=10.0, sequence=9)
     )
-    arrivals = Arrivals()
+    arrivals = PendingStates()
     waiting = state(
         "ot1", stamp_ns=driver.now_ns, x_m=39.0, speed_mps=7.0, control_state=ControlState.RUNNING
     )

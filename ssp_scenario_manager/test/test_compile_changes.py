@@ -25,7 +25,7 @@ from ssp_scenario_manager.compile.changes import (
     value_at,
     with_value,
 )
-from ssp_scenario_manager.spec.log import Record
+from ssp_scenario_manager.event_spec.log import Record
 
 RUN = RunSpec.model_validate(
     {

@@ -11,8 +11,8 @@ import pytest
 
 from ssp_scenario_manager.compile.choose import HIGHEST, Chosen, NotChosen, choose_block
 from ssp_scenario_manager.compile.task import BlockScore
-from ssp_scenario_manager.interactions.base import CannotPlace
-from ssp_scenario_manager.topology.block import Library
+from ssp_scenario_manager.maps.block import Library
+from ssp_scenario_manager.scenarios.base import CannotPlace
 
 
 def library(*names: str) -> Library:

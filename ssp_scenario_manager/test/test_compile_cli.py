@@ -16,11 +16,11 @@ import yaml
 from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_core.run_file.model import load_run
-from ssp_scenario_manager.compile import writer
+from ssp_scenario_manager.compile.targets import folder as writer
 from ssp_scenario_manager.compile.task import load_task
-from ssp_scenario_manager.site import LIBRARY
-from ssp_scenario_manager.spec.load import load_event
-from ssp_scenario_manager.spec.log_file import read_log
+from ssp_scenario_manager.event_spec.load import load_event
+from ssp_scenario_manager.event_spec.log import read_log
+from ssp_scenario_manager.maps.site import LIBRARY
 
 EVENTS = ("cut_in", "lead_braking", "occluded_crossing", "vru_crossing")
 MOTORWAY = LIBRARY / "maps" / "motorway.xodr"

@@ -18,17 +18,16 @@ from ssp_core.run_file.participants import (
     RelativeDistance,
     TimeToArrival,
 )
-from ssp_scenario_manager.compile.ground import Ground
-from ssp_scenario_manager.compile.realise import Realisation, realise
+from ssp_scenario_manager.compile.area import OperatingArea
+from ssp_scenario_manager.compile.place import Realisation, realise
 from ssp_scenario_manager.compile.task import PlaceLink, Target
-from ssp_scenario_manager.core.runnable import cannot_fire
-from ssp_scenario_manager.interactions import KINDS
-from ssp_scenario_manager.interactions.base import CannotPlace
-from ssp_scenario_manager.interactions.choosing import quantity_at
-from ssp_scenario_manager.site import Site, load_site, site_version
-from ssp_scenario_manager.spec.load import load_event
-from ssp_scenario_manager.spec.model import Event, Interval
-from ssp_scenario_manager.topology.site_blocks import site_library
+from ssp_scenario_manager.event_spec.load import load_event
+from ssp_scenario_manager.event_spec.model import Event, Interval
+from ssp_scenario_manager.maps.site import Site, load_site, site_library, site_version
+from ssp_scenario_manager.scenarios.base import CannotPlace
+from ssp_scenario_manager.scenarios.kinds import KINDS
+from ssp_scenario_manager.scenarios.values import quantity_at
+from ssp_scenario_manager.triggers.fireability import cannot_fire
 
 EVENTS = sorted(KINDS)
 SITES = ("boulevard", "north_track", "south_loop")
@@ -39,9 +38,9 @@ def event(name: str) -> Event:
     return load_event(name)[0]
 
 
-def ground(site: Site) -> Ground:
+def ground(site: Site) -> OperatingArea:
     link = PlaceLink(kind="site", name=site.name, sha256=site_version(site))
-    return Ground(link, site_library(site), site)
+    return OperatingArea(link, site_library(site), site)
 
 
 @cache
@@ -277,7 +276,7 @@ def test_surroundings_that_come_into_the_way_are_left_out_and_told() -> None:
 
 def test_a_map_has_documented_limits_and_a_camera_as_needed() -> None:
     library = ground(shipped("boulevard")).library
-    place = Ground(
+    place = OperatingArea(
         PlaceLink(kind="opendrive", name="town.xodr", sha256="sha256:map"),
         library,
         None,

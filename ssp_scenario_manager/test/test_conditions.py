@@ -19,15 +19,15 @@ from ssp_core.motion.encounter import encounter
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.participants import Condition
 from ssp_core.vocabulary import ObjectClass, Phase
-from ssp_scenario_manager.core.conditions import (
+from ssp_scenario_manager.triggers.conditions import (
     Measured,
     Quantity,
     Reading,
     Sample,
+    Snapshot,
     condition_text,
     question,
 )
-from ssp_scenario_manager.core.scene import Scene
 
 MS = 1_000_000
 S = 1_000_000_000
@@ -59,7 +59,7 @@ def read(
 ) -> Reading:
     """What a condition reads where states may be 0.3 s old."""
     targets = {} if other is None else {other.object_id: other}
-    scene = Scene(vut, targets, path, 300 * MS, phases or {})
+    scene = Snapshot(vut, targets, path, 300 * MS, phases or {})
     return question(PARSER.validate_python(condition), path, started_ns).read(scene)
 
 
@@ -266,7 +266,7 @@ def test_what_nobody_asks_about_is_not_extrapolated(
 
     monkeypatch.setattr(ObjectState, "extrapolated", counted)
     targets = {f"ot{i}": state(f"ot{i}", x_m=40.0, stamp_ns=S) for i in range(20)}
-    scene = Scene(state("vut", stamp_ns=S + MS), targets, STRAIGHT, 300 * MS, {})
+    scene = Snapshot(state("vut", stamp_ns=S + MS), targets, STRAIGHT, 300 * MS, {})
     for condition in (GAP, TTC, FASTER, ARRIVAL):
         question(PARSER.validate_python(condition), STRAIGHT, 0).read(scene)
     assert asked == ["ot1"]

@@ -12,8 +12,12 @@ from ssp_core.motion.reference import Reference, sample
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participants import Brake, FollowPath, LaneChange, Motion
-from ssp_scenario_manager.core import dispatch
-from ssp_scenario_manager.core.dispatch import Address, approach_reference, manoeuvre_reference
+from ssp_scenario_manager.dispatch import references
+from ssp_scenario_manager.dispatch.references import (
+    Address,
+    approach_reference,
+    manoeuvre_reference,
+)
 
 S = 1_000_000_000
 StateMaker = Callable[..., ObjectState]
@@ -120,8 +124,8 @@ def test_what_does_not_depend_on_the_object_is_planned_ahead(
 ) -> None:
     motion = Motion(path=[(0.0, 7.0), (30.0, 7.25)], cruise_mps=3.0)
     target = run.targets[0].model_copy(update={"approach": motion})
-    dispatch.prepare(run.model_copy(update={"targets": [target]}))
-    monkeypatch.setattr(dispatch, "drive_along", None)
+    references.prepare(run.model_copy(update={"targets": [target]}))
+    monkeypatch.setattr(references, "drive_along", None)
     reference = approach_reference(address(0.0), motion)
     assert reference.points[-1].x_m == pytest.approx(30.0)
     assert reference.points[-1].y_m == pytest.approx(7.25)
@@ -132,4 +136,4 @@ def test_a_motion_that_cannot_be_driven_is_told_of_when_it_is_asked_for(run: Run
     with pytest.raises(ValueError, match=r"."):
         approach_reference(address(0.0), motion)
     stuck = run.targets[0].model_copy(update={"approach": motion})
-    dispatch.prepare(run.model_copy(update={"targets": [stuck]}))
+    references.prepare(run.model_copy(update={"targets": [stuck]}))

@@ -11,9 +11,9 @@ from ssp_core.clock import seconds_to_ns
 from ssp_core.motion.state import ObjectState
 from ssp_core.vocabulary import ControlState, Role, SessionPhase
 from ssp_scenario_manager.compile.compiler import Request, compile_task
-from ssp_scenario_manager.core.link_clock import Link
 from ssp_scenario_manager.doctor.checks import Status
-from ssp_scenario_manager.doctor.session import Heard, Stream, failed, session_findings
+from ssp_scenario_manager.doctor.session import SessionHeard, Stream, failed, session_findings
+from ssp_scenario_manager.session.link_quality import LinkEstimate
 
 NOW_NS = seconds_to_ns(1_800_000_000.0)
 
@@ -55,14 +55,14 @@ def state(participant, role, control=ControlState.DISARMED):
 @pytest.fixture
 def sound(live):
     target = live.targets[0]
-    return Heard(
+    return SessionHeard(
         streams={live.vut.id: stream(), target.id: stream()},
         states={
             live.vut.id: state(live.vut, Role.VUT, ControlState.OFF),
             target.id: state(target, Role.OT),
         },
         lost={},
-        links={target.id: Link(0.001, 0.004)},
+        links={target.id: LinkEstimate(0.001, 0.004)},
         managers=frozenset({"scenario_manager"}),
         recorder_ready=True,
         recorder_missing=(),
@@ -187,9 +187,9 @@ def test_lost_states_are_a_warning(live, sound):
 @pytest.mark.parametrize(
     ("link", "words"),
     [
-        (Link(0.2, 0.004), "clock off by +200.0 ms"),
-        (Link(0.0, 0.9), "900.0 ms there and back"),
-        (Link(), "heartbeats aren't answered"),
+        (LinkEstimate(0.2, 0.004), "clock off by +200.0 ms"),
+        (LinkEstimate(0.0, 0.9), "900.0 ms there and back"),
+        (LinkEstimate(), "heartbeats aren't answered"),
     ],
 )
 def test_links_are_held_to_the_limits_of_arming(live, sound, link, words):

@@ -13,20 +13,18 @@ from ssp_core.clock import ns_to_seconds
 from ssp_core.run_file.model import RunSpec, WantedPassing
 from ssp_core.vocabulary import Phase, SessionPhase, Verdict
 from ssp_core.world.plant import make_plant
-from ssp_scenario_manager.compile.compiler import load_ground
-from ssp_scenario_manager.compile.fitting_trigger import fitting_trigger
-from ssp_scenario_manager.compile.ground import Ground
-from ssp_scenario_manager.compile.realise import realise
-from ssp_scenario_manager.in_process.event_check import why_not
-from ssp_scenario_manager.in_process.loop import InProcessSession
-from ssp_scenario_manager.in_process.outcome import run_in_process
-from ssp_scenario_manager.interactions import KINDS
-from ssp_scenario_manager.interactions.base import CannotPlace
-from ssp_scenario_manager.site import LIBRARY
-from ssp_scenario_manager.spec.load import load_event
-from ssp_scenario_manager.spec.model import Event
-from ssp_scenario_manager.topology.block import Block
-from ssp_scenario_manager.topology.retrieve import score_blocks
+from ssp_scenario_manager.compile.area import OperatingArea
+from ssp_scenario_manager.compile.choose import fitting_trigger
+from ssp_scenario_manager.compile.compiler import load_area
+from ssp_scenario_manager.compile.place import realise
+from ssp_scenario_manager.compile.retrieval import score_blocks
+from ssp_scenario_manager.event_spec.load import load_event
+from ssp_scenario_manager.event_spec.model import Event
+from ssp_scenario_manager.maps.block import Block
+from ssp_scenario_manager.maps.site import LIBRARY
+from ssp_scenario_manager.run.in_process import InProcessSession, run_in_process, why_not
+from ssp_scenario_manager.scenarios.base import CannotPlace
+from ssp_scenario_manager.scenarios.kinds import KINDS
 
 SITES = ("boulevard", "north_track", "south_loop")
 _OTHER_SIDE = {"left": "right", "right": "left"}
@@ -67,11 +65,11 @@ def from_the_other_side(name: str) -> Event:
 
 
 @cache
-def ground_of(site: str) -> Ground:
-    return load_ground(site, None)[0]
+def ground_of(site: str) -> OperatingArea:
+    return load_area(site, None)[0]
 
 
-def compiled(event: Event, ground: Ground, block: int = 0) -> RunSpec:
+def compiled(event: Event, ground: OperatingArea, block: int = 0) -> RunSpec:
     place = ground.library.blocks[block]
     made = realise(event, "sha256:test", place, ground, "sumo", seed=1, preferred={})
     return made.run.model_copy(update={"camera": None})
@@ -216,7 +214,7 @@ _WRITTEN = {
 
 
 @pytest.fixture(scope="module")
-def grounds(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Ground]:
+def grounds(tmp_path_factory: pytest.TempPathFactory) -> dict[str, OperatingArea]:
     """The shipped sites and maps, and some that are written here."""
     folder = tmp_path_factory.mktemp("maps")
     found = {site: ground_of(site) for site in SITES}
@@ -225,7 +223,7 @@ def grounds(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Ground]:
         if name in _WRITTEN:
             path = folder / f"{name}.xodr"
             path.write_bytes(_WRITTEN[name])
-        found[name] = load_ground(None, path)[0]
+        found[name] = load_area(None, path)[0]
     return found
 
 
@@ -248,7 +246,7 @@ def combinations_of(name: str, place: int) -> Iterator[Event]:
         yield event.model_copy(update={"participants": participants})
 
 
-def best_block(event: Event, ground: Ground) -> Block | None:
+def best_block(event: Event, ground: OperatingArea) -> Block | None:
     """The first block that the retrieval would try; those of one map are much alike."""
     scores = score_blocks(event, ground.library)
     assert all(score.eligible or score.reasons for score in scores)
@@ -256,7 +254,7 @@ def best_block(event: Event, ground: Ground) -> Block | None:
     return next((block for block in ground.library.blocks if block.block_id == best), None)
 
 
-def tried(event: Event, block: Block, ground: Ground) -> RunSpec | None:
+def tried(event: Event, block: Block, ground: OperatingArea) -> RunSpec | None:
     """The run whose event would happen; None where it is refused, which says what misses."""
     refused = ""
     try:
@@ -272,7 +270,7 @@ def tried(event: Event, block: Block, ground: Ground) -> RunSpec | None:
 @pytest.mark.parametrize("name", sorted(KINDS))
 @pytest.mark.parametrize("place", [*SITES, *MAPS])
 def test_every_combination_happens_or_is_refused_with_what_misses(
-    name: str, place: str, grounds: dict[str, Ground]
+    name: str, place: str, grounds: dict[str, OperatingArea]
 ) -> None:
     for event in combinations_of(name, [*SITES, *MAPS].index(place)):
         block = best_block(event, grounds[place])
@@ -301,14 +299,16 @@ def test_what_compiles_runs_valid(name: str, side: str) -> None:
     assert run.passing.misses("ot1", result.passing.other_first, gap_s) == []
 
 
-def test_who_waits_on_a_wide_verge_waits_at_its_inner_edge(grounds: dict[str, Ground]) -> None:
+def test_who_waits_on_a_wide_verge_waits_at_its_inner_edge(
+    grounds: dict[str, OperatingArea],
+) -> None:
     event, ground = Event.model_validate(shipped("vru_crossing")), grounds["wide_verge"]
     result, _ = run_in_process(compiled(event, ground))
     assert result.verdict is Verdict.VALID
 
 
 def test_a_shoulder_too_wide_for_the_trigger_is_refused_with_both_times(
-    grounds: dict[str, Ground],
+    grounds: dict[str, OperatingArea],
 ) -> None:
     event, ground = Event.model_validate(shipped("vru_crossing")), grounds["wide_shoulder"]
     with pytest.raises(CannotPlace, match=r"ot1 takes \d\.\d s .* approach speed \d\.\d s"):
@@ -318,7 +318,7 @@ def test_a_shoulder_too_wide_for_the_trigger_is_refused_with_both_times(
     assert "K* has 3 to 3.4" in told
 
 
-def test_left_hand_traffic_is_refused_for_its_side(grounds: dict[str, Ground]) -> None:
+def test_left_hand_traffic_is_refused_for_its_side(grounds: dict[str, OperatingArea]) -> None:
     for name in KINDS:
         event = Event.model_validate(shipped(name))
         for score in score_blocks(event, grounds["left_hand"].library):
@@ -326,7 +326,7 @@ def test_left_hand_traffic_is_refused_for_its_side(grounds: dict[str, Ground]) -
 
 
 def test_the_predicate_sees_that_nobody_crosses_in_left_hand_traffic(
-    grounds: dict[str, Ground],
+    grounds: dict[str, OperatingArea],
 ) -> None:
     """Whatever the retrieval says: from the right, two oncoming lanes are crossed first."""
     event, ground = Event.model_validate(shipped("vru_crossing")), grounds["left_hand"]
@@ -339,7 +339,7 @@ def test_the_predicate_sees_that_nobody_crosses_in_left_hand_traffic(
 
 @pytest.mark.parametrize("name", ["cut_in", "lead_braking"])
 def test_references_end_soon_after_the_event_however_long_the_road_is(
-    name: str, grounds: dict[str, Ground]
+    name: str, grounds: dict[str, OperatingArea]
 ) -> None:
     event = Event.model_validate(shipped(name))
     run = compiled(event, grounds["wide_verge"])

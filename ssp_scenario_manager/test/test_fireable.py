@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from ssp_core.run_file.model import RunSpec
-from ssp_scenario_manager.core.runnable import cannot_fire
+from ssp_scenario_manager.triggers.fireability import cannot_fire
 
 GAP = {"type": "relative_distance", "object_id": "ot1", "below_m": 12.0}
 HEADWAY = {"type": "time_headway", "object_id": "ot1", "below_s": 2.0}

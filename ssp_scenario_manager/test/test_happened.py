@@ -15,16 +15,16 @@ from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec, WantedPassing
 from ssp_core.vocabulary import Phase, Verdict
 from ssp_core.world.plant import FaultFact
-from ssp_scenario_manager.core.outbox import PhaseBegan
-from ssp_scenario_manager.in_process.outcome import run_in_process
-from ssp_scenario_manager.in_process.passing import Passing
-from ssp_scenario_manager.runner.happened import (
+from ssp_scenario_manager.run.in_process import run_in_process
+from ssp_scenario_manager.run.result import (
     Happened,
+    Passing,
     happened_by,
     misses,
     result_keys,
     shown_gap,
 )
+from ssp_scenario_manager.session.outbox import PhaseBegan
 
 S = 1_000_000_000
 

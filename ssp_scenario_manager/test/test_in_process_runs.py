@@ -18,10 +18,8 @@ from click.testing import CliRunner
 from ssp_core.errors import InputError
 from ssp_core.run_file.model import Fault, LinkDisturbance, RunSpec
 from ssp_core.vocabulary import Phase, Verdict
-from ssp_scenario_manager.in_process.command import for_one_process
-from ssp_scenario_manager.in_process.outcome import result_json, run_in_process, save_states
-from ssp_scenario_manager.in_process.sweep import Row, Sweep, run_sweep
-from ssp_scenario_manager.in_process.vary import Choice, Span
+from ssp_scenario_manager.run.in_process import result_json, run_in_process, save_states
+from ssp_scenario_manager.run.sweep import Choice, Row, Span, Sweep, for_one_process, run_sweep
 
 MakeRun = Callable[..., RunSpec]
 
@@ -139,7 +137,7 @@ import sys
 for name in ("rclpy", "ssp_msgs", "libsumo"):
     sys.modules[name] = None
 from ssp_core.run_file.model import load_run
-from ssp_scenario_manager.in_process.outcome import run_in_process
+from ssp_scenario_manager.run.in_process import run_in_process
 print(run_in_process(load_run({str(tmp_path / "run.json")!r}))[0].verdict.name)
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=600)
@@ -208,7 +206,7 @@ def test_rows_that_are_there_are_not_run_again(
     def refuse(*_: object) -> None:
         raise AssertionError("it ran again")
 
-    monkeypatch.setattr("ssp_scenario_manager.in_process.sweep.run_in_process", refuse)
+    monkeypatch.setattr("ssp_scenario_manager.run.sweep.run_in_process", refuse)
     assert run_sweep(sweep, tmp_path, 1, ignore) == first
     whole = (tmp_path / "runs.csv").read_bytes()
     assert run_sweep(small_sweep(spec, 1), tmp_path, 1, ignore) == first[:1]
@@ -244,7 +242,7 @@ def test_the_folder_of_another_sweep_is_refused(make_run: MakeRun, tmp_path: Pat
 def test_options_that_mean_nothing_together_are_wrong_usage(
     arguments: list[str], says: str
 ) -> None:
-    from ssp_scenario_manager.runner.cli import run as command
+    from ssp_scenario_manager.cli.run import run as command
 
     done = CliRunner().invoke(command, ["cut_in", *arguments])
     assert done.exit_code == 2

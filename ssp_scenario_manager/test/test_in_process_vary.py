@@ -8,14 +8,7 @@ import pytest
 
 from ssp_core.errors import InputError
 from ssp_core.run_file.model import RunSpec
-from ssp_scenario_manager.in_process.vary import (
-    Choice,
-    Span,
-    Variable,
-    grid,
-    parse_variation,
-    values_of,
-)
+from ssp_scenario_manager.run.sweep import Choice, Span, Variable, grid, parse_variation, values_of
 
 
 @pytest.mark.parametrize(

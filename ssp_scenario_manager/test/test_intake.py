@@ -7,16 +7,17 @@ from typing import Any
 
 from ssp_core import names
 from ssp_core.cdr.states import StateArray
-from ssp_scenario_manager.core.barrier import StepInputs
-from ssp_scenario_manager.core.intake import Intake
-from ssp_scenario_manager.core.vigil import Vigil
+from ssp_scenario_manager.session.inputs import StateInput, StepInputs
+from ssp_scenario_manager.session.supervision import LivenessMonitor
 
 S = 1_000_000_000
 
 
-def intake_of(driver: Any, decode: Any = None) -> tuple[Intake, Vigil, StepInputs, list[str]]:
-    vigil, inputs, told = Vigil(), StepInputs(("object_target",)), []
-    return Intake(driver.session, vigil, inputs, decode, told.append), vigil, inputs, told
+def intake_of(
+    driver: Any, decode: Any = None
+) -> tuple[StateInput, LivenessMonitor, StepInputs, list[str]]:
+    vigil, inputs, told = LivenessMonitor(), StepInputs(("object_target",)), []
+    return StateInput(driver.session, vigil, inputs, decode, told.append), vigil, inputs, told
 
 
 def test_states_of_the_run(driver: Any) -> None:

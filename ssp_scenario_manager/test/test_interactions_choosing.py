@@ -9,8 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ssp_scenario_manager.interactions.base import CannotPlace
-from ssp_scenario_manager.interactions.choosing import (
+from ssp_scenario_manager.event_spec.load import load_event
+from ssp_scenario_manager.event_spec.model import Event, Interval
+from ssp_scenario_manager.scenarios.base import CannotPlace
+from ssp_scenario_manager.scenarios.values import (
     Choice,
     choose,
     chosen,
@@ -19,8 +21,6 @@ from ssp_scenario_manager.interactions.choosing import (
     in_si,
     quantity_at,
 )
-from ssp_scenario_manager.spec.load import load_event
-from ssp_scenario_manager.spec.model import Event, Interval
 
 FIELD = "constraints.speeds.vut.approach"
 

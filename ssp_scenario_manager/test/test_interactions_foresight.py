@@ -25,24 +25,18 @@ from ssp_core.run_file.road import CurvePiece
 from ssp_core.run_file.values import Start
 from ssp_core.vocabulary import ObjectClass, Role
 from ssp_core.world.reference_line import ReferenceLine
-from ssp_scenario_manager.interactions.base import (
-    BlockPoint,
-    CannotPlace,
-    Cross,
-    Drive,
-    Trigger,
-    Wait,
-)
-from ssp_scenario_manager.interactions.foresight import foresee
-from ssp_scenario_manager.interactions.hiding import is_hidden
-from ssp_scenario_manager.interactions.motions import Motions, motions
-from ssp_scenario_manager.interactions.travel import (
+from ssp_scenario_manager.scenarios.base import BlockPoint, CannotPlace, Cross, Drive, Trigger, Wait
+from ssp_scenario_manager.scenarios.crossing import is_hidden
+from ssp_scenario_manager.scenarios.motions import (
     CRUISE_SHARE,
     STEP_S,
+    Motions,
     cruise_reached_s,
     driver_travel,
+    motions,
     reference_travel,
 )
+from ssp_scenario_manager.scenarios.prediction import predict
 
 THRESHOLDS = ConflictThresholds(ttc_s=3.0, arrival_gap_s=None)
 
@@ -112,7 +106,7 @@ def test_an_approach_covers_what_its_reference_says() -> None:
 
 
 def test_a_cut_in_is_foreseen_phase_by_phase() -> None:
-    seen = foresee(cutting_in(), "lateral", THRESHOLDS)
+    seen = predict(cutting_in(), "lateral", THRESHOLDS)
     assert seen.trigger_s is not None
     assert seen.conflict_s is not None
     assert seen.resolution_s is not None
@@ -129,15 +123,15 @@ def test_a_cut_in_is_foreseen_phase_by_phase() -> None:
 
 
 def test_the_drivers_reaction_keeps_the_distance() -> None:
-    hard = foresee(cutting_in(cruise_mps=3.0), "lateral", THRESHOLDS)
+    hard = predict(cutting_in(cruise_mps=3.0), "lateral", THRESHOLDS)
     assert hard.separation_m > 0.5
     slow = replace(cutting_in(cruise_mps=3.0), driver=Driver(cruise_mps=13.0, headway_s=0.2))
-    assert foresee(slow, "lateral", THRESHOLDS).separation_m < hard.separation_m
+    assert predict(slow, "lateral", THRESHOLDS).separation_m < hard.separation_m
 
 
 def test_a_crossing_is_yielded_to() -> None:
     both = ConflictThresholds(ttc_s=2.5, arrival_gap_s=1.5)
-    seen = foresee(crossing(), "lateral", both)
+    seen = predict(crossing(), "lateral", both)
     assert seen.initiator_first
     # From -2.25 m to the corridor's edge at -1.2 m.
     walked = seen.overlap_s - seen.fired_s
@@ -150,7 +144,7 @@ def test_a_crossing_is_yielded_to() -> None:
 
 def test_who_comes_too_early_for_a_conflict_leaves_none() -> None:
     both = ConflictThresholds(ttc_s=2.5, arrival_gap_s=1.5)
-    seen = foresee(crossing(speed_mps=3.0, below_s=9.0), "lateral", both)
+    seen = predict(crossing(speed_mps=3.0, below_s=9.0), "lateral", both)
     assert seen.conflict_s is None
     assert seen.resolution_s is None
 
@@ -164,13 +158,13 @@ def test_braking_is_observable_by_its_deceleration() -> None:
     trigger = lead.trigger.model_copy(
         update={"manoeuvre": Brake(kind="brake", to_mps=2.0, deceleration_mps2=4.25)}
     )
-    seen = foresee(replace(lead, trigger=trigger), "braking", THRESHOLDS)
+    seen = predict(replace(lead, trigger=trigger), "braking", THRESHOLDS)
     assert seen.trigger_s is not None
     assert seen.conflict_s is not None
     assert seen.conflict_s > seen.trigger_s + 0.5
     # It is in the corridor all the while, so that the conflict point is its rear when it brakes.
     assert seen.overlap_s == pytest.approx(seen.fired_s, abs=2 * STEP_S)
-    never = foresee(replace(lead, trigger=trigger), "lateral", THRESHOLDS)
+    never = predict(replace(lead, trigger=trigger), "lateral", THRESHOLDS)
     assert never.trigger_s is None
 
 
@@ -178,16 +172,16 @@ def test_what_never_fires_or_can_not_be_driven_is_said() -> None:
     behind = replace(cutting_in(), vut=car("vut", 15.0, 0.0, 8.0))
     slower = replace(behind, driver=Driver(cruise_mps=8.0))
     with pytest.raises(CannotPlace, match="never fires"):
-        foresee(slower, "lateral", THRESHOLDS)
+        predict(slower, "lateral", THRESHOLDS)
     plan = cutting_in()
     short = plan.targets[0].model_copy(
         update={"approach": Motion(path=[(58.0, 3.5), (110.0, 3.5)], cruise_mps=8.5)}
     )
     with pytest.raises(CannotPlace, match=r"ot1: .*(too short|stands)"):
-        foresee(replace(plan, targets=(short,)), "lateral", THRESHOLDS)
+        predict(replace(plan, targets=(short,)), "lateral", THRESHOLDS)
     still = plan.vut.model_copy(update={"approach": None})
     with pytest.raises(CannotPlace, match="has no path"):
-        foresee(replace(plan, vut=still), "lateral", THRESHOLDS)
+        predict(replace(plan, vut=still), "lateral", THRESHOLDS)
 
 
 def state(name: str, object_class: ObjectClass, x_m: float, y_m: float) -> ObjectState:

@@ -14,8 +14,11 @@ from hypothesis import strategies as st
 from ssp_core.geometry import Pose2
 from ssp_core.run_file.road import CurvePiece
 from ssp_core.world.reference_line import ReferenceLine
-from ssp_scenario_manager.interactions import KINDS
-from ssp_scenario_manager.interactions.base import (
+from ssp_scenario_manager.event_spec.load import load_event
+from ssp_scenario_manager.event_spec.model import Event, Interval
+from ssp_scenario_manager.maps.block import Block, BlockLane
+from ssp_scenario_manager.maps.site import load_site, site_library
+from ssp_scenario_manager.scenarios.base import (
     BrakeTo,
     CannotPlace,
     Cross,
@@ -25,17 +28,12 @@ from ssp_scenario_manager.interactions.base import (
     ShiftLane,
     Wait,
 )
-from ssp_scenario_manager.interactions.choosing import quantity_at
-from ssp_scenario_manager.interactions.foresight import Foresight, foresee
-from ssp_scenario_manager.interactions.hiding import is_hidden
-from ssp_scenario_manager.interactions.motions import motions
-from ssp_scenario_manager.interactions.on_block import ahead_of
-from ssp_scenario_manager.interactions.wanted import classes_of, thresholds_of
-from ssp_scenario_manager.site import load_site
-from ssp_scenario_manager.spec.load import load_event
-from ssp_scenario_manager.spec.model import Event, Interval
-from ssp_scenario_manager.topology.block import Block, BlockLane
-from ssp_scenario_manager.topology.site_blocks import site_library
+from ssp_scenario_manager.scenarios.block_places import ahead_of
+from ssp_scenario_manager.scenarios.crossing import is_hidden
+from ssp_scenario_manager.scenarios.kinds import KINDS
+from ssp_scenario_manager.scenarios.motions import motions
+from ssp_scenario_manager.scenarios.prediction import Prediction, predict
+from ssp_scenario_manager.scenarios.values import classes_of, quantity_at, thresholds_of
 
 SHIPPED = sorted(KINDS)
 LIMITS = PlaceLimits(speed_mps=15.0, acceleration_mps2=4.5, separation_m=0.5, speed_limit_mps=13.9)
@@ -145,11 +143,11 @@ def plan_of(event: Event, place: Block, preferred: dict[str, float] | None = Non
     return next(KINDS[event.interaction.type].plans(event, place, LIMITS, preferred or {}))
 
 
-def foresight(event: Event, place: Block, plan: Plan) -> Foresight:
+def foresight(event: Event, place: Block, plan: Plan) -> Prediction:
     told = motions(
         place.line, classes_of(event), event.vut_id, plan.vut, plan.targets, plan.trigger
     )
-    return foresee(told, KINDS[event.interaction.type].observable, thresholds_of(event))
+    return predict(told, KINDS[event.interaction.type].observable, thresholds_of(event))
 
 
 def check(event: Event, place: Block, plan: Plan) -> None:

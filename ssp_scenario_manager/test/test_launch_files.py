@@ -20,7 +20,7 @@ import yaml
 
 from ssp_core.errors import InputError
 from ssp_core.run_file.model import load_run
-from ssp_scenario_manager.compile.prepare import prepare_run
+from ssp_scenario_manager.compile.targets.folder import prepare_run
 
 ROOT = Path(__file__).resolve().parents[2]
 LAUNCH_FILES = sorted(ROOT.glob("ssp_*/launch/*.launch.py"))

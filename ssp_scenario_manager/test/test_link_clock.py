@@ -8,7 +8,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssp_scenario_manager.core.link_clock import WINDOW_S, Exchange, Link, LinkClock, LinkClocks
+from ssp_scenario_manager.session.link_quality import (
+    WINDOW_S,
+    Exchange,
+    LinkClock,
+    LinkClocks,
+    LinkEstimate,
+)
 
 MS = 1_000_000
 S = 1_000_000_000
@@ -47,7 +53,7 @@ def test_the_fastest_exchange_of_the_window_is_believed() -> None:
     clock.add(exchange(0, 20 * MS, there_ns=MS), 1 * S)
     clock.add(exchange(0, 20 * MS, there_ns=300 * MS), 1 * S + 100 * MS)
     link = clock.link(1 * S + 200 * MS)
-    assert link == Link(0.02, 0.002, 0.1)
+    assert link == LinkEstimate(0.02, 0.002, 0.1)
     # Once it is old the slow one is all there is, and its offset is off by half of the delay.
     late_ns = 1 * S + round(WINDOW_S * S) + 1
     link = clock.link(late_ns)
@@ -79,7 +85,7 @@ def test_one_process_answers_for_all_of_its_objects() -> None:
     assert links.on_reply(["a", "b"], 1, exchange(5 * S, 3 * MS), S)
     links.on_sent(2, 6 * S)
     assert links.on_reply(["c"], 2, exchange(6 * S, -4 * MS), 2 * S)
-    assert links.link("a", 2 * S) == links.link("b", 2 * S) == Link(0.003, 0.002, 1.0)
+    assert links.link("a", 2 * S) == links.link("b", 2 * S) == LinkEstimate(0.003, 0.002, 1.0)
     assert links.link("c", 2 * S).offset_s == -0.004
     assert links.link("nobody", 2 * S).age_s == math.inf
 

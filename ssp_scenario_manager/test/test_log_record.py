@@ -10,7 +10,7 @@ from typing import Any, get_args
 import pytest
 from pydantic import ValidationError
 
-from ssp_scenario_manager.spec.log import Kind, Record
+from ssp_scenario_manager.event_spec.log import Kind, Record
 
 
 def entry(**changes: Any) -> Record:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ssp_scenario_manager.core.barrier import StepInputs
+from ssp_scenario_manager.session.inputs import StepInputs
 
 OT = "object_target"
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from ssp_core.geometry import FloatArray, Polyline
 from ssp_core.motion.manoeuvre import lane_change
-from ssp_scenario_manager.core.pace import as_planned, play, toward, wanted_rate
+from ssp_scenario_manager.dispatch.planned_motion import as_planned, play, toward, wanted_rate
 
 S = 1_000_000_000
 COLUMNS: FloatArray = lane_change(

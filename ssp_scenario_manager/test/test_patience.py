@@ -10,8 +10,12 @@ import pytest
 from ssp_core import names
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import ControlState, SessionPhase
-from ssp_scenario_manager.core.patience import ABORT_STANDSTILL_S, ARM_CONFIRMATION_S, Patience
-from ssp_scenario_manager.core.vigil import Vigil
+from ssp_scenario_manager.session.supervision import (
+    ABORT_STANDSTILL_S,
+    ARM_CONFIRMATION_S,
+    LivenessMonitor,
+    Timeouts,
+)
 
 S = 1_000_000_000
 ARM_NS = round(ARM_CONFIRMATION_S * S)
@@ -19,7 +23,7 @@ ARM_NS = round(ARM_CONFIRMATION_S * S)
 
 @pytest.mark.parametrize("heard", [None, ControlState.PRE_ARMING, ControlState.DISARMED])
 def test_objects_have_their_time_to_arm(driver: Any, heard: ControlState | None) -> None:
-    patience, armed = Patience(), SessionPhase.ARMED
+    patience, armed = Timeouts(), SessionPhase.ARMED
     targets = {} if heard is None else {"ot1": replace(driver.targets["ot1"], control_state=heard)}
     assert patience.not_armed(driver.run, armed, targets, 99 * S) is None  # nobody was told to
     patience.arms(100 * S)
@@ -38,7 +42,7 @@ def test_objects_have_their_time_to_arm(driver: Any, heard: ControlState | None)
     ],
 )
 def test_nothing_to_wait_for(driver: Any, control: ControlState, phase: SessionPhase) -> None:
-    patience = Patience()
+    patience = Timeouts()
     patience.arms(0)
     targets = {"ot1": replace(driver.targets["ot1"], control_state=control)}
     assert patience.not_armed(driver.run, phase, targets, S) is None
@@ -47,9 +51,9 @@ def test_nothing_to_wait_for(driver: Any, control: ControlState, phase: SessionP
     assert patience.not_armed(driver.run, SessionPhase.ARMED, waiting, 9 * S) is None
 
 
-def vigil(world_s: float = 0.0, ot1_s: float = 0.0) -> Vigil:
+def vigil(world_s: float = 0.0, ot1_s: float = 0.0) -> LivenessMonitor:
     """Who was last heard when: seconds on the steady clock."""
-    made = Vigil()
+    made = LivenessMonitor()
     made.hear(names.SIL_WORLD, round(world_s * S))
     made.hear("ot1", round(ot1_s * S))
     return made
@@ -66,7 +70,7 @@ def aborting(driver: Any, speed_mps: float = 3.0) -> Any:
 
 
 def test_a_living_world_is_given_time_for_the_standstill(driver: Any) -> None:
-    session, patience = aborting(driver), Patience()
+    session, patience = aborting(driver), Timeouts()
     for t in (0.0, 1.0, 5.0, ABORT_STANDSTILL_S):
         heard = vigil(100.0 + t, 100.0 + t)
         steady_ns = round((100.0 + t) * S)
@@ -78,7 +82,7 @@ def test_a_living_world_is_given_time_for_the_standstill(driver: Any) -> None:
 
 def test_a_dead_world_confirms_nothing(driver: Any) -> None:
     """It was silent when the abort began, and is given a second from then to go on."""
-    session, patience = aborting(driver), Patience()
+    session, patience = aborting(driver), Timeouts()
     heard = vigil(world_s=96.0, ot1_s=101.1)
     for steady_s, given_up in ((100.0, False), (101.0, False), (101.1, True)):
         steady_ns = round(steady_s * S)
@@ -93,14 +97,14 @@ def test_a_dead_world_confirms_nothing(driver: Any) -> None:
 def test_an_object_that_is_silent_is_not_waited_for(
     driver: Any, speed_mps: float, silent_s: float, given_up: bool
 ) -> None:
-    session, patience = aborting(driver, speed_mps), Patience()
+    session, patience = aborting(driver, speed_mps), Timeouts()
     heard = vigil(world_s=100.0, ot1_s=100.0 - silent_s)
     found = patience.standstill_unconfirmed(session, heard, 100 * S, driver.now_ns)
     assert found is given_up
 
 
 def test_the_wait_begins_anew_with_each_abort(make_driver: Any, run: RunSpec) -> None:
-    patience, first, second = Patience(), make_driver(run), make_driver(run)
+    patience, first, second = Timeouts(), make_driver(run), make_driver(run)
     session = aborting(first)
     assert not patience.standstill_unconfirmed(session, vigil(1.0, 1.0), S, first.now_ns)
     first.move("ot1", speed_mps=0.0)

@@ -14,7 +14,7 @@ from ssp_core.motion.encounter import Observable
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import ConflictThresholds
 from ssp_core.vocabulary import ObjectClass, Phase
-from ssp_scenario_manager.core.phases import PhaseStart, PhaseWatch, watch_phases
+from ssp_scenario_manager.triggers.phases import PhaseStart, PhaseWatch, next_phase
 
 MS = 1_000_000
 STEP_NS = 20 * MS
@@ -40,7 +40,7 @@ def play(
         return replace(old, x_m=x, y_m=y, yaw_rad=old.yaw_rad + frame.yaw_rad)
 
     for vut, target in pairs:
-        watch, start = watch_phases(watch, turned(vut), turned(target), path, thresholds, kind)
+        watch, start = next_phase(watch, turned(vut), turned(target), path, thresholds, kind)
         if start is not None:
             assert isinstance(start, PhaseStart)
             assert ("deceleration" in start.evidence) is (kind == "braking")
@@ -201,7 +201,7 @@ def test_an_interrupted_resolution_counts_from_its_last_beginning(state: StateMa
 def test_after_resolution_nothing_more_happens(state: StateMaker) -> None:
     watch = PhaseWatch(Phase.RESOLUTION)
     path = Polyline([(0.0, 0.0), (100.0, 0.0)])
-    after = watch_phases(watch, state("vut"), state("ot1", x_m=6.0), path, THRESHOLDS)
+    after = next_phase(watch, state("vut"), state("ot1", x_m=6.0), path, THRESHOLDS)
     assert after == (watch, None)
 
 

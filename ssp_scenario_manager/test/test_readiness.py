@@ -13,13 +13,13 @@ import pytest
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import ControlState
-from ssp_scenario_manager.core import readiness
-from ssp_scenario_manager.core.link_clock import Link
-from ssp_scenario_manager.core.readiness import Facts, missing_to_connect
+from ssp_scenario_manager.session import preconditions
+from ssp_scenario_manager.session.link_quality import LinkEstimate
+from ssp_scenario_manager.session.preconditions import Facts, missing_to_connect
 
 S = 1_000_000_000
 NOW_NS = 50 * S
-LINK = Link(0.001, 0.002, 0.1)
+LINK = LinkEstimate(0.001, 0.002, 0.1)
 READY = Facts(
     recorder_ready=True,
     recorder_age_s=0.1,
@@ -30,8 +30,8 @@ READY = Facts(
 )
 StateMaker = Callable[..., ObjectState]
 # At the instant of the states.
-missing_to_arm = partial(readiness.missing_to_arm, now_ns=NOW_NS)
-missing_to_start = partial(readiness.missing_to_start, now_ns=NOW_NS)
+missing_to_arm = partial(preconditions.missing_to_arm, now_ns=NOW_NS)
+missing_to_start = partial(preconditions.missing_to_start, now_ns=NOW_NS)
 
 
 @pytest.fixture
@@ -139,33 +139,36 @@ def test_each_target_in_place_and_disarmed(
 @pytest.mark.parametrize(
     ("link", "says"),
     [
-        (Link(0.05, 0.5, 1.0), []),
-        (Link(-0.05, 0.0, 0.0), []),
-        (Link(0.051, 0.002, 0.1), ["the clock of ot1 is off by 0.051 s, limit 0.05 s"]),
-        (Link(-9.0, 0.002, 0.1), ["the clock of ot1 is off by -9.000 s, limit 0.05 s"]),
-        (Link(0.0, 0.501, 0.1), ["the link to ot1 takes 0.501 s there and back, limit 0.5 s"]),
+        (LinkEstimate(0.05, 0.5, 1.0), []),
+        (LinkEstimate(-0.05, 0.0, 0.0), []),
+        (LinkEstimate(0.051, 0.002, 0.1), ["the clock of ot1 is off by 0.051 s, limit 0.05 s"]),
+        (LinkEstimate(-9.0, 0.002, 0.1), ["the clock of ot1 is off by -9.000 s, limit 0.05 s"]),
         (
-            Link(0.2, 0.6, 0.1),
+            LinkEstimate(0.0, 0.501, 0.1),
+            ["the link to ot1 takes 0.501 s there and back, limit 0.5 s"],
+        ),
+        (
+            LinkEstimate(0.2, 0.6, 0.1),
             [
                 "the clock of ot1 is off by 0.200 s, limit 0.05 s",
                 "the link to ot1 takes 0.600 s there and back, limit 0.5 s",
             ],
         ),
         (
-            Link(0.0, 0.0, 1.25),
+            LinkEstimate(0.0, 0.0, 1.25),
             [
                 "clock offset and link delay of ot1 are not measured: "
                 "no answer to heartbeats for 1.25 s, limit 1 s"
             ],
         ),
         (
-            Link(),
+            LinkEstimate(),
             ["clock offset and link delay of ot1 are not measured: no answer to heartbeats"],
         ),
     ],
 )
 def test_each_link_is_measured_and_good(
-    run: RunSpec, vut: ObjectState, ot1: ObjectState, link: Link, says: list[str]
+    run: RunSpec, vut: ObjectState, ot1: ObjectState, link: LinkEstimate, says: list[str]
 ) -> None:
     facts = replace(READY, links=(("ot1", link),))
     assert missing_to_arm(run, facts, vut, {"ot1": ot1}) == says
@@ -315,7 +318,7 @@ def test_start_needs_armed_objects_that_are_still_heard(
         ({"recorder_ready": False}, {}),
         ({"recorder_lost": 1}, {}),
         ({"other_managers": 1}, {}),
-        ({"links": (("ot1", Link(0.2, 0.0, 0.0)),)}, {}),
+        ({"links": (("ot1", LinkEstimate(0.2, 0.0, 0.0)),)}, {}),
         ({}, {"x_m": 45.0}),
         ({}, {"x_m": 400.0}),
         ({}, {"x_m": 3.0, "y_m": 0.0}),

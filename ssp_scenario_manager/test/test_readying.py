@@ -10,9 +10,13 @@ import pytest
 from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
-from ssp_scenario_manager.core.conditions import Quantity
-from ssp_scenario_manager.core.dispatch import Address, approach_reference, manoeuvre_reference
-from ssp_scenario_manager.core.readying import Readiness
+from ssp_scenario_manager.dispatch.references import (
+    Address,
+    approach_reference,
+    manoeuvre_reference,
+)
+from ssp_scenario_manager.session.run import PreparedManoeuvres
+from ssp_scenario_manager.triggers.conditions import Quantity
 
 S = 1_000_000_000
 STEP_NS = S // 50
@@ -44,7 +48,7 @@ class Rig:
         self.approach = approach_reference(self.address("a", 0), motion)
         self.motion = motion
         self.watch = Watch(self.trigger)
-        self.ready = Readiness(run)
+        self.ready = PreparedManoeuvres(run)
         self.now_ns = 10 * S
 
     def address(self, name: str, now_ns: int) -> Address:

@@ -17,9 +17,18 @@ from ssp_core.motion.reference import Reference, ReferencePoint
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import ControlState
-from ssp_scenario_manager.runner.report import Heard, lines, measured, told
-from ssp_scenario_manager.runner.report_onset import Band, bands, differences, onset
-from ssp_scenario_manager.runner.report_tracking import receipt, tracking
+from ssp_scenario_manager.run.report import (
+    Band,
+    ReportInput,
+    bands,
+    differences,
+    lines,
+    measured,
+    onset,
+    receipt,
+    told,
+    tracking,
+)
 
 MS = 1_000_000
 S = 1_000_000_000
@@ -173,7 +182,7 @@ def stamp(ns: int) -> Any:
     return SimpleNamespace(sec=ns // S, nanosec=ns % S)
 
 
-def heard(state: StateMaker, **changes: Any) -> Heard:
+def heard(state: StateMaker, **changes: Any) -> ReportInput:
     at = START_NS + 5 * S
     firing = SimpleNamespace(
         trigger_id="gap",
@@ -192,7 +201,7 @@ def heard(state: StateMaker, **changes: Any) -> Heard:
         "acks": {"b": Acknowledgement(at + 20 * MS, "b", "ot1", True)},
         "states": {"vut": [], "ot1": drive(state, braking_from_s=5.1)},
     }
-    return Heard(**{**given, **changes})
+    return ReportInput(**{**given, **changes})
 
 
 def test_the_way_of_a_trigger_from_the_crossing_to_the_motion(

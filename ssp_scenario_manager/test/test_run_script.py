@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from ssp_core.vocabulary import SessionPhase as P
-from ssp_scenario_manager.core.command_answer import Answer
-from ssp_scenario_manager.core.run_script import PATIENCE_S, RunScript
-from ssp_scenario_manager.core.session_machine import SessionEvent as E
+from ssp_scenario_manager.session.run_script import PATIENCE_S, RunScript
+from ssp_scenario_manager.session.state_machine import Answer
+from ssp_scenario_manager.session.state_machine import SessionEvent as E
 
 S = 1_000_000_000
 YES = Answer(True)

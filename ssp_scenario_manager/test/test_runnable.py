@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from ssp_core.run_file.model import RunSpec
-from ssp_scenario_manager.core.runnable import cannot_fire
+from ssp_scenario_manager.triggers.fireability import cannot_fire
 
 
 def arrival(x_m: float, y_m: float = 0.0) -> dict[str, Any]:

@@ -15,14 +15,14 @@ import pytest
 from ssp_core.errors import InputError
 from ssp_core.processes import NodeProcess, ProcessGroup
 from ssp_core.run_file.model import Fault, RunSpec
-from ssp_scenario_manager.core.runnable import cannot_fire
-from ssp_scenario_manager.runner.inject import (
-    Injector,
+from ssp_scenario_manager.run.faults import (
+    FaultInjector,
     check,
     of_runner,
     strikes_armed,
     with_conditions_never_met,
 )
+from ssp_scenario_manager.triggers.fireability import cannot_fire
 
 NODES = ("monitor", "sil_world", "object_target", "scenario_manager")
 
@@ -59,13 +59,13 @@ def child(tmp_path: Path) -> Iterator[NodeProcess]:
 
 def injector(
     run: RunSpec, child: NodeProcess | None, bag: Path, *faults: Fault
-) -> tuple[Injector, Hands, list[str]]:
+) -> tuple[FaultInjector, Hands, list[str]]:
     group = ProcessGroup({"ROS_DOMAIN_ID": "0"}, bag)
     if child is not None:
         group.processes = dict.fromkeys(NODES, child)
     hands, said = Hands(), list[str]()
     spec = run.model_copy(update={"faults": list(faults)})
-    return Injector(spec, group, bag, hands, said.append), hands, said
+    return FaultInjector(spec, group, bag, hands, said.append), hands, said
 
 
 def state_of(pid: int) -> str:

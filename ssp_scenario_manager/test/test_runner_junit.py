@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from lxml import etree
 
 from ssp_core.vocabulary import Verdict
-from ssp_scenario_manager.runner.junit import Case, junit_xml, write_junit
-from ssp_scenario_manager.runner.outcome import Outcome
+from ssp_scenario_manager.run.junit import Case, junit_xml, write_junit
+from ssp_scenario_manager.session.run_script import RunOutcome
 
 # The elements, attributes and orders that build servers agree on.
 SCHEMA = etree.XMLSchema(
@@ -62,7 +62,7 @@ SCHEMA = etree.XMLSchema(
 
 
 def case(verdict: Verdict, *reasons: str) -> Case:
-    return Case("cut_in.boulevard", "run-1", Outcome(verdict, reasons), 3.25, {"seed": "7"})
+    return Case("cut_in.boulevard", "run-1", RunOutcome(verdict, reasons), 3.25, {"seed": "7"})
 
 
 def parsed(*cases: Case) -> etree._Element:
@@ -129,7 +129,7 @@ def test_several_runs_are_counted() -> None:
 @given(st.text(), st.text())
 def test_whatever_a_reason_holds_the_file_can_be_read(reason: str, name: str) -> None:
     """Last lines of logs hold escapes, control characters and halves of characters."""
-    run = Case(name, name, Outcome(Verdict.ABORTED, (reason,)), 0.0, {name: reason})
+    run = Case(name, name, RunOutcome(Verdict.ABORTED, (reason,)), 0.0, {name: reason})
     tree = etree.fromstring(junit_xml(name, [run]).encode())
     SCHEMA.assertValid(tree)
 

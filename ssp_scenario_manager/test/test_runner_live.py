@@ -12,8 +12,8 @@ import pytest
 from ssp_core.errors import InputError
 from ssp_core.run_file.model import Fault, LinkDisturbance, RunSpec, load_run
 from ssp_scenario_manager.compile.changes import differences
-from ssp_scenario_manager.compile.live import as_live, check_live
-from ssp_scenario_manager.runner.live import LiveSetup, describe
+from ssp_scenario_manager.compile.task import as_live, check_live
+from ssp_scenario_manager.run.live import LiveSetup, describe
 
 
 def options(**given: Any) -> dict[str, Any]:

@@ -11,8 +11,8 @@ from click.testing import CliRunner
 
 from ssp_core.errors import InputError
 from ssp_core.processes import ProcessGroup
-from ssp_scenario_manager.runner import page
-from ssp_scenario_manager.runner.cli import run
+from ssp_scenario_manager.cli.run import run
+from ssp_scenario_manager.run import over_dds
 
 STAND_IN = """
 import os, sys, time
@@ -30,7 +30,7 @@ DEADLINE_S = 120.0
 def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ProcessGroup:
     """A session without processes; the page is a stand-in that says where it is."""
     (tmp_path / "stand_in_page.py").write_text(STAND_IN)
-    monkeypatch.setattr(page, "MODULE", "stand_in_page")
+    monkeypatch.setattr(over_dds, "PAGE_MODULE", "stand_in_page")
     monkeypatch.delenv("SSP_PAGE_TOKEN", raising=False)
     env = {**os.environ, "ROS_DOMAIN_ID": "0", "PYTHONPATH": str(tmp_path)}
     (tmp_path / "logs").mkdir()
@@ -46,7 +46,7 @@ def wait_until_said(said: list[str], part: str) -> None:
 
 def test_says_where_it_is_with_the_token_that_no_log_has(session: ProcessGroup) -> None:
     said: list[str] = []
-    with page.page_beside(session, Path("run.yaml"), 0, said.append):
+    with over_dds.page_beside(session, Path("run.yaml"), 0, said.append):
         wait_until_said(said, "operator page: ")
         assert not session.processes  # nobody who watches the session's processes sees it
     (line,) = said
@@ -65,7 +65,7 @@ def test_a_token_that_was_given_is_kept_and_not_shown(session: ProcessGroup) -> 
         "print('page: http://127.0.0.1:4711/', flush=True)\ntime.sleep(600)\n"
     )
     said: list[str] = []
-    with page.page_beside(session, Path("run.yaml"), 0, said.append):
+    with over_dds.page_beside(session, Path("run.yaml"), 0, said.append):
         wait_until_said(said, "operator page: ")
     assert said == ["operator page: http://127.0.0.1:4711/"]
 
@@ -75,7 +75,7 @@ def test_a_token_that_can_be_none_is_refused(session: ProcessGroup, token: str) 
     session.env["SSP_PAGE_TOKEN"] = token
     with (
         pytest.raises(InputError, match="SSP_PAGE_TOKEN") as refused,
-        page.page_beside(session, Path("run.yaml"), 0, print),
+        over_dds.page_beside(session, Path("run.yaml"), 0, print),
     ):
         pytest.fail("it began")
     assert token not in str(refused.value)
@@ -93,7 +93,7 @@ def test_a_wrong_token_is_said_before_a_run_starts(tmp_path: Path) -> None:
 
 def test_an_end_of_its_own_is_said_and_no_more(session: ProcessGroup) -> None:
     said: list[str] = []
-    with page.page_beside(session, Path("die"), 0, said.append):
+    with over_dds.page_beside(session, Path("die"), 0, said.append):
         wait_until_said(said, "exited")
     assert "the operator page exited with status 1; the session goes on without it" in said[-1]
     assert "port 4711 is taken" in said[-1]
@@ -101,7 +101,7 @@ def test_an_end_of_its_own_is_said_and_no_more(session: ProcessGroup) -> None:
 
 def test_without_a_port_there_is_none(session: ProcessGroup) -> None:
     said: list[str] = []
-    with page.page_beside(session, Path("run.yaml"), None, said.append):
+    with over_dds.page_beside(session, Path("run.yaml"), None, said.append):
         pass
     assert not said
     assert not list(session.log_dir.iterdir())

@@ -15,7 +15,7 @@ from ssp_core.vocabulary import ControlState, ObjectClass
 from ssp_ot_controller.bodies.dynamics import LIMITS, tightened
 from ssp_ot_controller.control.stopping import StoppingRoom
 from ssp_ot_controller.objects.references import Refusal, RefusalCode, check_reference
-from ssp_scenario_manager.runner import strange
+from ssp_scenario_manager.dispatch import invalid_references
 
 S = 1_000_000_000
 NOW_NS = 8 * S
@@ -57,11 +57,11 @@ def driving() -> Reference:
 def test_a_driving_car_refuses_both(driving: Reference, state: Any, run: RunSpec) -> None:
     here = sample(driving, NOW_NS)
     car = state("ot1", stamp_ns=NOW_NS, x_m=here.x_m, y_m=3.5, speed_mps=here.speed_mps)
-    old = strange.stale("r", car, driving, "sha256:event", NOW_NS)
+    old = invalid_references.stale("r", car, driving, "sha256:event", NOW_NS)
     refusal = judged(old, car, driving)
     assert refusal is not None
     assert refusal.code is RefusalCode.EXPIRED
-    out = strange.out_of_fence("r", car, driving, "sha256:event", NOW_NS, FENCE)
+    out = invalid_references.out_of_fence("r", car, driving, "sha256:event", NOW_NS, FENCE)
     refusal = judged(out, car, driving)
     assert refusal is not None
     assert refusal.code is RefusalCode.FENCE
@@ -74,11 +74,11 @@ def test_a_standing_dummy_refuses_both(yaw_rad: float, state: Any) -> None:
     person = state(
         "ot1", ObjectClass.PEDESTRIAN, stamp_ns=NOW_NS, x_m=100.0, y_m=-3.0, yaw_rad=yaw_rad
     )
-    old = strange.stale("r", person, None, "sha256:event", NOW_NS)
+    old = invalid_references.stale("r", person, None, "sha256:event", NOW_NS)
     refusal = judged(old, person, None)
     assert refusal is not None
     assert refusal.code is RefusalCode.EXPIRED
-    out = strange.out_of_fence("r", person, None, "sha256:event", NOW_NS, FENCE)
+    out = invalid_references.out_of_fence("r", person, None, "sha256:event", NOW_NS, FENCE)
     refusal = judged(out, person, None)
     assert refusal is not None
     assert refusal.code is RefusalCode.FENCE

@@ -11,9 +11,14 @@ from ssp_core.names import SESSION_COMMANDS
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import ControlState, SessionPhase
-from ssp_scenario_manager.core import outbox
-from ssp_scenario_manager.core.command_answer import REFUSED_CONDITION, REFUSED_TRANSITION, Answer
-from ssp_scenario_manager.core.session_machine import TABLE, SessionEvent
+from ssp_scenario_manager.session import outbox
+from ssp_scenario_manager.session.state_machine import (
+    REFUSED_CONDITION,
+    REFUSED_TRANSITION,
+    TABLE,
+    Answer,
+    SessionEvent,
+)
 
 S = 1_000_000_000
 REACHABLE = ("IDLE", "LOADED", "CONNECTED", "ARMED", "RUNNING", "STOPPING", "FINISHED", "ABORTING",

@@ -11,9 +11,9 @@ import pytest
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import ControlState, Phase, SessionPhase, Verdict
-from ssp_scenario_manager.core import course, outbox
-from ssp_scenario_manager.core.session_machine import SessionEvent
-from ssp_scenario_manager.core.supervisor import Violation
+from ssp_scenario_manager.session import outbox, progress
+from ssp_scenario_manager.session.limits import Violation
+from ssp_scenario_manager.session.state_machine import SessionEvent
 
 MS = 1_000_000
 S = 1_000_000_000
@@ -180,7 +180,7 @@ def test_nothing_is_sent_after_the_abort_that_was_found_with_it(
     run_with(driver)
     bad = Violation(SafetyCode.EVENT_MISSING, "ot1", 0.0, 0.0, 1)
     began = outbox.PhaseBegan(1, Phase.TRIGGER, "")
-    monkeypatch.setattr(course, "watch_triggers", lambda *_: [began, bad, began])
+    monkeypatch.setattr(progress, "watch_triggers", lambda *_: [began, bad, began])
     driver.move("vut", speed_mps=1.0)
     driver.step()
     sent = [type(fact) for fact in driver.session.outbox]

@@ -6,7 +6,7 @@ import pytest
 
 from ssp_core.names import SESSION_COMMANDS
 from ssp_core.vocabulary import SessionPhase
-from ssp_scenario_manager.core.session_machine import (
+from ssp_scenario_manager.session.state_machine import (
     TABLE,
     IllegalTransition,
     SessionEvent,

@@ -12,7 +12,7 @@ import pytest
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import ControlState, SessionPhase, Verdict
-from ssp_scenario_manager.core.supervisor import Violation
+from ssp_scenario_manager.session.limits import Violation
 
 MS = 1_000_000
 S = 1_000_000_000

@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 
-from ssp_scenario_manager.spec.checks import PREDICATES, check_event
-from ssp_scenario_manager.spec.checks.base import View
-from ssp_scenario_manager.spec.fields import split
-from ssp_scenario_manager.spec.load import read_event_file
-from ssp_scenario_manager.spec.model import Event
+from ssp_scenario_manager.event_spec.checks.base import View
+from ssp_scenario_manager.event_spec.checks.check import PREDICATES, check_event
+from ssp_scenario_manager.event_spec.fields import split
+from ssp_scenario_manager.event_spec.load import read_event_file
+from ssp_scenario_manager.event_spec.model import Event
 
 GONE = object()
 C = "constraints"

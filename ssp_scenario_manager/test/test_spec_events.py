@@ -14,21 +14,34 @@ from hypothesis import strategies as st
 
 from ssp_core.errors import InputError
 from ssp_core.files import parse_value
-from ssp_scenario_manager.interactions import KINDS
-from ssp_scenario_manager.site import find_shipped
-from ssp_scenario_manager.spec.checks import check_event
-from ssp_scenario_manager.spec.fields import get, granules, join, leaves, matches, owner, split
-from ssp_scenario_manager.spec.load import event_version, load_event, read_event_file
-from ssp_scenario_manager.spec.model import Doubt, Event, Interval
-from ssp_scenario_manager.spec.seal import (
+from ssp_scenario_manager.event_spec.checks.check import check_event
+from ssp_scenario_manager.event_spec.fields import (
+    UNITS,
+    Span,
+    get,
+    granules,
+    join,
+    leaves,
+    matches,
+    owner,
+    si,
+    split,
+    units_of,
+)
+from ssp_scenario_manager.event_spec.load import (
     body,
+    event_text,
+    event_version,
+    load_event,
+    read_event_file,
     safety_critical_fields,
     seal_event,
     seals,
     uncovered,
 )
-from ssp_scenario_manager.spec.units import UNITS, Span, si, units_of
-from ssp_scenario_manager.spec.write import event_text
+from ssp_scenario_manager.event_spec.model import Doubt, Event, Interval
+from ssp_scenario_manager.maps.site import find_shipped
+from ssp_scenario_manager.scenarios.kinds import KINDS
 
 NAMES = ("cut_in", "lead_braking", "occluded_crossing", "vru_crossing")
 

@@ -15,26 +15,21 @@ from hypothesis import strategies as st
 
 from ssp_core.errors import InputError
 from ssp_core.vocabulary import MOTIONS, OBJECTS
-from ssp_scenario_manager.interactions import KINDS
-from ssp_scenario_manager.spec.checks import check_event
-from ssp_scenario_manager.spec.extract.answers import (
+from ssp_scenario_manager.event_spec.checks.check import check_event, contradictions, undecided
+from ssp_scenario_manager.event_spec.extract.answers import (
     BadAnswer,
     Scope,
     answer_schema,
     printable,
     read_answer,
 )
-from ssp_scenario_manager.spec.extract.candidate import Origin, make_candidate
-from ssp_scenario_manager.spec.extract.frames import Clip, Shot
-from ssp_scenario_manager.spec.extract.interview import Interviewer
-from ssp_scenario_manager.spec.extract.prompt import kind_texts
-from ssp_scenario_manager.spec.extract.questions import QUESTIONS
-from ssp_scenario_manager.spec.extract.store import Store
-from ssp_scenario_manager.spec.fields import leaves
-from ssp_scenario_manager.spec.load import event_version
-from ssp_scenario_manager.spec.review.undecided import contradictions, undecided
-from ssp_scenario_manager.spec.seal import body, uncovered
-from ssp_scenario_manager.spec.write import event_text
+from ssp_scenario_manager.event_spec.extract.candidate import Origin, make_candidate
+from ssp_scenario_manager.event_spec.extract.clip import Clip, Shot
+from ssp_scenario_manager.event_spec.extract.interview import Interviewer, Store, kind_texts
+from ssp_scenario_manager.event_spec.extract.questions import QUESTIONS
+from ssp_scenario_manager.event_spec.fields import leaves
+from ssp_scenario_manager.event_spec.load import body, event_text, event_version, uncovered
+from ssp_scenario_manager.scenarios.kinds import KINDS
 
 SCOPE = Scope(5, ("ot1", "ot2"))
 

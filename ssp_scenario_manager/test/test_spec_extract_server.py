@@ -23,15 +23,13 @@ import pytest
 from ssp_core.chat import OpenAIChat
 from ssp_core.cli import main
 from ssp_core.hashing import sha256_bytes, sha256_file, sha256_json
-from ssp_scenario_manager.spec.checks import check_event
-from ssp_scenario_manager.spec.extract import cli as extract_cli
-from ssp_scenario_manager.spec.extract.questions import DEFINITION_SHA256
-from ssp_scenario_manager.spec.load import load_event
-from ssp_scenario_manager.spec.log import Record
-from ssp_scenario_manager.spec.log_file import append_record, read_log
-from ssp_scenario_manager.spec.model import UNRESOLVED, Interval
-from ssp_scenario_manager.spec.review.session import to_decide
-from ssp_scenario_manager.spec.seal import uncovered
+from ssp_scenario_manager.cli import spec_extract as extract_cli
+from ssp_scenario_manager.event_spec.checks.check import check_event
+from ssp_scenario_manager.event_spec.extract.questions import DEFINITION_SHA256
+from ssp_scenario_manager.event_spec.load import load_event, uncovered
+from ssp_scenario_manager.event_spec.log import Record, append_record, read_log
+from ssp_scenario_manager.event_spec.model import UNRESOLVED, Interval
+from ssp_scenario_manager.event_spec.review.session import to_decide
 
 FPS, FRAMES = 10.0, 60
 SHOWN = 8

@@ -9,15 +9,12 @@ from xml.etree import ElementTree
 import pytest
 
 from ssp_core.cli import main
-from ssp_scenario_manager.site import find_shipped
-from ssp_scenario_manager.spec.checks.base import show
-from ssp_scenario_manager.spec.diff import differences
-from ssp_scenario_manager.spec.fields import get, has
-from ssp_scenario_manager.spec.graph import interaction_graph
-from ssp_scenario_manager.spec.load import load_event
-from ssp_scenario_manager.spec.model import Event
-from ssp_scenario_manager.spec.picture import picture
-from ssp_scenario_manager.spec.seal import body
+from ssp_scenario_manager.event_spec.fields import get, has, show
+from ssp_scenario_manager.event_spec.graph import differences, interaction_graph
+from ssp_scenario_manager.event_spec.load import body, load_event
+from ssp_scenario_manager.event_spec.model import Event
+from ssp_scenario_manager.event_spec.picture import picture
+from ssp_scenario_manager.maps.site import find_shipped
 
 NAMES = ("cut_in", "lead_braking", "occluded_crossing", "vru_crossing")
 

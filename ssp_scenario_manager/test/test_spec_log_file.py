@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ssp_core.errors import InputError
-from ssp_scenario_manager.spec.log import Record
-from ssp_scenario_manager.spec.log_file import (
+from ssp_scenario_manager.event_spec.log import (
+    Record,
     append_record,
     append_records,
     check_not_refused,

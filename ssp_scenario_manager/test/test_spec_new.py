@@ -11,12 +11,11 @@ import pytest
 import yaml
 
 from ssp_core.cli import main
-from ssp_scenario_manager.interactions import KINDS
-from ssp_scenario_manager.spec.checks import check_event
-from ssp_scenario_manager.spec.load import load_event, read_event_file
-from ssp_scenario_manager.spec.model import UNRESOLVED
-from ssp_scenario_manager.spec.review.session import to_decide
-from ssp_scenario_manager.spec.write import event_text
+from ssp_scenario_manager.event_spec.checks.check import check_event
+from ssp_scenario_manager.event_spec.load import event_text, load_event, read_event_file
+from ssp_scenario_manager.event_spec.model import UNRESOLVED
+from ssp_scenario_manager.event_spec.review.session import to_decide
+from ssp_scenario_manager.scenarios.kinds import KINDS
 
 OLDER = Path(__file__).parent / "data" / "older_form.event.yaml"
 ROAD = {

@@ -18,19 +18,28 @@ from hypothesis import strategies as st
 from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_file
-from ssp_scenario_manager.interactions import KINDS
-from ssp_scenario_manager.spec.checks import check_event
-from ssp_scenario_manager.spec.fields import get, granules
-from ssp_scenario_manager.spec.load import event_version, load_event
-from ssp_scenario_manager.spec.log import Record
-from ssp_scenario_manager.spec.log_file import append_record, read_log
-from ssp_scenario_manager.spec.model import UNRESOLVED, Doubt, Event, Interval
-from ssp_scenario_manager.spec.review import desk as desk_module
-from ssp_scenario_manager.spec.review.decide import accept, edit
-from ssp_scenario_manager.spec.review.undecided import undecided
-from ssp_scenario_manager.spec.review.values import Unreadable, read_value, shown
-from ssp_scenario_manager.spec.seal import body, safety_critical_fields, seal_event, seals
-from ssp_scenario_manager.spec.write import write_event
+from ssp_scenario_manager.event_spec.checks.check import check_event, undecided
+from ssp_scenario_manager.event_spec.fields import get, granules
+from ssp_scenario_manager.event_spec.load import (
+    body,
+    event_version,
+    load_event,
+    safety_critical_fields,
+    seal_event,
+    seals,
+    write_event,
+)
+from ssp_scenario_manager.event_spec.log import Record, append_record, read_log
+from ssp_scenario_manager.event_spec.model import UNRESOLVED, Doubt, Event, Interval
+from ssp_scenario_manager.event_spec.review import session as desk_module
+from ssp_scenario_manager.event_spec.review.decisions import (
+    Unreadable,
+    accept,
+    edit,
+    read_value,
+    shown,
+)
+from ssp_scenario_manager.scenarios.kinds import KINDS
 
 Review = Callable[..., int]
 SHIPPED = ("cut_in", "lead_braking", "occluded_crossing", "vru_crossing")

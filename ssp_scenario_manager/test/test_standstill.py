@@ -11,7 +11,7 @@ import pytest
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import ControlState
-from ssp_scenario_manager.core.standstill import moving, stands
+from ssp_scenario_manager.session.preconditions import moving, stands
 
 S = 1_000_000_000
 NOW_NS = 50 * S

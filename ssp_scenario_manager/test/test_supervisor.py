@@ -14,9 +14,9 @@ from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import Limits, RunSpec
 from ssp_core.safety.codes import MEANINGS, SafetyCode
 from ssp_core.vocabulary import ControlState, Verdict
-from ssp_scenario_manager.core import supervisor
-from ssp_scenario_manager.core.supervisor import Violation, verdict_for
-from ssp_scenario_manager.core.watching import violations
+from ssp_scenario_manager.session import limits
+from ssp_scenario_manager.session.limits import Violation, verdict_for
+from ssp_scenario_manager.session.progress import violations
 
 S = 1_000_000_000
 FENCE = [(-100.0, -100.0), (1000.0, -100.0), (1000.0, 100.0), (-100.0, 100.0)]
@@ -66,7 +66,7 @@ def test_separation(state: StateMaker, gap_m: float, code: SafetyCode | None) ->
         state("ot1", size=size, x_m=-4.5 - gap_m),  # behind
         state("ot1", size=size, y_m=2.0 + gap_m),  # beside
     ):
-        found = supervisor.too_near(vut, other, LIMITS)
+        found = limits.too_near(vut, other, LIMITS)
         if code is None:
             assert found is None
             continue
@@ -86,7 +86,7 @@ def test_separation_of_large_and_turned_objects_is_not_skipped(state: StateMaker
         corner = max(state("vut", yaw_rad=yaw).box.corners(), key=lambda p: p[0])
         # The VUT's foremost corner 0.2 m behind the bus, at the middle of its rear.
         vut = state("vut", yaw_rad=yaw, x_m=-3.2 - corner[0], y_m=-corner[1])
-        found = supervisor.too_near(vut, bus, LIMITS)
+        found = limits.too_near(vut, bus, LIMITS)
         assert found is not None
         assert found.measured == pytest.approx(0.2)
 
@@ -103,25 +103,25 @@ def test_separation_does_not_depend_on_the_place(state: StateMaker) -> None:
                 x_m=x_m + dx_m,
                 y_m=y_m + dy_m,
             )
-            found = supervisor.too_near(bus, walker, LIMITS)
+            found = limits.too_near(bus, walker, LIMITS)
             assert found is not None
             assert found.measured == pytest.approx(0.25)
         away = replace(walker, y_m=y_m + 2.7)
-        assert supervisor.too_near(bus, away, LIMITS) is None
+        assert limits.too_near(bus, away, LIMITS) is None
 
 
 # -- times ----------------------------------------------------------------------------------------
 
 Judge = Callable[[float], Violation | None]
 TIMES: list[tuple[SafetyCode, str, float, Judge]] = [
-    (SafetyCode.VUT_SILENT, "vut", 0.125, lambda s: supervisor.vut_silent(s, LIMITS, 3)),
-    (SafetyCode.OBJECT_SILENT, "a", 0.125, lambda s: supervisor.object_silent("a", s, LIMITS, 3)),
-    (SafetyCode.REPLY_MISSING, "a", 0.25, lambda s: supervisor.reply_missing("a", s, LIMITS, 3)),
+    (SafetyCode.VUT_SILENT, "vut", 0.125, lambda s: limits.vut_silent(s, LIMITS, 3)),
+    (SafetyCode.OBJECT_SILENT, "a", 0.125, lambda s: limits.object_silent("a", s, LIMITS, 3)),
+    (SafetyCode.REPLY_MISSING, "a", 0.25, lambda s: limits.reply_missing("a", s, LIMITS, 3)),
     (
         SafetyCode.RECORDER,
         "monitor",
         2.0,
-        lambda s: supervisor.silent(SafetyCode.RECORDER, "monitor", s, 2.0, 3),
+        lambda s: limits.silent(SafetyCode.RECORDER, "monitor", s, 2.0, 3),
     ),
 ]
 
@@ -139,7 +139,7 @@ def test_silence(code: SafetyCode, who: str, limit_s: float, judged: Judge) -> N
 
 @pytest.mark.parametrize(("age_ns", "passed"), [(S // 2 - 1, 0), (S // 2, 0), (S // 2 + 1, 1)])
 def test_ack_missing(age_ns: int, passed: bool) -> None:
-    found = supervisor.ack_missing("ot1", 2 * S, 2 * S + age_ns, LIMITS)
+    found = limits.ack_missing("ot1", 2 * S, 2 * S + age_ns, LIMITS)
     assert (found is not None) == passed
     if found is not None:
         assert (found.code, found.object_id, found.limit) == (SafetyCode.ACK_MISSING, "ot1", 0.5)
@@ -147,7 +147,7 @@ def test_ack_missing(age_ns: int, passed: bool) -> None:
 
 @pytest.mark.parametrize(("age_ns", "passed"), [(60 * S - 1, 0), (60 * S, 0), (60 * S + 1, 1)])
 def test_duration(age_ns: int, passed: bool) -> None:
-    found = supervisor.duration(S, S + age_ns, LIMITS)
+    found = limits.duration(S, S + age_ns, LIMITS)
     assert (found is not None) == passed
     if found is not None:
         assert (found.code, found.limit) == (SafetyCode.DURATION, 60.0)
@@ -161,7 +161,7 @@ def test_a_stamp_ahead_of_time(
     state: StateMaker, ahead_ns: int, passed: bool, allowance_ns: int
 ) -> None:
     stamped = state("ot1", stamp_ns=5 * S + ahead_ns + allowance_ns)
-    found = supervisor.stamp_ahead(stamped, 5 * S, allowance_ns / S, LIMITS)
+    found = limits.stamp_ahead(stamped, 5 * S, allowance_ns / S, LIMITS)
     assert (found is not None) == passed
     if found is not None:
         assert (found.code, found.object_id, found.limit, found.stamp_ns) == (
@@ -178,8 +178,8 @@ def test_a_stamp_ahead_of_time(
 @pytest.mark.parametrize(
     ("judged", "code"),
     [
-        (supervisor.recorder_lost, SafetyCode.RECORDER),
-        (partial(supervisor.foreign_manager, detail=""), SafetyCode.FOREIGN_MANAGER),
+        (limits.recorder_lost, SafetyCode.RECORDER),
+        (partial(limits.foreign_manager, detail=""), SafetyCode.FOREIGN_MANAGER),
     ],
 )
 def test_one_is_too_many(judged: Callable[[int, int], Violation | None], code: SafetyCode) -> None:
@@ -195,7 +195,7 @@ def test_one_is_too_many(judged: Callable[[int, int], Violation | None], code: S
 
 @pytest.mark.parametrize("control_state", ControlState)
 def test_own_abort(state: StateMaker, control_state: ControlState) -> None:
-    found = supervisor.own_abort(state("ot1", control_state=control_state))
+    found = limits.own_abort(state("ot1", control_state=control_state))
     assert (found is not None) == (control_state is ControlState.ABORTING)
 
 
@@ -218,12 +218,12 @@ def test_tracking_error(
 ) -> None:
     code, limit = ERRORS[name]
     reported = state("ot1", reference_id="r", **{name: sign * factor * limit})
-    found = supervisor.tracking_error(reported, LIMITS)
+    found = limits.tracking_error(reported, LIMITS)
     assert (found is not None) == passed
     if found is not None:
         assert (found.code, found.object_id, found.limit) == (code, "ot1", limit)
     # Without a reference the fields say nothing.
-    assert supervisor.tracking_error(replace(reported, reference_id=""), LIMITS) is None
+    assert limits.tracking_error(replace(reported, reference_id=""), LIMITS) is None
 
 
 # -- together -------------------------------------------------------------------------------------
@@ -338,10 +338,10 @@ def test_every_code_has_a_meaning_and_its_verdict(code: SafetyCode) -> None:
 @pytest.mark.parametrize("off_s", [1.8e9, -1.8e9, 3600.0, -2.1, 2.1])
 def test_an_event_of_another_clock_or_run_counts_now_and_says_so(off_s: float) -> None:
     now_ns = 12_000_000_000
-    seen = supervisor.Violation(
+    seen = limits.Violation(
         SafetyCode.OVER_SPEED, "ot1", 9.0, 8.0, now_ns + round(off_s * 1e9), "seen by x"
     )
-    taken = supervisor.in_session_time(seen, now_ns)
+    taken = limits.in_session_time(seen, now_ns)
     assert taken.stamp_ns == now_ns
     assert taken.text == (
         "over_speed: ot1: 9 m/s, limit 8 m/s "
@@ -350,5 +350,5 @@ def test_an_event_of_another_clock_or_run_counts_now_and_says_so(off_s: float) -
 
 
 def test_an_event_that_was_under_way_keeps_its_time() -> None:
-    seen = supervisor.Violation(SafetyCode.OVER_SPEED, "ot1", 9.0, 8.0, 11_500_000_000, "seen by x")
-    assert supervisor.in_session_time(seen, 12_000_000_000) is seen
+    seen = limits.Violation(SafetyCode.OVER_SPEED, "ot1", 9.0, 8.0, 11_500_000_000, "seen by x")
+    assert limits.in_session_time(seen, 12_000_000_000) is seen

@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssp_scenario_manager.core.tally import Tallies, Tally
+from ssp_scenario_manager.session.link_quality import LossCounter, LossCounters
 
 
 def counted(sequences: list[int]) -> tuple[int, int]:
-    tally = Tally()
+    tally = LossCounter()
     for sequence in sequences:
         tally.see(sequence)
     return tally.received, tally.lost
@@ -48,7 +48,7 @@ def test_what_is_missing_is_lost_in_whatever_order_the_rest_comes(
 
 
 def test_losses_are_told_once() -> None:
-    tallies = Tallies()
+    tallies = LossCounters()
     for sequence in (1, 2, 5):
         tallies.see("ot2", sequence)
     tallies.see("ot1", 1)

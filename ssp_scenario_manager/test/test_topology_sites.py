@@ -13,10 +13,15 @@ import yaml
 
 from ssp_core.errors import InputError
 from ssp_core.geometry import point_in_polygon
-from ssp_scenario_manager.site import Polygon, Site, Strip, load_site
-from ssp_scenario_manager.topology.areas import conflict_areas
-from ssp_scenario_manager.topology.block import BlockLane, ConflictArea
-from ssp_scenario_manager.topology.site_blocks import region_polygon, site_library
+from ssp_scenario_manager.maps.block import BlockLane, ConflictArea, conflict_areas
+from ssp_scenario_manager.maps.site import (
+    Polygon,
+    Site,
+    Strip,
+    load_site,
+    region_polygon,
+    site_library,
+)
 
 SHIPPED = ("boulevard", "north_track", "south_loop")
 

@@ -12,9 +12,8 @@ from ssp_core.geometry import Polyline
 from ssp_core.motion.state import ObjectState, Size
 from ssp_core.run_file.participants import TriggerSpec
 from ssp_core.vocabulary import ObjectClass, Phase, Role
-from ssp_scenario_manager.core.conditions import Sample
-from ssp_scenario_manager.core.scene import Scene
-from ssp_scenario_manager.core.triggers import Firing, OpenWatches, TriggerWatch, truth
+from ssp_scenario_manager.triggers.conditions import Sample, Snapshot
+from ssp_scenario_manager.triggers.evaluator import Firing, OpenWatches, TriggerWatch, truth
 
 MS = 1_000_000
 S = 1_000_000_000
@@ -64,23 +63,23 @@ def scene(
     vut_mps: float = 0.0,
     ot_mps: float = 10.0,
     trigger_ns: int | None = None,
-) -> Scene:
+) -> Snapshot:
     """VUT and ot1 in a lane, so far apart; NaN as the gap: ot1 isn't heard."""
     vut = car("vut", stamp_ns, 10.0, 0.0, vut_mps)
     targets = {}
     if not math.isnan(gap_m):
         targets["ot1"] = car("ot1", stamp_ns, 14.5 + gap_m, 0.0, ot_mps)
     phases = {} if trigger_ns is None else {Phase.TRIGGER: trigger_ns}
-    return Scene(vut, targets, PATH, 300 * MS, phases)
+    return Snapshot(vut, targets, PATH, 300 * MS, phases)
 
 
-def fire(asked: TriggerSpec, scenes: list[Scene], start_ns: int = 0) -> list[Firing]:
+def fire(asked: TriggerSpec, scenes: list[Snapshot], start_ns: int = 0) -> list[Firing]:
     watch = TriggerWatch(asked, PATH, start_ns)
     firings = [watch.observe(scene) for scene in scenes]
     return [firing for firing in firings if firing is not None]
 
 
-def gaps(*samples: tuple[int, float]) -> list[Scene]:
+def gaps(*samples: tuple[int, float]) -> list[Snapshot]:
     return [scene(stamp_ns, gap_m) for stamp_ns, gap_m in samples]
 
 
@@ -297,7 +296,7 @@ def test_a_state_is_judged_without_asking_every_object(
     targets = {f"ot{i + 1}": car(f"ot{i + 1}", 0, 60.0 + 8 * i, 0.0, 5.0) for i in range(many)}
     monkeypatch.setattr(Polyline, "project_all", counted)
     for stamp_ns in (MS, 2 * MS):
-        watch.observe(Scene(car("vut", stamp_ns, 9.0, 0.0, 5.0), targets, PATH, S, {}))
+        watch.observe(Snapshot(car("vut", stamp_ns, 9.0, 0.0, 5.0), targets, PATH, S, {}))
     assert calls == [5, 5]
 
 

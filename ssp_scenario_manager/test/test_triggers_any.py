@@ -20,8 +20,8 @@ from ssp_core.geometry import Polyline
 from ssp_core.motion.state import ObjectState, Size
 from ssp_core.run_file.participants import TriggerSpec
 from ssp_core.vocabulary import ObjectClass, Phase, Role
-from ssp_scenario_manager.core.scene import Scene
-from ssp_scenario_manager.core.triggers import TriggerWatch
+from ssp_scenario_manager.triggers.conditions import Snapshot
+from ssp_scenario_manager.triggers.evaluator import TriggerWatch
 
 NEVER = float("inf")
 FRONT, REAR, WIDTH = Fraction(7, 2), Fraction(1), Fraction(2)
@@ -334,10 +334,10 @@ def _state(name: str, body: Body) -> ObjectState:
     )
 
 
-def _scene(arrival: Arrival) -> Scene:
+def _scene(arrival: Arrival) -> Snapshot:
     targets = {name: _state(name, body) for name, body in arrival.others.items()}
     phases = {Phase[word.upper()]: ns for word, ns in arrival.phases.items()}
-    return Scene(_state("vut", arrival.vut), targets, PATH, AGE_NS, phases)
+    return Snapshot(_state("vut", arrival.vut), targets, PATH, AGE_NS, phases)
 
 
 @settings(max_examples=400, deadline=None)

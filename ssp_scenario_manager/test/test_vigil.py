@@ -10,13 +10,13 @@ from ssp_core import names
 from ssp_core.run_file.model import Camera, RunSpec
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import SessionPhase
-from ssp_scenario_manager.core.link_clock import Exchange, LinkClocks
-from ssp_scenario_manager.core.vigil import (
+from ssp_scenario_manager.session.link_quality import Exchange, LinkClocks
+from ssp_scenario_manager.session.supervision import (
     CAMERA_SILENT_S,
     RECORDER_SILENT_S,
     WORLD_SILENT_LOCKSTEP_S,
     WORLD_SILENT_REALTIME_S,
-    Vigil,
+    LivenessMonitor,
 )
 
 EVERYBODY = (names.SIL_WORLD, names.VUT_ID, "ot1", names.MONITOR, names.FRONT_CAMERA)
@@ -42,14 +42,14 @@ def links(offset_s: float = 0.0, delay_s: float = 0.0, age_s: float = 0.0) -> Li
     return made
 
 
-def heard_at(ages_s: dict[str, float], measured: LinkClocks | None = None) -> Vigil:
-    vigil = Vigil(measured or links())
+def heard_at(ages_s: dict[str, float], measured: LinkClocks | None = None) -> LivenessMonitor:
+    vigil = LivenessMonitor(measured or links())
     for who in EVERYBODY:
         vigil.hear(who, NOW_NS - round(ages_s.get(who, 0.0) * 1e9))
     return vigil
 
 
-def codes(vigil: Vigil, spec: RunSpec, phase: SessionPhase = RUNNING) -> list[SafetyCode]:
+def codes(vigil: LivenessMonitor, spec: RunSpec, phase: SessionPhase = RUNNING) -> list[SafetyCode]:
     return [v.code for v in vigil.violations(spec, phase, NOW_NS, 7)]
 
 
@@ -96,14 +96,14 @@ def test_whose_silence_is_not_judged_here(
 
 
 def test_who_was_never_heard_is_silent_for_ever(run: RunSpec) -> None:
-    assert Vigil().age_s(names.MONITOR, NOW_NS) == math.inf
-    assert codes(Vigil(), with_camera(run, "lockstep")) == [
+    assert LivenessMonitor().age_s(names.MONITOR, NOW_NS) == math.inf
+    assert codes(LivenessMonitor(), with_camera(run, "lockstep")) == [
         C.WORLD_SILENT,
         C.VUT_SILENT,
         C.RECORDER,
         C.PARTICIPANT_LOST,
     ]
-    assert codes(Vigil(), with_camera(run, "live")) == [
+    assert codes(LivenessMonitor(), with_camera(run, "live")) == [
         C.VUT_SILENT,
         C.OBJECT_SILENT,
         C.RECORDER,
@@ -167,4 +167,4 @@ def test_the_facts_that_arming_asks_for(run: RunSpec) -> None:
     link = facts.link_of("ot1")
     assert (link.offset_s, link.delay_s, link.age_s) == (0.01, 0.02, 0.125)
     assert (facts.other_managers, facts.foreign) == (1, "clock has /y")
-    assert Vigil().facts(None, NOW_NS).recorder_age_s == math.inf
+    assert LivenessMonitor().facts(None, NOW_NS).recorder_age_s == math.inf

@@ -11,23 +11,26 @@ from ssp_core import names
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import ControlState, SessionPhase, Verdict
-from ssp_scenario_manager.core.patience import ARM_CONFIRMATION_S
-from ssp_scenario_manager.core.supervisor import Violation
-from ssp_scenario_manager.core.vigil import WORLD_SILENT_LOCKSTEP_S, Vigil
-from ssp_scenario_manager.core.watchdog import Watchdog
+from ssp_scenario_manager.session.limits import Violation
+from ssp_scenario_manager.session.supervision import (
+    ARM_CONFIRMATION_S,
+    WORLD_SILENT_LOCKSTEP_S,
+    LivenessMonitor,
+    Supervisor,
+)
 
 S = 1_000_000_000
 
 
-def hear_all(vigil: Vigil, steady_ns: int) -> None:
+def hear_all(vigil: LivenessMonitor, steady_ns: int) -> None:
     for who in (names.SIL_WORLD, names.VUT_ID, "ot1", names.MONITOR):
         vigil.hear(who, steady_ns)
 
 
 def test_the_session_is_told_the_facts(driver: Any) -> None:
     driver.until("LOADED")
-    vigil = Vigil()
-    watchdog = Watchdog(driver.session, vigil)
+    vigil = LivenessMonitor()
+    watchdog = Supervisor(driver.session, vigil)
     vigil.hear_recorder(True, (), 0, 2 * S)
     watchdog.look(3 * S, 0)
     assert driver.session.facts.recorder_ready
@@ -37,8 +40,8 @@ def test_the_session_is_told_the_facts(driver: Any) -> None:
 @pytest.mark.parametrize("phase", ["ARMED", "RUNNING"])
 def test_who_falls_silent_ends_the_session(driver: Any, tools: Any, phase: str) -> None:
     driver.until(phase)
-    vigil = Vigil()
-    watchdog = Watchdog(driver.session, vigil)
+    vigil = LivenessMonitor()
+    watchdog = Supervisor(driver.session, vigil)
     hear_all(vigil, S)
     watchdog.look(S, 0)
     assert driver.session.state.name == phase
@@ -57,7 +60,7 @@ def test_who_falls_silent_ends_the_session(driver: Any, tools: Any, phase: str) 
 def test_nobody_is_waited_for_before_or_after(driver: Any, tools: Any, phase: str) -> None:
     tools.bring(driver, phase)
     driver.session.outbox.clear()
-    Watchdog(driver.session, Vigil()).look(900 * S, driver.now_ns)
+    Supervisor(driver.session, LivenessMonitor()).look(900 * S, driver.now_ns)
     assert driver.session.state.name == phase
     assert tools.violations(driver.session.outbox) == []
 
@@ -65,8 +68,8 @@ def test_nobody_is_waited_for_before_or_after(driver: Any, tools: Any, phase: st
 def test_an_object_that_does_not_arm_takes_the_session_back(driver: Any) -> None:
     driver.until("ARMED")
     driver.hear(ControlState.PRE_ARMING)
-    vigil = Vigil()
-    watchdog = Watchdog(driver.session, vigil)
+    vigil = LivenessMonitor()
+    watchdog = Supervisor(driver.session, vigil)
     watchdog.objects_were_told_to_arm(S)
     late_ns = S + round(ARM_CONFIRMATION_S * S) + 1
     hear_all(vigil, late_ns)
@@ -84,8 +87,8 @@ def test_a_live_session_waits_for_no_world(
     driver.command("abort")
     driver.move("ot1", speed_mps=3.0)
     driver.step(control_state=ControlState.ABORTING)
-    vigil = Vigil()
-    watchdog = Watchdog(driver.session, vigil)
+    vigil = LivenessMonitor()
+    watchdog = Supervisor(driver.session, vigil)
     for steady_ns in (S, 3 * S):
         vigil.hear("ot1", steady_ns)
         vigil.hear(names.VUT_ID, steady_ns)
@@ -100,8 +103,8 @@ def test_a_manager_that_stood_still_blames_itself(
     run = RunSpec.model_validate({**run_mapping, "mode": "realtime"})
     driver = make_driver(run)
     driver.until("RUNNING")
-    vigil = Vigil()
-    watchdog = Watchdog(driver.session, vigil)
+    vigil = LivenessMonitor()
+    watchdog = Supervisor(driver.session, vigil)
     hear_all(vigil, S)
     watchdog.wake(S)
     now_ns = S + round(late_s * S)
@@ -119,7 +122,7 @@ def test_what_objects_say_of_that_pause_is_the_managers_own_too_and_later_it_is_
     driver: Any, tools: Any
 ) -> None:
     driver.until("RUNNING")
-    watchdog = Watchdog(driver.session, Vigil())
+    watchdog = Supervisor(driver.session, LivenessMonitor())
     lost = Violation(SafetyCode.HEARTBEAT_LOST, "ot1", 0.52, 0.5, driver.now_ns, "seen by x")
     watchdog.wake(S)
     watchdog.wake(2 * S)

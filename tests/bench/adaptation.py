@@ -43,16 +43,16 @@ from ssp_core.vocabulary import Role
 from ssp_ot_controller.bodies.dynamics import BodyState, step_body
 from ssp_ot_controller.sil.vut_driver import VutDriver
 from ssp_scenario_manager.compile.compiler import Request, compile_task
-from ssp_scenario_manager.core.dispatch import (
+from ssp_scenario_manager.dispatch.planned_motion import routine_of
+from ssp_scenario_manager.dispatch.references import (
     APPROACH_LEAD_S,
     Address,
     approach_reference,
     manoeuvre_reference,
 )
-from ssp_scenario_manager.core.routine import routine_of
-from ssp_scenario_manager.in_process.outcome import Record, run_in_process
-from ssp_scenario_manager.in_process.passing import Passing, passing
-from ssp_scenario_manager.spec import drawing
+from ssp_scenario_manager.event_spec import picture as drawing
+from ssp_scenario_manager.run.in_process import Record, run_in_process
+from ssp_scenario_manager.run.result import Passing, passing
 
 SCENARIOS = ("cut_in", "vru_crossing")
 Scenario = Literal["cut_in", "vru_crossing"]

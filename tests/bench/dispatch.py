@@ -50,7 +50,7 @@ from ssp_core.processes import ProcessGroup, free_domain, session_environment
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participants import Motion
 from ssp_msgs import msg
-from ssp_scenario_manager.runner.session import PROFILE
+from ssp_scenario_manager.run.over_dds import PROFILE
 
 ROUNDS = 3
 PLAYED_S = FIRST_TRIGGER_S + TRIGGERS * TRIGGER_SPACING_S + 1.2
@@ -126,7 +126,9 @@ def measure(spec: RunSpec, run_file: Path, who: str) -> Heard:
                 executor = rclpy.experimental.EventsExecutor(context=context)
                 executor.add_node(track)
                 if who == MANAGER:
-                    group.start_node(names.SCENARIO_MANAGER, "ssp_scenario_manager.node", {})
+                    group.start_node(
+                        names.SCENARIO_MANAGER, "ssp_scenario_manager.ros.manager_node", {}
+                    )
                     start_session(track, executor, str(run_file))
                 else:
                     group.start_node("bench_echo", "dispatch", {"raw": who == BYTES})

@@ -38,7 +38,7 @@ from ssp_core.processes import (
     remove_stale_shared_memory,
     session_environment,
 )
-from ssp_scenario_manager.runner.session import PROFILE
+from ssp_scenario_manager.run.over_dds import PROFILE
 
 HERE = Path(__file__).parent
 LOADS = (

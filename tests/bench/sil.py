@@ -20,8 +20,8 @@ from ssp_core.run_file.participants import Motion, ParticipantSpec
 from ssp_core.run_file.values import Start
 from ssp_core.vocabulary import ObjectWord, Verdict
 from ssp_scenario_manager.compile.compiler import Request, compile_task
-from ssp_scenario_manager.in_process.outcome import run_in_process
-from ssp_scenario_manager.runner.session import run_session
+from ssp_scenario_manager.run.in_process import run_in_process
+from ssp_scenario_manager.run.over_dds import run_session
 
 ROUNDS = 3
 # Objects that are there besides: class, from, to, cruise in m/s.

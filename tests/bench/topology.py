@@ -19,7 +19,7 @@ from pathlib import Path
 import defusedxml.ElementTree as safe_xml
 from measure import report
 
-from ssp_scenario_manager.topology.load import load_library
+from ssp_scenario_manager.maps.load import load_library
 
 SIDE = 20  # junctions along each side of the city
 BLOCK_M = 200.0

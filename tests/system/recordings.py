@@ -16,10 +16,9 @@ from ssp_core.cli import main
 from ssp_core.files import write_text
 from ssp_core.run_file.model import load_run
 from ssp_scenario_manager.compile.changes import value_at, with_value
-from ssp_scenario_manager.site import LIBRARY
-from ssp_scenario_manager.spec.load import load_event
-from ssp_scenario_manager.spec.log import Record
-from ssp_scenario_manager.spec.log_file import append_record
+from ssp_scenario_manager.event_spec.load import load_event
+from ssp_scenario_manager.event_spec.log import Record, append_record
+from ssp_scenario_manager.maps.site import LIBRARY
 
 SITES = {"simulation": "boulevard", "physical": "north_track"}
 SAID_FILE = "said.json"

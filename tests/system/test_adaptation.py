@@ -13,8 +13,7 @@ import pytest
 
 from ssp_core.run_file.model import LinkDisturbance, RunSpec
 from ssp_core.vocabulary import Verdict
-from ssp_scenario_manager.in_process.loop import InProcessSession
-from ssp_scenario_manager.in_process.outcome import run_in_process
+from ssp_scenario_manager.run.in_process import InProcessSession, run_in_process
 
 BENCH = Path(__file__).parents[1] / "bench"
 # Seeds whose VUT is far enough off to tell with from without.

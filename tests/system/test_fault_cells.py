@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import pytest
 
-from ssp_scenario_manager.faults.campaign import Scene, prepare_scene, run_cells
+from ssp_scenario_manager.faults.campaign import FaultScenario, prepare_scene, run_cells
 from ssp_scenario_manager.faults.matrix import MATRIX
 from ssp_scenario_manager.faults.model import Stage
 
@@ -35,7 +35,7 @@ HEARTBEAT_S = 2.0
 
 
 @pytest.fixture(scope="module")
-def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
+def scene(tmp_path_factory: pytest.TempPathFactory) -> FaultScenario:
     """The event's times come from a run without processes, which has the same states."""
     folder = tmp_path_factory.mktemp("cells")
     made = prepare_scene("cut_in", "boulevard", 1, "lockstep", folder, print, "in_process")
@@ -45,7 +45,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
 
 @pytest.mark.parametrize(("name", "stage"), CELLS)
 def test_a_fault_of_a_process_is_answered_as_it_is_written(
-    name: str, stage: Stage, scene: Scene
+    name: str, stage: Stage, scene: FaultScenario
 ) -> None:
     said: list[str] = []
     if name in NEVER_TRIGGERED:

@@ -19,10 +19,10 @@ from ssp_core.cdr.messages import object_state
 from ssp_core.files import make_folder
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import load_run
-from ssp_scenario_manager.compile.prepare import prepare_run
-from ssp_scenario_manager.in_process.command import for_one_process
-from ssp_scenario_manager.in_process.outcome import Record, result_json, run_in_process
-from ssp_scenario_manager.runner import session as runner
+from ssp_scenario_manager.compile.targets.folder import prepare_run
+from ssp_scenario_manager.run import over_dds as runner
+from ssp_scenario_manager.run.in_process import Record, result_json, run_in_process
+from ssp_scenario_manager.run.sweep import for_one_process
 from tests.system.frames import check_frames
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]

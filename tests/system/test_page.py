@@ -117,7 +117,7 @@ class Stage:
         return found
 
     def manager(self) -> None:
-        self.start("manager", "-m", "ssp_scenario_manager.node")
+        self.start("manager", "-m", "ssp_scenario_manager.ros.manager_node")
 
     def objects(self, *, moving: bool = False, single: bool = False) -> subprocess.Popen[bytes]:
         script = Path(__file__).with_name("played_objects.py")

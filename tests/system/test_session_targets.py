@@ -22,7 +22,7 @@ RUN = """
 import sys
 from pathlib import Path
 from ssp_core.run_file.model import load_run
-from ssp_scenario_manager.runner.session import run_session
+from ssp_scenario_manager.run.over_dds import run_session
 folder = Path(sys.argv[1])
 result = run_session(load_run(folder / "given.yaml"), folder / "run", print)
 sys.exit(0 if result.outcome.ok else 1)

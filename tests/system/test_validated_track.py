@@ -11,10 +11,10 @@ import pytest
 
 from ssp_core.bag.reader import BagReader
 from ssp_core.cli import main
-from ssp_scenario_manager.compile.prepare import TASK_FOLDER
-from ssp_scenario_manager.compile.records import COMPILER
+from ssp_scenario_manager.compile.compiler import LOGGED_AS
+from ssp_scenario_manager.compile.targets.folder import TASK_FOLDER
 from ssp_scenario_manager.compile.task import load_task
-from ssp_scenario_manager.spec.log_file import parse_log, read_log
+from ssp_scenario_manager.event_spec.log import parse_log, read_log
 from tests.system.recordings import Recordings
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
@@ -62,7 +62,7 @@ def test_a_simulation_run_validates_the_anchors_of_a_track_task(
             assert tuning.value == chosen[tuning.field]
             assert tuning.reason == "validated in simulation"
     (record,) = [r for r in read_log(tmp_path / "track" / "log.jsonl") if r.kind == "validation"]
-    assert (record.who, record.new) == (COMPILER, executed["run_id"])
+    assert (record.who, record.new) == (LOGGED_AS, executed["run_id"])
     assert "not validated" not in (tmp_path / "track" / "task.html").read_text()
 
     # What validates nothing.

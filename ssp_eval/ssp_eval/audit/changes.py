@@ -13,13 +13,12 @@ from ssp_eval.audit.model import ChangeEntry
 from ssp_eval.audit.reasons import Finding
 from ssp_eval.recordings.provenance import bag_folder
 from ssp_scenario_manager.compile.changes import differences, explained
-from ssp_scenario_manager.compile.prepare import TASK_FOLDER
+from ssp_scenario_manager.compile.targets.folder import TASK_FOLDER
 from ssp_scenario_manager.compile.task import EVENT_FILE, SITE_FILE, TASK_FILE, Task, content_hash
-from ssp_scenario_manager.site import Site, site_version
-from ssp_scenario_manager.spec.load import event_version
-from ssp_scenario_manager.spec.log import LOG_FILE, Record
-from ssp_scenario_manager.spec.log_file import parse_log, read_log
-from ssp_scenario_manager.spec.model import Event
+from ssp_scenario_manager.event_spec.load import event_version
+from ssp_scenario_manager.event_spec.log import LOG_FILE, Record, parse_log, read_log
+from ssp_scenario_manager.event_spec.model import Event
+from ssp_scenario_manager.maps.site import Site, site_version
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from ssp_eval.audit.model import AUDIT_FILE, PAGE_FILE, Audit, RecordingEntry
 from ssp_eval.audit.page import render
 from ssp_eval.audit.recording import read_recording
 from ssp_eval.observe.verbs import AuditCommand
-from ssp_scenario_manager.spec.load import load_event
+from ssp_scenario_manager.event_spec.load import load_event
 
 _PATH = click.Path(path_type=Path)
 _WIDEST = 300

@@ -9,8 +9,8 @@ from datetime import datetime
 from ssp_eval.audit.changes import disclosed
 from ssp_eval.audit.examined import Examined
 from ssp_eval.recordings.provenance import Provenance
-from ssp_scenario_manager.compile.records import COMPILER
-from ssp_scenario_manager.spec.log import Record
+from ssp_scenario_manager.compile.compiler import LOGGED_AS
+from ssp_scenario_manager.event_spec.log import Record
 
 RENDERER = "renderer"
 NO_RENDERER = "none is known"
@@ -117,7 +117,7 @@ def order_remark(records: Iterable[Record]) -> dict[str, str]:
     newest: Record | None = None
     found = []
     for number, record in enumerate(records, start=1):
-        if newest is not None and _time(record) < _time(newest) and record.who != COMPILER:
+        if newest is not None and _time(record) < _time(newest) and record.who != LOGGED_AS:
             found.append(
                 f"entry {number} ({record.field or record.kind}, {record.who}) says "
                 f"{record.when}, and one above it {newest.when}"

@@ -18,7 +18,7 @@ from ssp_eval.audit.recording import Recording
 from ssp_eval.recordings.agreement import Agreement
 from ssp_eval.recordings.event_rules import SourceTimes, source_times
 from ssp_eval.recordings.properties import EVENT_PHASES, FIELDS, TOPOLOGY, Property, differences
-from ssp_scenario_manager.spec.model import Event
+from ssp_scenario_manager.event_spec.model import Event
 
 Source = Literal["states", "reviewed", "observed", "unverified"]
 

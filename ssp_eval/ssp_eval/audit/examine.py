@@ -37,9 +37,9 @@ from ssp_eval.recordings.event_rules import (
 )
 from ssp_eval.recordings.properties import EVENT_PHASES, FIELDS, ORDER, Property
 from ssp_eval.recordings.states import STATE_AGE_S
-from ssp_scenario_manager.spec.extract.questions import GATE_REASONS
-from ssp_scenario_manager.spec.model import Event, Interval
-from ssp_scenario_manager.spec.units import si
+from ssp_scenario_manager.event_spec.extract.questions import GATE_REASONS
+from ssp_scenario_manager.event_spec.fields import si
+from ssp_scenario_manager.event_spec.model import Event, Interval
 
 # Phases that a run announced and phases measured from states may lie this far apart.
 PHASE_TOLERANCE_S = 0.15

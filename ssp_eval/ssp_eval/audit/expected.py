@@ -10,15 +10,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ssp_eval.recordings.properties import CONFLICT, MOTION, ORDER, ROLES, TOPOLOGY, Property
-from ssp_scenario_manager.spec.fields import owner
-from ssp_scenario_manager.spec.model import (
-    UNRESOLVED,
-    Count,
-    CountField,
-    Event,
-    WordField,
-)
-from ssp_scenario_manager.spec.seal import seals
+from ssp_scenario_manager.event_spec.fields import owner
+from ssp_scenario_manager.event_spec.load import seals
+from ssp_scenario_manager.event_spec.model import UNRESOLVED, Count, CountField, Event, WordField
 
 _REVIEWED = ("accepted", "edited")
 PHASES_FIELD = "phases"

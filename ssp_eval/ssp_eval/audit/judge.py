@@ -40,8 +40,8 @@ from ssp_eval.recordings.properties import (
     is_equal,
 )
 from ssp_eval.recordings.provenance import bag_folder
-from ssp_scenario_manager.spec.load import event_version
-from ssp_scenario_manager.spec.model import Event
+from ssp_scenario_manager.event_spec.load import event_version
+from ssp_scenario_manager.event_spec.model import Event
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.road import Lane, Road
 from ssp_core.world.reference_line import NotOneToOne, ReferenceLine
-from ssp_scenario_manager.topology.bends import STRAIGHT_BELOW_1PM
+from ssp_scenario_manager.maps.block import STRAIGHT_BELOW_1PM
 
 _CURVATURE_STEP_M = 1.0
 

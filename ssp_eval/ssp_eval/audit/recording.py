@@ -32,8 +32,8 @@ from ssp_eval.recordings.import_record import ImportedSite
 from ssp_eval.recordings.observation_file import Footage, load_observations
 from ssp_eval.recordings.provenance import Provenance, read_provenance
 from ssp_eval.recordings.states import STATE_AGE_S, Series, Sighting, clip_zero_ns, read_states
-from ssp_scenario_manager.site import SiteBlock
-from ssp_scenario_manager.spec.model import UNRESOLVED
+from ssp_scenario_manager.event_spec.model import UNRESOLVED
+from ssp_scenario_manager.maps.site import SiteBlock
 
 _IMAGE = absolute(CAMERA_IMAGE)
 _ROAD_WORDS = ("road_type", "left_boundary", "right_boundary")

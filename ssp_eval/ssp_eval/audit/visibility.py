@@ -19,7 +19,7 @@ from ssp_eval.audit.model import CoverageEntry, SightEntry
 from ssp_eval.audit.reasons import Finding
 from ssp_eval.audit.recording import Recording
 from ssp_eval.recordings.agreement import Agreement
-from ssp_scenario_manager.spec.model import UNRESOLVED, Event
+from ssp_scenario_manager.event_spec.model import UNRESOLVED, Event
 
 # The conflict region among what is seen.
 _ZONE = ""

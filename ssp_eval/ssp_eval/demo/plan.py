@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ssp_scenario_manager.spec.load import load_event
+from ssp_scenario_manager.event_spec.load import load_event
 
 SCENARIOS = ("cut_in", "vru_crossing", "lead_braking", "occluded_crossing")
 DEFAULT_SCENARIOS = SCENARIOS[:2]

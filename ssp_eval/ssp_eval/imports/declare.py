@@ -18,8 +18,8 @@ from ssp_core.cli import Domain
 from ssp_core.errors import InputError
 from ssp_core.vocabulary import DomainWord
 from ssp_eval.recordings.import_record import SAFE_NAME, DomainDeclaration, LogDeclaration
-from ssp_scenario_manager.spec.load import load_event, read_event_file
-from ssp_scenario_manager.spec.model import Event
+from ssp_scenario_manager.event_spec.load import load_event, read_event_file
+from ssp_scenario_manager.event_spec.model import Event
 
 _NAME = re.compile(SAFE_NAME)
 _VERSION = re.compile(r"sha256:[0-9a-f]{64}")

@@ -14,11 +14,11 @@ from ssp_core.geometry import FloatArray
 from ssp_core.hashing import sha256_bytes
 from ssp_eval.imports.tracks import Track
 from ssp_eval.recordings.import_record import ImportedSite
-from ssp_scenario_manager.compile.realise import road_of
+from ssp_scenario_manager.compile.place import road_of
 from ssp_scenario_manager.compile.task import SITE_FILE
-from ssp_scenario_manager.site import find_shipped
-from ssp_scenario_manager.topology.block import Block, Library
-from ssp_scenario_manager.topology.load import load_library
+from ssp_scenario_manager.maps.block import Block, Library
+from ssp_scenario_manager.maps.load import load_library
+from ssp_scenario_manager.maps.site import find_shipped
 
 # So much of the VUT's way must lie on the block, so that its lane and its lanes' number mean it.
 LEAST_SHARE = 0.8

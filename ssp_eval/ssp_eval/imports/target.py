@@ -22,8 +22,7 @@ from ssp_eval.imports.declare import Declared
 from ssp_eval.imports.road import BoundRoad
 from ssp_eval.recordings.import_record import IMPORT_ATTACHMENT, ImportRecord
 from ssp_scenario_manager.compile.task import EVENT_FILE
-from ssp_scenario_manager.spec.log import Record
-from ssp_scenario_manager.spec.log_file import append_record, utc_now
+from ssp_scenario_manager.event_spec.log import Record, append_record, utc_now
 
 IMAGE = names.absolute(names.CAMERA_IMAGE)
 INFO = names.absolute(names.CAMERA_INFO)

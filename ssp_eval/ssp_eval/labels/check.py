@@ -10,8 +10,8 @@ from ssp_eval.labels.model import Labels
 from ssp_eval.labels.place import At
 from ssp_eval.labels.plan import APART_S
 from ssp_eval.recordings.event_rules import source_times
-from ssp_scenario_manager.spec.model import Event, Interval
-from ssp_scenario_manager.spec.units import si
+from ssp_scenario_manager.event_spec.fields import si
+from ssp_scenario_manager.event_spec.model import Event, Interval
 
 _TOLERANCE_S = 1e-6
 

@@ -23,7 +23,7 @@ from ssp_eval.labels.proposal_file import is_unreviewed, sidecar
 from ssp_eval.labels.response import response_problems
 from ssp_eval.labels.sheet import LEAST_WIDTH_PX, html_sheet, picture_sheet, read_rows
 from ssp_eval.labels.template import FILL_IN, unfilled
-from ssp_scenario_manager.spec.load import load_event
+from ssp_scenario_manager.event_spec.load import load_event
 
 _PATH = click.Path(path_type=Path)
 _SHEETS = (".html", ".png", ".jpg")

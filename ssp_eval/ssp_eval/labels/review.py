@@ -30,9 +30,8 @@ from ssp_eval.labels.proposal_file import (
     write_decided,
 )
 from ssp_eval.labels.response import response_problems
-from ssp_scenario_manager.spec.log import Record
-from ssp_scenario_manager.spec.log_file import append_records
-from ssp_scenario_manager.spec.review.terminal import Terminal, ask_reason
+from ssp_scenario_manager.event_spec.log import Record, append_records
+from ssp_scenario_manager.event_spec.review.session import Terminal, ask_reason
 
 PROMPT = "  [a]ccept [e]dit [s]kip [q]uit [?] > "
 _HELP = """  a  accept the label as it is

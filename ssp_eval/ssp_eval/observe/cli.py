@@ -33,10 +33,9 @@ from ssp_eval.recordings.observation_file import (
     write_observation,
 )
 from ssp_eval.recordings.provenance import Provenance, bag_folder, read_provenance
-from ssp_scenario_manager.compile.prepare import TASK_FOLDER
-from ssp_scenario_manager.spec.load import load_event
-from ssp_scenario_manager.spec.log import LOG_FILE, Record
-from ssp_scenario_manager.spec.log_file import append_record, utc_now
+from ssp_scenario_manager.compile.targets.folder import TASK_FOLDER
+from ssp_scenario_manager.event_spec.load import load_event
+from ssp_scenario_manager.event_spec.log import LOG_FILE, Record, append_record, utc_now
 
 _PATH = click.Path(path_type=Path)
 DEFAULT_TARGETS = ("ot1",)

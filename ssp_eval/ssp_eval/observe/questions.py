@@ -10,7 +10,7 @@ from typing import Any, Literal, get_args
 from ssp_core.vocabulary import MOTIONS, OBJECTS
 from ssp_eval.recordings.observation import MAY_LACK, REASONS, PlaceWord, RelationWord
 from ssp_eval.recordings.properties import EVENT_PHASES
-from ssp_scenario_manager.spec.model import BoundaryWord, RoadTypeWord, SegmentWord
+from ssp_scenario_manager.event_spec.model import BoundaryWord, RoadTypeWord, SegmentWord
 
 Kind = Literal["choice", "time", "share", "lines"]
 MOST_LANES = 8

@@ -18,7 +18,7 @@ from ssp_eval.audit.recording import Recording, read_recording
 from ssp_eval.package.contents import nearest
 from ssp_eval.package.index import Index, Problem
 from ssp_eval.package.model import FileEntry
-from ssp_scenario_manager.spec.model import Event
+from ssp_scenario_manager.event_spec.model import Event
 
 # Where the recordings lay decides nothing, and neither does who judged them.
 _FREE_OF_AUDIT = {"software", "recordings", "labels"}

@@ -17,7 +17,7 @@ from ssp_core.errors import InputError
 from ssp_eval.package.log_change import Change, Logged, log_change
 from ssp_eval.package.model import Package, load_table
 from ssp_scenario_manager.compile.task import RUN_FILE
-from ssp_scenario_manager.spec.log_file import check_not_ahead, utc_now
+from ssp_scenario_manager.event_spec.log import check_not_ahead, utc_now
 
 _PATH = click.Path(path_type=Path)
 

@@ -15,7 +15,7 @@ from ssp_core.bag.reader import BagReader
 from ssp_core.errors import InputError
 from ssp_core.files import parse_mapping
 from ssp_eval.package.model import FileEntry, Role, object_path
-from ssp_scenario_manager.compile.prepare import TASK_FOLDER
+from ssp_scenario_manager.compile.targets.folder import TASK_FOLDER
 
 # Text files among evidence: answers of a long campaign may be larger than what people write.
 MAX_READ_BYTES = 256 << 20

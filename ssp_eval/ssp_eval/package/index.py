@@ -23,9 +23,9 @@ from ssp_eval.recordings.provenance import (
     RUN_ATTACHMENT,
 )
 from ssp_scenario_manager.compile.task import TASK_FILE, Task, content_hash
-from ssp_scenario_manager.site import Site, site_version
-from ssp_scenario_manager.spec.load import event_version
-from ssp_scenario_manager.spec.model import Event
+from ssp_scenario_manager.event_spec.load import event_version
+from ssp_scenario_manager.event_spec.model import Event
+from ssp_scenario_manager.maps.site import Site, site_version
 
 _IMAGE = absolute(CAMERA_IMAGE)
 

@@ -27,10 +27,9 @@ from ssp_eval.recordings.import_record import IMPORT_ATTACHMENT
 from ssp_eval.recordings.observation import Observation
 from ssp_eval.recordings.observation_file import check_seal
 from ssp_eval.recordings.provenance import RUN_ATTACHMENT
-from ssp_scenario_manager.compile.prepare import TASK_FOLDER
+from ssp_scenario_manager.compile.targets.folder import TASK_FOLDER
 from ssp_scenario_manager.compile.task import EVENT_FILE, SITE_FILE, TASK_FILE, Task
-from ssp_scenario_manager.spec.log import LOG_FILE
-from ssp_scenario_manager.spec.log_file import parse_log
+from ssp_scenario_manager.event_spec.log import LOG_FILE, parse_log
 
 # Files beside a cell.json, and the keys under which it names them.
 _CELL_FILES: tuple[tuple[Kind, str], ...] = (

@@ -19,10 +19,9 @@ from ssp_scenario_manager.compile.changes import (
     value_at,
     with_value,
 )
-from ssp_scenario_manager.compile.prepare import TASK_FOLDER
+from ssp_scenario_manager.compile.targets.folder import TASK_FOLDER
 from ssp_scenario_manager.compile.task import RUN_FILE, TASK_FILE, Task, load_task
-from ssp_scenario_manager.spec.log import LOG_FILE, Record
-from ssp_scenario_manager.spec.log_file import append_record, read_log
+from ssp_scenario_manager.event_spec.log import LOG_FILE, Record, append_record, read_log
 
 BAG_FOLDER = "bag"
 LATER = "after the run"

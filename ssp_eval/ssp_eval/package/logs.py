@@ -10,8 +10,7 @@ from datetime import datetime
 from heapq import merge
 from typing import Any
 
-from ssp_scenario_manager.spec.log import Record
-from ssp_scenario_manager.spec.log_file import parse_log, record_line
+from ssp_scenario_manager.event_spec.log import Record, parse_log, record_line
 
 SCHEMA = "ssp.package-log/1"
 

@@ -16,7 +16,7 @@ from ssp_eval.labels.template import SCHEMA as LABELS_SCHEMA
 from ssp_eval.package.model import Role
 from ssp_eval.recordings.observation import SCHEMA as OBSERVATION_SCHEMA
 from ssp_scenario_manager.compile.task import SCHEMA as TASK_SCHEMA
-from ssp_scenario_manager.spec.model import SCHEMA as EVENT_SCHEMA
+from ssp_scenario_manager.event_spec.model import SCHEMA as EVENT_SCHEMA
 
 _BY_SCHEMA: dict[str, Role] = {
     EVENT_SCHEMA: "event",

@@ -8,9 +8,9 @@ from ssp_core.errors import InputError
 from ssp_core.motion.encounter import Observable
 from ssp_core.run_file.model import ConflictThresholds
 from ssp_eval.recordings.crop import Window
-from ssp_scenario_manager.interactions import KINDS
-from ssp_scenario_manager.spec.model import Event, Interval, Quantity, Unresolved
-from ssp_scenario_manager.spec.units import Span, si, units_of
+from ssp_scenario_manager.event_spec.fields import Span, si, units_of
+from ssp_scenario_manager.event_spec.model import Event, Interval, Quantity, Unresolved
+from ssp_scenario_manager.scenarios.kinds import KINDS
 
 
 @dataclass(frozen=True)

@@ -25,8 +25,8 @@ from ssp_eval.recordings.properties import (
     TOPOLOGY,
     Property,
 )
-from ssp_scenario_manager.spec.extract.questions import GATE_REASONS
-from ssp_scenario_manager.spec.model import BoundaryWord, RoadTypeWord, SegmentWord
+from ssp_scenario_manager.event_spec.extract.questions import GATE_REASONS
+from ssp_scenario_manager.event_spec.model import BoundaryWord, RoadTypeWord, SegmentWord
 
 SCHEMA: Literal["ssp.observation/1"] = "ssp.observation/1"
 

@@ -26,14 +26,11 @@ from ssp_core.world.source_clip import ClipBoard, clip_maker
 from ssp_eval.recordings.event_rules import event_thresholds
 from ssp_eval.recordings.phases import find_event, samples_of
 from ssp_scenario_manager.compile.compiler import EventRefused, checked_event
-from ssp_scenario_manager.interactions import KINDS
-from ssp_scenario_manager.spec.checks import check_event
-from ssp_scenario_manager.spec.load import event_version
-from ssp_scenario_manager.spec.log import Record
-from ssp_scenario_manager.spec.log_file import append_records, log_path, utc_now
-from ssp_scenario_manager.spec.model import CountField, Event, Topology
-from ssp_scenario_manager.spec.seal import seal_event, seals
-from ssp_scenario_manager.spec.write import write_event
+from ssp_scenario_manager.event_spec.checks.check import check_event
+from ssp_scenario_manager.event_spec.load import event_version, seal_event, seals, write_event
+from ssp_scenario_manager.event_spec.log import Record, append_records, log_path, utc_now
+from ssp_scenario_manager.event_spec.model import CountField, Event, Topology
+from ssp_scenario_manager.scenarios.kinds import KINDS
 
 # Lanes with and against the VUT.
 LaneCounts = tuple[int, int]

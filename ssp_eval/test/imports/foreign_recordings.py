@@ -28,7 +28,7 @@ from ssp_eval.recordings.geometry import Corridor
 from ssp_eval.recordings.phases import Event, find_event, samples_of
 from ssp_eval.recordings.provenance import Provenance, read_provenance
 from ssp_eval.recordings.states import RecordedStates, Series, clip_zero_ns, read_states
-from ssp_scenario_manager.spec.load import load_event
+from ssp_scenario_manager.event_spec.load import load_event
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)
 ODOMETRY = "nav_msgs/msg/Odometry"

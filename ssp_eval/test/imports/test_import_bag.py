@@ -41,9 +41,9 @@ from ssp_core.bag.reader import BagReader
 from ssp_core.cdr.messages import stamp_ns
 from ssp_core.cli import main
 from ssp_core.hashing import sha256_file
-from ssp_scenario_manager.site import find_shipped
-from ssp_scenario_manager.spec.load import load_event
-from ssp_scenario_manager.spec.log_file import read_log
+from ssp_scenario_manager.event_spec.load import load_event
+from ssp_scenario_manager.event_spec.log import read_log
+from ssp_scenario_manager.maps.site import find_shipped
 from ssp_vla_bridge.core.camera import mounting_of
 
 IMAGE = "/ssp/vut/front_camera/image/compressed"

@@ -29,10 +29,8 @@ from ssp_eval.package.make import make_package
 from ssp_eval.package.model import FileEntry
 from ssp_eval.recordings.event_rules import source_times
 from ssp_scenario_manager.compile.task import load_task
-from ssp_scenario_manager.spec.load import load_event
-from ssp_scenario_manager.spec.model import Event
-from ssp_scenario_manager.spec.seal import seal_event
-from ssp_scenario_manager.spec.write import write_event
+from ssp_scenario_manager.event_spec.load import load_event, seal_event, write_event
+from ssp_scenario_manager.event_spec.model import Event
 
 Writer = Callable[..., Path]
 MODEL = "constant_velocity"

@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssp_eval.package.logs import merged_log
-from ssp_scenario_manager.spec.log import Record
-from ssp_scenario_manager.spec.log_file import record_line
+from ssp_scenario_manager.event_spec.log import Record, record_line
 
 
 def entry_of(when: str, reason: str) -> Record:

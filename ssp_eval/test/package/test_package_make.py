@@ -27,9 +27,8 @@ from ssp_eval.package.model import (
     object_path,
 )
 from ssp_eval.package.verify import verify_package
-from ssp_scenario_manager.site import find_shipped
-from ssp_scenario_manager.spec.log import Record
-from ssp_scenario_manager.spec.log_file import append_record
+from ssp_scenario_manager.event_spec.log import Record, append_record
+from ssp_scenario_manager.maps.site import find_shipped
 from ssp_vla_bridge.core.request import Request
 from ssp_vla_bridge.core.response import Response
 

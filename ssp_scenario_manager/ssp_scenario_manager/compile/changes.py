@@ -18,8 +18,8 @@ import yaml
 from ssp_core.errors import InputError
 from ssp_core.files import parse_model
 from ssp_core.run_file.model import RunSpec
-from ssp_scenario_manager.compile.live import as_live
-from ssp_scenario_manager.spec.log import Record
+from ssp_scenario_manager.compile.task import as_live
+from ssp_scenario_manager.event_spec.log import Record
 
 # What belongs to one run, and what says which versions and what kind of site it was made for: never
 # a change on site.

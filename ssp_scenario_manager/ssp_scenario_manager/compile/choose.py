@@ -1,4 +1,6 @@
-"""The block that an event goes onto (METHOD 2.2): the best that also passes the checks."""
+"""The block that an event goes onto (METHOD 2.2), and a trigger's value with which it would happen
+there.
+"""
 
 from __future__ import annotations
 
@@ -6,11 +8,13 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from ssp_core.errors import InputError
-from ssp_scenario_manager.compile.realise import Realisation
+from ssp_scenario_manager.compile.place import Realisation
+from ssp_scenario_manager.compile.retrieval import ties
 from ssp_scenario_manager.compile.task import BlockScore
-from ssp_scenario_manager.interactions.base import CannotPlace
-from ssp_scenario_manager.topology.block import Block, Library
-from ssp_scenario_manager.topology.retrieve import ties
+from ssp_scenario_manager.event_spec.model import Event, Interval
+from ssp_scenario_manager.maps.block import Block, Library
+from ssp_scenario_manager.scenarios.base import CannotPlace
+from ssp_scenario_manager.scenarios.values import quantity_at
 
 HIGHEST = "highest score"
 # Fitting blocks of equal score after which no further one is looked for: enough to choose among.
@@ -232,3 +236,46 @@ def _why(scores: Sequence[BlockScore]) -> str:
             reasons[reason] = reasons.get(reason, 0) + 1
     worst = sorted(reasons.items(), key=lambda item: -item[1])[:3]
     return "; ".join(f"{reason} ({count} block(s))" for reason, count in worst)
+
+
+FIELD = "constraints.trigger.below"
+# Values outside of K*'s interval are tried in this ratio, so many above and below it.
+_RATIO = 1.25
+_ABOVE, _BELOW = 8, 4
+
+
+def fitting_trigger(event: Event, place: Callable[[Event], object]) -> str | None:
+    """In words, the value nearest to K*'s interval that would do while all else stays as it is.
+
+    Args:
+        event: K*, which doesn't fit the block.
+        place: places an event on the block; raises CannotPlace with the reason.
+
+    Returns:
+        None where the trigger's value isn't what is wrong.
+    """
+    asked = quantity_at(event, FIELD)
+    if not isinstance(asked, Interval) or asked.min is None or asked.max is None:
+        return None
+    for value in _values(asked.min, asked.max):
+        try:
+            place(_with_trigger(event, Interval(min=value, max=value, unit=asked.unit)))
+        except CannotPlace:
+            continue
+        return f"{FIELD} of {value:g} {asked.unit} would do, K* has {asked.min:g} to {asked.max:g}"
+    return None
+
+
+def _values(low: float, high: float) -> list[float]:
+    """Rounded to a tenth, the nearest to the interval first."""
+    tried = [(k, high * _RATIO**k) for k in range(1, _ABOVE + 1)]
+    tried += [(k, low / _RATIO**k) for k in range(1, _BELOW + 1)]
+    return [round(value, 1) for _, value in sorted(tried) if round(value, 1) > 0.0]
+
+
+def _with_trigger(event: Event, below: Interval) -> Event:
+    constraints = event.constraints
+    trigger = constraints.trigger.model_copy(update={"below": below})
+    return event.model_copy(
+        update={"constraints": constraints.model_copy(update={"trigger": trigger})}
+    )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import datetime
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -10,30 +12,155 @@ from pathlib import Path
 from ssp_core.errors import InputError
 from ssp_core.files import parse_model
 from ssp_core.hashing import sha256_bytes
-from ssp_core.run_file.shortlist import load_candidate
-from ssp_scenario_manager.compile import records
-from ssp_scenario_manager.compile.choose import Chosen, choose_block
-from ssp_scenario_manager.compile.fitting_trigger import fitting_trigger
-from ssp_scenario_manager.compile.ground import Ground
-from ssp_scenario_manager.compile.realise import COMPILER, Realisation, realise
-from ssp_scenario_manager.compile.task import (
-    EventLink,
-    PlaceLink,
-    Target,
-    Task,
-    sealed,
-)
+from ssp_core.run_file.shortlist import Listed, load_candidate
+from ssp_scenario_manager.compile.area import OperatingArea
+from ssp_scenario_manager.compile.choose import Chosen, choose_block, fitting_trigger
+from ssp_scenario_manager.compile.place import COMPILER, Realisation, realise
+from ssp_scenario_manager.compile.retrieval import score_blocks
+from ssp_scenario_manager.compile.task import EventLink, PlaceLink, Target, Task, Validation, sealed
 from ssp_scenario_manager.compile.validate import Validated, read_validation
-from ssp_scenario_manager.site import find_shipped, load_site
-from ssp_scenario_manager.spec.checks import check_event
-from ssp_scenario_manager.spec.failure import Failure
-from ssp_scenario_manager.spec.load import event_version, read_event_file, refuse_old
-from ssp_scenario_manager.spec.log import Record
-from ssp_scenario_manager.spec.log_file import log_path, read_log, refusal, utc_now
-from ssp_scenario_manager.spec.model import Event
-from ssp_scenario_manager.topology.load import load_library
-from ssp_scenario_manager.topology.retrieve import score_blocks
-from ssp_scenario_manager.topology.site_blocks import site_library
+from ssp_scenario_manager.event_spec.checks.base import Failure
+from ssp_scenario_manager.event_spec.checks.check import check_event
+from ssp_scenario_manager.event_spec.load import event_version, read_event_file, refuse_old
+from ssp_scenario_manager.event_spec.log import Record, log_path, read_log, refusal, utc_now
+from ssp_scenario_manager.event_spec.model import Event, Interval
+from ssp_scenario_manager.maps.load import load_library
+from ssp_scenario_manager.maps.site import find_shipped, load_site, site_library
+
+LOGGED_AS = "ssp compile"
+# The compiler's own entries say the same whenever it runs, so that the same input gives the same
+# bytes; only a person's decision has a time.
+NO_TIME = "1970-01-01T00:00:00Z"
+
+
+def compiler_time() -> str:
+    """The time of the compiler's own entries: SOURCE_DATE_EPOCH, or the epoch's start.
+
+    Raises:
+        InputError: SOURCE_DATE_EPOCH is no number of seconds.
+    """
+    given = os.environ.get("SOURCE_DATE_EPOCH")
+    if not given:
+        return NO_TIME
+    try:
+        moment = datetime.datetime.fromtimestamp(int(given), datetime.UTC)
+    except (ValueError, OverflowError, OSError) as error:
+        raise InputError(
+            "must be seconds since 1970", field="SOURCE_DATE_EPOCH", value=given
+        ) from error
+    return moment.strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+def source_record(event: Event, version: str) -> Record:
+    """Where the event was taken from (METHOD 1, source gate)."""
+    clip = event.events.clip
+    return Record(
+        kind="source",
+        when=compiler_time(),
+        who=LOGGED_AS,
+        subject=event.name,
+        version=version,
+        reason="the clip that the event was taken from, as its K* says",
+        details={
+            "generator": event.source.generator,
+            "original": event.source.original,
+            "sha256": event.source.sha256,
+            "crop": {"start": _span(clip.start), "end": _span(clip.end)},
+        },
+    )
+
+
+def _span(value: object) -> object:
+    return value.model_dump(mode="json") if isinstance(value, Interval) else value
+
+
+def tuning_records(task: Task) -> list[Record]:
+    """One entry per value that was chosen within part C (METHOD 2.3)."""
+    return [
+        Record(
+            kind="tuning",
+            when=compiler_time(),
+            who=LOGGED_AS,
+            subject=task.event.name,
+            version=task.event.version,
+            field=tuning.field,
+            old={"min": tuning.min, "max": tuning.max, "unit": tuning.unit},
+            new=tuning.value,
+            reason=tuning.reason,
+            details={"task_version": task.version, "unit": tuning.unit},
+        )
+        for tuning in task.tunings
+    ]
+
+
+def choice_record(task: Task, chosen: Chosen, who: str, when: str) -> Record:
+    """A person's choice between ties (METHOD 2.2)."""
+    return Record(
+        kind="choice",
+        when=when,
+        who=who,
+        subject=task.event.name,
+        version=task.event.version,
+        field="block",
+        new=task.block.id,
+        reason=f"at least {len(chosen.tied)} blocks of {task.place.name} score alike and fit",
+        details={"task_version": task.version, "tied": list(chosen.tied)},
+    )
+
+
+def shortlist_record(task: Task, candidate: Listed, sha256: str) -> Record:
+    """The list of the two virtual stages that chose the event for the track.
+
+    Args:
+        task: sealed.
+        candidate: its entry.
+        sha256: hash of the list's file.
+    """
+    return Record(
+        kind="shortlist",
+        when=compiler_time(),
+        who=LOGGED_AS,
+        subject=task.event.name,
+        version=task.event.version,
+        reason="; ".join(candidate.reasons),
+        details={
+            "task_version": task.version,
+            "sha256": sha256,
+            "rank": candidate.rank,
+            "priority": candidate.priority,
+        },
+    )
+
+
+def validation_record(task: Task, validation: Validation) -> Record:
+    """The simulation run that validated the anchors (METHOD 2)."""
+    return Record(
+        kind="validation",
+        when=compiler_time(),
+        who=LOGGED_AS,
+        subject=task.event.name,
+        version=task.event.version,
+        new=validation.run_id,
+        reason="its chosen values are the preferred ones of this task",
+        details={"task_version": task.version, **validation.model_dump(mode="json")},
+    )
+
+
+def disclosure_records(task: Task, left_out: Sequence[str]) -> list[Record]:
+    """Surroundings of the place that the event leaves out."""
+    return [
+        Record(
+            kind="disclosure",
+            when=compiler_time(),
+            who=LOGGED_AS,
+            subject=task.event.name,
+            version=task.event.version,
+            field="run.traffic",
+            reason=f"left out of the surroundings: {text}",
+            details={"task_version": task.version},
+        )
+        for text in left_out
+    ]
 
 
 class EventRefused(InputError):
@@ -96,7 +223,7 @@ class Compiled:
     task: Task
     event: Event
     event_file: bytes
-    ground: Ground
+    ground: OperatingArea
     site_file: bytes | None
     chosen: Chosen
     log: tuple[Record, ...]
@@ -124,7 +251,7 @@ def compile_task(request: Request, said: Callable[[str], None] = lambda text: No
     candidate = None
     if request.shortlist is not None:
         candidate = load_candidate(request.shortlist, event.name, version)
-    ground, site_file = load_ground(request.site, request.map_path)
+    ground, site_file = load_area(request.site, request.map_path)
     _check_ground(request, ground)
     before = read_log(log_path(event_path))
     gate = refusal(before, event.name)
@@ -158,7 +285,7 @@ def compile_task(request: Request, said: Callable[[str], None] = lambda text: No
     log = _log(request, event, version, before, task, chosen, validated)
     listed = None if request.shortlist is None else request.shortlist.read_bytes()
     if candidate is not None and listed is not None:
-        log.append(records.shortlist_record(task, candidate, sha256_bytes(listed)))
+        log.append(shortlist_record(task, candidate, sha256_bytes(listed)))
     return Compiled(
         task=task,
         event=event,
@@ -187,7 +314,7 @@ def checked_event(name_or_path: str) -> tuple[Event, str, Path]:
     return event, event_version(event), path
 
 
-def load_ground(site: str | None, map_path: Path | None) -> tuple[Ground, bytes | None]:
+def load_area(site: str | None, map_path: Path | None) -> tuple[OperatingArea, bytes | None]:
     """A site by name or file, or a map; and the site's text.
 
     Raises:
@@ -197,14 +324,14 @@ def load_ground(site: str | None, map_path: Path | None) -> tuple[Ground, bytes 
         found, version = load_site(site)
         link = PlaceLink(kind="site", name=found.name, sha256=version)
         path = find_shipped(site, "site")
-        return Ground(link, site_library(found, path), found), path.read_bytes()
+        return OperatingArea(link, site_library(found, path), found), path.read_bytes()
     if map_path is None:
         raise WrongOptions("needs a place", remedy="give --site SITE or --map FILE")
     library = load_library(map_path)
     if library.kind == "site":
         raise InputError("is a site, no map", file=map_path, remedy="give it with --site")
     link = PlaceLink(kind=library.kind, name=map_path.name, sha256=library.sha256)
-    return Ground(link, library, None, map_path.read_bytes(), map_path.name), None
+    return OperatingArea(link, library, None, map_path.read_bytes(), map_path.name), None
 
 
 def check_options(request: Request) -> None:
@@ -240,7 +367,7 @@ def check_options(request: Request) -> None:
         )
 
 
-def _check_ground(request: Request, ground: Ground) -> None:
+def _check_ground(request: Request, ground: OperatingArea) -> None:
     if request.target == "track" and ground.site is not None and ground.site.domain != "physical":
         raise InputError(
             f"is a site of the domain {ground.site.domain}; a track task is for a physical one",
@@ -254,7 +381,7 @@ def _task(
     request: Request,
     event: Event,
     version: str,
-    ground: Ground,
+    ground: OperatingArea,
     chosen: Chosen,
     validated: Validated | None,
 ) -> Task:
@@ -296,11 +423,11 @@ def _log(
     """The event's own log goes on in the task's."""
     log = list(before)
     if not any(record.kind == "source" and record.subject == event.name for record in before):
-        log.append(records.source_record(event, version))
-    log += records.tuning_records(task)
-    log += records.disclosure_records(task, chosen.realisation.left_out)
+        log.append(source_record(event, version))
+    log += tuning_records(task)
+    log += disclosure_records(task, chosen.realisation.left_out)
     if chosen.tied:
-        log.append(records.choice_record(task, chosen, request.who or "", utc_now()))
+        log.append(choice_record(task, chosen, request.who or "", utc_now()))
     if validated is not None:
-        log.append(records.validation_record(task, validated.validation))
+        log.append(validation_record(task, validated.validation))
     return log

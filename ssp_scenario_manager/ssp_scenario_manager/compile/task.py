@@ -10,7 +10,7 @@ from pydantic import ConfigDict, Field
 from ssp_core.errors import InputError
 from ssp_core.files import load_model
 from ssp_core.hashing import sha256_json
-from ssp_core.run_file.model import Limits, RunSpec
+from ssp_core.run_file.model import Limits, LinkDisturbance, RunSpec
 from ssp_core.run_file.road import CurvePiece, Lane
 from ssp_core.run_file.values import Finite, Point, Start, Strict
 
@@ -189,4 +189,38 @@ def check_seal(task: Task, file: str | Path) -> None:
             field="run.task_version",
             value=task.run.task_version,
             remedy=f"{task.version} is needed; compile it again",
+        )
+
+
+def as_live(run: RunSpec) -> RunSpec:
+    """The run in mode live: no disturbances of links and sensors, no simulated traffic.
+
+    What a stand-in site brings of them is for simulation; none of it is a change on site.
+
+    Raises:
+        InputError: the site is no proving ground.
+    """
+    if run.domain != "physical":
+        raise InputError(
+            "is no proving ground",
+            field="site",
+            value=run.site,
+            remedy="a live session needs a site with domain: physical",
+        )
+    return run.model_copy(
+        update={
+            "mode": "live",
+            "disturbance": LinkDisturbance(),
+            "disturbances": {},
+            "traffic": [],
+        }
+    )
+
+
+def check_live(run: RunSpec) -> None:
+    """Raises InputError where a live run was given faults or disturbances of objects."""
+    problem = run.live_problem
+    if problem is not None:
+        raise InputError(
+            problem, field="faults, disturbances", remedy="leave them out, or run in lockstep"
         )

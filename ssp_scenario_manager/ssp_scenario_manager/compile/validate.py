@@ -15,13 +15,7 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.verdict import VERDICT_FILE
 from ssp_core.vocabulary import Phase, Verdict
 from ssp_scenario_manager.compile.changes import differences
-from ssp_scenario_manager.compile.task import (
-    RUN_FILE,
-    TASK_FILE,
-    Task,
-    Validation,
-    check_seal,
-)
+from ssp_scenario_manager.compile.task import RUN_FILE, TASK_FILE, Task, Validation, check_seal
 
 RESULT_FILE = "result.json"
 _VALID = Verdict.VALID.name.lower()

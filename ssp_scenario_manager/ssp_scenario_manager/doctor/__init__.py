@@ -1,1 +1,1 @@
-"""Says what is installed on this host, what is missing, and whether two processes can talk."""
+"""Says what is installed on this host, what is missing, and what is connected to a session."""

@@ -167,7 +167,7 @@ def domain() -> Finding:
 
 def talk() -> list[Finding]:
     """Two processes find each other over DDS and exchange messages."""
-    from ssp_scenario_manager.doctor.node import measure_link
+    from ssp_scenario_manager.ros.link_probe import measure_link
 
     try:
         link = measure_link()

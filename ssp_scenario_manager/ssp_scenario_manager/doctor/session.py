@@ -16,9 +16,9 @@ from ssp_core.clock import ns_to_seconds
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import SessionPhase
-from ssp_scenario_manager.core.link_clock import Link
-from ssp_scenario_manager.core.readiness import Facts, missing_to_arm
 from ssp_scenario_manager.doctor.checks import Finding, Status
+from ssp_scenario_manager.session.link_quality import LinkEstimate
+from ssp_scenario_manager.session.preconditions import Facts, missing_to_arm
 
 # A stream that comes at less than this share of its nominal rate is too slow to rely on.
 RATE_SHARE = 0.8
@@ -99,7 +99,7 @@ class Stream:
 
 
 @dataclass(frozen=True)
-class Heard:
+class SessionHeard:
     """Everything that was heard of a session.
 
     Args:
@@ -117,7 +117,7 @@ class Heard:
     streams: dict[str, Stream]
     states: dict[str, ObjectState]
     lost: dict[str, int]
-    links: dict[str, Link]
+    links: dict[str, LinkEstimate]
     managers: frozenset[str]
     recorder_ready: bool | None
     recorder_missing: tuple[str, ...]
@@ -125,7 +125,7 @@ class Heard:
     session: SessionPhase = SessionPhase.UNKNOWN
 
 
-def session_findings(spec: RunSpec, heard: Heard) -> list[Finding]:
+def session_findings(spec: RunSpec, heard: SessionHeard) -> list[Finding]:
     """One finding per thing that is connected, and what keeps the session from arming."""
     period_s = spec.step_s
     known = {names.CAMERA_IMAGE, names.CAMERA_INFO, spec.vut.id, *(t.id for t in spec.targets)}
@@ -145,7 +145,7 @@ def session_findings(spec: RunSpec, heard: Heard) -> list[Finding]:
     return findings
 
 
-def _state_finding(spec: RunSpec, heard: Heard, object_id: str, period_s: float) -> Finding:
+def _state_finding(spec: RunSpec, heard: SessionHeard, object_id: str, period_s: float) -> Finding:
     name = f"state of {object_id}"
     stream = heard.streams[object_id]
     if not stream.arrivals_ns:
@@ -226,7 +226,7 @@ def _odometry_finding(topic: str, stream: Stream, spec: RunSpec) -> Finding:
     return _stream_finding("odometry", stream, problems)
 
 
-def _camera_finding(spec: RunSpec, heard: Heard) -> Finding:
+def _camera_finding(spec: RunSpec, heard: SessionHeard) -> Finding:
     stream = heard.streams[names.CAMERA_IMAGE]
     rate_hz = spec.camera.rate_hz if spec.camera is not None else math.nan
     if not stream.arrivals_ns:
@@ -247,7 +247,7 @@ def _camera_finding(spec: RunSpec, heard: Heard) -> Finding:
     return _stream_finding("camera", stream, problems)
 
 
-def _recorder_finding(heard: Heard) -> Finding:
+def _recorder_finding(heard: SessionHeard) -> Finding:
     if heard.recorder_ready is None:
         return Finding("recorder", Status.FAIL, "silent", "start ssp_monitor's node")
     if not heard.recorder_ready:
@@ -256,7 +256,7 @@ def _recorder_finding(heard: Heard) -> Finding:
     return Finding("recorder", Status.OK, "ready")
 
 
-def _manager_findings(heard: Heard) -> list[Finding]:
+def _manager_findings(heard: SessionHeard) -> list[Finding]:
     if not heard.managers:
         return [
             Finding(
@@ -279,9 +279,9 @@ def _manager_findings(heard: Heard) -> list[Finding]:
     return [Finding("scenario_manager", Status.OK, f"heartbeats of {found}")]
 
 
-def _link_finding(spec: RunSpec, object_id: str, heard: Heard) -> Finding:
+def _link_finding(spec: RunSpec, object_id: str, heard: SessionHeard) -> Finding:
     name = f"link to {object_id}"
-    link = heard.links.get(object_id, Link())
+    link = heard.links.get(object_id, LinkEstimate())
     if not math.isfinite(link.delay_s):
         return Finding(
             name,
@@ -301,7 +301,7 @@ def _link_finding(spec: RunSpec, object_id: str, heard: Heard) -> Finding:
     return Finding(name, Status.OK, text)
 
 
-def _arming_finding(spec: RunSpec, heard: Heard) -> Finding:
+def _arming_finding(spec: RunSpec, heard: SessionHeard) -> Finding:
     """What the manager would say to ``arm`` now, by the same rules; an armed one is not asked."""
     if heard.session in _ARMED:
         text = f"the session is {heard.session.name} already, so that nothing is asked of arming"

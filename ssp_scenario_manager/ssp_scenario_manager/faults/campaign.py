@@ -8,18 +8,182 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import HostError, InputError
 from ssp_core.files import make_folder, read_mapping, write_json, write_text
 from ssp_core.hashing import sha256_json
+from ssp_core.motion.state import ObjectState
+from ssp_core.processes import others_share_memory, remove_stale_shared_memory
 from ssp_core.run_file.model import Fault, RunSpec
-from ssp_scenario_manager.compile.prepare import TASK_FOLDER, prepare_run
-from ssp_scenario_manager.faults.evidence import Evidence
-from ssp_scenario_manager.faults.in_one_process import possible, run_for_evidence
-from ssp_scenario_manager.faults.judge import Judged, judge
-from ssp_scenario_manager.faults.leftovers import left_behind
+from ssp_core.safety.codes import MEANINGS
+from ssp_core.vocabulary import ControlState, Role, Verdict
+from ssp_core.world.plant import ManagerUpdate, Plant, StepReport, make_plant
+from ssp_scenario_manager.compile.targets.folder import TASK_FOLDER, prepare_run
+from ssp_scenario_manager.faults.evidence import (
+    RESULT_FILE,
+    Evidence,
+    FaultNote,
+    SafetyNote,
+    Track,
+    read_evidence,
+    track_of,
+)
+from ssp_scenario_manager.faults.judge import Judged, Nominal, fault_of, judge, nominal_of
 from ssp_scenario_manager.faults.model import Cell, Expected, NotApplicable, Row, Stage
-from ssp_scenario_manager.faults.read_evidence import RESULT_FILE, read_evidence
-from ssp_scenario_manager.faults.schedule import Nominal, fault_of, nominal_of
+from ssp_scenario_manager.run.faults import RUNNER_KINDS
+from ssp_scenario_manager.run.in_process import InProcessSession, Record, judged
+from ssp_scenario_manager.run.sweep import for_one_process
+
+# Of the runner's faults, those that need no process.
+_ALSO = ("operator_abort", "trigger_never")
+MANAGER = "scenario_manager"
+
+
+def possible(kind: str) -> bool:
+    """Whether a kind of fault can be injected without processes."""
+    return kind not in RUNNER_KINDS or kind in _ALSO
+
+
+class _Watched:
+    """A plant whose every report is kept, those of the armed session too."""
+
+    def __init__(self, plant: Plant) -> None:
+        self._plant = plant
+        self.reports: list[StepReport] = []
+
+    def hold(self, word: ManagerUpdate) -> StepReport:
+        return self._kept(self._plant.hold(word))
+
+    def advance(self, word: ManagerUpdate) -> StepReport:
+        return self._kept(self._plant.advance(word))
+
+    def command(self, object_id: str, command: int, event_version: str) -> str:
+        return self._plant.command(object_id, command, event_version)
+
+    def close(self) -> None:
+        self._plant.close()
+
+    def _kept(self, report: StepReport) -> StepReport:
+        self.reports.append(report)
+        return report
+
+
+def run_for_evidence(spec: RunSpec) -> Evidence:
+    """Runs a session in this process.
+
+    Args:
+        spec: in lockstep, with faults that need no process.
+
+    Raises:
+        InputError: a fault needs processes of its own.
+    """
+    spec = for_one_process(spec)
+    plant = _Watched(make_plant(spec))
+    try:
+        session = InProcessSession(spec, plant)
+        session.run()
+    finally:
+        plant.close()
+    account, reports = session.account, plant.reports
+    outcome, _ = judged(spec, session, Record(reports))
+    verdict = outcome.verdict
+    if verdict is Verdict.NONE:
+        verdict = Verdict.INVALID_HARNESS  # as the runner says of a session that never started
+    safety = [
+        SafetyNote(
+            ns_to_seconds(limit.stamp_ns),
+            MEANINGS[limit.code].limit_name,
+            limit.source,
+            limit.object_id,
+        )
+        for report in reports
+        for limit in report.limits
+    ]
+    safety += [
+        SafetyNote(
+            ns_to_seconds(seen.stamp_ns), MEANINGS[seen.code].limit_name, MANAGER, seen.object_id
+        )
+        for seen in account.violations
+    ]
+    return Evidence(
+        spec=spec,
+        verdict=verdict.name.lower(),
+        reasons=outcome.reasons,
+        truth=_truth(reports),
+        own_states=_own_states(reports),
+        session=tuple((ns_to_seconds(c.stamp_ns), c.state) for c in account.changes),
+        phases=tuple((ns_to_seconds(p.stamp_ns), p.phase) for p in account.phases),
+        triggers=tuple(ns_to_seconds(t.dispatched_ns) for t in account.triggers),
+        safety=tuple(sorted(safety, key=lambda note: note.t_s)),
+        faults=_faults(spec, reports),
+        has_wall=False,
+    )
+
+
+def _truth(reports: list[StepReport]) -> dict[str, Track]:
+    rows: dict[str, list[tuple[float, ObjectState]]] = {}
+    for report in reports:
+        if report.running:
+            for one in report.truths:
+                if one.role in (Role.VUT, Role.OT):
+                    rows.setdefault(one.object_id, []).append((ns_to_seconds(report.now_ns), one))
+    return {object_id: track_of(kept) for object_id, kept in rows.items()}
+
+
+def _own_states(reports: list[StepReport]) -> tuple[tuple[float, str, ControlState], ...]:
+    last: dict[str, ControlState] = {}
+    changes = []
+    for report in reports:
+        for state in report.target_states:
+            if last.get(state.object_id) is not state.control_state:
+                last[state.object_id] = state.control_state
+                t_s = ns_to_seconds(state.stamp_ns)
+                changes.append((t_s, state.object_id, state.control_state))
+    return tuple(changes)
+
+
+def _faults(spec: RunSpec, reports: list[StepReport]) -> tuple[FaultNote, ...]:
+    notes = [
+        FaultNote(ns_to_seconds(f.stamp_ns), int(f.fault.partition(" ")[0]), f.active)
+        for report in reports
+        for f in report.faults
+    ]
+    told = {note.index for note in notes}
+    notes += [
+        FaultNote(fault.at_s or 0.0, index, True)
+        for index, fault in enumerate(spec.faults)
+        if index not in told and fault.kind == "operator_abort"
+    ]
+    return tuple(sorted(notes, key=lambda note: (note.t_s, note.index)))
+
+
+def left_behind(folder: Path) -> list[str]:
+    """Sentences about processes that still write into a run's logs and memory nobody owns.
+
+    The memory is removed, so that the next run is judged by its own. While other participants of
+    DDS run on this host nobody can tell whose it was, and it counts for nothing.
+
+    Args:
+        folder: of a run that has ended.
+    """
+    logs = (folder / "logs").resolve()
+    found = []
+    for entry in Path("/proc").iterdir():
+        if not entry.name.isdigit():
+            continue
+        try:
+            output = (entry / "fd" / "1").resolve()
+            name = (entry / "comm").read_text().strip()
+        except OSError:
+            continue  # it ended meanwhile, or is another user's
+        if output.parent == logs:
+            found.append(f"process {entry.name} ({name}) still runs and writes {output.name}")
+    alone = not others_share_memory()
+    stale = remove_stale_shared_memory()
+    if stale and alone:
+        found.append(f"{stale} segments of shared memory were left in /dev/shm")
+    return found
+
 
 CELL_FILE = "cell.json"
 SAID_FILE = "said.txt"
@@ -31,7 +195,7 @@ Way = Literal["sessions", "in_process"]
 
 
 @dataclass(frozen=True, slots=True)
-class Scene:
+class FaultScenario:
     """A scenario that the matrix is run on.
 
     Args:
@@ -79,7 +243,7 @@ def prepare_scene(
     out: Path,
     say: Callable[[str], None],
     way: Way = "sessions",
-) -> Scene:
+) -> FaultScenario:
     """Compiles a scenario and finds its times with a run without faults.
 
     Args:
@@ -103,13 +267,13 @@ def prepare_scene(
     run = prepare_run(scenario, site, scratch, seed=seed, mode=mode)
     run = run.model_copy(update={"camera": None, "run_id": NOMINAL, "faults": []})
     if way == "in_process":
-        return Scene(name, mode, folder, run, nominal_of(run_for_evidence(run)), way)
+        return FaultScenario(name, mode, folder, run, nominal_of(run_for_evidence(run)), way)
     evidence, _ = _evidence(run, scratch, say)
-    return Scene(name, mode, folder, run, nominal_of(evidence), way)
+    return FaultScenario(name, mode, folder, run, nominal_of(evidence), way)
 
 
 def run_cells(
-    scene: Scene,
+    scene: FaultScenario,
     cells: list[tuple[Row, Stage]],
     say: Callable[[str], None],
 ) -> Iterator[CellResult]:
@@ -133,7 +297,7 @@ def run_cells(
 
 
 def _run_cell(
-    scene: Scene, row: Row, stage: Stage, cell: Expected, say: Callable[[str], None]
+    scene: FaultScenario, row: Row, stage: Stage, cell: Expected, say: Callable[[str], None]
 ) -> CellResult:
     fault = fault_of(row, stage, scene.nominal, scene.run)
     if scene.way == "in_process":
@@ -177,7 +341,7 @@ def _finished(folder: Path, key: str) -> list[str] | None:
 
 
 def _run_session(run: RunSpec, folder: Path, key: str, say: Callable[[str], None]) -> list[str]:
-    from ssp_scenario_manager.runner.session import run_session
+    from ssp_scenario_manager.run.over_dds import run_session
 
     for old in folder.iterdir():
         if old.name == TASK_FOLDER:

@@ -25,7 +25,7 @@ from ssp_core.run_file.participants import (
 from ssp_core.run_file.road import CurvePiece, Lane, Road
 from ssp_core.run_file.values import Start
 from ssp_core.world.reference_line import ReferenceLine
-from ssp_scenario_manager.compile.ground import strip_polygon
+from ssp_scenario_manager.compile.area import strip_polygon
 from ssp_scenario_manager.compile.task import (
     Anchors,
     BlockScore,
@@ -38,7 +38,10 @@ from ssp_scenario_manager.compile.task import (
     TriggerRegion,
     sealed,
 )
-from ssp_scenario_manager.interactions.base import (
+from ssp_scenario_manager.event_spec.load import load_event
+from ssp_scenario_manager.event_spec.model import Event
+from ssp_scenario_manager.maps.block import Block, BlockLane
+from ssp_scenario_manager.scenarios.base import (
     Act,
     BlockPoint,
     BrakeTo,
@@ -49,9 +52,6 @@ from ssp_scenario_manager.interactions.base import (
     Trigger,
     Wait,
 )
-from ssp_scenario_manager.spec.load import load_event
-from ssp_scenario_manager.spec.model import Event
-from ssp_scenario_manager.topology.block import Block, BlockLane
 
 EVENTS = ("cut_in", "vru_crossing", "lead_braking", "occluded_crossing")
 

@@ -20,11 +20,10 @@ from ssp_core.files import load_model
 from ssp_core.geometry import Pose2
 from ssp_core.hashing import sha256_file
 from ssp_core.run_file.participants import TimeHeadway
-from ssp_scenario_manager.compile.export import carla_check
-from ssp_scenario_manager.compile.export.carla import carla_config, export_carla
-from ssp_scenario_manager.compile.export.carla_config import CarlaConfig, Transform
-from ssp_scenario_manager.compile.export.carla_frame import transform
-from ssp_scenario_manager.compile.export.place import map_file
+from ssp_scenario_manager.compile.targets import carla as carla_check
+from ssp_scenario_manager.compile.targets.carla import carla_config, export_carla, transform
+from ssp_scenario_manager.compile.targets.carla_config import CarlaConfig, Transform
+from ssp_scenario_manager.compile.targets.map_file import map_file
 from ssp_scenario_manager.compile.task import PlaceLink
 
 EVENTS = ("cut_in", "vru_crossing", "lead_braking", "occluded_crossing")

@@ -10,12 +10,12 @@ import pytest
 
 from ssp_core.errors import InputError
 from ssp_core.files import load_model
-from ssp_scenario_manager.compile.export import carla_check
-from ssp_scenario_manager.compile.export.carla import export_carla
-from ssp_scenario_manager.compile.export.carla_config import CarlaConfig
-from ssp_scenario_manager.compile.export.heights import Heights
-from ssp_scenario_manager.compile.export.opendrive import opendrive_map
-from ssp_scenario_manager.compile.export.openscenario import export_openscenario
+from ssp_scenario_manager.compile.targets import carla
+from ssp_scenario_manager.compile.targets.carla import export_carla
+from ssp_scenario_manager.compile.targets.carla_config import CarlaConfig
+from ssp_scenario_manager.compile.targets.map_file import Heights
+from ssp_scenario_manager.compile.targets.opendrive import opendrive_map
+from ssp_scenario_manager.compile.targets.openscenario import export_openscenario
 from ssp_scenario_manager.compile.task import PlaceLink
 
 RISING = '<elevation s="0" a="3" b="0.02" c="0" d="0"/><elevation s="200" a="7" b="0" c="0" d="0"/>'
@@ -98,7 +98,7 @@ def test_a_broken_map_is_refused(text: str, words: str) -> None:
 def test_scenarios_and_configurations_tell_heights(
     case_of: Any, block_of: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(carla_check, "is_installed", lambda: False)
+    monkeypatch.setattr(carla, "is_installed", lambda: False)
     place = PlaceLink(kind="opendrive", name="hill.xodr", sha256="sha256:map")
     block = block_of()
     case = case_of("vru_crossing", block, "openscenario", place)

@@ -16,10 +16,9 @@ from lxml import etree  # type: ignore[import-untyped]  # it ships no types
 from ssp_core.errors import InputError
 from ssp_core.geometry import Pose2
 from ssp_core.run_file.road import CurvePiece
-from ssp_scenario_manager.compile.export.maps import MAP_FOLDER, MAPS
-from ssp_scenario_manager.compile.export.opendrive import lane_ids, opendrive_map
-from ssp_scenario_manager.topology.block import Block
-from ssp_scenario_manager.topology.load import load_library
+from ssp_scenario_manager.compile.targets.opendrive import MAP_FOLDER, MAPS, lane_ids, opendrive_map
+from ssp_scenario_manager.maps.block import Block
+from ssp_scenario_manager.maps.load import load_library
 
 BENT = [
     CurvePiece(length_m=50.0),

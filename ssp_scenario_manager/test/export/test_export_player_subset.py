@@ -21,7 +21,7 @@ from typing import Any
 
 import pytest
 
-from ssp_scenario_manager.compile.export.openscenario import export_openscenario
+from ssp_scenario_manager.compile.targets.openscenario import export_openscenario
 
 EVENTS = ("cut_in", "vru_crossing", "lead_braking", "occluded_crossing")
 

@@ -13,9 +13,9 @@ from ssp_core.cli import main
 from ssp_core.files import write_json, write_text
 from ssp_core.run_file.model import Fault, RunSpec
 from ssp_scenario_manager.faults import campaign, matrix
-from ssp_scenario_manager.faults.campaign import Scene, run_cells
+from ssp_scenario_manager.faults.campaign import FaultScenario, run_cells
+from ssp_scenario_manager.faults.judge import Nominal, at_s, fault_of
 from ssp_scenario_manager.faults.model import Row, Stage
-from ssp_scenario_manager.faults.schedule import Nominal, at_s, fault_of
 
 NOMINAL = Nominal(10.34, 10.96, 14.6, dict.fromkeys(Stage, True))
 
@@ -60,7 +60,7 @@ def test_a_cell_that_is_not_as_expected_fails_and_is_named(
         "operator_abort",
         cells=dict.fromkeys(Stage, matrix.LOSSES[0].cells[Stage.BEFORE]),
     )
-    monkeypatch.setattr("ssp_scenario_manager.faults.cli.MATRIX", (wrong,))
+    monkeypatch.setattr("ssp_scenario_manager.cli.faults.MATRIX", (wrong,))
     arguments = ("--scenario", "cut_in", "--stage", "armed", "--out", str(tmp_path))
     assert faults("--in-process", *arguments, "--junit", str(tmp_path / "j.xml")) == 1
     said = capsys.readouterr()
@@ -114,7 +114,7 @@ def test_a_finished_cell_is_judged_again_and_not_run_again(
         return ["a process"]
 
     monkeypatch.setattr(campaign, "_run_session", session)
-    scene = Scene("cut_in", "lockstep", tmp_path, run, NOMINAL)
+    scene = FaultScenario("cut_in", "lockstep", tmp_path, run, NOMINAL)
     cell = [(matrix.NAN, Stage.BEFORE)]
     first, again = (next(run_cells(scene, cell, print)) for _ in range(2))
     assert len(ran) == 1
@@ -122,7 +122,9 @@ def test_a_finished_cell_is_judged_again_and_not_run_again(
     assert first.judged is not None
     assert {"a process", "the run left no bag"} <= set(first.judged.findings)
     # Another run file is another run.
-    other = Scene("cut_in", "lockstep", tmp_path, run.model_copy(update={"seed": 9}), NOMINAL)
+    other = FaultScenario(
+        "cut_in", "lockstep", tmp_path, run.model_copy(update={"seed": 9}), NOMINAL
+    )
     next(run_cells(other, cell, print))
     assert len(ran) == 2
     # What didn't come to its end is run again.

@@ -11,10 +11,9 @@ import pytest
 
 from ssp_core.run_file.model import Fault, RunSpec
 from ssp_core.vocabulary import ControlState, SessionPhase
-from ssp_scenario_manager.faults.evidence import Evidence, FaultNote, Heard, SafetyNote
+from ssp_scenario_manager.faults.evidence import Evidence, FaultNote, HeardEvent, SafetyNote, Track
 from ssp_scenario_manager.faults.judge import judge
 from ssp_scenario_manager.faults.model import Expected, Within
-from ssp_scenario_manager.faults.motion import Track
 
 ABORTED = frozenset({"aborted"})
 EXPECTED = Expected(
@@ -201,8 +200,8 @@ def test_counted_from_the_abort_where_the_fault_endangers_nobody(make: Make) -> 
 def test_on_the_walls_clock(make: Make) -> None:
     expected = replace(EXPECTED, within=Within(0.75, clock="wall"), stops=False)
     heard = (
-        Heard("session", "ARMED", "", 0.0, 9.0),
-        Heard("safety", "object_silent", "scenario_manager ot1", 3.32, 10.6),
+        HeardEvent("session", "ARMED", "", 0.0, 9.0),
+        HeardEvent("safety", "object_silent", "scenario_manager ot1", 3.32, 10.6),
     )
     faults = (FaultNote(FAULT_S, 0, True, 10.0),)
     judged = judge(expected, make(heard=heard, faults=faults), 0)
@@ -212,7 +211,7 @@ def test_on_the_walls_clock(make: Make) -> None:
     late = (*heard[:1], replace(heard[1], wall_s=10.8))
     assert not judge(expected, make(heard=late, faults=faults), 0).ok
     # Told by the node that injects it.
-    told = (Heard("fault", "0 link_cut", "ot1 begins", 3.0, 10.1), *heard)
+    told = (HeardEvent("fault", "0 link_cut", "ot1 begins", 3.0, 10.1), *heard)
     judged = judge(expected, make(heard=told), 0)
     assert judged.reaction is not None
     assert judged.reaction.seconds == pytest.approx(0.5)

@@ -10,8 +10,7 @@ import pytest
 
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import MEANINGS
-from ssp_scenario_manager.faults.campaign import Scene, prepare_scene, run_cells
-from ssp_scenario_manager.faults.in_one_process import possible
+from ssp_scenario_manager.faults.campaign import FaultScenario, possible, prepare_scene, run_cells
 from ssp_scenario_manager.faults.matrix import MATRIX
 from ssp_scenario_manager.faults.model import Expected, NotApplicable, Row, Stage
 
@@ -99,7 +98,7 @@ def test_a_cell_says_what_it_must(row: Row, stage: Stage, cell: Expected, run: R
 
 
 @pytest.fixture(scope="module")
-def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
+def scene(tmp_path_factory: pytest.TempPathFactory) -> FaultScenario:
     folder = tmp_path_factory.mktemp("matrix")
     made = prepare_scene("cut_in", "boulevard", 1, "lockstep", folder, print, "in_process")
     # Nobody else is on the road, and nobody waits long for what doesn't come.
@@ -107,14 +106,14 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
     return replace(made, run=made.run.model_copy(update={"traffic": [], "end": end}))
 
 
-def test_the_stages_follow_the_undisturbed_run(scene: Scene) -> None:
+def test_the_stages_follow_the_undisturbed_run(scene: FaultScenario) -> None:
     nominal = scene.nominal
     assert 0.0 < nominal.trigger_s < nominal.conflict_s < nominal.end_s
     assert nominal.moves == dict.fromkeys(Stage, True)
 
 
 @pytest.mark.parametrize("row", FAST, ids=lambda row: row.name)
-def test_cells_without_processes_are_as_expected(row: Row, scene: Scene) -> None:
+def test_cells_without_processes_are_as_expected(row: Row, scene: FaultScenario) -> None:
     for result in run_cells(scene, [(row, stage) for stage in Stage], print):
         findings = result.judged.findings if result.judged is not None else ()
         assert (result.stage, findings) == (result.stage, ())

@@ -8,7 +8,7 @@ import pytest
 from ssp_core.motion.state import DEFAULT_SIZES
 from ssp_core.safety.stopping import Stopping
 from ssp_core.vocabulary import ObjectClass
-from ssp_scenario_manager.faults.motion import Track, stop_of, touch
+from ssp_scenario_manager.faults.evidence import Track, stop_of, touch
 
 CAR = DEFAULT_SIZES[ObjectClass.CAR]
 STEP_S = 0.02

@@ -194,7 +194,7 @@ def domain() -> Iterator[int]:
 @pytest.fixture
 def manager(domain: int) -> Iterator[subprocess.Popen[str]]:
     process = subprocess.Popen(
-        [sys.executable, "-m", "ssp_scenario_manager.node"],
+        [sys.executable, "-m", "ssp_scenario_manager.ros.manager_node"],
         env=session_environment(domain),
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,

@@ -15,7 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ssp_core.errors import InputError
-from ssp_scenario_manager.topology.load import load_library
+from ssp_scenario_manager.maps.load import load_library
 
 SHAPES = (
     "<line/>",

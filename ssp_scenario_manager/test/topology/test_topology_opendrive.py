@@ -12,9 +12,9 @@ import pytest
 from ssp_core.errors import InputError
 from ssp_core.geometry import FloatArray
 from ssp_core.world.reference_line import ReferenceLine
-from ssp_scenario_manager.topology import xml_input
-from ssp_scenario_manager.topology.block import Block, Library
-from ssp_scenario_manager.topology.load import load_library
+from ssp_scenario_manager.maps import xml_input
+from ssp_scenario_manager.maps.block import Block, Library
+from ssp_scenario_manager.maps.load import load_library
 
 Made = Any
 Words = Any

@@ -14,13 +14,12 @@ from ssp_core.files import load_model
 from ssp_core.geometry import Pose2
 from ssp_core.run_file.road import CurvePiece
 from ssp_core.world.reference_line import ReferenceLine
-from ssp_scenario_manager.interactions import KINDS
-from ssp_scenario_manager.site import find_shipped, load_site
-from ssp_scenario_manager.spec.model import Event
-from ssp_scenario_manager.topology.block import Block, BlockLane, ConflictArea, Library
-from ssp_scenario_manager.topology.load import load_library
-from ssp_scenario_manager.topology.retrieve import WEIGHTS, score_block, score_blocks, ties
-from ssp_scenario_manager.topology.site_blocks import site_library
+from ssp_scenario_manager.compile.retrieval import WEIGHTS, score_block, score_blocks, ties
+from ssp_scenario_manager.event_spec.model import Event
+from ssp_scenario_manager.maps.block import Block, BlockLane, ConflictArea, Library
+from ssp_scenario_manager.maps.load import load_library
+from ssp_scenario_manager.maps.site import find_shipped, load_site, site_library
+from ssp_scenario_manager.scenarios.kinds import KINDS
 
 Made = Any
 Words = Any

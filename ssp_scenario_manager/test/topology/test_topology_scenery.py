@@ -12,12 +12,11 @@ from hypothesis import strategies as st
 from ssp_core.errors import InputError
 from ssp_core.run_file.road import Building, Pole, SceneryItem, Sign, Tree
 from ssp_core.world.scenery import item_pose
-from ssp_scenario_manager.compile.realise import road_of
-from ssp_scenario_manager.site import Site, load_site, site_version
-from ssp_scenario_manager.topology.block import Block
-from ssp_scenario_manager.topology.load import load_library
-from ssp_scenario_manager.topology.opendrive_scenery import MOST_OF_ROAD
-from ssp_scenario_manager.topology.site_blocks import site_library
+from ssp_scenario_manager.compile.place import road_of
+from ssp_scenario_manager.maps.block import Block
+from ssp_scenario_manager.maps.load import load_library
+from ssp_scenario_manager.maps.scenery import MOST_OF_ROAD
+from ssp_scenario_manager.maps.site import Site, load_site, site_library, site_version
 
 Made = Any
 Words = Any

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from ssp_core.errors import InputError
-from ssp_scenario_manager.topology.block import Block, Library
-from ssp_scenario_manager.topology.load import load_library
-from ssp_scenario_manager.topology.plan_view import Unusable
-from ssp_scenario_manager.topology.polyline_fit import CORNER_CUT_M, smooth_line
+from ssp_scenario_manager.maps.block import Block, Library
+from ssp_scenario_manager.maps.load import load_library
+from ssp_scenario_manager.maps.reference_line import CORNER_CUT_M, Unusable, smooth_line
 
 # Two edges of two lanes from A to B and back, a sidewalk, an onward edge over a junction.
 NET = """<?xml version="1.0"?><net version="1.20">

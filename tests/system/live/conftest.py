@@ -20,10 +20,9 @@ from ssp_core.files import write_text
 from ssp_core.processes import free_domain
 from ssp_scenario_manager.compile.changes import differences
 from ssp_scenario_manager.compile.compiler import Request, compile_task
+from ssp_scenario_manager.compile.targets.folder import write_task_files
 from ssp_scenario_manager.compile.task import RUN_FILE
-from ssp_scenario_manager.compile.writer import write_task_files
-from ssp_scenario_manager.spec.log import LOG_FILE, Record
-from ssp_scenario_manager.spec.log_file import append_record
+from ssp_scenario_manager.event_spec.log import LOG_FILE, Record, append_record
 
 DEADLINE_S = 120.0
 ODOMETRY = "/ins/odometry"

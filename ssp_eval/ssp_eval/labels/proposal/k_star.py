@@ -13,8 +13,8 @@ from ssp_eval.recordings.crop import Window
 from ssp_eval.recordings.event_rules import event_observable, event_thresholds, window_of
 from ssp_eval.recordings.provenance import Provenance
 from ssp_scenario_manager.compile.task import EVENT_FILE
-from ssp_scenario_manager.spec.load import event_version, load_event
-from ssp_scenario_manager.spec.model import Event
+from ssp_scenario_manager.event_spec.load import event_version, load_event
+from ssp_scenario_manager.event_spec.model import Event
 
 # A labels file must name a version; this one says that nobody knows it.
 UNKNOWN_VERSION = "unknown"

@@ -1,0 +1,1 @@
+"""The commands that this package gives to ``ssp``."""

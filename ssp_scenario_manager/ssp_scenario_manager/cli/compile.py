@@ -1,0 +1,202 @@
+"""``ssp compile``: an event for a simulator or a track (METHOD 2)."""
+
+from __future__ import annotations
+
+import getpass
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import cast
+
+import click
+from rich.progress import Progress
+
+from ssp_core import console
+from ssp_scenario_manager.compile.choose import NotChosen
+from ssp_scenario_manager.compile.compiler import (
+    Compiled,
+    EventRefused,
+    Request,
+    WrongOptions,
+    check_options,
+    compile_task,
+)
+from ssp_scenario_manager.compile.targets.folder import check_out, write_folder
+from ssp_scenario_manager.compile.task import BlockScore, Target
+
+# Rows of the table of scores for people; --json has them all.
+_MOST_ROWS = 25
+
+
+def _login_name() -> str | None:
+    """Who is logged in, None where nobody has a name (a container's bare user id)."""
+    try:
+        return getpass.getuser()
+    except (OSError, KeyError):
+        return None
+
+
+@click.command("compile")
+@click.argument("what")
+@click.option(
+    "--target",
+    type=click.Choice(["sumo", "openscenario", "carla", "track"]),
+    required=True,
+    help="What to compile for.",
+)
+@click.option("--site", help="Site, by name or file.")
+@click.option(
+    "--map",
+    "map_path",
+    type=click.Path(path_type=Path),
+    help="OpenDRIVE (.xodr) or SUMO (.net.xml) map; not for a track.",
+)
+@click.option(
+    "--choose", metavar="BLOCK", help="Your choice among blocks that tie; goes into the log."
+)
+@click.option("--seed", default=1, show_default=True, type=click.IntRange(0, 2**31 - 1))
+@click.option("--who", metavar="NAME", help="Who chooses, for the log. [default: login name]")
+@click.option(
+    "--validated-by",
+    metavar="SIM_RUN",
+    type=click.Path(path_type=Path),
+    help="Folder of the simulation run whose anchors the track task takes over.",
+)
+@click.option(
+    "--shortlist",
+    metavar="FILE.json",
+    type=click.Path(path_type=Path),
+    help="List of `ssp shortlist` that the event must be a candidate of; for a track.",
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="New folder. [default: out/compiled/EVENT-TARGET-PLACE]",
+)
+@click.option("--force", is_flag=True, help="Replace an earlier compiled folder.")
+@click.option("--json", "as_json", is_flag=True, help="Print scores and result as JSON.")
+def compile_event(
+    what: str,
+    target: str,
+    site: str | None,
+    map_path: Path | None,
+    choose: str | None,
+    seed: int,
+    who: str | None,
+    validated_by: Path | None,
+    shortlist: Path | None,
+    out: Path | None,
+    force: bool,
+    as_json: bool,
+) -> int:
+    """Compile WHAT, an event by name or K* file, for a place.
+
+    Every block of the place is scored against the event; the best that also passes connectivity
+    and conflict-geometry checks is taken. The folder then holds task.json (sealed), event.yaml,
+    the site or map, run.yaml, log.jsonl, task.html and the target's own files. `ssp run FOLDER`
+    runs it.
+    """
+    request = Request(
+        event=what,
+        target=cast(Target, target),
+        site=site,
+        map_path=map_path,
+        seed=seed,
+        choose=choose,
+        who=who or (_login_name() if choose is not None else None),
+        validated_by=validated_by,
+        shortlist=shortlist,
+    )
+    try:
+        check_options(request)
+    except WrongOptions as error:
+        raise click.UsageError(str(error)) from error
+    if out is not None:
+        check_out(out, replace=force)
+    try:
+        with console.progress("compile", None) as bar:
+            compiled = compile_task(request, lambda block: _show(bar, block))
+    except (NotChosen, EventRefused) as error:
+        _refused(error, as_json)
+        raise
+    folder = out or _default_folder(compiled)
+    files = write_folder(compiled, folder, replace=force)
+    _done(compiled, folder, files, as_json)
+    return 0
+
+
+def _show(bar: Progress, block: str) -> None:
+    bar.update(bar.task_ids[0], advance=1, description=f"trying {block}")
+
+
+def _default_folder(compiled: Compiled) -> Path:
+    task = compiled.task
+    place = compiled.ground.name.split(".")[0]
+    return Path("out") / "compiled" / f"{task.event.name}-{task.target}-{place}"
+
+
+def _refused(error: NotChosen | EventRefused, as_json: bool) -> None:
+    """What was found out before the refusal; the message itself comes from the command line."""
+    if isinstance(error, NotChosen):
+        if as_json:
+            scores = [score.model_dump(mode="json") for score in error.scores]
+            click.echo(json.dumps({"scores": scores, "tied": error.tied, "error": str(error)}))
+        else:
+            _print_scores(error.scores, None)
+    elif as_json:
+        failures = [failure.as_dict() for failure in error.failures]
+        click.echo(json.dumps({"failures": failures, "error": str(error)}))
+
+
+def _done(compiled: Compiled, folder: Path, files: Sequence[Path], as_json: bool) -> None:
+    task = compiled.task
+    unvalidated = task.target == "track" and task.validated_by is None
+    if as_json:
+        click.echo(
+            json.dumps(
+                {
+                    "folder": str(folder),
+                    "files": [str(path.relative_to(folder)) for path in files],
+                    "event": task.event.name,
+                    "event_version": task.event.version,
+                    "task_version": task.version,
+                    "block": task.block.id,
+                    "chosen_by": task.chosen_by,
+                    "validated_by": task.validated_by and task.validated_by.run_id,
+                    "scores": [score.model_dump(mode="json") for score in task.retrieval],
+                    "tunings": [tuning.model_dump(mode="json") for tuning in task.tunings],
+                }
+            )
+        )
+    else:
+        _print_scores(task.retrieval, task.block.id)
+        console.out.print(
+            f"{task.event.name} for {task.target} on {task.place.name}, block {task.block.id} "
+            f"({task.chosen_by}): {folder}",
+            markup=False,
+        )
+    for text in compiled.realisation.block.notes:
+        console.note(f"block {task.block.id}: {text}")
+    for text in compiled.realisation.left_out:
+        console.note(f"left out of the surroundings: {text}")
+    if unvalidated:
+        console.note("these anchors are not validated: name the simulation run with --validated-by")
+
+
+def _print_scores(scores: Sequence[BlockScore], winner: str | None) -> None:
+    shown = scores[:_MOST_ROWS]
+    wide = max((len(score.block) for score in shown), default=5)
+    console.out.print(f"{'block':{wide}}      T      I      C  total", markup=False)
+    for score in shown:
+        numbers = (score.topology, score.interaction, score.constraints, score.total)
+        told = "; ".join(score.reasons)
+        if score.block == winner:
+            told = f"chosen; {told}" if told else "chosen"
+        elif not score.eligible:
+            told = f"rejected: {told}"
+        row = f"{score.block:{wide}}  " + "  ".join(f"{value:.3f}" for value in numbers)
+        console.out.print(f"{row}  {told}".rstrip(), markup=False)
+    if len(scores) > _MOST_ROWS:
+        console.out.print(
+            f"and {len(scores) - _MOST_ROWS} more blocks (--json has all)", markup=False
+        )

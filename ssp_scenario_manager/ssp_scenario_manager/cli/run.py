@@ -1,0 +1,283 @@
+"""``ssp run``: one session, recorded into a bag."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import tempfile
+import time
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import click
+
+from ssp_core import console, names
+from ssp_core.errors import InputError
+from ssp_core.files import make_folder
+from ssp_core.run_file.faults import load_faults, with_faults
+from ssp_core.run_file.model import RunSpec
+from ssp_core.vocabulary import Verdict
+from ssp_scenario_manager.compile.changes import differences
+from ssp_scenario_manager.compile.targets.folder import (
+    TASK_FOLDER,
+    Mode,
+    is_compiled,
+    is_session,
+    mode_of,
+    prepare_run,
+)
+from ssp_scenario_manager.compile.task import check_live, load_task
+from ssp_scenario_manager.run import faults
+from ssp_scenario_manager.run.junit import Case, write_junit
+from ssp_scenario_manager.run.live import LiveSetup, live_options
+from ssp_scenario_manager.run.over_dds import DEFAULT_PORT, shadow_model
+from ssp_scenario_manager.run.sweep import for_one_process, is_sweep, run_many, run_one
+from ssp_scenario_manager.session.run_script import RunOutcome
+
+DEFAULT_SITE = "boulevard"
+
+
+@click.command()
+@click.argument("what")
+@click.option(
+    "--site", help=f"Site, by name or file; not with a compiled folder. [default: {DEFAULT_SITE}]"
+)
+@click.option(
+    "--seed", type=click.IntRange(0, 2**31 - 1), help="[default: the compiled task's, or 1]"
+)
+@click.option(
+    "--mode",
+    type=click.Choice(["lockstep", "realtime", "live"]),
+    help="lockstep: as fast as the machine allows and repeatable; realtime: by the wall clock; "
+    "live: real objects and a real camera, in the ROS domain of the environment "
+    "(docs/deployment.md). [default: lockstep, or that of a session's folder]",
+)
+@click.option(
+    "--faults",
+    "faults_file",
+    type=click.Path(path_type=Path),
+    help="File (ssp.faults/1) with faults to inject, and disturbances instead of the site's.",
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="New folder for all that the run leaves; a sweep goes on in its own. [default: out/run-…]",
+)
+@click.option("--no-camera", is_flag=True, help="Render nothing.")
+@click.option(
+    "--in-process",
+    is_flag=True,
+    help="No ROS, camera or bag: one process, the same states, many times faster than real time.",
+)
+@click.option(
+    "--runs",
+    type=click.IntRange(1),
+    help="With --in-process: so many runs, with seeds that count up; one row each in runs.csv.",
+)
+@click.option(
+    "--vary",
+    multiple=True,
+    metavar="FIELD=VALUES",
+    help="With --in-process: values of a field of run.yaml, a:b (evenly between) or a,b,c (in "
+    "turn); may be repeated.",
+)
+@click.option(
+    "--jobs",
+    type=click.IntRange(1),
+    help="With --runs or --vary: processes that share the runs. [default: 1]",
+)
+@click.option(
+    "--junit",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Write the verdict as JUnit XML too: failed, aborted or off spec is a failure, a harness "
+    "an error.",
+)
+@click.option(
+    "--video",
+    type=click.Choice(["h264", "h265"]),
+    help="Record the camera as video, an eighth of the size. [default: its JPEG frames]",
+)
+@click.option(
+    "--page",
+    "page_port",
+    type=click.IntRange(0, 65535),
+    is_flag=False,
+    flag_value=DEFAULT_PORT,
+    metavar="[PORT]",
+    help="Serve the operators' page beside the session, on loopback; 0: any free port. "
+    f"[default port: {DEFAULT_PORT}]",
+)
+@click.option(
+    "--shadow",
+    "shadow_texts",
+    multiple=True,
+    metavar="NAME[=JSON]",
+    help="Have a VLA bridge follow the session and record its answers; NAME or "
+    'NAME={"backend": …, "hz": 2, …options}. It steers nothing; may be repeated.',
+)
+@live_options
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+def run(
+    what: str,
+    site: str | None,
+    seed: int | None,
+    mode: Mode | None,
+    faults_file: Path | None,
+    out: Path | None,
+    no_camera: bool,
+    in_process: bool,
+    runs: int | None,
+    vary: tuple[str, ...],
+    jobs: int | None,
+    junit: Path | None,
+    video: str | None,
+    page_port: int | None,
+    shadow_texts: tuple[str, ...],
+    as_json: bool,
+    **live_given: Any,
+) -> int:
+    """Run one session of WHAT and record it into a bag.
+
+    WHAT is an event, by name or K* file, which is compiled for the site first, a folder that
+    `ssp compile` wrote, or one that `ssp run` wrote: its session is run again, with the same task,
+    seed, mode, faults and changes on site, into a new folder. The nodes run as processes of their
+    own in a ROS domain of their own, on loopback; a live session leaves the simulated world and
+    camera out and joins the domain of the environment. Exit status 0 only when the run's verdict is
+    valid.
+
+    \b
+    For example:
+      ssp run cut_in
+      ssp run vru_crossing --site north_track --faults faults.yaml
+      ssp run out/run-cut_in-boulevard-20250101-120000 --out again
+      ssp run cut_in --in-process --runs 100 --vary driver.cruise_mps=11:15 --jobs 2
+      ssp run out/task --mode live --body ot1=udp://10.0.0.21:9001 --odometry /ins/odom --wait
+    """
+    mode = mode or ("lockstep" if in_process else mode_of(what))
+    live = LiveSetup.of_options(mode, live_given)
+    shadows = [shadow_model(text) for text in shadow_texts]
+    swept = runs is not None or bool(vary)
+    if (swept or jobs is not None) and not in_process:
+        raise click.UsageError("--runs, --vary and --jobs need --in-process")
+    if swept and junit is not None:
+        raise click.UsageError("--junit tells of one run; --runs and --vary leave runs.csv")
+    if jobs is not None and not swept:
+        raise click.UsageError("--jobs needs --runs or --vary")
+    if in_process and mode != "lockstep":
+        raise click.UsageError("--in-process has no clock to follow: it is always lockstep")
+    if in_process and page_port is not None:
+        raise click.UsageError("--in-process has no ROS for a page to listen to; leave out --page")
+    if in_process and video is not None:
+        raise click.UsageError("--in-process has no camera to record; leave out --video")
+    if shadows and (in_process or (no_camera and live is None)):
+        raise click.UsageError("--shadow needs a camera and processes to follow")
+    for name, count in Counter(one.name for one in shadows).items():
+        if count > 1:
+            raise click.UsageError(f"--shadow {name} stands {count} times")
+    compiled = is_compiled(what) or is_session(what)
+    if compiled and site is not None:
+        raise InputError(
+            "is settled: the folder has its site",
+            field="--site",
+            value=site,
+            remedy="leave it out, or name the event instead of the folder",
+        )
+    place = None if compiled else site or DEFAULT_SITE
+    folder = out or Path("out") / _name(what, place)
+    if folder.is_dir() and any(folder.iterdir()) and not (swept and is_sweep(folder)):
+        raise InputError("is not empty", file=folder, remedy="name a new folder with --out")
+    # Made beside it, so that what is refused leaves nothing behind.
+    with tempfile.TemporaryDirectory(prefix="ssp-run-") as scratch:
+        draft = Path(scratch) / (folder.resolve().name or "run")
+        spec = prepare_run(
+            what,
+            place,
+            draft,
+            seed=seed,
+            mode=mode,
+        )
+        if faults_file is not None:
+            spec = with_faults(spec, load_faults(faults_file), faults_file)
+        check_live(spec)
+        if live is not None:
+            live.check(spec)
+        _tell(spec, draft, compiled)
+        if swept:
+            return run_many(spec, folder, vary, runs, jobs or 1, as_json)
+        if in_process:
+            spec = for_one_process(spec)
+        else:
+            if no_camera:
+                spec = spec.model_copy(update={"camera": None})
+            faults.check(spec, _nodes(spec))
+        if junit is not None:
+            # Whatever ends the runner before the run: a build server finds no older verdict here.
+            write_junit(junit, "ssp run", [_case(spec, folder)])
+        shutil.move(draft / TASK_FOLDER, make_folder(folder) / TASK_FOLDER)
+    if in_process:
+        told = run_one(spec, folder, as_json)
+        if junit is not None:
+            write_junit(junit, "ssp run", [_case(spec, folder, told)])
+        return 0 if told["verdict"] == "valid" else 1
+    from ssp_scenario_manager.run.over_dds import run_session
+
+    result = run_session(spec, folder.resolve(), console.note, live, page_port, video, shadows)
+    if as_json:
+        click.echo(json.dumps(result.told))
+    else:
+        verdict = result.outcome.verdict.name.lower()
+        console.out.print(
+            f"{spec.scenario} on {spec.site}: {verdict}, {result.session_s:.1f} s of session in "
+            f"{result.wall_s:.1f} s, {folder / result.bag.name}",
+            markup=False,
+        )
+        for reason in result.outcome.reasons:
+            console.out.print(f"  because {reason}", markup=False)
+    for line in result.unwritten:
+        console.report_error(line)
+    if junit is not None:
+        write_junit(junit, "ssp run", [_case(spec, folder, result.told)])
+    return 0 if result.outcome.ok and not result.unwritten else 1
+
+
+def _nodes(spec: RunSpec) -> list[str]:
+    """Names of the processes that a session of this run has."""
+    always = [names.MONITOR, names.SIL_WORLD, names.OBJECT_TARGET, names.SCENARIO_MANAGER]
+    return always + ([names.FRONT_CAMERA] if spec.camera is not None else [])
+
+
+def _case(spec: RunSpec, folder: Path, told: dict[str, Any] | None = None) -> Case:
+    """The run as result.json tells it; None before the end."""
+    facts = {"seed": str(spec.seed), "mode": spec.mode, "folder": str(folder)}
+    group = f"{spec.scenario}.{spec.site}"
+    if told is None:
+        return Case(group, spec.run_id, RunOutcome(Verdict.NONE, ("did not end",)), 0.0, facts)
+    outcome = RunOutcome(Verdict[told["verdict"].upper()], tuple(told["reasons"]))
+    # A run in one process has no time but its own, so that its result is the same every time.
+    took_s = told.get("wall_s", told["session_s"])
+    return Case(group, spec.run_id, outcome, took_s, facts)
+
+
+def _name(what: str, site: str | None) -> str:
+    """Folder of a run that nobody named."""
+    parts = [Path(what).name.split(".")[0]]
+    if site is not None:
+        parts.append(Path(site).name.split(".")[0])
+    return time.strftime(f"run-{'-'.join(parts)}-%Y%m%d-%H%M%S")
+
+
+def _tell(spec: RunSpec, folder: Path, compiled: bool) -> None:
+    if spec.stand_in and spec.mode != "live":
+        console.note(f"{spec.site} is a software stand-in for a physical site, not a vehicle")
+    if not compiled:
+        return
+    changes = [
+        change
+        for change in differences(load_task(folder / TASK_FOLDER).run, spec)
+        if change.compiled is not None or change.executed is not None
+    ]
+    for change in changes:
+        console.note(f"changed on site: {change.field} {change.compiled!r} → {change.executed!r}")
+    if changes:
+        console.note("changes on site must stand in log.jsonl (`ssp package log-change`)")

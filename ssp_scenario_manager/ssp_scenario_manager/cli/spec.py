@@ -1,0 +1,269 @@
+"""``ssp spec``: check, draw, compare, extract and review event specifications."""
+
+from __future__ import annotations
+
+import importlib
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+from ssp_core.console import note, visible
+from ssp_core.errors import InputError
+from ssp_core.files import make_folder, write_json, write_text
+from ssp_scenario_manager.event_spec.checks.base import Failure, summed_up
+from ssp_scenario_manager.event_spec.checks.check import check_event
+from ssp_scenario_manager.event_spec.extract.blank import blank_event
+from ssp_scenario_manager.event_spec.extract.migrate import migrate as migrate_event
+from ssp_scenario_manager.event_spec.fields import show
+from ssp_scenario_manager.event_spec.graph import differences, interaction_graph
+from ssp_scenario_manager.event_spec.load import (
+    event_text,
+    event_version,
+    load_event,
+    read_event_file,
+    refuse_old,
+)
+from ssp_scenario_manager.event_spec.model import Event
+from ssp_scenario_manager.event_spec.picture import picture
+from ssp_scenario_manager.scenarios.kinds import KINDS
+
+# Of fields with one cause, how many are named.
+MOST_NAMED = 8
+# Loaded when they are asked for: they need what the other commands don't.
+# The clip's module lives in a package that this one doesn't depend on.
+_LAZY = {
+    "clip": (
+        "ssp_eval.recordings.source_clip:clip_command",
+        "Make a synthetic source clip, and the K* that is bound to it.",
+    ),
+    "extract": (
+        "ssp_scenario_manager.cli.spec_extract:extract_command",
+        "Ask a vision model about a clip and write a candidate.",
+    ),
+    "review": (
+        "ssp_scenario_manager.cli.spec_extract:review_command",
+        "Decide what a candidate or a K* leaves open, field by field.",
+    ),
+}
+
+
+class _Group(click.Group):
+    """The commands of this file, and the lazy ones."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return [*super().list_commands(ctx), *_LAZY]
+
+    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
+        if name not in _LAZY:
+            return super().get_command(ctx, name)
+        module, function = _LAZY[name][0].split(":")
+        command = getattr(importlib.import_module(module), function)
+        if not isinstance(command, click.Command):
+            raise TypeError(f"{_LAZY[name][0]} is no click command")
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """As click does it, without importing the lazy ones."""
+        own = {name: command.get_short_help_str(80) for name, command in self.commands.items()}
+        with formatter.section("Commands"):
+            formatter.write_dl([*own.items(), *((name, _LAZY[name][1]) for name in _LAZY)])
+
+
+@click.group(cls=_Group)
+def spec() -> None:
+    """Check, draw, compare, extract and review event specifications (K*)."""
+
+
+@spec.command()
+@click.argument("files", nargs=-1, required=True, metavar="FILE...")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
+@click.option("--migrate", type=click.Path(dir_okay=False, path_type=Path), metavar="NEW",
+              help="Write an ssp.event/1 file in today's form to NEW, and check that.")  # fmt: skip
+def check(files: tuple[str, ...], as_json: bool, migrate: Path | None) -> int:
+    """Hold K* files, or shipped events by name, against all checks (METHOD 1).
+
+    All failures are reported together: form, C1-C5, and the review state with its seals; what one
+    action mends is said once (--json has each by itself).
+    """
+    if migrate is not None:
+        if len(files) != 1:
+            raise click.UsageError("--migrate takes one FILE")
+        _migrate(files[0], migrate)
+        files = (str(migrate),)
+    reports = [_report(name) for name in files]
+    if as_json:
+        click.echo(json.dumps(reports, indent=1, sort_keys=True))
+    else:
+        for report in reports:
+            _print_report(report)
+    return 0 if all(report["ok"] for report in reports) else 1
+
+
+def _migrate(name: str, target: Path) -> None:
+    """Writes an older file in today's form, with what a person must decide marked."""
+    value, path = read_event_file(name)
+    if target.exists():
+        raise InputError("exists already", file=target, remedy="another NEW")
+    found = migrate_event(value, path)
+    marks = {field: f"decide: {why}" for field, why in found.decisions.items()}
+    write_text(target, event_text(found.event, marks))
+    note(f"{target}: {len(found.decisions)} fields are marked `decide`")
+
+
+def _report(name: str) -> dict[str, Any]:
+    """What is to be said about one file; one that can't be read has an error."""
+    report: dict[str, Any] = {"file": name, "ok": False, "version": None, "error": None}
+    try:
+        value, path = read_event_file(name)
+        refuse_old(value, path)
+    except InputError as error:
+        return report | {"error": str(error), "failures": []}
+    failures = check_event(value)
+    if not any(failure.check == "form" for failure in failures):
+        report["version"] = event_version(Event.model_validate(value))
+    found = [failure.as_dict() for failure in failures]
+    return report | {"file": str(path), "ok": not failures, "failures": found}
+
+
+def _print_report(report: dict[str, Any]) -> None:
+    if report["error"]:
+        click.echo(f"{click.style('error', fg='red', bold=True)}  {visible(report['error'])}")
+        return
+    count = len(report["failures"])
+    if not count:
+        click.echo(f"{click.style('ok', fg='green', bold=True)}  {visible(report['file'])}")
+        click.echo(f"    {report['version']}")
+        return
+    checks = "1 failure" if count == 1 else f"{count} failures"
+    click.echo(f"{click.style(checks, fg='red', bold=True)}  {visible(report['file'])}")
+    for group in summed_up([Failure(**item) for item in report["failures"]]):
+        _print_group(group, report["file"])
+
+
+def _print_group(group: Sequence[Failure], file: str) -> None:
+    """What one action mends, said once; `--json` has every failure by itself."""
+    first = group[0]
+    fields = [failure.field for failure in group]
+    said = {name: getattr(first, name) for name in ("evidence", "reason", "origin", "remedy")}
+    said["remedy"] = said["remedy"].replace(" FILE", f" {file}")
+    title = first.field
+    if first.origin == "open decision":
+        click.echo(f"\n  {click.style(f'{len(group)} open decisions', bold=True)}")
+        for failure in group:
+            click.echo(visible(f"    {failure.field:<36} {failure.remedy}"))
+        click.echo(
+            f"    fill them in, or `ssp spec review {visible(file)} --who NAME` asks for each"
+        )
+        return
+    if len(group) > 1:
+        title, said["evidence"] = f"{len(group)} fields", _named(fields)
+    click.echo(f"\n  {click.style(f'{first.check:<6}', bold=True)} {visible(title)}")
+    for name, text in said.items():
+        label = "fields" if name == "evidence" and len(group) > 1 else name
+        click.echo(f"    {click.style(f'{label:<9}', dim=True)} {visible(text)}")
+
+
+def _named(fields: Sequence[str]) -> str:
+    shown = ", ".join(fields[:MOST_NAMED])
+    more = len(fields) - MOST_NAMED
+    return f"{shown} and {more} more" if more > 0 else shown
+
+
+@spec.command()
+@click.argument("kind", type=click.Choice(list(KINDS)), metavar="KIND")
+@click.option("--name", help="Of the event [default: new_KIND].")
+@click.option("--out", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
+              help="File to write [default: NAME.event.yaml].")  # fmt: skip
+def new(kind: str, name: str | None, out: Path | None) -> None:
+    """Write a commented K* of a KIND of interaction that lacks nothing but decisions."""
+    name = name or f"new_{kind}"
+    out = out or Path(f"{name}.event.yaml")
+    if out.exists():
+        raise InputError("exists already", file=out, remedy="another --out")
+    blank = blank_event(kind, name)
+    write_text(out, event_text(blank.event, blank.marks))
+    click.echo(visible(out))
+    note(f"fill in what is marked `decide`; `ssp spec check {out}` lists what is left")
+
+
+@spec.command()
+@click.argument("file")
+@click.option("--out", type=click.Path(path_type=Path), metavar="PATH",
+              help="A .svg (picture) or .json (graph) file, or a folder for both.")  # fmt: skip
+@click.option("--json", "as_json", is_flag=True, help="Print the graph as JSON.")
+def graph(file: str, out: Path | None, as_json: bool) -> None:
+    """Draw a K*: the typed interaction graph as JSON and as a picture (METHOD 1)."""
+    event, version = load_event(file)
+    open_ = check_event(event)
+    if open_:
+        note(f"{len(open_)} checks don't hold; `ssp spec check {file}` says which")
+    data = interaction_graph(event)
+    if as_json:
+        click.echo(json.dumps(data, indent=1))
+    elif out is None:
+        _print_graph(data, version)
+    if out is None:
+        return
+    for path in _targets(event, out):
+        make_folder(path.parent)
+        if path.suffix == ".svg":
+            write_text(path, picture(event))
+        else:
+            write_json(path, data)
+        (note if as_json else click.echo)(visible(path))
+
+
+def _targets(event: Event, out: Path) -> list[Path]:
+    """Files to write: the one that was named, or both in a folder."""
+    if out.suffix in (".svg", ".json") and not out.is_dir():
+        return [out]
+    if out.suffix and not out.is_dir():
+        raise click.UsageError(f"--out {out}: name a .svg or .json file, or a folder")
+    return [out / f"{event.name}.graph.json", out / f"{event.name}.graph.svg"]
+
+
+def _print_graph(data: dict[str, Any], version: str) -> None:
+    click.echo(f"{visible(data['event']['name'])}  {version}")
+    for node in data["nodes"]:
+        click.echo(visible(f"  {node['type']:<14} {node['id']}"))
+    for edge in data["edges"]:
+        line = f"  {edge['kind']:<12} {edge['from']} —{edge['relation']}→ {edge['to']}"
+        click.echo(visible(line))
+    intervals = sum("value" in item for item in data["uncertain"].values())
+    click.echo(f"  {len(data['determined'])} determined values, {intervals} open or intervals")
+
+
+@spec.command()
+@click.argument("first", metavar="A")
+@click.argument("second", metavar="B")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
+def diff(first: str, second: str, as_json: bool) -> int:
+    """Compare two K* field by field; what is written differently and means the same is the same.
+
+    Exit status 1 where they differ.
+    """
+    (old, old_version), (new, new_version) = load_event(first), load_event(second)
+    found = differences(old, new)
+    if as_json:
+        items = [item.as_dict() for item in found]
+        versions = {"first": old_version, "second": new_version}
+        click.echo(json.dumps({"same": not found, "versions": versions, "differences": items},
+                              indent=1, sort_keys=True))  # fmt: skip
+        return 1 if found else 0
+    if not found:
+        click.echo(f"the same version: {old_version}")
+        return 0
+    click.echo(visible(f"{first}  {old_version}\n{second}  {new_version}"))
+    for item in found:
+        click.echo(f"\n  {click.style(visible(item.field), bold=True)}")
+        _print_side("-", "red", item.old, missing=item.where == "second")
+        _print_side("+", "green", item.new, missing=item.where == "first")
+    return 1
+
+
+def _print_side(sign: str, colour: str, value: Any, *, missing: bool) -> None:
+    text = "(not there)" if missing else visible(show(value))
+    click.echo(click.style(f"    {sign} {text}", fg=colour))

@@ -1,0 +1,344 @@
+"""``ssp spec extract`` and ``ssp spec review``: a candidate K* from a source video, and its
+review.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import re
+import shlex
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from ssp_core import console
+from ssp_core.chat import OpenAIChat, Policy
+from ssp_core.cli import Number
+from ssp_core.credentials import check_key, is_http_address, without_userinfo
+from ssp_core.errors import InputError
+from ssp_core.files import read_mapping
+from ssp_scenario_manager.event_spec.checks.check import Undecided, check_event
+from ssp_scenario_manager.event_spec.extract.candidate import Origin
+from ssp_scenario_manager.event_spec.extract.clip import WIDE_SPACING_S, Crop
+from ssp_scenario_manager.event_spec.extract.extraction import Extracted, Order, extract
+from ssp_scenario_manager.event_spec.load import load_event, refuse_old, write_event
+from ssp_scenario_manager.event_spec.log import check_not_refused, log_path, read_log, utc_now
+from ssp_scenario_manager.event_spec.model import SCHEMA
+from ssp_scenario_manager.event_spec.review.decisions import shown
+from ssp_scenario_manager.event_spec.review.pictures import open_evidence
+from ssp_scenario_manager.event_spec.review.session import (
+    End,
+    EventUnderReview,
+    Session,
+    Stdio,
+    Terminal,
+    to_decide,
+)
+from ssp_scenario_manager.scenarios.kinds import KINDS
+
+_NAME = re.compile(r"[a-z][a-z0-9_]{0,31}")
+_PATH = click.Path(path_type=Path)
+_KEY_REMEDY = "name the variable that holds the key with --api-key-env"
+_SIZE_REMEDY = "give fewer --frames or a smaller --width"
+_REMEDIES = {
+    "unreachable": "start it, or give its --base-url",
+    "lost": "is the model still being loaded? give a larger --timeout",
+    "400": "where the server can't hold answers to a schema, give --no-schema; where it finds the "
+    f"request too long, {_SIZE_REMEDY}",
+    "401": _KEY_REMEDY,
+    "403": _KEY_REMEDY,
+    "404": "--model must be a name that the server serves, and --base-url usually ends in /v1",
+    "413": _SIZE_REMEDY,
+}
+
+
+@click.command("extract")
+@click.argument("video", type=_PATH)
+@click.option("--base-url", required=True, help="Of the server, up to and with /v1.")
+@click.option("--model", required=True, help="As the server names it.")
+@click.option("--api-key-env", metavar="VAR", help="Environment variable that holds the key.")
+@click.option("--start", type=Number(0), default=0.0, help="Start of the crop [default: 0].")
+@click.option("--end", type=Number(0), help="End of the crop [default: the video's].")
+@click.option("--name", help="Of the event [default: from VIDEO's name].")
+@click.option("--type", "kind", type=click.Choice(sorted(KINDS)), help="Kind of interaction, "
+              "where a person states it; else the model's answer.")  # fmt: skip
+@click.option("--annotation", type=_PATH, help="EMM-AU annotation, kept as provenance.")
+@click.option("--show-annotation", is_flag=True, help="Show its descriptions to the model.")
+@click.option("--frames", type=click.IntRange(2, 200), default=16, show_default=True,
+              help="Frames shown, evenly over the crop.")  # fmt: skip
+@click.option("--width", type=click.IntRange(64, 4096), default=960, show_default=True,
+              help="Wider frames are scaled down to this, px.")  # fmt: skip
+@click.option("--timeout", type=Number(0.1), default=120.0, show_default=True,
+              help="For one answer, s.")  # fmt: skip
+@click.option("--tries", type=click.IntRange(1, 20), default=3, show_default=True,
+              help="Of one request, while the server is silent, away or busy.")  # fmt: skip
+@click.option("--no-schema", is_flag=True, help="Don't ask the server to hold answers to a schema.")
+@click.option("--generator", default="unknown", show_default=True, help="What made the video.")
+@click.option("--original", help="Version or name of the original [default: VIDEO's name].")
+@click.option("--out", type=_PATH, default=Path(), help="Folder [default: the present one].")
+@click.option("--force", is_flag=True, help="Replace a candidate that is there.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
+def extract_command(
+    video: Path,
+    base_url: str,
+    model: str,
+    api_key_env: str | None,
+    start: float,
+    end: float | None,
+    name: str | None,
+    kind: str | None,
+    annotation: Path | None,
+    show_annotation: bool,
+    frames: int,
+    width: int,
+    timeout: float,
+    tries: int,
+    no_schema: bool,
+    generator: str,
+    original: str | None,
+    out: Path,
+    force: bool,
+    as_json: bool,
+) -> None:
+    """Ask a vision model about VIDEO and write a candidate K*.
+
+    Writes NAME.candidate.yaml, NAME.log.jsonl and NAME.extraction/ (frames, requests, raw answers).
+    A candidate is no K*: `ssp spec review` makes one of it. Run the same command again to go on
+    after an interruption; what was answered isn't asked again.
+    """
+    if show_annotation and annotation is None:
+        raise click.UsageError("--show-annotation needs --annotation FILE")
+    if end is not None and start >= end:
+        raise click.UsageError(f"--start {start:g} must lie before --end {end:g}")
+    order = Order(
+        video=video,
+        crop=Crop(start, end, frames, width),
+        origin=Origin(_event_name(name, video), generator, original or video.name, kind),
+        out=out,
+        annotation=annotation,
+        show_annotation=show_annotation,
+        use_schema=not no_schema,
+        server=_checked_url(base_url),
+        force=force,
+    )
+    # Someone waits for the answers and keeps each, so that a lost one is worth asking for again.
+    policy = Policy(timeout_s=timeout, tries=tries, retry_lost=True)
+    key = _key(api_key_env)
+    chat = OpenAIChat(base_url, model, key, policy, console.note, remedies=_REMEDIES)
+    with console.progress(f"asking {model}", None) as bar:
+        task = bar.task_ids[0]
+        found = extract(
+            order,
+            chat,
+            utc_now,
+            lambda done, total: bar.update(task, completed=done, total=total),
+        )
+    if as_json:
+        click.echo(json.dumps({"candidate": str(order.candidate), **found.as_dict()}, indent=1))
+    else:
+        _report(order, found)
+    for note in found.notes:
+        console.note(f"note: {note}")
+
+
+def _event_name(name: str | None, video: Path) -> str:
+    found = name or re.sub(r"[^a-z0-9]+", "_", video.stem.lower()).strip("_")[:32]
+    if not _NAME.fullmatch(found):
+        raise click.UsageError(
+            f"{found!r} is no name of an event: give --name with a letter first, then at most 31 "
+            "of a-z, 0-9 and _"
+        )
+    return found
+
+
+def _checked_url(url: str) -> str:
+    if not is_http_address(url):
+        raise click.UsageError(
+            f"--base-url {url!r} is no address; give one such as http://localhost:8000/v1"
+        )
+    return without_userinfo(url)  # a password is no business of the log's
+
+
+def _key(variable: str | None) -> str | None:
+    if variable is None:
+        return None
+    remedy = "leave --api-key-env out where the server wants no key"
+    return check_key(variable, os.environ.get(variable), remedy)
+
+
+def _report(order: Order, found: Extracted) -> None:
+    out = console.out
+    out.print(
+        f"{order.candidate}: candidate {found.version[:19]}, {found.clip.duration_s:.2f} s, "
+        f"{len(found.clip.shots)} frames shown",
+        markup=False,
+    )
+    if found.clip.spacing_s > WIDE_SPACING_S:
+        console.note(
+            f"note: frames are {found.clip.spacing_s:.2f} s apart, and phases are known no better; "
+            "give more --frames or a shorter crop"
+        )
+    critical = [item for item in found.undecided if item.critical]
+    others = len(found.undecided) - len(critical)
+    out.print(f"\nA person must decide {len(critical)} safety-critical fields:", markup=False)
+    for line in _lines(critical):
+        out.print(line, markup=False)
+    out.print(f"and may accept {others} others together.", markup=False)
+    doubts = [finding for finding in found.gate if finding.answer != "no"]
+    if doubts:
+        out.print("\nThe model doubts that the clip will do; a person may refuse it:", markup=False)
+        for finding in doubts:
+            frames = ", ".join(map(str, finding.frames))
+            out.print(
+                f"  {finding.reason}: {finding.answer} ({finding.confidence:.2f}, frames {frames})",
+                markup=False,
+            )
+    if found.failures:
+        out.print("\nChecks that don't hold yet:", markup=False)
+        for failure in found.failures:
+            text = f"  {failure.check} {failure.field}: {failure.reason} ({failure.evidence})"
+            out.print(text, markup=False)
+    files = [shlex.quote(str(path)) for path in (order.candidate, order.video)]
+    out.print(f"\nNext: ssp spec review {files[0]} --who NAME --video {files[1]}", markup=False)
+
+
+def _lines(items: list[Undecided]) -> list[str]:
+    """One line per field: path, value, confidence, where from, evidence frames."""
+    widths = [
+        max((len(item.field) for item in items), default=0),
+        min(24, max((len(shown(item.value)) for item in items), default=0)),
+    ]
+    lines = []
+    for item in items:
+        frames = ", ".join(map(str, item.frames))
+        confidence = "–" if item.confidence is None else f"{item.confidence:.2f}"
+        line = f"  {item.field:<{widths[0]}}  {shown(item.value):<{widths[1]}}  {confidence}  "
+        lines.append(line + item.provenance + (f", frames {frames}" if frames else ""))
+    return lines
+
+
+# Who reviews files of another schema: module:function. They live in packages that this one doesn't
+# depend on, so they are found by name when such a file is given.
+REVIEWERS: dict[str, str] = {"ssp.labels/1": "ssp_eval.labels.review:review_labels"}
+
+_CANDIDATE = ".candidate.yaml"
+Reviewer = Callable[[Path, Path, str, Callable[[], str], Terminal], int]
+
+
+@click.command("review")
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--who", required=True, help="Who decides; goes into the log.")
+@click.option("--log", type=click.Path(path_type=Path), help="Log L [default: beside FILE].")
+@click.option("--video", type=click.Path(path_type=Path), help="Source video, to show evidence.")
+@click.option("--all", "everything", is_flag=True, help="Go through every field that is undecided.")
+@click.option("--accept-all", is_flag=True, help="First accept all that isn't safety-critical.")
+@click.option("--reason", help="For --accept-all.")
+def review_command(
+    file: Path,
+    who: str,
+    log: Path | None,
+    video: Path | None,
+    everything: bool,
+    accept_all: bool,
+    reason: str | None,
+) -> int:
+    """Decide what FILE leaves to a person: a candidate K*, or proposed labels.
+
+    Every decision goes to the log and into FILE at once. Exit status 0: all is decided and every
+    check holds; 1: something is left, a check fails, or the clip is refused.
+    """
+    who = " ".join(who.split())
+    if not who:
+        raise click.UsageError("--who must name somebody")
+    if accept_all and not (reason and reason.strip()):
+        raise click.UsageError("--accept-all needs --reason TEXT")
+    if reason and not accept_all:
+        raise click.UsageError("--reason belongs to --accept-all")
+    log = log or log_path(file)
+    found = read_mapping(file)
+    refuse_old(found, file)
+    schema = found.get("schema")
+    if schema in REVIEWERS:
+        if video or everything or accept_all:
+            raise click.UsageError("--video, --all and --accept-all are for events, not for labels")
+        return _reviewer(str(schema))(file, log, who, utc_now, Stdio())
+    if schema != SCHEMA:
+        raise InputError(
+            "is nothing that can be reviewed",
+            file=file,
+            field="schema",
+            value=schema,
+            remedy=f"known are {', '.join([SCHEMA, *REVIEWERS])}",
+        )
+    desk = EventUnderReview(file, log, who, utc_now)
+    check_not_refused(file, desk.event.name, log)
+    evidence = open_evidence(
+        desk.event, read_log(log), video, file.with_name(f"{_stem(file)}.review")
+    )
+    stored = file.with_name(f"{_stem(file)}.extraction") / "frames"
+    session = Session(desk, Stdio(), evidence, stored if stored.is_dir() else None)
+    if accept_all and reason:
+        count = session.accept_all(reason.strip())
+        console.out.print(f"accepted {count} fields that aren't safety-critical", markup=False)
+    end = session.run(everything)
+    return _finish(desk, end)
+
+
+def _finish(desk: EventUnderReview, end: End) -> int:
+    out = console.out
+    if end is End.REJECTED:
+        out.print(
+            f"\n{desk.path}: the clip is refused; {desk.log} says why, and this event is not "
+            "compiled",
+            markup=False,
+        )
+        return 1
+    left = to_decide(desk.event)
+    if left:
+        out.print(f"\n{desk.path}: {len(left)} fields are left to decide:", markup=False)
+        for item in left:
+            out.print(f"  {item.field}: {shown(item.value)} ({item.why})", markup=False)
+        return 1
+    failures = check_event(desk.event)
+    if failures:
+        out.print(f"\n{desk.path}: all is decided, and these checks don't hold:", markup=False)
+        for failure in failures:
+            text = f"  {failure.check} {failure.field}: {failure.reason} ({failure.evidence})"
+            out.print(f"{text}; right would be: {failure.remedy}", markup=False)
+        return 1
+    path = _promoted(desk)
+    out.print(f"\n{path}: K* {desk.version}", markup=False)
+    return 0
+
+
+def _promoted(desk: EventUnderReview) -> Path:
+    """Where the K* stands: a candidate's own file keeps its name, the K* gets its."""
+    if not desk.path.name.endswith(_CANDIDATE):
+        return desk.path
+    path = desk.path.with_name(f"{_stem(desk.path)}.event.yaml")
+    if path.exists():
+        _, version = load_event(str(path))
+        ours = {record.details.get("version_after") for record in read_log(desk.log)}
+        if version != desk.version and version not in ours:
+            raise InputError(
+                f"exists already and is no earlier version of {desk.path.name}",
+                file=path,
+                remedy="move one of them away",
+            )
+    write_event(path, desk.event)
+    return path
+
+
+def _stem(path: Path) -> str:
+    return path.stem.removesuffix(".candidate").removesuffix(".event")
+
+
+def _reviewer(schema: str) -> Reviewer:
+    module, function = REVIEWERS[schema].split(":")
+    found: Any = getattr(importlib.import_module(module), function)
+    reviewer: Reviewer = found
+    return reviewer

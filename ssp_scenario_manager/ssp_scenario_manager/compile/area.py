@@ -1,0 +1,353 @@
+"""The operating area that an event is compiled for: what is allowed there, room for the run, other
+traffic.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from ssp_core.geometry import Box, Polyline, point_in_polygon
+from ssp_core.names import VUT_ID
+from ssp_core.run_file.model import Camera, Limits, LinkDisturbance, Look, RunSpec
+from ssp_core.run_file.participants import FollowPath, LaneChange, ParticipantSpec, TrafficSpec
+from ssp_core.run_file.values import Point, Start
+from ssp_core.world.reference_line import NotOneToOne, ReferenceLine
+from ssp_scenario_manager.compile.task import PlaceLink
+from ssp_scenario_manager.event_spec.model import Event, Interval
+from ssp_scenario_manager.maps.block import Block, BlockLane, Library
+from ssp_scenario_manager.maps.site import Region, Site, region_polygon
+from ssp_scenario_manager.scenarios.base import CannotPlace, Cross, Drive, Plan
+from ssp_scenario_manager.scenarios.block_places import left_kerb_m, right_kerb_m
+from ssp_scenario_manager.scenarios.motions import stopping_m
+from ssp_scenario_manager.scenarios.values import in_si
+
+# A map says nothing about a fence: it is drawn this far beyond sidewalks and road.
+FENCE_MARGIN_M = 3.0
+# Nor about limits where K* leaves a side open.
+DEFAULT_SPEED_MPS = 16.0
+DEFAULT_ACCELERATION_MPS2 = 5.0
+
+
+@dataclass(frozen=True)
+class OperatingArea:
+    """A site or a map, read.
+
+    Args:
+        link: its kind, name and hash.
+        library: its blocks.
+        site: None for a map.
+        map_data: the map's bytes; None for a site.
+        map_name: file name of the map, empty for a site.
+    """
+
+    link: PlaceLink
+    library: Library
+    site: Site | None = None
+    map_data: bytes | None = None
+    map_name: str = ""
+
+    @property
+    def name(self) -> str:
+        """For people: the site's name, or the map's file name."""
+        return self.site.name if self.site is not None else self.map_name
+
+    def limits(self, event: Event) -> Limits:
+        """Ω_safe: what the place allows, cut down to what K* allows (METHOD 2.3)."""
+        safety = event.constraints.safety
+        speed, acceleration = in_si(safety.speed).max, in_si(safety.acceleration).max
+        separation, duration = in_si(safety.separation).min, in_si(safety.duration).max
+        place = self.site.limits if self.site is not None else None
+        if place is None:
+            place = Limits(speed_mps=DEFAULT_SPEED_MPS, acceleration_mps2=DEFAULT_ACCELERATION_MPS2)
+        return place.model_copy(
+            update={
+                "speed_mps": _least(place.speed_mps, speed),
+                "acceleration_mps2": _least(place.acceleration_mps2, acceleration),
+                "separation_m": max(place.separation_m, separation or 0.0),
+                "duration_s": _least(place.duration_s, duration),
+            }
+        )
+
+    def camera(self, event: Event) -> Camera:
+        """The site's camera, or for a map the usual one moved into what K* needs.
+
+        Raises:
+            CannotPlace: the site's camera doesn't deliver what K* needs.
+        """
+        need = event.constraints.camera
+        hfov = in_si(need.hfov)
+        if self.site is None:
+            usual = Camera()
+            return usual.model_copy(
+                update={
+                    "hfov_deg": _moved(usual.hfov_deg, _in_degrees(hfov)),
+                    "width_px": round(_moved(usual.width_px, in_si(need.width))),
+                    "rate_hz": _moved(usual.rate_hz, in_si(need.rate)),
+                }
+            )
+        camera = self.site.camera
+        for name, value, interval, unit in (
+            ("hfov_deg", camera.hfov_deg, _in_degrees(hfov), "deg"),
+            ("width_px", camera.width_px, in_si(need.width), "px"),
+            ("rate_hz", camera.rate_hz, in_si(need.rate), "Hz"),
+        ):
+            if _moved(value, interval) != value:
+                raise CannotPlace(
+                    f"the site's camera.{name} is {value:g} {unit}, K* needs {interval.min} to "
+                    f"{interval.max}"
+                )
+        return camera
+
+    @property
+    def look(self) -> Look:
+        return self.site.look if self.site is not None else Look()
+
+    @property
+    def disturbance(self) -> LinkDisturbance:
+        return self.site.disturbance if self.site is not None else LinkDisturbance()
+
+    def traffic(self, block: Block) -> list[TrafficSpec]:
+        """Surroundings of a block of the site; their lanes are those of the site's file."""
+        if self.site is None:
+            return []
+        return next((list(b.traffic) for b in self.site.blocks if b.id == block.block_id), [])
+
+    def geofence(self, block: Block) -> list[Point]:
+        """The site's fence; for a map, one around the block and its sidewalks."""
+        if self.site is not None:
+            return region_polygon(self.site, self.site.geofence, "geofence")
+        right = right_kerb_m(block) - block.sidewalk_right_m - FENCE_MARGIN_M
+        left = left_kerb_m(block) + block.sidewalk_left_m + FENCE_MARGIN_M
+        return strip_polygon(block.line, 0.0, block.length_m, right, left)
+
+    def ot_reachable(self) -> list[list[Point]]:
+        """Regions in which an OT can be; empty for a map."""
+        return self._polygons("ot_reachable")
+
+    def safe_stop_zones(self) -> list[list[Point]]:
+        """Regions in which a run may end in a hurry; empty for a map."""
+        return self._polygons("safe_stop_zones")
+
+    def _polygons(self, name: Literal["ot_reachable", "safe_stop_zones"]) -> list[list[Point]]:
+        if self.site is None:
+            return []
+        regions: list[Region] = getattr(self.site, name)
+        return [
+            region_polygon(self.site, region, f"{name}[{i}]") for i, region in enumerate(regions)
+        ]
+
+
+def strip_polygon(
+    line: ReferenceLine, from_s_m: float, to_s_m: float, right_m: float, left_m: float
+) -> list[Point]:
+    """Outline of what lies between two arc lengths and two offsets, counter-clockwise."""
+    low, high = sorted((from_s_m, to_s_m))
+    right, left = sorted((right_m, left_m))
+    return [*line.path(low, high, right), *line.path(high, low, left)]
+
+
+def outside(points: Sequence[Point], polygons: Sequence[Sequence[Point]]) -> Point | None:
+    """The first point that lies in none of the polygons; None when all lie in one."""
+    for x, y in points:
+        if not any(point_in_polygon(x, y, polygon) for polygon in polygons):
+            return x, y
+    return None
+
+
+def _least(value: float, other: float | None) -> float:
+    return value if other is None else min(value, other)
+
+
+def _moved(value: float, interval: Interval) -> float:
+    low = interval.min if interval.min is not None else value
+    high = interval.max if interval.max is not None else value
+    return min(max(value, low), high)
+
+
+def _in_degrees(interval: Interval) -> Interval:
+    """An angle in degrees, rounded past what the way through radians leaves."""
+
+    def degrees(value: float | None) -> float | None:
+        return None if value is None else round(value * 57.29577951308232, 9)
+
+    if interval.unit != "rad":
+        return interval
+    return Interval(min=degrees(interval.min), max=degrees(interval.max), unit="deg")
+
+
+# Paths are looked at in steps of this.
+_STEP_M = 1.0
+# A safe-stop zone can be reached from the VUT's path within this distance to a side.
+SAFE_STOP_REACH_M = 8.0
+
+
+def _swept(start: Start, path: Sequence[Point], spec: ParticipantSpec) -> Iterator[Point]:
+    """Corners of a participant at its start and along a path."""
+    yield from Box(start.pose, spec.size.front_m, spec.size.rear_m, spec.size.width_m).corners()
+    line = Polyline(path)
+    steps = max(1, round(line.length_m / _STEP_M))
+    for i in range(steps + 1):
+        pose = line.pose(line.length_m * i / steps)
+        yield from Box(pose, spec.size.front_m, spec.size.rear_m, spec.size.width_m).corners()
+
+
+def _paths(run: RunSpec, block: Block, plan: Plan) -> Iterator[tuple[ParticipantSpec, list[Point]]]:
+    """Every path that VUT and OTs may drive or walk, the lane after a lane change included."""
+    for spec in (run.vut, *run.targets):
+        if spec.approach is not None:
+            yield spec, spec.approach.path
+        elif not any(t.object_id == spec.id for t in run.triggers):
+            ahead = spec.start.pose.to_parent(0.01, 0.0)
+            yield spec, [(spec.start.x_m, spec.start.y_m), ahead]
+    for trigger in run.triggers:
+        spec = next(t for t in run.targets if t.id == trigger.object_id)
+        if isinstance(trigger.manoeuvre, FollowPath):
+            yield spec, trigger.manoeuvre.motion.path
+        elif isinstance(trigger.manoeuvre, LaneChange):
+            drive = plan.targets[spec.id]
+            if isinstance(drive, Drive):
+                y = drive.start.l_m + trigger.manoeuvre.lateral_shift_m
+                yield spec, block.line.path(plan.expected.s_m, drive.end_s_m, y)
+
+
+def check_fence(run: RunSpec, block: Block, plan: Plan) -> None:
+    """Nobody leaves the geofence.
+
+    Raises:
+        CannotPlace: somebody would leave the geofence.
+    """
+    for spec, path in _paths(run, block, plan):
+        out = outside(list(_swept(spec.start, path, spec)), [run.geofence])
+        if out is not None:
+            raise CannotPlace(
+                f"{spec.id} would leave the geofence at x {out[0]:.1f} m, y {out[1]:.1f} m"
+            )
+
+
+def check_reachable(run: RunSpec, block: Block, plan: Plan, regions: list[list[Point]]) -> None:
+    """No target leaves what targets can reach.
+
+    Raises:
+        CannotPlace: a target would leave what targets can reach.
+    """
+    for spec, path in _paths(run, block, plan):
+        if spec.id == VUT_ID:
+            continue
+        out = outside(list(_swept(spec.start, path, spec)), regions)
+        if out is not None:
+            raise CannotPlace(
+                f"{spec.id} would leave what OTs can reach at x {out[0]:.1f} m, y {out[1]:.1f} m"
+            )
+
+
+def check_safe_stop(block: Block, plan: Plan, zones: list[list[Point]]) -> None:
+    """A zone lies beside or ahead of the VUT where it stands after braking from the trigger.
+
+    Raises:
+        CannotPlace: none does.
+    """
+    brakes = stopping_m(plan.vut.cruise_mps, plan.vut.deceleration_mps2)
+    earliest = plan.expected.s_m + brakes
+    for zone in zones:
+        for s in _stations(earliest, block.length_m):
+            if _crosses(block, s, plan.vut.start.l_m, zone):
+                return
+    raise CannotPlace(
+        f"no safe-stop zone can be reached from s = {earliest:.0f} m on, where the VUT can stop "
+        f"after the trigger ({len(zones)} zone(s), {SAFE_STOP_REACH_M:g} m to either side)"
+    )
+
+
+def _stations(from_s_m: float, to_s_m: float) -> Iterator[float]:
+    s = from_s_m
+    while s <= to_s_m:
+        yield s
+        s += _STEP_M
+
+
+def _crosses(block: Block, s_m: float, l_m: float, zone: list[Point]) -> bool:
+    """Some place beside the path within reach lies in the zone."""
+    steps = int(2 * SAFE_STOP_REACH_M)
+    for i in range(steps + 1):
+        try:
+            point = block.line.to_map(s_m, l_m - SAFE_STOP_REACH_M + i)
+        except NotOneToOne:
+            continue
+        if outside([point], [zone]) is None:
+            return True
+    return False
+
+
+# Room to whoever starts in the same lane, and time around a crossing in it.
+_ROOM_M = 25.0
+_AROUND_S = 4.0
+# Between a trigger's not_before and its firing (Plan: the half of the foreseen time).
+_FIRES_SHARE = 2.0
+
+
+def clear_traffic(
+    wanted: Sequence[TrafficSpec], lanes: Sequence[BlockLane], block: Block, plan: Plan
+) -> tuple[list[TrafficSpec], list[str]]:
+    """The vehicles that keep clear of the event, and why the others were left out.
+
+    They drive straight on at constant speed, as SUMO has them do.
+
+    Args:
+        wanted: surroundings of the block.
+        lanes: lane of each of them.
+        block: that the event is on.
+        plan: the event.
+    """
+    kept, left_out = [], []
+    for vehicle, lane in zip(wanted, lanes, strict=True):
+        reason = _in_the_way(vehicle, lane, block, plan)
+        if reason is None:
+            kept.append(vehicle)
+        else:
+            left_out.append(f"{vehicle.id}: {reason}")
+    return kept, left_out
+
+
+def _in_the_way(vehicle: TrafficSpec, lane: BlockLane, block: Block, plan: Plan) -> str | None:
+    act = plan.trigger.act
+    if vehicle.id in {"vut", *plan.targets}:
+        return "its id is a participant's"
+    if isinstance(act, Cross):
+        return _at_crossing(vehicle, lane, plan, act)
+    if not lane.forward:
+        return None
+    for drive in (plan.vut, *plan.targets.values()):
+        if not isinstance(drive, Drive) or abs(drive.start.l_m - lane.y_m) > lane.width_m / 2:
+            continue
+        ahead = vehicle.x_m - drive.start.s_m
+        if ahead < 0.0 and ahead > -_ROOM_M - 20.0:
+            return "it starts too close behind a participant"
+        if ahead < 0.0 and vehicle.speed_mps > 0.0:
+            return "it would catch up with a participant"
+        if 0.0 <= ahead < _ROOM_M or (ahead >= 0.0 and vehicle.speed_mps < drive.cruise_mps):
+            return "a participant would catch up with it"
+    return None
+
+
+def _at_crossing(vehicle: TrafficSpec, lane: BlockLane, plan: Plan, act: Cross) -> str | None:
+    """Two who would be at the same place of the crossing at about the same time."""
+    s = act.goal.s_m
+    walker = plan.targets[plan.trigger.object_id].start
+    speed = vehicle.speed_mps if lane.forward else -vehicle.speed_mps
+    away = s - vehicle.x_m
+    same_lane = abs(plan.vut.start.l_m - lane.y_m) <= lane.width_m / 2
+    if same_lane and lane.forward:
+        if away > -_ROOM_M or vehicle.speed_mps < plan.vut.cruise_mps:
+            return "it drives in the VUT's lane up to the crossing or too slowly beyond it"
+        return None
+    if abs(vehicle.x_m - s) < 15.0 and vehicle.speed_mps == 0.0:
+        return "it stands at the crossing"
+    if speed == 0.0 or away / speed < 0.0:
+        return None
+    fires_s = _FIRES_SHARE * plan.trigger.not_before_s
+    there_s = fires_s + abs(lane.y_m - walker.l_m) / act.speed_mps
+    if abs(away / speed - there_s) < _AROUND_S:
+        return f"it would pass the crossing with {plan.trigger.object_id} in its lane"
+    return None

@@ -1,1 +1,0 @@
-"""Files for other simulators: OpenDRIVE maps, OpenSCENARIO XML, CARLA configurations."""

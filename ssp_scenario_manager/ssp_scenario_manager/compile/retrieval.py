@@ -1,0 +1,415 @@
+"""Retrieval: what an event needs of a block, and how well each block suits it (METHOD 2.2)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from typing import Any, get_args
+
+from ssp_scenario_manager.compile.task import BlockScore
+from ssp_scenario_manager.event_spec.model import (
+    UNRESOLVED,
+    BoundaryWord,
+    Count,
+    CountField,
+    Event,
+    Interval,
+    Quantity,
+    RoadTypeWord,
+    WordField,
+)
+from ssp_scenario_manager.maps.block import Block, BlockLane, Library, bend_1pm
+from ssp_scenario_manager.scenarios.base import Kind
+from ssp_scenario_manager.scenarios.block_places import lanes_of_words
+from ssp_scenario_manager.scenarios.kinds import KINDS
+from ssp_scenario_manager.scenarios.values import in_si
+
+# Rounding of widths in map files.
+_WIDTH_M = 0.01
+_DRIVEN = frozenset({"car", "truck", "bus", "motorcycle", "cyclist"})
+
+
+@dataclass(frozen=True, slots=True)
+class Met:
+    """How well a block meets one need.
+
+    Args:
+        share: in [0, 1].
+        missing: why the block can't be used; None: it can.
+    """
+
+    share: float
+    missing: str | None = None
+
+
+MET = Met(1.0)
+# The map doesn't say.
+UNKNOWN = Met(0.5)
+
+
+def bounds(quantity: Quantity | None) -> tuple[float, float]:
+    """Both ends of a quantity in SI units; an open or unresolved side is infinite."""
+    if not isinstance(quantity, Interval):
+        return -math.inf, math.inf
+    found = in_si(quantity)
+    return (
+        -math.inf if found.min is None else found.min,
+        math.inf if found.max is None else found.max,
+    )
+
+
+# -- part T ---------------------------------------------------------------------------------------
+
+
+def identity(event: Event, block: Block) -> dict[str, str]:
+    """Identity fields in which a block differs from K*, and how: it is no candidate (METHOD 2.2).
+
+    What the map doesn't say isn't known to be equal.
+    """
+    road = event.topology
+    mine = vut_lanes(event, block)
+    widths = [block.forward_lanes[i].width_m for i in mine]
+    found: dict[str, tuple[object, bool]] = {
+        "road_type": (block.road_type, road.road_type.admits(block.road_type)),
+        "segment": (block.segment, road.segment.admits(block.segment)),
+        "lanes_same_direction": _lanes(road.lanes_same_direction, block.forward_lanes),
+        "lanes_opposite": _lanes(road.lanes_opposite, block.backward_lanes),
+        "vut_lane": ("not there", bool(mine)),
+        "left_boundary": (block.left_boundary, road.left_boundary.admits(block.left_boundary)),
+        "right_boundary": (block.right_boundary, road.right_boundary.admits(block.right_boundary)),
+        "lane_width": (widths, any(road.lane_width.admits(width) for width in widths)),
+        "curvature": (bend_1pm(block.line), road.curvature.admits(bend_1pm(block.line))),
+        "permitted_manoeuvres": (
+            sorted(block.permitted),
+            road.permitted_manoeuvres.admits(block.permitted),
+        ),
+    }
+    return {
+        name: f"{name} {_said(found[name][0])}, needs {_said(getattr(road, name).value)}"
+        for name in road.identity_fields
+        if not found[name][1] and getattr(road, name).value != UNRESOLVED
+    }
+
+
+def _lanes(field: CountField, lanes: tuple[BlockLane, ...]) -> tuple[int, bool]:
+    return len(lanes), field.admits(len(lanes))
+
+
+def _said(value: object) -> str:
+    if isinstance(value, list):
+        return ", ".join(map(_said, value)) or "none"
+    if isinstance(value, Interval):
+        low, high = bounds(value)
+        return f"{low:g} {value.unit}" if low == high else f"{_range(low, high)} {value.unit}"
+    if value == "any":
+        return "unknown to the map"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def road_type(event: Event, block: Block) -> Met:
+    """A type that K* has; a proving ground stands in for any, an unknown type is half met."""
+    field = event.topology.road_type
+    if block.road_type == "proving_ground" or _may_be(field, block.road_type, RoadTypeWord):
+        return MET
+    return UNKNOWN if block.road_type == "any" else Met(0.0)
+
+
+def _may_be(field: WordField[Any], found: str, vocabulary: Any) -> bool:
+    """Whether a place's word is K*'s, or K* leaves open which of all it is."""
+    words = set(field.words)
+    return not words or found in words or words == set(get_args(vocabulary))
+
+
+def segment(event: Event, block: Block) -> Met:
+    """Straight, curve or junction, as K* says."""
+    words = event.topology.segment.words
+    if not words or block.segment in words:
+        return MET
+    return Met(0.0, f"segment {block.segment}, needs {' or '.join(words)}")
+
+
+def _count(name: str, found: int, wanted: Count, least: int) -> Met:
+    low, exact = max(wanted.min, least), wanted.min == wanted.max
+    if found < low:
+        return Met(found / low, f"{name} lanes {found}, needs {'' if exact else 'at least '}{low}")
+    if found > wanted.max:
+        needs = f"needs {'' if exact else 'at most '}{wanted.max}"
+        return Met(wanted.max / found, f"{name} lanes {found}, {needs}")
+    return MET
+
+
+_ANY_COUNT = Count(min=0, max=16)
+
+
+def same_direction(event: Event, block: Block, kind: Kind) -> Met:
+    """Lanes in the VUT's direction: as many as K* says, and as the kind of interaction needs."""
+    forward, backward = len(block.forward_lanes), len(block.backward_lanes)
+    wanted = event.topology.lanes_same_direction.range or _ANY_COUNT
+    met = _count("same-direction", forward, wanted, kind.same_direction_lanes)
+    if met.missing is not None and forward == 1 and backward <= 1 and met.share < 1.0:
+        return Met(met.share, f"one driving lane per direction: {met.missing}")
+    return met
+
+
+def opposite(event: Event, block: Block) -> Met:
+    """Oncoming lanes, as many as K* says, on the left: part T has no field for their side."""
+    mine = min((lane.y_m for lane in block.forward_lanes), default=-math.inf)
+    if any(lane.y_m < mine for lane in block.backward_lanes):
+        return Met(0.0, "left-hand traffic: oncoming lanes lie to the right of the VUT's")
+    wanted = event.topology.lanes_opposite.range or _ANY_COUNT
+    return _count("oncoming", len(block.backward_lanes), wanted, 0)
+
+
+def vut_lanes(event: Event, block: Block) -> list[int]:
+    """Indices of the forward lanes, from right to left, that the VUT may drive in."""
+    return lanes_of_words(event.topology.vut_lane.words, len(block.forward_lanes))
+
+
+def vut_lane(event: Event, block: Block) -> Met:
+    """A lane for the VUT."""
+    if vut_lanes(event, block):
+        return MET
+    lanes, word = len(block.forward_lanes), " or ".join(event.topology.vut_lane.words)
+    return Met(0.0, f"same-direction lanes {lanes}, none of them is the {word}")
+
+
+def boundary(field: WordField[Any], found: str) -> Met:
+    """What lies beside the road: a sidewalk has a kerb; a kerb has half of a sidewalk."""
+    words = set(field.words)
+    if _may_be(field, found, BoundaryWord) or ("kerb" in words and found == "sidewalk"):
+        return MET
+    return UNKNOWN if found == "any" or ("sidewalk" in words and found == "kerb") else Met(0.0)
+
+
+# -- part I ---------------------------------------------------------------------------------------
+
+
+def relation(event: Event, block: Block) -> Met:
+    """A candidate conflict area of the relation."""
+    wanted = event.interaction.relation
+    if any(area.kind == wanted for area in block.conflict_areas):
+        return MET
+    return Met(0.0, f"no conflict area for the relation {wanted}")
+
+
+def manoeuvres(event: Event, block: Block, kind: Kind) -> Met:
+    """Share of the manoeuvres that K* and the kind need and the block permits."""
+    needed = kind.manoeuvres(event) | event.topology.permitted_manoeuvres.needed
+    lacking = sorted(needed - block.permitted)
+    if not lacking:
+        return MET
+    share = 1.0 - len(lacking) / len(needed)
+    return Met(share, f"not permitted: {', '.join(lacking)}")
+
+
+def places(event: Event, block: Block) -> Met:
+    """Share of the participants whose place the block has: lanes beside the VUT's or oncoming."""
+    lanes = len(block.forward_lanes)
+    mine = vut_lanes(event, block)
+    lacking = []
+    for name, who in event.participants.items():
+        place = who.region.place
+        if place == "left_lane" and not any(i + 1 < lanes for i in mine):
+            lacking.append(f"{name} needs a lane to the left of the VUT's")
+        elif place == "right_lane" and not any(i > 0 for i in mine):
+            lacking.append(f"{name} needs a lane to the right of the VUT's")
+        elif place == "oncoming_lane" and not block.backward_lanes:
+            lacking.append(f"{name} needs an oncoming lane")
+    if not lacking:
+        return MET
+    return Met(1.0 - len(lacking) / len(event.participants), "; ".join(lacking))
+
+
+# -- part C ---------------------------------------------------------------------------------------
+
+
+def length(event: Event, block: Block) -> Met:
+    """Room for approach, conflict and run-out."""
+    low, high = bounds(event.constraints.site.length)
+    if block.length_m < low - 1e-6:
+        share = max(0.0, block.length_m / low)
+        return Met(share, f"length {block.length_m:.1f} m, needs at least {low:g} m")
+    if block.length_m > high + 1e-6:
+        share = max(0.0, high / block.length_m)
+        return Met(share, f"length {block.length_m:.1f} m, needs at most {high:g} m")
+    return MET
+
+
+def speed_limit(event: Event, block: Block) -> Met:
+    """How much of the fastest vehicle's range of approach speeds the limit allows.
+
+    Half met where the map has no limit in it.
+    """
+    low = high = 0.0
+    for name, who in event.participants.items():
+        found = event.constraints.speeds.get(name, {}).get("approach")
+        if who.class_ in _DRIVEN and found is not None:
+            least, most = bounds(found)
+            least = max(0.0, least)
+            if least > low or (least == low and most > high):
+                low, high = least, max(least, most if math.isfinite(most) else least)
+    limit = block.speed_limit_mps
+    if limit is None:
+        return UNKNOWN
+    if limit < low - 1e-6:
+        return Met(
+            max(0.0, limit / low), f"speed limit {limit:.1f} m/s, needs at least {low:g} m/s"
+        )
+    return MET if limit >= high else Met((limit - low) / (high - low))
+
+
+def lane_width(event: Event, block: Block, kind: Kind) -> Met:
+    """Share of the forward lanes that are neither too narrow nor too wide.
+
+    The VUT's must be among them, and so many of them side by side as the kind needs.
+    """
+    low, high = bounds(event.topology.lane_width.range)
+    lanes = block.forward_lanes
+    if not lanes:
+        return Met(0.0)
+    fits = [_fits(lane, low, high) for lane in lanes]
+    share = sum(fits) / len(fits)
+    mine = [i for i in vut_lanes(event, block) if fits[i]]
+    beside = any(
+        all(fits[j : j + kind.same_direction_lanes]) and j <= i < j + kind.same_direction_lanes
+        for i in mine
+        for j in range(max(0, len(lanes) - kind.same_direction_lanes + 1))
+    )
+    # Too few lanes is another need's business.
+    if beside or len(lanes) < kind.same_direction_lanes or not vut_lanes(event, block):
+        return Met(share)
+    widths = ", ".join(f"{lane.width_m:.2f}" for lane in lanes)
+    return Met(share, f"lane widths {widths} m from right to left, needs {_range(low, high)} m")
+
+
+def _fits(lane: BlockLane, low: float, high: float) -> bool:
+    return low - _WIDTH_M <= lane.width_m <= high + _WIDTH_M
+
+
+def _range(low: float, high: float) -> str:
+    if math.isinf(high):
+        return f"at least {low:g}"
+    return f"at most {high:g}" if math.isinf(low) else f"{low:g} to {high:g}"
+
+
+def curvature(event: Event, block: Block) -> Met:
+    """Curvature over any 10 m, within what K* says."""
+    low, high = bounds(event.topology.curvature.range)
+    found = bend_1pm(block.line)
+    if found > high + 1e-6:
+        return Met(max(0.0, high / found), f"curvature {found:.4f} 1/m, needs at most {high:g} 1/m")
+    if found < low - 1e-6:
+        return Met(found / low, f"curvature {found:.4f} 1/m, needs at least {low:g} 1/m")
+    return MET
+
+
+def kerb_sides(event: Event) -> Collection[str]:
+    """Sides of the road beyond which somebody waits or walks to."""
+    if event.interaction.relation == "crossing":
+        return ("right", "left")
+    found = {who.region.place for who in event.participants.values()}
+    return tuple(s for s in ("right", "left") if f"{s}_kerb" in found)
+
+
+def clearance(event: Event, block: Block) -> Met:
+    """Room beyond the outermost lanes, shoulder and sidewalk together.
+
+    Where somebody waits or walks to it is a must; for run-off it makes a block fitter, as most maps
+    don't say what lies beside the road.
+    """
+    low, _ = bounds(event.constraints.site.lateral_clearance)
+    room = {
+        "right": block.shoulder_right_m + block.sidewalk_right_m,
+        "left": block.shoulder_left_m + block.sidewalk_left_m,
+    }
+    if not low > 0.0:
+        return MET
+    share = min(1.0, *(room[side] / low for side in room))
+    short = [
+        f"clearance on the {side} {room[side]:.1f} m, needs at least {low:g} m"
+        for side in kerb_sides(event)
+        if room[side] < low - 1e-6
+    ]
+    return Met(share, "; ".join(short) or None)
+
+
+@dataclass(frozen=True, slots=True)
+class RetrievalWeights:
+    """λ of METHOD 2.2, fixed before any model is evaluated, and when two totals are a tie."""
+
+    topology: float = 1 / 3
+    interaction: float = 1 / 3
+    constraints: float = 1 / 3
+    tie: float = 1e-9
+
+
+WEIGHTS = RetrievalWeights()
+
+
+def _mean(met: Sequence[Met]) -> float:
+    return min(1.0, sum(one.share for one in met) / len(met))
+
+
+def score_block(event: Event, block: Block, kind: Kind) -> BlockScore:
+    """METHOD 2.2 for one block; its reasons name each need that excludes it, with numbers."""
+    t = event.topology
+    # Topology first, and of it the number of lanes: what a map can't change.
+    topology = {
+        "lanes_same_direction": same_direction(event, block, kind),
+        "road_type": road_type(event, block),
+        "segment": segment(event, block),
+        "lanes_opposite": opposite(event, block),
+        "vut_lane": vut_lane(event, block),
+        "left_boundary": boundary(t.left_boundary, block.left_boundary),
+        "right_boundary": boundary(t.right_boundary, block.right_boundary),
+    }
+    interaction = [
+        relation(event, block),
+        manoeuvres(event, block, kind),
+        places(event, block),
+    ]
+    constraints = [
+        length(event, block),
+        speed_limit(event, block),
+        lane_width(event, block, kind),
+        curvature(event, block),
+        clearance(event, block),
+    ]
+    s_t, s_i, s_c = _mean([*topology.values()]), _mean(interaction), _mean(constraints)
+    total = WEIGHTS.topology * s_t + WEIGHTS.interaction * s_i + WEIGHTS.constraints * s_c
+    differs = identity(event, block)
+    met = {name: one.missing for name, one in topology.items() if one.missing is not None}
+    reasons = [f"{why} (identity)" if name in differs else why for name, why in met.items()]
+    reasons += [f"{why} (identity)" for name, why in differs.items() if name not in met]
+    reasons += [one.missing for one in (*interaction, *constraints) if one.missing is not None]
+    return BlockScore(
+        block=block.block_id,
+        topology=s_t,
+        interaction=s_i,
+        constraints=s_c,
+        total=min(1.0, total),
+        reasons=reasons,
+        eligible=not reasons,
+    )
+
+
+def score_blocks(event: Event, library: Library, kind: Kind | None = None) -> list[BlockScore]:
+    """The scores of all blocks of a library: eligible ones first, best first, then by id.
+
+    Args:
+        event: a K* that passed its checks.
+        library: of a map or site.
+        kind: of the interaction; by default the one that the event names.
+    """
+    if kind is None:
+        kind = KINDS[event.interaction.type]
+    scores = [score_block(event, block, kind) for block in library.blocks]
+    return sorted(scores, key=lambda score: (not score.eligible, -score.total, score.block))
+
+
+def ties(scores: Sequence[BlockScore]) -> list[BlockScore]:
+    """The eligible blocks whose total is the best one's; a single one is the winner."""
+    fits = [score for score in scores if score.eligible]
+    best = max((score.total for score in fits), default=0.0)
+    return [score for score in fits if best - score.total <= WEIGHTS.tie]

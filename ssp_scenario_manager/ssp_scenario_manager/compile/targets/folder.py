@@ -1,0 +1,342 @@
+"""A compiled folder: written whole or not at all, and read again as the run that a session starts
+with.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Literal
+
+from ssp_core.errors import InputError
+from ssp_core.files import make_folder, write_bytes, write_json, write_text
+from ssp_core.run_file.model import RunSpec, load_run
+from ssp_core.run_file.shortlist import SHORTLIST_FILE
+from ssp_scenario_manager.compile.compiler import Compiled
+from ssp_scenario_manager.compile.targets.track import SHEET_FILE, write_sheet
+from ssp_scenario_manager.compile.task import (
+    EVENT_FILE,
+    RUN_FILE,
+    SITE_FILE,
+    TASK_FILE,
+    Target,
+    Task,
+    as_live,
+    load_task,
+)
+from ssp_scenario_manager.event_spec.load import load_event
+from ssp_scenario_manager.event_spec.log import LOG_FILE, read_log, record_line
+from ssp_scenario_manager.maps.site import load_site
+
+
+def _sumo(compiled: Compiled, folder: Path) -> None:
+    from ssp_scenario_manager.compile.targets.sumo import write_sumo
+
+    write_sumo(compiled.task, folder)
+
+
+def _openscenario(compiled: Compiled, folder: Path) -> None:
+    from ssp_scenario_manager.compile.targets.openscenario import export_openscenario
+
+    real = compiled.realisation
+    export_openscenario(
+        compiled.task, compiled.event, real.block, real.plan, _map_text(compiled), folder
+    )
+
+
+def _carla(compiled: Compiled, folder: Path) -> None:
+    from ssp_scenario_manager.compile.targets.carla import export_carla
+
+    real = compiled.realisation
+    export_carla(compiled.task, compiled.event, real.block, real.plan, _map_text(compiled), folder)
+
+
+def _track(compiled: Compiled, folder: Path) -> None:
+    """A track task is task.json; the sheet that every target has is its reading for people."""
+
+
+def _map_text(compiled: Compiled) -> str | None:
+    """The user's map, where it is OpenDRIVE."""
+    data, ground = compiled.ground.map_data, compiled.ground
+    if data is None or ground.link.kind != "opendrive":
+        return None
+    try:
+        return data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise InputError(
+            f"is not UTF-8 (byte {error.start}), and this target takes the map's text over",
+            file=ground.map_name,
+            remedy="convert the map to UTF-8",
+        ) from error
+
+
+_WRITERS: dict[Target, Callable[[Compiled, Path], None]] = {
+    "sumo": _sumo,
+    "openscenario": _openscenario,
+    "carla": _carla,
+    "track": _track,
+}
+
+
+def write_target(compiled: Compiled, folder: Path) -> None:
+    """Writes the target's own files and the task sheet into a compiled folder.
+
+    Raises:
+        InputError: the task has something that the target can't tell.
+        HostError: this machine lacks what makes them.
+    """
+    _WRITERS[compiled.task.target](compiled, folder)
+    write_sheet(compiled, folder)
+
+
+_NAMES = frozenset(
+    {
+        TASK_FILE,
+        EVENT_FILE,
+        SITE_FILE,
+        RUN_FILE,
+        LOG_FILE,
+        SHEET_FILE,
+        SHORTLIST_FILE,
+        "carla_config.json",
+    }
+)
+
+
+def run_text(run: RunSpec) -> str:
+    """A run file's text: JSON, which is YAML too."""
+    return run.model_dump_json(by_alias=True, indent=1) + "\n"
+
+
+def write_task_files(compiled: Compiled, folder: Path) -> list[Path]:
+    """What a recording carries of its task, into a folder that is there.
+
+    Returns:
+        task.json, event.yaml, site.yaml or the map, log.jsonl, and shortlist.json if there is one.
+    """
+    write_json(folder / TASK_FILE, json.loads(compiled.task.model_dump_json(by_alias=True)))
+    write_bytes(folder / EVENT_FILE, compiled.event_file)
+    ground = compiled.ground
+    place = folder / (SITE_FILE if ground.site is not None else ground.map_name)
+    write_bytes(place, compiled.site_file or ground.map_data or b"")
+    log = "".join(record_line(record) + "\n" for record in compiled.log)
+    write_text(folder / LOG_FILE, log)
+    files = [folder / TASK_FILE, folder / EVENT_FILE, place, folder / LOG_FILE]
+    if compiled.shortlist is not None:
+        write_bytes(folder / SHORTLIST_FILE, compiled.shortlist)
+        files.append(folder / SHORTLIST_FILE)
+    return files
+
+
+def write_folder(compiled: Compiled, out: Path, *, replace: bool = False) -> list[Path]:
+    """Writes a compiled folder with its target's own files.
+
+    Args:
+        compiled: what to write.
+        out: new or empty folder.
+        replace: an earlier compiled folder there is replaced.
+
+    Returns:
+        All files, sorted.
+
+    Raises:
+        InputError: the folder holds something, and isn't to be replaced or was made by nobody here.
+    """
+    check_out(out, replace=replace)
+    if compiled.ground.map_name in _NAMES:
+        raise InputError(
+            "is the name of a file that is written beside it",
+            file=compiled.ground.map_name,
+            remedy="rename the map",
+        )
+    make_folder(out.absolute().parent)
+    try:
+        work = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.absolute().parent))
+    except OSError as error:
+        raise InputError(
+            f"can't be made: {error.strerror}", file=out, remedy="name another folder with --out"
+        ) from error
+    try:
+        work.chmod(0o755)
+        write_task_files(compiled, work)
+        write_text(work / RUN_FILE, run_text(compiled.task.run))
+        write_target(compiled, work)
+        _put_in_place(work, out)
+    except BaseException:
+        shutil.rmtree(work, ignore_errors=True)
+        raise
+    return sorted(path for path in out.rglob("*") if path.is_file())
+
+
+def check_out(out: Path, *, replace: bool) -> None:
+    """Raises InputError where a folder can't be written to without losing something."""
+    if not os.path.lexists(out):
+        return
+    if not out.is_dir():
+        raise InputError("is no folder", file=out, remedy="name another with --out")
+    held = sorted(entry.name for entry in out.iterdir())
+    if not held:
+        return
+    if not replace:
+        raise InputError(
+            "is not empty", file=out, remedy="name a new folder with --out, or give --force"
+        )
+    foreign = [name for name in held if not _ours(name)]
+    if TASK_FILE not in held or RUN_FILE not in held or foreign:
+        raise InputError(
+            "holds something that no compilation made",
+            file=out,
+            value=", ".join(foreign or held),
+            remedy="name another folder with --out",
+        )
+    if any(record.kind == "site_change" for record in read_log(out / LOG_FILE)):
+        raise InputError(
+            "tells of changes on site, which would be lost",
+            file=out / LOG_FILE,
+            remedy="name another folder with --out",
+        )
+
+
+def _ours(name: str) -> bool:
+    """A file that a compilation may have made; maps and scenarios by their endings."""
+    return name in _NAMES or name.endswith((".xosc", ".xodr", ".xml", ".sumocfg"))
+
+
+def _put_in_place(work: Path, out: Path) -> None:
+    """Renames the finished folder; an earlier one is gone only when the new one stands."""
+    if not out.is_dir():
+        work.rename(out)
+        return
+    old = Path(tempfile.mkdtemp(prefix=f".{out.name}.old.", dir=out.absolute().parent))
+    out.rename(old / out.name)
+    try:
+        work.rename(out)
+    except BaseException:
+        (old / out.name).rename(out)
+        raise
+    finally:
+        shutil.rmtree(old, ignore_errors=True)
+
+
+TASK_FOLDER = "task"
+Mode = Literal["lockstep", "realtime", "live"]
+
+
+def is_compiled(what: str) -> bool:
+    """True for a folder that `ssp compile` wrote."""
+    return (Path(what) / TASK_FILE).is_file()
+
+
+def is_session(what: str) -> bool:
+    """True for a folder that `ssp run` filled: it holds the task and the run as it was executed."""
+    return is_compiled(str(Path(what) / TASK_FOLDER)) and (Path(what) / RUN_FILE).is_file()
+
+
+def mode_of(what: str) -> Mode:
+    """The mode that a run has where nobody names one: a session's own, or lockstep.
+
+    Raises:
+        InputError: the session's run file is not valid.
+    """
+    return load_run(Path(what) / RUN_FILE).mode if is_session(what) else "lockstep"
+
+
+def prepare_run(
+    what: str,
+    site: str | None,
+    folder: Path,
+    *,
+    seed: int | None,
+    mode: Mode,
+) -> RunSpec:
+    """Compiles an event into ``folder/task``, or takes a compiled task over into it.
+
+    Args:
+        what: name or file of a K*, or a folder that `ssp compile` or `ssp run` wrote.
+        site: name or file of a site; not looked at with a folder, which has its own.
+        folder: of the run; its name becomes the run's id.
+        seed: of the run; None: the compiled task's, or 1.
+        mode: of the run.
+
+    Returns:
+        The run as it will be executed: with a folder that of its ``run.yaml``, changes on site and
+        faults included; a live one as ``compile.live.as_live`` has it.
+
+    Raises:
+        InputError: the event or the site is not valid, or they don't fit.
+    """
+    if is_compiled(what):
+        run = _take_over(Path(what), Path(what) / RUN_FILE, folder)
+    elif is_session(what):
+        run = _take_over(Path(what) / TASK_FOLDER, Path(what) / RUN_FILE, folder)
+    elif Path(what).is_dir():
+        raise InputError(
+            "is no compiled folder and no session's",
+            file=what,
+            remedy=f"it has neither {TASK_FILE} nor {TASK_FOLDER}/{TASK_FILE} with {RUN_FILE}; "
+            "name a folder of `ssp compile` or `ssp run`, or an event",
+        )
+    else:
+        run = _compile(what, site, folder, 1 if seed is None else seed)
+    changes = {"run_id": folder.name} if seed is None else {"run_id": folder.name, "seed": seed}
+    run = run.model_copy(update=changes)
+    return as_live(run) if mode == "live" else run.model_copy(update={"mode": mode})
+
+
+def _compile(what: str, site: str | None, folder: Path, seed: int) -> RunSpec:
+    from ssp_scenario_manager.compile.compiler import Request, compile_task
+
+    if site is None:
+        raise InputError("needs a site", field="site", remedy="give --site SITE")
+    target: Target = "track" if load_site(site)[0].domain == "physical" else "sumo"
+    compiled = compile_task(Request(event=what, target=target, site=site, seed=seed))
+    write_task_files(compiled, make_folder(folder / TASK_FOLDER))
+    return compiled.task.run
+
+
+def _take_over(source: Path, run_file: Path, folder: Path) -> RunSpec:
+    """Copies what a recording carries of a task, and reads the run that was made of it."""
+    task = load_task(source)
+    run = load_run(run_file)
+    _check_folder(source, run_file, task, run)
+    place = SITE_FILE if task.place.kind == "site" else task.place.name
+    names = [TASK_FILE, EVENT_FILE, place]
+    if (source / LOG_FILE).is_file():
+        names.append(LOG_FILE)
+    missing = [name for name in names if not (source / name).is_file()]
+    if missing:
+        raise InputError("isn't there", file=source / missing[0], remedy="compile the event again")
+    target = make_folder(folder / TASK_FOLDER)
+    for name in names:
+        shutil.copyfile(source / name, target / name)
+    return run
+
+
+def _check_folder(source: Path, run_file: Path, task: Task, run: RunSpec) -> None:
+    """What lies in the folder belongs together.
+
+    Raises:
+        InputError: it doesn't.
+    """
+    found = load_event(str(source / EVENT_FILE))[1]
+    links = [
+        (source / EVENT_FILE, "content", found, task.event.version),
+        (run_file, "task_version", run.task_version, task.version),
+        (run_file, "event_version", run.event_version, task.event.version),
+    ]
+    if task.place.kind == "site":
+        site = load_site(str(source / SITE_FILE))[1]
+        links.append((source / SITE_FILE, "content", site, task.place.sha256))
+    for file, field, value, wanted in links:
+        if value != wanted:
+            raise InputError(
+                "is not what the task was compiled from",
+                file=file,
+                field=field,
+                value=value,
+                remedy=f"{wanted} is needed; compile the event again",
+            )

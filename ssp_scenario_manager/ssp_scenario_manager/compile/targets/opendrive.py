@@ -1,0 +1,399 @@
+"""OpenDRIVE maps of our own blocks, for players that need a map, and those that come with the
+project.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from scenariogeneration import xodr  # type: ignore[import-untyped]  # it ships no types
+
+from ssp_core.errors import InputError
+from ssp_core.files import write_bytes
+from ssp_core.geometry import Pose2
+from ssp_core.run_file.road import CurvePiece
+from ssp_core.world.reference_line import ReferenceLine
+from ssp_scenario_manager.maps.block import Block, BlockLane
+from ssp_scenario_manager.maps.site import LIBRARY
+
+# The standard library's, which only builds and writes here: nothing is parsed.
+
+
+# The standards ask for a date. A date of writing would make the same task give other bytes.
+FIXED_DATE = "2000-01-01T00:00:00"
+
+
+def to_bytes(root: ET.Element) -> bytes:
+    """UTF-8 with a declaration, indented by two spaces, and a final newline."""
+    ET.indent(root, "  ")
+    text = ET.tostring(root, encoding="unicode")
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'.encode()
+
+
+# Lanes closer than this touch; a wider gap becomes a strip that nobody drives on.
+_TOUCH_M = 1e-6
+_CROSSING_WIDTH_M = 4.0
+_MARK_M = 0.12
+# A verge has no end; a map's has, and whoever waits on it needs ground.
+_VERGE_M = 6.0
+# Processors differ in a sine's last bit; a file doesn't.
+_DIGITS = 10
+
+_ROAD_TYPES = {
+    "urban": xodr.RoadType.town,
+    "rural": xodr.RoadType.rural,
+    "motorway": xodr.RoadType.motorway,
+    "proving_ground": xodr.RoadType.unknown,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class LaneIds:
+    """Where a block's lanes are in the map that ``opendrive_map`` makes of it.
+
+    Args:
+        road_id: of the road.
+        ids: lane id per lane of the block, in the block's order; < 0 right of lane 0.
+    """
+
+    road_id: int
+    ids: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Sides:
+    """A block's lanes from the middle outwards."""
+
+    middle_m: float
+    left: tuple[BlockLane, ...]
+    right: tuple[BlockLane, ...]
+    left_hand_traffic: bool
+
+
+def _sides(block: Block) -> _Sides:
+    forward, backward = block.forward_lanes, block.backward_lanes
+    if not forward:
+        raise InputError("has no lane along it", field="block", value=block.block_id)
+    if not backward:
+        middle = max(lane.y_m + lane.width_m / 2 for lane in forward)
+        return _Sides(middle, (), tuple(sorted(forward, key=lambda v: -v.y_m)), False)
+    left_hand = backward[0].y_m < forward[0].y_m
+    right, left = (backward, forward) if left_hand else (forward, backward)
+    middle = max(lane.y_m + lane.width_m / 2 for lane in right)
+    if middle > min(lane.y_m - lane.width_m / 2 for lane in left) + _TOUCH_M:
+        raise InputError(
+            "has lanes of both directions between each other, which OpenDRIVE can't tell",
+            field="block",
+            value=block.block_id,
+        )
+    return _Sides(
+        middle,
+        tuple(sorted(left, key=lambda v: v.y_m)),
+        tuple(sorted(right, key=lambda v: -v.y_m)),
+        left_hand,
+    )
+
+
+def lane_ids(block: Block, road_id: int = 1) -> LaneIds:
+    """Ids of a block's lanes in its own map.
+
+    Raises:
+        InputError: the block's lanes can't be put into OpenDRIVE.
+    """
+    sides = _sides(block)
+    ids: dict[float, int] = {}
+    for sign, lanes in ((1, sides.left), (-1, sides.right)):
+        for strip in _strips(lanes, sides.middle_m, sign, block):
+            if strip.lane is not None:
+                ids[strip.lane.y_m] = strip.lane_id
+    return LaneIds(road_id, tuple(ids[lane.y_m] for lane in block.lanes))
+
+
+@dataclass(frozen=True, slots=True)
+class _Strip:
+    """A lane of the map: one of the block's, or a gap between two."""
+
+    lane_id: int
+    width_m: float
+    lane: BlockLane | None
+
+
+def _strips(lanes: Sequence[BlockLane], middle_m: float, sign: int, block: Block) -> list[_Strip]:
+    strips: list[_Strip] = []
+    edge = middle_m
+    for lane in lanes:
+        gap = sign * (lane.y_m - edge) - lane.width_m / 2
+        if gap < -_TOUCH_M:
+            raise InputError("has lanes that overlap", field="block", value=block.block_id)
+        if gap > _TOUCH_M:
+            strips.append(_Strip(sign * (len(strips) + 1), gap, None))
+        strips.append(_Strip(sign * (len(strips) + 1), lane.width_m, lane))
+        edge = lane.y_m + sign * lane.width_m / 2
+    return strips
+
+
+def _lane_section(block: Block, sides: _Sides) -> xodr.LaneSection:
+    mark = xodr.RoadMarkType.solid if sides.left else _edge_mark(block.left_boundary)
+    centre = xodr.Lane(xodr.LaneType.none)
+    centre.add_roadmark(_mark(mark))
+    section = xodr.LaneSection(0.0, centre)
+    outside = {
+        1: (block.left_boundary, block.shoulder_left_m, block.sidewalk_left_m),
+        -1: (block.right_boundary, block.shoulder_right_m, block.sidewalk_right_m),
+    }
+    for sign, lanes in ((1, sides.left), (-1, sides.right)):
+        add = section.add_left_lane if sign > 0 else section.add_right_lane
+        strips = _strips(lanes, sides.middle_m, sign, block)
+        boundary, shoulder_m, sidewalk_m = outside[sign]
+        for i, strip in enumerate(strips):
+            kind = xodr.LaneType.median if strip.lane is None else xodr.LaneType.driving
+            lane = xodr.Lane(kind, a=strip.width_m)
+            last = i == len(strips) - 1
+            if not last:
+                lane.add_roadmark(_lane_mark(block, strip))
+            elif shoulder_m > 0.0:
+                lane.add_roadmark(_mark(xodr.RoadMarkType.solid))
+            else:
+                lane.add_roadmark(_mark(_edge_mark(boundary)))
+            add(lane)
+        if shoulder_m > 0.0:
+            lane = xodr.Lane(xodr.LaneType.shoulder, a=shoulder_m)
+            lane.add_roadmark(_mark(_edge_mark(boundary)))
+            add(lane)
+        if sidewalk_m > 0.0:
+            add(xodr.Lane(xodr.LaneType.sidewalk, a=sidewalk_m))
+        if boundary == "verge":
+            add(xodr.Lane(xodr.LaneType.none, a=_VERGE_M))
+    return section
+
+
+def _edge_mark(boundary: str) -> xodr.RoadMarkType:
+    return xodr.RoadMarkType.curb if boundary == "kerb" else xodr.RoadMarkType.solid
+
+
+def _mark(kind: xodr.RoadMarkType, change: xodr.LaneChange | None = None) -> xodr.RoadMark:
+    return xodr.RoadMark(kind, width=_MARK_M, laneChange=change)
+
+
+def _lane_mark(block: Block, strip: _Strip) -> xodr.RoadMark:
+    """Between lanes: solid where nobody may change. Lane ids rise to the left."""
+    left, right = (f"lane_change_{side}" in block.permitted for side in ("left", "right"))
+    if strip.lane is None or (strip.lane.forward and not (left or right)):
+        return _mark(xodr.RoadMarkType.solid)
+    if not strip.lane.forward or (left and right):
+        return _mark(xodr.RoadMarkType.broken)
+    return _mark(
+        xodr.RoadMarkType.broken,
+        xodr.LaneChange.increase if left else xodr.LaneChange.decrease,
+    )
+
+
+def _geometry(piece: CurvePiece) -> xodr.Line | xodr.Arc | xodr.Spiral:
+    k0, k1 = piece.start_curvature_1pm, piece.end_curvature_1pm
+    if k0 != k1:
+        return xodr.Spiral(k0, k1, length=piece.length_m)
+    return xodr.Arc(k0, length=piece.length_m) if k0 else xodr.Line(piece.length_m)
+
+
+def _crossing(block: Block, object_id: int) -> ET.Element | None:
+    """A zebra crossing over the whole carriageway.
+
+    Made here: scenariogeneration numbers objects over the life of the process.
+    """
+    if block.crossing_s_m is None:
+        return None
+    left, right = block.left_edge_m, block.right_edge_m
+    middle, half, across = 0.5 * (left + right), 0.5 * _CROSSING_WIDTH_M, 0.5 * (left - right)
+    element = ET.Element(
+        "object",
+        {
+            "id": str(object_id),
+            "name": "crossing",
+            "type": "crosswalk",
+            "s": repr(block.crossing_s_m),
+            "t": repr(middle),
+            "zOffset": "0.0",
+            "orientation": "none",
+            "hdg": "0.0",
+            "pitch": "0.0",
+            "roll": "0.0",
+            "length": repr(_CROSSING_WIDTH_M),
+            "width": repr(left - right),
+        },
+    )
+    outline = ET.SubElement(element, "outline", {"id": "0", "closed": "true"})
+    for i, (u, v) in enumerate(
+        ((-half, -across), (half, -across), (half, across), (-half, across))
+    ):
+        corner = {"u": repr(u), "v": repr(v), "z": "0.0", "height": "0.0", "id": str(i)}
+        ET.SubElement(outline, "cornerLocal", corner)
+    return element
+
+
+def _road(block: Block, road_id: int) -> xodr.Road:
+    sides = _sides(block)
+    plan = xodr.PlanView()
+    s = 0.0
+    for piece in block.line.pieces:
+        pose = block.line.pose(s)
+        x, y, heading = (round(v, _DIGITS) for v in (pose.x_m, pose.y_m, pose.yaw_rad))
+        plan.add_fixed_geometry(_geometry(piece), x, y, heading, s)
+        s += piece.length_m
+    lanes = xodr.Lanes()
+    lanes.add_laneoffset(xodr.LaneOffset(0.0, sides.middle_m))
+    lanes.add_lanesection(_lane_section(block, sides))
+    rule = xodr.TrafficRule.LHT if sides.left_hand_traffic else xodr.TrafficRule.RHT
+    road = xodr.Road(road_id, plan, lanes, name=block.block_id, rule=rule)
+    kind = _ROAD_TYPES.get(block.road_type)
+    if kind is not None or block.speed_limit_mps is not None:
+        road.add_type(kind or xodr.RoadType.unknown, 0.0, speed=block.speed_limit_mps)
+    facts = {
+        "ssp.road_type": block.road_type,
+        "ssp.left_boundary": block.left_boundary,
+        "ssp.right_boundary": block.right_boundary,
+        "ssp.permitted": " ".join(sorted(block.permitted)),
+    }
+    for code, value in facts.items():
+        road.add_userdata(xodr.UserData(code, value))
+    return road
+
+
+def opendrive_map(blocks: Sequence[Block], name: str, provenance: Mapping[str, str]) -> bytes:
+    """An OpenDRIVE 1.5 map with one road per block, ids from 1 in the blocks' order.
+
+    Args:
+        blocks: at least one, in frame map.
+        name: of the map.
+        provenance: what it was made from and by what, as user data of the map.
+
+    Raises:
+        InputError: a block's lanes can't be put into OpenDRIVE.
+    """
+    drive = xodr.OpenDrive(name)
+    for number, block in enumerate(blocks, start=1):
+        drive.add_road(_road(block, number))
+    root = drive.get_element()
+    for number, (element, block) in enumerate(zip(root.iter("road"), blocks, strict=True), 1):
+        crossing = _crossing(block, number)
+        if crossing is not None:
+            ET.SubElement(element, "objects").append(crossing)
+        # The standard wants user data last, scenariogeneration puts it first.
+        for data in element.findall("userData"):
+            element.remove(data)
+            element.append(data)
+    header = root.find("header")
+    if header is None:
+        raise ValueError("scenariogeneration made a map without a header")
+    header.set("date", FIXED_DATE)
+    header.set("vendor", "SSP")
+    for side, value in _extent(blocks).items():
+        header.set(side, repr(round(value, 3)))
+    for code, text in sorted(provenance.items()):
+        ET.SubElement(header, "userData", {"code": code, "value": text})
+    return to_bytes(root)
+
+
+def _extent(blocks: Sequence[Block]) -> dict[str, float]:
+    points = [
+        point
+        for block in blocks
+        for offset in (block.left_edge_m, block.right_edge_m)
+        for point in block.line.path(0.0, block.length_m, offset)
+    ]
+    xs, ys = [x for x, _ in points], [y for _, y in points]
+    return {"north": max(ys), "south": min(ys), "east": max(xs), "west": min(xs)}
+
+
+# Part of the bytes of the maps that are shipped, and so of their hashes: it stays as it was.
+ORIGIN = {"origin": "ssp_scenario_manager.compile." + "export.maps"}
+MAP_FOLDER = LIBRARY / "maps"
+_BEND_1PM = 1.0 / 250.0
+
+
+def motorway() -> bytes:
+    """800 m of straight motorway, one way: three lanes of 3.75 m and hard shoulders."""
+    return opendrive_map(
+        [
+            Block(
+                block_id="motorway",
+                line=ReferenceLine(Pose2(0.0, 0.0, 0.0), [CurvePiece(length_m=800.0)]),
+                lanes=tuple(
+                    BlockLane(-y, 3.75, True, name)
+                    for y, name in ((9.375, "right"), (5.625, "middle"), (1.875, "left"))
+                ),
+                road_type="motorway",
+                segment="straight",
+                left_boundary="shoulder",
+                right_boundary="shoulder",
+                sidewalk_left_m=0.0,
+                sidewalk_right_m=0.0,
+                permitted=frozenset({"keep_lane", "lane_change_left", "lane_change_right"}),
+                speed_limit_mps=33.3,
+                shoulder_left_m=1.0,
+                shoulder_right_m=2.5,
+            )
+        ],
+        "motorway",
+        ORIGIN,
+    )
+
+
+def bend() -> bytes:
+    """A town road of two lanes a direction: straight, a bend to the left of 250 m, straight."""
+    return opendrive_map(
+        [
+            Block(
+                block_id="bend",
+                line=ReferenceLine(
+                    Pose2(0.0, 0.0, 0.0),
+                    [
+                        CurvePiece(length_m=300.0),
+                        CurvePiece(length_m=50.0, end_curvature_1pm=_BEND_1PM),
+                        CurvePiece(
+                            length_m=160.0,
+                            start_curvature_1pm=_BEND_1PM,
+                            end_curvature_1pm=_BEND_1PM,
+                        ),
+                        CurvePiece(length_m=50.0, start_curvature_1pm=_BEND_1PM),
+                        CurvePiece(length_m=300.0),
+                    ],
+                ),
+                lanes=tuple(
+                    BlockLane(y, 3.5, y < 0.0, f"{side} {'forward' if y < 0.0 else 'backward'}")
+                    for y, side in (
+                        (-5.25, "right"),
+                        (-1.75, "left"),
+                        (1.75, "left"),
+                        (5.25, "right"),
+                    )
+                ),
+                road_type="urban",
+                segment="curve",
+                left_boundary="kerb",
+                right_boundary="kerb",
+                sidewalk_left_m=2.5,
+                sidewalk_right_m=2.5,
+                permitted=frozenset(
+                    {"keep_lane", "lane_change_left", "lane_change_right", "crossing", "stop"}
+                ),
+                speed_limit_mps=13.9,
+            )
+        ],
+        "bend",
+        ORIGIN,
+    )
+
+
+MAPS: dict[str, Callable[[], bytes]] = {"motorway.xodr": motorway, "bend.xodr": bend}
+
+
+def write_maps() -> None:
+    """Writes all maps into the library."""
+    for name, make in MAPS.items():
+        write_bytes(MAP_FOLDER / name, make())
+
+
+if __name__ == "__main__":
+    write_maps()

@@ -1,0 +1,269 @@
+"""Speeds of a task as straight ramps, and its object classes as other players know them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+from scenariogeneration import xosc  # type: ignore[import-untyped]  # it ships no types
+
+from ssp_core.clock import ns_to_seconds
+from ssp_core.errors import InputError
+from ssp_core.geometry import Polyline
+from ssp_core.motion.speed_profile import DEFAULT_RAMP_S
+from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.participants import Motion
+from ssp_core.vocabulary import ObjectWord, Phase
+from ssp_scenario_manager.dispatch.references import APPROACH_LEAD_S
+from ssp_scenario_manager.run.in_process import driven
+from ssp_scenario_manager.triggers.conditions import condition_text
+from ssp_scenario_manager.triggers.phases import RESOLUTION_CONFIRMATION_S
+
+# When a target's ramp begins, s after the session's start.
+TARGET_START_S = APPROACH_LEAD_S + DEFAULT_RAMP_S / 2
+# Shorter than this a ramp is a step to a player.
+_LEAST_S = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class Ramp:
+    """A change of speed at a constant rate.
+
+    Args:
+        to_mps: speed afterwards.
+        duration_s: of the change.
+    """
+
+    to_mps: float
+    duration_s: float
+
+
+def ramp(from_mps: float, to_mps: float, rate_mps2: float) -> Ramp:
+    """From one speed to another at a rate > 0."""
+    return Ramp(to_mps, max(abs(to_mps - from_mps) / rate_mps2, _LEAST_S))
+
+
+@dataclass(frozen=True, slots=True)
+class Journey:
+    """From standstill along a path to a standstill at its end.
+
+    Args:
+        start: up to the highest speed that the path has room for.
+        stop: back to standstill.
+        braking_from_m: distance driven when the stop begins.
+        length_m: of the path.
+    """
+
+    start: Ramp
+    stop: Ramp
+    braking_from_m: float
+    length_m: float
+
+
+def journey(motion: Motion) -> Journey:
+    """A motion's ramps and where the last one begins."""
+    a, d = motion.acceleration_mps2, motion.deceleration_mps2
+    length = Polyline(motion.path).length_m
+    peak = min(motion.cruise_mps, math.sqrt(2.0 * a * d * length / (a + d)))
+    return Journey(ramp(0.0, peak, a), ramp(peak, 0.0, d), length - peak * peak / (2.0 * d), length)
+
+
+@dataclass(frozen=True, slots=True)
+class Leg:
+    """A ramp and when it begins, s after the session's start."""
+
+    start_s: float
+    change: Ramp
+
+
+def legs(speeds: Sequence[tuple[float, float]], error_mps: float = 0.05) -> list[Leg]:
+    """Straight ramps that leave a course of speeds by at most an error.
+
+    Args:
+        speeds: (t in s, speed in m/s), t rising strictly, at least one.
+        error_mps: largest difference at a given time.
+    """
+    knots = _knots(speeds, 0, len(speeds) - 1, error_mps)
+    return [
+        Leg(speeds[a][0], Ramp(round(speeds[b][1], 3), speeds[b][0] - speeds[a][0]))
+        for a, b in pairwise([0, *knots])
+    ]
+
+
+def _knots(speeds: Sequence[tuple[float, float]], a: int, b: int, error_mps: float) -> list[int]:
+    """Indices after ``a``, up to ``b``, between which straight lines are near enough."""
+    if b <= a:
+        return []
+    (t0, v0), (t1, v1) = speeds[a], speeds[b]
+    worst, at = 0.0, a
+    for i in range(a + 1, b):
+        t, v = speeds[i]
+        off = abs(v - v0 - (v1 - v0) * (t - t0) / (t1 - t0))
+        if off > worst:
+            worst, at = off, i
+    if worst <= error_mps:
+        return [b]
+    return _knots(speeds, a, at, error_mps) + _knots(speeds, at, b, error_mps)
+
+
+def driven_speeds(run: RunSpec) -> tuple[tuple[tuple[float, float], ...], float | None]:
+    """The VUT's speeds as the SIL's driver drives, its reaction included, and the session's end.
+
+    Returns:
+        Speeds until the end, (t in s, m/s), and the end: ``after_resolution_s`` after the
+        resolution was confirmed, s after the start; None where nothing was resolved.
+
+    Raises:
+        InputError: its trigger never fires.
+    """
+    result, record = driven(run)
+    if not result.triggers:
+        raise InputError(
+            f"its trigger never fires: {condition_text(run.triggers[0].condition)}",
+            field="run.triggers[0]",
+        )
+    resolved_s = result.phase_s(Phase.RESOLUTION)
+    over_s = None
+    if resolved_s is not None:
+        over_s = resolved_s + RESOLUTION_CONFIRMATION_S + run.end.after_resolution_s
+    speeds = [(ns_to_seconds(s.stamp_ns), s.speed_mps) for s in record.truths(run.vut.id)]
+    kept = [(t, v) for t, v in speeds if t > 0.0 and (over_s is None or t <= over_s)]
+    return ((0.0, 0.0), *kept), over_s
+
+
+def times_along(motion: Motion) -> list[tuple[float, float, float]]:
+    """(t in s from the start, x, y) at the points of a motion's path, at its planned speed."""
+    path = Polyline(motion.path)
+    trip = journey(motion)
+    a, d, peak = motion.acceleration_mps2, motion.deceleration_mps2, trip.start.to_mps
+    speeding = peak * peak / (2.0 * a)
+    end_s = peak / a + (trip.braking_from_m - speeding) / peak + peak / d
+
+    def when(station_m: float) -> float:
+        if station_m <= speeding:
+            return math.sqrt(2.0 * max(station_m, 0.0) / a)
+        if station_m <= trip.braking_from_m:
+            return peak / a + (station_m - speeding) / peak
+        return end_s - math.sqrt(2.0 * max(trip.length_m - station_m, 0.0) / d)
+
+    return [
+        (when(float(s)), float(x), float(y))
+        for s, (x, y) in zip(path.stations_m, path.points, strict=True)
+    ]
+
+
+def distance_during(from_mps: float, change: Ramp, duration_s: float) -> float:
+    """Distance driven in a time that begins with a ramp, m."""
+    within = min(duration_s, change.duration_s)
+    rate = (change.to_mps - from_mps) / change.duration_s
+    ramped = from_mps * within + 0.5 * rate * within * within
+    return ramped + change.to_mps * (duration_s - within)
+
+
+@dataclass(frozen=True, slots=True)
+class ClassFacts:
+    """One object class elsewhere.
+
+    Args:
+        blueprint: of CARLA 0.9.16; ScenarioRunner takes it from the entity's name or model.
+        category: OpenSCENARIO's vehicle category; None for a pedestrian.
+        wheelbase_m: front axle ahead of the reference point, which is below the rear axle.
+        track_m: between the wheels of an axle.
+        wheel_m: wheel diameter.
+        steering_rad: largest steering angle.
+        speed_mps: highest speed that the body can drive.
+        acceleration_mps2: highest acceleration of the body.
+        deceleration_mps2: highest deceleration of the body.
+        mass_kg: of a pedestrian.
+    """
+
+    blueprint: str
+    category: xosc.VehicleCategory | None
+    wheelbase_m: float
+    track_m: float
+    wheel_m: float
+    steering_rad: float
+    speed_mps: float
+    acceleration_mps2: float
+    deceleration_mps2: float
+    mass_kg: float
+
+
+# CARLA's bodies nearest in size to ours (ssp_core.motion.state.DEFAULT_SIZES). The speeds and
+# accelerations bound what a player may do with the body and lie above what a task asks of it.
+CLASSES: dict[ObjectWord, ClassFacts] = {
+    "car": ClassFacts(
+        "vehicle.tesla.model3",
+        xosc.VehicleCategory.car,
+        wheelbase_m=2.7,
+        track_m=1.6,
+        wheel_m=0.65,
+        steering_rad=0.6,
+        speed_mps=60.0,
+        acceleration_mps2=10.0,
+        deceleration_mps2=10.0,
+        mass_kg=1700.0,
+    ),
+    "truck": ClassFacts(
+        "vehicle.carlamotors.firetruck",
+        xosc.VehicleCategory.truck,
+        wheelbase_m=5.2,
+        track_m=2.1,
+        wheel_m=1.0,
+        steering_rad=0.6,
+        speed_mps=30.0,
+        acceleration_mps2=5.0,
+        deceleration_mps2=8.0,
+        mass_kg=12000.0,
+    ),
+    "bus": ClassFacts(
+        "vehicle.mitsubishi.fusorosa",
+        xosc.VehicleCategory.bus,
+        wheelbase_m=6.0,
+        track_m=2.1,
+        wheel_m=1.0,
+        steering_rad=0.7,
+        speed_mps=30.0,
+        acceleration_mps2=5.0,
+        deceleration_mps2=8.0,
+        mass_kg=11000.0,
+    ),
+    "motorcycle": ClassFacts(
+        "vehicle.kawasaki.ninja",
+        xosc.VehicleCategory.motorbike,
+        wheelbase_m=1.4,
+        track_m=0.01,
+        wheel_m=0.6,
+        steering_rad=0.5,
+        speed_mps=60.0,
+        acceleration_mps2=10.0,
+        deceleration_mps2=10.0,
+        mass_kg=220.0,
+    ),
+    "cyclist": ClassFacts(
+        "vehicle.bh.crossbike",
+        xosc.VehicleCategory.bicycle,
+        wheelbase_m=1.0,
+        track_m=0.01,
+        wheel_m=0.7,
+        steering_rad=0.7,
+        speed_mps=15.0,
+        acceleration_mps2=4.0,
+        deceleration_mps2=6.0,
+        mass_kg=90.0,
+    ),
+    "pedestrian": ClassFacts(
+        "walker.pedestrian.0001",
+        None,
+        wheelbase_m=0.0,
+        track_m=0.0,
+        wheel_m=0.0,
+        steering_rad=0.0,
+        speed_mps=6.0,
+        acceleration_mps2=5.0,
+        deceleration_mps2=5.0,
+        mass_kg=75.0,
+    ),
+}

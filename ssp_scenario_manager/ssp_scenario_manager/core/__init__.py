@@ -1,1 +1,0 @@
-"""Decisions of the scenario manager: pure, without ROS, without a clock."""

@@ -1,0 +1,464 @@
+"""When and how an object target's manoeuvre is adapted to a VUT of another speed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from ssp_core.clock import NS_PER_S, seconds_to_ns
+from ssp_core.geometry import FloatArray, Polyline
+from ssp_core.motion.reference import Reference
+from ssp_core.motion.state import ObjectState, Size
+from ssp_core.run_file.model import Limits, RunSpec
+from ssp_core.run_file.participants import Adaptation, ParticipantSpec, TriggerSpec
+from ssp_core.safety.stopping import blind_excess_m
+from ssp_scenario_manager.dispatch.planned_motion import (
+    Pace,
+    PlannedMotion,
+    VutTrack,
+    arrival_ns,
+    as_planned,
+    follow_vut,
+    play,
+    routine_of,
+    toward,
+    wanted_rate,
+)
+
+_SAME_SPEED_MPS = 0.01
+_BISECTIONS = 5
+# So long after the decisive instant, the pace is as good as back to 1.
+_AFTER_S = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Bounds:
+    """What an adapted motion must stay inside of (METHOD 2.3, the limits of safety).
+
+    Args:
+        limits: of the site.
+        geofence: polygon, m, frame map.
+        target: that moves.
+        step_s: how often it judges its state.
+    """
+
+    limits: Limits
+    geofence: Sequence[tuple[float, float]]
+    target: ParticipantSpec
+    step_s: float
+
+
+def nearest_rate(
+    planned: FloatArray,
+    known: Pace,
+    wish: Adaptation,
+    bounds: Bounds,
+    start_ns: int,
+    rate: float,
+    until_s: float,
+) -> float:
+    """The pace that comes nearest to a wanted one inside the limits.
+
+    Args:
+        planned: columns of the routine as planned.
+        known: the pace as it goes on now.
+        wish: of the trigger.
+        bounds: of the motion.
+        start_ns: when the new pace begins.
+        rate: wanted.
+        until_s: own time of what decides the gap.
+    """
+    if _fits(planned, wish, bounds, toward(known, start_ns, rate, until_s), until_s):
+        return rate
+    # As it goes on now it fits, and so does whatever is near enough to that.
+    good, bad = known.wanted, rate
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (good + bad)
+        if _fits(planned, wish, bounds, toward(known, start_ns, middle, until_s), until_s):
+            good = middle
+        else:
+            bad = middle
+    return good
+
+
+def _fits(
+    planned: FloatArray, wish: Adaptation, bounds: Bounds, pace: Pace, until_s: float
+) -> bool:
+    """Speed and acceleration stay inside the limits, or inside what was planned if that is more,
+    and a blind stop from any of its points stays inside the fence."""
+    near = planned[:, planned[0] <= until_s + _AFTER_S]
+    played = play(near, pace).columns
+    speed, acceleration = played[4], played[5]
+    limits, site = bounds.limits, bounds.limits.acceleration_mps2
+    most_up = min(site, wish.acceleration_mps2 or site)
+    most_down = min(site, wish.deceleration_mps2 or site)
+    return bool(
+        speed.max() <= max(limits.speed_mps, near[4].max())
+        and acceleration.max() <= max(most_up, near[5].max())
+        and -acceleration.min() <= max(most_down, -near[5].min())
+        and _stops_inside(played, near, bounds)
+    )
+
+
+def _stops_inside(played: FloatArray, planned: FloatArray, bounds: Bounds) -> bool:
+    """Where it is faster than planned; where it isn't, the object has found that it does."""
+    at = planned[4, -(played.shape[1] - 1) :] if played.shape[1] > 1 else planned[4, :0]
+    faster = played[:, 1:][:, played[4, 1:] > at + _SAME_SPEED_MPS]
+    if faster.shape[1] == 0:
+        return True
+    target = bounds.target
+    excess = blind_excess_m(
+        faster, target.cls, target.size, bounds.limits, bounds.geofence, bounds.step_s
+    )
+    return not excess.max() > 0.0
+
+
+# A passing order that looks wrong for so long is wrong.
+ORDER_S = 0.2
+# A gap that will be further off than this is told of.
+UNMET_S = 0.15
+# A VUT that brakes harder than this share of what counts as a response may be beginning one; for so
+# long its braking is let be.
+SUSPICIOUS_SHARE = 0.4
+SUSPICION_S = 0.25
+# Two wishes that differ by less are the same.
+_SAME_RATE = 0.005
+
+
+@dataclass(frozen=True, slots=True)
+class Adapting:
+    """What is remembered of one manoeuvre that is being adapted.
+
+    Args:
+        routine: as planned.
+        pace: of the last reference that was sent and not refused.
+        taken: of the last one that the object accepted.
+        aimed_ns: session time at which a pace was last looked for.
+        lead_ns: between dispatch and execute_at.
+        track: of the VUT.
+        refused: references in a row that were refused.
+        wrong_ns: since when the passing order has looked wrong; None: it looks right.
+        settled: somebody has arrived, and in the right order.
+        braking_ns: since when the VUT has braked as if it began to respond; None: it doesn't.
+        unmet: the gap can't be met at present.
+        over: why it ended; empty while it goes on.
+    """
+
+    routine: PlannedMotion
+    pace: Pace
+    taken: Pace
+    aimed_ns: int
+    lead_ns: int
+    track: VutTrack | None = None
+    refused: int = 0
+    wrong_ns: int | None = None
+    settled: bool = False
+    braking_ns: int | None = None
+    unmet: bool = False
+    over: str = ""
+
+    def ended(self, why: str) -> Adapting:
+        """It is over: what the object has taken stays as it is."""
+        return replace(self, over=why)
+
+
+def begin(routine: PlannedMotion, dispatched_ns: int, lead_s: float) -> Adapting:
+    """A manoeuvre that was dispatched as planned."""
+    pace = as_planned(routine.execute_at_ns)
+    return Adapting(routine, pace, pace, dispatched_ns, seconds_to_ns(lead_s))
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """What follows from one state of the VUT.
+
+    Args:
+        adapting: what is remembered from now on.
+        pace: to be sent; None: all stays as it is.
+        note: for people; empty: there is nothing to tell.
+        wrong_order: the passing order can't be kept, in words; empty: it can.
+    """
+
+    adapting: Adapting
+    pace: Pace | None = None
+    note: str = ""
+    wrong_order: str = ""
+
+
+def decide(
+    adapting: Adapting,
+    wish: Adaptation,
+    bounds: Bounds,
+    vut: ObjectState,
+    path: Polyline,
+    now_ns: int,
+) -> Decision:
+    """Judges a state of the VUT that hasn't been judged yet.
+
+    Args:
+        adapting: what is remembered.
+        wish: of the trigger.
+        bounds: of the motion.
+        vut: newest state.
+        path: of the VUT.
+        now_ns: session time, that of a dispatch.
+    """
+    known = replace(adapting, track=follow_vut(adapting.track, vut, path))
+    track = known.track
+    if track is None:
+        return Decision(known)
+    known, wrong = _watch_order(known, wish, track, path)
+    if wrong or known.over:
+        return Decision(known, wrong_order=wrong)
+    over = _over(known, wish, track, now_ns)
+    if over:
+        return Decision(known.ended(over), note=f"adaptation ends: {over}")
+    known = _suspect(known, wish, track, now_ns)
+    if known.braking_ns is not None and now_ns - known.braking_ns < seconds_to_ns(SUSPICION_S):
+        return Decision(known)
+    return _aim(known, wish, bounds, track, vut.size, path, now_ns)
+
+
+def _conflict_m(routine: PlannedMotion, wish: Adaptation, path: Polyline) -> float:
+    """The conflict point, arc length along the VUT's path."""
+    if wish.anchor is None:
+        return routine.zone.start_m
+    return path.project(*wish.anchor)[0]
+
+
+def _decisive_s(routine: PlannedMotion, wish: Adaptation) -> float:
+    """Own time of what decides the gap."""
+    return routine.departure_s if wish.first == "initiator" else routine.arrival_s
+
+
+def _due_ns(
+    routine: PlannedMotion, wish: Adaptation, track: VutTrack, size: Size, path: Polyline
+) -> float:
+    """When the decisive instant must be, for the gap to be as specified; inf: never."""
+    conflict_m = _conflict_m(routine, wish, path)
+    gap_ns = wish.gap_s * NS_PER_S
+    if wish.first == "initiator":
+        return arrival_ns(track, conflict_m) - gap_ns
+    end_m = conflict_m + routine.zone.end_m - routine.zone.start_m
+    return arrival_ns(track, end_m + size.length_m) + gap_ns
+
+
+def _watch_order(
+    known: Adapting, wish: Adaptation, track: VutTrack, path: Polyline
+) -> tuple[Adapting, str]:
+    """Says so when the wrong one will arrive first whatever is done, and this isn't just noise."""
+    if known.settled:
+        return known, ""
+    routine = known.routine
+    conflict_m = _conflict_m(routine, wish, path)
+    object_ns = known.pace.reached_ns(routine.arrival_s)
+    vut_ns = arrival_ns(track, conflict_m)
+    right = object_ns < vut_ns if wish.first == "initiator" else vut_ns < object_ns
+    if right and (object_ns <= track.stamp_ns or track.front_m >= conflict_m):
+        return replace(known, settled=True, wrong_ns=None), ""
+    if right:
+        return replace(known, wrong_ns=None), ""
+    if known.wrong_ns is None:
+        return replace(known, wrong_ns=track.stamp_ns), ""
+    if track.stamp_ns - known.wrong_ns < seconds_to_ns(ORDER_S):
+        return known, ""
+    who = "the VUT" if wish.first == "initiator" else "the object target"
+    ahead_s = abs(object_ns - vut_ns) / NS_PER_S
+    return known, f"{who} would be {ahead_s:.2f} s too early for the passing order"
+
+
+def _over(known: Adapting, wish: Adaptation, track: VutTrack, now_ns: int) -> str:
+    """Why it is over, empty while it isn't."""
+    decisive_ns = known.pace.reached_ns(_decisive_s(known.routine, wish))
+    if decisive_ns <= now_ns + seconds_to_ns(wish.freeze_s):
+        return "the conflict is at hand"
+    own_s, _, _ = known.pace.at(now_ns)
+    braking = -track.acceleration_mps2
+    if wish.response_mps2 is not None and own_s > 0.0 and braking > wish.response_mps2:
+        return f"the VUT responds, braking at {braking:.1f} m/s^2"
+    return ""
+
+
+def _suspect(known: Adapting, wish: Adaptation, track: VutTrack, now_ns: int) -> Adapting:
+    """Notes since when the VUT has braked in a way that may become a response."""
+    own_s, _, _ = known.pace.at(now_ns)
+    mild = wish.response_mps2 is None or own_s <= 0.0
+    if mild or -track.acceleration_mps2 <= SUSPICIOUS_SHARE * (wish.response_mps2 or 0.0):
+        return known if known.braking_ns is None else replace(known, braking_ns=None)
+    return known if known.braking_ns is not None else replace(known, braking_ns=now_ns)
+
+
+def _aim(
+    known: Adapting,
+    wish: Adaptation,
+    bounds: Bounds,
+    track: VutTrack,
+    size: Size,
+    path: Polyline,
+    now_ns: int,
+) -> Decision:
+    """The pace with which the decisive instant comes when it must, if it can."""
+    own_s = _decisive_s(known.routine, wish)
+    due_ns = _due_ns(known.routine, wish, track, size, path)
+    off_s = (known.pace.reached_ns(own_s) - due_ns) / NS_PER_S
+    if abs(off_s) <= wish.dead_band_s:
+        return Decision(replace(known, unmet=False))
+    if now_ns - known.aimed_ns < NS_PER_S / wish.rate_hz:
+        return Decision(known)
+    known = replace(known, aimed_ns=now_ns)
+    start_ns = now_ns + known.lead_ns
+    slowest, fastest = wish.speed_share
+    rate = slowest
+    if math.isfinite(due_ns):
+        rate = wanted_rate(known.pace, start_ns, own_s, (due_ns - start_ns) / NS_PER_S)
+    rate = nearest_rate(
+        known.routine.columns,
+        known.pace,
+        wish,
+        bounds,
+        start_ns,
+        min(max(rate, slowest), fastest),
+        own_s,
+    )
+    if abs(rate - known.pace.wanted) < _SAME_RATE:
+        return Decision(*_told(known, off_s))
+    pace = toward(known.pace, start_ns, rate, own_s)
+    told, _, note = _told(replace(known, pace=pace), (pace.reached_ns(own_s) - due_ns) / NS_PER_S)
+    return Decision(told, pace, note)
+
+
+def _told(known: Adapting, off_s: float) -> tuple[Adapting, None, str]:
+    """Tells once of a gap that can't be met, and once of one that can again."""
+    unmet = abs(off_s) > UNMET_S
+    if unmet == known.unmet:
+        return known, None, ""
+    if not unmet:
+        return replace(known, unmet=False), None, "the time gap can be met again"
+    by = f"{abs(off_s):.2f} s" if math.isfinite(off_s) else "any time"
+    why = f"the time gap will be off by {by}: as much as the limits allow is done"
+    return replace(known, unmet=True), None, why
+
+
+def answered(adapting: Adapting, pace: Pace, *, accepted: bool, most_lead_ns: int) -> Adapting:
+    """Takes an object's answer into account.
+
+    A refused one was not taken, so that what was taken last is driven on; the next one is given
+    twice the time to arrive.
+
+    Args:
+        adapting: what is remembered.
+        pace: of the reference that was answered.
+        accepted: False: refused.
+        most_lead_ns: the longest time between dispatch and execute_at.
+    """
+    if accepted:
+        taken = pace if pace.start_ns >= adapting.taken.start_ns else adapting.taken
+        return replace(adapting, taken=taken, refused=0)
+    pace = adapting.taken if adapting.pace == pace else adapting.pace
+    lead = min(2 * max(adapting.lead_ns, 1), most_lead_ns)
+    return replace(adapting, pace=pace, refused=adapting.refused + 1, lead_ns=lead)
+
+
+# So many refusals in a row, and the link is too slow for adapting.
+MOST_REFUSED = 3
+# The longest time between dispatch and execute_at of an adapted reference.
+MOST_LEAD_S = 0.4
+
+
+@dataclass(frozen=True, slots=True)
+class Fired:
+    """A trigger whose manoeuvre is to be adapted.
+
+    Args:
+        trigger: with an adaptation.
+        manoeuvre: that was dispatched.
+        before: the reference that the object drove then; None: it stood.
+    """
+
+    trigger: TriggerSpec
+    manoeuvre: Reference
+    before: Reference | None
+
+
+@dataclass(frozen=True, slots=True)
+class Wish:
+    """A decision about one manoeuvre."""
+
+    fired: Fired
+    adaptation: Adaptation
+    decision: Decision
+
+
+class Adaptations:
+    """What is remembered of them; the deciding is in ``adapt``."""
+
+    def __init__(self) -> None:
+        self._fired: dict[str, Fired] = {}
+        self._going_on: dict[str, Adapting] = {}
+        self._sent: dict[str, tuple[str, Pace]] = {}
+        self._notes: list[str] = []
+
+    def fire(self, trigger: TriggerSpec, manoeuvre: Reference, before: Reference | None) -> None:
+        """A manoeuvre is dispatched; one without an adaptation is let be."""
+        if trigger.adaptation is not None:
+            self._fired[trigger.id] = Fired(trigger, manoeuvre, before)
+
+    def judge(self, spec: RunSpec, path: Polyline, vut: ObjectState, now_ns: int) -> list[Wish]:
+        """Judges every manoeuvre on a state of the VUT, in the order in which they fired."""
+        wishes = []
+        for fired in list(self._fired.values()):
+            wish = fired.trigger.adaptation
+            if fired.manoeuvre.dispatched_ns == now_ns:
+                continue  # It is on its way out; nothing may hold it up.
+            known = self._known(fired, spec, path, vut.stamp_ns)
+            if wish is None or known is None:
+                continue
+            decision = decide(known, wish, self._bounds(fired, spec), vut, path, now_ns)
+            self._going_on[fired.trigger.id] = decision.adapting
+            wishes.append(Wish(fired, wish, decision))
+        return wishes
+
+    @staticmethod
+    def _bounds(fired: Fired, spec: RunSpec) -> Bounds:
+        target = next(t for t in spec.targets if t.id == fired.trigger.object_id)
+        return Bounds(spec.limits, spec.geofence, target, spec.step_s)
+
+    def _known(self, fired: Fired, spec: RunSpec, path: Polyline, now_ns: int) -> Adapting | None:
+        trigger, wish = fired.trigger, fired.trigger.adaptation
+        if trigger.id in self._going_on or wish is None:
+            return self._going_on.get(trigger.id)
+        target = next(t for t in spec.targets if t.id == trigger.object_id)
+        manoeuvre = fired.manoeuvre
+        routine = routine_of(
+            fired.before, manoeuvre, manoeuvre.dispatched_ns, target, spec.vut, path
+        )
+        if routine is None:
+            del self._fired[trigger.id]
+            self._notes.append(f"{target.id} doesn't come into the VUT's corridor: no adaptation")
+            return None
+        return begin(routine, manoeuvre.dispatched_ns, wish.lead_time_s)
+
+    def send(self, reference_id: str, wish: Wish) -> None:
+        """An adapted reference is dispatched, at the pace of a decision."""
+        if wish.decision.pace is not None:
+            self._sent[reference_id] = (wish.fired.trigger.id, wish.decision.pace)
+
+    def answer(self, reference_id: str, *, accepted: bool, message: str) -> None:
+        """An object's answer to an adapted reference that doesn't end the run."""
+        trigger_id, pace = self._sent.pop(reference_id)
+        known = answered(
+            self._going_on[trigger_id],
+            pace,
+            accepted=accepted,
+            most_lead_ns=seconds_to_ns(MOST_LEAD_S),
+        )
+        if not accepted and not known.over and known.refused >= MOST_REFUSED:
+            known = known.ended(f"{reference_id} was refused: {message}")
+            self._notes.append(f"adaptation ends: {known.over}")
+        self._going_on[trigger_id] = known
+
+    def take_notes(self) -> list[str]:
+        """Takes out what people should know."""
+        notes, self._notes = self._notes, []
+        return notes

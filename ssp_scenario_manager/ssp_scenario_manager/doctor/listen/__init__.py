@@ -1,1 +1,0 @@
-"""Listening to a session from outside."""

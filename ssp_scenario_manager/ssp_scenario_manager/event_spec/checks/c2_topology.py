@@ -1,0 +1,262 @@
+"""C2: the road lets the interaction happen, and the initiator's path meets the VUT's corridor.
+
+That routes are connected on the target's map is for the compiler to check (METHOD 2.2).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from ssp_scenario_manager.event_spec.checks.base import (
+    Fail,
+    Failure,
+    Predicate,
+    View,
+    known,
+    one_of,
+)
+from ssp_scenario_manager.event_spec.checks.form import allowed
+from ssp_scenario_manager.event_spec.fields import get, owner
+from ssp_scenario_manager.event_spec.model import (
+    IDENTITY_BY_DEFAULT,
+    UNRESOLVED,
+    CountField,
+    QuantityField,
+    WordField,
+)
+from ssp_scenario_manager.maps.block import STRAIGHT_BELOW_1PM
+
+_fail = Fail("C2")
+
+_BESIDE = {
+    "left": frozenset({"front_left", "left", "rear_left"}),
+    "right": frozenset({"front_right", "right", "rear_right"}),
+}
+# Motion class: side that it comes from, side that it moves to.
+_FROM = {
+    "cutting_in_from_left": ("left", "right"),
+    "cutting_in_from_right": ("right", "left"),
+    "crossing_from_left": ("left", "right"),
+    "crossing_from_right": ("right", "left"),
+}
+
+
+def fields_say_whether_they_vary(view: View) -> Iterator[Failure]:
+    """Each field of the road is identity or varies inside a range that holds the source's value."""
+    for name, field in view.event.topology.by_name.items():
+        path, varies = f"topology.{name}", _varies(view, name)
+        if field.is_identity == (varies is not None):
+            both = "is identity and varies" if field.is_identity else "says neither"
+            yield _fail(
+                path,
+                view.said(path),
+                f"{both}: every domain has the source's value, or may have another one",
+                "either identity: true, or varies: with what a place may have",
+            )
+        if varies is None:
+            continue
+        if isinstance(varies, list) and len(set(varies)) < len(varies):
+            at = f"{path}.varies"
+            yield _fail(at, view.said(at), "a word stands twice", "each word once")
+        if isinstance(field, CountField) and varies["min"] > varies["max"]:
+            at = f"{path}.varies"
+            yield _fail(at, view.said(at), "min is above max", "min at most max")
+        elif not _holds(view, name):
+            yield _fail(
+                path,
+                view.said(path),
+                "the source's own value is outside the range in which the field may vary",
+                "a range that holds it, or the value that the source shows",
+                view.origin(path),
+            )
+
+
+def _varies(view: View, name: str) -> Any:
+    return get(view.value, f"topology.{name}.varies")
+
+
+def _holds(view: View, name: str) -> bool:
+    """Whether a varying field's own value, where it is known, is one that a place may have."""
+    field = view.event.topology.by_name[name]
+    if isinstance(field, WordField):
+        return field.value == UNRESOLVED or field.admits(field.value)
+    if isinstance(field, CountField):
+        return field.value == UNRESOLVED or field.admits(field.value)
+    if isinstance(field, QuantityField):
+        own = view.span(f"topology.{name}.value")
+        allowed = view.span(f"topology.{name}.varies")
+        return own is None or allowed is None or allowed.holds(own)
+    return True
+
+
+def identity_is_known(view: View) -> Iterator[Failure]:
+    """An identity field has the value that the source shows (METHOD 4.2)."""
+    for name in view.event.topology.identity_fields:
+        path = f"topology.{name}"
+        if get(view.value, f"{path}.value") == UNRESOLVED:
+            yield _fail(
+                path,
+                view.said(path),
+                "is identity, so that no other domain can be shown to have the same",
+                allowed(f"{path}.value"),
+                "open decision",
+            )
+
+
+def what_varies_is_justified(view: View) -> Iterator[Failure]:
+    """Segment, lane counts and the VUT's lane vary only with a reason that a person reviewed."""
+    for name in IDENTITY_BY_DEFAULT:
+        path, field = f"topology.{name}", view.event.topology.by_name[name]
+        if _varies(view, name) is None:
+            continue
+        if not (field.why and field.why.strip()):
+            yield _fail(
+                path,
+                view.said(path),
+                "is identity unless somebody says why not (METHOD 4.2)",
+                "identity: true, or why: with the reason",
+            )
+        entry = owner(path, view.event.uncertainty)
+        state = view.event.uncertainty[entry].review if entry else "not there"
+        if state not in ("accepted", "edited"):
+            yield _fail(
+                path,
+                f"{view.said(path)}; uncertainty.{entry or path}.review = {state}",
+                "may differ between domains, and no person has reviewed that (METHOD 4.2)",
+                "identity: true, or a decision by `ssp spec review FILE`",
+            )
+
+
+def road_has_the_lanes(view: View) -> Iterator[Failure]:
+    """The road has the lanes in the VUT's direction that the kind needs."""
+    kind, lanes = view.kind, view.event.topology.lanes_same_direction.range
+    if kind and lanes and lanes.min < kind.same_direction_lanes:
+        yield _fail(
+            "topology.lanes_same_direction",
+            view.said("topology.lanes_same_direction", "interaction.type"),
+            f"{kind.name} needs {kind.same_direction_lanes} lanes in the VUT's direction",
+            f"at least {kind.same_direction_lanes}",
+        )
+
+
+def road_permits_it(view: View) -> Iterator[Failure]:
+    """The road permits the manoeuvres that the kind needs."""
+    kind, path = view.kind, "topology.permitted_manoeuvres"
+    permitted = view.event.topology.permitted_manoeuvres
+    missing = kind.manoeuvres(view.event) - permitted.needed if kind else frozenset()
+    if kind and missing and permitted.permitted:
+        yield _fail(
+            path,
+            view.said(path, "interaction.type", "interaction.dominant_motion"),
+            f"{kind.name} needs {one_of(missing)} wherever it takes place",
+            f"{one_of(missing)} in value and not in varies",
+        )
+    lanes = view.event.topology.lanes_same_direction.range
+    changes = {"lane_change_left", "lane_change_right"} & permitted.permitted
+    if changes and lanes and lanes.max < 2:
+        yield _fail(
+            path,
+            view.said(path, "topology.lanes_same_direction"),
+            "there is no lane to change to",
+            "no lane change, or at least 2 lanes",
+        )
+
+
+def initiator_comes_from_there(view: View) -> Iterator[Failure]:
+    """The initiator starts in the lane or at the kerb that its dominant motion comes from."""
+    kind, motion = view.kind, view.event.interaction.dominant_motion
+    found = view.event.participants.get(view.initiator)
+    if kind is None or found is None or motion not in kind.initiator_places:
+        return
+    places = kind.initiator_places[motion]
+    at = f"participants.{view.initiator}.region"
+    if found.region.place not in places:
+        yield _fail(
+            f"{at}.place",
+            view.said(f"{at}.place", "interaction.dominant_motion"),
+            "the initiator's path doesn't come from there",
+            one_of(places),
+        )
+    if found.region.along != "ahead":
+        yield _fail(
+            f"{at}.along",
+            view.said(f"{at}.along", "interaction.type"),
+            "the VUT would not see the initiator coming",
+            "ahead",
+        )
+
+
+def path_meets_the_corridor(view: View) -> Iterator[Failure]:
+    """Coming from a side, the initiator is seen there at the trigger and in front in conflict."""
+    motion, who = view.event.interaction.dominant_motion, view.initiator
+    cells = {phase: view.cell(who, phase) for phase in ("trigger", "conflict", "resolution")}
+    trigger, conflict, resolution = cells["trigger"], cells["conflict"], cells["resolution"]
+    side = _FROM.get(motion)
+    ahead = f"front_{side[0]}" if side else "front"
+    if trigger and known(trigger.position) and trigger.position != ahead:
+        yield _seen(view, f"motion.{who}.trigger.position", ahead)
+    if conflict and known(conflict.position) and conflict.position != "front":
+        yield _seen(view, f"motion.{who}.conflict.position", "front")
+    if resolution is None or not known(resolution.position):
+        return
+    crossed = motion.startswith("crossing")
+    ends = {"front"} | (_BESIDE[side[1]] if side and crossed else frozenset())
+    if resolution.position not in ends:
+        yield _seen(view, f"motion.{who}.resolution.position", one_of(ends))
+
+
+def _seen(view: View, path: str, wanted: str) -> Failure:
+    return _fail(
+        path,
+        view.said(path, "interaction.dominant_motion"),
+        "the initiator's path doesn't cross or enter the VUT's corridor like this",
+        wanted,
+    )
+
+
+def segment_fits_curvature(view: View) -> Iterator[Failure]:
+    """Curvature and segment say the same: a straight has a radius of 1000 m or more."""
+    segments, path = set(view.event.topology.segment.words), view.road("curvature")
+    span = view.span(path)
+    if span is None:
+        return
+    if segments == {"straight"} and span.high > STRAIGHT_BELOW_1PM + 1e-9:
+        yield _fail(
+            path,
+            view.said(path, "topology.segment"),
+            "a straight segment isn't bent that much",
+            f"at most {STRAIGHT_BELOW_1PM:g} 1/m, or another segment",
+        )
+    if segments == {"curve"} and span.high <= STRAIGHT_BELOW_1PM + 1e-9:
+        yield _fail(
+            path,
+            view.said(path, "topology.segment"),
+            "a curve is bent more than that",
+            f"more than {STRAIGHT_BELOW_1PM:g} 1/m, or another segment",
+        )
+
+
+def lanes_are_changed_on_open_road(view: View) -> Iterator[Failure]:
+    """Cutting in and following take place outside junctions."""
+    relation, segments = view.event.interaction.relation, view.event.topology.segment.words
+    if "junction" in segments and relation in ("merge", "following"):
+        yield _fail(
+            "topology.segment",
+            view.said("topology.segment", "interaction.relation"),
+            "lanes end and part in a junction",
+            "straight or curve",
+        )
+
+
+TOPOLOGY_PREDICATES: tuple[Predicate, ...] = (
+    fields_say_whether_they_vary,
+    identity_is_known,
+    what_varies_is_justified,
+    road_has_the_lanes,
+    road_permits_it,
+    initiator_comes_from_there,
+    path_meets_the_corridor,
+    segment_fits_curvature,
+    lanes_are_changed_on_open_road,
+)

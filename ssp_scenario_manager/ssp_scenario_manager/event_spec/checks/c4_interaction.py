@@ -1,0 +1,326 @@
+"""C4: conflict zone, passing order and responses agree; some response is always admissible."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from ssp_scenario_manager.event_spec.checks.base import (
+    Fail,
+    Failure,
+    Predicate,
+    View,
+    known,
+    one_of,
+)
+from ssp_scenario_manager.scenarios.kinds import KINDS
+
+_fail = Fail("C4")
+
+# Until a VUT that reacts has its brakes on: what a feasible response allows for.
+REACTION_S = 0.5
+# What the VUT does in the conflict, by its speed trend in part M.
+_DOES = {
+    "standing": frozenset({"stop"}),
+    "decreasing": frozenset({"decelerate", "stop"}),
+    "constant": frozenset({"maintain"}),
+    "increasing": frozenset({"accelerate"}),
+}
+_GIVES_WAY = frozenset({"decelerate", "stop"})
+_EXTREME = {"left": "leftmost", "right": "rightmost"}
+
+
+def kind_is_known(view: View) -> Iterator[Failure]:
+    """The type is a kind of interaction that the project knows."""
+    if view.kind is None:
+        yield _fail(
+            "interaction.type",
+            view.said("interaction.type"),
+            "nobody has said what this kind of interaction needs",
+            one_of(KINDS),
+            view.origin("interaction.type"),
+        )
+
+
+def words_fit_the_kind(view: View) -> Iterator[Failure]:
+    """Relation, conflict zone, dominant motion and trigger are those of the kind."""
+    kind, interaction = view.kind, view.event.interaction
+    if kind is None:
+        return
+    for path, word, wanted in (
+        ("interaction.relation", interaction.relation, {kind.relation}),
+        ("interaction.zone", interaction.zone, {kind.zone}),
+        ("interaction.dominant_motion", interaction.dominant_motion, kind.dominant_motions),
+        (
+            "constraints.trigger.quantity",
+            view.event.constraints.trigger.quantity,
+            kind.trigger_quantities,
+        ),
+    ):
+        if word not in wanted:
+            yield _fail(
+                path,
+                view.said(path, "interaction.type"),
+                f"{kind.name} has another",
+                one_of(wanted),
+            )
+
+
+def intent_fits_the_kind_and_the_motion(view: View) -> Iterator[Failure]:
+    """What the VUT means to do is what the kind has it do, and no cell or response denies it."""
+    vut, interaction = view.event.vut_id, view.event.interaction
+    path, intent = f"participants.{vut}.intent", view.event.participants[vut].intent
+    if not known(intent):
+        return
+    if view.kind and intent not in view.kind.vut_intents:
+        yield _fail(
+            path,
+            view.said(path, "interaction.type"),
+            f"in {view.kind.name} the VUT goes on as it came",
+            one_of(view.kind.vut_intents),
+        )
+    side = str(intent).rpartition("_")[2]
+    for phase in ("approach", "trigger"):
+        at = f"motion.{vut}.{phase}.lateral"
+        cell = view.cell(vut, phase)
+        if cell and cell.lateral == {"left": "right", "right": "left"}.get(side):
+            yield _fail(at, view.said(at, path), "the VUT goes the other way", f"none or {side}")
+    allowed = {side, "straight"} if side in ("left", "right") else {"straight"}
+    if not allowed & set(interaction.lateral_responses):
+        at = "interaction.lateral_responses"
+        yield _fail(
+            at,
+            view.said(at, path),
+            "no response lets the VUT go on as it means to, not even once the way is free",
+            f"add {one_of(allowed)}",
+        )
+    cell, at = view.cell(vut, "resolution"), f"motion.{vut}.resolution.speed_trend"
+    if intent == "stop" and cell and cell.speed_trend == "increasing":
+        yield _fail(at, view.said(at, path), "who means to stop doesn't drive on", "standing")
+
+
+def dominant_motion_is_seen(view: View) -> Iterator[Failure]:
+    """The dominant motion is the initiator's in the trigger and conflict phases."""
+    dominant = view.event.interaction.dominant_motion
+    for phase in ("trigger", "conflict"):
+        cell = view.cell(view.initiator, phase)
+        if cell and cell.motion is not None and cell.motion != dominant:
+            path = f"motion.{view.initiator}.{phase}.motion"
+            yield _fail(
+                path,
+                view.said(path, "interaction.dominant_motion"),
+                "the dominant motion holds longest between trigger and resolution (METHOD 1)",
+                dominant,
+            )
+
+
+def conflict_is_closing(view: View) -> Iterator[Failure]:
+    """From the trigger into the conflict the gap between VUT and initiator closes."""
+    for phase in ("trigger", "conflict"):
+        cell = view.cell(view.initiator, phase)
+        path = f"motion.{view.initiator}.{phase}.longitudinal"
+        if cell and cell.longitudinal != "closing":
+            yield _fail(path, view.said(path), "nothing conflicts without coming nearer", "closing")
+
+
+def passing_order_fits(view: View) -> Iterator[Failure]:
+    """Who may arrive first at the conflict point does."""
+    kind, interaction = view.kind, view.event.interaction
+    if kind is None or kind.first == "either":
+        return
+    first = interaction.initiator if kind.first == "initiator" else interaction.affected
+    if interaction.passing_order[0] != first:
+        yield _fail(
+            "interaction.passing_order",
+            view.said("interaction.passing_order", "interaction.type"),
+            f"in {kind.name} the {kind.first} reaches the conflict point first",
+            f"{first} first",
+        )
+
+
+def responses_agree(view: View) -> Iterator[Failure]:
+    """The admissible responses let the first one pass, and stand once each."""
+    interaction = view.event.interaction
+    for name in ("longitudinal_responses", "lateral_responses"):
+        words = getattr(interaction, name)
+        if len(set(words)) < len(words):
+            path = f"interaction.{name}"
+            yield _fail(path, view.said(path), "a word stands twice", "each word once")
+    path = "interaction.longitudinal_responses"
+    wrong = set(interaction.longitudinal_responses) - _GIVES_WAY
+    if interaction.passing_order[0] == interaction.initiator and wrong:
+        yield _fail(
+            path,
+            view.said(path, "interaction.passing_order"),
+            f"who arrives second gives way, and {one_of(wrong)} doesn't",
+            one_of(_GIVES_WAY),
+        )
+
+
+def responses_have_room(view: View) -> Iterator[Failure]:
+    """A lateral response has a lane to go to, and a lane change that the road permits."""
+    topology, path = view.event.topology, "interaction.lateral_responses"
+    for side in ("left", "right"):
+        if side not in view.event.interaction.lateral_responses:
+            continue
+        lanes = topology.lanes_same_direction.range
+        no_lane = topology.vut_lane.value == _EXTREME[side] or (lanes and lanes.max < 2)
+        if no_lane or f"lane_change_{side}" not in topology.permitted_manoeuvres.permitted:
+            yield _fail(
+                path,
+                view.said(path, "topology.vut_lane", "topology.permitted_manoeuvres"),
+                f"there is nowhere to go on the {side}",
+                "straight",
+            )
+
+
+def vut_does_what_is_admissible(view: View) -> Iterator[Failure]:
+    """In the conflict, the VUT's motion in part M is one of the admissible responses."""
+    vut, interaction = view.event.vut_id, view.event.interaction
+    cell = view.cell(vut, "conflict")
+    if cell is None:
+        return
+    does = _DOES.get(cell.speed_trend)
+    if does is not None and not does & set(interaction.longitudinal_responses):
+        path = f"motion.{vut}.conflict.speed_trend"
+        yield _fail(
+            path,
+            view.said(path, "interaction.longitudinal_responses"),
+            "the VUT of the source does what no response admits",
+            "a trend that a response brings about, or any",
+        )
+    lateral = {"none": "straight"}.get(cell.lateral, cell.lateral)
+    if known(cell.lateral) and lateral not in interaction.lateral_responses:
+        path = f"motion.{vut}.conflict.lateral"
+        yield _fail(
+            path,
+            view.said(path, "interaction.lateral_responses"),
+            "the VUT of the source does what no response admits",
+            one_of(interaction.lateral_responses),
+        )
+
+
+def vut_keeps_its_lane_untouched(view: View) -> Iterator[Failure]:
+    """Before the conflict, and where no response leaves the lane, the VUT doesn't either."""
+    vut = view.event.vut_id
+    allowed = set(view.event.interaction.lateral_responses)
+    for phase in ("trigger", "resolution"):
+        cell = view.cell(vut, phase)
+        if cell is None or cell.lateral not in ("left", "right"):
+            continue
+        if cell.lateral not in allowed:
+            path = f"motion.{vut}.{phase}.lateral"
+            yield _fail(
+                path,
+                view.said(path, "interaction.lateral_responses"),
+                "the VUT leaves its lane, which no response admits",
+                "none",
+            )
+
+
+def vut_gives_way_in_the_conflict(view: View) -> Iterator[Failure]:
+    """Who gives way does so in the conflict, and not only once that is resolved."""
+    vut, interaction = view.event.vut_id, view.event.interaction
+    conflict, resolution = view.cell(vut, "conflict"), view.cell(vut, "resolution")
+    if conflict is None or resolution is None or interaction.passing_order[0] == vut:
+        return
+    gives_way = ("decreasing", "standing")
+    if resolution.speed_trend == "decreasing" and conflict.speed_trend not in gives_way:
+        path = f"motion.{vut}.conflict.speed_trend"
+        yield _fail(
+            path,
+            view.said(path, f"motion.{vut}.resolution.speed_trend", "interaction.passing_order"),
+            "the VUT would brake when nothing is in its way any more, and not before",
+            one_of(gives_way),
+        )
+
+
+def separation_fits_the_time_gap(view: View) -> Iterator[Failure]:
+    """The smallest time gap at the conflict point, driven fast, keeps the safe separation."""
+    c, vut = "constraints", view.event.vut_id
+    names = [f"{c}.safety.separation", f"{c}.time_gap", f"{c}.speeds.{vut}.conflict"]
+    separation, gap, speed = (view.span(name) for name in names)
+    if separation is None or gap is None or speed is None:
+        return
+    room = gap.low * speed.high
+    if separation.low > room:
+        yield _fail(
+            names[0],
+            view.said(*names),
+            f"they pass {room:.1f} m apart at most with the smallest time gap",
+            "a smaller separation, or a larger time gap",
+        )
+
+
+def thresholds_fit_the_kind(view: View) -> Iterator[Failure]:
+    """The conflict is judged by what the kind compares: TTC, arrivals or both."""
+    kind, thresholds = view.kind, view.event.constraints.thresholds
+    if kind is None:
+        return
+    if (thresholds.arrival_gap is not None) != kind.uses_arrival_gap:
+        path = "constraints.thresholds.arrival_gap"
+        yield _fail(
+            path,
+            view.said(path, "interaction.type"),
+            f"in {kind.name} "
+            + ("two arrivals are compared" if kind.uses_arrival_gap else "TTC alone counts"),
+            "a time" if kind.uses_arrival_gap else "null",
+        )
+    if thresholds.ttc is None:
+        path = "constraints.thresholds.ttc"
+        yield _fail(
+            path,
+            view.said(path, "interaction.type"),
+            "a VUT that closes in on somebody is a conflict, whoever arrives when",
+            "a time",
+        )
+
+
+def a_response_is_feasible(view: View) -> Iterator[Failure]:
+    """At the trigger the VUT can still brake within the safety limit, without a collision."""
+    vut, who = view.event.vut_id, view.initiator
+    c, limit = "constraints", view.span("constraints.safety.acceleration")
+    below, ours = view.span(f"{c}.trigger.below"), view.span(f"{c}.speeds.{vut}.trigger")
+    theirs, end = view.span(f"{c}.speeds.{who}.approach"), view.span(f"{c}.manoeuvre.end_speed")
+    if limit is None or below is None or ours is None or theirs is None or limit.high <= 0.0:
+        return
+    names = [f"{c}.trigger.below", f"{c}.safety.acceleration", f"{c}.speeds.{vut}.trigger"]
+    fast, brake = ours.high, limit.high
+    if view.event.constraints.trigger.quantity == "time_to_arrival":
+        room, needed = fast * below.low, fast * REACTION_S + fast**2 / (2 * brake)
+    elif end is not None:
+        # Both brake: the initiator to its end speed, the VUT after its reaction to the same.
+        names += [f"{c}.speeds.{who}.approach", f"{c}.manoeuvre.end_speed"]
+        slow = view.span(f"{c}.manoeuvre.deceleration")
+        rate = slow.high if slow and slow.high > 0.0 else brake
+        duration = (fast - end.low) / brake + REACTION_S
+        braking_s = max(0.0, theirs.low - end.low) / rate
+        theirs_m = (theirs.low**2 - end.low**2) / (2 * rate) + end.low * (duration - braking_s)
+        room = below.low + max(0.0, theirs_m)
+        needed = fast * REACTION_S + max(0.0, fast**2 - end.low**2) / (2 * brake)
+    else:
+        return
+    if needed > room:
+        yield _fail(
+            names[0],
+            view.said(*names),
+            f"braking in time takes {needed:.1f} m, and there may be only {room:.1f} m",
+            "a larger value, lower speeds, or a harder deceleration",
+        )
+
+
+INTERACTION_PREDICATES: tuple[Predicate, ...] = (
+    kind_is_known,
+    words_fit_the_kind,
+    intent_fits_the_kind_and_the_motion,
+    dominant_motion_is_seen,
+    conflict_is_closing,
+    passing_order_fits,
+    responses_agree,
+    responses_have_room,
+    vut_does_what_is_admissible,
+    vut_keeps_its_lane_untouched,
+    vut_gives_way_in_the_conflict,
+    separation_fits_the_time_gap,
+    thresholds_fit_the_kind,
+    a_response_is_feasible,
+)

@@ -1,0 +1,182 @@
+"""All checks of a K* (METHOD 1), all failures together; and what a person still has to decide
+about an event.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+from ssp_scenario_manager.event_spec.checks.base import Check, Failure, Predicate, View
+from ssp_scenario_manager.event_spec.checks.c1_relations import (
+    MOTION_PREDICATES,
+    PLACE_PREDICATES,
+    TYPE_PREDICATES,
+)
+from ssp_scenario_manager.event_spec.checks.c2_topology import TOPOLOGY_PREDICATES
+from ssp_scenario_manager.event_spec.checks.c3_events import TIME_PREDICATES, TRIGGER_PREDICATES
+from ssp_scenario_manager.event_spec.checks.c4_interaction import INTERACTION_PREDICATES
+from ssp_scenario_manager.event_spec.checks.c5_executability import (
+    EXECUTABILITY_PREDICATES,
+    UNIT_PREDICATES,
+)
+from ssp_scenario_manager.event_spec.checks.form import read
+from ssp_scenario_manager.event_spec.checks.review_state import REVIEW_PREDICATES
+from ssp_scenario_manager.event_spec.fields import ROAD_FIELD, get, granules, has, leaves, owner
+from ssp_scenario_manager.event_spec.load import body, safety_critical_fields, seals
+from ssp_scenario_manager.event_spec.model import UNRESOLVED, Doubt, Event
+
+# In the order of a report.
+PREDICATES: dict[Check, tuple[Predicate, ...]] = {
+    "C1": TYPE_PREDICATES + PLACE_PREDICATES + MOTION_PREDICATES,
+    "C2": TOPOLOGY_PREDICATES,
+    "C3": TIME_PREDICATES + TRIGGER_PREDICATES,
+    "C4": INTERACTION_PREDICATES,
+    "C5": UNIT_PREDICATES + EXECUTABILITY_PREDICATES,
+    "review": REVIEW_PREDICATES,
+}
+
+
+def check_event(event: Event | Mapping[str, Any], *, reviewed: bool = True) -> list[Failure]:
+    """Every check that doesn't hold, in a fixed order; [] for a K* that may be compiled.
+
+    Args:
+        event: typed, or a mapping as it was read from a file.
+        reviewed: whether to check part U too; False for a candidate before its review.
+    """
+    failures: list[Failure] = []
+    view: View | None = View(event) if isinstance(event, Event) else None
+    if not isinstance(event, Event):
+        view, failures = read(event)
+    if view is None:
+        return failures
+    for check, predicates in PREDICATES.items():
+        if check == "review" and not reviewed:
+            continue
+        found = (failure for predicate in predicates for failure in predicate(view))
+        failures.extend(failure for failure in found if not _about_stopgap(failure, view))
+    return list(dict.fromkeys(failures))
+
+
+def _about_stopgap(failure: Failure, view: View) -> bool:
+    """Whether a failure speaks of a field that couldn't be read, which is reported already."""
+    if view.is_broken(failure.field):
+        return True
+    named = (item.partition(" = ")[0] for item in failure.evidence.split("; "))
+    return any(view.is_broken(path) for path in named)
+
+
+Why = Literal["unresolved", "not reviewed", "changed since its review", "nobody says whence"]
+
+_FRAMES = re.compile(r"\bframes? (\d+(?:(?:, ?|-| to )\d+)*)")
+
+
+@dataclass(frozen=True)
+class Undecided:
+    """One field that waits for a person.
+
+    Args:
+        field: its path.
+        value: as it stands.
+        why: what is missing.
+        critical: safety-critical, so that no K* is without a decision about it.
+        confidence: of part U, None where it has no entry.
+        provenance: of part U, or "".
+        source: of part U, or "".
+        frames: evidence frames on the clip's own count, as part U and part E name them.
+    """
+
+    field: str
+    value: Any
+    why: Why
+    critical: bool
+    confidence: float | None
+    provenance: str
+    source: str
+    frames: tuple[int, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        return {**asdict(self), "frames": list(self.frames)}
+
+
+def undecided(event: Event) -> list[Undecided]:
+    """Every field that waits for a decision, in the file's order.
+
+    A field is what a person judges as one: a word, a quantity, a list, one participant in one
+    phase. A field that isn't safety-critical may be left unresolved by a person.
+    """
+    value, sealed = body(event), seals(event)
+    critical = set(safety_critical_fields(event))
+    found = []
+    for path in granules(value):
+        entry = owner(path, event.uncertainty)
+        doubt = event.uncertainty[entry] if entry else None
+        why = _why(get(value, path), doubt, sealed.get(entry or ""), path in critical)
+        if why is not None:
+            found.append(_describe(event, value, path, why, path in critical))
+    return found
+
+
+def contradictions(event: Event) -> list[Failure]:
+    """Checks C1-C5 that don't hold, but for those that say that a field is unresolved."""
+    value = body(event)
+    return [
+        failure
+        for failure in check_event(event, reviewed=False)
+        if not (has(value, failure.field) and get(value, failure.field) == UNRESOLVED)
+    ]
+
+
+def describe(event: Event, path: str, why: Why, critical: bool) -> Undecided:
+    """A field with all that is known about it."""
+    return _describe(event, body(event), path, why, critical)
+
+
+def _describe(
+    event: Event, value: dict[str, Any], path: str, why: Why, critical: bool
+) -> Undecided:
+    entry = owner(path, event.uncertainty)
+    doubt = event.uncertainty[entry] if entry else None
+    return Undecided(
+        field=path,
+        value=get(value, path),
+        why=why,
+        critical=critical,
+        confidence=doubt.confidence if doubt else None,
+        provenance=doubt.provenance if doubt else "",
+        source=doubt.source if doubt else "",
+        frames=tuple(_frames(event, path, doubt)),
+    )
+
+
+def is_unresolved(value: Any) -> bool:
+    """Whether something in a field's value is unresolved; what varies in a range needs no value."""
+    if isinstance(value, dict) and set(value) == ROAD_FIELD and value["varies"] is not None:
+        return False
+    return any(item == UNRESOLVED for _, item in leaves(value))
+
+
+def _why(value: Any, doubt: Doubt | None, seal: str | None, critical: bool) -> Why | None:
+    unresolved = is_unresolved(value)
+    if doubt is None:
+        return "nobody says whence"
+    if doubt.review == "unreviewed":
+        return "unresolved" if unresolved else "not reviewed"
+    if doubt.seal != seal:
+        return "changed since its review"
+    if critical and (unresolved or doubt.review == "unresolved"):
+        return "unresolved"
+    return None
+
+
+def _frames(event: Event, path: str, doubt: Doubt | None) -> Iterable[int]:
+    named = _FRAMES.search(doubt.source) if doubt else None
+    if named:
+        return sorted({int(number) for number in re.findall(r"\d+", named.group(1))})
+    parts = path.split(".")
+    if parts[0] == "events" and parts[1] in ("approach", "trigger", "conflict", "resolution"):
+        evidence = getattr(event.events, parts[1]).evidence
+        return sorted({n for item in evidence for n in item.frames or ()})
+    return ()

@@ -1,0 +1,101 @@
+"""``ssp spec new``: a K* of a kind that lacks nothing but decisions.
+
+What the kind settles, and the usual needs of part C, are there, marked ``standard`` and unreviewed.
+What only the source clip can tell is ``unresolved``, with a comment that says what to look for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from ssp_core.errors import InputError
+from ssp_core.vocabulary import PHASES
+from ssp_scenario_manager.event_spec.fields import granules
+from ssp_scenario_manager.event_spec.load import body, load_event
+from ssp_scenario_manager.event_spec.model import IDENTITY_BY_DEFAULT, UNRESOLVED, Doubt, Event
+from ssp_scenario_manager.maps.site import LIBRARY
+from ssp_scenario_manager.scenarios.kinds import KINDS
+
+_ROAD = {
+    "road_type": "urban, rural, motorway or proving_ground",
+    "segment": "straight, curve or junction",
+    "lanes_same_direction": "how many lanes lead the VUT's way, its own included",
+    "lanes_opposite": "how many lanes come towards it; 0 on a one-way road",
+    "vut_lane": "rightmost, leftmost or middle, of the lanes that lead its way",
+    "left_boundary": "kerb, sidewalk, shoulder or verge",
+    "right_boundary": "kerb, sidewalk, shoulder or verge",
+}
+_STARTS = {
+    "trigger": "the manoeuvre becomes visible: {min: 3.2, max: 3.2, unit: s}",
+    "conflict": "without a reaction they would now meet",
+    "resolution": "from here on, for good, they would no longer meet",
+}
+
+
+@dataclass(frozen=True)
+class Blank:
+    """An event without its decisions.
+
+    Args:
+        event: to be filled in.
+        marks: comments above the fields to decide, by path.
+    """
+
+    event: Event
+    marks: Mapping[str, str]
+
+
+def blank_event(kind: str, name: str) -> Blank:
+    """A K* of a kind, with all that the kind settles and nothing that a source clip must show.
+
+    Part A, M, I and C are those of the shipped event of this kind, as defaults to confirm.
+
+    Raises:
+        InputError: nobody knows this kind, or no shipped event is of it.
+    """
+    shipped = sorted((LIBRARY / "events").glob("*.event.yaml"))
+    examples = {load_event(str(path))[0].interaction.type: str(path) for path in shipped}
+    if kind not in KINDS or kind not in examples:
+        raise InputError(
+            "is no kind of interaction that there is an example of",
+            field="KIND",
+            value=kind,
+            remedy=f"one of {', '.join(sorted(set(KINDS) & set(examples)))}",
+        )
+    example, _ = load_event(examples[kind])
+    value: dict[str, Any] = example.model_dump(mode="json", by_alias=True)
+    marks = {"name": "decide: your own name, and a sentence about what happens"}
+    value["name"] = name
+    unknown: dict[str, Any] = dict.fromkeys(("generator", "original", "rate"), UNRESOLVED)
+    value["source"] = unknown | {"sha256": None}
+    marks["source.generator"] = "decide: what made the clip, its version, and its hash"
+    for field, road in value["topology"].items():
+        road["value"] = UNRESOLVED
+        if field == "permitted_manoeuvres":
+            road["value"] = sorted(example.topology.permitted_manoeuvres.needed)
+        if field in IDENTITY_BY_DEFAULT:
+            road |= {"identity": True, "varies": None, "why": None}
+        if field in _ROAD:
+            marks[f"topology.{field}"] = f"decide: {_ROAD[field]}"
+    _open_events(value["events"], marks)
+    source = f"default of `ssp spec new`, as in the shipped {example.name}"
+    value["uncertainty"] = {}
+    event = Event.model_validate(value)
+    doubt = Doubt(confidence=0.5, provenance="standard", source=source, review="unreviewed")
+    entries = dict.fromkeys(granules(body(event)), doubt)
+    return Blank(event.model_copy(update={"uncertainty": entries}), marks)
+
+
+def _open_events(events: dict[str, Any], marks: dict[str, str]) -> None:
+    events["clip"]["end"] = UNRESOLVED
+    marks["events.clip.end"] = "decide: the crop's length: {min: 9, max: 9, unit: s}"
+    for phase in PHASES:
+        events[phase]["evidence"] = [{"frames": None, "span_s": None}]
+        marks[f"events.{phase}.evidence"] = (
+            "decide: where it can be seen, up to the next phase: [{span_s: [3.2, 3.4]}]"
+        )
+        if phase in _STARTS:
+            events[phase]["start"] = UNRESOLVED
+            marks[f"events.{phase}.start"] = f"decide: {_STARTS[phase]}"

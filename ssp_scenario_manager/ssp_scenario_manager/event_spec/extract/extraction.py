@@ -1,0 +1,227 @@
+"""One extraction from beginning to end: clip, interview, candidate, log."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ssp_core.chat import Chat
+from ssp_core.errors import InputError
+from ssp_core.files import make_folder, write_json
+from ssp_scenario_manager.event_spec.checks.base import Failure
+from ssp_scenario_manager.event_spec.checks.check import Undecided, contradictions, undecided
+from ssp_scenario_manager.event_spec.extract.candidate import Origin, make_candidate
+from ssp_scenario_manager.event_spec.extract.clip import Clip, Crop, load_annotation, sample
+from ssp_scenario_manager.event_spec.extract.interview import Interview, Interviewer, Store
+from ssp_scenario_manager.event_spec.extract.questions import DEFINITION_SHA256, GATE_REASONS
+from ssp_scenario_manager.event_spec.load import event_version, write_event
+from ssp_scenario_manager.event_spec.log import Record, append_records, log_path, read_log, refusal
+from ssp_scenario_manager.event_spec.model import Event
+
+WHO = "ssp spec extract"
+DECISIONS_FILE = "decisions.json"
+
+
+@dataclass(frozen=True)
+class Order:
+    """What is to be extracted.
+
+    Args:
+        video: the source.
+        crop: of it, and how much is shown.
+        origin: name of the event, and where the clip comes from.
+        out: folder for candidate, log and store.
+        annotation: EMM-AU file, None: there is none.
+        show_annotation: show its descriptions to the model.
+        use_schema: ask the server to hold answers to a schema.
+        server: address, for the log.
+        force: replace a candidate that is there.
+    """
+
+    video: Path
+    crop: Crop
+    origin: Origin
+    out: Path
+    annotation: Path | None = None
+    show_annotation: bool = False
+    use_schema: bool = True
+    server: str = ""
+    force: bool = False
+
+    @property
+    def candidate(self) -> Path:
+        return self.out / f"{self.origin.name}.candidate.yaml"
+
+    @property
+    def store(self) -> Path:
+        return self.out / f"{self.origin.name}.extraction"
+
+
+@dataclass(frozen=True)
+class GateFinding:
+    """What the model said about one of the gate's reasons; a person refuses, not the model."""
+
+    reason: str
+    answer: str
+    confidence: float
+    frames: tuple[int, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        return {
+            "reason": self.reason,
+            "answer": self.answer,
+            "confidence": self.confidence,
+            "frames": list(self.frames),
+        }
+
+
+@dataclass(frozen=True)
+class Extracted:
+    """A candidate, and all that a person must look at."""
+
+    event: Event
+    version: str
+    clip: Clip
+    undecided: list[Undecided]
+    failures: list[Failure]
+    gate: list[GateFinding]
+    notes: list[str] = field(default_factory=list)
+
+    def as_dict(self) -> dict[str, Any]:
+        return {
+            "version": self.version,
+            "undecided": [item.as_dict() for item in self.undecided],
+            "failures": [failure.as_dict() for failure in self.failures],
+            "gate": [finding.as_dict() for finding in self.gate],
+        }
+
+
+def extract(
+    order: Order,
+    chat: Chat,
+    now: Callable[[], str],
+    advance: Callable[[int, int], None] = lambda *_: None,
+) -> Extracted:
+    """Asks the model about the clip and writes candidate, log and decisions.
+
+    Args:
+        order: what to extract.
+        chat: the model.
+        now: time in ISO 8601 UTC, for the log.
+        advance: called with (questions answered, questions in all).
+
+    Raises:
+        InputError: video, annotation or output are not usable, the clip was refused before, or it
+            shows no event. Answers are kept; no candidate is written.
+        PeerError: the model gives no usable answer; what was answered is kept.
+    """
+    name = order.origin.name
+    notes = []
+    annotation: dict[str, Any] | None = None
+    shown = None
+    if order.annotation is not None:
+        found, digest = load_annotation(order.annotation)
+        annotation = {
+            "file": order.annotation.name,
+            "sha256": digest,
+            "content": found.model_dump(mode="json"),
+            "shown_to_model": order.show_annotation,
+        }
+        shown = found.text if order.show_annotation else None
+        if found.video_id != order.video.stem:
+            notes.append(
+                f"the annotation is about video {found.video_id!r}, the file is {order.video.name}"
+            )
+    if order.candidate.exists() and not order.force:
+        raise InputError(
+            "exists already",
+            file=order.candidate,
+            remedy="review it, or give another --name, or --force to replace it",
+        )
+    clip = sample(order.video, order.crop)
+    log = log_path(order.candidate)
+    source = _source_record(order, clip, now())
+    refused = refusal([*read_log(log), source], name)
+    if refused is not None:
+        raise InputError(
+            f"was refused by {refused.who} on {refused.when}: {refused.reason}",
+            file=order.video,
+            remedy=f"extract another clip or crop, or another --name (log: {log})",
+        )
+    store = Store(make_folder(order.out) / order.store.name)
+    interviewer = Interviewer(
+        clip, chat, store, use_schema=order.use_schema, annotation=shown, advance=advance
+    )
+    interview = interviewer.run()
+    gate = gate_findings(interview, clip)
+    details = _details(order, interview, store, chat.model, annotation, gate)
+    try:
+        event = make_candidate(interview, clip, order.origin, chat.model)
+    except InputError as error:
+        nothing = _record("extraction", name, now(), error.problem, {**details, "version": None})
+        append_records(log, [source, nothing])
+        raise
+    version = event_version(event)
+    result = Extracted(event, version, clip, undecided(event), contradictions(event), gate, notes)
+    write_json(store.folder / DECISIONS_FILE, result.as_dict())
+    write_event(order.candidate, event)
+    done = _record(
+        "extraction", name, now(), "candidate of a model", {**details, "version": version}
+    )
+    append_records(log, [source, done])
+    return result
+
+
+def gate_findings(interview: Interview, clip: Clip) -> list[GateFinding]:
+    """What the model said about each of the gate's reasons (METHOD 1), in their order."""
+    return [
+        GateFinding(
+            reason=GATE_REASONS[key],
+            answer=finding.value,
+            confidence=finding.confidence,
+            frames=tuple(clip.shots[i - 1].number for i in finding.frames),
+        )
+        for key, finding in interview.gate.items()
+    ]
+
+
+def _source_record(order: Order, clip: Clip, when: str) -> Record:
+    details = {
+        "file": order.video.name,
+        "sha256": clip.sha256,
+        "generator": order.origin.generator,
+        "original": order.origin.original,
+        "crop": {
+            "start_s": clip.start_s,
+            "end_s": clip.end_s,
+            "first_frame": clip.first_frame,
+        },
+        "rate_hz": clip.rate_hz,
+    }
+    return _record("source", order.origin.name, when, "source clip of the event", details)
+
+
+def _details(
+    order: Order,
+    interview: Interview,
+    store: Store,
+    model: str,
+    annotation: dict[str, Any] | None,
+    gate: list[GateFinding],
+) -> dict[str, Any]:
+    return {
+        "model": model,
+        "server": order.server,
+        "questions_sha256": DEFINITION_SHA256,
+        "store": store.folder.name,
+        "requests": store.describe(interview.keys),
+        "annotation": annotation,
+        "stated_type": order.origin.kind,
+        "gate": [finding.as_dict() for finding in gate],
+    }
+
+
+def _record(kind: Any, subject: str, when: str, reason: str, details: dict[str, Any]) -> Record:
+    return Record(kind=kind, when=when, who=WHO, subject=subject, reason=reason, details=details)

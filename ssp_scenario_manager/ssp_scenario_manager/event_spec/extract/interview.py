@@ -1,0 +1,454 @@
+"""Asks the questions in their order, each with what was found before, and keeps every answer in a
+folder.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, Field
+
+from ssp_core.chat import Chat
+from ssp_core.errors import InputError, PeerError
+from ssp_core.files import load_model, make_folder, write_bytes, write_json
+from ssp_core.hashing import sha256_bytes, sha256_json
+from ssp_core.run_file.values import Strict
+from ssp_scenario_manager.event_spec.extract.answers import (
+    BadAnswer,
+    Finding,
+    Scope,
+    answer_schema,
+    findings,
+    listed,
+    printable,
+    read_answer,
+    reply_text,
+    words_of,
+)
+from ssp_scenario_manager.event_spec.extract.clip import Clip
+from ssp_scenario_manager.event_spec.extract.questions import (
+    AGAIN_TEXT,
+    ANNOTATION_TEXT,
+    EARLIER_TEXT,
+    FRAME_TEXT,
+    QUESTIONS,
+    RULES,
+    Question,
+)
+from ssp_scenario_manager.event_spec.model import UNRESOLVED
+from ssp_scenario_manager.scenarios.kinds import KINDS
+
+DECODING: Mapping[str, Any] = {"temperature": 0.0, "seed": 0, "max_completion_tokens": 4096}
+
+
+@dataclass(frozen=True)
+class Context:
+    """What a request holds besides its question.
+
+    Args:
+        model: as the server names it.
+        times_s: clip times of the frames.
+        pictures: file and hash of each.
+        earlier: answers so far, by question.
+        filling: of the braces in the question's text.
+        annotation: shown to the model, None: it sees none.
+        use_schema: ask the server to hold answers to the schema.
+    """
+
+    model: str
+    times_s: Sequence[float]
+    pictures: Sequence[Mapping[str, str]]
+    earlier: Mapping[str, Any]
+    filling: Mapping[str, Any]
+    annotation: str | None = None
+    use_schema: bool = True
+
+
+def build_request(question: Question, name: str, scope: Scope, context: Context) -> dict[str, Any]:
+    """Everything that is sent, with the pictures by file and hash.
+
+    Args:
+        question: of the definition.
+        name: of this request; it names the schema.
+        scope: of live vocabularies.
+        context: the rest.
+    """
+    content: list[dict[str, Any]] = []
+    frames = zip(context.times_s, context.pictures, strict=True)
+    for index, (t_s, picture) in enumerate(frames, start=1):
+        content.append({"type": "text", "text": FRAME_TEXT.format(index=index, t_s=t_s)})
+        content.append({"type": "image_url", "image_url": dict(picture)})
+    text = []
+    if context.earlier:
+        earlier = json.dumps(context.earlier, ensure_ascii=False)
+        text.append(EARLIER_TEXT.format(earlier=earlier))
+    if context.annotation:
+        text.append(ANNOTATION_TEXT.format(annotation=context.annotation))
+    text.append(question_text(question, scope, _filled(context)))
+    content.append({"type": "text", "text": "\n".join(text)})
+    request: dict[str, Any] = {
+        "model": context.model,
+        "messages": [
+            {"role": "system", "content": RULES},
+            {"role": "user", "content": content},
+        ],
+        **DECODING,
+    }
+    if context.use_schema:
+        schema = answer_schema(question, scope)
+        request["response_format"] = {
+            "type": "json_schema",
+            "json_schema": {"name": name, "strict": True, "schema": schema},
+        }
+    return request
+
+
+def with_pictures(message: Mapping[str, Any], clip: Clip) -> dict[str, Any]:
+    """A message of a request as it is sent: pictures as data URLs."""
+    if isinstance(message["content"], str):
+        return dict(message)
+    jpegs = {f"frames/{shot.number:06d}.jpg": shot.jpeg for shot in clip.shots}
+    content = []
+    for part in message["content"]:
+        if part["type"] == "image_url":
+            data = base64.b64encode(jpegs[part["image_url"]["file"]]).decode()
+            url = f"data:image/jpeg;base64,{data}"
+            content.append({"type": "image_url", "image_url": {"url": url}})
+        else:
+            content.append(part)
+    return {**message, "content": content}
+
+
+def kind_texts() -> dict[str, str]:
+    """What each known kind of interaction is: the first line of its module."""
+    texts = {}
+    for name, kind in KINDS.items():
+        about = sys.modules[kind.plans.__module__].__doc__ or name
+        texts[name] = about.strip().splitlines()[0]
+    return texts
+
+
+def question_text(question: Question, scope: Scope, filling: Mapping[str, str]) -> str:
+    """A question with its fields, and for each the words that may be answered."""
+    lines = [question.text.format(**filling)]
+    for ask in question.asks:
+        if ask.shape == "count":
+            allowed = "a range of whole numbers from min to max, the same where you are sure"
+        elif ask.shape == "frame":
+            allowed = f"1 to {scope.frames}, or {UNRESOLVED}"
+        else:
+            many = "one or more of: " if ask.shape == "words" else "one of: "
+            allowed = many + ", ".join(words_of(ask, scope))
+        lines.append(f"- {ask.key}: {ask.text.format(**filling)} Answer: {allowed}.")
+    return "\n".join(lines)
+
+
+def _filled(context: Context) -> dict[str, str]:
+    """What stands in a question's braces."""
+    begins = ["approach (from frame 1)"]
+    for phase, frame in context.earlier.get("phases", {}).items():
+        since = "beginning unresolved" if frame == UNRESOLVED else f"from frame {frame}"
+        begins.append(f"{phase} ({since})")
+    return {
+        "phases": ", ".join(begins),
+        "kinds": " ".join(f"{name}: {about}" for name, about in kind_texts().items()),
+        **{key: str(value) for key, value in context.filling.items()},
+    }
+
+
+INDEX_FILE = "index.json"
+_HASH_PATTERN = r"^sha256:[0-9a-f]{64}$"
+Hash = Annotated[str, Field(pattern=_HASH_PATTERN)]
+
+
+class StoredAnswer(Strict):
+    """One reply: its file, its hash, and why it couldn't be used (empty: it could)."""
+
+    file: Annotated[str, Field(pattern=r"^answers/[a-z0-9_.-]+\.body$")]
+    sha256: Hash
+    problems: list[str]
+
+
+class StoredQuestion(Strict):
+    """One request and its replies in order."""
+
+    request: str
+    request_sha256: Hash
+    answers: list[StoredAnswer]
+
+
+class Index(Strict):
+    """The file ``index.json``: requests by ``<question>-<start of its hash>``."""
+
+    schema_: Literal["ssp.extraction/1"] = Field("ssp.extraction/1", alias="schema")
+    questions: dict[str, StoredQuestion] = {}
+
+
+class Store:
+    """The folder of one extraction, new or begun before.
+
+    Args:
+        folder: made where it isn't there.
+
+    Raises:
+        InputError: the folder can't be made, or its index is not valid.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = make_folder(folder)
+        index = folder / INDEX_FILE
+        self._questions: dict[str, StoredQuestion] = {}
+        if index.exists():
+            self._questions = dict(load_model(Index, index).questions)
+
+    def keep_frame(self, number: int, jpeg: bytes) -> dict[str, str]:
+        """Writes a picture and gives its file and hash, as they stand in requests."""
+        name = f"frames/{number:06d}.jpg"
+        path = self.folder / name
+        if not path.is_file() or path.read_bytes() != jpeg:
+            write_bytes(path, jpeg)
+        return {"file": name, "sha256": sha256_bytes(jpeg)}
+
+    def begin(self, question: str, request: dict[str, Any]) -> str:
+        """Writes a request where it isn't there yet; gives the key of it and its answers."""
+        digest = sha256_json(request)
+        key = f"{question}-{digest.removeprefix('sha256:')[:8]}"
+        if key not in self._questions:
+            name = f"requests/{key}.json"
+            write_json(self.folder / name, request)
+            self._questions[key] = StoredQuestion(request=name, request_sha256=digest, answers=[])
+            self._save()
+        return key
+
+    def finished(self, key: str) -> bytes | None:
+        """The reply to a request that could be used; None: there is none yet.
+
+        Raises:
+            InputError: the file is gone or was changed since.
+        """
+        for answer in self._questions[key].answers:
+            if not answer.problems:
+                return self._read(answer)
+        return None
+
+    def keep(self, key: str, body: bytes) -> str:
+        """Writes a reply as it came; gives its file's name."""
+        entry = self._questions[key]
+        taken = {answer.file for answer in entry.answers}
+        number = 1 + len(taken)
+        while (name := f"answers/{key}-{number}.body") in taken or (self.folder / name).exists():
+            number += 1
+        write_bytes(self.folder / name, body)
+        return name
+
+    def judge(self, key: str, name: str, problems: Iterable[str]) -> None:
+        """Notes whether a kept reply can be used."""
+        entry = self._questions[key]
+        digest = sha256_bytes((self.folder / name).read_bytes())
+        answer = StoredAnswer(file=name, sha256=digest, problems=list(problems))
+        self._questions[key] = entry.model_copy(update={"answers": [*entry.answers, answer]})
+        self._save()
+
+    def describe(self, keys: Iterable[str]) -> dict[str, dict[str, str]]:
+        """Hashes of the requests and of the answers that were used, for the log."""
+        found = {}
+        for key in keys:
+            entry = self._questions[key]
+            used = next(answer for answer in entry.answers if not answer.problems)
+            found[key] = {"request": entry.request_sha256, "answer": used.sha256}
+        return found
+
+    def _read(self, answer: StoredAnswer) -> bytes:
+        path = self.folder / answer.file
+        try:
+            data = path.read_bytes()
+        except OSError as error:
+            raise InputError(f"can't be read: {error.strerror}", file=path) from error
+        if sha256_bytes(data) != answer.sha256:
+            raise InputError(
+                "was changed after it was stored",
+                file=path,
+                value=sha256_bytes(data),
+                remedy=f"its hash was {answer.sha256}; remove {self.folder} to ask anew",
+            )
+        return data
+
+    def _save(self) -> None:
+        index = Index(questions=self._questions)
+        write_json(self.folder / INDEX_FILE, index.model_dump(mode="json", by_alias=True))
+
+
+ANSWER_TRIES = 3
+_KEPT_OF_BAD = 2000  # characters of an unusable answer that the model is shown again
+
+
+@dataclass(frozen=True)
+class Target:
+    """One OT as it was listed, and what was found about it."""
+
+    id: str
+    description: str
+    listed: Finding
+    place: Mapping[str, Finding]
+
+
+@dataclass(frozen=True)
+class Interview:
+    """All that the model said about a clip, by question.
+
+    Args:
+        road, vut, interaction, phases, gate: findings by field.
+        targets: the OTs.
+        motion: findings by participant and phase; the value holds the words of a cell.
+        keys: of the requests in the store, in the order in which they were asked.
+    """
+
+    road: Mapping[str, Finding]
+    vut: Mapping[str, Finding]
+    targets: tuple[Target, ...]
+    interaction: Mapping[str, Finding]
+    phases: Mapping[str, Finding]
+    motion: Mapping[str, Mapping[str, Finding]]
+    gate: Mapping[str, Finding]
+    keys: tuple[str, ...]
+
+
+@dataclass
+class Interviewer:
+    """Asks one model about one clip.
+
+    Args:
+        clip: sampled.
+        chat: the model.
+        store: keeps requests and replies.
+        use_schema: ask the server to hold answers to the schema.
+        annotation: text of an annotation that the model is shown, None: it sees none.
+        advance: called with (questions answered, questions in all).
+    """
+
+    clip: Clip
+    chat: Chat
+    store: Store
+    use_schema: bool = True
+    annotation: str | None = None
+    advance: Callable[[int, int], None] = lambda *_: None
+    vut_id: str = "vut"
+    _earlier: dict[str, Any] = field(default_factory=dict)
+    _keys: list[str] = field(default_factory=list)
+    _total: int = 7
+
+    def run(self) -> Interview:
+        """Asks everything.
+
+        Raises:
+            PeerError: the server or the model gives no usable answer; what was answered is kept.
+            InputError: a kept answer was changed.
+        """
+        scope = Scope(len(self.clip.shots), (), self.vut_id)
+        road = self._fields("road", scope)
+        vut = self._fields("vut", scope)
+        items = listed(self._ask(QUESTIONS["targets"], "targets", scope, {}))
+        names = [f"ot{i}" for i in range(1, len(items) + 1)]
+        self._earlier["targets"] = {
+            name: {"class": item.finding.value["class"], "description": item.description}
+            for name, item in zip(names, items, strict=True)
+        }
+        self._total += 2 * len(items)
+        scope = Scope(scope.frames, tuple(names), self.vut_id)
+        targets = tuple(
+            Target(
+                name,
+                item.description,
+                item.finding,
+                self._fields("target", scope, name, item.description),
+            )
+            for name, item in zip(names, items, strict=True)
+        )
+        # Without an OT there is nothing that could interact; only the gate's question is left.
+        if not targets:
+            self._total = 4
+            gate = self._fields("gate", scope)
+            return Interview(road, vut, (), {}, {}, {}, gate, tuple(self._keys))
+        interaction = self._fields("interaction", scope)
+        phases = self._fields("phases", scope)
+        motion = {self.vut_id: self._fields("motion_vut", scope)}
+        for target in targets:
+            motion[target.id] = self._fields("motion", scope, target.id, target.description)
+        gate = self._fields("gate", scope)
+        keys = tuple(self._keys)
+        return Interview(road, vut, targets, interaction, phases, motion, gate, keys)
+
+    def _fields(
+        self, key: str, scope: Scope, about: str | None = None, description: str = ""
+    ) -> dict[str, Finding]:
+        name = f"{key}_{about}" if about else key
+        filling = {"id": about, "description": description} if about else {}
+        found = findings(self._ask(QUESTIONS[key], name, scope, filling))
+        self._earlier[name] = {field: finding.value for field, finding in found.items()}
+        return found
+
+    def _ask(
+        self, question: Question, name: str, scope: Scope, filling: Mapping[str, Any]
+    ) -> BaseModel:
+        request = build_request(question, name, scope, self._context(filling))
+        key = self.store.begin(name, request)
+        self._keys.append(key)
+        kept = self.store.finished(key)
+        if kept is not None:
+            answer = read_answer(question, scope, reply_text(kept, str(self.store.folder)))
+        else:
+            answer = self._new_answer(question, name, scope, request, key)
+        self.advance(len(self._keys), self._total)
+        return answer
+
+    def _new_answer(
+        self, question: Question, name: str, scope: Scope, request: dict[str, Any], key: str
+    ) -> BaseModel:
+        messages = list(request["messages"])
+        parameters = {k: v for k, v in request.items() if k not in ("messages", "model")}
+        problems: tuple[str, ...] = ()
+        file = ""
+        for _ in range(ANSWER_TRIES):
+            body = self.chat.ask([with_pictures(m, self.clip) for m in messages], parameters)
+            file = self.store.keep(key, body)
+            where = str(self.store.folder / file)
+            text = ""
+            try:
+                text = reply_text(body, where)
+                answer = read_answer(question, scope, text)
+            except BadAnswer as bad:
+                problems = bad.problems
+                self.store.judge(key, file, problems)
+                again = AGAIN_TEXT.format(problems=printable("; ".join(problems)))
+                said = {"role": "assistant", "content": text[:_KEPT_OF_BAD] or "(nothing)"}
+                messages = [*request["messages"], said, {"role": "user", "content": again}]
+                continue
+            except PeerError as error:
+                self.store.judge(key, file, [str(error)])
+                raise PeerError(f"question {name}: {error}") from error
+            self.store.judge(key, file, [])
+            return answer
+        raise PeerError(
+            f"question {name}: {self.chat.model} gave no usable answer in {ANSWER_TRIES} tries; "
+            f"the last one: {'; '.join(problems)} (kept in {self.store.folder / file}); what was "
+            "answered is kept, so that the same command goes on from here, with --model of "
+            "another one if need be"
+        )
+
+    def _context(self, filling: Mapping[str, Any]) -> Context:
+        pictures = [self.store.keep_frame(shot.number, shot.jpeg) for shot in self.clip.shots]
+        return Context(
+            model=self.chat.model,
+            times_s=[shot.t_s for shot in self.clip.shots],
+            pictures=pictures,
+            earlier=self._earlier,
+            filling=filling,
+            annotation=self.annotation,
+            use_schema=self.use_schema,
+        )

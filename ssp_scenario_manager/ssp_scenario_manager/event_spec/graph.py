@@ -1,0 +1,272 @@
+"""``ssp.graph/1``, the typed interaction graph of a K* (METHOD 1), and what differs between two
+K*.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+from typing import Any, Literal
+
+from ssp_core.vocabulary import PHASES
+from ssp_scenario_manager.event_spec.fields import ROAD_FIELD, get, granules, has, leaves, owner
+from ssp_scenario_manager.event_spec.load import body, canonical, event_version
+from ssp_scenario_manager.event_spec.model import UNRESOLVED, Event
+
+SCHEMA = "ssp.graph/1"
+NodeType = Literal["road", "lane", "kerb", "VUT", "OT", "conflict_zone", "phase"]
+EdgeKind = Literal["spatial", "temporal", "interaction"]
+
+
+def interaction_graph(event: Event) -> dict[str, Any]:
+    """The graph of a K* as JSON-like data.
+
+    Returns:
+        ``nodes`` and ``edges``, each with the ``fields`` that say it; ``determined`` (P): values
+        that are known, quantities with their units; ``uncertain`` (U): intervals and unresolved
+        marks, and how every field is known.
+    """
+    value = body(event)
+    return {
+        "schema": SCHEMA,
+        "event": {"name": event.name, "version": event_version(event)},
+        "nodes": _nodes(event, value),
+        "edges": [
+            *_spatial(event, value),
+            *_temporal(event, value),
+            *_interaction(event, value),
+        ],
+        "determined": _determined(value),
+        "uncertain": _uncertain(event, value),
+    }
+
+
+def _node(name: str, kind: NodeType, fields: dict[str, Any]) -> dict[str, Any]:
+    """A node; ``fields`` holds what the K* says of it, by path."""
+    return {"id": name, "type": kind, "fields": fields}
+
+
+def _edge(
+    kind: EdgeKind, relation: str, source: str, target: str, fields: dict[str, Any]
+) -> dict[str, Any]:
+    return {"kind": kind, "relation": relation, "from": source, "to": target, "fields": fields}
+
+
+def _said(value: dict[str, Any], *paths: str) -> dict[str, Any]:
+    """Fields of the K* by path, a list or a mapping as it stands."""
+    return {path: get(value, path) for path in paths}
+
+
+def _below(value: dict[str, Any], path: str) -> dict[str, Any]:
+    """Everything that the K* says below a path, by the smallest fields."""
+    here = get(value, path)
+    return {f"{path}.{name}": get(here, name) for name in granules(here)}
+
+
+def _places(event: Event) -> list[str]:
+    """Places that the participants start in, the VUT's lane first."""
+    found = (who.region.place for who in event.participants.values())
+    return list(dict.fromkeys(("vut_lane", *found)))
+
+
+def _nodes(event: Event, value: dict[str, Any]) -> list[dict[str, Any]]:
+    nodes = [_node("road", "road", _below(value, "topology"))]
+    for place in _places(event):
+        kind: NodeType = "kerb" if place.endswith("kerb") else "lane"
+        named = [
+            f"participants.{who}.region.place"
+            for who, participant in event.participants.items()
+            if participant.region.place == place
+        ]
+        nodes.append(_node(place, kind, _said(value, *named)))
+    for who, participant in event.participants.items():
+        nodes.append(_node(who, participant.role, _below(value, f"participants.{who}")))
+    zone = _said(value, "interaction.zone", "interaction.relation")
+    nodes.append(_node("conflict_zone", "conflict_zone", zone))
+    for phase in PHASES:
+        fields = _said(value, f"events.{phase}.start", f"events.{phase}.evidence")
+        cells = (f"motion.{who}.{phase}" for who in event.motion if phase in event.motion[who])
+        nodes.append(_node(f"phase:{phase}", "phase", fields | _said(value, *cells)))
+    return nodes
+
+
+def _spatial(event: Event, value: dict[str, Any]) -> list[dict[str, Any]]:
+    vut, interaction = event.vut_id, event.interaction
+    edges = []
+    for who in event.participants:
+        place = f"participants.{who}.region.place"
+        fields = _said(value, place)
+        edges.append(
+            _edge("spatial", "occupies", who, event.participants[who].region.place, fields)
+        )
+    for who, participant in event.participants.items():
+        along = f"participants.{who}.region.along"
+        if participant.region.along == "ahead":
+            fields = _said(value, along, f"participants.{who}.region.gap")
+            edges.append(_edge("spatial", "ahead-of", who, vut, fields))
+        elif participant.region.along == "behind":
+            edges.append(_edge("spatial", "ahead-of", vut, who, _said(value, along)))
+    for place in _places(event):
+        if place in ("left_lane", "right_lane"):
+            fields = _said(value, "topology.lanes_same_direction", "topology.vut_lane")
+            edges.append(_edge("spatial", "adjacent", place, "vut_lane", fields))
+        elif place.endswith("kerb"):
+            side = place.removesuffix("_kerb")
+            fields = _said(value, f"topology.{side}_boundary")
+            edges.append(_edge("spatial", "adjacent", place, "road", fields))
+        elif place == "oncoming_lane":
+            fields = _said(value, "topology.lanes_opposite")
+            edges.append(_edge("spatial", "adjacent", place, "road", fields))
+    # Both kinds of zone lie in the VUT's lane (METHOD 1: they are cut out of its swept corridor).
+    fields = _said(value, "interaction.zone")
+    edges.append(_edge("spatial", "occupies", "conflict_zone", "vut_lane", fields))
+    fields = _said(value, "interaction.relation", "interaction.dominant_motion")
+    edges.append(_edge("spatial", "path-intersects", interaction.initiator, vut, fields))
+    return edges
+
+
+def _temporal(event: Event, value: dict[str, Any]) -> list[dict[str, Any]]:
+    edges = []
+    for before, after in pairwise(PHASES):
+        fields = _said(value, f"events.{before}.start", f"events.{after}.start")
+        edges.append(_edge("temporal", "before", f"phase:{before}", f"phase:{after}", fields))
+    first, second = event.interaction.passing_order
+    fields = _said(value, "interaction.passing_order", "constraints.time_gap")
+    edges.append(_edge("temporal", "before", first, second, fields))
+    return edges
+
+
+def _interaction(event: Event, value: dict[str, Any]) -> list[dict[str, Any]]:
+    interaction = event.interaction
+    who, vut = interaction.initiator, interaction.affected
+    fired = _said(
+        value,
+        "constraints.trigger.quantity",
+        "constraints.trigger.object",
+        "constraints.trigger.below",
+    )
+    edges = [_edge("interaction", "triggers", vut, who, fired)]
+    cells = event.motion.get(who, {})
+    for before, after in pairwise(PHASES):
+        if before in cells and after in cells and cells[before] != cells[after]:
+            fields = _said(value, f"motion.{who}.{before}", f"motion.{who}.{after}")
+            edges.append(_edge("interaction", "changes-motion", who, f"phase:{after}", fields))
+    exposed = _said(
+        value,
+        "interaction.type",
+        "interaction.relation",
+        "constraints.thresholds.ttc",
+        "constraints.thresholds.arrival_gap",
+    )
+    edges.append(_edge("interaction", "exposes-conflict", who, "conflict_zone", exposed))
+    if interaction.occluder is not None:
+        fields = _said(value, "interaction.occluder")
+        edges.append(_edge("interaction", "exposes-conflict", interaction.occluder, who, fields))
+    answers = _said(value, "interaction.longitudinal_responses", "interaction.lateral_responses")
+    edges.append(_edge("interaction", "responds", vut, who, answers))
+    return edges
+
+
+def _is_interval(value: Any) -> bool:
+    return isinstance(value, dict) and set(value) == {"min", "max", "unit"}
+
+
+def _is_road(value: Any) -> bool:
+    return isinstance(value, dict) and set(value) == ROAD_FIELD
+
+
+def _determined(value: dict[str, Any]) -> dict[str, Any]:
+    """P: exact quantities with their units, and every word, number and list that is known."""
+    found: dict[str, Any] = {}
+    for path in granules(value):
+        item = get(value, path)
+        if _is_road(item):
+            item = item["value"]
+        if _is_interval(item):
+            if item["min"] is not None and item["min"] == item["max"]:
+                found[path] = {"value": item["min"], "unit": item["unit"]}
+        elif item is not None and UNRESOLVED not in [leaf for _, leaf in leaves(item)]:
+            found[path] = {"value": item}
+    return found
+
+
+def _uncertain(event: Event, value: dict[str, Any]) -> dict[str, Any]:
+    """U: intervals and unresolved marks as they stand, and how each field is known."""
+    found: dict[str, Any] = {}
+    for path in granules(value):
+        item, entry = get(value, path), owner(path, event.uncertainty)
+        known = event.uncertainty[entry].model_dump(mode="json") if entry else None
+        open_ = UNRESOLVED in [leaf for _, leaf in leaves(item)]
+        interval = _is_interval(item) and item["min"] != item["max"]
+        interval |= _is_road(item) and item["varies"] is not None
+        found[path] = ({"value": item} if open_ or interval else {}) | {"known": known}
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """One field that two K* don't share.
+
+    Args:
+        field: its path.
+        old: its value in the first one, None where that has no such field.
+        new: as old, in the second one.
+        unit: of both values, None where they have none or different ones.
+        where: which of the two has the field.
+    """
+
+    field: str
+    old: Any
+    new: Any
+    unit: str | None
+    where: str
+
+    def as_dict(self) -> dict[str, Any]:
+        return asdict(self)
+
+
+def differences(first: Event, second: Event) -> list[Difference]:
+    """Every field that differs, in the order of the files; [] for the same version."""
+    old, new = canonical(first), canonical(second)
+    # Entries of part U have dots in their keys, so that they are compared apart.
+    known = old.pop("uncertainty"), new.pop("uncertainty")
+    found: list[Difference] = []
+    for path in dict.fromkeys((*granules(old), *granules(new))):
+        found += _compare(old, new, path)
+    for name in dict.fromkeys((*known[0], *known[1])):
+        found += _split(f"uncertainty.{name}", *(side.get(name, _NOTHING) for side in known))
+    return found
+
+
+_NOTHING = object()
+
+
+def _compare(old: dict[str, Any], new: dict[str, Any], path: str) -> list[Difference]:
+    sides = (get(side, path) if has(side, path) else _NOTHING for side in (old, new))
+    return _split(path, *sides)
+
+
+def _split(path: str, before: Any, after: Any) -> list[Difference]:
+    """One difference, or one for each field of a cell or an entry that both sides have."""
+    if before == after:
+        return []
+    both = isinstance(before, dict) and isinstance(after, dict)
+    if both and "unit" not in before:
+        parts = (_split(f"{path}.{key}", before[key], after.get(key, _NOTHING)) for key in before)
+        return [item for part in parts for item in part]
+    units = {
+        value["unit"] for value in (before, after) if isinstance(value, dict) and "unit" in value
+    }
+    return [
+        Difference(
+            field=path,
+            old=None if before is _NOTHING else before,
+            new=None if after is _NOTHING else after,
+            unit=units.pop() if len(units) == 1 else None,
+            where=_where(before is not _NOTHING, after is not _NOTHING),
+        )
+    ]
+
+
+def _where(first: bool, second: bool) -> str:
+    return "both" if first and second else ("first" if first else "second")

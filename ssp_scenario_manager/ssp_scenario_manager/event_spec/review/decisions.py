@@ -1,0 +1,299 @@
+"""What a decision does to an event, and a field's value as a person types it."""
+
+from __future__ import annotations
+
+import copy
+import json
+import re
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+import yaml
+
+from ssp_scenario_manager.event_spec.checks.base import Failure
+from ssp_scenario_manager.event_spec.checks.check import check_event, describe, is_unresolved
+from ssp_scenario_manager.event_spec.fields import ROAD_FIELD, Part, get, owner, show, split, within
+from ssp_scenario_manager.event_spec.load import body, flow, seal_event, seals
+from ssp_scenario_manager.event_spec.model import UNRESOLVED, Doubt, Event
+from ssp_scenario_manager.scenarios.kinds import KINDS
+
+
+@dataclass(frozen=True)
+class Change:
+    """A field that took another value because of a decision about another one."""
+
+    field: str
+    old: Any
+    new: Any
+
+
+class NotAllowed(Exception):
+    """An edit that the form of K* doesn't allow; the failures say why."""
+
+    def __init__(self, failures: list[Failure]) -> None:
+        self.failures = failures
+        super().__init__("; ".join(f.reason for f in failures))
+
+
+def accept(event: Event, path: str) -> Event:
+    """The event with a field accepted as it is; what is unresolved is accepted as that."""
+    doubt = _doubt(event, path)
+    state = "unresolved" if is_unresolved(get(body(event), path)) else "accepted"
+    return _decided(event, event, path, doubt.model_copy(update={"review": state}))
+
+
+def leave_unresolved(event: Event, path: str) -> Event:
+    """The event with a field marked unresolved, and its value too where the form has that word."""
+    doubt = _doubt(event, path).model_copy(update={"review": "unresolved"})
+    changed = event
+    with suppress(NotAllowed):  # then the value stays, and its mark says that nobody stands by it
+        changed = with_value(event, path, UNRESOLVED)
+    return _decided(event, changed, path, doubt)
+
+
+def edit(event: Event, path: str, value: Any, who: str) -> tuple[Event, list[Change]]:
+    """The event with a field as a person knows it, and what had to follow.
+
+    Args:
+        event: before.
+        path: of the field.
+        value: as it stands in a file.
+        who: the person, for part U.
+
+    Raises:
+        NotAllowed: the form has no such value, or its unit is of something else.
+    """
+    frames = describe(event, path, "not reviewed", critical=True).frames
+    seen = f"; frames {', '.join(map(str, frames))}" if frames else ""
+    doubt = Doubt(confidence=1.0, provenance="person", source=f"{who}{seen}", review="edited")
+    after = _decided(event, with_value(event, path, value), path, doubt)
+    if path == "interaction.type" and event.interaction.type != after.interaction.type:
+        return _follow_type(after)
+    return after, []
+
+
+def with_value(event: Event, path: str, value: Any) -> Event:
+    """The event with another value of a field; part U is as it was.
+
+    Raises:
+        NotAllowed: the form has no such value, or its unit is of something else.
+    """
+    mapping = copy.deepcopy(event.model_dump(mode="json", by_alias=True))
+    _put(mapping, split(path), value)
+    failures = check_event(mapping, reviewed=False)
+    unit = f"{path}.unit"
+    bad = [
+        failure
+        for failure in failures
+        if failure.check == "form" or (failure.check == "C5" and failure.field == unit)
+    ]
+    if bad:
+        raise NotAllowed(bad)
+    return Event.model_validate(mapping)
+
+
+def _follow_type(event: Event) -> tuple[Event, list[Change]]:
+    """What a kind of interaction settles: relation, zone, trigger quantity, its manoeuvre."""
+    kind = KINDS.get(event.interaction.type)
+    if kind is None:
+        return event, []
+    mapping = event.model_dump(mode="json", by_alias=True)
+    constraints = mapping["constraints"]
+    quantity = constraints["trigger"]["quantity"]
+    kept = quantity if quantity in kind.trigger_quantities else sorted(kind.trigger_quantities)[0]
+    old = constraints["manoeuvre"]
+    wanted: dict[str, Any] = {
+        "interaction.relation": kind.relation,
+        "interaction.zone": kind.zone,
+        "constraints.trigger.quantity": kept,
+        "constraints.manoeuvre": {name: old.get(name, UNRESOLVED) for name in kind.manoeuvre},
+    }
+    if kept != quantity:
+        wanted["constraints.trigger.below"] = UNRESOLVED
+    changes = []
+    for path, value in wanted.items():
+        before = get(mapping, path)
+        if before != value:
+            changes.append(Change(path, before, value))
+            _put(mapping, split(path), value)
+    mapping["uncertainty"] = {
+        path: doubt.model_dump()
+        for path, doubt in event.uncertainty.items()
+        if not any(within(path, change.field) for change in changes)
+    } | {change.field: _following(change, kind.name) for change in changes}
+    after = Event.model_validate(mapping)
+    return _sealed_again(event, after, [change.field for change in changes]), changes
+
+
+def _following(change: Change, kind: str) -> dict[str, Any]:
+    return {
+        "confidence": 0.0 if UNRESOLVED in str(change.new) else 1.0,
+        "provenance": "derived",
+        "source": f"interaction.type {kind}",
+        "review": "unreviewed",
+    }
+
+
+def _doubt(event: Event, path: str) -> Doubt:
+    entry = owner(path, event.uncertainty)
+    if entry is None:
+        # Nobody has said where it comes from; whoever decides now does.
+        return Doubt(confidence=1.0, provenance="person", source="review", review="unreviewed")
+    return event.uncertainty[entry]
+
+
+def _decided(before: Event, after: Event, path: str, doubt: Doubt) -> Event:
+    """The event with the decision about a field in part U, sealed."""
+    entries = {**after.uncertainty, path: doubt.model_copy(update={"seal": None})}
+    entered = after.model_copy(update={"uncertainty": entries})
+    return seal_event(_sealed_again(before, entered, [path]), [path])
+
+
+def _sealed_again(before: Event, after: Event, touched: list[str]) -> Event:
+    """Seals of entries above the touched fields, where they held and only lost these fields."""
+    held = seals(before)
+    above = [
+        path
+        for path, doubt in before.uncertainty.items()
+        if path not in touched
+        and path in after.uncertainty
+        and doubt.seal is not None
+        and doubt.seal == held.get(path)
+        and any(within(field, path) for field in touched)
+    ]
+    return seal_event(after, above)
+
+
+def _put(value: Any, parts: tuple[Part, ...], new: Any) -> None:
+    for part in parts[:-1]:
+        value = value[part]
+    value[parts[-1]] = copy.deepcopy(dict(new) if isinstance(new, Mapping) else new)
+
+
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_END = rf"(?:{_NUMBER}|…)?"
+_RANGE = re.compile(rf"({_END})\s*(?:\.\.|–|\bto\b)\s*({_END})\s*([^\s\d]\S*|1(?:/m)?)?")
+_ONE = re.compile(rf"({_NUMBER})\s*([^\s\d.]\S*|1(?:/m)?)?")
+_WORDS = re.compile(r"[a-z][a-z0-9_]*(\s*,\s*[a-z][a-z0-9_]*)*")
+_PAIRS = re.compile(r"(\w+)\s*=\s*(\w+)")
+
+
+class Unreadable(Exception):
+    """A line that is no value for its field; the message says what would be."""
+
+
+def shown(value: Any) -> str:
+    """A value as read_value takes it back: a cell as its words, a quantity as a range."""
+    if isinstance(value, dict) and set(value) == ROAD_FIELD:
+        return flow(value)
+    if isinstance(value, dict) and "heading" in value:
+        return " ".join(f"{key}={word}" for key, word in value.items() if word is not None)
+    if isinstance(value, list):
+        words = all(isinstance(item, str) for item in value)
+        return ", ".join(value) if words and value else json.dumps(value)
+    if isinstance(value, dict) and value.keys() >= {"min", "max"}:
+        low, high = ("" if end is None else f"{end:g}" for end in (value["min"], value["max"]))
+        ends = low if low == high else f"{low}..{high}"
+        return f"{ends} {value.get('unit', '')}".strip()
+    return show(value)
+
+
+def read_value(text: str, old: Any, quantity: bool) -> Any:
+    """The value in a line, in the shape of the one that it replaces.
+
+    Quantities are ``2..3 s`` (``..3 s`` and ``2.. s`` are open, ``2 s`` is exact), counts ``2..3``,
+    lists ``a, b``; of one participant in one phase, ``motion=stationary lateral=none`` changes
+    these words and leaves the others. Of a field of the road a line is what the source shows;
+    whether it is identity or varies is told in braces. Whatever is in braces or brackets is YAML.
+
+    Args:
+        text: as typed.
+        old: the value that stands.
+        quantity: whether the field is one; any other line stands for itself where a word stood.
+
+    Raises:
+        Unreadable: the line can't be read.
+    """
+    text = text.strip()
+    if not text:
+        raise Unreadable("type a value")
+    if isinstance(old, dict) and set(old) == ROAD_FIELD:
+        return _road_field(text, old)
+    if text == UNRESOLVED:
+        return UNRESOLVED
+    if text == "null" and (old is None or isinstance(old, str) or quantity):
+        return None
+    if isinstance(old, str | None) and not quantity:
+        return text
+    if text[0] in "{[":
+        return _yaml(text)
+    if isinstance(old, dict) and "heading" in old:
+        return _cell(text, old)
+    if isinstance(old, list):
+        if not _WORDS.fullmatch(text):
+            raise Unreadable("type words with commas between them, such as: decelerate, stop")
+        return [word.strip() for word in text.split(",")]
+    found = _quantity(text)
+    if found is not None:
+        return found
+    if isinstance(old, dict):
+        shape = "2..3" if set(old) == {"min", "max"} else "2..3 s"
+        raise Unreadable(f"type a range, such as {shape}, or {UNRESOLVED}")
+    if quantity:
+        raise Unreadable(f"type a range with its unit, such as 2..3 s, or {UNRESOLVED}")
+    return text
+
+
+def _road_field(text: str, old: dict[str, Any]) -> Any:
+    """A whole field in braces; else what the source shows, and whether it varies is as it was."""
+    if text[0] == "{":
+        found = _yaml(text)
+        nothing = {"identity": False, "varies": None, "why": None}
+        is_field = isinstance(found, dict) and "value" in found
+        return nothing | found if is_field else {**old, "value": found}
+    inside, varies = old["value"], old["varies"]
+    is_list = isinstance(inside, list)
+    measured = any(isinstance(item, dict) and "unit" in item for item in (inside, varies))
+    if text.isdecimal() and not measured:
+        return {**old, "value": int(text)}
+    value = read_value(text, inside if is_list else None, measured and not is_list)
+    return {**old, "value": value}
+
+
+def _quantity(text: str) -> Any:
+    text = re.sub(r"^at least (\S+)", r"\1..", re.sub(r"^at most ", "..", text))
+    one = _ONE.fullmatch(text)
+    ends = (one.group(1), one.group(1)) if one else None
+    unit = one.group(2) if one else None
+    found = _RANGE.fullmatch(text)
+    if found:
+        low, high, unit = found.groups()
+        ends = (low, high)
+    if ends is None:
+        return None
+    if unit is None:
+        if any(not re.fullmatch(r"\d+", end) for end in ends):
+            raise Unreadable("type the unit as well, such as 2..3 m/s")
+        return {"min": int(ends[0]), "max": int(ends[1])}
+    low_high = [None if end in ("", "…") else float(end) for end in ends]
+    return {"min": low_high[0], "max": low_high[1], "unit": unit}
+
+
+def _cell(text: str, old: dict[str, Any]) -> dict[str, Any]:
+    pairs = _PAIRS.findall(text)
+    if not pairs or _PAIRS.sub("", text).replace(",", " ").strip():
+        raise Unreadable("type words to change, such as: motion=stationary lateral=none")
+    unknown = [key for key, _ in pairs if key not in old]
+    if unknown:
+        raise Unreadable(f"there is no {unknown[0]!r} here; known are {', '.join(old)}")
+    return {**old, **{key: None if word == "null" else word for key, word in pairs}}
+
+
+def _yaml(text: str) -> Any:
+    try:
+        value = yaml.safe_load(text)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise Unreadable(f"this is no YAML: {str(error).partition(chr(10))[0]}") from error
+    return value

@@ -1,0 +1,399 @@
+"""A review from field to field: shows what is known, asks, and has each decision on the disk
+before the next.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from typing import Any, Protocol
+
+import click
+
+from ssp_core import console
+from ssp_core.errors import InputError
+from ssp_core.files import write_text
+from ssp_core.hashing import sha256_bytes
+from ssp_scenario_manager.event_spec.checks.base import Failure, View
+from ssp_scenario_manager.event_spec.checks.check import (
+    Undecided,
+    contradictions,
+    is_unresolved,
+    undecided,
+)
+from ssp_scenario_manager.event_spec.checks.form import vocabulary
+from ssp_scenario_manager.event_spec.extract.questions import GATE_REASONS
+from ssp_scenario_manager.event_spec.fields import get, limit_of, rule_of, units_of, within
+from ssp_scenario_manager.event_spec.load import body, event_text, event_version, load_event
+from ssp_scenario_manager.event_spec.log import Kind, Record, append_records
+from ssp_scenario_manager.event_spec.model import Event
+from ssp_scenario_manager.event_spec.review.decisions import (
+    NotAllowed,
+    Unreadable,
+    accept,
+    edit,
+    leave_unresolved,
+    read_value,
+    shown,
+)
+from ssp_scenario_manager.event_spec.review.pictures import Evidence
+
+
+class EventUnderReview:
+    """One file under review.
+
+    The log is written first: should the machine die between the two, the log knows of a decision
+    that the file lacks, and the field is asked about again.
+
+    Args:
+        path: of the event.
+        log: of its log.
+        who: decides.
+        now: time in ISO 8601 UTC.
+
+    Raises:
+        InputError: the file is no event.
+    """
+
+    def __init__(self, path: Path, log: Path, who: str, now: Callable[[], str]) -> None:
+        self.path, self.log, self.who = path, log, who
+        self._now = now
+        self.event, self.version = load_event(str(path))
+        self._on_disk = sha256_bytes(path.read_bytes())
+
+    def record(
+        self,
+        kind: Kind,
+        reason: str,
+        field: str | None = None,
+        old: Any = None,
+        new: Any = None,
+        **details: Any,
+    ) -> Record:
+        """An entry of L about the event as it stands."""
+        return Record(
+            kind=kind,
+            when=self._now(),
+            who=self.who,
+            subject=self.event.name,
+            version=self.version,
+            field=field,
+            old=old,
+            new=new,
+            reason=reason,
+            details=details,
+        )
+
+    def note(self, record: Record) -> None:
+        """Appends an entry that changes nothing in the file."""
+        append_records(self.log, [record])
+
+    def decide(self, after: Event, records: Iterable[Record]) -> None:
+        """Appends the entries, then writes the event as decided.
+
+        Raises:
+            InputError: the file was changed by somebody else meanwhile; nothing is written.
+        """
+        if sha256_bytes(self.path.read_bytes()) != self._on_disk:
+            raise InputError(
+                "was changed by somebody else during the review",
+                file=self.path,
+                remedy="start the review again; what was decided before is kept",
+            )
+        version = event_version(after)
+        append_records(
+            self.log,
+            [
+                record.model_copy(update={"details": {**record.details, "version_after": version}})
+                for record in records
+            ],
+        )
+        text = event_text(after)
+        write_text(self.path, text)
+        self.event, self.version = after, version
+        self._on_disk = sha256_bytes(text.encode())
+
+
+class Terminal(Protocol):
+    """Where questions go and answers come from; tests have their own."""
+
+    def say(self, text: str) -> None:
+        """Shows a line, or several."""
+
+    def ask(self, prompt: str) -> str | None:
+        """The next line, stripped; None when there are no more."""
+
+
+class Stdio:
+    """Standard input and output."""
+
+    def say(self, text: str) -> None:
+        console.out.print(text, markup=False)
+
+    def ask(self, prompt: str) -> str | None:
+        click.echo(console.visible(prompt), nl=False)
+        line = sys.stdin.readline()
+        if not sys.stdin.isatty():
+            click.echo(
+                console.visible(line.rstrip("\n"))
+            )  # so that a log of a piped review reads like a talk
+        return line.strip() if line else None
+
+
+def ask_reason(terminal: Terminal, prompt: str = "  reason> ") -> str | None:
+    """A reason of at least one word; None when the person gives none twice, or input ends."""
+    for _ in range(2):
+        text = terminal.ask(prompt)
+        if text is None:
+            return None
+        if text:
+            return text
+        terminal.say("  a reason is needed; it goes into the log")
+    return None
+
+
+PROMPT = "  [a]ccept [e]dit [u]nresolved [s]kip [r]eject clip [q]uit [?] > "
+HELP = """  a  accept the value as it is
+  e  give another value, and the reason
+  u  leave it unresolved, and say why; a safety-critical field can't stay so in a K*
+  s  skip it for now
+  r  refuse the whole clip with one of the source gate's reasons
+  q  stop here; what was decided is kept, and the same command goes on"""
+
+
+class End(Enum):
+    """How a review ended."""
+
+    THROUGH = "all fields were shown"
+    QUIT = "stopped by the person, or at the end of input"
+    REJECTED = "the clip was refused"
+
+
+def to_decide(event: Event, everything: bool = False) -> list[Undecided]:
+    """The fields that a review goes through: those that a K* needs decided, or all."""
+    return [item for item in undecided(event) if everything or item.critical or item.why in _BROKEN]
+
+
+_BROKEN = ("changed since its review", "nobody says whence")
+
+
+@dataclass
+class Session:
+    """One review.
+
+    Args:
+        desk: the event and its log.
+        terminal: the person.
+        evidence: makes contact sheets.
+        stored: where the extraction keeps its frames, None: nowhere.
+    """
+
+    desk: EventUnderReview
+    terminal: Terminal
+    evidence: Evidence
+    stored: Path | None = None
+    _checked: tuple[dict[str, Any], list[Failure]] | None = None
+
+    def run(self, everything: bool = False) -> End:
+        """Goes through the fields once."""
+        items = to_decide(self.desk.event, everything)
+        self.evidence.prepare(item.frames for item in items)
+        version = self.desk.version
+        waiting = {item.field: item for item in items}
+        for number, item in enumerate(items, start=1):
+            # An earlier decision may have settled or removed this one.
+            if self.desk.version != version:
+                version = self.desk.version
+                waiting = {found.field: found for found in undecided(self.desk.event)}
+            if item.field not in waiting:
+                continue
+            item = waiting[item.field]
+            self._show(item, number, len(items))
+            end = self._decide(item)
+            if end is not None:
+                return end
+        return End.THROUGH
+
+    def accept_all(self, reason: str) -> int:
+        """Accepts every field that isn't safety-critical and waits for nothing but a look."""
+        items = [
+            item
+            for item in undecided(self.desk.event)
+            if not item.critical and item.why not in _BROKEN
+        ]
+        event, records = self.desk.event, []
+        for item in items:
+            records.append(
+                self.desk.record(
+                    "accept", reason, item.field, item.value, item.value, together=True
+                )
+            )
+            event = accept(event, item.field)
+        if items:
+            self.desk.decide(event, records)
+        return len(items)
+
+    def _show(self, item: Undecided, number: int, total: int) -> None:
+        kind = "safety-critical, " if item.critical else ""
+        say = self.terminal.say
+        say(f"\n[{number}/{total}] {item.field} ({kind}{item.why})")
+        say(f"  value     {shown(item.value)}")
+        confidence = "" if item.confidence is None else f", confidence {item.confidence:.2f}"
+        say(f"  known by  {item.provenance or 'nobody'}{confidence}: {item.source or '–'}")
+        if item.frames:
+            say(f"  frames    {', '.join(map(str, item.frames))}{self._pictures(item.frames)}")
+        hint = self._hint(item.field)
+        if hint:
+            say(f"  may be    {hint}")
+        for failure in self._contradictions():
+            if within(failure.field, item.field):
+                say(_failure_line(failure))
+
+    def _contradictions(self) -> list[Failure]:
+        """Checks against the event as it stands; part U doesn't change them."""
+        value = body(self.desk.event)
+        if self._checked is None or self._checked[0] != value:
+            self._checked = value, contradictions(self.desk.event)
+        return self._checked[1]
+
+    def _hint(self, path: str) -> str:
+        """What may be typed for a field: its words, or a range with its units and limits."""
+        dimension = View(self.desk.event).dimension(path)
+        if dimension is None:
+            return ", ".join(vocabulary(path))
+        units = units_of(dimension)
+        rule = rule_of(path, dimension)
+        shape = "one value, such as 2" if rule and rule.shape == "exact" else "a range such as 2..3"
+        text = f"{shape} {units[0]}"
+        if len(units) > 1:
+            text += f" (or in {', '.join(units[1:])})"
+        if rule:
+            limit = limit_of(rule)
+            text += f", within {limit.low:g}..{limit.high:g} {units[0]}"
+        return text
+
+    def _pictures(self, frames: tuple[int, ...]) -> str:
+        sheet = self.evidence.sheet(frames)
+        if sheet is not None:
+            return f"  see {sheet}"
+        if self.stored is not None:
+            files = [self.stored / f"{number:06d}.jpg" for number in frames]
+            there = [str(file) for file in files if file.is_file()]
+            return f"  see {', '.join(there)}" if there else ""
+        return ""
+
+    def _decide(self, item: Undecided) -> End | None:
+        """Asks until there is a decision about one field; an End when the review is over."""
+        acts: dict[str, Callable[[Undecided], bool]] = {
+            "a": self._accept,
+            "e": self._edit,
+            "u": self._leave,
+        }
+        while True:
+            answer = self.terminal.ask(PROMPT)
+            if answer is None or answer in ("q", "quit"):
+                return End.QUIT
+            key = answer[:1]
+            if key in acts and answer in (key, _WORDS[key]):
+                if acts[key](item):
+                    return None
+            elif answer in ("s", "skip"):
+                return None
+            elif answer in ("r", "reject"):
+                if self._reject(item):
+                    return End.REJECTED
+            else:
+                self.terminal.say(HELP)
+
+    def _accept(self, item: Undecided) -> bool:
+        if item.critical and is_unresolved(item.value):
+            self.terminal.say("  is unresolved and safety-critical: edit it, or skip it")
+            return False
+        reason = "agrees with the evidence"
+        record = self.desk.record("accept", reason, item.field, item.value, item.value)
+        self.desk.decide(accept(self.desk.event, item.field), [record])
+        return True
+
+    def _edit(self, item: Undecided) -> bool:
+        text = self.terminal.ask("  new value> ")
+        if text is None:
+            return False
+        try:
+            quantity = View(self.desk.event).dimension(item.field) is not None
+            value = read_value(text, item.value, quantity)
+            after, changes = edit(self.desk.event, item.field, value, self.desk.who)
+        except Unreadable as error:
+            self.terminal.say(f"  not understood: {error}")
+            return False
+        except NotAllowed as error:
+            for failure in error.failures:
+                self.terminal.say(_failure_line(failure))
+            return False
+        reason = ask_reason(self.terminal)
+        if reason is None:
+            self.terminal.say("  nothing was changed")
+            return False
+        new = get(body(after), item.field)
+        records = [self.desk.record("edit", reason, item.field, item.value, new)]
+        for change in changes:
+            why = f"follows from {item.field}"
+            records.append(self.desk.record("edit", why, change.field, change.old, change.new))
+        before = {failure.field for failure in self._contradictions()}
+        self.desk.decide(after, records)
+        self.terminal.say(f"  is now {shown(new)}")
+        for change in changes:
+            self.terminal.say(f"  and with it {change.field}: {shown(change.new)}")
+        failures = self._contradictions()
+        for failure in failures:
+            mark = "" if failure.field in before else "now: "
+            self.terminal.say(_failure_line(failure, mark))
+        if not failures:
+            self.terminal.say("  no check C1-C5 speaks against the values so far")
+        return True
+
+    def _leave(self, item: Undecided) -> bool:
+        reason = ask_reason(self.terminal)
+        if reason is None:
+            self.terminal.say("  nothing was changed")
+            return False
+        after = leave_unresolved(self.desk.event, item.field)
+        new = get(body(after), item.field)
+        record = self.desk.record("edit", reason, item.field, item.value, new, review="unresolved")
+        self.desk.decide(after, [record])
+        return True
+
+    def _reject(self, item: Undecided) -> bool:
+        reasons = list(GATE_REASONS.values())
+        for number, reason in enumerate(reasons, start=1):
+            self.terminal.say(f"  {number}  {reason}")
+        answer = self.terminal.ask("  number of the reason, or nothing to go back> ")
+        if answer not in [str(number) for number in range(1, len(reasons) + 1)]:
+            self.terminal.say("  the clip is not refused")
+            return False
+        seen = ask_reason(self.terminal, "  what is to be seen, and where> ")
+        if seen is None:
+            self.terminal.say("  the clip is not refused")
+            return False
+        record = self.desk.record(
+            "gate",
+            reasons[int(answer) - 1],
+            seen=seen,
+            at_field=item.field,
+            frames=list(item.frames),
+            source_sha256=self.desk.event.source.sha256,
+        )
+        self.desk.note(record)
+        return True
+
+
+_WORDS = {"a": "accept", "e": "edit", "u": "unresolved"}
+
+
+def _failure_line(failure: Failure, mark: str = "") -> str:
+    return (
+        f"  ! {mark}{failure.check} {failure.field}: {failure.reason} ({failure.evidence}); "
+        f"right would be: {failure.remedy}"
+    )

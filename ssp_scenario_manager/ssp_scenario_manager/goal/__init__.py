@@ -1,1 +1,0 @@
-"""The action ``run_scenario``: a whole run as one goal."""

@@ -1,1 +1,0 @@
-"""Sessions in one process, without DDS: for sweeps and for machines without ROS."""

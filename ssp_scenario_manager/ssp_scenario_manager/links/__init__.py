@@ -1,1 +1,0 @@
-"""The manager's links to the object targets of a run."""

@@ -1,0 +1,1 @@
+"""Road blocks from sites and maps (METHOD 2.1)."""

@@ -1,0 +1,224 @@
+"""A block, one stretch of road in one direction of travel: its conflict areas, and how much it
+bends.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from ssp_core.geometry import FloatArray
+from ssp_core.run_file.road import SceneryItem
+from ssp_core.world.reference_line import ReferenceLine
+
+Segment = Literal["straight", "curve", "junction"]
+Boundary = Literal["kerb", "sidewalk", "shoulder", "verge", "any"]
+RoadType = Literal["urban", "rural", "motorway", "proving_ground", "any"]
+
+
+@dataclass(frozen=True, slots=True)
+class BlockLane:
+    """A driving lane over the whole length of a block.
+
+    Args:
+        y_m: offset of its centre from the reference line, + left.
+        width_m: narrowest width along the block.
+        forward: it leads along the block (the VUT's direction of travel).
+        name: of the lane in the map, for messages and exports.
+    """
+
+    y_m: float
+    width_m: float
+    forward: bool
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class ConflictArea:
+    """Where an interaction can take place on the block: arc lengths, m."""
+
+    kind: Literal["merge", "crossing", "following"]
+    start_s_m: float
+    end_s_m: float
+
+
+@dataclass(frozen=True)
+class Block:
+    """One stretch of road (METHOD 2.1), driven along +s; a road with two directions is two blocks.
+
+    Args:
+        block_id: unique in its library, such as ``road 12 forward``.
+        line: reference line; s = 0 is where the block is entered.
+        lanes: from right to left.
+        road_type: of the map, ``any`` where it doesn't say.
+        segment: by curvature and membership of a junction.
+        left_boundary: beyond the leftmost lane.
+        right_boundary: beyond the rightmost lane.
+        sidewalk_left_m: width of a walkable strip there, a sidewalk or verge, 0 without one.
+        sidewalk_right_m: as on the left.
+        permitted: manoeuvres, words of event_spec.model.ManoeuvreWord.
+        entrances: ids of blocks that lead into this one.
+        exits: ids of blocks that this one leads into.
+        conflict_areas: candidates, per kind of relation.
+        crossing_s_m: arc length of a marked crossing, if any.
+        speed_limit_mps: None where the map doesn't say.
+        shoulder_right_m: width between the rightmost lane and the kerb or sidewalk.
+        shoulder_left_m: as on the right.
+        notes: for people.
+        scenery: what stands beside the road, in the block's frame.
+    """
+
+    block_id: str
+    line: ReferenceLine
+    lanes: tuple[BlockLane, ...]
+    road_type: RoadType
+    segment: Segment
+    left_boundary: Boundary
+    right_boundary: Boundary
+    sidewalk_left_m: float
+    sidewalk_right_m: float
+    permitted: frozenset[str]
+    entrances: tuple[str, ...] = ()
+    exits: tuple[str, ...] = ()
+    conflict_areas: tuple[ConflictArea, ...] = ()
+    crossing_s_m: float | None = None
+    speed_limit_mps: float | None = None
+    shoulder_left_m: float = 0.0
+    shoulder_right_m: float = 0.0
+    notes: tuple[str, ...] = field(default=())
+    scenery: tuple[SceneryItem, ...] = ()
+
+    @property
+    def length_m(self) -> float:
+        return self.line.length_m
+
+    @property
+    def forward_lanes(self) -> tuple[BlockLane, ...]:
+        """Lanes in the VUT's direction, from right to left."""
+        return tuple(lane for lane in self.lanes if lane.forward)
+
+    @property
+    def backward_lanes(self) -> tuple[BlockLane, ...]:
+        """Oncoming lanes, from right to left."""
+        return tuple(lane for lane in self.lanes if not lane.forward)
+
+    @property
+    def right_edge_m(self) -> float:
+        """Offset of the carriageway's right edge, + left of the reference line."""
+        return min(lane.y_m - lane.width_m / 2 for lane in self.lanes)
+
+    @property
+    def left_edge_m(self) -> float:
+        """Offset of the carriageway's left edge."""
+        return max(lane.y_m + lane.width_m / 2 for lane in self.lanes)
+
+
+@dataclass(frozen=True)
+class Library:
+    """All blocks of one map or site.
+
+    Args:
+        source: file name of the map or name of the site.
+        sha256: hash of the map file, or of the site's content.
+        kind: what it was read from.
+        blocks: sorted by id.
+        rejected: what was found and can't be a block, as (name, reason).
+    """
+
+    source: str
+    sha256: str
+    kind: Literal["site", "opendrive", "sumo"]
+    blocks: tuple[Block, ...]
+    rejected: tuple[tuple[str, str], ...] = ()
+
+
+# A marked crossing is used by people this far to either side of its centre.
+CROSSING_HALF_M = 4.0
+
+
+def conflict_areas(
+    length_m: float,
+    lanes: Collection[BlockLane],
+    permitted: Collection[str],
+    crossing_s_m: float | None = None,
+) -> tuple[ConflictArea, ...]:
+    """The candidates of one block, in order of kind and place.
+
+    Following: all of it, as there is a lane in the direction of travel. Merging: all of it, where
+    there are two such lanes and one may be changed for the other. Crossing: at a marked crossing,
+    and all of it where people may cross anywhere.
+    """
+    found = []
+    if crossing_s_m is not None:
+        low = max(0.0, crossing_s_m - CROSSING_HALF_M)
+        high = min(length_m, crossing_s_m + CROSSING_HALF_M)
+        if low < high:
+            found.append(ConflictArea("crossing", low, high))
+    if "crossing" in permitted:
+        found.append(ConflictArea("crossing", 0.0, length_m))
+    forward = sum(lane.forward for lane in lanes)
+    if forward:
+        found.append(ConflictArea("following", 0.0, length_m))
+    if forward > 1 and {"lane_change_left", "lane_change_right"} & set(permitted):
+        found.append(ConflictArea("merge", 0.0, length_m))
+    return tuple(sorted(found, key=lambda area: (area.kind, area.start_s_m, area.end_s_m)))
+
+
+# A bend with a radius of more than 1000 m is driven, and seen, as a straight.
+STRAIGHT_BELOW_1PM = 0.001
+# Curvature is averaged over this: real maps have corrections of a few centimetres in their lines.
+WINDOW_M = 10.0
+# Straight parts of longer, bent blocks are blocks of their own from this length on.
+SHORTEST_STRAIGHT_M = 50.0
+_STEP_M = 1.0
+
+
+def headings(line: ReferenceLine, s_m: FloatArray) -> FloatArray:
+    """Heading at arc lengths, relative to the line's start, unwrapped; constant beyond the ends."""
+    lengths = np.array([p.length_m for p in line.pieces])
+    starts = np.array([p.start_curvature_1pm for p in line.pieces])
+    ends = np.array([p.end_curvature_1pm for p in line.pieces])
+    begins = np.concatenate(([0.0], np.cumsum(lengths)[:-1]))
+    before = np.concatenate(([0.0], np.cumsum(0.5 * lengths * (starts + ends))))
+    index = np.clip(np.searchsorted(begins, s_m, side="right") - 1, 0, len(lengths) - 1)
+    u = np.clip(s_m - begins[index], 0.0, lengths[index])
+    rate = (ends - starts)[index] / lengths[index]
+    turned: FloatArray = before[index] + u * (starts[index] + 0.5 * rate * u)
+    return turned
+
+
+def _mean_curvatures(line: ReferenceLine) -> tuple[FloatArray, FloatArray]:
+    """Arc lengths, and the mean curvature over the window around each, 1/m."""
+    length = line.length_m
+    s = np.linspace(0.0, length, max(2, int(np.ceil(length / _STEP_M)) + 1))
+    low = np.clip(s - WINDOW_M / 2, 0.0, max(0.0, length - WINDOW_M))
+    high = np.minimum(low + WINDOW_M, length)
+    return s, np.abs(headings(line, high) - headings(line, low)) / WINDOW_M
+
+
+def bend_1pm(line: ReferenceLine) -> float:
+    """Largest mean curvature over any 10 m of a line, 1/m."""
+    if line.is_straight:
+        return 0.0
+    return float(_mean_curvatures(line)[1].max())
+
+
+def segment_of(line: ReferenceLine) -> Segment:
+    """``straight`` where the radius over any 10 m is more than 1000 m, else ``curve``."""
+    return "straight" if bend_1pm(line) < STRAIGHT_BELOW_1PM else "curve"
+
+
+def straight_parts(line: ReferenceLine) -> list[tuple[float, float]]:
+    """Straight stretches of at least 50 m of a line that bends elsewhere, as arc lengths."""
+    s, curvature = _mean_curvatures(line)
+    flat = np.concatenate(([False], curvature < STRAIGHT_BELOW_1PM, [False]))
+    starts = np.flatnonzero(flat[1:] & ~flat[:-1])
+    ends = np.flatnonzero(~flat[1:] & flat[:-1]) - 1
+    return [
+        (float(s[a]), float(s[b]))
+        for a, b in zip(starts, ends, strict=True)
+        if s[b] - s[a] >= SHORTEST_STRAIGHT_M
+    ]

@@ -1,0 +1,288 @@
+"""Stretches of an OpenDRIVE road over which its lanes stay where they are.
+
+A block has lanes at constant offsets. A road whose lanes shift, open or close is therefore cut into
+stretches over which every driving lane keeps its centre within 15 cm; a lane that doesn't, or that
+gets narrower than 2 m, is no driving lane there.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from ssp_core.geometry import FloatArray
+from ssp_scenario_manager.maps.opendrive_road import Cubic, LaneRecord, Mark, RoadRecord, Section
+
+STEADY_M = 0.15
+NARROWEST_M = 2.0
+_SAMPLES = 7
+_WIDEST_M = 100.0
+_BROKEN = frozenset({"broken", "broken broken", "botts dots"})
+DRIVING = frozenset(
+    {
+        "driving",
+        "entry",
+        "exit",
+        "onRamp",
+        "offRamp",
+        "connectingRamp",
+        "mwyEntry",
+        "mwyExit",
+        "slipLane",
+    }
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Slot:
+    """A lane over a stretch, seen along the road's own direction.
+
+    Args:
+        id: of the lane.
+        type: word of the map.
+        y_m: mean offset of its centre, + left.
+        width_m: narrowest.
+        driving: usable as a driving lane here.
+        along: traffic runs in the road's direction.
+    """
+
+    id: int
+    type: str
+    y_m: float
+    width_m: float
+    driving: bool
+    along: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """Part of a road with steady lanes; slots stand from right to left."""
+
+    section: Section
+    start_m: float
+    end_m: float
+    slots: tuple[Slot, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Track:
+    """A lane in one interval: range of its centre, narrowest and widest place."""
+
+    lane: LaneRecord
+    low_m: float
+    high_m: float
+    width_m: float
+    widest_m: float
+
+
+def _values(cubics: Sequence[Cubic], s: FloatArray, middle_m: float) -> FloatArray:
+    """A piecewise cubic at samples of an interval without breaks; 0 before its first record."""
+    index = bisect_right(cubics, middle_m, key=_start) - 1
+    if index < 0:
+        return np.zeros_like(s)
+    chosen = cubics[index]
+    u = s - chosen.s_m
+    found: FloatArray = chosen.a + u * (chosen.b + u * (chosen.c + u * chosen.d))
+    return found
+
+
+def _active(cubics: Sequence[Cubic], start_m: float, end_m: float) -> list[Cubic]:
+    """The records that hold somewhere between two arc lengths."""
+    first = max(0, bisect_right(cubics, start_m, key=_start) - 1)
+    return list(cubics[first : bisect_left(cubics, end_m, key=_start)])
+
+
+def _start(cubic: Cubic) -> float:
+    return cubic.s_m
+
+
+def _is_plain(road: RoadRecord, section: Section) -> bool:
+    """One constant record for the offset and for each lane: no sampling is needed."""
+    groups: Iterable[Sequence[Cubic]] = (
+        _active(road.offsets, section.start_m, section.end_m),
+        *(lane.widths for lane in section.lanes),
+    )
+    return not any(lane.borders and not lane.widths for lane in section.lanes) and all(
+        len(group) <= 1 and all(c.is_constant and c.s_m <= section.start_m for c in group)
+        for group in groups
+    )
+
+
+def _tracks(section: Section, offset: FloatArray, widths: dict[int, FloatArray]) -> list[_Track]:
+    """Where the lanes lie at the samples, from right to left."""
+    found = []
+    for sign in (-1, 1):
+        inner = offset
+        side = [lane for lane in section.lanes if lane.id * sign > 0]
+        for lane in sorted(side, key=lambda lane: abs(lane.id)):
+            width = widths[lane.id]
+            centre = inner + sign * width / 2.0
+            inner = inner + sign * width
+            found.append(
+                _Track(
+                    lane,
+                    float(centre.min()),
+                    float(centre.max()),
+                    float(width.min()),
+                    float(width.max()),
+                )
+            )
+    return sorted(found, key=lambda track: track.lane.id)
+
+
+def _sampled(road: RoadRecord, section: Section, start_m: float, end_m: float) -> list[_Track]:
+    s = np.linspace(start_m, end_m, _SAMPLES)
+    middle = 0.5 * (start_m + end_m)
+    offset = _values(road.offsets, s, middle)
+    widths = {}
+    for sign in (-1, 1):
+        border = offset
+        side = [lane for lane in section.lanes if lane.id * sign > 0]
+        for lane in sorted(side, key=lambda lane: abs(lane.id)):
+            if lane.borders and not lane.widths:
+                # A border is measured from lane 0's own line.
+                outer = offset + _values(lane.borders, s, middle)
+                width = sign * (outer - border)
+            else:
+                width = _values(lane.widths, s, middle)
+            widths[lane.id] = np.clip(width, 0.0, _WIDEST_M)
+            border = border + sign * widths[lane.id]
+    return _tracks(section, offset, widths)
+
+
+def _plain(road: RoadRecord, section: Section) -> list[_Track]:
+    active = _active(road.offsets, section.start_m, section.end_m)
+    offset = np.array([active[0].a if active else 0.0])
+    widths = {
+        lane.id: np.array([min(max(lane.widths[0].a, 0.0), _WIDEST_M) if lane.widths else 0.0])
+        for lane in section.lanes
+    }
+    return _tracks(section, offset, widths)
+
+
+def _intervals(road: RoadRecord, section: Section) -> list[tuple[float, float, list[_Track]]]:
+    """Parts of a section in which no record ends, and where the lanes lie in each."""
+    start, end = section.start_m, section.end_m
+    if _is_plain(road, section):
+        return [(start, end, _plain(road, section))]
+    offsets = _active(road.offsets, start, end)
+    cubics = [*offsets, *(c for lane in section.lanes for c in (*lane.widths, *lane.borders))]
+    breaks = sorted({start, end, *(c.s_m for c in cubics if start < c.s_m < end)})
+    return [(a, b, _sampled(road, section, a, b)) for a, b in pairwise(breaks) if b - a > 1e-6]
+
+
+def _usable(track: _Track) -> bool:
+    return (
+        track.lane.type in DRIVING
+        and track.width_m >= NARROWEST_M
+        and track.high_m - track.low_m <= 2 * STEADY_M
+    )
+
+
+def _merged(a: list[_Track], b: list[_Track]) -> list[_Track] | None:
+    """Two neighbouring intervals as one; None where the driving lanes aren't the same."""
+    both = []
+    for one, other in zip(a, b, strict=True):
+        joint = _Track(
+            one.lane,
+            min(one.low_m, other.low_m),
+            max(one.high_m, other.high_m),
+            min(one.width_m, other.width_m),
+            max(one.widest_m, other.widest_m),
+        )
+        if not _usable(one) == _usable(other) == _usable(joint):
+            return None
+        both.append(joint)
+    return both
+
+
+def _slots(road: RoadRecord, tracks: list[_Track]) -> tuple[Slot, ...]:
+    return tuple(
+        Slot(
+            id=track.lane.id,
+            type=track.lane.type,
+            y_m=0.5 * (track.low_m + track.high_m),
+            width_m=track.width_m,
+            driving=_usable(track),
+            along=((track.lane.id < 0) != road.left_hand) != track.lane.reversed,
+        )
+        for track in tracks
+    )
+
+
+def stretches(road: RoadRecord) -> tuple[list[Stretch], list[tuple[float, float, str]]]:
+    """The stretches of a road with steady driving lanes.
+
+    Returns:
+        Them, in order, and what is no such stretch: (from, to, reason).
+    """
+    found: list[Stretch] = []
+    refused: list[tuple[float, float, str]] = []
+    for section in road.sections:
+        if section.end_m - section.start_m <= 1e-6:
+            continue
+        merged: list[tuple[float, float, list[_Track]]] = []
+        for a, b, tracks in _intervals(road, section):
+            joint = _merged(merged[-1][2], tracks) if merged else None
+            if joint is None:
+                merged.append((a, b, tracks))
+            else:
+                merged[-1] = (merged[-1][0], b, joint)
+        for a, b, tracks in merged:
+            if any(_usable(track) for track in tracks):
+                found.append(Stretch(section, a, b, _slots(road, tracks)))
+            else:
+                refused.append((a, b, _why_unusable(tracks)))
+    return found, refused
+
+
+def _why_unusable(tracks: list[_Track]) -> str:
+    driving = [track for track in tracks if track.lane.type in DRIVING]
+    if not driving:
+        return "it has no driving lane"
+    parts = []
+    for track in driving:
+        shift = track.high_m - track.low_m
+        if shift > 2 * STEADY_M:
+            parts.append(f"lane {track.lane.id} shifts by {shift:.2f} m")
+        else:
+            parts.append(f"lane {track.lane.id} is {track.width_m:.2f} m wide")
+    return ", ".join(parts)
+
+
+def may_change(a: Slot, b: Slot, stretch: Stretch) -> bool:
+    """Whether the marking between two neighbouring lanes lets traffic go from a to b.
+
+    The mark between them is the outer border of the inner one. Where its ``laneChange`` says
+    nothing, its type does; so it does for a broken line with ``laneChange="none"``, which editors
+    write where nobody chose. What holds for at least half of the stretch counts.
+    """
+    inner = min((a.id, b.id), key=abs)
+    if a.id * b.id < 0:
+        marks = stretch.section.centre_marks
+    else:
+        marks = next(lane.marks for lane in stretch.section.lanes if lane.id == inner)
+    allowed = 0.0
+    for i, mark in enumerate(marks):
+        end = marks[i + 1].s_m if i + 1 < len(marks) else stretch.end_m
+        length = min(end, stretch.end_m) - max(mark.s_m, stretch.start_m)
+        if length > 0.0 and _lets_through(mark, inwards=b.id == inner, rising=b.id > a.id):
+            allowed += length
+    return not marks or allowed >= 0.5 * (stretch.end_m - stretch.start_m)
+
+
+def _lets_through(mark: Mark, *, inwards: bool, rising: bool) -> bool:
+    unset = mark.lane_change == "none" and mark.type in _BROKEN
+    if mark.lane_change in ("both", "none", "increase", "decrease") and not unset:
+        return mark.lane_change == "both" or mark.lane_change == (
+            "increase" if rising else "decrease"
+        )
+    # Two lines: the first word is the inner one; the line on the own side decides.
+    words = mark.type.split()
+    if len(words) == 2:
+        return words[1 if inwards else 0] != "solid"
+    return mark.type not in ("solid", "curb", "edge", "grass")

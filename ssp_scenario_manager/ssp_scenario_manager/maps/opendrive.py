@@ -1,0 +1,297 @@
+"""Blocks of an OpenDRIVE map (``.xodr``, versions 1.4 to 1.8).
+
+Read: plan views of all kinds, lane offsets, lane sections, widths and borders, lane types, right-
+and left-hand traffic, links, junctions (default, direct), speed limits, road types, marks, marked
+crossings, objects and signs that stand beside the road. Not read: elevation, traffic lights. What
+is well-formed and can't be a block stands in the library's ``rejected``, with the reason; what
+isn't well-formed is an error.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+
+from ssp_core.errors import InputError
+from ssp_core.hashing import sha256_file
+from ssp_core.world.reference_line import ReferenceLine
+from ssp_core.world.scenery import shifted
+from ssp_scenario_manager.maps.block import Library, RoadType
+from ssp_scenario_manager.maps.lane_layout import Slot, Stretch, may_change, stretches
+from ssp_scenario_manager.maps.opendrive_road import (
+    Connection,
+    Mark,
+    RoadRecord,
+    Section,
+    read_junction,
+    read_road,
+)
+from ssp_scenario_manager.maps.reference_line import Unusable, road_line
+from ssp_scenario_manager.maps.ways import (
+    End,
+    Rules,
+    Side,
+    Way,
+    WayEnd,
+    WayLane,
+    join_ways,
+    network_blocks,
+)
+from ssp_scenario_manager.maps.xml_input import BadElement, input_error, parts
+
+ROOT = "OpenDRIVE"
+_ROAD_TYPES: dict[str, RoadType] = {
+    "town": "urban",
+    "townExpressway": "urban",
+    "townCollector": "urban",
+    "townArterial": "urban",
+    "townPrivate": "urban",
+    "townLocal": "urban",
+    "townPlayStreet": "urban",
+    "lowSpeed": "urban",
+    "rural": "rural",
+    "motorway": "motorway",
+}
+_WALKABLE = frozenset({"sidewalk", "walking"})
+_KERBS = frozenset({"border", "curb"})
+# A narrower strip beside the lanes is the edge line's, and no shoulder to stand on.
+_SHOULDER_M = 0.5
+# A border this wide is a verge: whoever waits beside the road stands on it, at its inner edge.
+_VERGE_M = 1.0
+# A stretch that ends this near to a road's end goes to its end.
+_AT_END_M = 0.01
+
+
+@dataclass
+class _Map:
+    """What has been read so far."""
+
+    ways: list[Way] = field(default_factory=list)
+    spans: dict[str, list[tuple[int, float, float]]] = field(default_factory=dict)
+    roads: dict[str, RoadRecord] = field(default_factory=dict)
+    connections: list[Connection] = field(default_factory=list)
+    rejected: list[tuple[str, str]] = field(default_factory=list)
+
+
+def _edge_marks(section: Section, slot: Slot, leftwards: bool) -> tuple[Mark, ...]:
+    """The marking on a lane's left or right border, which belongs to the inner lane of the two."""
+    inner = slot.id if leftwards == (slot.id > 0) else slot.id + (1 if leftwards else -1)
+    if inner == 0:
+        return section.centre_marks
+    return next(lane.marks for lane in section.lanes if lane.id == inner)
+
+
+def _side(outward: list[Slot], stretch: Stretch, edge: tuple[Mark, ...]) -> Side:
+    """What lies beyond a driving lane, from the lanes outside of it in order and its own edge."""
+    shoulder = walkable = 0.0
+    sidewalk = False
+    kerb = any(mark.type == "curb" for mark in edge)
+    for slot in outward:
+        if slot.type in _WALKABLE:
+            sidewalk = True
+            walkable += slot.width_m
+        elif sidewalk or slot.type == "none":
+            break
+        elif slot.type == "border" and slot.width_m >= _VERGE_M:
+            kerb = True
+            walkable += slot.width_m
+        elif walkable > 0.0:
+            break
+        else:
+            kerb = kerb or slot.type in _KERBS
+            shoulder += slot.width_m
+        lane = next(lane for lane in stretch.section.lanes if lane.id == slot.id)
+        kerb = kerb or any(mark.type == "curb" for mark in lane.marks)
+    if sidewalk:
+        return Side("sidewalk", shoulder, walkable)
+    if kerb:
+        return Side("kerb", shoulder, walkable)
+    return Side("shoulder" if shoulder >= _SHOULDER_M else "verge", shoulder)
+
+
+def _rules(road: RoadRecord, stretch: Stretch, along: bool) -> Rules:
+    """Speed limit and lane changes for one direction of travel."""
+    own = [slot for slot in stretch.slots if slot.driving and slot.along == along]
+    limits = []
+    for i, (s, _, speed) in enumerate(road.types):
+        end = road.types[i + 1][0] if i + 1 < len(road.types) else road.length_m
+        if speed is not None and s < stretch.end_m and end > stretch.start_m:
+            limits.append(speed)
+    ids = {slot.id for slot in own}
+    for lane in stretch.section.lanes:
+        for i, (s, speed) in enumerate(lane.speeds):
+            end = lane.speeds[i + 1][0] if i + 1 < len(lane.speeds) else stretch.section.end_m
+            here = s < stretch.end_m and end > stretch.start_m
+            if lane.id in ids and speed is not None and here:
+                limits.append(speed)
+    # From right to left as the drivers see it.
+    ordered = own if along else own[::-1]
+    pairs = list(pairwise(ordered))
+    return Rules(
+        speed_mps=min(limits, default=None),
+        change_left=any(may_change(a, b, stretch) for a, b in pairs),
+        change_right=any(may_change(b, a, stretch) for a, b in pairs),
+    )
+
+
+def _road_type(road: RoadRecord, at_m: float) -> RoadType:
+    word = "unknown"
+    for s, found, _ in road.types:
+        if s <= at_m:
+            word = found
+    return _ROAD_TYPES.get(word, "any")
+
+
+def _way(road: RoadRecord, line: ReferenceLine, stretch: Stretch) -> Way:
+    low, high = stretch.start_m, min(stretch.end_m, line.length_m)
+    if high >= road.length_m - _AT_END_M:
+        high = line.length_m
+    whole = low <= _AT_END_M and high == line.length_m
+    slots = list(stretch.slots)
+    driving = [i for i, slot in enumerate(slots) if slot.driving]
+    notes = ["left-hand traffic"] if road.left_hand else []
+    if road.not_drawn:
+        notes.append(f"{road.not_drawn} objects or signs of road {road.id} can't be drawn")
+    return Way(
+        roads=(road.id,),
+        span_m=None if whole else (round(low, 2), round(high, 2)),
+        line=line if whole else line.section(low, high),
+        lanes=tuple(
+            WayLane(f"lane {slots[i].id}", slots[i].y_m, slots[i].width_m, slots[i].along)
+            for i in driving
+        ),
+        right=_side(
+            slots[: driving[0]][::-1],
+            stretch,
+            _edge_marks(stretch.section, slots[driving[0]], leftwards=False),
+        ),
+        left=_side(
+            slots[driving[-1] + 1 :],
+            stretch,
+            _edge_marks(stretch.section, slots[driving[-1]], leftwards=True),
+        ),
+        road_type=_road_type(road, 0.5 * (low + high)),
+        along=_rules(road, stretch, True),
+        against=_rules(road, stretch, False),
+        crossings_m=tuple(s - low for s in road.crosswalks_m if low <= s <= high),
+        junction=road.junction,
+        notes=tuple(notes),
+        scenery=tuple(shifted(item, -low) for item in road.scenery if low <= item.s_m <= high),
+    )
+
+
+def _add_road(found: _Map, road: RoadRecord) -> None:
+    name = f"road {road.id}"
+    found.spans[road.id] = []
+    found.roads[road.id] = road
+    steady, refused = stretches(road)
+    found.rejected += [
+        (
+            name
+            if a <= _AT_END_M and b >= road.length_m - _AT_END_M
+            else f"{name} [{a:g}-{b:g} m]",
+            why,
+        )
+        for a, b, why in refused
+    ]
+    if not road.sections:
+        found.rejected.append((name, "it has no lane section"))
+    if not steady:
+        return
+    try:
+        line = road_line(road)
+    except Unusable as error:
+        found.rejected.append((name, str(error)))
+        return
+    for stretch in steady:
+        if min(stretch.end_m, line.length_m) - stretch.start_m <= _AT_END_M:
+            continue
+        way = _way(road, line, stretch)
+        found.spans[road.id].append((len(found.ways), stretch.start_m, stretch.end_m))
+        found.ways.append(way)
+
+
+def _way_end(found: _Map, road_id: str, end: End) -> WayEnd | None:
+    """The way that lies at a road's end, None where it is no way."""
+    spans = found.spans[road_id]
+    if not spans:
+        return None
+    index, low, high = spans[0] if end == "start" else spans[-1]
+    at_end = (
+        low <= _AT_END_M if end == "start" else high >= found.roads[road_id].length_m - _AT_END_M
+    )
+    return (index, end) if at_end else None
+
+
+def _contacts(found: _Map) -> list[tuple[WayEnd, WayEnd]]:
+    """Which ends of ways meet: within a road, by links, and by the connections of junctions."""
+    pairs: list[tuple[WayEnd | None, WayEnd | None]] = []
+    for spans in found.spans.values():
+        for (i, _, high), (j, low, _) in pairwise(spans):
+            if low - high <= _AT_END_M:
+                pairs.append(((i, "end"), (j, "start")))
+    at_junction: dict[tuple[str, str], list[End]] = {}
+    for road in found.roads.values():
+        for end, link in road.links.items():
+            if link.kind == "junction":
+                at_junction.setdefault((road.id, link.id), []).append(end)
+            elif link.id not in found.roads:
+                found.rejected.append(
+                    (f"road {road.id} {end}", f"is linked to road {link.id}, which isn't there")
+                )
+            elif link.contact is not None:
+                pairs.append(
+                    (_way_end(found, road.id, end), _way_end(found, link.id, link.contact))
+                )
+    for connection in found.connections:
+        if connection.incoming not in found.roads or connection.to not in found.roads:
+            found.rejected.append(
+                (
+                    f"junction {connection.junction}",
+                    f"connects road {connection.incoming} to road {connection.to}, and one of them "
+                    "isn't there",
+                )
+            )
+            continue
+        ends = at_junction.get((connection.incoming, connection.junction), [])
+        # A road that begins and ends at one junction: its connecting roads say which end they mean.
+        if len(ends) == 1:
+            pairs.append(
+                (
+                    _way_end(found, connection.incoming, ends[0]),
+                    _way_end(found, connection.to, connection.contact),
+                )
+            )
+    return [(a, b) for a, b in pairs if a is not None and b is not None]
+
+
+def load_opendrive(path: Path) -> Library:
+    """The blocks of an OpenDRIVE map.
+
+    Raises:
+        InputError: the file can't be read, is no OpenDRIVE, or an element in it is malformed.
+    """
+    found = _Map()
+    for element in parts(path, ROOT):
+        try:
+            if element.tag == "road":
+                road = read_road(element)
+                if road.id in found.roads:
+                    raise BadElement(element, "has the id of another road", "id")
+                _add_road(found, road)
+            elif element.tag == "junction":
+                found.connections += read_junction(element)
+        except BadElement as bad:
+            raise input_error(path, element, bad) from bad
+    if not found.roads:
+        raise InputError("has no road", file=path, remedy="give a map with roads")
+    network = join_ways(found.ways, _contacts(found))
+    blocks, rejected = network_blocks(network)
+    return Library(
+        source=path.name,
+        sha256=sha256_file(path),
+        kind="opendrive",
+        blocks=tuple(sorted(blocks, key=lambda block: block.block_id)),
+        rejected=tuple(found.rejected + rejected),
+    )

@@ -1,0 +1,384 @@
+"""``ssp.site/1``: a proving ground or simulated place, its blocks and regions (METHOD 2.1)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Discriminator, Field, SerializerFunctionWrapHandler, Tag, model_serializer
+
+from ssp_core.errors import InputError
+from ssp_core.files import parse_whole_model, read_mapping
+from ssp_core.hashing import sha256_json
+from ssp_core.run_file.model import Camera, Limits, LinkDisturbance, Look
+from ssp_core.run_file.participants import TrafficSpec
+from ssp_core.run_file.road import CurvePiece, Lane, Scenery, without_empty_scenery
+from ssp_core.run_file.values import Finite, NonNegative, ObjectId, Point, Positive, Start, Strict
+from ssp_core.world.reference_line import NotOneToOne, ReferenceLine
+from ssp_core.world.scenery import Clearance
+from ssp_scenario_manager.maps.block import Block, BlockLane, Library, conflict_areas, segment_of
+
+LIBRARY = Path(__file__).resolve().parents[1] / "library"
+
+
+class Strip(Strict):
+    """A region in a block's frame: between two arc lengths and two offsets (+ left)."""
+
+    block: ObjectId
+    from_s_m: Finite
+    to_s_m: Finite
+    from_l_m: Finite
+    to_l_m: Finite
+
+
+class Polygon(Strict):
+    """A region in frame map, as it was surveyed."""
+
+    points: Annotated[list[Point], Field(min_length=3)]
+
+
+def _kind_of_region(value: Any) -> str | None:
+    """Which of both is meant, so that errors name what is wrong with that one."""
+    if isinstance(value, Strip | Polygon):
+        return type(value).__name__
+    if not isinstance(value, dict):
+        return None
+    if "points" in value:
+        return "Polygon"
+    return "Strip" if value.keys() & Strip.model_fields.keys() else None
+
+
+Region = Annotated[
+    Annotated[Strip, Tag("Strip")] | Annotated[Polygon, Tag("Polygon")],
+    Discriminator(
+        _kind_of_region,
+        custom_error_type="region",
+        custom_error_message="is no region: a polygon has points (at least 3, frame map), a strip "
+        "has block, from_s_m, to_s_m, from_l_m and to_l_m",
+    ),
+]
+
+
+class SiteBlock(Strict):
+    """One stretch of road of the site."""
+
+    id: ObjectId
+    origin: Start = Field(description="pose of the reference line's start, frame map")
+    pieces: Annotated[list[CurvePiece], Field(min_length=1)]
+    lanes: Annotated[list[Lane], Field(min_length=1)]
+    road_type: Literal["urban", "rural", "motorway", "proving_ground"]
+    left_boundary: Literal["kerb", "sidewalk", "shoulder", "verge"]
+    right_boundary: Literal["kerb", "sidewalk", "shoulder", "verge"]
+    sidewalk_left_m: NonNegative = 0.0
+    sidewalk_right_m: NonNegative = 0.0
+    permitted: Annotated[
+        list[Literal["keep_lane", "lane_change_left", "lane_change_right", "crossing", "stop"]],
+        Field(min_length=1),
+    ]
+    leads_to: list[ObjectId] = []
+    crossing_x_m: Finite | None = None
+    speed_limit_mps: Positive
+    traffic: list[TrafficSpec] = Field([], description="surroundings, for any event")
+    scenery: Scenery = Field([], description="what stands beside the road, block frame")
+
+    @model_serializer(mode="wrap")
+    def _without_empty_scenery(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return without_empty_scenery(dump(self))
+
+
+class Site(Strict):
+    """A place: its blocks and the Physical library's regions (METHOD 2.1)."""
+
+    schema_: Literal["ssp.site/1"] = Field(alias="schema")
+    name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,31}$")]
+    description: str
+    domain: Literal["simulation", "physical"]
+    stand_in: bool
+    blocks: Annotated[list[SiteBlock], Field(min_length=1)]
+    ot_reachable: Annotated[list[Region], Field(min_length=1)]
+    safe_stop_zones: Annotated[list[Region], Field(min_length=1)]
+    geofence: Region
+    limits: Limits
+    camera: Camera = Camera()
+    look: Look = Look()
+    disturbance: LinkDisturbance = LinkDisturbance()
+
+
+def load_site(name_or_path: str) -> tuple[Site, str]:
+    """A site by name or file, and its version: the hash of its content, not of its text.
+
+    Raises:
+        InputError: there is no such site, or the file is not valid; all that is wrong with it.
+    """
+    path = find_shipped(name_or_path, "site")
+    site = parse_whole_model(Site, read_mapping(path), path)
+    return site, site_version(site)
+
+
+def site_version(site: Site) -> str:
+    """Content hash of a site."""
+    return sha256_json(site.model_dump(mode="json", by_alias=True))
+
+
+def find_shipped(name_or_path: str, kind: Literal["site", "event"]) -> Path:
+    """The file itself, or the one of that name that comes with the project.
+
+    Raises:
+        InputError: it is neither.
+    """
+    path = Path(name_or_path)
+    shipped = LIBRARY / f"{kind}s" / f"{name_or_path}.{kind}.yaml"
+    with suppress(OSError):  # a name that is longer than any file's
+        if path.suffix in (".yaml", ".yml", ".json") or path.is_file():
+            return path
+        if shipped.is_file():
+            return shipped
+    known = ", ".join(sorted(p.name.split(".")[0] for p in (LIBRARY / f"{kind}s").glob("*.yaml")))
+    raise InputError(
+        f"no such {kind}", value=name_or_path, remedy=f"name one of {known}, or give a file"
+    )
+
+
+_REGION_ERROR_M = 0.02
+_MOST_CORNERS = 1000
+
+
+def site_line(block: SiteBlock, field: str) -> ReferenceLine:
+    """The reference line of a site's block.
+
+    Raises:
+        InputError: the pieces make no line.
+    """
+    try:
+        return ReferenceLine(block.origin.pose, block.pieces)
+    except ValueError as error:
+        raise InputError(
+            f"make no road: {error}", field=f"{field}.pieces", remedy="shorten or straighten them"
+        ) from error
+
+
+def _check_lanes(block: SiteBlock, field: str) -> Iterator[InputError]:
+    ordered = sorted(range(len(block.lanes)), key=lambda i: block.lanes[i].y_m)
+    for low, high in pairwise(ordered):
+        right, left = block.lanes[low], block.lanes[high]
+        overlap = right.y_m + right.width_m / 2 - (left.y_m - left.width_m / 2)
+        if overlap > 1e-6:
+            yield InputError(
+                f"overlaps lanes[{low}] by {overlap:g} m",
+                field=f"{field}.lanes[{high}]",
+                value=left.y_m,
+                remedy=f"lane centres must be {(right.width_m + left.width_m) / 2:g} m apart",
+            )
+    if not any(lane.direction == "forward" for lane in block.lanes):
+        yield InputError(
+            "has no forward lane", field=f"{field}.lanes", remedy="the VUT drives in one"
+        )
+
+
+def _check_traffic(block: SiteBlock, line: ReferenceLine, field: str) -> Iterator[InputError]:
+    seen: set[str] = set()
+    for i, vehicle in enumerate(block.traffic):
+        here = f"{field}.traffic[{i}]"
+        if vehicle.id in seen:
+            yield InputError("stands twice", field=f"{here}.id", value=vehicle.id)
+        seen.add(vehicle.id)
+        if vehicle.lane >= len(block.lanes):
+            yield InputError(
+                "there is no such lane",
+                field=f"{here}.lane",
+                value=vehicle.lane,
+                remedy=f"the block has lanes 0 to {len(block.lanes) - 1}",
+            )
+        if not 0.0 <= vehicle.x_m <= line.length_m:
+            yield InputError(
+                "leaves the block",
+                field=f"{here}.x_m",
+                value=vehicle.x_m,
+                remedy=f"0 to {line.length_m:g} m fits",
+            )
+
+
+def _check_scenery(block: SiteBlock, line: ReferenceLine, field: str) -> Iterator[InputError]:
+    clearance = Clearance(line, [(lane.y_m, lane.width_m) for lane in block.lanes])
+    for i, item in enumerate(block.scenery):
+        problem = clearance.problem(item)
+        if problem is not None:
+            yield InputError(
+                f"{problem} (a {item.type})",
+                field=f"{field}.scenery[{i}]",
+                value=f"s_m {item.s_m:g}, l_m {item.l_m:g}",
+                remedy="give it a place beside the lanes",
+            )
+
+
+def _sorted_lanes(lanes: list[Lane]) -> tuple[BlockLane, ...]:
+    named = [
+        BlockLane(lane.y_m, lane.width_m, lane.direction == "forward", f"lanes[{i}]")
+        for i, lane in enumerate(lanes)
+    ]
+    return tuple(sorted(named, key=lambda lane: lane.y_m))
+
+
+def _check_block(site: Site, index: int) -> Iterator[InputError]:
+    block, field = site.blocks[index], f"blocks[{index}]"
+    if block.id in (other.id for other in site.blocks[:index]):
+        yield InputError("stands twice", field=f"{field}.id", value=block.id)
+    yield from _check_lanes(block, field)
+    known = [other.id for other in site.blocks]
+    for i, name in enumerate(block.leads_to):
+        if name not in known:
+            yield InputError(
+                "is no block of this site",
+                field=f"{field}.leads_to[{i}]",
+                value=name,
+                remedy=f"its blocks are {', '.join(known)}",
+            )
+    try:
+        line = site_line(block, field)
+    except InputError as error:
+        yield error
+        return
+    yield from _check_traffic(block, line, field)
+    yield from _check_scenery(block, line, field)
+    if block.crossing_x_m is not None and not 0.0 <= block.crossing_x_m <= line.length_m:
+        yield InputError(
+            "leaves the block",
+            field=f"{field}.crossing_x_m",
+            value=block.crossing_x_m,
+            remedy=f"0 to {line.length_m:g} m fits",
+        )
+
+
+def _block(site: Site, index: int) -> Block:
+    block = site.blocks[index]
+    line = site_line(block, f"blocks[{index}]")
+    lanes = _sorted_lanes(block.lanes)
+    permitted = frozenset[str](block.permitted)
+    return Block(
+        block_id=block.id,
+        line=line,
+        lanes=lanes,
+        road_type=block.road_type,
+        segment=segment_of(line),
+        left_boundary=block.left_boundary,
+        right_boundary=block.right_boundary,
+        sidewalk_left_m=block.sidewalk_left_m,
+        sidewalk_right_m=block.sidewalk_right_m,
+        permitted=permitted,
+        entrances=tuple(sorted(o.id for o in site.blocks if block.id in o.leads_to)),
+        exits=tuple(sorted(set(block.leads_to))),
+        conflict_areas=conflict_areas(line.length_m, lanes, permitted, block.crossing_x_m),
+        crossing_s_m=block.crossing_x_m,
+        speed_limit_mps=block.speed_limit_mps,
+        scenery=tuple(block.scenery),
+    )
+
+
+def site_library(site: Site, file: str | Path | None = None) -> Library:
+    """The blocks of a site, each in the direction that its file gives it.
+
+    Args:
+        site: read.
+        file: that it was read from, for messages.
+
+    Raises:
+        InputError: blocks or regions of the site contradict each other; every place where they do.
+    """
+    errors = list(_contradictions(site))
+    if errors:
+        raise InputError.of_all(errors, file)
+    blocks = [_block(site, i) for i in range(len(site.blocks))]
+    return Library(
+        source=site.name,
+        sha256=site_version(site),
+        kind="site",
+        blocks=tuple(sorted(blocks, key=lambda block: block.block_id)),
+    )
+
+
+def _contradictions(site: Site) -> Iterator[InputError]:
+    for i in range(len(site.blocks)):
+        yield from _check_block(site, i)
+    regions = {f"ot_reachable[{i}]": region for i, region in enumerate(site.ot_reachable)}
+    regions |= {f"safe_stop_zones[{i}]": region for i, region in enumerate(site.safe_stop_zones)}
+    regions["geofence"] = site.geofence
+    for field, region in regions.items():
+        try:
+            region_polygon(site, region, field)
+        except InputError as error:
+            # A block without a line is an error of its own.
+            if not (error.field or "").startswith("blocks"):
+                yield error
+
+
+def region_polygon(site: Site, region: Region, field: str = "region") -> list[Point]:
+    """Corners of a region in frame map, in order; a strip's start at its right entry.
+
+    A strip along a bend gets as many points as keep its outline within 2 cm.
+
+    Args:
+        site: that the region belongs to.
+        region: of it.
+        field: where it stands, for errors.
+
+    Raises:
+        InputError: it names no block, is empty, or lies where the block has no coordinates.
+    """
+    if not isinstance(region, Strip):
+        _check_outline(region.points, field)
+        return list(region.points)
+    index = next((i for i, b in enumerate(site.blocks) if b.id == region.block), None)
+    if index is None:
+        raise InputError(
+            "is no block of this site",
+            field=f"{field}.block",
+            value=region.block,
+            remedy=f"its blocks are {', '.join(b.id for b in site.blocks)}",
+        )
+    for low, high in (("from_s_m", "to_s_m"), ("from_l_m", "to_l_m")):
+        if not getattr(region, low) < getattr(region, high):
+            raise InputError(
+                f"must be above {low}",
+                field=f"{field}.{high}",
+                value=getattr(region, high),
+                remedy=f"more than {getattr(region, low):g} m",
+            )
+    line = site_line(site.blocks[index], f"blocks[{index}]")
+    try:
+        right = line.path(region.from_s_m, region.to_s_m, region.from_l_m, _REGION_ERROR_M)
+        left = line.path(region.to_s_m, region.from_s_m, region.to_l_m, _REGION_ERROR_M)
+    except NotOneToOne as error:
+        raise InputError(str(error), field=field, remedy="give it as a polygon") from error
+    except ValueError as error:
+        raise InputError(str(error), field=field) from error
+    return [*right, *left]
+
+
+def _turn(a: Point, b: Point, c: Point) -> float:
+    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+
+
+def _check_outline(points: list[Point], field: str) -> None:
+    """A polygon that crosses itself has no inside."""
+    n = len(points)
+    if n > _MOST_CORNERS:
+        raise InputError(
+            f"has {n} corners", field=f"{field}.points", remedy=f"at most {_MOST_CORNERS}"
+        )
+    if len(set(points)) < n:
+        raise InputError("has a point twice", field=f"{field}.points")
+    edges = [(points[i], points[(i + 1) % n]) for i in range(n)]
+    for i, (a, b) in enumerate(edges):
+        for j in range(i + 2, n - (1 if i == 0 else 0)):
+            c, d = edges[j]
+            if _turn(a, b, c) * _turn(a, b, d) < 0 and _turn(c, d, a) * _turn(c, d, b) < 0:
+                raise InputError(
+                    f"crosses itself (edges {i} and {j})",
+                    field=f"{field}.points",
+                    remedy="list its corners in order",
+                )
+    if abs(sum(a[0] * b[1] - b[0] * a[1] for a, b in edges)) < 1e-6:
+        raise InputError("encloses no area", field=f"{field}.points")

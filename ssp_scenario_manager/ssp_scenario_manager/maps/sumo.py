@@ -1,0 +1,357 @@
+"""Blocks of a SUMO network (``.net.xml``): one per edge, as an edge has one direction."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from ssp_core.errors import InputError
+from ssp_core.geometry import FloatArray
+from ssp_core.hashing import sha256_file
+from ssp_core.run_file.values import Point
+from ssp_core.world.reference_line import ReferenceLine
+from ssp_scenario_manager.maps.block import Library, RoadType
+from ssp_scenario_manager.maps.lane_layout import NARROWEST_M
+from ssp_scenario_manager.maps.reference_line import Unusable, smooth_line
+from ssp_scenario_manager.maps.ways import (
+    Rules,
+    Side,
+    Way,
+    WayEnd,
+    WayLane,
+    join_ways,
+    network_blocks,
+)
+from ssp_scenario_manager.maps.xml_input import (
+    FARTHEST_M,
+    BadElement,
+    input_error,
+    number,
+    parts,
+    text,
+    whole,
+)
+
+# SUMO's own width of a lane that says nothing.
+DEFAULT_WIDTH_M = 3.2
+_MOST_LANES = 64
+_MOST_POINTS = 10_000
+
+
+@dataclass(frozen=True, slots=True)
+class EdgeLane:
+    """A lane; the one with index 0 is the rightmost.
+
+    Args:
+        index: from the right.
+        width_m: of the lane.
+        speed_mps: limit.
+        shape: centre line, frame map.
+        driving: passenger cars may use it.
+        walkable: only pedestrians may.
+        change_left: cars may leave it to the left.
+        change_right: cars may leave it to the right.
+    """
+
+    index: int
+    width_m: float
+    speed_mps: float
+    shape: tuple[Point, ...]
+    driving: bool
+    walkable: bool
+    change_left: bool
+    change_right: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Edge:
+    """An edge, driven in one direction; lanes from right to left."""
+
+    id: str
+    function: str
+    start: str
+    end: str
+    type: str
+    lanes: tuple[EdgeLane, ...]
+
+
+def _shape(lane: Element) -> tuple[Point, ...]:
+    words = text(lane, "shape").split()
+    if not 2 <= len(words) <= _MOST_POINTS:
+        raise BadElement(lane, f"has {len(words)} points", "shape", f"give 2 to {_MOST_POINTS}")
+    found = []
+    for word in words:
+        try:
+            x, y = (float(part) for part in word.split(",")[:2])
+        except ValueError:
+            raise BadElement(lane, f"has no point in {word[:40]!r}", "shape", "x,y") from None
+        if not (math.isfinite(x) and math.isfinite(y) and max(abs(x), abs(y)) <= FARTHEST_M):
+            raise BadElement(lane, f"is out of bounds at {word[:40]!r}", "shape")
+        found.append((x, y))
+    return tuple(found)
+
+
+def _allows(lane: Element, vehicle: str) -> bool:
+    allow, disallow = lane.get("allow"), lane.get("disallow")
+    if allow is not None:
+        return bool({vehicle, "all"} & set(allow.split()))
+    return disallow is None or not {vehicle, "all"} & set(disallow.split())
+
+
+def _may_change(lane: Element, side: str) -> bool:
+    words = lane.get(f"change{side}")
+    return words is None or bool({"passenger", "all"} & set(words.split()))
+
+
+def _lane(lane: Element) -> EdgeLane:
+    driving = _allows(lane, "passenger")
+    return EdgeLane(
+        index=whole(lane, "index"),
+        width_m=number(lane, "width", DEFAULT_WIDTH_M, low=0.0, high=100.0),
+        speed_mps=number(lane, "speed", low=0.0, high=1000.0),
+        shape=_shape(lane),
+        driving=driving,
+        walkable=not driving and _allows(lane, "pedestrian") and not _allows(lane, "bicycle"),
+        change_left=_may_change(lane, "Left"),
+        change_right=_may_change(lane, "Right"),
+    )
+
+
+def read_edge(edge: Element) -> Edge:
+    """An edge from its element.
+
+    Raises:
+        BadElement: something in it is missing, or no number where one belongs.
+    """
+    children = edge.findall("lane")
+    if not 1 <= len(children) <= _MOST_LANES:
+        raise BadElement(
+            edge, f"has {len(children)} lanes", None, f"1 to {_MOST_LANES} can be read"
+        )
+    lanes = sorted((_lane(child) for child in children), key=lambda lane: lane.index)
+    if [lane.index for lane in lanes] != list(range(len(lanes))):
+        raise BadElement(edge, "leaves a lane index out", None, "number lanes from 0")
+    return Edge(
+        id=text(edge, "id"),
+        function=text(edge, "function", "normal"),
+        start=text(edge, "from", ""),
+        end=text(edge, "to", ""),
+        type=text(edge, "type", ""),
+        lanes=tuple(lanes),
+    )
+
+
+def read_connection(connection: Element) -> tuple[str, str]:
+    """From which edge to which a connection leads; over which internal edge, if over one.
+
+    Raises:
+        BadElement: it names no edges.
+    """
+    via = connection.get("via")
+    to = via.rpartition("_")[0] if via else text(connection, "to")
+    return text(connection, "from"), to
+
+
+ROOT = "net"
+_READ = ("normal", "internal")
+# Lanes beside the reference line keep their offset to this.
+_PARALLEL_M = 0.5
+# A wider gap than this between the directions parts the road in two.
+_MEDIAN_M = 3.0
+_ROAD_TYPES: dict[str, RoadType] = {
+    "motorway": "motorway",
+    "trunk": "motorway",
+    "residential": "urban",
+    "living_street": "urban",
+}
+
+
+@dataclass
+class _Net:
+    """What has been read so far."""
+
+    edges: dict[str, Edge] = field(default_factory=dict)
+    connections: set[tuple[str, str]] = field(default_factory=set)
+    rejected: list[tuple[str, str]] = field(default_factory=list)
+
+
+def _usable(edge: Edge) -> list[EdgeLane]:
+    return [lane for lane in edge.lanes if lane.driving and lane.width_m >= NARROWEST_M]
+
+
+def _beside(
+    line: ReferenceLine, edge: Edge, along: bool, middle: EdgeLane | None = None
+) -> list[WayLane] | None:
+    """The driving lanes of an edge along a line; None where one isn't parallel to it.
+
+    Args:
+        line: to run beside.
+        edge: whose lanes.
+        along: they lead along the line.
+        middle: the lane of the edge that the line was made from, if one.
+    """
+    found = [WayLane(_lane_name(edge, middle), 0.0, middle.width_m, along)] if middle else []
+    lanes = [lane for lane in _usable(edge) if lane is not middle]
+    if not lanes:
+        return found
+    offsets = line.to_local_many(np.array([point for lane in lanes for point in lane.shape]))[:, 1]
+    for lane, own in zip(lanes, _split(offsets, [len(lane.shape) for lane in lanes]), strict=True):
+        if np.isnan(own).any() or np.ptp(own) > _PARALLEL_M:
+            return None
+        found.append(WayLane(_lane_name(edge, lane), float(own.mean()), lane.width_m, along))
+    return found
+
+
+def _lane_name(edge: Edge, lane: EdgeLane) -> str:
+    return f"{edge.id}_{lane.index}"
+
+
+def _split(values: FloatArray, counts: list[int]) -> list[FloatArray]:
+    return np.split(values, np.cumsum(counts)[:-1])
+
+
+def _side(outward: list[EdgeLane]) -> Side:
+    """What lies beyond a driving lane; SUMO says nothing about kerbs and verges."""
+    shoulder = sidewalk = 0.0
+    for lane in outward:
+        if lane.walkable:
+            sidewalk += lane.width_m
+        elif sidewalk > 0.0:
+            break
+        else:
+            shoulder += lane.width_m
+    return Side("sidewalk" if sidewalk else "any", shoulder, sidewalk)
+
+
+def _sides(edge: Edge) -> tuple[Side, Side]:
+    """Beyond the rightmost and the leftmost driving lane."""
+    driving = [lane.index for lane in _usable(edge)]
+    lanes = list(edge.lanes)
+    return _side(lanes[: driving[0]][::-1]), _side(lanes[driving[-1] + 1 :])
+
+
+def _oncoming(
+    line: ReferenceLine, own: list[WayLane], back: list[Edge]
+) -> tuple[list[WayLane], Side | None]:
+    """Lanes of the edge back that lie closest beside the own ones, and what is beyond them."""
+    left = max(lane.y_m + lane.width_m / 2 for lane in own)
+    right = min(lane.y_m - lane.width_m / 2 for lane in own)
+    best: tuple[float, list[WayLane], Side] | None = None
+    for edge in back:
+        lanes = _beside(line, edge, along=False)
+        if not lanes:
+            continue
+        low = min(lane.y_m - lane.width_m / 2 for lane in lanes)
+        high = max(lane.y_m + lane.width_m / 2 for lane in lanes)
+        gap = max(low - left, right - high)
+        if -_PARALLEL_M <= gap <= _MEDIAN_M and (best is None or gap < best[0]):
+            best = gap, lanes, _sides(edge)[0]
+    return ([], None) if best is None else best[1:]
+
+
+def _length_m(lane: EdgeLane) -> float:
+    return sum(math.dist(a, b) for a, b in pairwise(lane.shape))
+
+
+def _road_type(word: str) -> RoadType:
+    last = word.rpartition(".")[2].removesuffix("_link")
+    return _ROAD_TYPES.get(last, "any")
+
+
+def _way(edge: Edge, back: list[Edge]) -> Way:
+    """The way of an edge.
+
+    Raises:
+        Unusable: its lanes make no road.
+    """
+    driving = _usable(edge)
+    if not driving:
+        raise Unusable(f"it has no lane of {NARROWEST_M:g} m or more for passenger cars")
+    # The longest lane is the outermost of a bend, whose inner side has no coordinates far in.
+    longest = max(driving, key=lambda lane: round(_length_m(lane), 1))
+    line = smooth_line(longest.shape)
+    own = _beside(line, edge, along=True, middle=longest)
+    if own is None:
+        raise Unusable("its lanes aren't parallel")
+    oncoming, far_side = _oncoming(line, own, back)
+    lanes = sorted([*own, *oncoming], key=lambda lane: lane.y_m)
+    right, left = _sides(edge)
+    if oncoming and far_side is not None:
+        if lanes[0].along:
+            left = far_side
+        else:
+            right = far_side
+    pairs = list(pairwise(driving))
+    internal = edge.function == "internal"
+    return Way(
+        roads=(edge.id,),
+        span_m=None,
+        line=line,
+        lanes=tuple(lanes),
+        right=right,
+        left=left,
+        road_type=_road_type(edge.type),
+        along=Rules(
+            speed_mps=min(lane.speed_mps for lane in driving) or None,
+            change_left=any(a.change_left for a, _ in pairs),
+            change_right=any(b.change_right for _, b in pairs),
+        ),
+        against=Rules(None, False, False),
+        junction=edge.id[1:].rpartition("_")[0] if internal else None,
+        noun="edge",
+        both=False,
+    )
+
+
+def load_sumo_net(path: Path) -> Library:
+    """The blocks of a SUMO network.
+
+    Raises:
+        InputError: the file can't be read, is no network, or an element in it is malformed.
+    """
+    net = _Net()
+    for element in parts(path, ROOT):
+        try:
+            if element.tag == "edge" and element.get("function", "normal") in _READ:
+                edge = read_edge(element)
+                if edge.id in net.edges:
+                    raise BadElement(element, "has the id of another edge", "id")
+                net.edges[edge.id] = edge
+            elif element.tag == "connection":
+                net.connections.add(read_connection(element))
+        except BadElement as bad:
+            raise input_error(path, element, bad) from bad
+    if not net.edges:
+        raise InputError("has no edge", file=path, remedy="give a network with edges")
+    between: dict[tuple[str, str], list[Edge]] = {}
+    for edge in net.edges.values():
+        if edge.function == "normal":
+            between.setdefault((edge.start, edge.end), []).append(edge)
+    ways: list[Way] = []
+    index: dict[str, int] = {}
+    for edge in net.edges.values():
+        back = between.get((edge.end, edge.start), []) if edge.function == "normal" else []
+        try:
+            way = _way(edge, [other for other in back if other is not edge])
+        except Unusable as error:
+            net.rejected.append((f"edge {edge.id}", str(error)))
+            continue
+        index[edge.id] = len(ways)
+        ways.append(way)
+    contacts: list[tuple[WayEnd, WayEnd]] = []
+    for start, end in sorted(net.connections):
+        if start in index and end in index:
+            contacts.append(((index[start], "end"), (index[end], "start")))
+    blocks, rejected = network_blocks(join_ways(ways, contacts))
+    return Library(
+        source=path.name,
+        sha256=sha256_file(path),
+        kind="sumo",
+        blocks=tuple(sorted(blocks, key=lambda block: block.block_id)),
+        rejected=tuple(net.rejected + rejected),
+    )

@@ -1,0 +1,539 @@
+"""Ways, stretches of road of any map format, and the blocks and junction areas that are made of
+them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+
+from ssp_core.geometry import FloatArray, wrap_angle
+from ssp_core.run_file.road import MOST_SCENERY, SceneryItem
+from ssp_core.world.reference_line import ReferenceLine
+from ssp_core.world.scenery import Clearance, reversed_item, shifted
+from ssp_scenario_manager.maps.block import (
+    Block,
+    BlockLane,
+    Boundary,
+    ConflictArea,
+    RoadType,
+    conflict_areas,
+    headings,
+    segment_of,
+    straight_parts,
+)
+
+End = Literal["start", "end"]
+WayEnd = tuple[int, End]
+_SIDES: tuple[End, End] = ("end", "start")
+
+# Ways are joined where their lanes agree to this, and their lines meet to this.
+_LANE_M = 0.05
+_MEET_M = 0.02
+_MEET_RAD = 0.01
+_DRIFT_M = 0.05
+# Joined ways end where more would be of no use, or would run back beside themselves.
+_LONGEST_M = 2000.0
+_MOST_TURN_RAD = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class WayLane:
+    """A driving lane: offset of its centre (+ left of the way's line), narrowest width."""
+
+    name: str
+    y_m: float
+    width_m: float
+    along: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Side:
+    """What lies beyond the outermost driving lane."""
+
+    boundary: Boundary
+    shoulder_m: float = 0.0
+    sidewalk_m: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Rules:
+    """What holds for traffic in one direction, which sees left and right for itself."""
+
+    speed_mps: float | None
+    change_left: bool
+    change_right: bool
+
+
+@dataclass(frozen=True)
+class Way:
+    """A stretch of road.
+
+    Args:
+        roads: names of the roads that it is made of, in its order.
+        span_m: its part of its one road, None where it is all of it.
+        line: reference line.
+        lanes: driving lanes from right to left.
+        right: beyond the rightmost of them.
+        left: beyond the leftmost of them.
+        road_type: of the map.
+        along: rules for traffic along it.
+        against: rules for traffic against it.
+        crossings_m: arc lengths of marked crossings.
+        junction: that it leads through, None outside of one.
+        notes: for people.
+        noun: what the map's roads are called in names.
+        both: traffic against it has its block from this way too, not from one of its own.
+        scenery: what stands beside it, along its line.
+    """
+
+    roads: tuple[str, ...]
+    span_m: tuple[float, float] | None
+    line: ReferenceLine
+    lanes: tuple[WayLane, ...]
+    right: Side
+    left: Side
+    road_type: RoadType
+    along: Rules
+    against: Rules
+    crossings_m: tuple[float, ...] = ()
+    junction: str | None = None
+    notes: tuple[str, ...] = ()
+    noun: str = "road"
+    both: bool = True
+    scenery: tuple[SceneryItem, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """``road 12``, ``road 12 [30-85 m]`` or ``roads 0+11+8``; long lists are shortened."""
+        if len(self.roads) == 1:
+            if self.span_m is None:
+                return f"{self.noun} {self.roads[0]}"
+            return f"{self.noun} {self.roads[0]} [{self.span_m[0]:g}-{self.span_m[1]:g} m]"
+        if len(self.roads) <= 5:
+            return f"{self.noun}s {'+'.join(self.roads)}"
+        return f"{self.noun}s {self.roads[0]}+...+{self.roads[-1]}"
+
+    def reversed(self) -> Way:
+        """The same way in the other direction."""
+        length = self.line.length_m
+        return replace(
+            self,
+            roads=self.roads[::-1],
+            line=self.line.reversed(),
+            lanes=tuple(
+                WayLane(lane.name, -lane.y_m, lane.width_m, not lane.along)
+                for lane in reversed(self.lanes)
+            ),
+            right=self.left,
+            left=self.right,
+            along=self.against,
+            against=self.along,
+            crossings_m=tuple(sorted(length - s for s in self.crossings_m)),
+            scenery=tuple(reversed_item(item, length) for item in self.scenery),
+        )
+
+
+def _lanes_agree(a: Way, b: Way) -> bool:
+    return len(a.lanes) == len(b.lanes) and all(
+        one.along == other.along
+        and abs(one.y_m - other.y_m) <= _LANE_M
+        and abs(one.width_m - other.width_m) <= _LANE_M
+        for one, other in zip(a.lanes, b.lanes, strict=True)
+    )
+
+
+def _rules_agree(a: Way, b: Way) -> bool:
+    return (
+        (a.road_type, a.along, a.against) == (b.road_type, b.along, b.against)
+        and (a.right.boundary, a.left.boundary) == (b.right.boundary, b.left.boundary)
+        and a.junction is None
+        and b.junction is None
+    )
+
+
+def _narrower(a: Side, b: Side) -> Side:
+    return Side(a.boundary, min(a.shoulder_m, b.shoulder_m), min(a.sidewalk_m, b.sidewalk_m))
+
+
+def joined(a: Way, b: Way) -> Way | None:
+    """Two ways as one, b after a; None where they differ, don't meet, or it would get too long."""
+    length = a.line.length_m + b.line.length_m
+    if not (_lanes_agree(a, b) and _rules_agree(a, b)) or length > _LONGEST_M:
+        return None
+    end, start = a.line.pose(a.line.length_m), b.line.pose(0.0)
+    if (
+        math.hypot(end.x_m - start.x_m, end.y_m - start.y_m) > _MEET_M
+        or abs(wrap_angle(end.yaw_rad - start.yaw_rad)) > _MEET_RAD
+    ):
+        return None
+    line = ReferenceLine(a.line.origin, [*a.line.pieces, *b.line.pieces])
+    goal, wanted = line.pose(length), b.line.pose(b.line.length_m)
+    if math.hypot(goal.x_m - wanted.x_m, goal.y_m - wanted.y_m) > _DRIFT_M:
+        return None
+    turns = headings(line, np.cumsum([0.0, *(piece.length_m for piece in line.pieces)]))
+    if float(turns.max() - turns.min()) > _MOST_TURN_RAD:
+        return None
+    same_road = a.roads[-1:] == b.roads[:1]
+    roads = a.roads + (b.roads[1:] if same_road else b.roads)
+    span = None
+    if len(roads) == 1 and a.span_m is not None and b.span_m is not None:
+        span = (min(a.span_m[0], b.span_m[0]), max(a.span_m[1], b.span_m[1]))
+    return Way(
+        roads=roads,
+        span_m=span,
+        line=line,
+        lanes=tuple(
+            WayLane(one.name, one.y_m, min(one.width_m, other.width_m), one.along)
+            for one, other in zip(a.lanes, b.lanes, strict=True)
+        ),
+        right=_narrower(a.right, b.right),
+        left=_narrower(a.left, b.left),
+        road_type=a.road_type,
+        along=a.along,
+        against=a.against,
+        crossings_m=a.crossings_m + tuple(s + a.line.length_m for s in b.crossings_m),
+        notes=tuple(dict.fromkeys(a.notes + b.notes)),
+        noun=a.noun,
+        both=a.both,
+        scenery=a.scenery + tuple(shifted(item, a.line.length_m) for item in b.scenery),
+    )
+
+
+@dataclass(frozen=True)
+class Network:
+    """Joined ways, and which ends of which meet.
+
+    Args:
+        ways: joined.
+        meets: per end of a way, the ends of others that traffic goes on to.
+    """
+
+    ways: tuple[Way, ...]
+    meets: Mapping[WayEnd, tuple[WayEnd, ...]]
+
+
+def _other(end: End) -> End:
+    return "end" if end == "start" else "start"
+
+
+def join_ways(ways: Sequence[Way], contacts: Collection[tuple[WayEnd, WayEnd]]) -> Network:
+    """Joins ways that simply continue one another.
+
+    Two ways do where each is all that the other's end meets, and `joined` finds nothing against it.
+
+    Args:
+        ways: in the map's order; the first of those that are joined gives the direction.
+        contacts: pairs of ends that meet.
+    """
+    meets: dict[WayEnd, set[WayEnd]] = {}
+    for a, b in contacts:
+        if a != b:
+            meets.setdefault(a, set()).add(b)
+            meets.setdefault(b, set()).add(a)
+    taken: set[int] = set()
+    made: list[Way] = []
+    place: dict[WayEnd, WayEnd] = {}
+    for i, first in enumerate(ways):
+        if i in taken:
+            continue
+        taken.add(i)
+        way = first
+        outer: dict[End, WayEnd] = {"start": (i, "start"), "end": (i, "end")}
+        for side in _SIDES:
+            while True:
+                found = meets.get(outer[side], set())
+                if len(found) != 1:
+                    break
+                (j, end) = next(iter(found))
+                if j in taken or len(meets[(j, end)]) != 1:
+                    break
+                follows = ways[j] if (end == "start") == (side == "end") else ways[j].reversed()
+                longer = joined(way, follows) if side == "end" else joined(follows, way)
+                if longer is None:
+                    break
+                way = longer
+                taken.add(j)
+                outer[side] = (j, _other(end))
+        for side in _SIDES:
+            place[outer[side]] = (len(made), side)
+        made.append(way)
+    kept: dict[WayEnd, tuple[WayEnd, ...]] = {}
+    for old, new in place.items():
+        found = {place[other] for other in meets.get(old, set()) if other in place}
+        kept[new] = tuple(sorted(found))
+    return Network(tuple(made), kept)
+
+
+_SAMPLES = 24
+_GAP = 2
+# More ways than this through one junction are no junction of a road network.
+MOST_WAYS = 200
+
+
+@dataclass(frozen=True)
+class JunctionPath:
+    """A block through a junction: its forward lanes, and which blocks it comes from and goes to."""
+
+    block_id: str
+    junction: str
+    line: ReferenceLine
+    lanes: tuple[BlockLane, ...]
+    entrances: tuple[str, ...]
+    exits: tuple[str, ...]
+
+    @property
+    def half_width_m(self) -> float:
+        left = max(lane.y_m + lane.width_m / 2 for lane in self.lanes)
+        return 0.5 * (left - min(lane.y_m - lane.width_m / 2 for lane in self.lanes))
+
+    def samples(self) -> tuple[FloatArray, FloatArray]:
+        """Arc lengths and places along the middle of its forward lanes."""
+        s = np.linspace(0.0, self.line.length_m, _SAMPLES)
+        middle = sum(lane.y_m for lane in self.lanes) / len(self.lanes)
+        return s, self.line.to_map_many(s, middle)
+
+
+def _stretches(s: FloatArray, hit: FloatArray) -> list[tuple[float, float]]:
+    """Runs of samples that are hit, over gaps of up to two, each widened by half a step."""
+    if not hit.any():
+        return []
+    half = 0.5 * float(s[1] - s[0])
+    at = np.flatnonzero(hit)
+    for a, b in pairwise(at):
+        if b - a <= _GAP + 1:
+            hit[a:b] = True
+    padded = np.concatenate(([False], hit, [False]))
+    starts = np.flatnonzero(padded[1:] & ~padded[:-1])
+    ends = np.flatnonzero(~padded[1:] & padded[:-1]) - 1
+    return [
+        (max(0.0, float(s[a]) - half), min(float(s[-1]), float(s[b]) + half))
+        for a, b in zip(starts, ends, strict=True)
+    ]
+
+
+def junction_areas(paths: Sequence[JunctionPath]) -> dict[str, tuple[ConflictArea, ...]]:
+    """Areas per block of one junction, by kind and place.
+
+    Two ways that come from different blocks conflict where their corridors overlap: as ``merge``
+    where both go on to the same block, else as ``crossing``. Ways from the same block only part.
+
+    Args:
+        paths: of one junction; none are compared where there are more than 200.
+    """
+    if len(paths) > MOST_WAYS:
+        return {}
+    sampled = [path.samples() for path in paths]
+    places = np.array([xy for _, xy in sampled]) if paths else np.zeros((0, _SAMPLES, 2))
+    x, y = places[..., 0], places[..., 1]
+    half = np.array([path.half_width_m for path in paths])
+    found: dict[str, tuple[ConflictArea, ...]] = {}
+    for i, path in enumerate(paths):
+        dx = x[i][None, :, None] - x[:, None, :]
+        dy = y[i][None, :, None] - y[:, None, :]
+        near = (dx * dx + dy * dy < ((half + half[i]) ** 2)[:, None, None]).any(axis=2)
+        hits = {"merge": np.zeros(_SAMPLES, dtype=bool), "crossing": np.zeros(_SAMPLES, dtype=bool)}
+        for j in map(int, np.flatnonzero(near.any(axis=1))):
+            other = paths[j]
+            if j == i or set(path.entrances) & set(other.entrances):
+                continue
+            hits["merge" if set(path.exits) & set(other.exits) else "crossing"] |= near[j]
+        s = sampled[i][0]
+        areas = [ConflictArea("merge", a, b) for a, b in _stretches(s, hits["merge"])]
+        areas += [ConflictArea("crossing", a, b) for a, b in _stretches(s, hits["crossing"])]
+        found[path.block_id] = tuple(sorted(areas, key=lambda area: (area.kind, area.start_s_m)))
+    return found
+
+
+# Offsets stay this far from the centre of curvature, as a share of the radius.
+_REACH = 0.95
+
+
+def block_id(way: Way, forward: bool) -> str:
+    """Id of a way's block in one direction."""
+    return f"{way.name} {'forward' if forward else 'backward'}"
+
+
+def _room_m(way: Way) -> tuple[float, float]:
+    """How far to the right (negative) and left places have coordinates all along the way."""
+    bends = [k for p in way.line.pieces for k in (p.start_curvature_1pm, p.end_curvature_1pm)]
+    most, least = max(0.0, *bends), min(0.0, *bends)
+    return (
+        _REACH / least if least < 0.0 else float("-inf"),
+        _REACH / most if most > 0.0 else float("inf"),
+    )
+
+
+def _cut_side(side: Side, room_m: float) -> Side:
+    """A side no wider than there is room for it."""
+    shoulder = min(side.shoulder_m, max(0.0, room_m))
+    return Side(side.boundary, shoulder, min(side.sidewalk_m, max(0.0, room_m - shoulder)))
+
+
+def _permitted(way: Way) -> frozenset[str]:
+    words = {"keep_lane", "stop"}
+    if way.along.change_left:
+        words.add("lane_change_left")
+    if way.along.change_right:
+        words.add("lane_change_right")
+    if way.road_type != "motorway" and way.junction is None:
+        words.add("crossing")
+    return frozenset(words)
+
+
+def _block(way: Way, name: str, entrances: tuple[str, ...], exits: tuple[str, ...]) -> Block:
+    """The block of a way for traffic along it."""
+    lanes = tuple(BlockLane(lane.y_m, lane.width_m, lane.along, lane.name) for lane in way.lanes)
+    right_room, left_room = _room_m(way)
+    right = _cut_side(way.right, min(x.y_m - x.width_m / 2 for x in lanes) - right_room)
+    left = _cut_side(way.left, left_room - max(x.y_m + x.width_m / 2 for x in lanes))
+    length = way.line.length_m
+    crossing = min(way.crossings_m, key=lambda s: abs(s - length / 2), default=None)
+    permitted = _permitted(way)
+    scenery, notes = _beside(way)
+    areas: tuple[ConflictArea, ...] = ()
+    if way.junction is None:
+        areas = conflict_areas(length, lanes, permitted, crossing)
+    return Block(
+        block_id=name,
+        line=way.line,
+        lanes=lanes,
+        road_type=way.road_type,
+        segment="junction" if way.junction is not None else segment_of(way.line),
+        left_boundary=left.boundary,
+        right_boundary=right.boundary,
+        sidewalk_left_m=left.sidewalk_m,
+        sidewalk_right_m=right.sidewalk_m,
+        permitted=permitted,
+        entrances=entrances,
+        exits=exits,
+        conflict_areas=areas,
+        crossing_s_m=crossing,
+        speed_limit_mps=way.along.speed_mps,
+        shoulder_left_m=left.shoulder_m,
+        shoulder_right_m=right.shoulder_m,
+        notes=way.notes + notes,
+        scenery=scenery,
+    )
+
+
+def _beside(way: Way) -> tuple[tuple[SceneryItem, ...], tuple[str, ...]]:
+    """What of a way's scenery can stand beside its block, and a note about the rest."""
+    clearance = Clearance(way.line, [(lane.y_m, lane.width_m) for lane in way.lanes])
+    kept = [item for item in way.scenery if clearance.problem(item) is None]
+    fewer = kept[:MOST_SCENERY]
+    notes = []
+    if len(kept) < len(way.scenery):
+        notes.append(f"{len(way.scenery) - len(kept)} objects or signs that stand on the lanes or "
+                     "have no place along the block are left out")  # fmt: skip
+    if len(fewer) < len(kept):
+        notes.append(f"only {MOST_SCENERY} of {len(kept)} objects and signs are kept")
+    return tuple(fewer), tuple(notes)
+
+
+def _part(way: Way, from_m: float, to_m: float) -> Way:
+    return replace(
+        way,
+        line=way.line.section(from_m, to_m),
+        crossings_m=tuple(s - from_m for s in way.crossings_m if from_m <= s <= to_m),
+        scenery=tuple(shifted(item, -from_m) for item in way.scenery if from_m <= item.s_m <= to_m),
+    )
+
+
+def _straights(way: Way, whole: Block) -> list[Block]:
+    """The straight parts of a bent block, as blocks of their own."""
+    found = []
+    for low, high in straight_parts(way.line):
+        entrances = whole.entrances if low == 0.0 else (whole.block_id,)
+        exits = whole.exits if high >= whole.length_m - 1e-6 else (whole.block_id,)
+        name = f"{whole.block_id} [{low:.0f}-{high:.0f} m]"
+        block = _block(_part(way, low, high), name, entrances, exits)
+        note = f"a straight part of {whole.block_id}"
+        found.append(replace(block, notes=(*block.notes, note)))
+    return found
+
+
+def _tight(way: Way) -> str | None:
+    """Why a way's lanes have no coordinates along its line; None: they have."""
+    right_room, left_room = _room_m(way)
+    left = max(lane.y_m + lane.width_m / 2 for lane in way.lanes)
+    right = min(lane.y_m - lane.width_m / 2 for lane in way.lanes)
+    for edge, room in ((left, left_room), (right, right_room)):
+        if abs(edge) >= abs(room) and edge * room > 0.0:
+            return (
+                f"its lanes reach {abs(edge):.1f} m from the reference line on the inner side of a "
+                f"bend of {abs(room) / _REACH:.1f} m radius, where nothing has coordinates"
+            )
+    return None
+
+
+def network_blocks(network: Network) -> tuple[list[Block], list[tuple[str, str]]]:
+    """All blocks of joined ways, and what can't be one, with the reason.
+
+    A way gives a block per direction in which it has lanes. Straight parts of 50 m or more of bent
+    ways outside of junctions are blocks beside the whole, which they overlap.
+    """
+    rejected = []
+    usable = []
+    for way in network.ways:
+        why = _tight(way)
+        if why is not None:
+            rejected.append((way.name, why))
+        usable.append(why is None)
+    blocks: list[Block] = []
+    through: dict[str, list[JunctionPath]] = {}
+    for index, way in enumerate(network.ways):
+        for forward in (True, False):
+            if not usable[index] or not _leads(way, forward):
+                continue
+            ends: tuple[WayEnd, WayEnd] = ((index, "start"), (index, "end"))
+            enter, leave = ends if forward else ends[::-1]
+            entrances = _neighbours(network, usable, enter, entering=False)
+            exits = _neighbours(network, usable, leave, entering=True)
+            seen = way if forward else way.reversed()
+            block = _block(seen, block_id(way, forward), entrances, exits)
+            if len(way.roads) > 1:
+                joins = f"joins {way.noun}s {', '.join(seen.roads)}"
+                block = replace(block, notes=(*block.notes, joins))
+            blocks.append(block)
+            if way.junction is not None:
+                path = JunctionPath(
+                    block.block_id, way.junction, seen.line, block.forward_lanes, entrances, exits
+                )
+                through.setdefault(way.junction, []).append(path)
+            elif block.segment == "curve":
+                blocks += _straights(seen, block)
+    for junction, paths in through.items():
+        if len(paths) > MOST_WAYS:
+            many = f"has {len(paths)} ways through it; their conflict areas weren't looked for"
+            rejected.append((f"junction {junction}", many))
+    areas = {
+        name: found for paths in through.values() for name, found in junction_areas(paths).items()
+    }
+    return [
+        replace(block, conflict_areas=areas[block.block_id]) if block.block_id in areas else block
+        for block in blocks
+    ], rejected
+
+
+def _leads(way: Way, forward: bool) -> bool:
+    """Whether a way gives a block in a direction."""
+    return (forward or way.both) and any(lane.along == forward for lane in way.lanes)
+
+
+def _neighbours(
+    network: Network, usable: list[bool], end: WayEnd, *, entering: bool
+) -> tuple[str, ...]:
+    """Ids of the blocks that enter, or leave, their way at the ends that an end meets."""
+    found = set()
+    for other, at in network.meets.get(end, ()):
+        way = network.ways[other]
+        forward = (at == "start") == entering
+        if usable[other] and _leads(way, forward):
+            found.add(block_id(way, forward))
+    return tuple(sorted(found))

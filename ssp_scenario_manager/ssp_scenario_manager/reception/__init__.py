@@ -1,1 +1,0 @@
-"""Subscriptions of the scenario_manager that don't belong to a single object target."""

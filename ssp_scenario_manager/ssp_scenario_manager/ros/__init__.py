@@ -1,0 +1,3 @@
+"""Nodes, endpoints and clients of the scenario manager: the only folder that imports rclpy and
+messages.
+"""

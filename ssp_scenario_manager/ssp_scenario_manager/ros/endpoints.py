@@ -1,0 +1,441 @@
+"""Subscriptions, publishers and service clients of the manager, and the conversion of its facts to
+messages.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+from typing import Any, Protocol
+from uuid import uuid4
+
+from rclpy.node import Node
+from sensor_msgs.msg import CameraInfo
+from tf2_msgs.msg import TFMessage
+
+from ssp_core import names, ros
+from ssp_core.cdr import steps
+from ssp_core.cdr.references import Acknowledgement, decode_ack, encode_reference
+from ssp_core.cdr.states import decode_state
+from ssp_core.cdr.steps import decode_done, decode_tick_head
+from ssp_core.clock import NS_PER_S
+from ssp_core.motion.reference import Reference
+from ssp_core.motion.state import ObjectState as State
+from ssp_core.names import MAP_FRAME
+from ssp_core.ros import stamp_from_ns
+from ssp_core.run_file.model import RunSpec
+from ssp_core.safety.codes import MEANINGS, SafetyCode
+from ssp_core.vocabulary import SessionPhase
+from ssp_core.world.transforms import TransformFilter, encode_transforms, of_camera
+from ssp_msgs.msg import (
+    Heartbeat,
+    HeartbeatReply,
+    LinkStatus,
+    ObjectState,
+    ObjectStates,
+    PhaseEvent,
+    RecorderStatus,
+    ReferenceAck,
+    SafetyEvent,
+    SessionState,
+    StepDone,
+    TriggerEvent,
+    WorldTick,
+)
+from ssp_msgs.msg import Reference as ReferenceMsg
+from ssp_msgs.srv import ObjectCommand
+from ssp_scenario_manager.session import outbox
+from ssp_scenario_manager.session.limits import Violation
+from ssp_scenario_manager.session.link_quality import Exchange, LinkClocks, LossCounters
+from ssp_scenario_manager.session.link_report import LinkLine, link_report
+from ssp_scenario_manager.session.session import Session
+from ssp_scenario_manager.session.supervision import LivenessMonitor
+
+# Topics with one publisher in a session: two would lead it, or tell it two truths.
+_ONE_PUBLISHER = (
+    names.HEARTBEAT,
+    names.SESSION_STATE,
+    names.state_topic(names.VUT_ID),
+    names.WORLD_TICK,
+    names.CLOCK,
+)
+# Reasons are for people; names that are longer are cut.
+_MOST_TEXT = 200
+
+
+class MessageHandler(Protocol):
+    """What the manager does with what arrives."""
+
+    def on_tick(self, tick: steps.WorldTick) -> None:
+        """The world has stepped, or holds."""
+
+    def on_step_done(self, done: steps.StepDone) -> None:
+        """A participant has answered a step."""
+
+    def on_vut_state(self, state: State) -> None:
+        """A state of the VUT."""
+
+    def on_event(self, violation: Violation, source: str) -> None:
+        """Another node saw a limit passed."""
+
+    def on_recorder(self) -> None:
+        """The recorder has told the vigil how it is."""
+
+
+class Subscriptions:
+    """Owns the subscriptions.
+
+    Args:
+        node: owns the endpoints.
+        vigil: notes who was heard, and measures the links.
+        listener: takes the rest.
+    """
+
+    def __init__(self, node: Node, vigil: LivenessMonitor, listener: MessageHandler) -> None:
+        self._node = node
+        self._vigil = vigil
+        self._listener = listener
+        self._looked = 0
+        sub, raw = node.create_subscription, partial(ros.subscribe_raw, node)
+        raw(WorldTick, names.WORLD_TICK, decode_tick_head, listener.on_tick, ros.STATE)
+        raw(StepDone, names.STEP_DONE, decode_done, listener.on_step_done, ros.STATE)
+        vut_topic = names.state_topic(names.VUT_ID)
+        raw(ObjectState, vut_topic, decode_state, listener.on_vut_state, ros.STATE)
+        reply = names.HEARTBEAT_REPLY
+        raw(HeartbeatReply, reply, _reply_of, self._on_reply, ros.STATE, raw=False)
+        sub(CameraInfo, names.CAMERA_INFO, self._on_camera_info, ros.SENSOR)
+        sub(RecorderStatus, names.RECORDER_STATUS, self._on_recorder, ros.STATE)
+        event, take = names.SAFETY_EVENT, self._on_safety_event
+        raw(SafetyEvent, event, _violation_of, take, ros.LATCHED, raw=False)
+
+    def look_for_others(self, object_ids: Iterable[str]) -> None:
+        """Who else publishes what one node alone may? Heartbeats each time, the rest in turn.
+
+        Args:
+            object_ids: whose references are ours alone.
+        """
+        alone = [*_ONE_PUBLISHER, *map(names.reference_topic, object_ids)]
+        self._looked = (self._looked + 1) % len(alone)
+        for topic in {names.HEARTBEAT, alone[self._looked]}:
+            self._vigil.foreign.pop(topic, None)
+            if self._node.count_publishers(topic) <= 1:
+                continue
+            full = self._node.resolve_topic_name(topic)
+            known = self._node.get_publishers_info_by_topic(full)
+            # The runner sends the references that a run's faults ask for.
+            nodes = sorted(
+                f"{one.node_namespace.rstrip('/')}/{one.node_name}"
+                for one in known
+                if topic in _ONE_PUBLISHER or one.node_name != names.RUNNER
+            )
+            if len(nodes) > 1:
+                self._vigil.foreign[topic] = len(nodes) - 1, f"{topic} has {' and '.join(nodes)}"
+
+    def _on_reply(self, reply: tuple[Sequence[str], int, Exchange]) -> None:
+        self._vigil.links.on_reply(*reply, time.monotonic_ns())
+
+    def _on_camera_info(self, _: CameraInfo) -> None:
+        self._vigil.hear(names.FRONT_CAMERA, time.monotonic_ns())
+
+    def _on_recorder(self, message: RecorderStatus) -> None:
+        # Without a missing topic it is the file or the disk: the first warning says so.
+        why = (message.failure,) if message.failure else tuple(message.warnings[:1])
+        missing = tuple(message.missing_topics) or why
+        self._vigil.hear_recorder(message.ready, missing, message.lost, time.monotonic_ns())
+        self._listener.on_recorder()
+
+    def _on_safety_event(self, event: tuple[Violation, str]) -> None:
+        if event[1] != self._node.get_name():
+            self._listener.on_event(*event)
+
+
+def _reply_of(message: HeartbeatReply) -> tuple[Sequence[str], int, Exchange]:
+    """Whose answer, to which heartbeat, and its four stamps; now is its arrival."""
+    sent_ns, received_ns = map(ros.session_ns, (message.heartbeat_sent, message.heartbeat_received))
+    replied_ns = ros.session_ns(message.header.stamp)
+    exchange = Exchange(sent_ns, received_ns, replied_ns, time.time_ns())
+    return message.object_ids, message.sequence, exchange
+
+
+def _violation_of(message: SafetyEvent) -> tuple[Violation, str]:
+    """What another node reports, and which; ValueError for a code that is none."""
+    code, source = SafetyCode(message.code), message.source[:_MOST_TEXT]
+    limit_name = message.limit_name[:_MOST_TEXT]
+    named = MEANINGS[code].limit_name == limit_name
+    violation = Violation(
+        code,
+        message.object_id[:_MOST_TEXT],
+        message.measured,
+        message.limit,
+        ros.ns_from_stamp(message.header.stamp),
+        f"seen by {source}" if named else f"{limit_name} of {source}",
+    )
+    return violation, source
+
+
+# Told of a refused command: object id, whether it was to arm, reason.
+OnRefusal = Callable[[str, bool, str], None]
+
+
+class ObjectEndpoints:
+    """Publishers, subscriptions and clients of the objects that were ever connected.
+
+    Args:
+        node: owns the endpoints.
+        on_state: takes each state that comes by itself.
+        on_array: takes each ObjectStates message as bytes.
+        on_ack: takes each acknowledgement.
+        on_refusal: takes each command that an object refused.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        on_state: Callable[[State], None],
+        on_array: Callable[[bytes], None],
+        on_ack: Callable[[Acknowledgement], None],
+        on_refusal: OnRefusal,
+    ) -> None:
+        self._node = node
+        self._on_state = on_state
+        self._on_array = on_array
+        self._on_ack = on_ack
+        self._on_refusal = on_refusal
+        self._hears_arrays = False
+        self._heard: set[str] = set()
+        self._publishers: dict[str, Any] = {}
+        self._clients: dict[str, Any] = {}
+        self.references_sent: dict[str, int] = {}
+
+    def connect(self, object_ids: Iterable[str], states_in_one: bool) -> None:
+        """Makes the endpoints of objects that are new; the others keep theirs.
+
+        Args:
+            object_ids: objects of the run.
+            states_in_one: their processes send one message for all their states.
+        """
+        raw = partial(ros.subscribe_raw, self._node)
+        if states_in_one and not self._hears_arrays:
+            self._hears_arrays = True
+            topic = names.OBJECT_STATES
+            self._node.create_subscription(ObjectStates, topic, self._on_array, ros.STATE, raw=True)
+        for object_id in object_ids:
+            if not states_in_one and object_id not in self._heard:
+                self._heard.add(object_id)
+                topic = names.state_topic(object_id)
+                raw(ObjectState, topic, decode_state, self._on_state, ros.STATE)
+            if object_id in self._publishers:
+                continue
+            node = self._node
+            self._publishers[object_id] = node.create_publisher(
+                ReferenceMsg, names.reference_topic(object_id), ros.COMMAND
+            )
+            self._clients[object_id] = node.create_client(
+                ObjectCommand, names.command_service(object_id)
+            )
+            raw(ReferenceAck, names.ack_topic(object_id), decode_ack, self._on_ack, ros.COMMAND)
+            self.references_sent[object_id] = 0
+
+    def send(self, reference: Reference) -> None:
+        """Publishes a reference and counts it."""
+        self._publishers[reference.object_id].publish(encode_reference(reference))
+        self.references_sent[reference.object_id] += 1
+
+    def command(self, spec: RunSpec, wish: outbox.ArmObjects | outbox.ClearObjects) -> None:
+        """Sends a command to each object of a run; only refusals are reported back."""
+        if isinstance(wish, outbox.ClearObjects):
+            command = ObjectCommand.Request.COMMAND_ALL_CLEAR
+        elif wish.armed:
+            command = ObjectCommand.Request.COMMAND_ARM
+        else:
+            command = ObjectCommand.Request.COMMAND_DISARM
+        for target in spec.targets:
+            request = ObjectCommand.Request(command=command, event_version=spec.event_version)
+            future = self._clients[target.id].call_async(request)
+            future.add_done_callback(partial(self._on_answer, target.id, wish))
+
+    def _on_answer(
+        self, object_id: str, wish: outbox.ArmObjects | outbox.ClearObjects, future: Any
+    ) -> None:
+        answer = future.result()
+        if answer is not None and not answer.accepted:
+            arming = isinstance(wish, outbox.ArmObjects) and wish.armed
+            self._on_refusal(object_id, arming, answer.error_msg)
+
+
+def session_state_to_msg(change: outbox.StateChanged, spec: RunSpec | None) -> SessionState:
+    message = SessionState()
+    message.header.stamp = stamp_from_ns(change.stamp_ns)
+    message.header.frame_id = MAP_FRAME
+    message.state = int(change.state)
+    message.previous = int(change.previous)
+    message.event = change.event
+    message.reason = change.reason
+    message.verdict = int(change.verdict)
+    message.reasons = list(change.reasons)
+    if spec is not None:
+        message.run_id = spec.run_id
+        message.scenario = spec.scenario
+        message.event_version = spec.event_version
+    return message
+
+
+def trigger_to_msg(fired: outbox.Triggered, dispatch_ns: int, processing_s: float) -> TriggerEvent:
+    message = TriggerEvent()
+    message.header.stamp = stamp_from_ns(fired.stamp_ns)
+    message.header.frame_id = MAP_FRAME
+    message.trigger_id = fired.trigger_id
+    message.condition = fired.condition
+    message.threshold = fired.threshold
+    message.sample_stamps = [stamp_from_ns(s.stamp_ns) for s in fired.samples]
+    message.sample_values = [s.value for s in fired.samples]
+    message.crossing_time = stamp_from_ns(fired.crossing_ns)
+    message.dispatch_time = stamp_from_ns(dispatch_ns)
+    message.processing = processing_s
+    message.object_ids = [r.object_id for r in fired.references]
+    message.reference_ids = [r.reference_id for r in fired.references]
+    return message
+
+
+def phase_to_msg(began: outbox.PhaseBegan) -> PhaseEvent:
+    message = PhaseEvent()
+    message.header.stamp = stamp_from_ns(began.stamp_ns)
+    message.header.frame_id = MAP_FRAME
+    message.phase = int(began.phase)
+    message.evidence = began.evidence
+    message.provisional = began.phase.is_provisional
+    return message
+
+
+def limit_to_msg(passed: outbox.LimitPassed, source: str) -> SafetyEvent:
+    violation = passed.violation
+    meaning = MEANINGS[violation.code]
+    message = SafetyEvent()
+    message.header.stamp = stamp_from_ns(violation.stamp_ns)
+    message.header.frame_id = MAP_FRAME
+    message.code = int(violation.code)
+    message.limit_name = meaning.limit_name
+    message.source = source
+    message.object_id = violation.object_id
+    message.measured = violation.measured
+    message.limit = violation.limit
+    message.unit = meaning.unit
+    message.reaction = "abort"
+    return message
+
+
+def link_status_to_msg(lines: Sequence[LinkLine], now_ns: int) -> LinkStatus:
+    message = LinkStatus(
+        object_ids=[line.object_id for line in lines],
+        clock_offset=[line.offset_s for line in lines],
+        delay=[line.delay_s for line in lines],
+        state_age=[line.state_age_s for line in lines],
+        states_received=[line.received for line in lines],
+        states_lost=[line.lost for line in lines],
+    )
+    message.header.stamp = stamp_from_ns(now_ns)
+    return message
+
+
+class Publications:
+    """Owns the publishers and counts the heartbeats.
+
+    Args:
+        node: owns the endpoints; its name is the sender's.
+    """
+
+    def __init__(self, node: Node) -> None:
+        pub = node.create_publisher
+        self._name = node.get_name()
+        self._log = node.get_logger()
+        # Two managers have the same node name; who hears both must be able to tell them apart.
+        self._sender = f"{self._name}-{uuid4().hex[:12]}"
+        self._state = pub(SessionState, names.SESSION_STATE, ros.LATCHED)
+        self._heartbeats = pub(Heartbeat, names.HEARTBEAT, ros.STATE)
+        self._trigger = pub(TriggerEvent, names.TRIGGER_EVENT, ros.LATCHED)
+        self._phase = pub(PhaseEvent, names.PHASE_EVENT, ros.LATCHED)
+        self._safety = pub(SafetyEvent, names.SAFETY_EVENT, ros.LATCHED)
+        self._done = pub(StepDone, names.STEP_DONE, ros.STATE)
+        self._links = pub(LinkStatus, names.LINK_STATUS, ros.STATE)
+        self._tf = pub(TFMessage, names.TF, ros.TF)
+        self._tf_static = pub(TFMessage, names.TF_STATIC, ros.TF_STATIC)
+        self._poses = TransformFilter()
+        self._count = 0
+
+    def state_changed(self, change: outbox.StateChanged, spec: RunSpec | None) -> None:
+        """A transition, on its topic and in the log."""
+        self._state.publish(session_state_to_msg(change, spec))
+        self._log.info(
+            f"{change.previous.name} -> {change.state.name} ({change.event}): {change.reason}"
+        )
+
+    def send(
+        self,
+        fact: outbox.Triggered | outbox.PhaseBegan | outbox.LimitPassed | outbox.Note,
+        now_ns: int,
+        arrival_ns: int,
+    ) -> None:
+        """A decision record, a phase, an event, or a word for people.
+
+        Args:
+            fact: what the session found.
+            now_ns: session time, that at which a trigger's references go out.
+            arrival_ns: when the deciding state arrived, on the steady clock.
+        """
+        if isinstance(fact, outbox.Triggered):
+            processing_s = (time.monotonic_ns() - arrival_ns) / NS_PER_S
+            self._trigger.publish(trigger_to_msg(fact, now_ns, processing_s))
+        elif isinstance(fact, outbox.PhaseBegan):
+            self._phase.publish(phase_to_msg(fact))
+        elif isinstance(fact, outbox.Note):
+            self._log.info(fact.text)
+        else:
+            self._safety.publish(limit_to_msg(fact, self._name))
+
+    def report_links(
+        self, session: Session, links: LinkClocks, tallies: LossCounters, now_ns: int
+    ) -> None:
+        """What is known of the links, for operators and for the record; losses go to the log too.
+
+        Args:
+            session: gives the newest states; nothing is published before a run is loaded.
+            links: the answers to heartbeats.
+            tallies: states counted.
+            now_ns: session time.
+        """
+        lines = link_report(session, links, tallies, now_ns, time.monotonic_ns())
+        if lines:
+            self._links.publish(link_status_to_msg(lines, now_ns))
+        for line in tallies.news():
+            self._log.warning(line)
+
+    def loaded(self, spec: RunSpec) -> None:
+        """A run's camera to tf2; poses begin anew, since another run may have another clock."""
+        self._poses = TransformFilter()
+        if spec.camera is not None:
+            self._tf_static.publish(encode_transforms(of_camera(spec.camera)))
+
+    def poses(self, states: Iterable[State]) -> None:
+        """Everybody's base_link to tf2, in one message, at the stamps of the states."""
+        if news := self._poses.news(states):
+            self._tf.publish(encode_transforms(news))
+
+    def heartbeat(
+        self, session: SessionPhase, sent: dict[str, int], now_ns: int
+    ) -> tuple[int, int]:
+        """A sign of life with what an object must have heard by now: references sent, by id.
+
+        Returns:
+            Its sequence number and when it was sent, ns on the system clock.
+        """
+        self._count += 1
+        sent_ns = time.time_ns()
+        beat = steps.Heartbeat(now_ns, self._sender, self._count, sent_ns, session, sent)
+        self._heartbeats.publish(steps.encode_heartbeat(beat))
+        return self._count, sent_ns
+
+    def step_done(self, step: int, session: SessionPhase) -> None:
+        """Tells the world that this step was judged, and which heartbeat belongs to it."""
+        done = steps.StepDone(names.SCENARIO_MANAGER, step, self._count, session)
+        self._done.publish(steps.encode_done(done))

@@ -1,0 +1,318 @@
+"""The scenario_manager node: messages in, the session decides, messages out."""
+
+from __future__ import annotations
+
+import sys
+import time
+
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+
+from ssp_core import names, ros
+from ssp_core.cdr import steps
+from ssp_core.cdr.references import Acknowledgement
+from ssp_core.cdr.states import decode_states
+from ssp_core.errors import InputError
+from ssp_core.motion.state import ObjectState as State
+from ssp_core.run_file.model import load_run
+from ssp_core.safety.codes import SafetyCode
+from ssp_core.vocabulary import SessionPhase
+from ssp_scenario_manager.ros.endpoints import ObjectEndpoints, Publications, Subscriptions
+from ssp_scenario_manager.ros.services import CommandServices, RunScenarioServer
+from ssp_scenario_manager.session import limits, outbox
+from ssp_scenario_manager.session.inputs import StateInput, StepInputs
+from ssp_scenario_manager.session.session import WATCHED, Session
+from ssp_scenario_manager.session.state_machine import Answer, SessionEvent
+from ssp_scenario_manager.session.supervision import LivenessMonitor, Supervisor
+
+WATCHDOG_PERIOD_S = 0.05
+STATUS_PERIOD_S = 1.0
+# While the world holds no step comes: here the watchdog judges what it can.
+_JUDGED_WHILE_HOLDING = (SessionPhase.ARMED, SessionPhase.STOPPING, SessionPhase.ABORTING)
+
+
+class ScenarioManager(Node):
+    """Thin node around session.session.Session."""
+
+    def __init__(self) -> None:
+        super().__init__(names.SCENARIO_MANAGER, namespace=names.NAMESPACE)
+        self._session = Session()
+        self._now_ns = 0
+        self._vigil = LivenessMonitor()
+        self._watchdog = Supervisor(self._session, self._vigil)
+        self._inputs = StepInputs((names.OBJECT_TARGET,))
+        self._lockstep = False
+        self._running_world = False
+        self._arrival_ns = 0
+        self._reported: list[limits.Violation] = []
+        self._start_world = False
+        self._intake = StateInput(
+            self._session,
+            self._vigil,
+            self._inputs,
+            ros.tolerant(self, names.OBJECT_STATES, decode_states),
+            self.get_logger().error,
+        )
+        self._links = ObjectEndpoints(
+            self, self._on_target_state, self._on_array, self._on_ack, self._on_object_refusal
+        )
+        self._goal = RunScenarioServer(self, self._session, self._load, self._command)
+        CommandServices(self, self._session, self._load, self._command)
+        self._outlet = Publications(self)
+        self._reception = Subscriptions(self, self._vigil, self)
+        # The watchdog must go on when simulated time stands still.
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(WATCHDOG_PERIOD_S, self._on_watchdog, clock=steady)
+        self.create_timer(STATUS_PERIOD_S, self._report_links, clock=steady)
+
+    @property
+    def _live(self) -> bool:
+        """No simulated world: session time is the system clock's."""
+        spec = self._session.spec
+        return spec is not None and spec.mode == "live"
+
+    @property
+    def _in_lockstep(self) -> bool:
+        """The world waits for our answer to each of its steps."""
+        return self._lockstep and self._running_world and not self._live
+
+    def _take_time(self) -> None:
+        if self._live:
+            self._now_ns = time.time_ns()
+
+    # -- what arrives --------------------------------------------------------------------------
+
+    def on_tick(self, tick: steps.WorldTick) -> None:
+        """The world has stepped, or holds. A live session has no world, and follows none."""
+        if self._live:
+            self._intake.tell_stranger("a simulated world", "a live session has its own time")
+            return
+        if tick.running or not self._lockstep or self._session.state is not SessionPhase.RUNNING:
+            # A world that holds while the session runs is as good as silent.
+            self._vigil.hear(names.SIL_WORLD, time.monotonic_ns())
+        self._arrival_ns = time.monotonic_ns()
+        self._watchdog.wake(self._arrival_ns)
+        self._lockstep = tick.lockstep
+        self._running_world = tick.running
+        if self._in_lockstep and self._inputs.is_overtaken_by(tick.step):
+            # The world went on without us: what is missing of that step won't come.
+            self._do_step()
+        self._inputs.on_tick(tick.step, tick.vut_states_sent)
+        self._now_ns = tick.stamp_ns
+        self._step_when_complete()
+
+    def on_step_done(self, done: steps.StepDone) -> None:
+        """A participant has answered a step."""
+        if done.participant == names.SCENARIO_MANAGER:
+            return
+        self._inputs.on_answer(
+            done.participant, done.step, done.states_sent, done.acks_sent, done.safety_events_sent
+        )
+        self._step_when_complete()
+
+    def on_vut_state(self, state: State) -> None:
+        """A state of the VUT: outside lockstep the instant at which everything is judged."""
+        self._arrival_ns = time.monotonic_ns()
+        self._watchdog.wake(self._arrival_ns)
+        self._take_time()
+        # In lockstep each state is counted, and judged with its step.
+        if not self._in_lockstep and self._session.is_ahead(state, self._now_ns):
+            self._flush()
+            return
+        if not self._intake.vut(state, self._arrival_ns):
+            return
+        if self._live:
+            self._do_step()
+        elif self._lockstep:
+            self._step_when_complete()
+        else:
+            self._now_ns = max(self._now_ns, state.stamp_ns)
+            if self._running_world:
+                self._do_step()
+
+    def _on_target_state(self, state: State) -> None:
+        steady_ns = time.monotonic_ns()
+        self._watchdog.wake(steady_ns)
+        self._intake.target(state, steady_ns)
+        self._step_when_complete()
+
+    def _on_array(self, data: bytes) -> None:
+        """States of many: where the world doesn't wait for them, neither does the VUT's state."""
+        self._intake.arrivals.put(data, time.monotonic_ns())
+        if self._in_lockstep:
+            self._intake.waiting()
+            self._step_when_complete()
+
+    def _on_ack(self, ack: Acknowledgement) -> None:
+        self._session.on_ack(
+            ack.reference_id, ack.accepted, ack.error_code, ack.error_msg, ack.stamp_ns
+        )
+        self._inputs.acks += 1
+        self._flush()
+        self._step_when_complete()
+
+    def on_recorder(self) -> None:
+        """The recorder has told the vigil how it is; the watchdog would see it a moment later."""
+        self._watchdog.wake(time.monotonic_ns())
+        self._watchdog.watch_silence(time.monotonic_ns(), self._now_ns)
+        self._flush()
+
+    def on_event(self, violation: limits.Violation, source: str) -> None:
+        """Another node saw a limit passed."""
+        self._watchdog.wake(time.monotonic_ns())
+        if source == names.OBJECT_TARGET:
+            self._inputs.safety_events += 1
+        if violation.code is SafetyCode.PARTICIPANT_LOST:
+            self._inputs.forget(violation.object_id)
+        violation = limits.in_session_time(violation, self._now_ns)
+        if self._in_lockstep:
+            # Taken up with the step that it belongs to, in an order of its own.
+            self._reported.append(violation)
+            self._step_when_complete()
+            return
+        self._session.fail(violation, announced=True)
+        self._flush()
+
+    # -- steps ---------------------------------------------------------------------------------
+
+    def _step_when_complete(self) -> None:
+        if self._in_lockstep and self._inputs.complete():
+            self._do_step()
+
+    def _do_step(self) -> None:
+        """Judges the newest states; in lockstep also answers the world."""
+        for violation in sorted(self._reported, key=lambda v: (v.stamp_ns, v.code, v.object_id)):
+            self._session.fail(violation, announced=True)
+        self._reported.clear()
+        # First what must not wait.
+        for _ in self._session.judge_triggers(self._now_ns, self._intake.arrivals):
+            self._flush()
+        self._intake.waiting()
+        self._session.step(self._now_ns)
+        self._flush()
+        self._send_poses()
+        if self._lockstep and not self._live:
+            self._send_heartbeat()
+            self._answer_world()
+
+    def _send_poses(self) -> None:
+        """To tf2, after what must not wait; before the world is answered, which then goes on."""
+        vut, targets = self._session.vut, self._session.targets
+        states = [] if vut is None else [vut]
+        self._outlet.poses([*states, *(targets[key] for key in sorted(targets))])
+
+    def _answer_world(self) -> None:
+        self._inputs.done_step = self._inputs.step or 0
+        self._outlet.step_done(self._inputs.done_step, self._session.state)
+
+    def _send_heartbeat(self) -> None:
+        sent, now_ns = self._links.references_sent, self._now_ns
+        self._vigil.links.on_sent(*self._outlet.heartbeat(self._session.state, sent, now_ns))
+
+    def _on_watchdog(self) -> None:
+        """On the steady clock: heartbeats outside lockstep, silence, arming, the run's script."""
+        self._take_time()
+        self._intake.waiting()
+        if not self._in_lockstep:
+            self._send_heartbeat()
+            if self._lockstep and self._session.state is SessionPhase.RUNNING and not self._live:
+                # The word that starts the world may have come before it was listening.
+                self._answer_world()
+        self._reception.look_for_others(self._links.references_sent)
+        if self._watchdog.look(time.monotonic_ns(), self._now_ns):
+            self._goal.on_standstill_unconfirmed()
+        holding = not self._in_lockstep and self._session.state in _JUDGED_WHILE_HOLDING
+        if self._live or holding:
+            self._session.step(self._now_ns)
+        self._goal.drive(self._now_ns)
+        self._flush()
+
+    def _report_links(self) -> None:
+        links, tallies = self._vigil.links, self._intake.tallies
+        self._outlet.report_links(self._session, links, tallies, self._now_ns)
+
+    # -- sending -------------------------------------------------------------------------------
+
+    def _flush(self) -> None:
+        """Sends what the session decided, in its order."""
+        while self._session.outbox:
+            fact = self._session.outbox.pop(0)
+            if isinstance(fact, outbox.Dispatch):
+                self._links.send(fact.reference)
+            elif isinstance(fact, outbox.StateChanged):
+                self._announce(fact)
+            elif isinstance(fact, outbox.ArmObjects | outbox.ClearObjects):
+                if self._session.spec is not None:
+                    self._links.command(self._session.spec, fact)
+            else:
+                self._outlet.send(fact, self._now_ns, self._arrival_ns)
+        if self._start_world:
+            # Last, so that the heartbeat counts the references that were sent with the start.
+            self._start_world = False
+            self._send_heartbeat()
+            self._answer_world()
+
+    def _announce(self, change: outbox.StateChanged) -> None:
+        self._outlet.state_changed(change, self._session.spec)
+        if change.event == SessionEvent.ARM_FAILED.value:
+            self._goal.on_setback(change.reason)
+        if change.state is SessionPhase.ARMED:
+            # A simulated world holds: until it runs, this is where they stand.
+            self._send_poses()
+            self._watchdog.objects_were_told_to_arm(time.monotonic_ns())
+        if change.state is SessionPhase.ABORTING and not self._in_lockstep:
+            # Not a moment later than it must be; in lockstep the step's own heartbeat tells it.
+            self._send_heartbeat()
+        if self._lockstep and not self._running_world and change.state is SessionPhase.RUNNING:
+            # The world holds at step 0 until it hears that the session runs.
+            self._start_world = True
+
+    def _on_object_refusal(self, object_id: str, arming: bool, error_msg: str) -> None:
+        reason = f"{object_id} refused: {error_msg}"
+        self.get_logger().error(reason)
+        if arming:
+            self._session.arming_failed(self._now_ns, reason)
+            self._flush()
+
+    # -- commands ------------------------------------------------------------------------------
+
+    def _load(self, run_file: str) -> Answer:
+        try:
+            spec = load_run(run_file)
+        except InputError as error:
+            return Answer(False, 2, str(error), (str(error),))
+        self._intake.waiting()
+        if spec.mode == "live":
+            self._now_ns = time.time_ns()
+        answer = self._session.load(spec, self._now_ns)
+        if answer.accepted:
+            self._intake.tallies.forget()
+            self._outlet.loaded(spec)
+            self._links.connect((t.id for t in spec.targets), spec.states_in_one)
+        self._flush()
+        return answer
+
+    def _command(self, event: SessionEvent, requested_by: str, reason: str) -> Answer:
+        self._take_time()
+        self._intake.waiting()
+        answer = self._session.command(event, self._now_ns, requested_by, reason)
+        self._flush()
+        return answer
+
+    def close(self) -> None:
+        """An orderly end: whatever runs is aborted and announced before the node goes."""
+        if self._session.state in WATCHED:
+            self._take_time()
+            why = "the manager shuts down"
+            self._session.command(SessionEvent.ABORT, self._now_ns, self.get_name(), why)
+        self._flush()
+        self._send_heartbeat()
+
+
+def main() -> None:
+    """Entry point of the node."""
+    sys.exit(ros.run_node(lambda _: ScenarioManager(), ScenarioManager.close))
+
+
+if __name__ == "__main__":
+    main()

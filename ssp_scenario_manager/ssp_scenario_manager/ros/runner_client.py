@@ -1,0 +1,368 @@
+"""ROS clients of ``ssp run``: one asks for a run by the action, one goes command by command."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
+
+import rclpy
+from rclpy.action import ActionClient
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+from ssp_core import names, ros
+from ssp_core.clock import ns_to_seconds
+from ssp_core.errors import PeerError
+from ssp_core.run_file.model import RunSpec
+from ssp_core.safety.codes import SafetyCode
+from ssp_core.vocabulary import ControlState, Phase, SessionPhase, Verdict
+from ssp_msgs.action import RunScenario
+from ssp_msgs.msg import (
+    FaultEvent,
+    LinkStatus,
+    ObjectState,
+    ObjectStates,
+    PhaseEvent,
+    SafetyEvent,
+    SessionState,
+    TriggerEvent,
+)
+from ssp_msgs.srv import LoadScenario, SessionCommand
+from ssp_scenario_manager.session.run_script import RunOutcome, RunScript
+from ssp_scenario_manager.session.state_machine import Answer, SessionEvent
+
+RunListener = Callable[[str], None]
+# How long the goal's result may come after the session's last word.
+RESULT_GRACE_S = 1.0
+# What one call of ``spin`` counts at most as silence: this process may have stood still itself.
+_LISTENED_S = 0.5
+_TELL_AGAIN_S = 5.0  # what a step waits for, this long after the last line
+_UNDER_WAY = {
+    SessionPhase.RUNNING,
+    SessionPhase.STOPPING,
+    SessionPhase.FINISHED,
+    SessionPhase.ABORTING,
+    SessionPhase.ABORTED,
+}
+
+
+class RunClient:
+    """A run_scenario goal and what is heard while it lasts.
+
+    Args:
+        env: environment of the session's processes; this process joins their domain with it.
+        say: takes one line for people per thing that happens.
+    """
+
+    def __init__(self, env: Mapping[str, str], say: RunListener) -> None:
+        os.environ.update(
+            {k: v for k, v in env.items() if k.startswith(("ROS_", "RMW_", "FASTRTPS_"))}
+        )
+        self._context = rclpy.Context()
+        rclpy.init(
+            context=self._context,
+            domain_id=int(env["ROS_DOMAIN_ID"]),
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
+        self._node = Node(names.RUNNER, namespace=names.NAMESPACE, context=self._context)
+        self._executor = rclpy.executors.SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._client = ActionClient(self._node, RunScenario, names.RUN_SCENARIO)
+        self._say = say
+        self._abort = self._node.create_client(SessionCommand, "abort")
+        self._load = self._node.create_client(LoadScenario, names.LOAD_SCENARIO)
+        self._refusal: tuple[str, ...] | None = None
+        self._begun = False
+        self._goal: Any = None
+        self._result: Any = None
+        self._end: SessionState | None = None
+        self._ended_at = 0.0
+        self._last_state: int | None = None
+        self._told_at = time.monotonic()
+        self.elapsed_s = 0.0
+        self._running_since: float | None = None
+        # Session time of the start: a live session's clock counts from 1970.
+        self._zero_ns = 0
+        self.running_wall_s = 0.0
+        self.silent_s = 0.0
+        """How long this process has listened without a sign of the manager's."""
+        sub = self._node.create_subscription
+        sub(SessionState, names.SESSION_STATE, self._on_session, ros.LATCHED)
+        sub(TriggerEvent, names.TRIGGER_EVENT, self._on_trigger, ros.LATCHED)
+        sub(PhaseEvent, names.PHASE_EVENT, self._on_phase, ros.LATCHED)
+        sub(SafetyEvent, names.SAFETY_EVENT, self._on_safety, ros.LATCHED)
+        sub(FaultEvent, names.FAULT_EVENT, self._on_fault, ros.LATCHED)
+        # Once a second by the manager's own clock, from when a run is loaded; feedback comes more
+        # often, but only to who began the run, and heartbeats wait for the world in lockstep.
+        sub(LinkStatus, names.LINK_STATUS, lambda _: self.hear_manager(), ros.STATE)
+
+    def hear_manager(self) -> None:
+        """A sign of the manager: its silence counts from here."""
+        self.silent_s = 0.0
+
+    def ready(self) -> bool:
+        """The manager offers the action."""
+        return bool(self._client.server_is_ready() and self._load.service_is_ready())
+
+    def load(self, run_file: str) -> None:
+        """Asks the manager to load a run without beginning it; ``loaded`` has its answer."""
+        future = self._load.call_async(LoadScenario.Request(run_file=run_file))
+        future.add_done_callback(self._on_loaded)
+
+    @property
+    def loaded(self) -> tuple[str, ...] | None:
+        """Why the run could not be loaded, empty when it was; None before the answer."""
+        return self._refusal
+
+    @property
+    def under_way(self) -> bool:
+        """The session left the states before a run, and it wasn't this client that began it."""
+        return not self._begun and self._last_state in _UNDER_WAY
+
+    def begin(self, run_file: str) -> None:
+        """Sends the goal; the answer is awaited by spinning."""
+        self._begun = True
+        future = self._client.send_goal_async(
+            RunScenario.Goal(run_file=run_file), feedback_callback=self._on_feedback
+        )
+        future.add_done_callback(self._on_accepted)
+
+    def cancel(self) -> None:
+        """Asks the manager to abort."""
+        if self._goal is not None:
+            self._goal.cancel_goal_async()
+        else:
+            self._abort.call_async(SessionCommand.Request(requested_by="ssp run"))
+
+    def spin(self, timeout_s: float) -> None:
+        began = time.monotonic()
+        self._executor.spin_once(timeout_sec=timeout_s)
+        self.silent_s += min(time.monotonic() - began, _LISTENED_S)
+
+    @property
+    def node(self) -> Node:
+        """For further endpoints, which this client then spins."""
+        return self._node
+
+    @property
+    def outcome(self) -> RunOutcome | None:
+        """The result once it is here.
+
+        DDS may lose a goal's response when the two ends have just found each other, and with it
+        the result. The session's own last word says the same, and it is latched.
+        """
+        if self._result is None:
+            grace_s = RESULT_GRACE_S if self._begun else 0.0
+            if self._end is None or time.monotonic() - self._ended_at < grace_s:
+                return None
+            return RunOutcome(Verdict(self._end.verdict), tuple(self._end.reasons))
+        result = self._result.result
+        reasons = list(result.reasons)
+        if result.error_msg and not reasons:
+            reasons = [result.error_msg]
+        return RunOutcome(Verdict(result.verdict), tuple(reasons))
+
+    def close(self) -> None:
+        self._executor.shutdown()
+        self._node.destroy_node()
+        rclpy.shutdown(context=self._context)
+
+    # -- callbacks -----------------------------------------------------------------------------
+
+    def _on_loaded(self, future: Any) -> None:
+        answer = future.result()
+        self._refusal = () if answer.accepted else (answer.error_msg,)
+
+    def _on_accepted(self, future: Any) -> None:
+        self._goal = future.result()
+        if not self._goal.accepted:
+            raise PeerError("the scenario manager is busy with another run")
+        self._goal.get_result_async().add_done_callback(self._on_result)
+
+    def _on_result(self, future: Any) -> None:
+        self._result = future.result()
+
+    def _on_feedback(self, message: Any) -> None:
+        self.hear_manager()
+        feedback = message.feedback
+        self.elapsed_s = feedback.elapsed
+        if feedback.elapsed > 0.0:
+            now = time.monotonic()
+            self._running_since = self._running_since or now
+            self.running_wall_s = now - self._running_since
+        self._tell_state(feedback.session_state)
+        if feedback.waits_for and time.monotonic() - self._told_at > _TELL_AGAIN_S:
+            self._told_at = time.monotonic()
+            self._say(
+                f"waiting in {SessionPhase(feedback.session_state).name}: {feedback.waits_for}"
+            )
+
+    def _tell_state(self, state: int) -> None:
+        if state != self._last_state:
+            self._last_state = state
+            self._told_at = time.monotonic()
+            self._say(f"session {SessionPhase(state).name}")
+
+    def _on_session(self, message: SessionState) -> None:
+        if not self._begun:
+            self._tell_state(message.state)
+        if message.state == SessionState.STATE_RUNNING:
+            self._zero_ns = ros.ns_from_stamp(message.header.stamp)
+        if message.state in (SessionState.STATE_FINISHED, SessionState.STATE_ABORTED):
+            self._end = message
+            self._ended_at = time.monotonic()
+            if not self._begun and self._zero_ns:
+                # Of a run that somebody else led no feedback comes.
+                passed_ns = ros.ns_from_stamp(message.header.stamp) - self._zero_ns
+                self.elapsed_s = ns_to_seconds(passed_ns)
+
+    def _on_trigger(self, message: TriggerEvent) -> None:
+        crossing_s = (ros.ns_from_stamp(message.crossing_time) - self._zero_ns) / 1e9
+        self._say(
+            f"trigger {message.trigger_id}: {message.condition} at {crossing_s:.3f} s, reference "
+            f"{', '.join(message.reference_ids)} sent {message.processing * 1e3:.1f} ms later"
+        )
+
+    def _on_phase(self, message: PhaseEvent) -> None:
+        stamp_s = (ros.ns_from_stamp(message.header.stamp) - self._zero_ns) / 1e9
+        mark = ", provisional: the recording's end tells" if message.provisional else ""
+        self._say(f"phase {Phase(message.phase).name.lower()} at {stamp_s:.2f} s{mark}")
+
+    def _on_safety(self, message: SafetyEvent) -> None:
+        who = f" {message.object_id}" if message.object_id else ""
+        figures = ""
+        if message.code != SafetyCode.OPERATOR:
+            unit = f" {message.unit}" if message.unit else ""
+            figures = f": {message.measured:.3g}{unit}, limit {message.limit:.3g}{unit}"
+        stamp_s = (ros.ns_from_stamp(message.header.stamp) - self._zero_ns) / 1e9
+        self._say(
+            f"SAFETY {message.limit_name}{who}{figures} at {stamp_s:.2f} s (seen by "
+            f"{message.source}, {message.reaction})"
+        )
+
+    def _on_fault(self, message: FaultEvent) -> None:
+        if message.source == self._node.get_name():
+            # Injected by the runner, which says so itself.
+            return
+        stamp_s = (ros.ns_from_stamp(message.header.stamp) - self._zero_ns) / 1e9
+        self._say(
+            f"FAULT {message.fault.partition(' ')[2]} of {message.target} "
+            f"{'begins' if message.active else 'ends'} ({stamp_s:.2f} s)"
+        )
+
+
+WHO = "ssp run"
+# A lost answer (the two ends may have just found each other) is asked for again after this time.
+ANSWER_S = 2.0
+# What keeps an armed session from starting is there by now; no use asking for longer.
+START_PATIENCE_S = 5.0
+
+
+class StepwiseClient:
+    """load, connect, arm and start, one at a time, each after the answer to the one before.
+
+    Args:
+        node: owns the clients.
+        run: the run; its objects tell when they are armed.
+        run_file: path on the manager's host.
+    """
+
+    def __init__(self, node: Node, run: RunSpec, run_file: str) -> None:
+        self._script = RunScript(run_file, time.monotonic_ns())
+        self._session = SessionPhase.IDLE
+        self._armed = dict.fromkeys((t.id for t in run.targets), False)
+        self._waiting: Any = None
+        self._asked_at = 0.0
+        self._start_asked_at: float | None = None
+        self._refusal: tuple[str, ...] = ()
+        self._load = node.create_client(LoadScenario, names.LOAD_SCENARIO)
+        self._commands = {
+            event: node.create_client(SessionCommand, event.value)
+            for event in (
+                SessionEvent.CONNECT,
+                SessionEvent.ARM,
+                SessionEvent.START,
+                SessionEvent.DISARM,
+            )
+        }
+        node.create_subscription(SessionState, names.SESSION_STATE, self._on_session, ros.LATCHED)
+        if run.states_in_one:
+            node.create_subscription(ObjectStates, names.OBJECT_STATES, self._on_states, ros.STATE)
+        else:
+            for target in run.targets:
+                node.create_subscription(
+                    ObjectState, names.state_topic(target.id), self._on_state, ros.STATE
+                )
+
+    @property
+    def is_armed(self) -> bool:
+        """The session and every object say that they are armed."""
+        return self._session is SessionPhase.ARMED and all(self._armed.values())
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """Why the run can't start; empty while it may, or when it has."""
+        asked = self._start_asked_at
+        late = asked is not None and time.monotonic() - asked > START_PATIENCE_S
+        if late and self._session is SessionPhase.ARMED and self._refusal:
+            return self._refusal
+        return self._script.problems
+
+    def ready(self) -> bool:
+        """The manager offers its services."""
+        return all(c.service_is_ready() for c in (self._load, *self._commands.values()))
+
+    def drive(self, may_start: bool) -> None:
+        """Asks for the next step, unless an answer is still due.
+
+        Args:
+            may_start: False: an armed session is left as it is.
+        """
+        if self._waiting is not None and time.monotonic() - self._asked_at < ANSWER_S:
+            return
+        wish = self._script.next(self._session, time.monotonic_ns())
+        if wish is None or (wish is SessionEvent.START and not may_start):
+            return
+        self._asked_at = time.monotonic()
+        if wish is SessionEvent.START:
+            self._start_asked_at = self._start_asked_at or self._asked_at
+        if wish is SessionEvent.LOAD:
+            request: Any = LoadScenario.Request(run_file=self._script.run_file)
+            self._waiting = self._load.call_async(request)
+        else:
+            request = SessionCommand.Request(requested_by=WHO)
+            self._waiting = self._commands[wish].call_async(request)
+        self._waiting.add_done_callback(partial(self._on_answer, self._waiting))
+
+    def give_up(self) -> None:
+        """Disarms what can't be started."""
+        if self._session is SessionPhase.ARMED:
+            request = SessionCommand.Request(requested_by=WHO, reason="the run can't start")
+            self._commands[SessionEvent.DISARM].call_async(request)
+
+    # -- callbacks -------------------------------------------------------------------------------
+
+    def _on_answer(self, asked: Any, future: Any) -> None:
+        if asked is not self._waiting:
+            return
+        self._waiting = None
+        answer = future.result()
+        missing = tuple(getattr(answer, "missing", ()))
+        self._refusal = () if answer.accepted else missing or (answer.error_msg,)
+        self._script.on_answer(
+            Answer(answer.accepted, answer.error_code, answer.error_msg, missing)
+        )
+
+    def _on_session(self, message: SessionState) -> None:
+        self._session = SessionPhase(message.state)
+
+    def _on_state(self, message: ObjectState) -> None:
+        if message.object_id in self._armed:
+            self._armed[message.object_id] = message.control_state == ControlState.ARMED
+
+    def _on_states(self, message: ObjectStates) -> None:
+        for state in message.states:
+            self._on_state(state)

@@ -1,0 +1,160 @@
+"""Listens to whatever is connected to a session, for ``ssp doctor --session``; sends nothing."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+import rclpy
+from nav_msgs.msg import Odometry
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import CameraInfo, CompressedImage
+
+from ssp_core import names, ros
+from ssp_core.cdr.messages import object_state
+from ssp_core.motion.state import ObjectState as State
+from ssp_core.run_file.model import RunSpec
+from ssp_core.vocabulary import SessionPhase
+from ssp_msgs.msg import Heartbeat, LinkStatus, ObjectState, ObjectStates, RecorderStatus
+from ssp_scenario_manager.doctor.session import SessionHeard, Stream
+from ssp_scenario_manager.session.link_quality import LinkEstimate
+
+# Endpoints find each other within this time; what is heard before doesn't count for rates.
+DISCOVERY_S = 3.0
+
+
+class SessionListener(Node):
+    """Subscribes to all that a session is made of, and remembers what came."""
+
+    def __init__(self, spec: RunSpec, context: rclpy.Context, odometry: str | None) -> None:
+        super().__init__("doctor_session", namespace=names.NAMESPACE, context=context)
+        self._odometry = odometry
+        self._ids = [spec.vut.id, *(target.id for target in spec.targets)]
+        self._streams: dict[str, Stream] = {}
+        self._states: dict[str, State] = {}
+        self._lost: dict[str, int] = {}
+        self._links: dict[str, LinkEstimate] = {}
+        self._managers: set[str] = set()
+        self._session = SessionPhase.UNKNOWN
+        self._recorder: RecorderStatus | None = None
+        self.forget()
+        sub = self.create_subscription
+        for object_id in self._ids:
+            sub(ObjectState, names.state_topic(object_id), self._on_state, ros.DRIVER)
+        sub(ObjectStates, names.OBJECT_STATES, self._on_states, ros.DRIVER)
+        if odometry is not None:
+            sub(Odometry, odometry, partial(self._hear, odometry), ros.DRIVER)
+        if spec.camera is not None:
+            hear_image = partial(self._hear, names.CAMERA_IMAGE)
+            hear_info = partial(self._hear, names.CAMERA_INFO)
+            sub(CompressedImage, names.CAMERA_IMAGE, hear_image, ros.DRIVER)
+            sub(CameraInfo, names.CAMERA_INFO, hear_info, ros.DRIVER)
+        sub(Heartbeat, names.HEARTBEAT, self._on_heartbeat, ros.DRIVER)
+        sub(LinkStatus, names.LINK_STATUS, self._on_links, ros.DRIVER)
+        sub(RecorderStatus, names.RECORDER_STATUS, self._on_recorder, ros.DRIVER)
+
+    def forget(self) -> None:
+        """Starts counting anew."""
+        self._streams = {object_id: Stream(names.MAP_FRAME) for object_id in self._ids}
+        self._streams |= {names.CAMERA_IMAGE: Stream(), names.CAMERA_INFO: Stream()}
+        if self._odometry is not None:
+            self._streams[self._odometry] = Stream(names.MAP_FRAME)
+        self._lost = {}
+
+    def heard(self) -> SessionHeard:
+        """All of it until now."""
+        recorder = self._recorder
+        return SessionHeard(
+            streams=self._streams,
+            states=self._states,
+            lost=self._lost,
+            links=self._links,
+            managers=frozenset(self._managers),
+            recorder_ready=None if recorder is None else bool(recorder.ready),
+            recorder_missing=() if recorder is None else tuple(recorder.missing_topics),
+            now_ns=time.time_ns(),
+            session=self._session,
+        )
+
+    def _hear(self, topic: str, message: Any) -> None:
+        stamp_ns = ros.ns_from_stamp(message.header.stamp)
+        self._streams[topic].hear(time.time_ns(), stamp_ns, message.header.frame_id)
+
+    def _on_state(self, message: ObjectState) -> None:
+        if message.object_id not in self._ids:
+            return
+        try:
+            state = object_state(message)
+        except ValueError as error:
+            self.get_logger().error(f"state of {message.object_id}: {error}")
+            return
+        known = self._states.get(state.object_id)
+        if known is not None and self._streams[state.object_id].arrivals_ns:
+            gap = state.sequence - known.sequence - 1
+            self._lost[state.object_id] = self._lost.get(state.object_id, 0) + max(gap, 0)
+        self._states[state.object_id] = state
+        self._hear(state.object_id, message)
+
+    def _on_states(self, message: ObjectStates) -> None:
+        for state in message.states:
+            self._on_state(state)
+
+    def _on_heartbeat(self, message: Heartbeat) -> None:
+        self._managers.add(message.sender)
+        if message.session_state in tuple(SessionPhase):
+            self._session = SessionPhase(message.session_state)
+
+    def _on_links(self, message: LinkStatus) -> None:
+        rows = zip(message.object_ids, message.clock_offset, message.delay, strict=True)
+        self._links = {object_id: LinkEstimate(offset, delay) for object_id, offset, delay in rows}
+
+    def _on_recorder(self, message: RecorderStatus) -> None:
+        self._recorder = message
+
+
+def listen(
+    spec: RunSpec,
+    seconds: float,
+    progress: Callable[[float], None],
+    odometry: str | None = None,
+    remappings: Sequence[str] = (),
+) -> SessionHeard:
+    """Listens in the ROS domain of the environment.
+
+    Args:
+        spec: the run; says who should be there.
+        seconds: how long, after the time that discovery takes.
+        progress: is told the share of the time that has passed.
+        odometry: topic of the VUT's GNSS/INS, to be listened to as well.
+        remappings: ``from:=to``, as the session's nodes have them.
+    """
+    rules = ["--ros-args", *(word for rule in remappings for word in ("-r", rule))]
+    context = rclpy.Context()
+    rclpy.init(
+        args=rules if remappings else None,
+        context=context,
+        signal_handler_options=SignalHandlerOptions.NO,
+    )
+    try:
+        node = SessionListener(spec, context, odometry)
+        executor = SingleThreadedExecutor(context=context)
+        executor.add_node(node)
+        started = time.monotonic()
+        total_s = DISCOVERY_S + seconds
+        counting = False
+        while (passed_s := time.monotonic() - started) < total_s:
+            if passed_s > DISCOVERY_S and not counting:
+                counting = True
+                node.forget()
+            executor.spin_once(timeout_sec=0.1)
+            progress(passed_s / total_s)
+        heard = node.heard()
+        executor.shutdown()
+        node.destroy_node()
+        return heard
+    finally:
+        rclpy.shutdown(context=context)

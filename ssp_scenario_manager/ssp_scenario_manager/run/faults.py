@@ -1,0 +1,294 @@
+"""Faults that the runner injects: those of processes, of the operator, and strange references.
+
+Object-side faults (links, localisation, actuators, the VUT) are injected where they happen, by the
+simulated world and the object targets. What is begun and ended here is told on ``fault_event`` and
+kept for ``faults.json``, since the recorder may be what was struck.
+"""
+
+from __future__ import annotations
+
+import os
+import resource
+import signal
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+from ssp_core import names
+from ssp_core.errors import InputError
+from ssp_core.processes import NodeProcess, ProcessGroup
+from ssp_core.run_file.model import Fault, RunSpec
+
+_OF_NODES = ("kill", "pause", "disk_full")
+_OF_REFERENCES = ("reference_stale", "reference_out_of_fence")
+# Longer than any approach passes by, and short enough that a loaded run may still hope for it.
+_HELD_SHARE = 0.7
+# The world's clock has come to stand when nothing newer was heard for so long; one that goes on for
+# longer than the second isn't struck by the signal.
+_STANDS_S = 0.3
+_SETTLES_S = 1.0
+RUNNER_KINDS = frozenset((*_OF_NODES, *_OF_REFERENCES, "operator_abort", "trigger_never"))
+
+
+class FaultActions(Protocol):
+    """What an injection needs of the session's topics and services; RunClient has it."""
+
+    def abort(self, reason: str) -> None:
+        """Asks the manager to abort, as an operator does."""
+        ...
+
+    def send_strange_reference(self, object_id: str, kind: str) -> None:
+        """Publishes a reference that the object must refuse."""
+        ...
+
+    def tell_fault(self, fault: str, target: str, active: bool, value: float) -> None:
+        """Publishes a FaultEvent at the present session time."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Injected:
+    """That a fault began or ended.
+
+    Args:
+        index: of the fault in the run file.
+        active: True: it begins.
+        session_s: session time at that instant as far as the runner knew it; 0 before the start.
+            What stops the simulated world is dated by where the world's clock came to stand.
+        wall_s: steady time since the runner started, s.
+    """
+
+    index: int
+    kind: str
+    target: str
+    active: bool
+    session_s: float
+    wall_s: float
+
+    def as_json(self) -> dict[str, Any]:
+        return {
+            "index": self.index,
+            "kind": self.kind,
+            "target": self.target,
+            "active": self.active,
+            "session_s": round(self.session_s, 6),
+            "wall_s": round(self.wall_s, 6),
+        }
+
+
+@dataclass
+class _Timed:
+    index: int
+    fault: Fault
+    begun_s: float | None = None
+    heard: tuple[float, float] | None = None
+    """Newest session time and when it was heard, while the world's clock may still go on."""
+    ended: bool = False
+
+    def is_over(self, wall_s: float) -> bool:
+        """A paused world stops its own clock: what lasts, lasts on the wall's."""
+        duration_s = self.fault.duration_s
+        if self.begun_s is None or self.ended or duration_s is None:
+            return False
+        return wall_s - self.begun_s >= duration_s
+
+
+def of_runner(spec: RunSpec) -> list[tuple[int, Fault]]:
+    """The faults of a run that are injected here, with their index in the run file."""
+    return [(i, fault) for i, fault in enumerate(spec.faults) if fault.kind in RUNNER_KINDS]
+
+
+def strikes_armed(spec: RunSpec) -> bool:
+    """True when a fault, anybody's, strikes the armed session before its start."""
+    return any(fault.at_s is None for fault in spec.faults)
+
+
+def check(spec: RunSpec, nodes: Iterable[str]) -> None:
+    """Refuses faults of the runner that strike nothing.
+
+    Raises:
+        InputError: a target that is no node or object of this run, an end where there is none.
+    """
+    running, objects = list(nodes), [t.id for t in spec.targets]
+    for index, fault in of_runner(spec):
+        if fault.kind in _OF_NODES:
+            known, what = running, "node"
+            if fault.kind == "disk_full":
+                known = [names.MONITOR]
+        elif fault.kind in _OF_REFERENCES:
+            known, what = objects, "object target"
+        else:
+            known, what = [""], "target"
+        if fault.target not in known:
+            raise InputError(
+                f"is no {what} that {fault.kind} can strike in this run",
+                field=f"faults[{index}].target",
+                value=fault.target,
+                remedy=f"choose {', '.join(known)}" if known != [""] else "leave it out",
+            )
+        if spec.mode == "live" and fault.kind in _OF_REFERENCES:
+            raise InputError(
+                f"{fault.kind} needs the simulated world",
+                field=f"faults[{index}].kind",
+                remedy="try it in lockstep or realtime",
+            )
+        if fault.duration_s is not None and fault.kind != "pause":
+            raise InputError(
+                f"means nothing for {fault.kind}, which has no end",
+                field=f"faults[{index}].duration_s",
+                value=fault.duration_s,
+                remedy="leave it out",
+            )
+
+
+def with_conditions_never_met(spec: RunSpec) -> RunSpec:
+    """The run with triggers whose conditions would have to hold for most of its time.
+
+    It stands for a condition that doesn't come true on the day; such a run may start, and must end
+    by itself. A run without a ``trigger_never`` fault is returned as it is.
+    """
+    if not any(fault.kind == "trigger_never" for fault in spec.faults):
+        return spec
+    held_s = _HELD_SHARE * min(spec.end.at_latest_s, spec.limits.duration_s)
+    triggers = [t.model_copy(update={"held_for_s": held_s}) for t in spec.triggers]
+    return spec.model_copy(update={"triggers": triggers})
+
+
+@dataclass
+class FaultInjector:
+    """Begins and ends the runner's faults when their time has come.
+
+    Args:
+        spec: the run.
+        group: the session's processes.
+        bag: the bag's folder.
+        hands: topics and services.
+        say: takes one line for people per thing that happens.
+    """
+
+    spec: RunSpec
+    group: ProcessGroup
+    bag: Path
+    hands: FaultActions
+    say: Callable[[str], None]
+    injected: list[Injected] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self._timed = [_Timed(index, fault) for index, fault in of_runner(self.spec)]
+
+    def strike_armed(self, wall_s: float) -> None:
+        """Begins the faults that strike before the start; the session is armed and holds."""
+        for timed in self._timed:
+            if timed.fault.at_s is None and timed.begun_s is None:
+                self._begin(timed, 0.0, wall_s)
+
+    def poll(self, session_s: float, wall_s: float) -> None:
+        """Begins and ends what is due.
+
+        Args:
+            session_s: session time of the run, 0 before it starts.
+            wall_s: steady time since the runner started, s.
+        """
+        for timed in self._timed:
+            at_s = timed.fault.at_s
+            if timed.begun_s is None:
+                if at_s is not None and session_s > 0.0 and session_s >= at_s:
+                    self._begin(timed, session_s, wall_s)
+                continue
+            if timed.heard is not None:
+                self._settle(timed, session_s, wall_s)
+            if timed.is_over(wall_s):
+                self._end(timed, session_s, wall_s)
+
+    def release(self, session_s: float, wall_s: float) -> bool:
+        """Ends whatever still lasts and can be ended, so that the processes can stop in order.
+
+        Returns:
+            True when a node goes on now that stood still, and that nobody ended meanwhile.
+        """
+        lasting = [t for t in self._timed if t.begun_s is not None and not t.ended]
+        for timed in lasting:
+            self._end(timed, session_s, wall_s)
+        return any(
+            timed.fault.kind == "pause" and self._process(timed.fault.target).returncode is None
+            for timed in lasting
+        )
+
+    # -- what is done ----------------------------------------------------------------------------
+
+    def _begin(self, timed: _Timed, session_s: float, wall_s: float) -> None:
+        fault = timed.fault
+        timed.begun_s = wall_s
+        if fault.at_s is not None and self._stops_the_world(fault):
+            # In lockstep the world may be far ahead of what this process has heard of it.
+            timed.heard = (session_s, wall_s)
+        else:
+            self._note(timed, True, session_s, wall_s)
+        if fault.kind == "kill":
+            self._signal(fault.target, signal.SIGKILL)
+        elif fault.kind == "pause":
+            self._signal(fault.target, signal.SIGSTOP)
+        elif fault.kind == "disk_full":
+            self._limit_files(fault.target)
+        elif fault.kind == "operator_abort":
+            self.hands.abort(f"fault {timed.index} of the run file")
+        elif fault.kind in _OF_REFERENCES:
+            self.hands.send_strange_reference(fault.target, fault.kind)
+
+    def _stops_the_world(self, fault: Fault) -> bool:
+        """The world's clock comes to stand by it at once: it waits for every participant."""
+        struck = fault.kind in ("kill", "pause") and fault.target != names.MONITOR
+        return struck and self.spec.mode == "lockstep"
+
+    def _settle(self, timed: _Timed, session_s: float, wall_s: float) -> None:
+        """Notes the beginning once the session's time stands."""
+        newest_s, heard_s = timed.heard or (session_s, wall_s)
+        begun_s = heard_s if timed.begun_s is None else timed.begun_s
+        if session_s == newest_s and wall_s - heard_s < _STANDS_S:
+            return
+        if session_s == newest_s or wall_s - begun_s > _SETTLES_S:
+            timed.heard = None
+            self._note(timed, True, session_s, begun_s)
+        else:
+            timed.heard = (session_s, wall_s)
+
+    def _end(self, timed: _Timed, session_s: float, wall_s: float) -> None:
+        timed.ended = True
+        if timed.heard is not None:
+            timed.heard = None
+            self._note(timed, True, session_s, timed.begun_s or wall_s)
+        if timed.fault.kind == "pause":
+            self._signal(timed.fault.target, signal.SIGCONT)
+            self._note(timed, False, session_s, wall_s)
+
+    def _note(self, timed: _Timed, active: bool, session_s: float, wall_s: float) -> None:
+        fault = timed.fault
+        who = f" of {fault.target}" if fault.target else ""
+        at = f"{session_s:.2f} s" if fault.at_s is not None else "armed, before the start"
+        self.say(f"FAULT {fault.kind}{who} {'begins' if active else 'ends'} ({at})")
+        value = fault.value if fault.value is not None else float("nan")
+        self.hands.tell_fault(f"{timed.index} {fault.kind}", fault.target, active, value)
+        self.injected.append(
+            Injected(timed.index, fault.kind, fault.target, active, session_s, wall_s)
+        )
+
+    def _signal(self, node: str, number: signal.Signals) -> None:
+        with suppress(ProcessLookupError):
+            os.kill(self._process(node).process.pid, number)
+
+    def _limit_files(self, node: str) -> None:
+        """No file of the process may grow beyond the bag's present size: writing it now fails.
+
+        It stands for a full disk or a used-up quota: the recorder's next write raises OSError, as
+        it would with ENOSPC; only the number differs (EFBIG).
+        """
+        sizes = [file.stat().st_size for file in self.bag.glob("*.mcap")]
+        with suppress(ProcessLookupError):
+            pid = self._process(node).process.pid
+            _, hard = resource.prlimit(pid, resource.RLIMIT_FSIZE)
+            resource.prlimit(pid, resource.RLIMIT_FSIZE, (max(sizes, default=0), hard))
+
+    def _process(self, node: str) -> NodeProcess:
+        return self.group.processes[node]

@@ -1,0 +1,309 @@
+"""Follows one session from its goal to its end: processes, signals, injected faults."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ssp_core import names
+from ssp_core.processes import NodeProcess, ProcessGroup
+from ssp_core.run_file.model import RunSpec
+from ssp_core.vocabulary import Verdict
+from ssp_scenario_manager.ros.fault_injector import FaultEndpoints
+from ssp_scenario_manager.ros.runner_client import RunClient, StepwiseClient
+from ssp_scenario_manager.run import faults
+from ssp_scenario_manager.run.live import Go
+from ssp_scenario_manager.session.run_script import RunOutcome
+
+START_TIMEOUT_S = 30.0
+# After a process died, the session itself should end within this time; then it is ended.
+END_TIMEOUT_S = 20.0
+# Objects that hear no manager any more, or a world that goes on after a pause: time to stand.
+STANDSTILL_S = 20.0
+# Beyond the heartbeat's limit, for an object to say on the wall's clock that it was passed.
+NOTICED_S = 0.5
+# A truth this old comes from a world that is dead or stands still, and so does all in it.
+WORLD_GONE_S = 2.0
+# The manager tells of itself every second; objects stop long before. A busy host may delay it.
+SILENT_S = 10.0
+# For what a session that has given its result, or gives up, still has to say.
+LAST_WORDS_S = 8.0
+# How long an armed session is held with a fault in it, for the limits that apply to it.
+ARMED_HOLD_S = 3.0
+
+
+@dataclass(slots=True)
+class Interrupt:
+    """How often somebody wanted the run to end, and the signal that said so first."""
+
+    count: int = 0
+    first: str = ""
+
+    def on_signal(self, number: signal.Signals) -> None:
+        """A handler for on_stop_signals."""
+        self.count += 1
+        self.first = self.first or number.name
+
+
+@dataclass(frozen=True, slots=True)
+class Followed:
+    """What a session came to.
+
+    Args:
+        outcome: verdict and reasons.
+        session_s: session time that passed.
+        running_wall_s: wall time that it took.
+        faults: what was injected and heard, empty without faults (``faults.json``).
+        witness: truth as the runner heard it, empty without faults (``witness.json``).
+    """
+
+    outcome: RunOutcome
+    session_s: float = 0.0
+    running_wall_s: float = 0.0
+    faults: dict[str, Any] = field(default_factory=dict)
+    witness: dict[str, Any] = field(default_factory=dict)
+
+
+def follow(
+    spec: RunSpec,
+    group: ProcessGroup,
+    run_file: Path,
+    bag: Path,
+    say: Callable[[str], None],
+    interrupt: Interrupt,
+    go: Go | None = None,
+) -> Followed:
+    """Waits for the manager, has the run done, and watches processes and signals meanwhile.
+
+    Args:
+        spec: the run.
+        group: the session's processes, all started.
+        run_file: the run's file.
+        bag: the bag's folder.
+        say: takes one line for people per thing that happens.
+        interrupt: counts what the user asks for.
+        go: the run is loaded, and begins when this says so; None: at once.
+    """
+    client = RunClient(group.env, say)
+    try:
+        return _Following(spec, group, client, bag, say, interrupt).until_the_end(run_file, go)
+    finally:
+        client.close()
+
+
+class _Following:
+    def __init__(
+        self,
+        spec: RunSpec,
+        group: ProcessGroup,
+        client: RunClient,
+        bag: Path,
+        say: Callable[[str], None],
+        interrupt: Interrupt,
+    ) -> None:
+        self._spec = spec
+        self._group = group
+        self._client = client
+        self._say = say
+        self._interrupt = interrupt
+        self._told: set[str] = set()
+        self._hands: FaultEndpoints | None = None
+        self._injector: faults.FaultInjector | None = None
+        self._by_hand: StepwiseClient | None = None
+        self._armed_at: float | None = None
+        if spec.faults:
+            self._hands = FaultEndpoints(client.node, spec, time.monotonic())
+            self._injector = faults.FaultInjector(spec, group, bag, self._hands, say)
+
+    def until_the_end(self, run_file: Path, go: Go | None) -> Followed:
+        if faults.strikes_armed(self._spec):
+            self._by_hand = StepwiseClient(self._client.node, self._spec, str(run_file))
+        failure = self._wait_for_manager()
+        if failure is None and go is not None:
+            failure = self._wait_for_go(run_file, go)
+        if failure is not None:
+            return Followed(failure)
+        if self._by_hand is None and not self._client.under_way:
+            self._client.begin(str(run_file))
+        outcome = self._wait()
+        return self._followed(outcome)
+
+    def _wait_for_manager(self) -> RunOutcome | None:
+        """None once the manager answers; otherwise why there is no run."""
+        deadline = time.monotonic() + START_TIMEOUT_S
+        parts = [part for part in (self._client, self._hands, self._by_hand) if part is not None]
+        while not all(part.ready() for part in parts):
+            self._client.spin(0.05)
+            ended = self._group.ended()
+            if ended:
+                reason = f"did not come up: {obituary(ended[0])}"
+                return RunOutcome(Verdict.INVALID_HARNESS, (reason,))
+            if self._interrupt.count:
+                return RunOutcome(Verdict.ABORTED, ("interrupted before the start",))
+            if time.monotonic() > deadline:
+                reason = (
+                    f"the scenario manager did not answer within {START_TIMEOUT_S:g} s; "
+                    "`ssp doctor` tests whether processes can talk on this host"
+                )
+                return RunOutcome(Verdict.INVALID_HARNESS, (reason,))
+        self._client.hear_manager()
+        return None
+
+    def _silent_manager(self) -> str:
+        """Why the manager counts as hung; empty while it doesn't. One that does is ended."""
+        if self._client.silent_s < SILENT_S:
+            return ""
+        silent = f"{names.SCENARIO_MANAGER} silent for {self._client.silent_s:.0f} s"
+        self._say(f"{silent}: ending the run without it")
+        # It must not wake up beside objects that were told that the run is over.
+        self._group.processes[names.SCENARIO_MANAGER].kill()
+        return silent
+
+    def _wait_for_go(self, run_file: Path, go: Go) -> RunOutcome | None:
+        """None once somebody says that the run may begin; otherwise why there is none."""
+        self._client.load(str(run_file))
+        while self._client.loaded is None and not self._group.ended() and not self._interrupt.count:
+            self._client.spin(0.05)
+            if silent := self._silent_manager():
+                return RunOutcome(Verdict.INVALID_HARNESS, (silent,))
+        if self._client.loaded:
+            return RunOutcome(Verdict.INVALID_HARNESS, self._client.loaded)
+        self._say(
+            "loaded: look at what is connected, then press Enter here to connect, arm and start "
+            "(or do so on the operator page); Ctrl-C gives up, later it aborts"
+        )
+        while (word := go.poll()) is None:
+            self._client.spin(0.05)
+            if self._client.under_way:
+                self._say("begun or aborted from elsewhere; following it")
+                return None
+            ended = self._group.ended()
+            if ended:
+                return RunOutcome(Verdict.INVALID_HARNESS, (obituary(ended[0]),))
+            if silent := self._silent_manager():
+                return RunOutcome(Verdict.INVALID_HARNESS, (silent,))
+            if self._interrupt.count:
+                return RunOutcome(Verdict.ABORTED, ("interrupted before the start",))
+        return None if word else RunOutcome(Verdict.ABORTED, ("nobody began the run",))
+
+    def _wait(self) -> RunOutcome:
+        cancelled = 0
+        deadline: float | None = None
+        outcome: RunOutcome | None = None
+        while outcome is None:
+            self._client.spin(0.05)
+            self._inject()
+            outcome = self._client.outcome or self._cannot_start()
+            for node in self._group.ended():
+                if node.name not in self._told:
+                    self._told.add(node.name)
+                    self._say(f"{node.name} {node.describe_exit()}")
+                    deadline = time.monotonic() + END_TIMEOUT_S
+            silent = self._silent_manager() if outcome is None else ""
+            if silent:
+                outcome = RunOutcome(Verdict.INVALID_HARNESS, (silent,))
+            if silent or names.SCENARIO_MANAGER in self._told:
+                # Nobody is left to give a result; the objects stop by themselves.
+                self._let_objects_stop()
+                break
+            if self._interrupt.count > cancelled:
+                cancelled = self._interrupt.count
+                if cancelled > 1:
+                    return RunOutcome(Verdict.ABORTED, ("interrupted twice, ended at once",))
+                self._say(f"interrupted by {self._interrupt.first}: aborting the session")
+                self._client.cancel()
+                deadline = time.monotonic() + END_TIMEOUT_S
+            if deadline is not None and time.monotonic() > deadline:
+                break
+        outcome = outcome or RunOutcome(Verdict.INVALID_HARNESS, ())
+        if cancelled:
+            outcome = RunOutcome(
+                outcome.verdict, (f"interrupted by {self._interrupt.first}", *outcome.reasons)
+            )
+        for name in sorted(self._told):
+            outcome = outcome.with_reason(
+                Verdict.INVALID_HARNESS, obituary(self._group.processes[name])
+            )
+        if not outcome.reasons and not outcome.ok:
+            outcome = RunOutcome(outcome.verdict, ("the session gave no result in time",))
+        return outcome
+
+    # -- faults ----------------------------------------------------------------------------------
+
+    def _inject(self) -> None:
+        """Drives a run that waits for faults, and begins and ends what is due."""
+        if self._hands is None or self._injector is None:
+            return
+        self._injector.poll(self._hands.session_s, self._hands.wall_s)
+        if self._by_hand is None:
+            return
+        if self._by_hand.is_armed and self._armed_at is None:
+            self._armed_at = time.monotonic()
+            self._injector.strike_armed(self._hands.wall_s)
+        held = self._armed_at is not None and time.monotonic() - self._armed_at >= ARMED_HOLD_S
+        self._by_hand.drive(may_start=held)
+
+    def _cannot_start(self) -> RunOutcome | None:
+        if self._by_hand is None or not self._by_hand.problems:
+            return None
+        problems = self._by_hand.problems
+        self._by_hand.give_up()
+        deadline = time.monotonic() + LAST_WORDS_S
+        while self._by_hand.is_armed and time.monotonic() < deadline:
+            self._client.spin(0.05)
+        return RunOutcome(Verdict.INVALID_HARNESS, problems)
+
+    def _hear_the_end(self, hands: FaultEndpoints, *, session: bool) -> None:
+        """Takes what is still on its way: ticks until all stand, and the session's last word."""
+        deadline = time.monotonic() + LAST_WORDS_S
+        while time.monotonic() < deadline:
+            if hands.all_stand() and (hands.is_over or not session):
+                return
+            self._client.spin(0.05)
+
+    def _let_objects_stop(self) -> None:
+        """Gives objects that nobody leads any more the time to notice, and to come to stand."""
+        hands = self._hands or FaultEndpoints(self._client.node, self._spec, time.monotonic())
+        began_s = hands.wall_s
+        until_s = self._spec.limits.heartbeat_s + NOTICED_S
+        while hands.wall_s - began_s < STANDSTILL_S:
+            self._client.spin(0.1)
+            heard_s = hands.heard_at()
+            waited_s = hands.wall_s - began_s
+            if waited_s > until_s and (heard_s or 0.0) > began_s and hands.all_stand():
+                return
+            if hands.wall_s - max(heard_s or began_s, began_s) > WORLD_GONE_S:
+                return
+
+    def _followed(self, outcome: RunOutcome) -> Followed:
+        client, hands, injector = self._client, self._hands, self._injector
+        if hands is None or injector is None:
+            return Followed(outcome, client.elapsed_s, client.running_wall_s)
+        goes_on = injector.release(hands.session_s, hands.wall_s)
+        if goes_on:
+            # It goes on where it stood still; what was on its way there is seen now.
+            self._let_objects_stop()
+        self._hear_the_end(hands, session=goes_on)
+        for index, fault in enumerate(self._spec.faults):
+            if fault.at_s is not None and hands.session_s < fault.at_s:
+                who = f" of {fault.target}" if fault.target else ""
+                self._say(
+                    f"fault {index}, {fault.kind}{who}, did not begin: the run ended before "
+                    f"{fault.at_s:g} s"
+                )
+        faults = {
+            "schema": "ssp.faults_injected/1",
+            "injected": [one.as_json() for one in injector.injected],
+            "heard": hands.heard,
+        }
+        return Followed(outcome, hands.session_s, client.running_wall_s, faults, hands.witness())
+
+
+def obituary(node: NodeProcess) -> str:
+    """How a process ended, and its last lines."""
+    tail = node.log_tail(6)
+    return f"{node.name} {node.describe_exit()}" + (f"; its last lines:\n{tail}" if tail else "")

@@ -1,0 +1,530 @@
+"""A session against a plant in the same process: for sweeps, for machines without ROS, and to ask
+whether an event would happen.
+"""
+
+from __future__ import annotations
+
+import gc
+import io
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ssp_core import names
+from ssp_core.clock import ns_to_seconds, seconds_to_ns
+from ssp_core.files import write_bytes
+from ssp_core.motion.reference import Reference
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import Fault, RunSpec
+from ssp_core.safety.codes import SafetyCode
+from ssp_core.vocabulary import ControlState, Phase, SessionPhase, Verdict
+from ssp_core.world.plant import FaultFact, LimitFact, ManagerUpdate, Plant, StepReport, make_plant
+from ssp_scenario_manager.run.result import Fired, Happened, Passing, misses, result_keys, rounded
+from ssp_scenario_manager.session import limits, outbox
+from ssp_scenario_manager.session.link_quality import LinkEstimate
+from ssp_scenario_manager.session.outbox import PhaseBegan
+from ssp_scenario_manager.session.preconditions import Facts
+from ssp_scenario_manager.session.run_script import RunOutcome, RunScript
+from ssp_scenario_manager.session.session import Session
+from ssp_scenario_manager.session.state_machine import SessionEvent
+from ssp_scenario_manager.session.supervision import ABORT_STANDSTILL_S, SILENT_S
+
+WHO = "run_scenario"
+# As ObjectCommand.srv has them.
+_ARM, _DISARM, _ALL_CLEAR = 2, 3, 7
+HOLD_NS = seconds_to_ns(0.1)
+# How long an armed session is held with a fault in it (as run/follow.py does).
+ARMED_HOLD_S = 3.0
+# A session that is over while something still rolls is watched for so long.
+ROLL_OUT_S = 20.0
+_OVER = (SessionPhase.FINISHED, SessionPhase.ABORTED)
+
+OnReport = Callable[[StepReport], None]
+
+
+@dataclass
+class Account:
+    """What a session sent that belongs to its record, in its order."""
+
+    changes: list[outbox.StateChanged] = field(default_factory=list)
+    triggers: list[Fired] = field(default_factory=list)
+    phases: list[outbox.PhaseBegan] = field(default_factory=list)
+    violations: list[limits.Violation] = field(default_factory=list)
+    references: list[Reference] = field(default_factory=list)
+    notes: list[outbox.Note] = field(default_factory=list)
+    faults: list[FaultFact] = field(default_factory=list)
+
+
+class InProcessSession:
+    """One run of one session. ``run`` may be called once.
+
+    Args:
+        spec: the run.
+        plant: its world and objects.
+        on_report: is given every report of the running world.
+    """
+
+    def __init__(self, spec: RunSpec, plant: Plant, on_report: OnReport | None = None) -> None:
+        self.session = Session()
+        self.account = Account()
+        self.problems: tuple[str, ...] = ()
+        self._spec = spec
+        self._plant = plant
+        self._on_report = on_report
+        self._now_ns = 0
+        self._steady_ns = 0
+        self._aborting_since_ns: int | None = None
+        self._armed_ns: int | None = None
+        self._script = RunScript("", 0)
+        self._heard_ns: dict[str, int] = {}
+        self._links: dict[str, LinkEstimate] = {}
+        self._fresh: list[Reference] = []
+        self._aborts = _operator_aborts(spec)
+
+    def run(self) -> None:
+        """Loads, connects, arms, starts, and steps until everything is over."""
+        self._prepare()
+        if self.session.state is SessionPhase.RUNNING:
+            self._play()
+
+    # -- before the start ----------------------------------------------------------------------
+
+    def _prepare(self) -> None:
+        session, script = self.session, self._script
+        while True:
+            wish = script.next(session.state, self._steady_ns)
+            if wish is SessionEvent.START and self._holds_armed():
+                wish = None
+            if wish is SessionEvent.LOAD:
+                script.on_answer(session.load(self._spec, 0))
+            elif wish is not None:
+                session.facts = self._facts()
+                script.on_answer(session.command(wish, self._now_ns, WHO, ""))
+            self._flush()
+            if session.state is SessionPhase.ARMED:
+                self._abort_by_operator(None)
+            if session.state is SessionPhase.RUNNING or script.finished:
+                break
+            self._steady_ns += HOLD_NS
+            self._take(self._plant.hold(self._word()))
+            if session.state in (SessionPhase.ARMED, SessionPhase.ABORTING):
+                session.step(self._now_ns)
+                self._flush()
+            if session.state in _OVER or self._waits_in_vain():
+                break
+        self.problems = script.problems
+
+    def _holds_armed(self) -> bool:
+        """A session with a fault in it before the start is held, for the limits that apply to it.
+
+        It counts from when every object says that it is armed, which is when the faults begin.
+        """
+        states = [self.session.targets.get(t.id) for t in self._spec.targets]
+        if not any(fault.at_s is None for fault in self._spec.faults):
+            return False
+        if self._armed_ns is None and all(
+            state is not None and state.control_state is ControlState.ARMED for state in states
+        ):
+            self._armed_ns = self._steady_ns
+        waited_ns = 0 if self._armed_ns is None else self._steady_ns - self._armed_ns
+        return waited_ns < seconds_to_ns(ARMED_HOLD_S)
+
+    def _facts(self) -> Facts:
+        """Ages as the node measures them, counted in holds."""
+        ids = [t.id for t in self._spec.targets]
+        return replace(
+            Facts.of_one_process(self._spec),
+            vut_age_s=self._age_s(names.VUT_ID),
+            target_age_s=tuple((i, self._age_s(i)) for i in ids),
+            links=tuple((i, self._links.get(i, LinkEstimate())) for i in ids),
+        )
+
+    def _age_s(self, object_id: str) -> float:
+        heard_ns = self._heard_ns.get(object_id)
+        return math.inf if heard_ns is None else ns_to_seconds(self._steady_ns - heard_ns)
+
+    # -- while it runs -------------------------------------------------------------------------
+
+    def _play(self) -> None:
+        over_since_ns: int | None = None
+        while True:
+            report = self._plant.advance(self._word())
+            if self._on_report is not None:
+                self._on_report(report)
+            if not report.running:
+                self.account.faults += report.faults
+                return
+            self._steady_ns += report.now_ns - self._now_ns
+            self._take(report)
+            self._abort_by_operator(report.now_ns)
+            self.session.step(self._now_ns)
+            self._flush()
+            if self._waits_in_vain():
+                return
+            if self.session.state in _OVER:
+                over_since_ns = over_since_ns or self._now_ns
+                if ns_to_seconds(self._now_ns - over_since_ns) > ROLL_OUT_S:
+                    return
+
+    def _waits_in_vain(self) -> bool:
+        """An abort whose end nobody reports: of what is not heard no standstill is known."""
+        if self.session.state is not SessionPhase.ABORTING:
+            self._aborting_since_ns = None
+        elif self._aborting_since_ns is None:
+            self._aborting_since_ns = self._steady_ns
+        elif ns_to_seconds(self._steady_ns - self._aborting_since_ns) > ABORT_STANDSTILL_S:
+            return True
+        else:
+            ids = [target.id for target in self._spec.targets]
+            silent = [i for i in ids if self._age_s(i) > SILENT_S]
+            return bool(silent) and self.session.stands(self._now_ns, without=silent)
+        return False
+
+    def _take(self, report: StepReport) -> None:
+        session = self.session
+        self._now_ns = report.now_ns
+        self.account.faults += report.faults
+        for state in report.vut_states:
+            self._hear(state)
+            session.on_vut_state(state)
+        for state in report.target_states:
+            self._hear(state)
+            session.on_target_state(state)
+        for link in report.links:
+            self._links[link.object_id] = LinkEstimate(
+                link.offset_s, link.delay_s, 0.0 if math.isfinite(link.delay_s) else math.inf
+            )
+        for ack in report.acks:
+            session.on_ack(
+                ack.reference_id, ack.accepted, ack.error_code, ack.error_msg, ack.stamp_ns
+            )
+            self._flush()
+        for seen in report.limits:
+            session.fail(_violation(seen), announced=True)
+            self._flush()
+
+    def _hear(self, state: ObjectState) -> None:
+        self._heard_ns[state.object_id] = self._steady_ns
+
+    def _abort_by_operator(self, now_ns: int | None) -> None:
+        """Those aborts that are due: with None, the ones of the armed session."""
+        for fault in list(self._aborts):
+            if now_ns is None:
+                due = fault.at_s is None
+            else:
+                due = fault.at_s is None or now_ns >= seconds_to_ns(fault.at_s)
+            if due:
+                self._aborts.remove(fault)
+                self.session.command(SessionEvent.ABORT, self._now_ns, "operator", "injected fault")
+                self._flush()
+
+    # -- sending -------------------------------------------------------------------------------
+
+    def _word(self) -> ManagerUpdate:
+        references, self._fresh = tuple(self._fresh), []
+        return ManagerUpdate(self.session.state, self._now_ns, references)
+
+    def _flush(self) -> None:
+        account = self.account
+        while self.session.outbox:
+            fact = self.session.outbox.pop(0)
+            if isinstance(fact, outbox.Dispatch):
+                self._fresh.append(fact.reference)
+                account.references.append(fact.reference)
+            elif isinstance(fact, outbox.StateChanged):
+                account.changes.append(fact)
+            elif isinstance(fact, outbox.Triggered):
+                account.triggers.append(_fired(fact, self._now_ns))
+            elif isinstance(fact, outbox.PhaseBegan):
+                account.phases.append(fact)
+            elif isinstance(fact, outbox.LimitPassed):
+                account.violations.append(fact.violation)
+            elif isinstance(fact, outbox.Note):
+                account.notes.append(fact)
+            elif isinstance(fact, outbox.ArmObjects):
+                self._command_objects(_ARM if fact.armed else _DISARM)
+            else:
+                self._command_objects(_ALL_CLEAR)
+
+    def _command_objects(self, command: int) -> None:
+        for target in self._spec.targets:
+            refusal = self._plant.command(target.id, command, self._spec.event_version)
+            if refusal and command == _ARM:
+                reason = f"{target.id} refused: {refusal}"
+                self._script.on_setback(reason)
+                self.session.arming_failed(self._now_ns, reason)
+
+
+def _fired(triggered: outbox.Triggered, now_ns: int) -> Fired:
+    """A state that comes late brings about what it does at its arrival, not at its stamp."""
+    return Fired(
+        trigger_id=triggered.trigger_id,
+        condition=triggered.condition,
+        threshold=triggered.threshold,
+        samples=triggered.samples,
+        crossing_ns=triggered.crossing_ns,
+        dispatched_ns=now_ns,
+        reference_ids=tuple(reference.reference_id for reference in triggered.references),
+    )
+
+
+def _operator_aborts(spec: RunSpec) -> list[Fault]:
+    return [fault for fault in spec.faults if fault.kind == "operator_abort"]
+
+
+def _violation(seen: LimitFact) -> limits.Violation:
+    return limits.Violation(
+        seen.code,
+        seen.object_id,
+        seen.measured,
+        seen.limit,
+        seen.stamp_ns,
+        f"seen by {seen.source}",
+    )
+
+
+_COLUMNS = ("stamp_ns", "x_m", "y_m", "yaw_rad", "speed_mps", "acceleration_mps2", "yaw_rate_radps")
+
+
+@dataclass
+class Record:
+    """Every report of a run while its world went."""
+
+    reports: list[StepReport] = field(default_factory=list)
+
+    def truths(self, object_id: str) -> list[ObjectState]:
+        """True states of one object, in time order."""
+        return [s for r in self.reports for s in r.truths if s.object_id == object_id]
+
+    def arrived(self, object_id: str) -> list[ObjectState]:
+        """States of one object as they arrived at the manager, in that order."""
+        return [
+            s
+            for r in self.reports
+            for s in (*r.vut_states, *r.target_states)
+            if s.object_id == object_id
+        ]
+
+
+@dataclass(frozen=True, slots=True)
+class InProcessResult:
+    """How a run ended.
+
+    Args:
+        verdict: of the run; NONE when the session never started.
+        reasons: of the verdict, the primary one first.
+        session_s: session time at the end.
+        happened: its phases, triggers and faults, and what was measured of it.
+        error_rms_m: rms of the initiator's reported tracking errors, longitudinal and lateral; NaN
+            when it tracked nothing.
+    """
+
+    verdict: Verdict
+    reasons: tuple[str, ...]
+    session_s: float
+    happened: Happened
+    error_rms_m: tuple[float, float]
+
+    @property
+    def phases(self) -> tuple[PhaseBegan, ...]:
+        """As the whole run has them; what was announced meanwhile stands in ``happened``."""
+        return self.happened.final_phases
+
+    @property
+    def triggers(self) -> tuple[Fired, ...]:
+        return self.happened.triggers
+
+    @property
+    def faults(self) -> tuple[FaultFact, ...]:
+        return self.happened.faults
+
+    @property
+    def passing(self) -> Passing:
+        return self.happened.passing
+
+    @property
+    def min_distance_m(self) -> float:
+        return self.happened.min_distance_m
+
+    @property
+    def ok(self) -> bool:
+        return self.verdict is Verdict.VALID
+
+    def phase_s(self, phase: Phase) -> float | None:
+        """Session time at which a phase began, None: never."""
+        return next((ns_to_seconds(p.stamp_ns) for p in self.phases if p.phase is phase), None)
+
+
+def run_in_process(spec: RunSpec, work_dir: Path | None = None) -> tuple[InProcessResult, Record]:
+    """Runs a session in this process, as fast as it goes.
+
+    Args:
+        spec: the run, in mode lockstep.
+        work_dir: for SUMO's files, where there is traffic.
+
+    Raises:
+        InputError: a run that needs processes, a clock or somebody else to drive the VUT.
+    """
+    record = Record()
+    plant = make_plant(spec, work_dir)
+    # Nothing here makes cycles, and looking for some in every kept state takes its time.
+    collects = gc.isenabled()
+    gc.disable()
+    try:
+        session = InProcessSession(spec, plant, record.reports.append)
+        session.run()
+    finally:
+        if collects:
+            gc.enable()
+        plant.close()
+    reports = record.reports
+    outcome, happened = judged(spec, session, record)
+    return InProcessResult(
+        verdict=outcome.verdict,
+        reasons=outcome.reasons,
+        session_s=ns_to_seconds(reports[-1].now_ns) if reports else 0.0,
+        happened=happened,
+        error_rms_m=_error_rms_m(record.arrived(spec.initiator_id)),
+    ), record
+
+
+def judged(spec: RunSpec, session: InProcessSession, record: Record) -> tuple[RunOutcome, Happened]:
+    """How a session that is over ended, and what happened in it.
+
+    Args:
+        spec: the run.
+        session: over.
+        record: every report of it.
+    """
+    account = session.account
+    happened = Happened.seen(
+        spec,
+        0,
+        account.phases,
+        account.triggers,
+        account.faults,
+        {i: record.truths(i) for i in (spec.vut.id, *(t.id for t in spec.targets))},
+    )
+    told = RunOutcome(session.session.verdict, tuple(session.session.reasons or session.problems))
+    return told.with_misses(misses(spec, happened)), happened
+
+
+def save_states(path: Path, spec: RunSpec, record: Record) -> None:
+    """``states.npz``: per object ``<id>_true`` and ``<id>_arrived``, rows of ``columns``."""
+    arrays: dict[str, Any] = {"columns": np.array(_COLUMNS)}
+    for object_id in (spec.vut.id, *(t.id for t in spec.targets)):
+        for name, states in (
+            ("true", record.truths(object_id)),
+            ("arrived", record.arrived(object_id)),
+        ):
+            rows = [[getattr(state, column) for column in _COLUMNS] for state in states]
+            arrays[f"{object_id}_{name}"] = np.array(rows, dtype=np.float64).reshape(
+                -1, len(_COLUMNS)
+            )
+    packed = io.BytesIO()
+    np.savez_compressed(packed, **arrays)
+    write_bytes(path, packed.getvalue())
+
+
+def result_json(spec: RunSpec, result: InProcessResult) -> dict[str, Any]:
+    """``result.json`` of a run in one process: that of any run, and what was measured."""
+    return {
+        **result_keys(spec, result.happened),
+        "in_process": True,
+        "verdict": result.verdict.name.lower(),
+        "reasons": list(result.reasons),
+        "session_s": round(result.session_s, 3),
+        "error_longitudinal_rms_m": rounded(result.error_rms_m[0]),
+        "error_lateral_rms_m": rounded(result.error_rms_m[1]),
+    }
+
+
+def _error_rms_m(states: Sequence[ObjectState]) -> tuple[float, float]:
+    tracked = [s for s in states if s.reference_id]
+    if not tracked:
+        return math.nan, math.nan
+    squares = np.array([(s.error_longitudinal_m, s.error_lateral_m) for s in tracked]) ** 2
+    longitudinal, lateral = np.sqrt(squares.mean(axis=0))
+    return float(longitudinal), float(lateral)
+
+
+# What a VUT that doesn't respond brings about after the conflict has begun.
+_OF_NO_RESPONSE = frozenset(
+    code.name.lower()
+    for code in (SafetyCode.COLLISION, SafetyCode.SEPARATION, SafetyCode.EVENT_MISSING)
+)
+
+
+def why_not(run: RunSpec) -> list[str]:
+    """Reasons for which a run's event wouldn't happen, each with the quantity that misses.
+
+    Args:
+        run: as it is compiled, with what K* wants of the passing; a VUT that somebody else drives
+            is driven by the SIL's driver.
+
+    Returns:
+        None of them: it happens.
+    """
+    still = _without_response(run)
+    reasons = _no_event(run, run_in_process(still)[0])
+    if reasons:
+        return [f"{reason}, while the VUT holds its approach speed" for reason in reasons]
+    result, _ = driven(run)
+    told = [] if result.ok else result.reasons or ["it doesn't begin"]
+    return [f"{reason}, with the SIL's driver" for reason in told]
+
+
+def driven(run: RunSpec) -> tuple[InProcessResult, Record]:
+    """The second of the two runs: with the SIL's driver, without camera, traffic and faults."""
+    return run_in_process(_plain(run))
+
+
+def _plain(run: RunSpec) -> RunSpec:
+    """Without what needs processes of its own and doesn't change the event."""
+    driver = run.driver.model_copy(update={"external": False})
+    return run.model_copy(
+        update={"mode": "lockstep", "camera": None, "traffic": [], "faults": [], "driver": driver}
+    )
+
+
+def _without_response(run: RunSpec) -> RunSpec:
+    plain = _plain(run)
+    driver = plain.driver.model_copy(
+        update={"reacts": False, "aeb_deceleration_mps2": None, "later": []}
+    )
+    # Most of the time gap comes of the response; the order is judged below.
+    return plain.model_copy(update={"driver": driver, "passing": None})
+
+
+def _no_event(run: RunSpec, seen: InProcessResult) -> list[str]:
+    """What is missing of trigger, conflict and passing order."""
+    who = run.initiator_id
+    told = [reason for reason in seen.reasons if _code(reason) not in _OF_NO_RESPONSE]
+    if told:
+        return told
+    late = "; ".join(reason for reason in seen.reasons if _code(reason) == "event_missing")
+    if not seen.triggers:
+        return [f"the trigger of {who} doesn't fire ({late})"]
+    met = seen.phase_s(Phase.CONFLICT) is not None
+    if seen.passing.other_first is None and not met:
+        return [f"no conflict comes of it ({late or _phases(seen)})"]
+    if seen.passing.other_first is None:
+        near = f"smallest distance {seen.min_distance_m:.2f} m"
+        return [f"{who} doesn't come into the VUT's corridor ({near})"]
+    if run.passing is not None and seen.passing.other_first is not run.passing.initiator_first:
+        first = who if seen.passing.other_first else run.vut.id
+        return [f"{first} reaches the conflict point first, against K*'s passing order"]
+    return []
+
+
+def _code(reason: str) -> str:
+    return reason.partition(":")[0]
+
+
+def _phases(seen: InProcessResult) -> str:
+    names: Sequence[str] = [p.phase.name.lower() for p in seen.phases]
+    return f"phases: {', '.join(names)}"

@@ -1,0 +1,478 @@
+"""One session from start to end over DDS: processes up, run, processes down, bag checked; page and
+models beside it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import secrets
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import ssp_core
+from ssp_core import names
+from ssp_core.bag.repair import recover
+from ssp_core.console import on_stop_signals
+from ssp_core.credentials import TOKEN_VARIABLE, check_token
+from ssp_core.errors import HostError, InputError
+from ssp_core.files import write_json, write_text
+from ssp_core.processes import (
+    NodeProcess,
+    ProcessGroup,
+    free_domain,
+    live_environment,
+    session_environment,
+)
+from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.verdict import read_verdict, write_verdict
+from ssp_core.vocabulary import Verdict
+from ssp_scenario_manager.run import faults
+from ssp_scenario_manager.run.follow import Followed, Interrupt, follow, obituary
+from ssp_scenario_manager.run.live import Go, LiveSetup, describe
+from ssp_scenario_manager.run.report import measured
+from ssp_scenario_manager.run.result import happened_by, misses, result_keys
+from ssp_scenario_manager.session.run_script import RunOutcome
+
+PAGE_MODULE = "ssp_monitor.ros.page_node"
+DEFAULT_PORT = 8080
+START_S = 15.0
+_URL = re.compile(r"^page: (http://\S+/)$", re.MULTILINE)
+
+
+def given_token(env: Mapping[str, str]) -> str:
+    """The token that the environment has for the page; empty: one is to be made.
+
+    Args:
+        env: of the session.
+
+    Raises:
+        InputError: it can't be one.
+    """
+    given = env.get(TOKEN_VARIABLE, "")
+    return check_token(given, f"environment variable {TOKEN_VARIABLE}") if given else ""
+
+
+@contextmanager
+def page_beside(
+    session: ProcessGroup,
+    run_file: Path,
+    port: int | None,
+    say: Callable[[str], None],
+    remappings: Sequence[str] = (),
+) -> Iterator[None]:
+    """Has the page run as long as the block does; its process is none of the session's own.
+
+    Args:
+        session: whose domain and log folder the page shares.
+        run_file: of the session.
+        port: to listen on; 0: any; None: there is to be no page.
+        say: takes one line for people per thing that happens.
+        remappings: ``from:=to``, as the session's own nodes have them.
+
+    Raises:
+        InputError: the token in SSP_PAGE_TOKEN can't be one.
+    """
+    if port is None:
+        yield
+        return
+    given = given_token(session.env)
+    token = given or secrets.token_urlsafe(24)
+    env = {**session.env, TOKEN_VARIABLE: token}
+    # Whoever chose the token knows it; it needs to stand in no log of a terminal.
+    shown = "" if given else f"#token={token}"
+    # The session's group alone may remove what is left of the domain.
+    with ProcessGroup(env, session.log_dir, owns_domain=False) as group:
+        parameters: dict[str, object] = {"run_file": run_file, "port": port}
+        node = group.start_node(names.MONITOR_PAGE, PAGE_MODULE, parameters, remappings)
+        watch = threading.Thread(target=_watch, args=(node, shown, say), daemon=True)
+        watch.start()
+        try:
+            yield
+        finally:
+            group.stop()
+            watch.join()
+
+
+def _watch(node: NodeProcess, shown: str, say: Callable[[str], None]) -> None:
+    """Says where the page is, once it is, and that it has ended, should it."""
+    deadline = time.monotonic() + START_S
+    while node.returncode is None and time.monotonic() < deadline:
+        found = _URL.search(node.log.read_text(errors="replace"))
+        if found is not None:
+            say(f"operator page: {found[1]}{shown}")
+            break
+        time.sleep(0.05)
+    node.process.wait()
+    if not node.expected_to_stop:
+        tail = node.log_tail(3)
+        say(
+            f"the operator page {node.describe_exit()}; the session goes on without it"
+            + (f": {tail}" if tail else "")
+        )
+
+
+SHADOW_MODULE = "ssp_vla_bridge.node"
+DEFAULT_HZ = 2.0
+# What the recorder is to take besides, so that the answers are in the bag.
+RECORDED = "^/diagnostics$|^/ssp/vla/[^/]+/response$"
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+_OWN = ("backend", "interface", "timeout_s", "hz")
+
+
+@dataclass(frozen=True)
+class ShadowModel:
+    """One model that follows the session.
+
+    Args:
+        name: on the topics.
+        parameters: of its bridge.
+    """
+
+    name: str
+    parameters: dict[str, object] = field(default_factory=dict)
+
+
+def shadow_model(text: str) -> ShadowModel:
+    """The model of ``NAME`` or ``NAME={"backend": …, "hz": …, further options}``.
+
+    Raises:
+        InputError: it is no such text.
+    """
+    name, _, given = text.partition("=")
+    if not _NAME.fullmatch(name):
+        raise InputError(
+            "is no name for a topic",
+            field="--shadow",
+            value=name,
+            remedy="use letters, digits and underscores, a letter first",
+        )
+    try:
+        options: Any = json.loads(given) if given.strip() else {}
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"is not valid JSON: {error}", field="--shadow", value=given) from error
+    if not isinstance(options, dict):
+        raise InputError("must be a JSON object", field="--shadow", value=given)
+    hz = options.get("hz", DEFAULT_HZ)
+    if isinstance(hz, bool) or not isinstance(hz, int | float) or not 0.0 < hz <= 100.0:
+        raise InputError("must lie in (0, 100] Hz", field="--shadow hz", value=hz)
+    parameters: dict[str, object] = {"model": name, "shadow_hz": float(hz)}
+    for key in ("backend", "interface"):
+        if key in options:
+            parameters[key] = str(options[key])
+    if "timeout_s" in options:
+        parameters["timeout_s"] = _seconds(options["timeout_s"])
+    backend_options = {key: value for key, value in options.items() if key not in _OWN}
+    if backend_options:
+        # Parameter values are read as YAML; the quoted text stays one string.
+        parameters["backend_options"] = json.dumps(json.dumps(backend_options))
+    return ShadowModel(name, parameters)
+
+
+def _seconds(value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise InputError("must be seconds", field="--shadow timeout_s", value=value)
+    return float(value)
+
+
+@contextmanager
+def shadows_beside(
+    session: ProcessGroup,
+    models: Sequence[ShadowModel],
+    say: Callable[[str], None],
+    remappings: Sequence[str] = (),
+) -> Iterator[None]:
+    """Has the models follow as long as the block runs; their processes are none of the session's.
+
+    Args:
+        session: whose domain and log folder they share.
+        models: which; none starts nothing.
+        say: takes one line for people per thing that happens.
+        remappings: ``from:=to``, as the session's own nodes have them.
+    """
+    if not models:
+        yield
+        return
+    # The session's group alone may remove what is left of the domain.
+    with ProcessGroup(session.env, session.log_dir, owns_domain=False) as group:
+        watches = []
+        for model in models:
+            name = f"vla_bridge_{model.name}"
+            node = group.start_node(name, SHADOW_MODULE, model.parameters, remappings)
+            watches.append(
+                threading.Thread(target=_watch_shadow, args=(model, node, say), daemon=True)
+            )
+            watches[-1].start()
+        try:
+            yield
+        finally:
+            group.stop()
+            for watch in watches:
+                watch.join()
+
+
+def _watch_shadow(model: ShadowModel, node: NodeProcess, say: Callable[[str], None]) -> None:
+    """Says that a model has ended, should it."""
+    node.process.wait()
+    if not node.expected_to_stop:
+        tail = node.log_tail(3)
+        say(
+            f"the bridge of {model.name} {node.describe_exit()}; the session goes on without it"
+            + (f": {tail}" if tail else "")
+        )
+
+
+FAULTS_FILE = "faults.json"
+WITNESS_FILE = "witness.json"
+# What the recorder left of a bag that it did not close.
+UNFINISHED = "bag.unfinished"
+PROFILE = Path(ssp_core.__file__).parent / "config" / "fastdds_one_host.xml"
+HOSTS_PROFILE = PROFILE.with_name("fastdds_hosts.xml")
+
+_NODES = {
+    names.MONITOR: "ssp_monitor.ros.monitor_node",
+    names.SIL_WORLD: "ssp_ot_controller.ros.sil_world",
+    names.OBJECT_TARGET: "ssp_ot_controller.ros.object_target",
+    names.FRONT_CAMERA: "ssp_ot_controller.ros.front_camera",
+    names.VUT_ADAPTER: "ssp_ot_controller.ros.vut_adapter",
+    names.SCENARIO_MANAGER: "ssp_scenario_manager.ros.manager_node",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class RunResult:
+    """What a run left behind.
+
+    Args:
+        outcome: verdict and reasons.
+        bag: folder of the recording, unfinished where it could be neither closed nor recovered.
+        told: what stands in result.json, if that could be written.
+        unwritten: why files of the run are missing, for people, and what to do.
+    """
+
+    outcome: RunOutcome
+    bag: Path
+    told: dict[str, Any]
+    unwritten: tuple[str, ...]
+    wall_s: float
+    session_s: float
+    running_wall_s: float
+
+
+def run_session(
+    spec: RunSpec,
+    folder: Path,
+    say: Callable[[str], None],
+    live: LiveSetup | None = None,
+    page_port: int | None = None,
+    video: str | None = None,
+    shadows: Sequence[ShadowModel] = (),
+) -> RunResult:
+    """Runs one session in processes of its own and leaves run.yaml, bag, logs and result.json.
+
+    A simulated one is alone in a ROS domain on loopback; a live one takes domain, discovery and DDS
+    profile from the environment.
+
+    Args:
+        spec: the run.
+        folder: new or empty; receives everything.
+        say: takes one line for people per thing that happens.
+        live: what runs on this host of a live session; None for a simulated one.
+        page_port: of the operators' page beside it, 0: any; None: no page.
+        video: codec that the recorder encodes the camera's frames with; None: frames as they come.
+        shadows: models that follow it in shadow mode; their answers are recorded.
+
+    Whatever happens, the folder then says how the run ended: result.json, and verdict.json in the
+    bag, which an evaluation reads beside what the bag itself says. On a full disk the result alone
+    says it, and what is missing. A run with injected faults also
+    leaves faults.json, what was injected and heard when, and witness.json, the truth as the runner
+    heard it.
+
+    Raises:
+        InputError: a fault of the run strikes nothing that this session has, or a body is of no
+            object.
+    """
+    started = time.monotonic()
+    if page_port is not None:
+        given_token(os.environ)  # a wrong one is said before anything is started
+    run_file, bag = folder / "run.yaml", folder / "bag"
+    if live is not None:
+        live.check(spec)
+    nodes = _simulated(spec, run_file, bag) if live is None else live.parameters(run_file, bag)
+    if video is not None:
+        nodes[names.MONITOR]["video"] = video
+    if shadows:
+        nodes[names.MONITOR]["include"] = RECORDED
+    faults.check(spec, nodes)
+    spec = faults.with_conditions_never_met(spec)
+    write_text(run_file, spec.model_dump_json(by_alias=True, indent=1) + "\n")
+    interrupt = Interrupt()
+    with on_stop_signals(interrupt.on_signal):
+        with (
+            tempfile.TemporaryDirectory(prefix="ssp-run-") as scratch,
+            _process_group(folder / "logs", live is not None) as group,
+        ):
+            # A node that is killed can't clean up after itself.
+            group.env["TMPDIR"] = scratch
+            if live is not None:
+                for line in describe(live, spec, run_file, group.env):
+                    say(line)
+            elif spec.driver.external:
+                topic = names.absolute(names.VUT_COMMAND)
+                domain_id = group.env["ROS_DOMAIN_ID"]
+                say(
+                    f"the VUT waits for its driver on {topic}, ROS_DOMAIN_ID={domain_id}, this host"
+                )
+            remappings = live.remappings if live is not None else ()
+            for name, parameters in nodes.items():
+                group.start_node(name, _NODES[name], parameters, remappings)
+            go = Go() if live is not None and live.wait else None
+            with (
+                page_beside(group, run_file, page_port, say, remappings),
+                shadows_beside(group, shadows, say, remappings),
+            ):
+                followed = follow(spec, group, run_file, bag, say, interrupt, go)
+                outcome = _shut_down(group, followed.outcome)
+        return _conclude(spec, folder, followed, outcome, started, say)
+
+
+def _conclude(
+    spec: RunSpec,
+    folder: Path,
+    followed: Followed,
+    outcome: RunOutcome,
+    started: float,
+    say: Callable[[str], None],
+) -> RunResult:
+    """Checks the bag, gives the verdict, and writes what a run leaves, as far as the disk lets."""
+    bag, unwritten = folder / "bag", list[str]()
+
+    def write(make: Callable[[], None]) -> None:
+        try:
+            make()
+        except HostError as error:
+            unwritten.append(str(error))
+
+    if spec.faults:
+        write(lambda: write_json(folder / FAULTS_FILE, followed.faults))
+        write(lambda: write_json(folder / WITNESS_FILE, followed.witness))
+    recording = bag
+    try:
+        outcome = _check_bag(bag, outcome, say)
+    except HostError as error:
+        outcome = outcome.with_reason(Verdict.INVALID_HARNESS, f"the bag isn't closed: {error}")
+        recording = bag.with_name(UNFINISHED)
+    happened = happened_by(bag, spec)
+    if bag.is_dir():
+        outcome = outcome.with_word_of_recorder(read_verdict(bag))
+        if happened is not None and happened.is_measured:
+            outcome = outcome.with_misses(misses(spec, happened))
+        elif outcome.ok:
+            why = (
+                "the bag can't be read" if happened is None else "the bag lacks states of somebody"
+            )
+            outcome = outcome.with_reason(Verdict.INVALID_HARNESS, f"{why}: nobody knows the event")
+        write(lambda: write_verdict(bag, outcome.verdict, outcome.reasons, "runner"))
+    wall_s = time.monotonic() - started
+    told = {
+        **result_keys(spec, happened),
+        "in_process": False,
+        "verdict": outcome.verdict.name.lower(),
+        "reasons": list(outcome.reasons),
+        "bag": recording.name,
+        "session_s": round(followed.session_s, 3),
+        "wall_s": round(wall_s, 3),
+        "running_wall_s": round(followed.running_wall_s, 3),
+        "measured": measured(bag, spec, say),
+    }
+    write(lambda: write_json(folder / "result.json", told))
+    if recording != bag:
+        unwritten.append(
+            f"the recording lies in {recording}; make room, then close it with "
+            f"`ssp bag recover {recording} --out {bag}`"
+        )
+    elif unwritten and bag.is_dir():
+        unwritten.append(f"the recording in {bag} is whole")
+    return RunResult(
+        outcome,
+        recording,
+        told,
+        tuple(unwritten),
+        wall_s,
+        followed.session_s,
+        followed.running_wall_s,
+    )
+
+
+def _simulated(spec: RunSpec, run_file: Path, bag: Path) -> dict[str, dict[str, object]]:
+    """The nodes of a simulated session by name, each with its parameters."""
+    found: dict[str, dict[str, object]] = {
+        names.MONITOR: {"run_file": run_file, "bag_dir": bag},
+        names.SIL_WORLD: {"run_file": run_file},
+        names.OBJECT_TARGET: {"run_file": run_file},
+    }
+    if spec.camera is not None:
+        found[names.FRONT_CAMERA] = {"run_file": run_file}
+    found[names.SCENARIO_MANAGER] = {}
+    return found
+
+
+@contextmanager
+def _process_group(logs: Path, live: bool) -> Iterator[ProcessGroup]:
+    if live:
+        with ProcessGroup(live_environment(HOSTS_PROFILE), logs, owns_domain=False) as group:
+            yield group
+        return
+    with (
+        free_domain() as domain_id,
+        ProcessGroup(session_environment(domain_id, PROFILE), logs) as group,
+    ):
+        yield group
+
+
+def _shut_down(group: ProcessGroup, outcome: RunOutcome) -> RunOutcome:
+    """Ends all but the recorder first, so that their last words are recorded."""
+    monitor = group.processes.pop(names.MONITOR)
+    killed = group.stop()
+    group.processes[names.MONITOR] = monitor
+    killed += group.stop(timeout_s=20.0)
+    if monitor.returncode not in (0, None) and names.MONITOR not in killed:
+        outcome = outcome.with_reason(Verdict.INVALID_HARNESS, obituary(monitor))
+    for name in killed:
+        outcome = outcome.with_reason(
+            Verdict.INVALID_HARNESS, f"{name} did not stop and was killed"
+        )
+    return outcome
+
+
+def _check_bag(bag: Path, outcome: RunOutcome, say: Callable[[str], None]) -> RunOutcome:
+    """A recorder that was killed left an unfinished file; it is closed here.
+
+    Raises:
+        HostError: the disk doesn't take the closed one; the other lies beside it.
+    """
+    if (bag / "metadata.yaml").is_file():
+        return outcome
+    if not bag.is_dir():
+        return outcome.with_reason(Verdict.INVALID_HARNESS, "the recorder left no bag")
+    unfinished = bag.with_name(UNFINISHED)
+    bag.rename(unfinished)
+    try:
+        report = recover(unfinished, bag)
+    except InputError as error:
+        return outcome.with_reason(
+            Verdict.INVALID_HARNESS, f"the recorder left a bag that can't be recovered: {error}"
+        )
+    kept = sum(report.messages.values())
+    say(f"bag recovered: {kept} messages")
+    return outcome.with_reason(
+        Verdict.INVALID_HARNESS,
+        f"the recorder did not close its bag; {kept} messages were recovered",
+    )

@@ -1,0 +1,507 @@
+"""What happened in a run, as result.json has it of every run, and how VUT and initiator passed
+each other.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from ssp_core import names
+from ssp_core.bag.reader import BagReader, object_states
+from ssp_core.cdr.messages import stamp_ns
+from ssp_core.cdr.steps import decode_tick
+from ssp_core.clock import ns_to_seconds, seconds_to_ns
+from ssp_core.errors import SspError
+from ssp_core.geometry import Polyline, box_distance
+from ssp_core.motion.encounter import (
+    corridor_half_m,
+    encounter,
+    is_conflict,
+    is_crossing,
+    swept_stations,
+)
+from ssp_core.motion.state import ObjectState
+from ssp_core.names import absolute
+from ssp_core.run_file.model import RunSpec
+from ssp_core.vocabulary import Phase, SessionPhase
+from ssp_core.world.plant import FaultFact
+from ssp_scenario_manager.session.outbox import PhaseBegan
+from ssp_scenario_manager.triggers.conditions import Sample
+
+
+@dataclass(frozen=True, slots=True)
+class Passing:
+    """Who arrived first at the conflict zone, and how long after the first had left.
+
+    Args:
+        other_first: the initiator arrives before the VUT; None: it never arrives.
+        time_gap_s: second arrival minus first departure; None: one of them never happens.
+    """
+
+    other_first: bool | None
+    time_gap_s: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class _Extent:
+    """What an object covers of the path: from, to (m along it), right, left (m beside it)."""
+
+    start_m: float
+    end_m: float
+    right_m: float
+    left_m: float
+
+
+NEVER = Passing(None, None)
+
+
+def passing(
+    vut: Sequence[ObjectState], other: Sequence[ObjectState], path: Polyline, since_ns: int
+) -> Passing:
+    """The passing of an object that enters the VUT's corridor, or is in it ahead of the VUT.
+
+    Args:
+        vut: true states of the VUT, in time order.
+        other: true states of the object at the same instants.
+        path: of the VUT.
+        since_ns: session time of the trigger. An object that is in the corridor by then is
+            followed: its zone is where it is at that time.
+    """
+    start = next((i for i, state in enumerate(vut) if state.stamp_ns >= since_ns), None)
+    if start is None:
+        return NEVER
+    half_m = corridor_half_m(vut[0].size.width_m)
+    extents = [_extent(state, path) for state in other]
+    inside = [e.left_m >= -half_m and e.right_m <= half_m for e in extents]
+    fronts = [s + state.size.front_m for s, state in zip(_stations(vut, path), vut, strict=True)]
+    times = [ns_to_seconds(state.stamp_ns) for state in vut]
+    if inside[start]:
+        if extents[start].start_m < fronts[start]:
+            return NEVER
+        own_s = _reached_s(times, fronts, extents[start].start_m)
+        return Passing(True, None if own_s is None else own_s - times[start])
+    entry = next(
+        (i for i in range(start + 1, len(inside)) if inside[i] and not inside[i - 1]), None
+    )
+    if entry is None:
+        return NEVER
+    left = next((i for i in range(entry, len(inside)) if not inside[i]), len(inside))
+    crosses = is_crossing(_direction_rad(other[entry], path))
+    if crosses:
+        zone = _crossed(other, path, half_m, entry, extents[entry])
+        departure_s = times[left] if left < len(times) else None
+    else:
+        whole = (i for i in range(entry, left) if _is_within(extents[i], half_m))
+        zone = extents[entry].start_m, extents[next(whole, left - 1)].end_m
+        departure_s = times[entry]
+    arrival_s, own_s = times[entry], _reached_s(times, fronts, zone[0])
+    if own_s is None or arrival_s <= own_s:
+        known = own_s is not None and departure_s is not None
+        return Passing(True, own_s - departure_s if known else None)  # type: ignore[operator]
+    end_m = zone[1] if crosses else zone[0]
+    cleared_s = _reached_s(times, fronts, end_m + vut[0].size.length_m)
+    return Passing(False, None if cleared_s is None else arrival_s - cleared_s)
+
+
+def _stations(states: Sequence[ObjectState], path: Polyline) -> list[float]:
+    return [s for s, _ in path.project_all_beyond([(q.x_m, q.y_m) for q in states])]
+
+
+def _extent(state: ObjectState, path: Polyline) -> _Extent:
+    projected = path.project_all_beyond(state.box.corners())
+    stations, offsets = [s for s, _ in projected], [d for _, d in projected]
+    return _Extent(min(stations), max(stations), min(offsets), max(offsets))
+
+
+def _is_within(extent: _Extent, half_m: float) -> bool:
+    return extent.right_m >= -half_m and extent.left_m <= half_m
+
+
+def _direction_rad(state: ObjectState, path: Polyline) -> float:
+    station, _ = path.project_beyond(state.x_m, state.y_m)
+    return math.remainder(state.yaw_rad - path.pose(station).yaw_rad, math.tau)
+
+
+def _crossed(
+    other: Sequence[ObjectState], path: Polyline, half_m: float, entry: int, at_entry: _Extent
+) -> tuple[float, float]:
+    """What both swept corridors share, from before the entry to after the exit."""
+    start_m, end_m = at_entry.start_m, at_entry.end_m
+    for way in (range(entry, len(other)), range(entry - 1, -1, -1)):
+        for i in way:
+            span = swept_stations(other[i], path, half_m)
+            if span is None:
+                break
+            start_m, end_m = min(start_m, span[0]), max(end_m, span[1])
+    return start_m, end_m
+
+
+def _reached_s(
+    times_s: Sequence[float], fronts_m: Sequence[float], station_m: float
+) -> float | None:
+    """When a front reaches a station, between samples; None: never."""
+    for i, front_m in enumerate(fronts_m):
+        if front_m < station_m:
+            continue
+        if i == 0 or front_m <= fronts_m[i - 1]:
+            return times_s[i]
+        share = (station_m - fronts_m[i - 1]) / (front_m - fronts_m[i - 1])
+        return times_s[i - 1] + share * (times_s[i] - times_s[i - 1])
+    return None
+
+
+RESULT_SCHEMA = "ssp.result/1"
+_OVER = (SessionPhase.FINISHED, SessionPhase.ABORTED)
+
+
+@dataclass(frozen=True, slots=True)
+class Fired:
+    """Decision record of a trigger (TriggerEvent.msg); times are session times, ns."""
+
+    trigger_id: str
+    condition: str
+    threshold: float
+    samples: tuple[Sample, ...]
+    crossing_ns: int
+    dispatched_ns: int
+    reference_ids: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Happened:
+    """What happened in a run.
+
+    Args:
+        began_ns: session time at which it began; None: it didn't, and there is no such time.
+        phases: those that were announced while it ran.
+        resolution_ns: session time from which the whole recording shows neither TTC nor arrival gap
+            under its threshold (METHOD 1); None: no conflict began, or it isn't over for good.
+        triggers: those that fired.
+        faults: injected ones that began or ended.
+        passing: of VUT and initiator at the conflict zone.
+        min_distance_m: smallest distance of the VUT and a target, inf: unknown.
+    """
+
+    began_ns: int | None
+    phases: tuple[PhaseBegan, ...]
+    resolution_ns: int | None
+    triggers: tuple[Fired, ...]
+    faults: tuple[FaultFact, ...]
+    passing: Passing
+    min_distance_m: float
+
+    @property
+    def final_phases(self) -> tuple[PhaseBegan, ...]:
+        """The phases as the whole recording has them: the announced resolution was provisional."""
+        final = []
+        for phase in self.phases:
+            if not phase.phase.is_provisional:
+                final.append(phase)
+            elif self.resolution_ns is not None:
+                final.append(replace(phase, stamp_ns=self.resolution_ns))
+        return tuple(final)
+
+    @property
+    def is_measured(self) -> bool:
+        """States of everybody are known, so that order, gap and distance could be measured."""
+        return math.isfinite(self.min_distance_m)
+
+    @classmethod
+    def seen(
+        cls,
+        spec: RunSpec,
+        began_ns: int | None,
+        phases: Iterable[PhaseBegan],
+        triggers: Iterable[Fired],
+        faults: Iterable[FaultFact],
+        truths: Mapping[str, Sequence[ObjectState]],
+    ) -> Happened:
+        """Measures a run on its states.
+
+        Args:
+            truths: by id of the VUT and of every target, at the same instants, in time order: the
+                world's own, or in a live session those that everybody reported.
+        """
+        phases, triggers = tuple(phases), tuple(triggers)
+        vut, other = truths[spec.vut.id], truths[spec.initiator_id]
+        return cls(
+            began_ns,
+            phases,
+            _resolution_ns(spec, vut, other, phases),
+            triggers,
+            # Of one instant they come in any order over DDS.
+            tuple(sorted(faults, key=lambda f: (f.stamp_ns, f.fault, f.target, f.active))),
+            _passing(spec, vut, other, phases, triggers),
+            min((_closest_m(vut, truths[t.id]) for t in spec.targets), default=math.inf),
+        )
+
+    @classmethod
+    def recorded(cls, bag: BagReader, spec: RunSpec) -> Happened:
+        """As a session's bag has it. Raises InputError or ValueError for a damaged bag."""
+
+        def decoded(topic: str) -> list[Any]:
+            return [bag.decode(message) for message in bag.messages([absolute(topic)])]
+
+        told = [(stamp_ns(m.header.stamp), int(m.state)) for m in decoded(names.SESSION_STATE)]
+        starts = [at_ns for at_ns, state in told if state == SessionPhase.RUNNING]
+        # Simulated time stands at zero until the run begins; a live session's is the wall clock's.
+        began_ns = starts[0] if starts else (None if spec.mode == "live" else 0)
+        if spec.mode == "live":
+            over = [at_ns for at_ns, state in told if state in _OVER]
+            truths = _reported_states(bag, spec, began_ns, over[0] if over else None)
+        else:
+            truths = _true_states(bag, spec)
+        return cls.seen(
+            spec,
+            began_ns,
+            [
+                PhaseBegan(stamp_ns(p.header.stamp), Phase(p.phase), str(p.evidence))
+                for p in decoded(names.PHASE_EVENT)
+            ],
+            [_fired(message) for message in decoded(names.TRIGGER_EVENT)],
+            [
+                FaultFact(
+                    str(f.source),
+                    str(f.fault),
+                    str(f.target),
+                    bool(f.active),
+                    float(f.value),
+                    str(f.unit),
+                    stamp_ns(f.header.stamp),
+                )
+                for f in decoded(names.FAULT_EVENT)
+            ],
+            truths,
+        )
+
+
+def misses(spec: RunSpec, happened: Happened) -> list[str]:
+    """What of a run's event isn't as K* wants it (METHOD 4.4), each with quantity, value and range.
+
+    Empty for a run that was made by hand, of which no K* says anything.
+    """
+    if spec.passing is None:
+        return []
+    seen = happened.passing
+    found = spec.passing.misses(spec.initiator_id, seen.other_first, seen.time_gap_s)
+    announced = any(p.phase is Phase.RESOLUTION for p in happened.phases)
+    if announced and happened.resolution_ns is None:
+        found.append(
+            "resolution: the conflict began again and lasts to the end of the recording, K* wants "
+            "it resolved"
+        )
+    return found
+
+
+def happened_by(bag: Path, spec: RunSpec) -> Happened | None:
+    """What happened by a session's bag; None where the bag is missing or damaged.
+
+    Why it can't be read is told with the latencies (``report.measured``).
+    """
+    try:
+        with BagReader(bag) as reader:
+            return Happened.recorded(reader, spec)
+    except (SspError, ValueError):
+        return None
+
+
+def result_keys(spec: RunSpec, happened: Happened | None) -> dict[str, Any]:
+    """Keys of result.json that every run has, besides its verdict and reasons.
+
+    Args:
+        spec: the run.
+        happened: None where nothing is known of it; all that would be told is null then.
+
+    Returns:
+        Times in s since the start of the run.
+    """
+    known: dict[str, Any] = dict.fromkeys(
+        ("phases", "triggers", "faults", "initiator_first", "time_gap_s", "min_distance_m")
+    )
+    if happened is not None:
+        known = {
+            "phases": [_phase(happened, p) for p in happened.final_phases],
+            "triggers": [_trigger(happened, t) for t in happened.triggers],
+            "faults": [_fault(happened, f) for f in happened.faults],
+            "initiator_first": happened.passing.other_first,
+            "time_gap_s": rounded(happened.passing.time_gap_s),
+            "min_distance_m": rounded(happened.min_distance_m),
+        }
+    return {
+        "schema": RESULT_SCHEMA,
+        "run_id": spec.run_id,
+        "scenario": spec.scenario,
+        "site": spec.site,
+        "seed": spec.seed,
+        "mode": spec.mode,
+        "wanted": None if spec.passing is None else spec.passing.model_dump(),
+        **known,
+    }
+
+
+def shown_gap(gap_s: float | None) -> str:
+    """A time gap for people."""
+    return "no time gap" if gap_s is None else f"time gap {gap_s:.3f} s"
+
+
+def rounded(value: float | None) -> float | None:
+    """To a tenth of a millimetre or millisecond; None for what isn't a number."""
+    return None if value is None or not math.isfinite(value) else round(value, 4)
+
+
+def _s(happened: Happened, time_ns: int) -> float | None:
+    return None if happened.began_ns is None else ns_to_seconds(time_ns - happened.began_ns)
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _phase(happened: Happened, phase: PhaseBegan) -> dict[str, Any]:
+    announced = next((p.stamp_ns for p in happened.phases if p.phase is phase.phase), None)
+    return {
+        "phase": phase.phase.name.lower(),
+        "at_s": _s(happened, phase.stamp_ns),
+        "announced_s": None if announced is None else _s(happened, announced),
+        "evidence": phase.evidence,
+    }
+
+
+def _trigger(happened: Happened, fired: Fired) -> dict[str, Any]:
+    return {
+        "trigger_id": fired.trigger_id,
+        "condition": fired.condition,
+        "threshold": _finite(fired.threshold),
+        "crossing_s": _s(happened, fired.crossing_ns),
+        "dispatched_s": _s(happened, fired.dispatched_ns),
+        "samples": [[_s(happened, s.stamp_ns), _finite(s.value)] for s in fired.samples],
+        "reference_ids": list(fired.reference_ids),
+    }
+
+
+def _fault(happened: Happened, fault: FaultFact) -> dict[str, Any]:
+    number, _, kind = fault.fault.partition(" ")
+    return {
+        "number": int(number) if number.isdecimal() else None,
+        "kind": kind,
+        "target": fault.target,
+        "active": fault.active,
+        "value": _finite(fault.value),
+        "unit": fault.unit,
+        "at_s": _s(happened, fault.stamp_ns),
+    }
+
+
+def _fired(message: Any) -> Fired:
+    pairs = zip(message.sample_stamps, message.sample_values, strict=True)
+    return Fired(
+        trigger_id=str(message.trigger_id),
+        condition=str(message.condition),
+        threshold=float(message.threshold),
+        samples=tuple(Sample(stamp_ns(stamp), float(value)) for stamp, value in pairs),
+        crossing_ns=stamp_ns(message.crossing_time),
+        dispatched_ns=stamp_ns(message.dispatch_time),
+        reference_ids=tuple(map(str, message.reference_ids)),
+    )
+
+
+def _reported_states(
+    bag: BagReader, spec: RunSpec, began_ns: int | None, ended_ns: int | None
+) -> dict[str, list[ObjectState]]:
+    """What everybody reported, by id, at the stamps of the VUT's states while the run lasted.
+
+    The others are extrapolated to them, by no more than ``limits.state_age_s``; an instant at which
+    somebody is unknown is left out.
+    """
+    everybody = (spec.vut.id, *_ids(spec))
+    found: dict[str, list[ObjectState]] = {i: [] for i in everybody}
+    if began_ns is None:
+        return found
+    ordered = {
+        name: sorted((s for s in states if s.is_finite), key=lambda state: state.stamp_ns)
+        for name, states in object_states(bag, everybody).items()
+    }
+    stamps = {name: [s.stamp_ns for s in states] for name, states in ordered.items()}
+    age_ns, last_ns = seconds_to_ns(spec.limits.state_age_s), began_ns - 1
+    for vut in ordered[spec.vut.id]:
+        now_ns = vut.stamp_ns
+        if now_ns <= last_ns or (ended_ns is not None and now_ns > ended_ns):
+            continue
+        last_ns = now_ns
+        newest = {i: bisect_right(stamps[i], now_ns) - 1 for i in everybody}
+        if all(k >= 0 and now_ns - stamps[i][k] <= age_ns for i, k in newest.items()):
+            for name, k in newest.items():
+                found[name].append(ordered[name][k].extrapolated(now_ns))
+    return found
+
+
+def _true_states(bag: BagReader, spec: RunSpec) -> dict[str, list[ObjectState]]:
+    """Of each step of the simulated world once, by id."""
+    found: dict[str, list[ObjectState]] = {i: [] for i in (spec.vut.id, *_ids(spec))}
+    steps: dict[int, Sequence[ObjectState]] = {}
+    for message in bag.messages([absolute(names.WORLD_TICK)]):
+        tick = decode_tick(message.data)
+        if tick.step:
+            # A world that holds says its step again.
+            steps.setdefault(tick.step, tick.objects)
+    for _, objects in sorted(steps.items()):
+        by_id = {state.object_id: state for state in objects}
+        if found.keys() <= by_id.keys():
+            for name, states in found.items():
+                states.append(by_id[name])
+    return found
+
+
+def _ids(spec: RunSpec) -> list[str]:
+    return [target.id for target in spec.targets]
+
+
+def _passing(
+    spec: RunSpec,
+    vut: Sequence[ObjectState],
+    other: Sequence[ObjectState],
+    phases: Sequence[PhaseBegan],
+    triggers: Sequence[Fired],
+) -> Passing:
+    """NEVER where the conflict never began: what brakes for an abort may still roll through."""
+    ours = {t.id for t in spec.triggers if t.object_id == spec.initiator_id}
+    fired_ns = next((t.crossing_ns for t in triggers if t.trigger_id in ours), None)
+    met = any(p.phase is Phase.CONFLICT for p in phases)
+    if fired_ns is None or not met or spec.vut.approach is None:
+        return NEVER
+    return passing(vut, other, Polyline(spec.vut.approach.path), fired_ns)
+
+
+def _resolution_ns(
+    spec: RunSpec,
+    vut: Sequence[ObjectState],
+    other: Sequence[ObjectState],
+    phases: Sequence[PhaseBegan],
+) -> int | None:
+    """First stamp after the conflict's start from which no threshold is passed any more."""
+    began_ns = next((p.stamp_ns for p in phases if p.phase is Phase.CONFLICT), None)
+    if began_ns is None or spec.vut.approach is None:
+        return None
+    path, limits = Polyline(spec.vut.approach.path), spec.thresholds
+    since_ns = None
+    for ours, theirs in zip(reversed(vut), reversed(other), strict=True):
+        meeting = encounter(ours, theirs, path)
+        if ours.stamp_ns <= began_ns or is_conflict(meeting, limits.ttc_s, limits.arrival_gap_s):
+            break
+        since_ns = ours.stamp_ns
+    return since_ns
+
+
+def _closest_m(vut: Sequence[ObjectState], other: Sequence[ObjectState]) -> float:
+    """Smallest distance of two boxes over a run; boxes that are far apart are not looked at."""
+    best = math.inf
+    for a, b in zip(vut, other, strict=True):
+        reach = a.size.length_m + a.size.width_m + b.size.length_m + b.size.width_m
+        if math.hypot(a.x_m - b.x_m, a.y_m - b.y_m) - reach < best:
+            best = min(best, box_distance(a.box, b.box))
+    return best

@@ -1,1 +1,0 @@
-"""The runner's hands and eyes in a session with injected faults."""

@@ -1,0 +1,187 @@
+"""What one kind of interaction says about itself: facts for the checks, a plan for the compiler.
+
+A further kind is one module with one ``Kind`` and one plan function, and a line in ``KINDS``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from ssp_core.motion.encounter import Observable
+from ssp_scenario_manager.event_spec.model import Event
+from ssp_scenario_manager.maps.block import Block
+
+Relation = Literal["merge", "crossing", "following"]
+
+
+@dataclass(frozen=True, slots=True)
+class BlockPoint:
+    """A place in a block's frame: arc length and offset (+ left), m."""
+
+    s_m: float
+    l_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """Along the block at an offset: start, cruise speed, and where to stand.
+
+    ``headway_s`` is the VUT's alone: what its driver keeps to somebody ahead.
+    """
+
+    start: BlockPoint
+    cruise_mps: float
+    end_s_m: float
+    acceleration_mps2: float = 2.0
+    deceleration_mps2: float = 2.0
+    headway_s: float = 1.4
+
+
+@dataclass(frozen=True, slots=True)
+class Wait:
+    """Standing, until the trigger or for good; heading relative to the block, + left."""
+
+    start: BlockPoint
+    heading_rad: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class ShiftLane:
+    """Sideways by ``shift_m`` (+ left) while driving on at ``cruise_mps``.
+
+    Afterwards it drives on for ``run_out_s`` and stops; None: to its path's end.
+    """
+
+    shift_m: float
+    duration_s: float
+    cruise_mps: float
+    deceleration_mps2: float
+    run_out_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Cross:
+    """Straight to another place."""
+
+    goal: BlockPoint
+    speed_mps: float
+    acceleration_mps2: float
+
+
+@dataclass(frozen=True, slots=True)
+class BrakeTo:
+    """To a lower speed in the own lane, with a run-out as ShiftLane has it."""
+
+    to_mps: float
+    deceleration_mps2: float
+    run_out_s: float | None = None
+
+
+Act = ShiftLane | Cross | BrakeTo
+
+
+@dataclass(frozen=True, slots=True)
+class Trigger:
+    """What fires an act of the initiator.
+
+    Args:
+        object_id: that acts, and that a distance is measured to.
+        quantity: what is compared.
+        below: m for relative_distance, s for time_to_arrival (at ``anchor``).
+        anchor: on the VUT's path; None for relative_distance.
+        act: what it does.
+        lead_time_s: between dispatch and act.
+        not_before_s: session time before which nothing fires.
+    """
+
+    object_id: str
+    quantity: Literal["relative_distance", "time_to_arrival"]
+    below: float
+    anchor: BlockPoint | None
+    act: Act
+    lead_time_s: float = 0.1
+    not_before_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class Plan:
+    """An event on a block, in the block's frame (METHOD 2.3).
+
+    Args:
+        vut: how the VUT drives; its driver reacts by itself.
+        targets: what each OT does before the trigger, by id, occluders included.
+        trigger: of the initiator.
+        conflict: the conflict point (METHOD 1).
+        zone: corners of the conflict zone, in order.
+        expected: the VUT's reference point when the trigger fires, as foreseen.
+        chosen: values that were chosen within part C, by field path: (value, unit, why).
+        gap_s: time gap at the conflict point if the VUT keeps its speed; None: there is none.
+    """
+
+    vut: Drive
+    targets: Mapping[str, Drive | Wait]
+    trigger: Trigger
+    conflict: BlockPoint
+    zone: tuple[BlockPoint, ...]
+    expected: BlockPoint
+    chosen: Mapping[str, tuple[float, str, str]]
+    gap_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class PlaceLimits:
+    """What a place allows, for a plan to stay inside of: m/s, m/s^2, m."""
+
+    speed_mps: float
+    acceleration_mps2: float
+    separation_m: float
+    speed_limit_mps: float
+
+
+class CannotPlace(Exception):
+    """The event doesn't fit this block; the message is the reason, for people."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of interaction.
+
+    Args:
+        name: word of ``interaction.type``.
+        relation: of ``interaction.relation``.
+        zone: word of ``interaction.zone``.
+        observable: what starts the trigger phase (METHOD 1).
+        dominant_motions: classes that its dominant motion may have.
+        initiator_classes: object classes that the initiator may have.
+        initiator_places: places (event_spec.model.Region.place) that the initiator may start from,
+            per dominant motion.
+        first: who may reach the conflict point first.
+        manoeuvre: names and units that ``constraints.manoeuvre`` must hold.
+        trigger_quantities: that ``constraints.trigger.quantity`` may be.
+        needs_occluder: ``interaction.occluder`` must name a standing OT.
+        uses_arrival_gap: arrivals at the zone are compared; else TTC alone makes the conflict.
+        same_direction_lanes: that the road must at least have.
+        manoeuvres: that the road must permit.
+        plans: ways to place the event on a block, from the speeds and gaps on that are preferred
+            or, for the track, were validated in simulation (field path: value). Raises CannotPlace
+            where there is none.
+    """
+
+    name: str
+    relation: Relation
+    zone: Literal["vut_lane", "corridor_crossing"]
+    observable: Observable
+    dominant_motions: frozenset[str]
+    initiator_classes: frozenset[str]
+    initiator_places: Mapping[str, frozenset[str]]
+    first: Literal["initiator", "affected", "either"]
+    manoeuvre: Mapping[str, str]
+    trigger_quantities: frozenset[str]
+    needs_occluder: bool
+    uses_arrival_gap: bool
+    same_direction_lanes: int
+    manoeuvres: Callable[[Event], frozenset[str]]
+    plans: Callable[[Event, Block, PlaceLimits, Mapping[str, float]], Iterator[Plan]]
+    vut_intents: frozenset[str] = frozenset({"keep_lane"})

@@ -1,0 +1,129 @@
+"""Where on a block: lanes, kerbs, arc lengths, and what fits."""
+
+from __future__ import annotations
+
+import math
+
+from ssp_core.geometry import Polyline
+from ssp_core.motion.state import Size
+from ssp_scenario_manager.event_spec.model import Event
+from ssp_scenario_manager.maps.block import Block, BlockLane
+from ssp_scenario_manager.scenarios.base import BlockPoint, CannotPlace
+
+# How far into a long and a short block the VUT starts.
+_ENTRY_M = (15.0, 2.0)
+_ENTRY_SHARE = 0.04
+# Between what stands at a block's end and the end itself.
+END_MARGIN_M = 2.0
+
+
+def vut_lane_indices(event: Event, block: Block) -> list[int]:
+    """Indices into the block's forward lanes in which the VUT may drive, preferred first.
+
+    Raises:
+        CannotPlace: there is no such lane.
+    """
+    count, words = len(block.forward_lanes), event.topology.vut_lane.words
+    indices = lanes_of_words(words, count)
+    if not indices:
+        word = " or ".join(words)
+        raise CannotPlace(f"of its {count} lane(s) in the VUT's direction none is the {word} one")
+    return indices
+
+
+def lanes_of_words(words: tuple[str, ...], count: int) -> list[int]:
+    """Indices of lanes, counted from the right, by part T's words, as preferred; no word: all."""
+    lanes = range(count)
+    found = {"rightmost": lanes[:1], "leftmost": lanes[-1:], "middle": lanes[1:-1]}
+    chosen = [index for word in words for index in found[word]] if words else list(lanes)
+    return list(dict.fromkeys(chosen))
+
+
+def neighbour(block: Block, index: int, to_left: bool) -> BlockLane:
+    """The lane beside a forward lane.
+
+    Raises:
+        CannotPlace: there is none in the same direction, or it isn't adjacent.
+    """
+    lanes = block.forward_lanes
+    beside = index + (1 if to_left else -1)
+    side = "left" if to_left else "right"
+    if not 0 <= beside < len(lanes):
+        raise CannotPlace(
+            f"it has no driving lane to the {side} of the VUT's in its direction "
+            f"({len(lanes)} driving lane(s) per direction)"
+        )
+    lane, other = lanes[index], lanes[beside]
+    between = abs(other.y_m - lane.y_m) - (lane.width_m + other.width_m) / 2.0
+    if between > 0.5:
+        raise CannotPlace(f"its lane to the {side} lies {between:.1f} m apart from the VUT's")
+    return other
+
+
+def right_kerb_m(block: Block) -> float:
+    """Offset of the right kerb, where the sidewalk or verge begins."""
+    return block.right_edge_m - block.shoulder_right_m
+
+
+def left_kerb_m(block: Block) -> float:
+    """Offset of the left kerb."""
+    return block.left_edge_m + block.shoulder_left_m
+
+
+def station_of(block: Block, from_s_m: float, to_s_m: float, l_m: float) -> float:
+    """Distance along an offset line from one arc length to another, m; negative backwards."""
+    if block.line.is_straight or to_s_m == from_s_m:
+        return to_s_m - from_s_m
+    low, high = sorted((from_s_m, to_s_m))
+    length = Polyline(block.line.path(low, high, l_m)).length_m
+    return math.copysign(length, to_s_m - from_s_m)
+
+
+def ahead_of(block: Block, from_s_m: float, distance_m: float, l_m: float) -> float:
+    """Arc length of the place that lies a distance further along an offset line."""
+    s = from_s_m + distance_m
+    for _ in range(20):
+        off = distance_m - station_of(block, from_s_m, s, l_m)
+        s += off
+        if abs(off) < 1e-4:
+            break
+    return s
+
+
+def entry_m(block: Block) -> float:
+    """How far into the block the VUT starts."""
+    high, low = _ENTRY_M
+    return min(high, max(low, _ENTRY_SHARE * block.length_m))
+
+
+def within_block(block: Block, size: Size, s_m: float, who: str) -> float:
+    """An arc length at which somebody who faces along the block fits on it.
+
+    Raises:
+        CannotPlace: it leaves the block.
+    """
+    low, high = size.rear_m, block.length_m - size.front_m
+    if not low <= s_m <= high:
+        raise CannotPlace(
+            f"{who} would start at s = {s_m:.1f} m; {low:g} to {high:.1f} m fits on the block"
+        )
+    return s_m
+
+
+def end_of(block: Block, size: Size) -> float:
+    """Arc length at which a path along the block ends."""
+    return block.length_m - size.front_m - END_MARGIN_M
+
+
+def rectangle(
+    block: Block, from_s_m: float, to_s_m: float, from_l_m: float, to_l_m: float
+) -> tuple[BlockPoint, ...]:
+    """Corners of a stretch of the block, counter-clockwise."""
+    low, high = round(from_s_m, 3), round(to_s_m, 3)
+    right, left = round(from_l_m, 3), round(to_l_m, 3)
+    return (
+        BlockPoint(low, right),
+        BlockPoint(high, right),
+        BlockPoint(high, left),
+        BlockPoint(low, left),
+    )

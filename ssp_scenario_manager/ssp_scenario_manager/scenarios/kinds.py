@@ -1,0 +1,12 @@
+"""Kinds of interaction by their names, which are the words of ``interaction.type``."""
+
+from __future__ import annotations
+
+from ssp_scenario_manager.scenarios.base import Kind
+from ssp_scenario_manager.scenarios.crossing import OCCLUDED_CROSSING, VRU_CROSSING
+from ssp_scenario_manager.scenarios.cut_in import CUT_IN
+from ssp_scenario_manager.scenarios.lead_braking import LEAD_BRAKING
+
+KINDS: dict[str, Kind] = {
+    kind.name: kind for kind in (CUT_IN, LEAD_BRAKING, OCCLUDED_CROSSING, VRU_CROSSING)
+}

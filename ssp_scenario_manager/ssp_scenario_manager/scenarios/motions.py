@@ -1,0 +1,218 @@
+"""A plan's motions in frame map, and how far and how long participants travel."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from ssp_core.geometry import wrap_angle
+from ssp_core.names import VUT_ID
+from ssp_core.run_file.participants import (
+    Brake,
+    Condition,
+    Driver,
+    FollowPath,
+    LaneChange,
+    Manoeuvre,
+    Motion,
+    ParticipantSpec,
+    RelativeDistance,
+    TimeToArrival,
+    TriggerSpec,
+)
+from ssp_core.run_file.values import Point, Start
+from ssp_core.vocabulary import ObjectWord
+from ssp_core.world.car_following import free_acceleration
+from ssp_core.world.reference_line import NotOneToOne, ReferenceLine
+from ssp_scenario_manager.dispatch.references import APPROACH_LEAD_S
+from ssp_scenario_manager.scenarios.base import (
+    BlockPoint,
+    BrakeTo,
+    CannotPlace,
+    Cross,
+    Drive,
+    ShiftLane,
+    Trigger,
+    Wait,
+)
+
+
+@dataclass(frozen=True)
+class Motions:
+    """What VUT and OTs do, in frame map.
+
+    Args:
+        vut: with its path.
+        driver: of the VUT.
+        targets: OTs, in the order of their ids.
+        trigger: of the initiator.
+    """
+
+    vut: ParticipantSpec
+    driver: Driver
+    targets: tuple[ParticipantSpec, ...]
+    trigger: TriggerSpec
+
+    def target(self, object_id: str) -> ParticipantSpec:
+        """The target of that id; KeyError without one."""
+        return {target.id: target for target in self.targets}[object_id]
+
+
+def motions(
+    line: ReferenceLine,
+    classes: Mapping[str, ObjectWord],
+    vut_id: str,
+    vut: Drive,
+    targets: Mapping[str, Drive | Wait],
+    trigger: Trigger,
+) -> Motions:
+    """A plan's motions on a reference line.
+
+    Args:
+        line: of the block.
+        classes: of all participants, by their ids in K*.
+        vut_id: the VUT's id in K*; sessions know it as ``vut``.
+        vut: how the VUT drives.
+        targets: what each OT does before the trigger.
+        trigger: of the initiator.
+
+    Raises:
+        CannotPlace: a place lies where the block's frame has none (METHOD 2.4).
+    """
+    try:
+        return Motions(
+            vut=_participant(line, VUT_ID, classes[vut_id], vut),
+            driver=Driver(
+                cruise_mps=vut.cruise_mps,
+                acceleration_mps2=vut.acceleration_mps2,
+                comfortable_deceleration_mps2=vut.deceleration_mps2,
+                headway_s=vut.headway_s,
+            ),
+            targets=tuple(
+                _participant(line, name, classes[name], targets[name]) for name in sorted(targets)
+            ),
+            trigger=_trigger(line, trigger, targets[trigger.object_id]),
+        )
+    except NotOneToOne as error:
+        raise CannotPlace(f"the block is too tightly curved for it: {error}") from error
+
+
+def start_pose(line: ReferenceLine, place: BlockPoint, heading_rad: float = 0.0) -> Start:
+    """Pose of a participant that stands at a place, its heading relative to the block's."""
+    x, y = line.to_map(place.s_m, place.l_m)
+    return Start(x_m=x, y_m=y, yaw_rad=wrap_angle(line.pose(place.s_m).yaw_rad + heading_rad))
+
+
+def _participant(
+    line: ReferenceLine, name: str, object_class: ObjectWord, motion: Drive | Wait
+) -> ParticipantSpec:
+    if isinstance(motion, Wait):
+        start = start_pose(line, motion.start, motion.heading_rad)
+        return ParticipantSpec(id=name, object_class=object_class, start=start)
+    return ParticipantSpec(
+        id=name,
+        object_class=object_class,
+        start=start_pose(line, motion.start),
+        approach=Motion(
+            path=line.path(motion.start.s_m, motion.end_s_m, motion.start.l_m),
+            cruise_mps=motion.cruise_mps,
+            acceleration_mps2=motion.acceleration_mps2,
+            deceleration_mps2=motion.deceleration_mps2,
+        ),
+    )
+
+
+def _trigger(line: ReferenceLine, trigger: Trigger, before: Drive | Wait) -> TriggerSpec:
+    condition: Condition
+    if trigger.anchor is None:
+        condition = RelativeDistance(
+            type="relative_distance", object_id=trigger.object_id, below_m=trigger.below
+        )
+    else:
+        condition = TimeToArrival(
+            type="time_to_arrival",
+            anchor=line.to_map(trigger.anchor.s_m, trigger.anchor.l_m),
+            below_s=trigger.below,
+        )
+    return TriggerSpec(
+        id=f"{trigger.object_id}_{trigger.quantity}",
+        condition=condition,
+        not_before_s=trigger.not_before_s,
+        object_id=trigger.object_id,
+        manoeuvre=_manoeuvre(line, trigger, before),
+        lead_time_s=trigger.lead_time_s,
+    )
+
+
+def _manoeuvre(line: ReferenceLine, trigger: Trigger, before: Drive | Wait) -> Manoeuvre:
+    act = trigger.act
+    if isinstance(act, ShiftLane):
+        return LaneChange(
+            kind="lane_change",
+            lateral_shift_m=act.shift_m,
+            duration_s=act.duration_s,
+            cruise_mps=act.cruise_mps,
+            deceleration_mps2=act.deceleration_mps2,
+            run_out_s=act.run_out_s,
+        )
+    if isinstance(act, BrakeTo):
+        return Brake(
+            kind="brake",
+            to_mps=act.to_mps,
+            deceleration_mps2=act.deceleration_mps2,
+            run_out_s=act.run_out_s,
+        )
+    return FollowPath(
+        kind="follow_path",
+        motion=Motion(
+            path=_across(line, before.start, act),
+            cruise_mps=act.speed_mps,
+            acceleration_mps2=act.acceleration_mps2,
+            deceleration_mps2=act.acceleration_mps2,
+        ),
+    )
+
+
+def _across(line: ReferenceLine, start: BlockPoint, act: Cross) -> list[Point]:
+    return [line.to_map(start.s_m, start.l_m), line.to_map(act.goal.s_m, act.goal.l_m)]
+
+
+STEP_S = 0.05
+# A driver comes near its cruise speed only slowly; from this share on it counts as reached.
+CRUISE_SHARE = 0.95
+# Time for which both are to be seen at cruise speed before the trigger.
+HOLD_S = 1.5
+LEAST_HOLD_S = 1.0
+
+
+def driver_travel(cruise_mps: float, acceleration_mps2: float, t_s: float) -> tuple[float, float]:
+    """Distance in m and speed in m/s of a free driver (a (1 - (v/v0)^4)) t_s after standstill."""
+    driver = Driver(cruise_mps=cruise_mps, acceleration_mps2=acceleration_mps2)
+    distance, speed, left = 0.0, 0.0, t_s
+    while left > 0.0:
+        dt = min(STEP_S, left)
+        faster = speed + free_acceleration(speed, driver) * dt
+        distance += 0.5 * (speed + faster) * dt
+        speed, left = faster, left - dt
+    return distance, speed
+
+
+def cruise_reached_s(cruise_mps: float, acceleration_mps2: float) -> float:
+    """Time from standstill in s until a free driver has CRUISE_SHARE of its cruise speed.
+
+    With x = v/v0: t = v0/a times the integral of 1 / (1 - x^4).
+    """
+    x = CRUISE_SHARE
+    return cruise_mps / acceleration_mps2 * 0.5 * (math.atanh(x) + math.atan(x))
+
+
+def reference_travel(cruise_mps: float, acceleration_mps2: float, t_s: float) -> float:
+    """Distance in m that an OT's approach has covered at session time t_s, once at cruise speed."""
+    moving = t_s - APPROACH_LEAD_S - cruise_mps / acceleration_mps2 - 0.2
+    return 0.5 * cruise_mps**2 / acceleration_mps2 + cruise_mps * max(moving, 0.0)
+
+
+def stopping_m(speed_mps: float, deceleration_mps2: float, reaction_s: float = 0.3) -> float:
+    """Distance to a standstill, m."""
+    return speed_mps * reaction_s + speed_mps**2 / (2.0 * deceleration_mps2)

@@ -1,0 +1,351 @@
+"""The search for plans: drafts from the preferred values on, each predicted, judged and fitted
+with its adaptation.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+
+from ssp_core.clock import seconds_to_ns
+from ssp_core.geometry import Polyline
+from ssp_core.motion.encounter import Observable, corridor_half_m
+from ssp_core.run_file.model import EndCondition
+from ssp_core.run_file.participants import Adaptation
+from ssp_core.run_file.values import Point
+from ssp_core.vocabulary import ObjectWord
+from ssp_scenario_manager.dispatch.planned_motion import (
+    PlannedMotion,
+    follow_vut,
+    foreseen_gap_s,
+    routine_of,
+)
+from ssp_scenario_manager.dispatch.references import (
+    APPROACH_LEAD_S,
+    Address,
+    approach_reference,
+    manoeuvre_reference,
+)
+from ssp_scenario_manager.event_spec.model import Event
+from ssp_scenario_manager.maps.block import Block
+from ssp_scenario_manager.scenarios.base import (
+    BlockPoint,
+    CannotPlace,
+    Cross,
+    Drive,
+    PlaceLimits,
+    Plan,
+    Trigger,
+    Wait,
+)
+from ssp_scenario_manager.scenarios.block_places import ahead_of, rectangle
+from ssp_scenario_manager.scenarios.motions import CRUISE_SHARE, Motions, motions, stopping_m
+from ssp_scenario_manager.scenarios.prediction import AFTER_S, Prediction, predict
+from ssp_scenario_manager.scenarios.values import (
+    Choice,
+    chosen,
+    classes_of,
+    combinations,
+    in_si,
+    initiator_first,
+    size_of,
+    speed_bounds,
+    thresholds_of,
+    wanted_passing,
+)
+
+
+def judge(event: Event, limits: PlaceLimits, told: Motions, seen: Prediction) -> list[str]:
+    """What is wrong with a plan that was looked ahead; empty: it goes as K* says."""
+    c = event.constraints
+    wrong = []
+    if seen.early_conflict:
+        wrong.append("the conflict begins before the trigger")
+    if seen.trigger_s is None:
+        wrong.append("the manoeuvre never becomes observable")
+    if seen.conflict_s is None:
+        wrong.append("no conflict comes: TTC and arrival gap stay above their thresholds")
+    elif seen.trigger_s is not None and seen.conflict_s < seen.trigger_s:
+        wrong.append("the conflict begins before the trigger can be seen")
+    if seen.resolution_s is None and seen.conflict_s is not None:
+        wrong.append("the conflict isn't resolved")
+    wrong += _wrong_gap(event, seen)
+    low, high = speed_bounds(event, event.vut_id, ("approach", "trigger"))
+    # A driver nears its cruise speed slowly.
+    if not low * CRUISE_SHARE <= seen.fired_speed_mps <= high + 1e-9:
+        wrong.append(
+            f"the VUT would drive {seen.fired_speed_mps:.1f} m/s at the trigger, K* wants "
+            f"{low:g} to {high:g} m/s"
+        )
+    least = max(limits.separation_m, in_si(c.safety.separation).min or 0.0)
+    if seen.separation_m <= least:
+        wrong.append(f"VUT and target come within {seen.separation_m:.2f} m, limit is {least:g} m")
+    path = Polyline(told.vut.approach.path) if told.vut.approach is not None else None
+    needed = seen.vut_station_end_m + stopping_m(
+        seen.vut_end_mps, told.driver.comfortable_deceleration_mps2
+    )
+    if path is not None and needed > path.length_m:
+        wrong.append(
+            f"the VUT needs {needed:.0f} m from its start to the run's end and to a stop, the "
+            f"block leaves it {path.length_m:.0f} m"
+        )
+    most = in_si(c.safety.duration).max
+    end = EndCondition()
+    longest = end.at_latest_s if most is None else min(most, end.at_latest_s)
+    ends = (seen.resolution_s or 0.0) + end.after_resolution_s
+    if ends > longest:
+        wrong.append(f"the run takes {ends:.0f} s, limit is {longest:g} s")
+    return wrong
+
+
+def wrong_order(event: Event, still: Prediction) -> list[str]:
+    """What is wrong with the passing order of a plan; ``still``: of a VUT that holds its speed."""
+    if initiator_first(event) == still.initiator_first:
+        return []
+    first, other = event.interaction.passing_order[0], event.interaction.initiator
+    own_s, vut_s = still.overlap_s - still.fired_s, still.vut_arrival_s - still.fired_s
+    if math.isinf(own_s):
+        return [f"{other} wouldn't come into the VUT's corridor"]
+    return [
+        f"{first} wouldn't reach the conflict point first: after the trigger {other} takes "
+        f"{own_s:.1f} s to the VUT's corridor, the VUT at its approach speed {vut_s:.1f} s"
+    ]
+
+
+def _wrong_gap(event: Event, seen: Prediction) -> list[str]:
+    least, most = wanted_passing(event).bounds_s
+    if math.isinf(seen.vut_arrival_s) or least - 1e-9 <= seen.time_gap_s <= most + 1e-9:
+        return []
+    return [
+        f"the time gap at the conflict point would be {seen.time_gap_s:.2f} s, K* wants "
+        f"{least:g} to {most:g} s"
+    ]
+
+
+# What every body of a class can do, m/s^2: hardest acceleration and braking. Beyond it a reference
+# would be refused.
+_BODY_MPS2: dict[ObjectWord, tuple[float, float]] = {
+    "pedestrian": (2.4, 2.9),
+    "cyclist": (1.7, 3.4),
+    "truck": (1.7, 4.8),
+    "bus": (1.7, 4.8),
+    "car": (3.5, 6.5),
+    "motorcycle": (5.0, 6.5),
+}
+# Of what the place allows; the rest is for the tracking of it.
+_SHARE_OF_LIMIT = 0.9
+
+
+def _routine(told: Motions, seen: Prediction) -> PlannedMotion | None:
+    """The initiator's manoeuvre from where it is when the trigger fires."""
+    trigger, path = told.trigger, told.vut.approach
+    target = told.target(trigger.object_id)
+    if path is None:
+        return None
+
+    def address(execute_s: float) -> Address:
+        return Address(target.id, target.id, "", "foreseen", 0, seconds_to_ns(execute_s))
+
+    before = None
+    if target.approach is not None:
+        before = approach_reference(address(APPROACH_LEAD_S), target.approach)
+    state = next(s for s in seen.targets_fired if s.object_id == target.id)
+    manoeuvre = manoeuvre_reference(
+        address(seen.fired_s + trigger.lead_time_s),
+        trigger.manoeuvre,
+        state,
+        before,
+        target.approach,
+    )
+    fired_ns = seconds_to_ns(seen.fired_s)
+    return routine_of(before, manoeuvre, fired_ns, target, told.vut, Polyline(path.path))
+
+
+def gap_before_response_s(
+    told: Motions, seen: Prediction, *, initiator_first: bool
+) -> float | None:
+    """Second arrival minus first departure (METHOD 1), with a VUT that keeps its speed.
+
+    Args:
+        told: what everybody does.
+        seen: what will come of it.
+        initiator_first: by the passing order.
+
+    Returns:
+        s, rounded to 1 ms; None where the initiator's manoeuvre doesn't lead it into the VUT's
+        corridor.
+    """
+    routine = _routine(told, seen)
+    if routine is None or told.vut.approach is None:
+        return None
+    path = Polyline(told.vut.approach.path)
+    track = follow_vut(None, seen.vut_fired, path)
+    gap = foreseen_gap_s(routine, track, told.vut.size, initiator_first=initiator_first)
+    return round(gap, 3)
+
+
+def adaptation_of(
+    told: Motions,
+    gap_s: float | None,
+    *,
+    initiator_first: bool,
+    anchor: Point | None,
+    most_mps2: float,
+) -> Adaptation | None:
+    """What a run's trigger is told of keeping the gap; None where there is none to keep.
+
+    Args:
+        told: what everybody does.
+        gap_s: as ``gap_before_response_s`` gives it.
+        initiator_first: by the passing order.
+        anchor: the conflict point, where it doesn't move with the place of the trigger.
+        most_mps2: acceleration that the place allows.
+    """
+    if gap_s is None:
+        return None
+    up, down = _BODY_MPS2[told.target(told.trigger.object_id).object_class]
+    most = round(_SHARE_OF_LIMIT * most_mps2, 3)
+    return Adaptation(
+        anchor=anchor,
+        first="initiator" if initiator_first else "vut",
+        gap_s=gap_s,
+        acceleration_mps2=min(up, most),
+        deceleration_mps2=min(down, most),
+    )
+
+
+# Plans that are followed to their end before a block is given up.
+MOST_FORESEEN = 20
+MOST_DRAFTED = 400
+# An initiator that drives goes on for so long after a run ends as foreseen: a VUT may take longer.
+RUN_OUT_S = 10.0
+
+
+@dataclass(frozen=True)
+class Draft:
+    """A plan before it was looked ahead.
+
+    Args:
+        vut: how the VUT drives.
+        targets: what the OTs do.
+        trigger: of the initiator.
+        extra: further reasons against it, from what was foreseen; None where there are none.
+        chosen: further fields that follow from the others, as Plan.chosen has them.
+    """
+
+    vut: Drive
+    targets: Mapping[str, Drive | Wait]
+    trigger: Trigger
+    extra: Callable[[Motions, Prediction], list[str]] | None = None
+    chosen: Mapping[str, tuple[float, str, str]] | None = None
+
+
+def plans_on(
+    event: Event,
+    block: Block,
+    limits: PlaceLimits,
+    observable: Observable,
+    choices: Mapping[str, Choice],
+    draft: Callable[[Mapping[str, float]], Draft],
+    zone: Callable[[Draft, Prediction, BlockPoint], tuple[BlockPoint, ...]],
+) -> Iterator[Plan]:
+    """Plans that go as K* says, as far as can be foreseen, from the preferred values on.
+
+    Args:
+        event: K*.
+        block: to place it on.
+        limits: of the place.
+        observable: of the kind.
+        choices: quantities by name.
+        draft: makes a plan of values; raises CannotPlace where they don't fit the block.
+        zone: corners of the conflict zone, from plan, foresight and conflict point.
+
+    Raises:
+        CannotPlace: none does; the reason is that of the preferred values.
+    """
+    thresholds = thresholds_of(event)
+    vut_id = event.vut_id
+    first_reason, looked, found = "", 0, False
+    for values in itertools.islice(combinations(choices), MOST_DRAFTED):
+        try:
+            made = draft(values)
+            told = motions(
+                block.line, classes_of(event), vut_id, made.vut, made.targets, made.trigger
+            )
+            looked += 1
+            still = predict(_without_response(told), observable, thresholds)
+            reasons = wrong_order(event, still)
+            if not reasons:
+                seen = predict(told, observable, thresholds)
+                reasons = judge(event, limits, told, seen)
+            if not reasons and made.extra is not None:
+                reasons = made.extra(told, seen)
+        except CannotPlace as error:
+            reasons = [str(error)]
+            made = None
+        if made is not None and not reasons:
+            conflict = _on_block(block, made.vut, seen.conflict_station_m)
+            found = True
+            yield Plan(
+                vut=made.vut,
+                targets=made.targets,
+                trigger=_ending(made.trigger, seen),
+                conflict=conflict,
+                zone=zone(made, seen, conflict),
+                expected=_on_block(block, made.vut, seen.fired_station_m),
+                chosen={**chosen(choices, values), **(made.chosen or {})},
+                gap_s=gap_before_response_s(told, seen, initiator_first=initiator_first(event)),
+            )
+        first_reason = first_reason or "; ".join(reasons)
+        if looked >= MOST_FORESEEN:
+            break
+    if not found:
+        raise CannotPlace(first_reason)
+
+
+def _ending(trigger: Trigger, seen: Prediction) -> Trigger:
+    """The trigger, after whose act the initiator drives on until the event is over, and stops."""
+    act = trigger.act
+    if isinstance(act, Cross) or seen.resolution_s is None:
+        return trigger
+    run_out_s = round(seen.resolution_s + AFTER_S + RUN_OUT_S - seen.fired_s, 1)
+    return replace(trigger, act=replace(act, run_out_s=run_out_s))
+
+
+def _without_response(told: Motions) -> Motions:
+    return replace(told, driver=told.driver.model_copy(update={"reacts": False}))
+
+
+def plans_in_lane(
+    event: Event,
+    block: Block,
+    limits: PlaceLimits,
+    observable: Observable,
+    choices: Mapping[str, Choice],
+    draft: Callable[[Mapping[str, float]], Draft],
+    reach: Callable[[Draft, Prediction], float],
+) -> Iterator[Plan]:
+    """As ``plans_on``, for an initiator that takes a part of the VUT's lane.
+
+    The zone begins at the conflict point, where the initiator's rear is when it comes into the
+    VUT's way, and ends where its front is when it has done what it does.
+
+    Args:
+        reach: how far it drives meanwhile, m; the others as for ``plans_on``.
+    """
+    half = corridor_half_m(size_of(event, event.vut_id).width_m)
+    length = size_of(event, event.interaction.initiator).length_m
+
+    def zone(made: Draft, seen: Prediction, conflict: BlockPoint) -> tuple[BlockPoint, ...]:
+        s, y = conflict.s_m, conflict.l_m
+        end = min(s + length + reach(made, seen), block.length_m)
+        return rectangle(block, s, end, y - half, y + half)
+
+    return plans_on(event, block, limits, observable, choices, draft, zone)
+
+
+def _on_block(block: Block, vut: Drive, station_m: float) -> BlockPoint:
+    s = ahead_of(block, vut.start.s_m, station_m, vut.start.l_m)
+    return BlockPoint(round(s, 3), vut.start.l_m)

@@ -1,0 +1,329 @@
+"""What a session will do, predicted without running it: when it triggers, who meets whom, how
+close.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from ssp_core.clock import seconds_to_ns
+from ssp_core.geometry import Polyline, box_distance
+from ssp_core.motion.encounter import Encounter, Observable, encounter, is_conflict, is_observable
+from ssp_core.motion.reference import Reference, sample
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import ConflictThresholds
+from ssp_core.run_file.participants import ParticipantSpec
+from ssp_core.vocabulary import ObjectClass, Role
+from ssp_core.world.car_following import following_acceleration, free_acceleration
+from ssp_scenario_manager.dispatch.references import (
+    APPROACH_LEAD_S,
+    Address,
+    approach_reference,
+    manoeuvre_reference,
+)
+from ssp_scenario_manager.scenarios.base import CannotPlace
+from ssp_scenario_manager.scenarios.motions import STEP_S, Motions
+from ssp_scenario_manager.triggers.conditions import Snapshot, condition_text
+from ssp_scenario_manager.triggers.evaluator import TriggerWatch
+
+_VULNERABLE = frozenset({ObjectClass.PEDESTRIAN, ObjectClass.CYCLIST})
+
+
+class Players:
+    """VUT and targets, moved on in steps; the VUT reacts to what it meets."""
+
+    def __init__(self, plan: Motions) -> None:
+        if plan.vut.approach is None:
+            raise CannotPlace("the VUT has no path")
+        self.plan = plan
+        self.path = Polyline(plan.vut.approach.path)
+        self.station_m = 0.0
+        self.speed_mps = 0.0
+        self.references: dict[str, Reference] = {}
+        self.act: Reference | None = None
+        for target in plan.targets:
+            if target.approach is not None:
+                address = self._address(target.id, APPROACH_LEAD_S)
+                try:
+                    self.references[target.id] = approach_reference(address, target.approach)
+                except ValueError as error:
+                    raise CannotPlace(f"{target.id}: {error}") from error
+
+    @staticmethod
+    def _address(object_id: str, execute_s: float) -> Address:
+        return Address(object_id, object_id, "", "foreseen", 0, seconds_to_ns(execute_s))
+
+    def vut(self, t_s: float) -> ObjectState:
+        """The VUT's state now, which is at a session time."""
+        pose = self.path.pose(self.station_m)
+        return _state(self.plan.vut, Role.VUT, t_s, (pose.x_m, pose.y_m, pose.yaw_rad),
+                      self.speed_mps, 0.0)  # fmt: skip
+
+    def target(self, spec: ParticipantSpec, t_s: float) -> ObjectState:
+        """A target's state at a session time."""
+        reference = self.references.get(spec.id)
+        act = self.act
+        if act is not None and act.object_id == spec.id and seconds_to_ns(t_s) >= act.execute_at_ns:
+            reference = act
+        if reference is None or seconds_to_ns(t_s) <= reference.execute_at_ns:
+            s = spec.start
+            return _state(spec, Role.OT, t_s, (s.x_m, s.y_m, s.yaw_rad), 0.0, 0.0)
+        p = sample(reference, seconds_to_ns(t_s))
+        pose = (p.x_m, p.y_m, p.yaw_rad)
+        return _state(spec, Role.OT, t_s, pose, p.speed_mps, p.acceleration_mps2)
+
+    def fire(self, t_s: float) -> None:
+        """Dispatches the manoeuvre, as the session does."""
+        trigger = self.plan.trigger
+        spec = self.plan.target(trigger.object_id)
+        current = self.references.get(spec.id)
+        address = self._address(spec.id, t_s + trigger.lead_time_s)
+        try:
+            self.act = manoeuvre_reference(
+                address, trigger.manoeuvre, self.target(spec, t_s), current, spec.approach
+            )
+        except ValueError as error:
+            raise CannotPlace(f"{spec.id}: {error}") from error
+
+    def advance(self, meetings: list[tuple[ObjectState, Encounter]], dt_s: float) -> None:
+        """Moves the VUT on, by its driver's law and, if the driver reacts, for what it meets."""
+        driver, v = self.plan.driver, self.speed_mps
+        wanted = free_acceleration(v, driver)
+        for other, meeting in meetings if driver.reacts else ():
+            if meeting.gap_m <= 0.1:
+                continue
+            if other.object_class in _VULNERABLE:
+                if not (meeting.in_corridor or math.isfinite(meeting.object_arrival_s)):
+                    continue
+                ahead, rate = 0.0, 0.0
+            elif meeting.in_corridor:
+                ahead = meeting.along_mps
+                rate = other.acceleration_mps2 if ahead > 0.0 else 0.0
+            else:
+                continue
+            wanted = min(wanted, following_acceleration(v, meeting.gap_m, ahead, rate, driver))
+        faster = max(v + wanted * dt_s, 0.0)
+        self.station_m += 0.5 * (v + faster) * dt_s
+        self.speed_mps = faster
+
+
+def _state(
+    spec: ParticipantSpec,
+    role: Role,
+    t_s: float,
+    pose: tuple[float, float, float],
+    speed_mps: float,
+    acceleration_mps2: float,
+) -> ObjectState:
+    return ObjectState(
+        spec.id, spec.cls, role, seconds_to_ns(t_s), *pose, speed_mps, acceleration_mps2, 0.0,
+        spec.size,
+    )  # fmt: skip
+
+
+# Far from the trigger's threshold, nothing happens that needs the fine step.
+_COARSE_S = 0.2
+_NEAR = 1.3
+LONGEST_S = 60.0
+# From the resolution to the end of a run, as EndCondition has it, and some room for reality.
+AFTER_S = 2.5
+# A trigger that no conflict followed within this time leads to none.
+NO_CONFLICT_S = 12.0
+# Who crosses doesn't move along the VUT's path by more than this.
+_MOVED_ON_M = 0.1
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What will happen; times are session times in s, stations are along the VUT's path in m.
+
+    Args:
+        fired_s: the trigger's condition became true.
+        fired_station_m: VUT's reference point then.
+        fired_speed_mps: VUT's speed then.
+        initiator_fired_mps: the initiator's speed then.
+        trigger_s: start of the phase trigger; None where it never comes. So for the next two.
+        conflict_s: start of the conflict.
+        resolution_s: start of the resolution.
+        overlap_s: first time after the trigger at which the initiator is in the VUT's corridor.
+        left_s: it left the corridor, or its rear left the conflict point.
+        conflict_station_m: the conflict point: where the conflict zone begins at overlap_s.
+        vut_arrival_s: the VUT's front reaches the conflict point; inf: not foreseen.
+        vut_station_end_m: of the VUT when the run ends.
+        vut_end_mps: its speed then.
+        separation_m: smallest distance between VUT and a target from the trigger on.
+        early_conflict: a conflict stood before the trigger could be seen.
+        vut_fired: the VUT's state when the trigger fires.
+        targets_fired: the targets' states then.
+    """
+
+    fired_s: float
+    fired_station_m: float
+    fired_speed_mps: float
+    initiator_fired_mps: float
+    trigger_s: float | None
+    conflict_s: float | None
+    resolution_s: float | None
+    overlap_s: float
+    left_s: float
+    conflict_station_m: float
+    vut_arrival_s: float
+    vut_station_end_m: float
+    vut_end_mps: float
+    separation_m: float
+    early_conflict: bool
+    vut_fired: ObjectState
+    targets_fired: tuple[ObjectState, ...]
+
+    @property
+    def time_gap_s(self) -> float:
+        """Second arrival minus first departure at the conflict point (METHOD 1)."""
+        return self.vut_arrival_s - self.left_s
+
+    @property
+    def initiator_first(self) -> bool:
+        """The initiator reaches the conflict point before the VUT."""
+        return self.overlap_s < self.vut_arrival_s
+
+
+@dataclass(frozen=True, slots=True)
+class _Instant:
+    t_s: float
+    front_m: float
+    meeting: Encounter
+    observable: bool
+    conflict: bool
+    zone_m: float
+    separation_m: float
+
+
+def predict(plan: Motions, observable: Observable, thresholds: ConflictThresholds) -> Prediction:
+    """Follows a plan from standstill to the end of its run.
+
+    Args:
+        plan: motions of all participants.
+        observable: what makes the trigger visible (METHOD 1).
+        thresholds: of the conflict.
+
+    Raises:
+        CannotPlace: the trigger never fires, or a manoeuvre can't be driven from where it does.
+    """
+    players = Players(plan)
+    initiator = plan.target(plan.trigger.object_id)
+    watch = TriggerWatch(plan.trigger, players.path, 0)
+    t, fired = 0.0, None
+    instants: list[_Instant] = []
+    early = False
+    while t < LONGEST_S:
+        vut = players.vut(t)
+        others = [players.target(spec, t) for spec in plan.targets]
+        meetings = [(other, encounter(vut, other, players.path)) for other in others]
+        subject, meeting = next((o, m) for o, m in meetings if o.object_id == initiator.id)
+        conflict = is_conflict(meeting, thresholds.ttc_s, thresholds.arrival_gap_s)
+        if fired is None:
+            early = early or conflict
+            scene = Snapshot(vut, {o.object_id: o for o in others}, players.path, 0, {})
+            firing = watch.observe(scene)
+            far = _is_far(watch) or t + _COARSE_S < plan.trigger.not_before_s
+            if firing is not None:
+                fired = (t, players.station_m, players.speed_mps, vut, tuple(others))
+                players.fire(t)
+        else:
+            front = players.station_m + vut.size.front_m
+            instants.append(
+                _Instant(
+                    t,
+                    front,
+                    meeting,
+                    is_observable(observable, meeting, subject),
+                    conflict,
+                    front + meeting.zone_gap_m,
+                    min(box_distance(vut.box, other.box) for other in others),
+                )
+            )
+            if _is_over(instants, t):
+                break
+        dt_s = _COARSE_S if fired is None and far else STEP_S
+        players.advance(meetings, dt_s)
+        t += dt_s
+    if fired is None:
+        never = condition_text(plan.trigger.condition)
+        raise CannotPlace(f"its trigger never fires, as far as can be foreseen: {never}")
+    return _summary(players, fired, instants, early, initiator.id)
+
+
+def _is_far(watch: TriggerWatch) -> bool:
+    """Every distance or time that the trigger asks about is well above its threshold."""
+    return bool(watch.values) and all(
+        what.relation == "<" and value > _NEAR * what.threshold + 2.0
+        for what, value in watch.values
+    )
+
+
+def _is_over(instants: list[_Instant], t_s: float) -> bool:
+    """No conflict for AFTER_S seconds after one, and the VUT has passed the conflict point."""
+    last = next((i for i in reversed(instants) if i.conflict), None)
+    if last is None:
+        return t_s - instants[0].t_s > NO_CONFLICT_S
+    if t_s - last.t_s < AFTER_S:
+        return False
+    first = next((i for i in instants if i.meeting.in_corridor), None)
+    return first is not None and instants[-1].front_m >= first.zone_m
+
+
+def _summary(
+    players: Players,
+    fired: tuple[float, float, float, ObjectState, tuple[ObjectState, ...]],
+    instants: list[_Instant],
+    early: bool,
+    initiator_id: str,
+) -> Prediction:
+    fired_s, station, speed, vut, others = fired
+    trigger_s = next((i.t_s for i in instants if i.observable), None)
+    inside = [i for i in instants if i.meeting.in_corridor]
+    point = inside[0].zone_m if inside else math.inf
+    overlap_s = inside[0].t_s if inside else math.inf
+    left_s = overlap_s
+    if inside:
+        # A crossing one leaves the corridor; one that merges or leads leaves the point behind it.
+        left_s = next(
+            (i.t_s for i in instants if i.t_s > overlap_s and _has_left(i, point)), math.inf
+        )
+    conflicts = [i.t_s for i in instants if i.conflict]
+    # A conflict that stands when the trigger becomes visible starts with it, not before it.
+    conflict_s = max(conflicts[0], trigger_s or 0.0) if conflicts else None
+    resolution_s = None
+    if conflicts and instants[-1].t_s - conflicts[-1] >= AFTER_S - STEP_S:
+        resolution_s = conflicts[-1] + STEP_S
+    end_s = min((resolution_s or LONGEST_S) + AFTER_S, instants[-1].t_s) if instants else fired_s
+    at_end = next((i for i in instants if i.t_s >= end_s - STEP_S / 2), None)
+    later = next((i for i in instants if at_end is not None and i.t_s > at_end.t_s), None)
+    end_speed = players.speed_mps
+    if at_end is not None and later is not None:
+        end_speed = (later.front_m - at_end.front_m) / (later.t_s - at_end.t_s)
+    front = players.plan.vut.size.front_m
+    return Prediction(
+        fired_s=fired_s,
+        fired_station_m=station,
+        fired_speed_mps=speed,
+        initiator_fired_mps=next(o.speed_mps for o in others if o.object_id == initiator_id),
+        trigger_s=trigger_s,
+        conflict_s=conflict_s,
+        resolution_s=resolution_s,
+        overlap_s=overlap_s,
+        left_s=left_s,
+        conflict_station_m=point,
+        vut_arrival_s=next((i.t_s for i in instants if i.front_m >= point), math.inf),
+        vut_station_end_m=at_end.front_m - front if at_end is not None else players.station_m,
+        vut_end_mps=end_speed,
+        separation_m=min((i.separation_m for i in instants), default=math.inf),
+        early_conflict=early,
+        vut_fired=replace(vut, speed_mps=speed),
+        targets_fired=others,
+    )
+
+
+def _has_left(instant: _Instant, point_m: float) -> bool:
+    """It is out of the corridor, or has moved on along it, and its zone with it."""
+    return instant.zone_m > point_m + _MOVED_ON_M or not instant.meeting.in_corridor

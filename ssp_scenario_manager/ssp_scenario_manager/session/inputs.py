@@ -1,0 +1,129 @@
+"""States as they arrive: into the session, counted, and in lockstep held against what each step
+announced.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from ssp_core import names
+from ssp_core.cdr.states import StateArray
+from ssp_core.motion.state import ObjectState
+from ssp_scenario_manager.session.link_quality import LossCounters
+from ssp_scenario_manager.session.session import PendingStates, Session
+from ssp_scenario_manager.session.supervision import LivenessMonitor
+
+
+@dataclass
+class StepInputs:
+    """Counts of what the manager has received, and what the others say they have sent.
+
+    Args:
+        participants: names of the object target nodes.
+    """
+
+    participants: tuple[str, ...]
+    step: int | None = None
+    done_step: int = -1
+    vut_states_sent: int = 0
+    vut_states: int = 0
+    states: int = 0
+    acks: int = 0
+    safety_events: int = 0
+    answers: dict[str, tuple[int, int, int, int]] = field(default_factory=dict)
+
+    def on_tick(self, step: int, vut_states_sent: int) -> None:
+        self.step = step
+        self.vut_states_sent = vut_states_sent
+
+    def is_overtaken_by(self, step: int) -> bool:
+        """True when the world takes a step although the last one isn't dealt with."""
+        return self.step is not None and self.done_step < self.step < step
+
+    def on_answer(
+        self, participant: str, step: int, states_sent: int, acks_sent: int, events_sent: int
+    ) -> None:
+        if participant in self.participants:
+            self.answers[participant] = (step, states_sent, acks_sent, events_sent)
+
+    def forget(self, participant: str) -> None:
+        """The world has dropped this one; its answers are not waited for any more."""
+        self.participants = tuple(p for p in self.participants if p != participant)
+
+    def complete(self) -> bool:
+        """True when everything that belongs to the present step has arrived."""
+        if self.step is None or self.step <= self.done_step:
+            return False
+        if self.vut_states < self.vut_states_sent:
+            return False
+        answers = [self.answers.get(name) for name in self.participants]
+        if any(answer is None or answer[0] < self.step for answer in answers):
+            return False
+        given = [answer for answer in answers if answer is not None]
+        received = (self.states, self.acks, self.safety_events)
+        return all(
+            have >= sum(answer[k] for answer in given) for k, have in enumerate(received, start=1)
+        )
+
+
+class StateInput:
+    """Takes states in. Reads no clock: arrivals on the steady clock are given, in ns.
+
+    Args:
+        session: that gets them.
+        vigil: notes who was heard.
+        inputs: counts the states of a run, for lockstep.
+        decode: reads a message with the states of many; None for bytes that are none.
+        tell: takes a line for people.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        vigil: LivenessMonitor,
+        inputs: StepInputs,
+        decode: Callable[[bytes], StateArray | None],
+        tell: Callable[[str], None],
+    ) -> None:
+        self.tallies = LossCounters()
+        self.arrivals = PendingStates()
+        self._session = session
+        self._vigil = vigil
+        self._inputs = inputs
+        self._decode = decode
+        self._tell = tell
+        self._strangers: set[str] = set()
+
+    def vut(self, state: ObjectState, steady_ns: int) -> bool:
+        """Takes a state of the VUT; False for one that isn't the VUT's."""
+        if not self._session.on_vut_state(state):
+            self.tell_stranger(state.object_id, "sends states as the vehicle under test")
+            return False
+        self._vigil.hear(names.VUT_ID, steady_ns)
+        self.tallies.see(state.object_id, state.sequence)
+        # The first is repeated while the world holds, and belongs to no step.
+        self._inputs.vut_states += state.sequence > 1
+        return True
+
+    def target(self, state: ObjectState, steady_ns: int) -> None:
+        """Takes a state of an object target; a stranger's only counts for its process."""
+        if self._session.on_target_state(state):
+            self._vigil.hear(state.object_id, steady_ns)
+            self.tallies.see(state.object_id, state.sequence)
+        else:
+            self.tell_stranger(state.object_id, "sends states, but the run doesn't know it")
+        self._inputs.states += state.sequence > 1
+
+    def waiting(self) -> None:
+        """Takes the states of many that have waited in ``arrivals``."""
+        for data, arrived_ns in self.arrivals.take():
+            array = self._decode(data)
+            for state in array.states if array is not None else ():
+                self.target(state, arrived_ns)
+
+    def tell_stranger(self, who: str, what: str) -> None:
+        """Says once that somebody is heard who has no part in this session."""
+        if who not in self._strangers:
+            self._strangers.add(who)
+            self._tell(f"{who} is not listened to: {what}")

@@ -1,0 +1,91 @@
+"""What a session wants to be sent: facts that the node turns into messages."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ssp_core.motion.reference import Reference
+from ssp_core.vocabulary import Phase, SessionPhase, Verdict
+from ssp_scenario_manager.session.limits import Violation
+from ssp_scenario_manager.triggers.conditions import Sample
+
+
+@dataclass(frozen=True, slots=True)
+class StateChanged:
+    """A transition of the session."""
+
+    stamp_ns: int
+    state: SessionPhase
+    previous: SessionPhase
+    event: str
+    reason: str
+    verdict: Verdict
+    reasons: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Dispatch:
+    """A reference to be sent to its object."""
+
+    reference: Reference
+
+
+@dataclass(frozen=True, slots=True)
+class Triggered:
+    """Decision record of a trigger (TriggerEvent.msg, without the node's own latency)."""
+
+    stamp_ns: int
+    trigger_id: str
+    condition: str
+    threshold: float
+    samples: tuple[Sample, ...]
+    crossing_ns: int
+    references: tuple[Reference, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class PhaseBegan:
+    """A phase of the event was confirmed."""
+
+    stamp_ns: int
+    phase: Phase
+    evidence: str
+
+
+@dataclass(frozen=True, slots=True)
+class LimitPassed:
+    """A limit was passed; the session aborts."""
+
+    violation: Violation
+
+
+@dataclass(frozen=True, slots=True)
+class ArmObjects:
+    """The objects are to be armed (True) or disarmed (False)."""
+
+    armed: bool
+
+
+@dataclass(frozen=True, slots=True)
+class ClearObjects:
+    """The objects may leave ABORTING."""
+
+
+@dataclass(frozen=True, slots=True)
+class Note:
+    """Something that people should know, and that changes nothing."""
+
+    stamp_ns: int
+    text: str
+
+
+Outgoing = (
+    StateChanged
+    | Dispatch
+    | Triggered
+    | PhaseBegan
+    | LimitPassed
+    | ArmObjects
+    | ClearObjects
+    | Note
+)

@@ -1,0 +1,333 @@
+"""What a session needs before each command, and whether everything is known to stand."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence, Set
+from dataclasses import dataclass
+
+from ssp_core.clock import ns_to_seconds
+from ssp_core.geometry import box_distance
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import Limits, RunSpec
+from ssp_core.run_file.participants import ParticipantSpec
+from ssp_core.safety import limits as judge
+from ssp_core.safety.fence import box_excess_m
+from ssp_core.vocabulary import ControlState
+from ssp_scenario_manager.session.link_quality import LinkEstimate
+from ssp_scenario_manager.session.run import Run
+from ssp_scenario_manager.session.state_machine import SessionEvent
+
+FRESH_S = 1.0
+RECORDER_FRESH_S = 2.0
+CAMERA_FRESH_S = 3.0
+STANDSTILL_MPS = 0.05
+_READY_TO_ARM = (ControlState.DISARMED, ControlState.ARMED)
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """What the node knows beside the states. Ages on the steady clock, s; inf is never."""
+
+    recorder_ready: bool = False
+    recorder_missing: tuple[str, ...] = ()
+    recorder_lost: int = 0
+    recorder_age_s: float = math.inf
+    camera_age_s: float = math.inf
+    vut_age_s: float = math.inf
+    target_age_s: tuple[tuple[str, float], ...] = ()
+    links: tuple[tuple[str, LinkEstimate], ...] = ()
+    other_managers: int = 0
+    foreign: str = ""
+
+    def age_of(self, object_id: str) -> float:
+        return dict(self.target_age_s).get(object_id, math.inf)
+
+    def link_of(self, object_id: str) -> LinkEstimate:
+        return dict(self.links).get(object_id, LinkEstimate())
+
+    @staticmethod
+    def of_one_process(spec: RunSpec) -> Facts:
+        """Of a session whose parts share one process: no links, one clock, nobody else."""
+        ids = [target.id for target in spec.targets]
+        return Facts(
+            recorder_ready=True,
+            recorder_age_s=0.0,
+            camera_age_s=0.0,
+            vut_age_s=0.0,
+            target_age_s=tuple((i, 0.0) for i in ids),
+            links=tuple((i, LinkEstimate(0.0, 0.0, 0.0)) for i in ids),
+        )
+
+
+def trigger_age_s(spec: RunSpec) -> float:
+    """Triggers are judged on no state of the VUT that is older than this, s: two periods, unless
+    the site has links that are slower than that."""
+    given = spec.limits.trigger_age_s
+    return 2.0 * spec.step_s if given is None else given
+
+
+def missing_to_connect(
+    spec: RunSpec, facts: Facts, vut: ObjectState | None, targets: Mapping[str, ObjectState]
+) -> list[str]:
+    """Every participant is heard."""
+    heard = [("the VUT", vut, facts.vut_age_s)]
+    heard += [(t.id, targets.get(t.id), facts.age_of(t.id)) for t in spec.targets]
+    missing = []
+    for name, state, age_s in heard:
+        if state is None or math.isinf(age_s):
+            missing.append(f"no state of {name} arrives")
+        elif not age_s <= FRESH_S:
+            missing.append(
+                f"no state of {name} arrives: none for {age_s:.2f} s, limit {FRESH_S:g} s"
+            )
+    return missing
+
+
+def missing_to_arm(
+    spec: RunSpec,
+    facts: Facts,
+    vut: ObjectState | None,
+    targets: Mapping[str, ObjectState],
+    now_ns: int,
+) -> list[str]:
+    """Everything fresh, measured, recorded and in place; the objects DISARMED or ARMED."""
+    return _missing(spec, facts, vut, targets, now_ns, _READY_TO_ARM)
+
+
+def missing_to_start(
+    spec: RunSpec,
+    facts: Facts,
+    vut: ObjectState | None,
+    targets: Mapping[str, ObjectState],
+    now_ns: int,
+) -> list[str]:
+    """All that arming needs, once more, and every object reports that it is ARMED."""
+    return _missing(spec, facts, vut, targets, now_ns, (ControlState.ARMED,))
+
+
+def _missing(
+    spec: RunSpec,
+    facts: Facts,
+    vut: ObjectState | None,
+    targets: Mapping[str, ObjectState],
+    now_ns: int,
+    wanted: tuple[ControlState, ...],
+) -> list[str]:
+    missing = missing_to_connect(spec, facts, vut, targets)
+    if facts.other_managers:
+        who = f": {facts.foreign}" if facts.foreign else ""
+        missing.append(f"{facts.other_managers} other managers, limit 0{who}")
+    missing += _unrecorded(spec, facts)
+    present = [(spec.vut, vut)] if vut is not None else []
+    for target in spec.targets:
+        missing += _unmeasured(target.id, facts.link_of(target.id), spec.limits)
+        state = targets.get(target.id)
+        if state is not None:
+            present.append((target, state))
+    for participant, state in present:
+        if participant is not spec.vut and state.control_state not in wanted:
+            names = " or ".join(control.name for control in wanted)
+            missing.append(f"{participant.id} is {state.control_state.name}, not {names}")
+        missing += _not_as_it_must_be(participant, state, spec, now_ns)
+    if vut is not None and spec.mode == "live":
+        missing += _too_late_for_triggers(vut, spec, now_ns)
+    return missing + _too_close([state for _, state in present], spec.limits)
+
+
+def _too_late_for_triggers(vut: ObjectState, spec: RunSpec, now_ns: int) -> list[str]:
+    """A VUT whose states come so late that no trigger would ever be judged on them."""
+    # The newest state may lie here for a period before the next one comes.
+    age_s = ns_to_seconds(now_ns - vut.stamp_ns) - spec.step_s
+    limit_s = trigger_age_s(spec)
+    if age_s <= limit_s:
+        return []
+    return [
+        f"states of {spec.vut.id} are {age_s:.3f} s old when they come, limit for triggers "
+        f"{limit_s:g} s (limits.trigger_age_s)"
+    ]
+
+
+def _unrecorded(spec: RunSpec, facts: Facts) -> list[str]:
+    missing = []
+    if not facts.recorder_age_s <= RECORDER_FRESH_S:
+        missing.append("the recorder is silent")
+    elif not facts.recorder_ready:
+        topics = ", ".join(facts.recorder_missing) or "its file is not open"
+        missing.append(f"the recorder is not ready: {topics}")
+    elif facts.recorder_lost:
+        missing.append(f"the recorder has lost {facts.recorder_lost} messages, limit 0")
+    if spec.camera is not None and not facts.camera_age_s <= CAMERA_FRESH_S:
+        missing.append("no camera frame arrives")
+    return missing
+
+
+def _unmeasured(object_id: str, link: LinkEstimate, limits: Limits) -> list[str]:
+    """What is wrong with the link to an object."""
+    if not link.age_s <= FRESH_S:
+        return [
+            f"clock offset and link delay of {object_id} are not measured: no answer to heartbeats"
+            + (f" for {link.age_s:.2f} s, limit {FRESH_S:g} s" if math.isfinite(link.age_s) else "")
+        ]
+    missing = []
+    if (offset := judge.clock_offset(link.offset_s, limits)) is not None:
+        missing.append(
+            f"the clock of {object_id} is off by {offset.measured:.3f} s, limit {offset.limit:g} s"
+        )
+    if (delay := judge.link_delay(link.delay_s, limits)) is not None:
+        missing.append(
+            f"the link to {object_id} takes {delay.measured:.3f} s there and back, "
+            f"limit {delay.limit:g} s"
+        )
+    return missing
+
+
+def _not_as_it_must_be(
+    participant: ParticipantSpec, state: ObjectState, spec: RunSpec, now_ns: int
+) -> list[str]:
+    """What is wrong with one object: its values, their age, its place, its motion."""
+    name, limits = participant.id, spec.limits
+    if not state.is_finite:
+        return [f"{name} has a state with a value that is no number"]
+    problems = []
+    age_s = ns_to_seconds(now_ns - state.stamp_ns)
+    if (stale := judge.state_stale(age_s, limits)) is not None:
+        problems.append(f"the state of {name} is {age_s:.2f} s old, limit {stale.limit:g} s")
+    if (ahead := judge.clock_offset(min(age_s, 0.0), limits)) is not None:
+        problems.append(
+            f"the state of {name} is stamped {-age_s:.3f} s ahead of time, limit {ahead.limit:g} s"
+        )
+    if (vague := judge.localisation(state, limits)) is not None:
+        problems.append(
+            f"the position of {name} is uncertain by {vague.measured:.2f} m, "
+            f"limit {vague.limit:g} m"
+        )
+    start = participant.start
+    away_m = math.hypot(state.x_m - start.x_m, state.y_m - start.y_m)
+    if not away_m <= limits.start_region_m:
+        problems.append(
+            f"{name} is {away_m:.2f} m from its start, limit {limits.start_region_m:g} m"
+        )
+    if not abs(state.speed_mps) <= STANDSTILL_MPS:
+        problems.append(f"{name} moves at {state.speed_mps:.2f} m/s, limit {STANDSTILL_MPS:g} m/s")
+    outside = judge.outside_geofence(box_excess_m(state.box, spec.geofence))
+    if outside is not None:
+        problems.append(f"{name} is outside the geofence by {outside.measured:.2f} m, limit 0 m")
+    return problems
+
+
+def _too_close(everyone: list[ObjectState], limits: Limits) -> list[str]:
+    """Pairs that would break the separation limit as soon as the run starts."""
+    problems = []
+    for i, state in enumerate(everyone):
+        for other in everyone[:i]:
+            passed = judge.separation(other, state, limits)
+            if passed is not None and state.is_finite and other.is_finite:
+                distance_m = box_distance(other.box, state.box)
+                problems.append(
+                    f"{state.object_id} is {distance_m:.2f} m from {other.object_id}, "
+                    f"limit {limits.separation_m:g} m"
+                )
+    return problems
+
+
+_MOVING = (ControlState.RUNNING, ControlState.REMOTE_CONTROLLED)
+# Whoever is armed hasn't heard of the abort yet, and would drive off if it were told to.
+_NOT_ABORTED = (
+    *_MOVING,
+    ControlState.PRE_ARMING,
+    ControlState.ARMED,
+    ControlState.PRE_RUNNING,
+)
+
+
+def stands(state: ObjectState, now_ns: int, aborting: bool = False) -> bool:
+    """True when a fresh state says that the object stands and is not on the move.
+
+    A stamp far ahead of the session's time is no fresh one either.
+
+    Args:
+        state: newest of the object.
+        now_ns: session time.
+        aborting: the session aborts, and the object must have heard it.
+    """
+    return (
+        abs(state.speed_mps) <= STANDSTILL_MPS
+        and abs(ns_to_seconds(now_ns - state.stamp_ns)) <= FRESH_S
+        and state.control_state not in (_NOT_ABORTED if aborting else _MOVING)
+    )
+
+
+def moving(
+    spec: RunSpec,
+    vut: ObjectState | None,
+    targets: Mapping[str, ObjectState],
+    now_ns: int,
+    *,
+    armed: bool,
+    aborting: bool = False,
+    without: Sequence[str] = (),
+) -> list[str]:
+    """Who isn't known to stand, by id.
+
+    Args:
+        spec: the run.
+        vut: newest state of the VUT.
+        targets: newest states by id.
+        now_ns: session time.
+        armed: the session has armed its objects. Before that, what was never heard need not prove
+            that it stands.
+        aborting: the session aborts; every object must have heard it.
+        without: objects that are not asked, because nothing can be heard of them.
+    """
+    known = {spec.vut.id: vut}
+    known |= {t.id: targets.get(t.id) for t in spec.targets if t.id not in without}
+    return [
+        object_id
+        for object_id, state in known.items()
+        if (armed if state is None else not stands(state, now_ns, aborting))
+    ]
+
+
+def missing_for(
+    event: SessionEvent,
+    run: Run,
+    facts: Facts,
+    vut: ObjectState | None,
+    targets: Mapping[str, ObjectState],
+    now_ns: int,
+    heard: Set[str],
+) -> list[str]:
+    """Everything that a command lacks, each with object, measured value and limit.
+
+    Args:
+        event: the command.
+        run: that is loaded.
+        facts: of the node.
+        vut: newest state of the VUT.
+        targets: newest states by id.
+        now_ns: session time.
+        heard: ids of those who have sent a state since the last abort.
+    """
+    if event is SessionEvent.CONNECT:
+        return missing_to_connect(run.spec, facts, vut, targets)
+    if event is SessionEvent.ARM:
+        return missing_to_arm(run.spec, facts, vut, targets, now_ns)
+    if event is SessionEvent.START:
+        return missing_to_start(run.spec, facts, vut, targets, now_ns)
+    if event is SessionEvent.ALL_CLEAR:
+        return _not_clear(run, vut, targets, now_ns, heard)
+    return []
+
+
+def _not_clear(
+    run: Run,
+    vut: ObjectState | None,
+    targets: Mapping[str, ObjectState],
+    now_ns: int,
+    heard: Set[str],
+) -> list[str]:
+    """Who moves, or has said nothing since the abort: what was heard before is no proof."""
+    unknown = set(moving(run.spec, vut, targets, now_ns, armed=run.armed))
+    known = set(targets) | ({run.spec.vut.id} if vut is not None else set())
+    return [f"it is not known of {i} that it stands" for i in sorted(unknown | (known - heard))]

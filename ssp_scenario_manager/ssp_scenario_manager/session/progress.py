@@ -1,0 +1,376 @@
+"""What each instant of a run brings: limits passed, triggers, phases, adaptation, the end."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+
+from ssp_core.clock import ns_to_seconds, seconds_to_ns
+from ssp_core.motion.reference import Reference
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import RunSpec
+from ssp_core.safety import limits as judge
+from ssp_core.safety.codes import SafetyCode
+from ssp_core.safety.fence import box_excess_m
+from ssp_core.vocabulary import ControlState, Phase
+from ssp_scenario_manager.dispatch import references
+from ssp_scenario_manager.dispatch.adaptation import Wish
+from ssp_scenario_manager.dispatch.planned_motion import Pace, play
+from ssp_scenario_manager.dispatch.references import ADAPTED, EXPIRY_S
+from ssp_scenario_manager.session import outbox
+from ssp_scenario_manager.session.limits import (
+    Violation,
+    ack_missing,
+    duration,
+    not_running,
+    object_silent,
+    of_object,
+    own_abort,
+    stamp_ahead,
+    too_near,
+    tracking_error,
+    vut_silent,
+)
+from ssp_scenario_manager.session.preconditions import trigger_age_s
+from ssp_scenario_manager.session.run import Run
+from ssp_scenario_manager.triggers import phases
+from ssp_scenario_manager.triggers.conditions import Snapshot
+from ssp_scenario_manager.triggers.evaluator import Firing, OpenWatches, TriggerWatch
+
+
+def begin(run: Run, now_ns: int) -> list[outbox.Outgoing]:
+    """Starts the run's clock and sends everybody on their approach; who has none stands."""
+    run.started_ns = now_ns
+    run.watches = OpenWatches(TriggerWatch(t, run.path, now_ns) for t in run.spec.triggers)
+    facts: list[outbox.Outgoing] = [outbox.PhaseBegan(now_ns, Phase.APPROACH, "start of the run")]
+    for target in run.spec.targets:
+        if target.approach is not None:
+            address = run.address(target.id, "approach", now_ns, references.APPROACH_LEAD_S)
+            facts.append(run.send(references.approach_reference(address, target.approach)))
+    return facts
+
+
+def judge_triggers(
+    run: Run, vut: ObjectState, targets: Mapping[str, ObjectState], now_ns: int
+) -> Iterator[outbox.Outgoing]:
+    """What the triggers ask for at the VUT's newest state, if that is to be judged at all.
+
+    Each fact is given as soon as it is known, so that a reference can go out before its decision
+    record is written and before the other triggers are judged.
+
+    It isn't when it was judged before, when it is too old, or when it can't be believed, so that
+    the step that follows ends the run. A trigger that can't be driven is remembered for that step,
+    since a limit that is passed at the same instant is the graver reason.
+
+    Args:
+        run: the run.
+        vut: newest state of the VUT.
+        targets: newest states by id.
+        now_ns: session time, that of the dispatch.
+    """
+    if vut.stamp_ns <= run.triggers_judged_ns or run.has_breaks or not vut.is_finite:
+        return
+    run.triggers_judged_ns = vut.stamp_ns
+    if now_ns - vut.stamp_ns > seconds_to_ns(trigger_age_s(run.spec)):
+        run.late_vut_states += 1
+        return
+    for fact in watch_triggers(run, vut, targets, now_ns):
+        if isinstance(fact, Violation):
+            run.failed_trigger = fact
+            return
+        yield fact
+
+
+def watch_triggers(
+    run: Run, vut: ObjectState, targets: Mapping[str, ObjectState], now_ns: int
+) -> Iterator[outbox.Outgoing | Violation]:
+    """Judges the triggers on the VUT's newest state, and sends what they ask for.
+
+    They come before the phases, since every moment until their dispatch counts: a trigger that
+    waits for a phase fires with the state after the one that confirmed it.
+
+    Args:
+        run: the run.
+        vut: state of the VUT that hasn't been judged yet.
+        targets: newest states by id.
+        now_ns: session time, that of the dispatch.
+    """
+    age_ns = seconds_to_ns(run.spec.limits.state_age_s)
+    scene = Snapshot(vut, targets, run.path, age_ns, run.phase_starts)
+    for watch in run.watches.at(scene.stamp_ns):
+        firing = watch.observe(scene)
+        if firing is not None:
+            yield from _fire(run, watch, firing, targets, now_ns)
+
+
+def _fire(
+    run: Run,
+    watch: TriggerWatch,
+    firing: Firing,
+    targets: Mapping[str, ObjectState],
+    now_ns: int,
+) -> Iterator[outbox.Outgoing | Violation]:
+    trigger = watch.spec
+    target = next(t for t in run.spec.targets if t.id == trigger.object_id)
+    if target.id not in targets:
+        why = f"trigger {trigger.id} fired, but {target.id} was never heard"
+        yield _missing(run, target.id, now_ns, why)
+        return
+    address = run.address(target.id, "manoeuvre", now_ns, trigger.lead_time_s)
+    current = run.references.get(target.id)
+    # Looked up only where it is needed: it may have to be decoded first.
+    state = targets[target.id].extrapolated(firing.fired_ns) if current is None else None
+    try:
+        reference = run.ready.take(trigger, address, current) or references.manoeuvre_reference(
+            address,
+            trigger.manoeuvre,
+            state,
+            current,
+            target.approach,
+        )
+    except ValueError as error:
+        why = f"trigger {trigger.id} fired, but its manoeuvre can't be driven: {error}"
+        yield _missing(run, target.id, now_ns, why)
+        return
+    yield run.send(reference)
+    run.adaptations.fire(trigger, reference, current)
+    yield outbox.Triggered(
+        stamp_ns=firing.fired_ns,
+        trigger_id=trigger.id,
+        condition=firing.condition,
+        threshold=firing.threshold,
+        samples=firing.samples,
+        crossing_ns=firing.crossing_ns,
+        references=(reference,),
+    )
+
+
+def judge_phases(
+    run: Run, vut: ObjectState, targets: Mapping[str, ObjectState]
+) -> list[outbox.Outgoing]:
+    """Judges the phases on the states of the VUT and of the OT whose manoeuvre is the event."""
+    state = targets.get(run.spec.initiator_id)
+    if state is None:
+        return []
+    run.phase_watch, began = phases.next_phase(
+        run.phase_watch,
+        vut,
+        state.extrapolated(vut.stamp_ns),
+        run.path,
+        run.spec.thresholds,
+        run.spec.observable,
+    )
+    if began is None:
+        return []
+    run.phase_starts[began.phase] = began.stamp_ns
+    if began.phase is Phase.RESOLUTION:
+        run.resolved_ns = vut.stamp_ns
+    return [outbox.PhaseBegan(began.stamp_ns, began.phase, began.evidence)]
+
+
+def is_complete(run: Run, now_ns: int) -> bool:
+    """The event was resolved long enough ago."""
+    wait_ns = seconds_to_ns(run.spec.end.after_resolution_s)
+    return run.resolved_ns is not None and now_ns - run.resolved_ns >= wait_ns
+
+
+def overdue(run: Run, now_ns: int) -> Violation | None:
+    """The event should have been resolved by now."""
+    if run.started_ns is None or run.resolved_ns is not None:
+        return None
+    if ns_to_seconds(now_ns - run.started_ns) < run.spec.end.at_latest_s:
+        return None
+    why = f"phase reached: {run.phase_watch.phase.name.lower()}"
+    if run.late_vut_states:
+        why += f"; {run.late_vut_states} states of the VUT came too late for triggers"
+    # A trigger that wasn't judged in time may be all that was missing.
+    return replace(_missing(run, "", now_ns, why), by_us=run.late_vut_states > 0)
+
+
+def _missing(run: Run, object_id: str, now_ns: int, why: str) -> Violation:
+    elapsed_s = ns_to_seconds(now_ns - run.started_ns) if run.started_ns is not None else 0.0
+    limit_s = run.spec.end.at_latest_s
+    return Violation(SafetyCode.EVENT_MISSING, object_id, elapsed_s, limit_s, now_ns, why)
+
+
+OWN_REASON_S = 0.1
+
+
+def limits_passed(
+    run: Run,
+    vut: ObjectState | None,
+    targets: Mapping[str, ObjectState],
+    now_ns: int,
+    *,
+    running: bool,
+) -> list[Violation]:
+    """Everything that is wrong at this instant, in the order in which it is announced.
+
+    Args:
+        run: the run, armed or begun.
+        vut: newest state of the VUT; None when there was none.
+        targets: newest states by id.
+        now_ns: session time.
+        running: the session is RUNNING, and so must be its objects.
+    """
+    spec, limits = run.spec, run.spec.limits
+    breaks = run.take_breaks()
+    found: list[Violation | None] = []
+    present: list[ObjectState] = []
+    # Who was never heard has been silent since the start, and may be still before it.
+    since_ns = run.started_ns if run.started_ns is not None else now_ns
+    early_s = spec.step_s if spec.mode == "realtime" else 0.0
+    if vut is None:
+        age_s = ns_to_seconds(now_ns - since_ns)
+        found.append(vut_silent(age_s, limits, now_ns))
+    else:
+        found.append(vut_silent(ns_to_seconds(now_ns - vut.stamp_ns), limits, now_ns))
+        found.append(stamp_ahead(vut, now_ns, early_s, limits))
+        present.append(vut)
+    # A stamp from the future makes its state a jump, or one that stands; it is the reason.
+    found += breaks
+    for target in spec.targets:
+        state = targets.get(target.id)
+        last_ns = state.stamp_ns if state is not None else since_ns
+        age_s = ns_to_seconds(now_ns - last_ns)
+        silent = object_silent(target.id, age_s, limits, now_ns)
+        found.append(silent)
+        if state is not None and silent is None:
+            found.append(stamp_ahead(state, now_ns, early_s, limits))
+            found.append(_own_abort(run, state, now_ns))
+            if running:
+                found.append(_left_the_run(run, state, now_ns))
+            present.append(state if vut is None else _at(state, vut.stamp_ns))
+    found += violations(present, spec)
+    for reference in run.answers.due:
+        found.append(ack_missing(reference.object_id, reference.dispatched_ns, now_ns, limits))
+    if run.started_ns is not None:
+        found.append(duration(run.started_ns, now_ns, limits))
+    return [violation for violation in found if violation is not None]
+
+
+def violations(everyone: Sequence[ObjectState], spec: RunSpec) -> list[Violation]:
+    """All limits that the states of one instant pass, the gravest first.
+
+    Args:
+        everyone: states at one stamp, that of the VUT first where there is one.
+        spec: gives limits and fence.
+    """
+    broken = [state for state in everyone if not state.is_finite]
+    found = [of_object(judge.state_not_finite(s), s.object_id, s.stamp_ns) for s in broken]
+    sound = [state for state in everyone if state.is_finite]
+    limits = spec.limits
+    for i, k in judge.near_pairs(sound, limits.separation_m):
+        found.append(too_near(sound[i], sound[k], limits))
+    for state in sound:
+        checks = [
+            judge.over_speed(state, limits),
+            judge.outside_geofence(box_excess_m(state.box, spec.geofence)),
+            judge.localisation(state, limits),
+        ]
+        if state.reference_id and state.control_state is ControlState.RUNNING:
+            # Who brakes for another reason leaves its reference, and brakes harder than one asks.
+            checks.append(judge.over_acceleration(state, limits))
+        found += [of_object(passed, state.object_id, state.stamp_ns) for passed in checks]
+        found.append(tracking_error(state, limits))
+    real = [violation for violation in found if violation is not None]
+    return sorted(real, key=lambda v: v.code != SafetyCode.COLLISION)
+
+
+def collisions(
+    run: Run, vut: ObjectState | None, targets: Mapping[str, ObjectState]
+) -> list[Violation]:
+    """While everything brakes there is one thing left to see: that two of us touch."""
+    everyone = [vut] if vut is not None and vut.is_finite else []
+    for target in run.spec.targets:
+        state = targets.get(target.id)
+        if state is not None and state.is_finite:
+            everyone.append(state if vut is None else _at(state, vut.stamp_ns))
+    limits = run.spec.limits
+    found = [
+        too_near(everyone[i], everyone[k], limits)
+        for i, k in judge.near_pairs(everyone, limits.separation_m)
+    ]
+    return [v for v in found if v is not None and v.code is SafetyCode.COLLISION]
+
+
+def _at(state: ObjectState, stamp_ns: int) -> ObjectState:
+    return state.extrapolated(stamp_ns) if state.is_finite else state
+
+
+def _own_abort(run: Run, state: ObjectState, now_ns: int) -> Violation | None:
+    """An object that stopped by itself; in a run it has time to say why, with a safety event."""
+    violation = own_abort(state)
+    if violation is None or run.started_ns is None:
+        return violation
+    since = run.own_abort_ns.setdefault(state.object_id, now_ns)
+    return violation if now_ns - since >= seconds_to_ns(OWN_REASON_S) else None
+
+
+def _left_the_run(run: Run, state: ObjectState, now_ns: int) -> Violation | None:
+    """An object that doesn't take part any more: started anew, or stopped by somebody else.
+
+    It stands or will, but nobody knows why, and it takes no reference. ARMED is one that hasn't
+    heard of the start yet, as long as it may have heard nothing and its states may be on their way.
+    """
+    control = state.control_state
+    if control in (ControlState.RUNNING, ControlState.ABORTING) or run.started_ns is None:
+        return None
+    limits = run.spec.limits
+    hears_s = limits.heartbeat_s + limits.state_age_s
+    if control is ControlState.ARMED and now_ns - run.started_ns <= seconds_to_ns(hears_s):
+        return None
+    return not_running(state)
+
+
+def watch_adaptation(run: Run, vut: ObjectState, now_ns: int) -> list[outbox.Outgoing | Violation]:
+    """Judges the dispatched manoeuvres on the VUT's newest state, and adapts them.
+
+    A passing order that can't be kept ends the run: nothing that happens afterwards would be the
+    event.
+
+    Args:
+        run: the run.
+        vut: state of the VUT that hasn't been judged yet.
+        now_ns: session time, that of a dispatch.
+    """
+    facts: list[outbox.Outgoing | Violation] = []
+    for wish in run.adaptations.judge(run.spec, run.path, vut, now_ns):
+        decision, trigger = wish.decision, wish.fired.trigger
+        if decision.wrong_order:
+            elapsed_s = ns_to_seconds(now_ns - (run.started_ns or 0))
+            facts.append(
+                Violation(
+                    SafetyCode.EVENT_MISSING,
+                    trigger.object_id,
+                    elapsed_s,
+                    run.spec.end.at_latest_s,
+                    now_ns,
+                    decision.wrong_order,
+                )
+            )
+            continue
+        if decision.pace is not None:
+            facts.append(_dispatch(run, wish, decision.pace, now_ns))
+        if decision.note:
+            facts.append(outbox.Note(now_ns, f"{trigger.object_id}: {decision.note}"))
+    facts += [outbox.Note(now_ns, text) for text in run.adaptations.take_notes()]
+    return facts
+
+
+def _dispatch(run: Run, wish: Wish, pace: Pace, now_ns: int) -> outbox.Dispatch:
+    lead_s = ns_to_seconds(pace.start_ns - now_ns)
+    address = run.address(wish.fired.trigger.object_id, ADAPTED, now_ns, lead_s)
+    run.adaptations.send(address.reference_id, wish)
+    return run.send(
+        Reference(
+            reference_id=address.reference_id,
+            object_id=address.object_id,
+            event_version=address.event_version,
+            purpose=address.purpose,
+            dispatched_ns=now_ns,
+            execute_at_ns=pace.start_ns,
+            expires_at_ns=pace.start_ns + seconds_to_ns(EXPIRY_S),
+            points=play(wish.decision.adapting.routine.columns, pace),
+        )
+    )

@@ -1,0 +1,354 @@
+"""What belongs to one run of a session: newest states, references, planned manoeuvres, verdict."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+
+from ssp_core.clock import ns_to_seconds, seconds_to_ns
+from ssp_core.geometry import Polyline
+from ssp_core.motion.reference import Reference
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.participants import FollowPath, TriggerSpec
+from ssp_core.safety.codes import SafetyCode
+from ssp_core.safety.limits import Continuity, follow
+from ssp_core.vocabulary import Phase, Verdict
+from ssp_scenario_manager.dispatch.adaptation import Adaptations
+from ssp_scenario_manager.dispatch.references import (
+    ADAPTED,
+    Address,
+    PendingReferences,
+    is_fatal,
+    manoeuvre_reference,
+)
+from ssp_scenario_manager.session import outbox
+from ssp_scenario_manager.session.limits import Violation, of_object
+from ssp_scenario_manager.triggers import phases
+from ssp_scenario_manager.triggers.conditions import Quantity
+from ssp_scenario_manager.triggers.evaluator import OpenWatches, TriggerWatch
+
+# A condition is about to change when its value goes on as it did for so many states.
+_STATES_AHEAD = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Planned:
+    """A manoeuvre for one execute_at, from one reference."""
+
+    reference: Reference
+    current: Reference
+
+
+class PreparedManoeuvres:
+    """Planned manoeuvres of a run, by trigger. Reads no clock.
+
+    Args:
+        spec: the run.
+    """
+
+    def __init__(self, spec: RunSpec) -> None:
+        self._spec = spec
+        self._values: dict[str, tuple[float, ...]] = {}
+        self._planned: dict[str, _Planned] = {}
+
+    def plan(
+        self,
+        watches: Iterable[TriggerWatch],
+        references: Mapping[str, Reference],
+        now_ns: int,
+    ) -> None:
+        """Plans for the next state what may be fired by it.
+
+        Args:
+            watches: triggers that can fire.
+            references: that are being driven, by object.
+            now_ns: session time of the state that was just judged.
+        """
+        step_ns = seconds_to_ns(self._spec.step_s)
+        for watch in watches:
+            trigger = watch.spec
+            if isinstance(trigger.manoeuvre, FollowPath):
+                continue
+            asked = watch.values
+            values = tuple(value for _, value in asked)
+            before, self._values[trigger.id] = self._values.get(trigger.id), values
+            current = references.get(trigger.object_id)
+            if current is None or before is None or not _is_near(asked, before):
+                continue
+            at_ns = now_ns + step_ns + seconds_to_ns(trigger.lead_time_s)
+            planned = self._plan(trigger, current, at_ns)
+            if planned is not None:
+                self._planned[trigger.id] = planned
+
+    def _plan(self, trigger: TriggerSpec, current: Reference, at_ns: int) -> _Planned | None:
+        target = next(t for t in self._spec.targets if t.id == trigger.object_id)
+        address = Address("", target.id, self._spec.event_version, "manoeuvre", 0, at_ns)
+        # What can't be driven is told of when it is asked for.
+        with suppress(ValueError):
+            reference = manoeuvre_reference(
+                address, trigger.manoeuvre, None, current, target.approach
+            )
+            reference.row_bytes()
+            return _Planned(reference, current)
+        return None
+
+    def take(
+        self, trigger: TriggerSpec, address: Address, current: Reference | None
+    ) -> Reference | None:
+        """The planned manoeuvre, if it is what the trigger that fires now asks for.
+
+        Its execute_at may differ by half a step from what the stamps say: states of a live session
+        don't come exactly a step apart.
+        """
+        planned = self._planned.pop(trigger.id, None)
+        if planned is None or planned.current is not current:
+            return None
+        at_ns = planned.reference.execute_at_ns
+        if abs(at_ns - address.execute_at_ns) > seconds_to_ns(self._spec.step_s) // 2:
+            return None
+        return replace(
+            planned.reference,
+            reference_id=address.reference_id,
+            dispatched_ns=address.dispatched_ns,
+        )
+
+
+def _is_near(asked: Sequence[tuple[Quantity, float]], before: Sequence[float]) -> bool:
+    """A single condition holds, or would within a few states if its value went on as it did."""
+    for (quantity, now), then in zip(asked, before, strict=False):
+        if not (math.isfinite(now) and math.isfinite(then)):
+            continue
+        left = quantity.threshold - now
+        if quantity.relation != "<":
+            left = -left
+        # What is left to go is negative as long as the condition doesn't hold.
+        if left >= 0.0 or abs(left) <= _STATES_AHEAD * abs(now - then):
+            return True
+    return False
+
+
+@dataclass
+class Run:
+    """The run's file and path, what was sent and answered, and what its watches remember."""
+
+    spec: RunSpec
+    path: Polyline
+    started_ns: int | None = None
+    references: dict[str, Reference] = field(default_factory=dict)
+    answers: PendingReferences = field(default_factory=PendingReferences)
+    adaptations: Adaptations = field(default_factory=Adaptations)
+    ready: PreparedManoeuvres = field(init=False)
+    watches: OpenWatches = field(default_factory=OpenWatches)
+    phase_watch: phases.PhaseWatch = field(default_factory=phases.PhaseWatch)
+    phase_starts: dict[Phase, int] = field(default_factory=dict)
+    armed: bool = False
+    resolved_ns: int | None = None
+    triggers_judged_ns: int = -1
+    failed_trigger: Violation | None = None
+    judged_ns: int = -1
+    own_abort_ns: dict[str, int] = field(default_factory=dict)
+    sent: int = 0
+    late_vut_states: int = 0
+    verdict: Verdict = Verdict.NONE
+    reasons: list[str] = field(default_factory=list)
+    closed: bool = False
+    continuity: dict[str, Continuity] = field(default_factory=dict)
+    _breaks: list[Violation] = field(default_factory=list)
+    _blamed: set[tuple[SafetyCode, str]] = field(default_factory=set)
+    _given: set[str] = field(default_factory=set)
+
+    def elapsed_s(self, now_ns: int) -> float:
+        """Session time since the start, 0 before it."""
+        return 0.0 if self.started_ns is None else ns_to_seconds(now_ns - self.started_ns)
+
+    def __post_init__(self) -> None:
+        self.ready = PreparedManoeuvres(self.spec)
+
+    @property
+    def blind_text(self) -> str:
+        """How far an object may drive before it knows that its link is cut."""
+        limits = self.spec.limits
+        return (
+            f"blind distance on link loss: {limits.speed_mps * limits.heartbeat_s:.1f} m "
+            f"({limits.speed_mps:g} m/s for {limits.heartbeat_s:g} s)"
+        )
+
+    # -- verdict -------------------------------------------------------------------------------
+
+    def blame(self, violation: Violation) -> bool:
+        """Takes a limit that was passed as a reason of the verdict; the first one gives it.
+
+        Returns:
+            False when this limit of this object is a reason already.
+        """
+        if (violation.code, violation.object_id) in self._blamed:
+            return False
+        self._blamed.add((violation.code, violation.object_id))
+        self.reason(violation.verdict, violation.text, violation.stamp_ns)
+        return True
+
+    def reason(self, verdict: Verdict, text: str, now_ns: int) -> None:
+        """Adds a reason with its time in the run; the verdict is that of the first.
+
+        A person who aborts twice gives one reason, and what comes after the end gives none.
+        """
+        if self.closed or text in self._given:
+            return
+        self._given.add(text)
+        if not self.reasons:
+            self.verdict = verdict
+        if self.started_ns is not None:
+            text += f" at {ns_to_seconds(now_ns - self.started_ns):.2f} s"
+        self.reasons.append(text)
+
+    def close(self) -> None:
+        """The run is over; it was valid if nothing spoke against it, and nothing will any more."""
+        if self.verdict is Verdict.NONE:
+            self.verdict = Verdict.VALID
+        self.closed = True
+
+    def end_early(self, requested_by: str, now_ns: int) -> None:
+        """A run that is ended before its event is resolved is no valid one."""
+        if self.resolved_ns is None:
+            reached = self.phase_watch.phase.name.lower()
+            text = f"stopped by {requested_by} before resolution, in {reached}"
+            self.reason(Verdict.ABORTED, text, now_ns)
+
+    # -- states --------------------------------------------------------------------------------
+
+    def has_target(self, object_id: str) -> bool:
+        """The object is one of the run's targets."""
+        return any(target.id == object_id for target in self.spec.targets)
+
+    def see(self, state: ObjectState) -> None:
+        """Judges a state that arrived by those before it."""
+        memory = self.continuity.get(state.object_id, Continuity())
+        self.continuity[state.object_id], passed = follow(memory, state, self.spec.limits)
+        found = (of_object(p, state.object_id, state.stamp_ns) for p in passed)
+        self._breaks += [violation for violation in found if violation is not None]
+
+    @property
+    def has_breaks(self) -> bool:
+        """A state came that doesn't follow from those before it; the next step ends the run."""
+        return bool(self._breaks)
+
+    def take_breaks(self) -> list[Violation]:
+        """Takes out what ``see`` has found since the last call, in an order of its own.
+
+        States of one step arrive in any order; what is decided must not depend on it.
+        """
+        taken, self._breaks = self._breaks, []
+        return sorted(taken, key=lambda v: (v.stamp_ns, v.object_id, v.code))
+
+    # -- references ----------------------------------------------------------------------------
+
+    def address(self, object_id: str, purpose: str, now_ns: int, lead_s: float) -> Address:
+        """The address of the next reference."""
+        self.sent += 1
+        return Address(
+            reference_id=f"{object_id}-{self.sent}",
+            object_id=object_id,
+            event_version=self.spec.event_version,
+            purpose=purpose,
+            dispatched_ns=now_ns,
+            execute_at_ns=now_ns + seconds_to_ns(lead_s),
+        )
+
+    def send(self, reference: Reference) -> outbox.Dispatch:
+        """Remembers that an answer is due."""
+        self.answers.expect(reference)
+        return outbox.Dispatch(reference)
+
+    def send_again(self, now_ns: int) -> list[outbox.Dispatch]:
+        """Copies of references whose answer may have been lost."""
+        again = self.answers.again(now_ns, self.spec.step_s)
+        return [outbox.Dispatch(reference) for reference in again]
+
+    def answer(
+        self, reference_id: str, accepted: bool, code: int, message: str, now_ns: int
+    ) -> Violation | None:
+        """An object's answer to a reference: a refusal is a violation, a second answer nothing.
+
+        A refused adapted reference is none where the object can go on without it.
+        """
+        reference = self.answers.take(reference_id, accepted=accepted)
+        if reference is None:
+            return None
+        if accepted:
+            known = self.references.get(reference.object_id)
+            if known is None or reference.dispatched_ns >= known.dispatched_ns:
+                self.references[reference.object_id] = reference
+        fatal = not accepted and is_fatal(reference, code)
+        if reference.purpose == ADAPTED and not fatal:
+            self.adaptations.answer(reference_id, accepted=accepted, message=message)
+        if not fatal:
+            return None
+        return Violation(
+            SafetyCode.REFERENCE_REFUSED, reference.object_id, float(code), 0.0, now_ns, message
+        )
+
+
+@dataclass
+class LatestStates:
+    """What a session knows of its objects.
+
+    Args:
+        vut: newest state of the VUT.
+        targets: newest states of the object targets by id.
+        heard: ids of those who have sent a state; emptied by an abort.
+    """
+
+    vut: ObjectState | None = None
+    targets: dict[str, ObjectState] = field(default_factory=dict)
+    heard: set[str] = field(default_factory=set)
+
+    def take_vut(self, state: ObjectState, run: Run | None, *, in_order: bool) -> bool:
+        """Takes a state of the VUT; see take_target."""
+        if run is not None and state.object_id != run.spec.vut.id:
+            return False
+        if _replaces(self.vut, state, in_order):
+            self.vut = state
+        self._note(state, run)
+        return True
+
+    def take_target(self, state: ObjectState, run: Run | None, *, in_order: bool) -> bool:
+        """Takes a state of an object target.
+
+        Args:
+            state: of one object.
+            run: that is loaded.
+            in_order: a run lasts, so that a state older than what is known is dropped. Otherwise
+                what came last is the truth: a clock that was wrong must not outlast its correction.
+
+        Returns:
+            False for a state of an object that the run doesn't know; nothing has happened then.
+        """
+        if run is not None and not run.has_target(state.object_id):
+            return False
+        if _replaces(self.targets.get(state.object_id), state, in_order):
+            self.targets[state.object_id] = state
+        self._note(state, run)
+        return True
+
+    def forget_ahead(self, latest_ns: int) -> None:
+        """Forgets states with a later stamp: a clock that was wrong would outlast its correction.
+
+        Args:
+            latest_ns: stamp of the latest state that may still be believed.
+        """
+        if self.vut is not None and self.vut.stamp_ns > latest_ns:
+            self.vut = None
+        for object_id in [i for i, s in self.targets.items() if s.stamp_ns > latest_ns]:
+            del self.targets[object_id]
+
+    def _note(self, state: ObjectState, run: Run | None) -> None:
+        self.heard.add(state.object_id)
+        if run is not None:
+            run.see(state)
+
+
+def _replaces(known: ObjectState | None, state: ObjectState, in_order: bool) -> bool:
+    return known is None or state.stamp_ns >= known.stamp_ns or not in_order

@@ -1,0 +1,130 @@
+"""The order of the commands of a whole run, and what a run ended with."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ssp_core.clock import seconds_to_ns
+from ssp_core.run_file.verdict import RecordedVerdict
+from ssp_core.vocabulary import SessionPhase, Verdict
+from ssp_scenario_manager.session.state_machine import Answer, SessionEvent
+
+# How long a step may be refused (a participant still starting, say) before the goal fails. A
+# camera that compiles its kernels for the first time on a busy machine takes 30 s.
+PATIENCE_S = 45.0
+
+_NEXT = {
+    SessionPhase.LOADED: SessionEvent.CONNECT,
+    SessionPhase.CONNECTED: SessionEvent.ARM,
+    SessionPhase.ARMED: SessionEvent.START,
+}
+_OVER = (SessionPhase.FINISHED, SessionPhase.ABORTED)
+
+
+class RunScript:
+    """Which command to try next. Times are steady-clock nanoseconds.
+
+    A goal begins with loading its own file; a session that is somewhere else already is refused.
+    """
+
+    def __init__(self, run_file: str, now_ns: int) -> None:
+        self.run_file = run_file
+        self.problems: tuple[str, ...] = ()
+        self.finished = False
+        self.begun = False
+        self._deadline_ns = now_ns
+        self._reached: SessionPhase | None = None
+        self._refusal: tuple[str, ...] = ()
+        self._unconfirmed = False
+
+    def next(self, state: SessionPhase, now_ns: int) -> SessionEvent | None:
+        """The command to try now, None to wait."""
+        if self.finished:
+            return None
+        if not self.begun:
+            if state in (SessionPhase.IDLE, SessionPhase.LOADED):
+                return SessionEvent.LOAD
+            self._end((f"the session is {state.name} already; reset it or clear its abort first",))
+            return None
+        if state in _OVER or (state is SessionPhase.ABORTING and self._unconfirmed):
+            self.finished = True
+            return None
+        if state is SessionPhase.IDLE:
+            self._end(("the session was reset by somebody else",))
+            return None
+        # Only progress buys more time: an object that never arms must not go on for ever.
+        if self._reached is None or state > self._reached:
+            self._reached = state
+            self._refusal = ()
+            self._deadline_ns = now_ns + seconds_to_ns(PATIENCE_S)
+        event = _NEXT.get(state)
+        if event is not None and now_ns > self._deadline_ns:
+            self._end(self._refusal or (f"{event.value} was not possible in {PATIENCE_S:g} s",))
+            return None
+        return event
+
+    def on_answer(self, answer: Answer) -> None:
+        """The answer to the command that next() named. A file that can't be loaded is final."""
+        if not self.begun:
+            self.begun = answer.accepted
+            if not answer.accepted:
+                self._end(answer.missing or (answer.error_msg,))
+        elif not answer.accepted:
+            self._refusal = answer.missing or (answer.error_msg,)
+
+    @property
+    def waits_for(self) -> str:
+        """What keeps the next command from being accepted, for people; empty when nothing does."""
+        return "" if self.finished else "; ".join(self._refusal)
+
+    def on_setback(self, reason: str) -> None:
+        """An accepted command came to nothing."""
+        self._refusal = (reason,)
+
+    def standstill_unconfirmed(self) -> None:
+        """The session aborts and nobody is left to report a standstill."""
+        self._unconfirmed = True
+
+    def _end(self, problems: tuple[str, ...]) -> None:
+        self.finished = True
+        self.problems = problems
+
+
+@dataclass(frozen=True, slots=True)
+class RunOutcome:
+    """Verdict of a run, and the reasons for it, the primary one first."""
+
+    verdict: Verdict
+    reasons: tuple[str, ...]
+
+    @property
+    def ok(self) -> bool:
+        return self.verdict is Verdict.VALID
+
+    def with_reason(self, verdict: Verdict, reason: str) -> RunOutcome:
+        """The same with one more reason; the verdict only if there was none that says more."""
+        if reason in self.reasons:
+            return self
+        kept = self.verdict if self.verdict not in (Verdict.NONE, Verdict.VALID) else verdict
+        return RunOutcome(kept, (*self.reasons, reason))
+
+    def with_misses(self, misses: Sequence[str]) -> RunOutcome:
+        """A sound run whose event didn't become that of K* is ``off_spec`` (METHOD 4.4).
+
+        Args:
+            misses: what isn't as K* wants it; a run that wasn't valid anyway keeps its verdict.
+        """
+        return RunOutcome(Verdict.OFF_SPEC, tuple(misses)) if self.ok and misses else self
+
+    def with_word_of_recorder(self, told: RecordedVerdict | None) -> RunOutcome:
+        """The same with what the recorder alone knows, which it left when it closed the bag.
+
+        Args:
+            told: its verdict; None where it left none.
+        """
+        outcome = self
+        if told is not None and told.verdict is not Verdict.VALID:
+            for reason in told.reasons:
+                outcome = outcome.with_reason(told.verdict, reason)
+        return outcome

@@ -1,0 +1,375 @@
+"""The session: commands and states in; transitions, references and events out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+from ssp_core import names
+from ssp_core.cdr.states import find_state
+from ssp_core.clock import seconds_to_ns
+from ssp_core.geometry import Polyline
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import RunSpec
+from ssp_core.safety.codes import SafetyCode
+from ssp_core.vocabulary import Phase, SessionPhase, Verdict
+from ssp_scenario_manager.dispatch import references
+from ssp_scenario_manager.session import limits, outbox, preconditions, progress
+from ssp_scenario_manager.session.run import LatestStates, Run
+from ssp_scenario_manager.session.state_machine import (
+    REFUSED_CONDITION,
+    REFUSED_TRANSITION,
+    Answer,
+    IllegalTransition,
+    SessionEvent,
+    next_state,
+)
+from ssp_scenario_manager.triggers import fireability
+
+
+class PendingStates:
+    """ObjectStates messages in the order of their arrival, not decoded yet."""
+
+    def __init__(self) -> None:
+        self._waiting: list[tuple[bytes, int]] = []
+
+    def put(self, data: bytes, steady_ns: int) -> None:
+        """Takes a message, and when it arrived on the steady clock."""
+        self._waiting.append((data, steady_ns))
+
+    def take(self) -> list[tuple[bytes, int]]:
+        """Gives the messages with their arrivals, and forgets them."""
+        taken, self._waiting = self._waiting, []
+        return taken
+
+    def newest(self, object_id: str) -> ObjectState | None:
+        """The state of an object that arrived last; None: none waits, or none that can be read."""
+        for data, _ in reversed(self._waiting):
+            try:
+                state = find_state(data, object_id)
+            except ValueError:
+                continue
+            if state is not None:
+                return state
+        return None
+
+    def over(self, known: Mapping[str, ObjectState]) -> Mapping[str, ObjectState]:
+        """The newest states by id, of those that wait and those that were taken in."""
+        return _Over(known, self) if self._waiting else known
+
+
+class _Over(Mapping[str, ObjectState]):
+    """States that wait before those that are known; an older one doesn't replace a newer one."""
+
+    def __init__(self, known: Mapping[str, ObjectState], arrivals: PendingStates) -> None:
+        self._known = known
+        self._arrivals = arrivals
+
+    def __getitem__(self, object_id: str) -> ObjectState:
+        known, state = self._known.get(object_id), self._arrivals.newest(object_id)
+        if state is None or (known is not None and state.stamp_ns < known.stamp_ns):
+            return self._known[object_id]
+        return state
+
+    def __contains__(self, object_id: object) -> bool:
+        return object_id in self._known or (
+            isinstance(object_id, str) and self._arrivals.newest(object_id) is not None
+        )
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._known)
+
+    def __len__(self) -> int:
+        return len(self._known)
+
+
+# Where limits are judged: from the arming of the objects to their standstill.
+WATCHED = (SessionPhase.ARMED, SessionPhase.RUNNING, SessionPhase.STOPPING)
+
+
+class Session:
+    """State machine, triggers, dispatch and supervision of one session."""
+
+    def __init__(self) -> None:
+        self.state = SessionPhase.IDLE
+        self.outbox: list[outbox.Outgoing] = []
+        self.facts = preconditions.Facts()
+        self.late_s = 0.0  # how late the manager was of late, as its watchdog says
+        self._run: Run | None = None
+        self._known = LatestStates()
+
+    # -- what others may look at --------------------------------------------------------------
+
+    @property
+    def spec(self) -> RunSpec | None:
+        return self._run.spec if self._run else None
+
+    @property
+    def vut(self) -> ObjectState | None:
+        """Newest state of the VUT."""
+        return self._known.vut
+
+    @property
+    def targets(self) -> dict[str, ObjectState]:
+        """Newest states of the object targets by id."""
+        return self._known.targets
+
+    @property
+    def verdict(self) -> Verdict:
+        return self._run.verdict if self._run else Verdict.NONE
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        return tuple(self._run.reasons) if self._run else ()
+
+    @property
+    def phase(self) -> Phase:
+        return self._run.phase_watch.phase if self._run else Phase.UNKNOWN
+
+    def elapsed_s(self, now_ns: int) -> float:
+        """Session time since the start of the run, 0 before it."""
+        return self._run.elapsed_s(now_ns) if self._run else 0.0
+
+    # -- commands ------------------------------------------------------------------------------
+
+    def load(self, spec: RunSpec, now_ns: int) -> Answer:
+        """Takes a run that was read and validated."""
+        problems = fireability.cannot_fire(spec)
+        if problems:
+            return Answer(False, REFUSED_CONDITION, "; ".join(problems), tuple(problems))
+        try:
+            next_state(self.state, SessionEvent.LOAD)
+        except IllegalTransition as error:
+            return Answer(False, REFUSED_TRANSITION, str(error))
+        if spec.vut.approach is None:
+            raise ValueError("a run without a path for the VUT passed the checks")
+        self._run = Run(spec=spec, path=Polyline(spec.vut.approach.path))
+        references.prepare(spec)
+        # What was heard so far belongs to another run.
+        self._known = LatestStates()
+        self._move(SessionEvent.LOAD, now_ns, f"{spec.scenario} on {spec.site}")
+        return Answer(True)
+
+    def command(self, event: SessionEvent, now_ns: int, requested_by: str, reason: str) -> Answer:
+        """connect, arm, disarm, start, stop, abort, all_clear or reset.
+
+        Raises:
+            ValueError: the event is no command.
+        """
+        if event.value not in names.SESSION_COMMANDS:
+            raise ValueError(f"{event.value} is no command")
+        if event is SessionEvent.ABORT:
+            self._abort_by_operator(now_ns, requested_by, reason)
+            return Answer(True)
+        try:
+            next_state(self.state, event)
+        except IllegalTransition as error:
+            return Answer(False, REFUSED_TRANSITION, str(error))
+        missing: list[str] = []
+        if self._run is not None:
+            known = (self.facts, self.vut, self.targets)
+            missing = preconditions.missing_for(event, self._run, *known, now_ns, self._known.heard)
+        if missing:
+            text = f"{event.value} refused: " + "; ".join(missing)
+            return Answer(False, REFUSED_CONDITION, text, tuple(missing))
+        if event is SessionEvent.STOP and self._run is not None:
+            self._run.end_early(requested_by, now_ns)
+        why = reason or f"requested by {requested_by}"
+        if event is SessionEvent.ARM and self._run is not None:
+            why += f"; {self._run.blind_text}"
+        self._move(event, now_ns, why)
+        if event is SessionEvent.ARM and self._run is not None:
+            self._run.armed = True
+            self.outbox.append(outbox.ArmObjects(True))
+        elif event is SessionEvent.DISARM:
+            self.outbox.append(outbox.ArmObjects(False))
+        elif event is SessionEvent.START and self._run is not None:
+            self._take(progress.begin(self._run, now_ns))
+        elif event is SessionEvent.ALL_CLEAR:
+            self.outbox.append(outbox.ClearObjects())
+        elif event is SessionEvent.RESET:
+            self._run = None
+        return Answer(True)
+
+    def arming_failed(self, now_ns: int, reason: str) -> None:
+        """An object refused to arm or didn't answer."""
+        if self.state is SessionPhase.ARMED:
+            self._move(SessionEvent.ARM_FAILED, now_ns, reason)
+            self.outbox.append(outbox.ArmObjects(False))
+
+    # -- what arrives --------------------------------------------------------------------------
+
+    def is_ahead(self, state: ObjectState, now_ns: int) -> bool:
+        """True for a VUT's state from the future: a run that lasts ends, and it isn't taken.
+
+        Session time would follow it, and all that is right would be too old after it.
+
+        Args:
+            state: that arrives, before it is taken.
+            now_ns: session time; a simulated world may be a step further.
+        """
+        run = self._run
+        if run is None or not self._lasts or state.object_id != run.spec.vut.id:
+            return False
+        early_s = 0.0 if run.spec.mode == "live" else run.spec.step_s
+        ahead = limits.stamp_ahead(state, now_ns, early_s, run.spec.limits)
+        if ahead is not None:
+            self.fail(ahead)
+        return ahead is not None
+
+    def on_vut_state(self, state: ObjectState) -> bool:
+        """Takes a state of the VUT; False for one of another object, which has no effect."""
+        return self._known.take_vut(state, self._run, in_order=self._lasts)
+
+    def on_target_state(self, state: ObjectState) -> bool:
+        """Takes a state of a target; False for one that the run doesn't know: no effect."""
+        return self._known.take_target(state, self._run, in_order=self._lasts)
+
+    @property
+    def _lasts(self) -> bool:
+        return self.state in WATCHED or self.state is SessionPhase.ABORTING
+
+    def on_ack(
+        self, reference_id: str, accepted: bool, code: int, message: str, now_ns: int
+    ) -> None:
+        """An object's answer to a reference; a refusal aborts the session."""
+        if self._run is not None:
+            refused = self._run.answer(reference_id, accepted, code, message, now_ns)
+            if refused is not None:
+                self.fail(refused)
+
+    def fail(self, violation: limits.Violation, announced: bool = False) -> None:
+        """A limit was passed: announces it and aborts. The first one gives the verdict.
+
+        Args:
+            violation: which limit.
+            announced: another node saw it and has published its event already.
+        """
+        if self.state in (SessionPhase.IDLE, SessionPhase.FINISHED, SessionPhase.ABORTED):
+            return
+        heartbeat_s = self._run.spec.limits.heartbeat_s if self._run is not None else 0.0
+        own = limits.own_lateness(violation, self.late_s, heartbeat_s)
+        violation, announced = own, announced and own is violation
+        if self._run is not None and not self._run.blame(violation):
+            return
+        if not announced:
+            self.outbox.append(outbox.LimitPassed(violation))
+        if self.state is not SessionPhase.ABORTING:
+            self._move(SessionEvent.ABORT, violation.stamp_ns, violation.text)
+
+    def judge_triggers(self, now_ns: int, arrivals: PendingStates | None = None) -> Iterator[None]:
+        """Judges the triggers, and nothing else, on a state of the VUT that is new.
+
+        Goes on to the end as it is iterated over, and pauses whenever something is to be sent.
+
+        What they dispatch shall not wait for everything else that is looked at; ``step`` follows
+        at once, and ends the run where a limit is passed. An object that has begun to brake takes
+        no reference, and none takes effect before its execute_at.
+
+        Args:
+            now_ns: session time; the stamp of the VUT's newest state is at most that.
+            arrivals: states of targets that haven't been taken in yet.
+        """
+        run, vut = self._run, self.vut
+        if run is None or vut is None or self.state is not SessionPhase.RUNNING:
+            return
+        targets = self.targets if arrivals is None else arrivals.over(self.targets)
+        for fact in progress.judge_triggers(run, vut, targets, now_ns):
+            self.outbox.append(fact)
+            yield
+
+    def step(self, now_ns: int) -> None:
+        """Judges the states of one instant: triggers, limits, phases, the end of the run.
+
+        Args:
+            now_ns: session time; the stamp of the VUT's newest state is at most that.
+        """
+        for _ in self.judge_triggers(now_ns):
+            pass
+        run = self._run
+        if run is not None:
+            self._judge(run, now_ns)
+        if self.state is SessionPhase.ABORTING:
+            self._known.forget_ahead(now_ns + seconds_to_ns(preconditions.FRESH_S))
+        ending = self.state in (SessionPhase.STOPPING, SessionPhase.ABORTING)
+        if ending and self.stands(now_ns):
+            if self.state is SessionPhase.STOPPING and run:
+                run.close()
+            self._move(SessionEvent.STANDSTILL, now_ns, "everything stands")
+
+    # -- inside --------------------------------------------------------------------------------
+
+    def _judge(self, run: Run, now_ns: int) -> None:
+        if self.state in WATCHED:
+            running = self.state is SessionPhase.RUNNING
+            passed = progress.limits_passed(run, self.vut, self.targets, now_ns, running=running)
+            self._take(passed)
+        else:
+            run.take_breaks()
+        vut = self.vut
+        if self.state is SessionPhase.RUNNING and vut is not None:
+            if vut.stamp_ns > run.judged_ns:
+                run.judged_ns = vut.stamp_ns
+                if run.failed_trigger is not None:
+                    self.fail(run.failed_trigger)
+                self._take(progress.judge_phases(run, vut, self.targets))
+                self._take(progress.watch_adaptation(run, vut, now_ns))
+                run.ready.plan(run.watches.at(vut.stamp_ns), run.references, now_ns)
+            self._take(run.send_again(now_ns))
+            self._watch_end(run, now_ns)
+        if self.state is SessionPhase.ABORTING:
+            self._take(progress.collisions(run, vut, self.targets))
+
+    def _watch_end(self, run: Run, now_ns: int) -> None:
+        if self.state is not SessionPhase.RUNNING:
+            return
+        if progress.is_complete(run, now_ns):
+            self._move(SessionEvent.COMPLETE, now_ns, "the event is resolved")
+        elif (missing := progress.overdue(run, now_ns)) is not None:
+            self.fail(missing)
+
+    def _move(self, event: SessionEvent, now_ns: int, reason: str) -> None:
+        """Makes a transition and announces it. Raises IllegalTransition without effect."""
+        previous = self.state
+        self.state = next_state(previous, event)
+        if event is SessionEvent.ABORT:
+            # What was heard before says nothing of what came of it.
+            self._known.heard.clear()
+        self.outbox.append(
+            outbox.StateChanged(
+                now_ns, self.state, previous, event.value, reason, self.verdict, self.reasons
+            )
+        )
+
+    def _abort_by_operator(self, now_ns: int, requested_by: str, reason: str) -> None:
+        text = f"abort by {requested_by}" + (f": {reason}" if reason else "")
+        if self._run is not None:
+            self._run.reason(Verdict.ABORTED, text, now_ns)
+        violation = limits.Violation(SafetyCode.OPERATOR, "", 0.0, 0.0, now_ns, text)
+        self.outbox.append(outbox.LimitPassed(violation))
+        self._move(SessionEvent.ABORT, now_ns, text)
+
+    def _take(self, facts: Iterable[outbox.Outgoing | limits.Violation]) -> None:
+        """Sends what was found, or ends the run for it; what was found beside that is not sent."""
+        for fact in facts:
+            if isinstance(fact, limits.Violation):
+                self.fail(fact)
+            elif self.state is SessionPhase.RUNNING:
+                self.outbox.append(fact)
+
+    def stands(self, now_ns: int, without: Sequence[str] = ()) -> bool:
+        """True when a fresh state of everything says that it stands.
+
+        Args:
+            now_ns: session time.
+            without: objects that are not asked, because nothing can be heard of them.
+        """
+        run = self._run
+        return run is None or not preconditions.moving(
+            run.spec,
+            self.vut,
+            self.targets,
+            now_ns,
+            armed=run.armed,
+            aborting=self.state is SessionPhase.ABORTING,
+            without=without,
+        )

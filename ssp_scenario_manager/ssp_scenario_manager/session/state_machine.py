@@ -1,0 +1,93 @@
+"""The session's state machine, a table and the one function that moves along it, and the answer to
+a command.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from ssp_core.vocabulary import SessionPhase
+
+
+class SessionEvent(Enum):
+    """What moves a session. The first nine are commands, the others are observed."""
+
+    LOAD = "load"
+    CONNECT = "connect"
+    ARM = "arm"
+    DISARM = "disarm"
+    START = "start"
+    STOP = "stop"
+    ABORT = "abort"
+    ALL_CLEAR = "all_clear"
+    RESET = "reset"
+    COMPLETE = "complete"
+    ARM_FAILED = "arm_failed"
+    STANDSTILL = "standstill"
+
+
+S, E = SessionPhase, SessionEvent
+
+# Abort is legal in every state; ABORTED is left by all_clear alone.
+TABLE: dict[SessionPhase, dict[SessionEvent, SessionPhase]] = {
+    S.IDLE: {E.LOAD: S.LOADED, E.ABORT: S.ABORTING},
+    S.LOADED: {
+        E.LOAD: S.LOADED,
+        E.CONNECT: S.CONNECTED,
+        E.RESET: S.IDLE,
+        E.ABORT: S.ABORTING,
+    },
+    S.CONNECTED: {E.ARM: S.ARMED, E.RESET: S.IDLE, E.ABORT: S.ABORTING},
+    S.ARMED: {
+        E.DISARM: S.CONNECTED,
+        E.ARM_FAILED: S.CONNECTED,
+        E.START: S.RUNNING,
+        E.ABORT: S.ABORTING,
+    },
+    S.RUNNING: {E.STOP: S.STOPPING, E.COMPLETE: S.STOPPING, E.ABORT: S.ABORTING},
+    S.STOPPING: {E.STANDSTILL: S.FINISHED, E.ABORT: S.ABORTING},
+    S.FINISHED: {E.RESET: S.IDLE, E.ABORT: S.ABORTING},
+    S.ABORTING: {E.ABORT: S.ABORTING, E.STANDSTILL: S.ABORTED},
+    S.ABORTED: {E.ABORT: S.ABORTED, E.ALL_CLEAR: S.IDLE},
+}
+
+
+class IllegalTransition(ValueError):
+    """The event has no place in this state; nothing has happened."""
+
+
+def next_state(state: SessionPhase, event: SessionEvent) -> SessionPhase:
+    """The state after an event.
+
+    Raises:
+        IllegalTransition: the table has no such entry.
+    """
+    try:
+        return TABLE[state][event]
+    except KeyError:
+        allowed = ", ".join(e.value for e in TABLE.get(state, {}))
+        raise IllegalTransition(
+            f"{event.value} is not possible in state {state.name}; possible are: {allowed}"
+        ) from None
+
+
+REFUSED_TRANSITION = 1
+REFUSED_CONDITION = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """A command's answer.
+
+    Args:
+        accepted: whether it has had its effect; a refused one has none.
+        error_code: 0 when accepted, else REFUSED_*.
+        error_msg: for people.
+        missing: everything that keeps the command from being accepted.
+    """
+
+    accepted: bool
+    error_code: int = 0
+    error_msg: str = ""
+    missing: tuple[str, ...] = ()

@@ -1,0 +1,282 @@
+"""Supervision on the steady clock: who is silent, what has waited for too long, how late the
+manager is.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from ssp_core import names
+from ssp_core.clock import NS_PER_S, ns_to_seconds, seconds_to_ns
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import RunSpec
+from ssp_core.safety import limits as judge
+from ssp_core.safety.codes import SafetyCode
+from ssp_core.vocabulary import ControlState, SessionPhase
+from ssp_scenario_manager.session.limits import (
+    LATE_S,
+    Violation,
+    foreign_manager,
+    of_object,
+    recorder_lost,
+    reply_missing,
+    silent,
+)
+from ssp_scenario_manager.session.link_quality import WINDOW_S, LinkClocks
+from ssp_scenario_manager.session.preconditions import Facts
+from ssp_scenario_manager.session.session import WATCHED, Session
+
+# A simulated world that is silent this long is taken for dead. In lockstep it may wait for a
+# participant that died before it drops it, so that its silence means less.
+WORLD_SILENT_LOCKSTEP_S = 4.0
+WORLD_SILENT_REALTIME_S = 0.5
+# A world that died must be named before the vehicle that it moved.
+_AFTER_WORLD_S = 0.25
+RECORDER_SILENT_S = 2.0
+CAMERA_SILENT_S = 3.0
+
+
+class LivenessMonitor:
+    """Last sign of life of each participant. Reads no clock: times are given, in ns.
+
+    Args:
+        links: the answers to heartbeats.
+    """
+
+    def __init__(self, links: LinkClocks | None = None) -> None:
+        self.links = links or LinkClocks()
+        self.recorder_ready = False
+        self.recorder_missing: tuple[str, ...] = ()
+        self.recorder_lost = 0
+        # By topic that one node alone may publish: how many others do, and who.
+        self.foreign: dict[str, tuple[int, str]] = {}
+        self._heard_ns: dict[str, int] = {}
+
+    def hear(self, who: str, steady_ns: int) -> None:
+        self._heard_ns[who] = steady_ns
+
+    def hear_recorder(
+        self, ready: bool, missing: tuple[str, ...], lost: int, steady_ns: int
+    ) -> None:
+        """What the recorder says of itself (RecorderStatus.msg)."""
+        self.hear(names.MONITOR, steady_ns)
+        self.recorder_ready, self.recorder_missing, self.recorder_lost = ready, missing, lost
+
+    @property
+    def other_managers(self) -> int:
+        return sum(count for count, _ in self.foreign.values())
+
+    @property
+    def foreign_text(self) -> str:
+        return "; ".join(text for _, text in self.foreign.values())
+
+    def age_s(self, who: str, steady_ns: int) -> float:
+        """Seconds since the last sign of life, inf before the first."""
+        heard = self._heard_ns.get(who)
+        return math.inf if heard is None else ns_to_seconds(steady_ns - heard)
+
+    def facts(self, spec: RunSpec | None, steady_ns: int) -> Facts:
+        """What readiness asks for beside the states."""
+        ids = [target.id for target in spec.targets] if spec else []
+        return Facts(
+            recorder_ready=self.recorder_ready,
+            recorder_missing=self.recorder_missing,
+            recorder_lost=self.recorder_lost,
+            recorder_age_s=self.age_s(names.MONITOR, steady_ns),
+            camera_age_s=self.age_s(names.FRONT_CAMERA, steady_ns),
+            vut_age_s=self.age_s(names.VUT_ID, steady_ns),
+            target_age_s=tuple((i, self.age_s(i, steady_ns)) for i in ids),
+            links=tuple((i, self.links.link(i, steady_ns)) for i in ids),
+            other_managers=self.other_managers,
+            foreign=self.foreign_text,
+        )
+
+    def violations(
+        self, spec: RunSpec, phase: SessionPhase, steady_ns: int, stamp_ns: int
+    ) -> list[Violation]:
+        """Everybody whose silence has lasted too long, whose link is too bad, or who is too many.
+
+        In lockstep, what a run is judged by counts simulated time, so that here are only those
+        whose death stops that time, and before the run everybody.
+
+        Args:
+            spec: the run; says its mode, and whether there is a camera.
+            phase: of the session: ARMED, RUNNING or STOPPING.
+            steady_ns: now, on the clock of ``hear``.
+            stamp_ns: session time, for the events.
+        """
+        lockstep = spec.mode == "lockstep"
+        world_s = WORLD_SILENT_LOCKSTEP_S if lockstep else WORLD_SILENT_REALTIME_S
+        # The age of states is judged by their stamps; this is for stamps that can't be believed.
+        state_s = max(world_s, spec.limits.state_age_s)
+        if spec.mode == "live":
+            watched = [(SafetyCode.VUT_SILENT, names.VUT_ID, state_s)]
+        else:
+            watched = [
+                (SafetyCode.WORLD_SILENT, names.SIL_WORLD, world_s),
+                (SafetyCode.VUT_SILENT, names.VUT_ID, state_s + _AFTER_WORLD_S),
+            ]
+        if not lockstep or phase is SessionPhase.ARMED:
+            watched += [(SafetyCode.OBJECT_SILENT, t.id, state_s) for t in spec.targets]
+        watched.append((SafetyCode.RECORDER, names.MONITOR, RECORDER_SILENT_S))
+        if spec.camera is not None:
+            watched.append((SafetyCode.PARTICIPANT_LOST, names.FRONT_CAMERA, CAMERA_SILENT_S))
+        found = [
+            silent(code, who, self.age_s(who, steady_ns), limit_s, stamp_ns)
+            for code, who, limit_s in watched
+        ]
+        found.append(recorder_lost(self.recorder_lost, stamp_ns))
+        found.append(foreign_manager(self.other_managers, stamp_ns, self.foreign_text))
+        if not lockstep:
+            for target in spec.targets:
+                found += self._of_link(spec, target.id, steady_ns, stamp_ns)
+        return [violation for violation in found if violation is not None]
+
+    def _of_link(
+        self, spec: RunSpec, object_id: str, steady_ns: int, stamp_ns: int
+    ) -> list[Violation | None]:
+        """What the answers to heartbeats say; a link that isn't measured is silent by its age."""
+        link, limits = self.links.link(object_id, steady_ns), spec.limits
+        found = [reply_missing(object_id, link.age_s, limits, stamp_ns)]
+        if math.isfinite(link.delay_s):
+            offset = judge.clock_offset(link.offset_s, limits)
+            delay = judge.link_delay(link.delay_s, limits)
+            how = "measured by heartbeats"
+            found += [of_object(passed, object_id, stamp_ns, how) for passed in (offset, delay)]
+        return found
+
+
+ARM_CONFIRMATION_S = 3.0
+ABORT_STANDSTILL_S = 15.0
+# Nobody waits for the standstill of what has not been heard for this long.
+SILENT_S = 1.0
+
+
+class Timeouts:
+    """Since when the session arms or aborts."""
+
+    def __init__(self) -> None:
+        self._arming_since_ns: int | None = None
+        self._aborting_since_ns: int | None = None
+
+    def arms(self, steady_ns: int) -> None:
+        """The objects were told to arm."""
+        self._arming_since_ns = steady_ns
+
+    def not_armed(
+        self,
+        spec: RunSpec,
+        state: SessionPhase,
+        targets: Mapping[str, ObjectState],
+        steady_ns: int,
+    ) -> str | None:
+        """Why the session can't stay armed; None while there is nothing to say, or time left."""
+        if self._arming_since_ns is None:
+            return None
+        waiting = [
+            target.id
+            for target in spec.targets
+            if (known := targets.get(target.id)) is None
+            or known.control_state is not ControlState.ARMED
+        ]
+        if not waiting or state is not SessionPhase.ARMED:
+            self._arming_since_ns = None
+        elif steady_ns - self._arming_since_ns > ARM_CONFIRMATION_S * NS_PER_S:
+            self._arming_since_ns = None
+            return f"{', '.join(waiting)} did not arm in {ARM_CONFIRMATION_S:g} s"
+        return None
+
+    def standstill_unconfirmed(
+        self, session: Session, vigil: LivenessMonitor, steady_ns: int, now_ns: int
+    ) -> bool:
+        """A dead world can't report a standstill; the result must still be given.
+
+        Args:
+            session: that may be aborting.
+            vigil: who was heard when.
+            steady_ns: now, on the vigil's clock.
+            now_ns: session time.
+        """
+        if session.state is not SessionPhase.ABORTING:
+            self._aborting_since_ns = None
+            return False
+        if self._aborting_since_ns is None:
+            self._aborting_since_ns = steady_ns
+        waited_s = (steady_ns - self._aborting_since_ns) / NS_PER_S
+        # The world was silent while it waited for a participant that died; it goes on after that.
+        spec = session.spec
+        has_world = spec is None or spec.mode != "live"
+        world_age_s = vigil.age_s(names.SIL_WORLD, steady_ns)
+        world_dead = has_world and min(world_age_s, waited_s) > SILENT_S
+        ids = [t.id for t in spec.targets] if spec else []
+        silent = [i for i in ids if vigil.age_s(i, steady_ns) > SILENT_S]
+        others_stand = bool(silent) and session.stands(now_ns, without=silent)
+        return world_dead or others_stand or waited_s > ABORT_STANDSTILL_S
+
+
+# What was measured over the links while the manager was late is believed for link_clock.WINDOW_S.
+_REMEMBERED_S = WINDOW_S + 0.5
+
+
+class Supervisor:
+    """Silence, links and patience of a session. Reads no clock: times are given, in ns.
+
+    Args:
+        session: that is watched.
+        vigil: who was heard when.
+    """
+
+    def __init__(self, session: Session, vigil: LivenessMonitor) -> None:
+        self._session = session
+        self._vigil = vigil
+        self._patience = Timeouts()
+        self._awake_ns: int | None = None
+        self._late = 0, 0.0
+
+    def objects_were_told_to_arm(self, steady_ns: int) -> None:
+        self._patience.arms(steady_ns)
+
+    def wake(self, steady_ns: int) -> None:
+        """The manager runs now, whatever for: how late is it, if nothing ran for long?
+
+        Args:
+            steady_ns: now, on the vigil's clock.
+        """
+        if self._awake_ns is not None and steady_ns - self._awake_ns > seconds_to_ns(LATE_S):
+            self._late = steady_ns, ns_to_seconds(steady_ns - self._awake_ns)
+        self._awake_ns = steady_ns
+        at_ns, late_s = self._late
+        recent = steady_ns - at_ns <= seconds_to_ns(_REMEMBERED_S)
+        self._session.late_s = late_s if recent else 0.0
+
+    def look(self, steady_ns: int, now_ns: int) -> bool:
+        """Tells the session what is known now, and ends what has waited for too long.
+
+        A session stays armed only if every object says in time that it is.
+
+        Args:
+            steady_ns: now, on the vigil's clock.
+            now_ns: session time.
+
+        Returns:
+            True when the session aborts and nobody is left to report a standstill.
+        """
+        self.wake(steady_ns)
+        session = self._session
+        session.facts = self._vigil.facts(session.spec, steady_ns)
+        self.watch_silence(steady_ns, now_ns)
+        if session.spec is not None:
+            reason = self._patience.not_armed(
+                session.spec, session.state, session.targets, steady_ns
+            )
+            if reason is not None:
+                session.arming_failed(now_ns, reason)
+        return self._patience.standstill_unconfirmed(session, self._vigil, steady_ns, now_ns)
+
+    def watch_silence(self, steady_ns: int, now_ns: int) -> None:
+        """Ends a session in which somebody is silent for too long; arguments as for look."""
+        spec, state = self._session.spec, self._session.state
+        if spec is not None and state in WATCHED:
+            for violation in self._vigil.violations(spec, state, steady_ns, now_ns):
+                self._session.fail(violation)

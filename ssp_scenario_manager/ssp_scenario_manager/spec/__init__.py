@@ -1,1 +1,0 @@
-"""The event specification K* (METHOD 1): model, checks, graph, versions, extraction, review."""

@@ -1,0 +1,3 @@
+"""When a trigger fires: conditions, their evaluation, whether they could fire at all, and the
+phases.
+"""
