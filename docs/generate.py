@@ -17,7 +17,6 @@ from pathlib import Path
 
 import ssp_eval.params
 import ssp_monitor.ros.parameters
-import ssp_vla_bridge.params as vla_bridge_params
 from ssp_core.names import SESSION_COMMANDS
 from ssp_core.node_interface import Parameter
 from ssp_core.run_file.model import Limits
@@ -31,6 +30,7 @@ from ssp_scenario_manager.session import preconditions, progress, supervision
 from ssp_scenario_manager.session import state_machine as session_machine
 from ssp_scenario_manager.session import supervision as vigil
 from ssp_scenario_manager.session.limits import verdict_for
+from ssp_vla_bridge.ros import parameters as vla_bridge_params
 
 DOCS = Path(__file__).resolve().parent
 ROOT = DOCS.parent

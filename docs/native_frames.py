@@ -11,9 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ssp_vla_bridge.core.adapters import adapt
-from ssp_vla_bridge.core.response import NativeArray, Response
-from ssp_vla_bridge.core.trajectory import Trajectory
+from ssp_vla_bridge.adapters.registry import adapt
+from ssp_vla_bridge.messages import NativeArray, Response
+from ssp_vla_bridge.trajectory import Trajectory
 
 PICTURE = Path(__file__).resolve().parent / "images" / "native-frames.svg"
 

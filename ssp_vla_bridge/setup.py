@@ -18,5 +18,5 @@ setup(
     ],
     zip_safe=True,
     license="Apache-2.0",
-    entry_points={"console_scripts": ["vla_bridge = ssp_vla_bridge.node:main"]},
+    entry_points={"console_scripts": ["vla_bridge = ssp_vla_bridge.ros.vla_bridge:main"]},
 )

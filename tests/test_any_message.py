@@ -47,7 +47,7 @@ from ssp_scenario_manager.ros.manager_node import ScenarioManager
 from ssp_scenario_manager.session.preconditions import Facts
 from ssp_scenario_manager.session.session import Session
 from ssp_scenario_manager.session.state_machine import SessionEvent
-from ssp_vla_bridge.node import VlaBridge
+from ssp_vla_bridge.ros.vla_bridge import VlaBridge
 
 pytestmark = pytest.mark.ros
 

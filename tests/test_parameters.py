@@ -11,12 +11,12 @@ import pytest
 
 import ssp_eval.params
 import ssp_monitor.ros.parameters
-import ssp_vla_bridge.params as vla_bridge_params
 from ssp_core.errors import InputError
 from ssp_core.node_interface import Parameter
 from ssp_core.processes import free_domain, remove_shared_ports
 from ssp_ot_controller.ros import parameters as ot_controller_params
 from ssp_scenario_manager.compile.targets.folder import prepare_run
+from ssp_vla_bridge.ros import parameters as vla_bridge_params
 
 pytestmark = pytest.mark.ros
 TABLES: dict[str, tuple[Parameter, ...]] = {
@@ -86,7 +86,7 @@ def make(name: str, stop: Any, run_file: Path, start: Start) -> Any:
 
         start()
         return ViewNode()
-    from ssp_vla_bridge.node import VlaBridge
+    from ssp_vla_bridge.ros.vla_bridge import VlaBridge
 
     start()
     return VlaBridge("vla_bridge", namespace="/ssp")

@@ -18,7 +18,7 @@ from typing import Any, Final
 from pydantic_core import from_json
 
 from ssp_core.vocabulary import CONFLICTS, LAT_ACTIONS, LON_ACTIONS, MOTIONS, OBJECTS, POSITIONS
-from ssp_vla_bridge.core.trajectory import INVALID_REASONS
+from ssp_vla_bridge.trajectory import INVALID_REASONS
 
 SCHEMA: Final = "ssp.record/1"
 KEYS = ("schema", "t_s", "text", "slots", "trajectory", "invalid")

@@ -42,7 +42,7 @@ from ssp_core.files import read_text
 from ssp_eval import record_lines, strict
 from ssp_eval.record_lines import ADAPTER_KEYS, KEYS, SCHEMA, SLOT_KEYS, TRAJECTORY_KEYS, Lines
 from ssp_eval.strict import Place
-from ssp_vla_bridge.core.trajectory import INVALID_REASONS, Trajectory
+from ssp_vla_bridge.trajectory import INVALID_REASONS, Trajectory
 
 # An answer may have a mebibyte of text, and a cell any number of label times.
 MOST_BYTES = 1 << 28

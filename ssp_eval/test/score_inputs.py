@@ -16,7 +16,7 @@ from ssp_core.vocabulary import (
 )
 from ssp_eval.labels.model import Label, Labels
 from ssp_eval.records import BehaviourRecord, Slot, Slots
-from ssp_vla_bridge.core.trajectory import Trajectory
+from ssp_vla_bridge.trajectory import Trajectory
 
 MOVES = {
     "stop": (1.0, 1.0),

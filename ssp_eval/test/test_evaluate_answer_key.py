@@ -14,9 +14,9 @@ from ssp_eval.evaluate.answer_key import AnswerKeys, key_of, model_facts, new_re
 from ssp_eval.evaluate.controls import BLACK, SHUFFLED
 from ssp_eval.evaluate.model_spec import ModelFacts, ModelSpec
 from ssp_eval.evaluate.models import bridge_spec
-from ssp_vla_bridge.core.prompts import PROMPTS, lightemma, openemma, shared, wording
-from ssp_vla_bridge.core.request import CameraGeometry, EgoSample, Frame, Request
-from ssp_vla_bridge.core.response import Response
+from ssp_vla_bridge import prompts
+from ssp_vla_bridge.messages import CameraGeometry, EgoSample, Frame, Request, Response
+from ssp_vla_bridge.prompts import PROMPTS
 
 HISTORY = tuple(EgoSample(0.5 * k - 5.0, 5.0 * k - 50.0, 0.0, 0.0, 10.0, 0.0) for k in range(11))
 REQUEST = Request("r1", 5_000, (Frame(5_000, b"x"),), None, HISTORY, "declared")
@@ -154,10 +154,10 @@ def test_changed_words_ask_again_for_exactly_their_own_answers(
 
     assert changed() == set()
     with monkeypatch.context() as patched:
-        reworded(patched, openemma, "_MOTION_SYSTEM", "Drive well.")
+        reworded(patched, prompts, "_MOTION_SYSTEM", "Drive well.")
         assert changed() == {"openemma"}
     with monkeypatch.context() as patched:
-        reworded(patched, lightemma, "_PARAGRAPH", "Be brief.")
+        reworded(patched, prompts, "_PARAGRAPH", "Be brief.")
         assert changed() == {"lightemma"}
     with monkeypatch.context() as patched:
         # An answerer that gets one prompt gets the new one; one with several builds its own.
@@ -169,15 +169,14 @@ def test_changed_words_ask_again_for_exactly_their_own_answers(
 
 
 def shared_prompt() -> Any:
-    return wording.PROMPTS["llavida"][0].build(REQUEST, {})
+    return PROMPTS["llavida"][0].build(REQUEST, {})
 
 
 def test_a_sentence_that_some_prompts_share_is_theirs(monkeypatch: pytest.MonkeyPatch) -> None:
     """UNKNOWN_PAST stands only where the history isn't known."""
     unknown = replace(REQUEST, history=(), ego_provenance="unknown")
     before = key(), key(request=unknown)
-    assert shared.UNKNOWN_PAST == openemma.UNKNOWN_PAST
-    reworded(monkeypatch, openemma, "UNKNOWN_PAST", "Nobody knows.")
+    reworded(monkeypatch, prompts, "UNKNOWN_PAST", "Nobody knows.")
     assert key() == before[0]
     assert key(request=unknown) != before[1]
 

@@ -22,7 +22,7 @@ from ssp_eval.evaluate.clip import Clip
 from ssp_eval.evaluate.model_spec import ModelSpec
 from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.recordings.provenance import content_sha256
-from ssp_vla_bridge.core.request import Request
+from ssp_vla_bridge.messages import Request
 
 BagMaker = Callable[..., Path]
 DEADLINE_S = 120.0

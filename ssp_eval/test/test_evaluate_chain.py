@@ -30,8 +30,7 @@ from ssp_eval.labels.model import load_labels
 from ssp_eval.records import load_records
 from ssp_eval.report.page import write_report
 from ssp_eval.score import score_cell
-from ssp_vla_bridge.core.request import Request
-from ssp_vla_bridge.core.response import ErrorCode, Response, response_from_json
+from ssp_vla_bridge.messages import ErrorCode, Request, Response, response_from_json
 
 BagMaker = Callable[..., Path]
 ONES = (

@@ -21,8 +21,8 @@ from ssp_eval.evaluate import question
 from ssp_eval.evaluate.clip import Clip
 from ssp_eval.evaluate.question import NoQuestion, Question
 from ssp_eval.labels.proposal.truth import truth_from_bag
-from ssp_vla_bridge.core.request import request_problems
-from ssp_vla_bridge.core.window import Preprocessing
+from ssp_vla_bridge.messages import request_problems
+from ssp_vla_bridge.window import Preprocessing
 
 BagMaker = Callable[..., Path]
 START_NS = 500_000_000

@@ -33,8 +33,7 @@ from ssp_eval.evaluate.models import attached_spec, bridge_spec, with_controls
 from ssp_eval.evaluate.question import NoQuestion, Question
 from ssp_eval.report.load import load_cells
 from ssp_eval.report.page import write_report
-from ssp_vla_bridge.core.request import Frame, Request
-from ssp_vla_bridge.core.response import Response
+from ssp_vla_bridge.messages import Frame, Request, Response
 
 BagMaker = Callable[..., Path]
 

@@ -18,8 +18,7 @@ from ssp_eval.evaluate.cell_file import CellResult
 from ssp_eval.evaluate.model_spec import ModelSpec
 from ssp_eval.evaluate.raw_store import EARLIER_FILE, RawStore
 from ssp_eval.evaluate.store import RAW_FILE
-from ssp_vla_bridge.core.request import Request
-from ssp_vla_bridge.core.response import ErrorCode, Response
+from ssp_vla_bridge.messages import ErrorCode, Request, Response
 
 BagMaker = Callable[..., Path]
 MODEL = ModelSpec("m", {"base_url": "http://host:1/v1", "model": "q"}, backend="openai",

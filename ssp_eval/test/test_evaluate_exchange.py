@@ -14,8 +14,7 @@ from ssp_eval.evaluate.controls import LABELS_FILE
 from ssp_eval.evaluate.exchange import MOST_CHARACTERS, MOST_NUMBERS, Exchange
 from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.evaluate.raw_store import RawStore
-from ssp_vla_bridge.core.request import Frame, Request
-from ssp_vla_bridge.core.response import NativeArray, Response
+from ssp_vla_bridge.messages import Frame, NativeArray, Request, Response
 
 REQUEST = Request("r1", 5_000, (Frame(5_000, b"jpeg"),))
 ANSWER = Response("r1", 5_000, "m", "m/1", text="A car is ahead.")

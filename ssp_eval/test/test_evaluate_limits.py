@@ -18,8 +18,7 @@ from ssp_eval.evaluate.cell_limits import DIFFERING, decodings, short_list, writ
 from ssp_eval.evaluate.exchange import MOST_CHARACTERS
 from ssp_eval.evaluate.model_spec import ModelSpec
 from ssp_eval.report.load import load_cells
-from ssp_vla_bridge.core.request import Request
-from ssp_vla_bridge.core.response import Response
+from ssp_vla_bridge.messages import Request, Response
 
 BagMaker = Callable[..., Path]
 MIB = 1 << 20

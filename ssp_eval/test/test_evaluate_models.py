@@ -24,8 +24,7 @@ from ssp_eval.evaluate.choose import model_specs
 from ssp_eval.evaluate.model_spec import ModelSpec
 from ssp_eval.evaluate.models import as_attached, attached_spec, bridge_spec, load_models
 from ssp_eval.evaluate.secret_options import refuse_secrets
-from ssp_vla_bridge.core.interfaces import INTERFACES
-from ssp_vla_bridge.core.window import Preprocessing
+from ssp_vla_bridge.window import INTERFACES, Preprocessing
 
 BagMaker = Callable[..., Path]
 FILE = """

@@ -18,8 +18,7 @@ from ssp_eval.evaluate.interpret import record_of
 from ssp_eval.evaluate.model_spec import ModelSpec
 from ssp_eval.evaluate.store import answer_sha256, asked_again
 from ssp_eval.records import load_records, record_to_json
-from ssp_vla_bridge.core.request import Request
-from ssp_vla_bridge.core.response import ErrorCode, Response, response_from_json
+from ssp_vla_bridge.messages import ErrorCode, Request, Response, response_from_json
 
 BagMaker = Callable[..., Path]
 STATEFUL = ModelSpec("m", backend="openai", interface="openemma", adapter="waypoints")

@@ -15,7 +15,7 @@ from ssp_eval.evaluate.choose import model_specs
 from ssp_eval.evaluate.controls import CONTROLS
 from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.recordings.provenance import read_provenance
-from ssp_vla_bridge.core.backend import BACKENDS
+from ssp_vla_bridge.backend import BACKENDS
 
 BagMaker = Callable[..., Path]
 

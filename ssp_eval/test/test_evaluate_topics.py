@@ -27,7 +27,7 @@ from ssp_eval.evaluate.topics import BRIDGE_MODULE, PROFILE, TopicAsker, TopicAs
 from ssp_eval.labels.proposal.propose import propose
 from ssp_eval.labels.proposal.truth import truth_from_bag
 from ssp_eval.labels.proposal_file import write_proposal
-from ssp_vla_bridge.core.request import Request
+from ssp_vla_bridge.messages import Request
 
 BagMaker = Callable[..., Path]
 

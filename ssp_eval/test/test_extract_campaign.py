@@ -20,7 +20,7 @@ from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.extract import extractor_hash
 from ssp_eval.extract.llm import Extractor, make_extractor
 from ssp_eval.records import load_records
-from ssp_vla_bridge.core.request import Request
+from ssp_vla_bridge.messages import Request
 
 sys.path.insert(0, str(Path(__file__).parent))
 

@@ -12,7 +12,7 @@ from ssp_core.cli import main
 from ssp_eval.evaluate.interpret import record_of
 from ssp_eval.extract.language import foreign_language
 from ssp_eval.extract.measure.corpus import load_corpus
-from ssp_vla_bridge.core.response import Response
+from ssp_vla_bridge.messages import Response
 
 CORPUS = Path(__file__).parent / "corpus"
 FOREIGN = [

@@ -9,7 +9,7 @@ import pytest
 
 from ssp_core.geometry import Pose2
 from ssp_eval.figures.ego_path import ego_path
-from ssp_vla_bridge.core.trajectory import Trajectory
+from ssp_vla_bridge.trajectory import Trajectory
 
 SPEED_MPS, RADIUS_M = 10.0, 40.0
 

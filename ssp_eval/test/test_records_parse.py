@@ -19,7 +19,7 @@ from ssp_eval.records import (
     parse_records,
     record_to_json,
 )
-from ssp_vla_bridge.core.trajectory import INVALID_REASONS, Trajectory, check_trajectory
+from ssp_vla_bridge.trajectory import INVALID_REASONS, Trajectory, check_trajectory
 
 GOOD = {
     "schema": "ssp.record/1",

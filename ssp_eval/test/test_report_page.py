@@ -36,9 +36,8 @@ from ssp_eval.report.projection import overlay, project
 from ssp_eval.report.spans import segments
 from ssp_eval.report.topview import top_view
 from ssp_eval.report.view import curve_words, record_views
-from ssp_vla_bridge.core.request import Request
-from ssp_vla_bridge.core.response import Response
-from ssp_vla_bridge.core.trajectory import Trajectory
+from ssp_vla_bridge.messages import Request, Response
+from ssp_vla_bridge.trajectory import Trajectory
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 

@@ -19,7 +19,7 @@ from ssp_eval.score.cell import CellMetrics
 from ssp_eval.score.encode import encode
 from ssp_eval.score.matching import match
 from ssp_eval.score.terms import RecordTerms, record_terms
-from ssp_vla_bridge.core.trajectory import Trajectory
+from ssp_vla_bridge.trajectory import Trajectory
 
 sys.path.insert(0, str(Path(__file__).parent))
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from ssp_eval.records import Slot
 from ssp_eval.score import score_cell
 from ssp_eval.score.batch import score_cells
-from ssp_vla_bridge.core.trajectory import Trajectory
+from ssp_vla_bridge.trajectory import Trajectory
 
 sys.path.insert(0, str(Path(__file__).parent))
 

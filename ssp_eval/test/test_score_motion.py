@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ssp_eval.score.motion import Motion, feasible, lat_action, lon_action, measure
-from ssp_vla_bridge.core.trajectory import Trajectory, check_trajectory, interpolate
+from ssp_vla_bridge.trajectory import Trajectory, check_trajectory, interpolate
 
 BENT = Trajectory((-1.0, 0.25, 0.75, 2.0), (-4.0, 1.0, 4.0, 4.0), (0.0, 0.0, 1.0, -4.0))
 

@@ -13,7 +13,7 @@ from ssp_eval.labels.model import Label, Labels
 from ssp_eval.records import BehaviourRecord, Slot, Slots
 from ssp_eval.score import STAGES, Thresholds, score_cell
 from ssp_eval.score.batch import score_cells
-from ssp_vla_bridge.core.trajectory import Trajectory
+from ssp_vla_bridge.trajectory import Trajectory
 
 sys.path.insert(0, str(Path(__file__).parent))
 

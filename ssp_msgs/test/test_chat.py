@@ -79,7 +79,7 @@ def test_no_try_at_all_is_a_callers_mistake():
 def test_the_library_is_imported_by_those_who_ask_only():
     code = (
         "import sys, ssp_core.chat, ssp_core.chat, ssp_core.cli\n"
-        "import ssp_vla_bridge.core.backend, ssp_vla_bridge.core.prompts\n"
+        "import ssp_vla_bridge.backend, ssp_vla_bridge.prompts\n"
         "assert not [m for m in ('openai', 'httpx2', 'aiohttp') if m in sys.modules]\n"
         "ssp_core.chat.OpenAIChat('http://127.0.0.1:9/v1', 'm')\n"
         "assert 'openai' in sys.modules\n"

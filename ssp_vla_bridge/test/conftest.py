@@ -9,8 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from ssp_vla_bridge.core.request import CameraGeometry, EgoSample, Frame, Request
-from ssp_vla_bridge.core.response import NativeArray, Response
+from ssp_vla_bridge.messages import CameraGeometry, EgoSample, Frame, NativeArray, Request, Response
 
 NS = 1_000_000_000
 

@@ -1,4 +1,4 @@
-"""Requests, responses, the inbox and the one function that answers."""
+"""Requests, responses, the queue of requests and the one function that answers."""
 
 from __future__ import annotations
 
@@ -12,20 +12,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ssp_core.errors import InputError
-from ssp_vla_bridge.core.backend import (
-    BACKENDS,
-    check_options,
-    make_backend,
-    parse_options,
-    respond,
-)
-from ssp_vla_bridge.core.inbox import Inbox
-from ssp_vla_bridge.core.request import EgoSample, Frame, request_problems
-from ssp_vla_bridge.core.response import (
+from ssp_vla_bridge.backend import BACKENDS, check_options, make_backend, parse_options, respond
+from ssp_vla_bridge.bridge import RequestQueue
+from ssp_vla_bridge.messages import (
     Answer,
+    EgoSample,
     ErrorCode,
+    Frame,
     NativeArray,
     Response,
+    request_problems,
     response_from_json,
     response_to_json,
 )
@@ -115,7 +111,7 @@ def test_every_registered_backend_names_an_unknown_option():
 
 
 @pytest.mark.parametrize(
-    "name", ["nope", "nope:make", "ssp_vla_bridge.core.task:nothing", ":", "", "..a:b"]
+    "name", ["nope", "nope:make", "ssp_vla_bridge.messages:nothing", ":", "", "..a:b"]
 )
 def test_an_unknown_backend_names_the_known_ones(name):
     with pytest.raises(InputError, match="constant_velocity"):
@@ -123,7 +119,7 @@ def test_an_unknown_backend_names_the_known_ones(name):
 
 
 def test_a_backend_of_ones_own_is_module_and_factory():
-    backend = make_backend("ssp_vla_bridge.backends.silent:make", {})
+    backend = make_backend("ssp_vla_bridge.backends.baselines:make_silent", {})
     assert backend.model_id.startswith("ssp/silent")
 
 
@@ -146,34 +142,34 @@ def test_option_types():
             check_options("b", {"a": value}, {"a": int})
 
 
-def test_inbox_is_bounded_and_in_order(make_request):
-    inbox = Inbox(limit=2, timeout_ns=100)
-    first, second = inbox.offer(make_request("a"), 0), inbox.offer(make_request("b"), 1)
-    assert inbox.offer(make_request("c"), 2) is None
-    assert inbox.take() == first
-    third = inbox.offer(make_request("c"), 3)
-    assert [inbox.take(), inbox.take(), inbox.take()] == [second, third, None]
+def test_the_queue_is_bounded_and_in_order(make_request):
+    queue = RequestQueue(limit=2, timeout_ns=100)
+    first, second = queue.offer(make_request("a"), 0), queue.offer(make_request("b"), 1)
+    assert queue.offer(make_request("c"), 2) is None
+    assert queue.take() == first
+    third = queue.offer(make_request("c"), 3)
+    assert [queue.take(), queue.take(), queue.take()] == [second, third, None]
 
 
-def test_inbox_answers_each_request_once(make_request):
-    inbox = Inbox(limit=3, timeout_ns=100)
-    working = inbox.offer(make_request("a"), 0)
-    waiting = inbox.offer(make_request("b"), 50)
-    inbox.take()
-    assert inbox.expire(100) == []
-    assert inbox.expire(101) == [working]
-    assert inbox.expire(151) == [waiting]
-    assert inbox.take() is None
-    assert not inbox.finish(working)
-    fresh = inbox.offer(make_request("a"), 200)
-    assert inbox.finish(fresh)
-    assert not inbox.finish(fresh)
+def test_the_queue_answers_each_request_once(make_request):
+    queue = RequestQueue(limit=3, timeout_ns=100)
+    working = queue.offer(make_request("a"), 0)
+    waiting = queue.offer(make_request("b"), 50)
+    queue.take()
+    assert queue.expire(100) == []
+    assert queue.expire(101) == [working]
+    assert queue.expire(151) == [waiting]
+    assert queue.take() is None
+    assert not queue.finish(working)
+    fresh = queue.offer(make_request("a"), 200)
+    assert queue.finish(fresh)
+    assert not queue.finish(fresh)
 
 
 @pytest.mark.parametrize(("limit", "timeout_ns"), [(0, 1), (1, 0)])
-def test_inbox_refuses_limits_that_allow_nothing(limit, timeout_ns):
+def test_the_queue_refuses_limits_that_allow_nothing(limit, timeout_ns):
     with pytest.raises(ValueError, match="positive"):
-        Inbox(limit, timeout_ns)
+        RequestQueue(limit, timeout_ns)
 
 
 json_values = st.recursive(

@@ -26,9 +26,9 @@ from ssp_core.processes import (
 )
 from ssp_core.ros import STATE, VLA, make_node, stamp_from_ns
 from ssp_msgs.msg import VlaRequest, VlaResponse
-from ssp_vla_bridge.conversions import request_from_msg, request_to_msg, response_to_msg
-from ssp_vla_bridge.core.recorded_message import response_of_message
-from ssp_vla_bridge.core.request import CameraGeometry
+from ssp_vla_bridge.messages import CameraGeometry
+from ssp_vla_bridge.ros.conversions import request_from_msg, request_to_msg, response_to_msg
+from ssp_vla_bridge.stored_answers import response_of_message
 
 pytestmark = pytest.mark.ros
 DEADLINE_S = 120.0
@@ -36,7 +36,7 @@ DEADLINE_S = 120.0
 # A backend that does what the request's id says; the bridge finds it as module:factory.
 ODD_BACKEND = """
     import time
-    from ssp_vla_bridge.core.response import Answer, NativeArray
+    from ssp_vla_bridge.messages import Answer, NativeArray
 
     class Odd:
         model_id = "odd/1"
@@ -72,7 +72,7 @@ def bridge(tmp_path, domain):
     (tmp_path / "odd_backend.py").write_text(textwrap.dedent(ODD_BACKEND))
 
     def start(**parameters):
-        command = [sys.executable, "-m", "ssp_vla_bridge.node", "--ros-args"]
+        command = [sys.executable, "-m", "ssp_vla_bridge.ros.vla_bridge", "--ros-args"]
         for name, value in parameters.items():
             command += ["-p", f"{name}:={value}"]
         path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import pytest
 
-from ssp_vla_bridge.core.adapters import adapt
-from ssp_vla_bridge.core.backend import make_backend, respond
-from ssp_vla_bridge.core.request import EgoSample
+from ssp_vla_bridge.adapters.registry import adapt
+from ssp_vla_bridge.backend import make_backend, respond
+from ssp_vla_bridge.messages import EgoSample
 
 
 @pytest.fixture

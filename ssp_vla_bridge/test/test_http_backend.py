@@ -13,10 +13,10 @@ from pathlib import Path
 import pytest
 
 from ssp_core.errors import InputError
+from ssp_vla_bridge.adapters.registry import adapt
+from ssp_vla_bridge.backend import interface_of, make_backend, respond
 from ssp_vla_bridge.backends.http import make
-from ssp_vla_bridge.core.adapters import adapt
-from ssp_vla_bridge.core.backend import interface_of, make_backend, respond
-from ssp_vla_bridge.core.response import ErrorCode
+from ssp_vla_bridge.messages import ErrorCode
 
 # With --import-mode=importlib a test module can't import its neighbour by name.
 _spec = importlib.util.spec_from_file_location(

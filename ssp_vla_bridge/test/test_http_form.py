@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ssp_core.errors import InputError
-from ssp_vla_bridge.core.http_form import (
+from ssp_vla_bridge.http_messages import (
     Health,
     ServiceAnswer,
     answer_from_json,
@@ -23,8 +23,7 @@ from ssp_vla_bridge.core.http_form import (
     request_from_json,
     request_to_json,
 )
-from ssp_vla_bridge.core.request import CameraGeometry
-from ssp_vla_bridge.core.response import Answer, NativeArray, Response
+from ssp_vla_bridge.messages import Answer, CameraGeometry, NativeArray, Response
 
 CAMERA = CameraGeometry(470.0, 470.5, 359.5, 202.0, 720, 405, None, 0.03)
 
@@ -124,7 +123,7 @@ def test_what_is_wrong_in_a_request_is_named(make_request, straight_history, pat
 
 
 def test_an_array_of_an_answer_has_the_form_that_is_stored(make_response):
-    from ssp_vla_bridge.core.response import response_to_json
+    from ssp_vla_bridge.messages import response_to_json
 
     response: Response = make_response([(0, math.nan), (-math.inf, 1)])
     answer = ServiceAnswer("r1", "m/1", Answer("", response.arrays))

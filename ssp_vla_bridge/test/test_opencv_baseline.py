@@ -13,13 +13,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ssp_vla_bridge.adapters.registry import adapt
+from ssp_vla_bridge.backend import respond
 from ssp_vla_bridge.backends.opencv_baseline import OpencvBaseline, choose_frames
-from ssp_vla_bridge.backends.vision.ground_plane import ground_plane
-from ssp_vla_bridge.backends.vision.horizon import horizon_row
-from ssp_vla_bridge.core.adapters import adapt
-from ssp_vla_bridge.core.backend import respond
-from ssp_vla_bridge.core.request import CameraGeometry, Frame, Request
-from ssp_vla_bridge.core.trajectory import interpolate
+from ssp_vla_bridge.backends.vision.ground import ground_plane, horizon_row
+from ssp_vla_bridge.messages import CameraGeometry, Frame, Request
+from ssp_vla_bridge.trajectory import interpolate
 
 NOUNS = ("car", "truck", "pedestrian", "cyclist", "motorcycle", "bus")
 
@@ -211,7 +210,7 @@ def test_the_horizon_is_found_where_road_lines_meet(draw_frames):
     st.sampled_from([None, -0.6, 0.0, 0.9]),
 )
 def test_any_picture_has_an_answer(width, height, seed, speed_mps, pitch_rad):
-    from ssp_vla_bridge.core.request import EgoSample
+    from ssp_vla_bridge.messages import EgoSample
 
     noise = np.random.default_rng(seed).integers(0, 256, (2, height, width, 3), np.uint8)
     frames = tuple(

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from ssp_core.errors import InputError, PeerError
-from ssp_vla_bridge.core.adapters import adapt
-from ssp_vla_bridge.core.backend import make_backend, respond
+from ssp_vla_bridge.adapters.registry import adapt
+from ssp_vla_bridge.backend import make_backend, respond
 
 MODEL = """
 import numpy as np
-from ssp_vla_bridge.core.response import Answer
+from ssp_vla_bridge.messages import Answer
 
 def text(request):
     return "I stop."

@@ -12,8 +12,8 @@ import pytest
 from ssp_core.bag.types import serialize, typestore
 from ssp_core.bag.writer import BagWriter
 from ssp_core.errors import InputError, PeerError
-from ssp_vla_bridge.core.backend import make_backend
-from ssp_vla_bridge.core.response import response_to_json
+from ssp_vla_bridge.backend import make_backend
+from ssp_vla_bridge.messages import response_to_json
 
 NS = 1_000_000_000
 

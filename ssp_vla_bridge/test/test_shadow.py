@@ -13,11 +13,9 @@ from ssp_core.clock import NS_PER_S
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.node_interface import Level
 from ssp_core.vocabulary import ObjectClass, Role
-from ssp_vla_bridge.core.health import BridgeHealth
-from ssp_vla_bridge.core.request import Frame, Request
-from ssp_vla_bridge.core.response import ErrorCode, Response
-from ssp_vla_bridge.core.window import Preprocessing
-from ssp_vla_bridge.shadow.follower import Follower
+from ssp_vla_bridge.bridge import BridgeHealth, ShadowRequests
+from ssp_vla_bridge.messages import ErrorCode, Frame, Request, Response
+from ssp_vla_bridge.window import Preprocessing
 
 MS = NS_PER_S // 1000
 CAR = DEFAULT_SIZES[ObjectClass.CAR]
@@ -29,11 +27,11 @@ def state(stamp_ns: int, x_m: float) -> ObjectState:
     )
 
 
-def follower(**given: object) -> Follower:
-    return replace(Follower("m", NS_PER_S // 2, Preprocessing()), **given)
+def follower(**given: object) -> ShadowRequests:
+    return replace(ShadowRequests("m", NS_PER_S // 2, Preprocessing()), **given)
 
 
-def drive(one: Follower, frames: int, start_ns: int = 0) -> list[Request]:
+def drive(one: ShadowRequests, frames: int, start_ns: int = 0) -> list[Request]:
     """Frames at 10 Hz and states at 50 Hz; each request that is due is made."""
     requests = []
     for k in range(frames):

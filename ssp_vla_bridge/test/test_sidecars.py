@@ -21,10 +21,10 @@ import numpy as np
 import pytest
 
 from ssp_core.errors import PeerError
-from ssp_vla_bridge.core.adapters import adapt
-from ssp_vla_bridge.core.backend import make_backend, respond
-from ssp_vla_bridge.core.http_form import request_to_json
-from ssp_vla_bridge.core.request import Frame
+from ssp_vla_bridge.adapters.registry import adapt
+from ssp_vla_bridge.backend import make_backend, respond
+from ssp_vla_bridge.http_messages import request_to_json
+from ssp_vla_bridge.messages import Frame
 
 HERE = Path(__file__).resolve().parent
 SIDECARS = HERE.parent / "sidecars"

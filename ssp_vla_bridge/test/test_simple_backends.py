@@ -12,12 +12,11 @@ from hypothesis import strategies as st
 
 from ssp_core.errors import InputError, PeerError
 from ssp_core.vocabulary import CONFLICTS, LAT_ACTIONS, LON_ACTIONS, MOTIONS, OBJECTS, POSITIONS
+from ssp_vla_bridge.adapters.registry import adapt
+from ssp_vla_bridge.backend import make_backend, respond
 from ssp_vla_bridge.backends.perfect import Perfect, PerfectLabel
-from ssp_vla_bridge.core.adapters import adapt
-from ssp_vla_bridge.core.backend import make_backend, respond
-from ssp_vla_bridge.core.request import Request
-from ssp_vla_bridge.core.response import Response, response_to_json
-from ssp_vla_bridge.core.trajectory import interpolate
+from ssp_vla_bridge.messages import Request, Response, response_to_json
+from ssp_vla_bridge.trajectory import interpolate
 
 
 def run(name, options, request):
@@ -177,7 +176,7 @@ labels = st.builds(
 @settings(max_examples=100, deadline=None)
 @given(labels, st.none() | st.floats(0, 40))
 def test_perfect_is_feasible_allowed_and_defensive(label, speed_mps):
-    from ssp_vla_bridge.core.request import EgoSample
+    from ssp_vla_bridge.messages import EgoSample
 
     history = () if speed_mps is None else (EgoSample(0.0, 0.0, 0.0, 0.0, speed_mps, 0.0),)
     request = Request("r", 0, (), None, history, "measured" if history else "unknown")

@@ -10,11 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ssp_core.errors import InputError
-from ssp_vla_bridge.core.adapters import adapt
-from ssp_vla_bridge.core.request import EgoSample, Request
-from ssp_vla_bridge.core.response import NativeArray, Response
-from ssp_vla_bridge.core.task import TASK
-from ssp_vla_bridge.core.trajectory import check_trajectory
+from ssp_vla_bridge.adapters.registry import adapt
+from ssp_vla_bridge.messages import TASK, EgoSample, NativeArray, Request, Response
+from ssp_vla_bridge.trajectory import check_trajectory
 
 
 def test_reads_rows_as_forward_and_left(make_response):

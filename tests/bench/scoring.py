@@ -26,7 +26,7 @@ from ssp_eval.score import score_cell
 from ssp_eval.score.batch import Scores, score_columns
 from ssp_eval.score.encode import encode
 from ssp_eval.score.load import load_columns
-from ssp_vla_bridge.core.trajectory import Trajectory
+from ssp_vla_bridge.trajectory import Trajectory
 
 CELLS = 10_000
 # Each clip is answered by so many models, and each of these cells has a copy of its labels.

@@ -6,16 +6,18 @@ import json
 from collections.abc import Iterator
 
 from ssp_core.errors import InputError
-from ssp_vla_bridge.core.adapters import ADAPTERS, Adapted, adapt
-from ssp_vla_bridge.core.native_history import openemma_history
-from ssp_vla_bridge.core.request import EgoSample, Request
-from ssp_vla_bridge.core.response import (
+from ssp_vla_bridge.adapters.adapted import Adapted
+from ssp_vla_bridge.adapters.registry import ADAPTERS, adapt
+from ssp_vla_bridge.messages import (
+    EgoSample,
     NativeArray,
+    Request,
     Response,
     response_from_json,
     response_to_json,
 )
-from ssp_vla_bridge.core.trajectory import INVALID_REASONS, check_trajectory
+from ssp_vla_bridge.native_history import openemma_history
+from ssp_vla_bridge.trajectory import INVALID_REASONS, check_trajectory
 
 NAMES = [f"{name}:{mode}" for name, adapter in ADAPTERS.items() for mode in adapter.modes]
 HISTORY = tuple(

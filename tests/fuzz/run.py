@@ -27,6 +27,13 @@ _TIMEOUT_S = 25
 _BAG = ("ssp_core.bag", "mcap")
 _YAML = ("ssp_core.bag", "ssp_core.files", "yaml")
 _TYPES = ("ssp_core.bag", "rosbags.typesys", "rosbags.serde")
+_BRIDGE = (
+    "ssp_vla_bridge.adapters",
+    "ssp_vla_bridge.messages",
+    "ssp_vla_bridge.native_history",
+    "ssp_vla_bridge.stored_answers",
+    "ssp_vla_bridge.trajectory",
+)
 FOLLOWED = {
     "read": _BAG,
     "check": _BAG,
@@ -39,8 +46,8 @@ FOLLOWED = {
     "types": _TYPES,
     "cdr": _TYPES,
     "run": ("ssp_core.run_file", "ssp_core.files", "yaml"),
-    "answer": ("ssp_vla_bridge.core",),
-    "response": ("ssp_vla_bridge.core",),
+    "answer": _BRIDGE,
+    "response": _BRIDGE,
     "extract": ("ssp_eval.extract",),
     "reply": ("ssp_eval.extract.llm", "ssp_core.files"),
 }

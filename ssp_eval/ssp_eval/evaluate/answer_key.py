@@ -21,10 +21,10 @@ from ssp_core.hashing import sha256_file, sha256_json
 from ssp_eval.evaluate.controls import CONDITION_SEED
 from ssp_eval.evaluate.model_spec import ModelSpec
 from ssp_eval.evaluate.store import RAW_FILE, answer_sha256, request_to_json
+from ssp_vla_bridge.backend import telling_options
 from ssp_vla_bridge.backends.python import split
-from ssp_vla_bridge.core.backend import telling_options
-from ssp_vla_bridge.core.prompts.wording import words_sha256
-from ssp_vla_bridge.core.request import Request
+from ssp_vla_bridge.messages import Request
+from ssp_vla_bridge.prompts import words_sha256
 
 _DIGITS = 32
 

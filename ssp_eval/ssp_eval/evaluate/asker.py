@@ -9,9 +9,8 @@ from typing import Any, Protocol
 
 from ssp_core.errors import InputError
 from ssp_eval.evaluate.model_spec import ModelSpec
-from ssp_vla_bridge.core.backend import Backend, make_backend, respond
-from ssp_vla_bridge.core.request import Request
-from ssp_vla_bridge.core.response import ErrorCode, Response
+from ssp_vla_bridge.backend import Backend, make_backend, respond
+from ssp_vla_bridge.messages import ErrorCode, Request, Response
 
 # A reason for people is a line, whatever a bridge writes into its error message.
 MOST_REASON = 400

@@ -19,8 +19,7 @@ from ssp_eval.evaluate.question import NoQuestion, Question
 from ssp_eval.evaluate.raw_store import RawStore
 from ssp_eval.evaluate.store import Asked
 from ssp_eval.labels.model import labels_to_json
-from ssp_vla_bridge.core.request import Frame
-from ssp_vla_bridge.core.response import Response
+from ssp_vla_bridge.messages import Frame, Response
 
 Progress = Callable[[], None]
 _LONGEST_PAUSE_S = 30.0

@@ -31,7 +31,7 @@ from ssp_eval.recordings.import_record import SAFE_NAME
 from ssp_eval.recordings.observation_file import find_observations
 from ssp_eval.recordings.provenance import bag_folder
 from ssp_eval.score import DEFAULT
-from ssp_vla_bridge.core.window import Preprocessing
+from ssp_vla_bridge.window import Preprocessing
 
 AnyPath = TypeVar("AnyPath", Path, PurePosixPath)
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from ssp_core.files import MAX_TEXT_BYTES, write_text
 from ssp_eval.evaluate.asker import MOST_REASON
-from ssp_vla_bridge.core.response import Response
+from ssp_vla_bridge.messages import Response
 
 # In decoding facts these tell of one answer, not of how a model was set.
 _PER_ANSWER = (

@@ -30,10 +30,8 @@ from ssp_eval.evaluate.question import KeptQuestions, NoQuestion, Question
 from ssp_eval.recordings.crop import Crop
 from ssp_eval.recordings.provenance import Provenance, read_provenance
 from ssp_eval.score import DEFAULT
-from ssp_vla_bridge.core.camera import geometry_of, mounting_of
-from ssp_vla_bridge.core.request import CameraGeometry, EgoSample, Frame, Request
-from ssp_vla_bridge.core.task import TASK, DrivingTask
-from ssp_vla_bridge.core.window import Preprocessing, choose, ego_history
+from ssp_vla_bridge.messages import TASK, CameraGeometry, DrivingTask, EgoSample, Frame, Request
+from ssp_vla_bridge.window import Preprocessing, choose, ego_history, geometry_of, mounting_of
 
 _IMAGE = absolute(CAMERA_IMAGE)
 _INFO = absolute(CAMERA_INFO)

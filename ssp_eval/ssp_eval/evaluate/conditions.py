@@ -18,7 +18,7 @@ from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_json
 from ssp_eval.evaluate.controls import BLACK, CONDITION_SEED
 from ssp_eval.evaluate.question import NoQuestion, Question
-from ssp_vla_bridge.core.request import Frame, Request
+from ssp_vla_bridge.messages import Frame, Request
 
 
 def blackened(request: Request) -> Request:

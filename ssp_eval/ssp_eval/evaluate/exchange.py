@@ -5,8 +5,7 @@ from __future__ import annotations
 import json
 
 from ssp_eval.evaluate.asker import Ignored, Reply
-from ssp_vla_bridge.core.request import Request
-from ssp_vla_bridge.core.response import Response
+from ssp_vla_bridge.messages import Request, Response
 
 # Far more than a model has to say about one picture; without a bound one answer could fill the
 # disk, and every reader of the cell would have to carry it.

@@ -9,9 +9,8 @@ from ssp_eval.evaluate.store import Asked
 from ssp_eval.extract.language import NOT_READ
 from ssp_eval.extract.llm import Extracted, Extractor, make_extractor
 from ssp_eval.records import BehaviourRecord
-from ssp_vla_bridge.core.adapters import adapt
-from ssp_vla_bridge.core.request import Request
-from ssp_vla_bridge.core.response import Response
+from ssp_vla_bridge.adapters.registry import adapt
+from ssp_vla_bridge.messages import Request, Response
 
 LLM_MISSING = "slots of the LLM are missing"
 

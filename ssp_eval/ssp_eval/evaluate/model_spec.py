@@ -7,10 +7,9 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ssp_eval.evaluate.controls import CLIP_START_NS, LABELS_FILE
-from ssp_vla_bridge.core.adapters import check_adapter
-from ssp_vla_bridge.core.backend import interface_of
-from ssp_vla_bridge.core.interfaces import Interface, find_interface
-from ssp_vla_bridge.core.window import Preprocessing
+from ssp_vla_bridge.adapters.registry import check_adapter
+from ssp_vla_bridge.backend import interface_of
+from ssp_vla_bridge.window import Interface, Preprocessing, find_interface
 
 
 @dataclass(frozen=True)

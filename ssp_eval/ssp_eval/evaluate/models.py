@@ -16,8 +16,7 @@ from ssp_core.run_file.values import Strict
 from ssp_eval.evaluate.controls import ANSWERERS, CONDITIONS, CONTROLS
 from ssp_eval.evaluate.model_spec import ModelFacts, ModelSpec
 from ssp_eval.evaluate.secret_options import refuse_secrets
-from ssp_vla_bridge.backends import python
-from ssp_vla_bridge.core.backend import (
+from ssp_vla_bridge.backend import (
     BACKENDS,
     OPTION_INTERFACE,
     OPTION_START,
@@ -26,8 +25,8 @@ from ssp_vla_bridge.core.backend import (
     make_backend,
     parse_options,
 )
-from ssp_vla_bridge.core.interfaces import find_interface
-from ssp_vla_bridge.core.window import Preprocessing
+from ssp_vla_bridge.backends import python
+from ssp_vla_bridge.window import Preprocessing, find_interface
 
 SCHEMA = "ssp.models/1"
 # A model's name is a part of topics and of a cell's folder name.

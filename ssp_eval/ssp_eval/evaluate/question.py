@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from ssp_vla_bridge.core.request import Request
-from ssp_vla_bridge.core.window import Preprocessing
+from ssp_vla_bridge.messages import Request
+from ssp_vla_bridge.window import Preprocessing
 
 # Nine questions of ten frames of 960 × 540 px.
 _MOST_BYTES = 32 << 20

@@ -28,7 +28,7 @@ from ssp_eval.evaluate.store import (
     Asked,
     request_to_json,
 )
-from ssp_vla_bridge.core.response import Response, response_from_json, response_to_json
+from ssp_vla_bridge.messages import Response, response_from_json, response_to_json
 
 
 def check_unchanged(cell: Path) -> None:

@@ -9,8 +9,14 @@ from typing import Any
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_json
 from ssp_eval.evaluate.asker import Loss
-from ssp_vla_bridge.core.request import CameraGeometry, EgoSample, Frame, Request
-from ssp_vla_bridge.core.response import Response, response_to_json
+from ssp_vla_bridge.messages import (
+    CameraGeometry,
+    EgoSample,
+    Frame,
+    Request,
+    Response,
+    response_to_json,
+)
 
 RAW_FILE = "raw.jsonl"
 REQUESTS_FILE = "requests.jsonl"

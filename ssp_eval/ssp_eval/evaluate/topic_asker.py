@@ -12,8 +12,7 @@ from ssp_core.errors import PeerError
 from ssp_core.processes import NodeProcess
 from ssp_eval.evaluate.asker import Ignored, Loss, Reply
 from ssp_eval.evaluate.exchange import Exchange
-from ssp_vla_bridge.core.request import Request
-from ssp_vla_bridge.core.response import ErrorCode
+from ssp_vla_bridge.messages import ErrorCode, Request
 
 # A bridge has this long to appear on the topics unless the user says otherwise: it loads its
 # model before it subscribes.

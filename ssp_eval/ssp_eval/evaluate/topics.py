@@ -19,9 +19,9 @@ from ssp_eval.evaluate.asker import Asker, Ignored
 from ssp_eval.evaluate.exchange import Exchange
 from ssp_eval.evaluate.model_spec import ModelSpec
 from ssp_eval.evaluate.topic_asker import CONNECT_S, Link, Timeouts, TopicAsker, Transport
-from ssp_vla_bridge.core.backend import OPTION_START, OPTION_TIMEOUT
+from ssp_vla_bridge.backend import OPTION_START, OPTION_TIMEOUT
 
-BRIDGE_MODULE = "ssp_vla_bridge.node"
+BRIDGE_MODULE = "ssp_vla_bridge.ros.vla_bridge"
 PROFILE = Path(ssp_core.__file__).parent / "config" / "fastdds_one_host.xml"
 # The backend gives up before its bridge does, so that its own reason is what is recorded.
 _SHARE_OF_BACKEND = 0.95

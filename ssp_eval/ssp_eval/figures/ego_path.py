@@ -9,7 +9,7 @@ from typing import Any
 
 from ssp_core.clock import NS_PER_S
 from ssp_core.geometry import Pose2, wrap_angle
-from ssp_vla_bridge.core.trajectory import Trajectory
+from ssp_vla_bridge.trajectory import Trajectory
 
 _SLACK_NS = 1_000
 

@@ -23,7 +23,7 @@ from ssp_eval.report.load import CellData
 from ssp_eval.report.projection import Ribbon, ribbon
 from ssp_eval.score import Judgement
 from ssp_eval.score.show import NULL
-from ssp_vla_bridge.core.trajectory import Trajectory
+from ssp_vla_bridge.trajectory import Trajectory
 
 Image = NDArray[np.uint8]
 

@@ -17,7 +17,7 @@ from ssp_core.names import CAMERA_IMAGE, VUT_ID, absolute, state_topic
 from ssp_eval.figures.ego_path import EgoPath
 from ssp_eval.recordings.provenance import content_sha256
 from ssp_eval.report.load import CellData
-from ssp_vla_bridge.core.window import Preprocessing, choose
+from ssp_vla_bridge.window import Preprocessing, choose
 
 _IMAGE = absolute(CAMERA_IMAGE)
 _VUT_STATE = absolute(state_topic(VUT_ID))

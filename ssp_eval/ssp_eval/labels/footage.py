@@ -23,7 +23,7 @@ from ssp_eval.recordings.import_record import ImportRecord
 from ssp_eval.recordings.provenance import read_provenance
 from ssp_eval.recordings.states import frame_times
 from ssp_eval.score import DEFAULT
-from ssp_vla_bridge.core.window import Preprocessing
+from ssp_vla_bridge.window import Preprocessing
 
 _TOLERANCE_S = 1e-6
 

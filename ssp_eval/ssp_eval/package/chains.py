@@ -19,7 +19,7 @@ from ssp_eval.package.model import Chain, FileEntry, LineRef, Link, SentFrame
 from ssp_eval.records import BehaviourRecord, parse_records, record_to_json
 from ssp_eval.score import DEFAULT, score_cell
 from ssp_eval.score.thresholds_file import thresholds_of
-from ssp_vla_bridge.core.response import Response, response_from_json
+from ssp_vla_bridge.messages import Response, response_from_json
 
 Lines = list[tuple[LineRef, dict[str, Any]]]
 

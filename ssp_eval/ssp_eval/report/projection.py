@@ -10,7 +10,7 @@ from typing import Any
 from ssp_core.geometry import Pose2
 from ssp_core.world import camera
 from ssp_eval.report import svg
-from ssp_vla_bridge.core.trajectory import Trajectory, interpolate
+from ssp_vla_bridge.trajectory import Trajectory, interpolate
 
 _NEAREST_M = 1.0
 _HALF_WIDTH_M = 0.9

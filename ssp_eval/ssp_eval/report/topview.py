@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from ssp_eval.report import svg
-from ssp_vla_bridge.core.trajectory import Trajectory
+from ssp_vla_bridge.trajectory import Trajectory
 
 WIDTH, HEIGHT = 170, 250
 _MARGIN = 14

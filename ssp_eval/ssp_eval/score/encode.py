@@ -26,7 +26,7 @@ from ssp_eval.score.columns import (
     RecordColumns,
     Whole,
 )
-from ssp_vla_bridge.core.trajectory import Trajectory
+from ssp_vla_bridge.trajectory import Trajectory
 
 Cell = tuple[Labels, Sequence[BehaviourRecord]]
 

@@ -8,7 +8,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from ssp_eval.score.thresholds import DEFAULT, Thresholds
-from ssp_vla_bridge.core.trajectory import Trajectory, between, check_trajectory, locate
+from ssp_vla_bridge.trajectory import Trajectory, between, check_trajectory, locate
 
 if TYPE_CHECKING:
     import numpy as np

@@ -7,7 +7,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, overload
 
 from ssp_core.hashing import sha256_json
-from ssp_vla_bridge.core.trajectory import SUPPORT_END_S, TOLERANCE_S
+from ssp_vla_bridge.trajectory import SUPPORT_END_S, TOLERANCE_S
 
 if TYPE_CHECKING:
     import numpy as np

@@ -44,7 +44,7 @@ from ssp_core.hashing import sha256_file
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.log import read_log
 from ssp_scenario_manager.maps.site import find_shipped
-from ssp_vla_bridge.core.camera import mounting_of
+from ssp_vla_bridge.window import mounting_of
 
 IMAGE = "/ssp/vut/front_camera/image/compressed"
 OBJECTS = ("--vut", "/vut/odom", "--object", "ot1=/ot1/odom:car", "--camera", "/cam")

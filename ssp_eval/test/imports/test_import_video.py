@@ -21,7 +21,7 @@ from ssp_core.cli import main
 from ssp_core.hashing import sha256_file
 from ssp_eval.imports.pictures import keep_every, output_size
 from ssp_scenario_manager.event_spec.log import read_log
-from ssp_vla_bridge.core.camera import mounting_of
+from ssp_vla_bridge.window import mounting_of
 
 IMAGE = "/ssp/vut/front_camera/image/compressed"
 INFO = "/ssp/vut/front_camera/camera_info"

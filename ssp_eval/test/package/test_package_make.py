@@ -29,8 +29,7 @@ from ssp_eval.package.model import (
 from ssp_eval.package.verify import verify_package
 from ssp_scenario_manager.event_spec.log import Record, append_record
 from ssp_scenario_manager.maps.site import find_shipped
-from ssp_vla_bridge.core.request import Request
-from ssp_vla_bridge.core.response import Response
+from ssp_vla_bridge.messages import Request, Response
 
 Writer = Callable[..., Path]
 MODEL = "constant_velocity"

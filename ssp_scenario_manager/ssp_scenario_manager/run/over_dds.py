@@ -119,7 +119,7 @@ def _watch(node: NodeProcess, shown: str, say: Callable[[str], None]) -> None:
         )
 
 
-SHADOW_MODULE = "ssp_vla_bridge.node"
+SHADOW_MODULE = "ssp_vla_bridge.ros.vla_bridge"
 DEFAULT_HZ = 2.0
 # What the recorder is to take besides, so that the answers are in the bag.
 RECORDED = "^/diagnostics$|^/ssp/vla/[^/]+/response$"

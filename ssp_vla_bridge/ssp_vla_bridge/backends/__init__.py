@@ -1,1 +1,1 @@
-"""The backends that come with the project: baselines, controls and recorded answers."""
+"""Backends: models behind one call, over HTTP, as a Python function, or in this process."""

@@ -14,23 +14,28 @@ import cv2
 import numpy as np
 
 from ssp_core.clock import ns_to_seconds
-from ssp_vla_bridge.backends.phrases import action_sentence, scene_text
-from ssp_vla_bridge.backends.plan import point_times, travelled_m, waypoints
-from ssp_vla_bridge.backends.vision.detect import find_things
-from ssp_vla_bridge.backends.vision.ground_plane import GroundPlane, ground_plane
-from ssp_vla_bridge.backends.vision.horizon import horizon_row
-from ssp_vla_bridge.backends.vision.situation import CAMERA_TO_BUMPER_M, Situation, judge
-from ssp_vla_bridge.backends.vision.surface import (
+from ssp_vla_bridge.backend import check_options
+from ssp_vla_bridge.backends.phrases import (
+    action_sentence,
+    point_times,
+    scene_text,
+    travelled_m,
+    waypoints,
+)
+from ssp_vla_bridge.backends.vision.detection import detect_objects
+from ssp_vla_bridge.backends.vision.ground import (
     ByteImage,
+    GroundPlane,
     foreign_pixels,
+    ground_plane,
+    horizon_row,
     learn_surface,
     strip_index,
     to_ycc,
 )
-from ssp_vla_bridge.backends.vision.track import Track, track_things
-from ssp_vla_bridge.core.backend import check_options
-from ssp_vla_bridge.core.request import Frame, Request
-from ssp_vla_bridge.core.response import Answer, NativeArray
+from ssp_vla_bridge.backends.vision.situation import CAMERA_TO_BUMPER_M, Situation, judge
+from ssp_vla_bridge.backends.vision.tracking import Track, track_objects
+from ssp_vla_bridge.messages import Answer, Frame, NativeArray, Request
 
 WORK_WIDTH_PX = 720
 LOOK_BACK_S = (0.9, 0.6, 0.3, 0.0)
@@ -44,7 +49,7 @@ _BLIND_SENTENCE = "I can't see anything in the picture."
 
 
 @dataclass(frozen=True)
-class Sight:
+class Perception:
     """What was made of the frames, for people who want to look at it.
 
     Args:
@@ -92,7 +97,7 @@ class OpencvBaseline:
         return Answer(f"{scene} {action_sentence(lon_action, 'straight')}", arrays, decoding)
 
 
-def look(request: Request) -> Sight:
+def look(request: Request) -> Perception:
     """The road users and other things in a request's frames."""
     frames = choose_frames(request.frames)
     newest = _decode(frames[-1])
@@ -107,15 +112,15 @@ def look(request: Request) -> Sight:
     given = camera is not None and camera.pitch_down_rad is not None
     plane = ground_plane(camera, (width, height), scale, None if given else horizon_row(images))
     if blind:
-        return Sight(True, plane, (), 1)
+        return Perception(True, plane, (), 1)
     ycc = [to_ycc(image) for image in images]
     masks = foreign_pixels(ycc, learn_surface(ycc, plane), strip_index(plane))
     seen = [
-        (ns_to_seconds(frame.stamp_ns - request.stamp_ns), find_things(image, mask, plane))
+        (ns_to_seconds(frame.stamp_ns - request.stamp_ns), detect_objects(image, mask, plane))
         for frame, image, mask in zip(frames, ycc, masks, strict=True)
     ]
     history = request.history if request.ego_known else ()
-    return Sight(False, plane, tuple(track_things(seen, history)), len(frames))
+    return Perception(False, plane, tuple(track_objects(seen, history)), len(frames))
 
 
 def choose_frames(frames: Sequence[Frame]) -> list[Frame]:

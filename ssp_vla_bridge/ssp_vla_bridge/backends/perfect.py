@@ -14,11 +14,15 @@ from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError, PeerError
 from ssp_core.files import read_mapping
 from ssp_core.vocabulary import CONFLICTS, LAT_ACTIONS, LON_ACTIONS, MOTIONS, OBJECTS, POSITIONS
-from ssp_vla_bridge.backends.phrases import action_sentence, scene_text
-from ssp_vla_bridge.backends.plan import point_times, travelled_m, waypoints
-from ssp_vla_bridge.core.backend import check_options
-from ssp_vla_bridge.core.request import Request
-from ssp_vla_bridge.core.response import Answer, NativeArray
+from ssp_vla_bridge.backend import check_options
+from ssp_vla_bridge.backends.phrases import (
+    action_sentence,
+    point_times,
+    scene_text,
+    travelled_m,
+    waypoints,
+)
+from ssp_vla_bridge.messages import Answer, NativeArray, Request
 
 MATCH_S = 0.11  # METHOD 6.1
 # In the order of preference; a defensive action wherever the label allows one (METHOD 6.9).

@@ -15,11 +15,10 @@ from pathlib import Path
 from typing import Any
 
 from ssp_core.errors import InputError, PeerError
-from ssp_vla_bridge.core.adapters.waypoints import ARRAY_NAME, FRAME
-from ssp_vla_bridge.core.backend import check_options
-from ssp_vla_bridge.core.interfaces import find_interface
-from ssp_vla_bridge.core.request import Request
-from ssp_vla_bridge.core.response import Answer, NativeArray
+from ssp_vla_bridge.adapters.points import WAYPOINTS_ARRAY, WAYPOINTS_FRAME
+from ssp_vla_bridge.backend import check_options
+from ssp_vla_bridge.messages import Answer, NativeArray, Request
+from ssp_vla_bridge.window import find_interface
 
 _KNOWN: dict[str, type] = {
     "function": str,
@@ -87,10 +86,10 @@ def _points(points: Any, step_s: float, first_time_s: float) -> NativeArray:
             f"the function's point {wrong} has {len(rows[wrong])} numbers; a point is (x, y)"
         )
     return NativeArray(
-        name=ARRAY_NAME,
+        name=WAYPOINTS_ARRAY,
         shape=(len(rows), 2),
         data=tuple(value for row in rows for value in row),
-        frame=FRAME,
+        frame=WAYPOINTS_FRAME,
         unit="m",
         step_s=step_s,
         first_time_s=first_time_s,

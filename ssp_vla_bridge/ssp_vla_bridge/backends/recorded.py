@@ -8,11 +8,10 @@ from typing import Any
 
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError, PeerError
-from ssp_vla_bridge.core.backend import check_options
-from ssp_vla_bridge.core.interfaces import find_interface
-from ssp_vla_bridge.core.request import Request
-from ssp_vla_bridge.core.response import Answer, ErrorCode, Response
-from ssp_vla_bridge.core.stored_answers import Stored, read_stored
+from ssp_vla_bridge.backend import check_options
+from ssp_vla_bridge.messages import Answer, ErrorCode, Request, Response
+from ssp_vla_bridge.stored_answers import Stored, read_stored
+from ssp_vla_bridge.window import find_interface
 
 
 class Recorded:
@@ -71,7 +70,7 @@ def _said(response: Response) -> str:
 def make(options: Mapping[str, Any]) -> Recorded:
     """A backend for the options ``file``, ``model`` and ``interface``.
 
-    ``file`` is JSON Lines of responses (core/response.py), a cell's or a campaign's folder, or a
+    ``file`` is JSON Lines of responses (messages.py), a cell's or a campaign's folder, or a
     bag with the answers of a shadow run; ``model`` leaves only the answers of that name.
 
     Raises:

@@ -9,9 +9,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from ssp_vla_bridge.core.adapters import Adapted, adapt
-from ssp_vla_bridge.core.request import EgoSample, Request
-from ssp_vla_bridge.core.response import Response
+from ssp_vla_bridge.adapters.adapted import Adapted
+from ssp_vla_bridge.adapters.registry import adapt
+from ssp_vla_bridge.messages import EgoSample, Request, Response
 
 NS = 1_000_000_000
 

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from ssp_vla_bridge.core.adapters.alpamayo import unwrapped
-from ssp_vla_bridge.core.response import NativeArray
+from ssp_vla_bridge.adapters.points import unwrapped
+from ssp_vla_bridge.messages import NativeArray
 
 
 def array(values, frame="ego_xyz", unit="m", step_s=0.1, first_time_s=0.1, name="pred_xyz"):

@@ -6,10 +6,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ssp_vla_bridge.core.adapters import ADAPTERS, adapt
-from ssp_vla_bridge.core.request import EgoSample, Request
-from ssp_vla_bridge.core.response import NativeArray, Response, response_from_json, response_to_json
-from ssp_vla_bridge.core.trajectory import INVALID_REASONS, check_trajectory
+from ssp_vla_bridge.adapters.registry import ADAPTERS, adapt
+from ssp_vla_bridge.messages import (
+    EgoSample,
+    NativeArray,
+    Request,
+    Response,
+    response_from_json,
+    response_to_json,
+)
+from ssp_vla_bridge.trajectory import INVALID_REASONS, check_trajectory
 
 NAMES = [f"{name}:{mode}" for name, adapter in ADAPTERS.items() for mode in adapter.modes]
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from ssp_vla_bridge.core.native_history import lightemma_history
+from ssp_vla_bridge.native_history import lightemma_history
 
 FORM = "({}, {})"
 

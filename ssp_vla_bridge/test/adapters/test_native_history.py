@@ -8,12 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ssp_vla_bridge.core.native_history import (
-    lightemma_history,
-    llavida_history,
-    openemma_history,
-)
-from ssp_vla_bridge.core.request import EgoSample
+from ssp_vla_bridge.messages import EgoSample
+from ssp_vla_bridge.native_history import lightemma_history, llavida_history, openemma_history
 
 
 def test_openemma_prints_metres_per_half_second_oldest_first(cases):

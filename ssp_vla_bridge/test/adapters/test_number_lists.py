@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ssp_vla_bridge.core.adapters.numbers import CUT, ELIDED, scan_lists
+from ssp_vla_bridge.adapters.number_lists import CUT, ELIDED, scan_lists
 
 AB = ((3.2, -0.2), (3.1, 0.1))
 

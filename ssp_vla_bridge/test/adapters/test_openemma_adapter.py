@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import cumulative_trapezoid
 
-from ssp_vla_bridge.core.adapters.openemma import published_points
+from ssp_vla_bridge.adapters.pairs import published_points
 
 # A VUT that slows down on a straight road, as its request's history is printed.
 HISTORY = tuple((v, 0.0) for v in (4.6, 4.5, 4.5, 4.3, 4.2, 4.0, 3.9, 3.9, 3.6, 3.5))

@@ -13,8 +13,7 @@ from typing import Any
 
 import pytest
 
-from ssp_vla_bridge.backends.openai_chat import OpenAIBackend
-from ssp_vla_bridge.backends.openai_options import read_options
+from ssp_vla_bridge.backends.openai_chat import OpenAIBackend, read_options
 
 Talk = Callable[["ChatService", socket.socket], None]
 

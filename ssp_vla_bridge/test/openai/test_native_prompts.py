@@ -7,12 +7,9 @@ from dataclasses import fields, replace
 import pytest
 
 from ssp_core.errors import InputError
-from ssp_vla_bridge.core.previous import previous_stage, stage_text
-from ssp_vla_bridge.core.prompts import PROMPTS, find_stages
-from ssp_vla_bridge.core.prompts.shared import UNKNOWN_PAST
-from ssp_vla_bridge.core.request import EgoSample
-from ssp_vla_bridge.core.response import Response
-from ssp_vla_bridge.core.task import TASK
+from ssp_vla_bridge.messages import TASK, EgoSample, Response
+from ssp_vla_bridge.native_history import previous_stage, stage_text
+from ssp_vla_bridge.prompts import PROMPTS, UNKNOWN_PAST, find_stages
 
 NS = 1_000_000_000
 BEFORE = {"scene": "SCENE TEXT", "objects": "OBJECTS TEXT", "intent": "INTENT TEXT"}

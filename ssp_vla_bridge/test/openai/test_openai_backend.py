@@ -13,14 +13,13 @@ import numpy as np
 import pytest
 
 from ssp_core.errors import InputError, PeerError
-from ssp_vla_bridge.backends.openai_chat import OpenAIBackend, scaled
-from ssp_vla_bridge.backends.openai_options import read_options
-from ssp_vla_bridge.core.adapters import adapt
-from ssp_vla_bridge.core.backend import interface_of, make_backend, respond
-from ssp_vla_bridge.core.interfaces import find_interface
-from ssp_vla_bridge.core.previous import stage_text
-from ssp_vla_bridge.core.prompts import PROMPTS, find_stages
-from ssp_vla_bridge.core.response import response_from_json, response_to_json
+from ssp_vla_bridge.adapters.registry import adapt
+from ssp_vla_bridge.backend import interface_of, make_backend, respond
+from ssp_vla_bridge.backends.openai_chat import OpenAIBackend, read_options, scaled
+from ssp_vla_bridge.messages import response_from_json, response_to_json
+from ssp_vla_bridge.native_history import stage_text
+from ssp_vla_bridge.prompts import PROMPTS, find_stages
+from ssp_vla_bridge.window import find_interface
 
 PAIRS = ", ".join(["[4.0, 0.0]"] * 10)
 STAGED = ["A car ahead — “slow”.", "1. The car 😀", "I slow down.", PAIRS]

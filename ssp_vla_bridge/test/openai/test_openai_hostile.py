@@ -14,8 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from ssp_vla_bridge.core.backend import NoTimeError, NotTakenError, respond
-from ssp_vla_bridge.core.response import ErrorCode, response_to_json
+from ssp_vla_bridge.backend import NoTimeError, NotTakenError, respond
+from ssp_vla_bridge.messages import ErrorCode, response_to_json
 
 KEY = "sk-9f8e7d6c5b4a-very-secret"
 MIB = 1 << 20

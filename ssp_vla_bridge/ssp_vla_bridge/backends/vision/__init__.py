@@ -1,1 +1,1 @@
-"""Classical computer vision of the baseline: from frames to road users, without weights."""
+"""Classical vision of the OpenCV baseline: ground, detections, tracks, and what they mean."""

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ssp_vla_bridge.backends.vision.track import Track
+from ssp_vla_bridge.backends.vision.tracking import Track
 
 CAMERA_TO_BUMPER_M = 1.8  # assumed; the request doesn't say
 OWN_HALF_WIDTH_M = 1.2  # half the VUT's width plus 0.3 m (METHOD 1)

@@ -1,0 +1,139 @@
+"""What every adapter gives, whether an answer was cut off, and paths from speeds and curvatures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from ssp_vla_bridge.messages import Response
+from ssp_vla_bridge.trajectory import Trajectory
+
+
+@dataclass(frozen=True)
+class AdapterInfo:
+    """How a response was read; goes into the behaviour record (METHOD 5.3).
+
+    Args:
+        name: the adapter's name.
+        mode: which of its readings was used.
+        origin_added: True when the frame's origin was put in as the point at t = 0 (METHOD 5.4).
+        notes: what a reader of the scores should know, one clause each.
+    """
+
+    name: str
+    mode: str
+    origin_added: bool = False
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Adapted:
+    """Text and trajectory of one response.
+
+    Args:
+        text: the model's text, as it is.
+        trajectory: None when the native output is missing or invalid.
+        invalid: why it is None, reasons of METHOD 5.3.
+        info: how it was read.
+    """
+
+    text: str
+    trajectory: Trajectory | None
+    invalid: tuple[str, ...]
+    info: AdapterInfo
+
+
+def without_trajectory(
+    response: Response, info: AdapterInfo, reason: str, note: str = ""
+) -> Adapted:
+    """What an adapter gives where it can't read a trajectory.
+
+    Args:
+        response: raw; of one with an error, the error is the note.
+        info: name and mode.
+        reason: of METHOD 5.3.
+        note: why.
+    """
+    if response.error_code:
+        note = f"error {response.error_code} instead of an answer"
+    return Adapted(response.text, None, (reason,), replace(info, notes=(*info.notes, note)))
+
+
+MOTION = "motion"
+_REASON = "length"  # finish_reason of OpenAI's interface
+_WHOLE = "answer"
+_NAME_LENGTH = 40
+
+
+def cut_parts(response: Response) -> tuple[str, ...]:
+    """Names of the stages that were cut off; ``answer`` where decoding says it of the whole.
+
+    Args:
+        response: whoever made it; ``finish_reason`` is looked for in its ``decoding`` and in each
+            of ``decoding["stages"]``.
+    """
+    stages = response.decoding.get("stages")
+    found = []
+    for stage in stages if isinstance(stages, list) else ():
+        if isinstance(stage, Mapping) and stage.get("finish_reason") == _REASON:
+            name = stage.get("name")
+            found.append(name[:_NAME_LENGTH] if isinstance(name, str) else "a stage")
+    if response.decoding.get("finish_reason") == _REASON:
+        found.append(_WHOLE)
+    return tuple(dict.fromkeys(found))
+
+
+def motion_is_cut(response: Response) -> bool:
+    """Whether the text that holds the motion ends where the tokens did.
+
+    Args:
+        response: whoever made it.
+    """
+    return not {MOTION, _WHOLE}.isdisjoint(cut_parts(response))
+
+
+def arcs(speeds_mps: Sequence[float], curvatures_pm: Sequence[float], step_s: float) -> Trajectory:
+    """Each pair holds for one step: a circular arc of length d = v Δt that turns by κ d.
+
+    With θ_0 = 0 and c = sin(κ d / 2) / (κ d / 2), which is 1 for a straight step:
+    x_k = x_(k−1) + d c cos(θ_(k−1) + κ d / 2), y_k = y_(k−1) + d c sin(θ_(k−1) + κ d / 2),
+    θ_k = θ_(k−1) + κ d. The points lie at 0, Δt, 2 Δt, …, the first one is the origin.
+    Numbers that are too large give points that aren't finite; check_trajectory tells.
+
+    Args:
+        speeds_mps: of the steps, m/s.
+        curvatures_pm: of the steps, 1/m, + is left.
+        step_s: Δt, s.
+    """
+    xs, ys, heading_rad = [0.0], [0.0], 0.0
+    for speed_mps, curvature_pm in zip(speeds_mps, curvatures_pm, strict=True):
+        length_m = speed_mps * step_s
+        half_rad = curvature_pm * length_m / 2
+        chord_m = length_m * (sine(half_rad) / half_rad if abs(half_rad) > 1e-9 else 1.0)
+        xs.append(xs[-1] + chord_m * cosine(heading_rad + half_rad))
+        ys.append(ys[-1] + chord_m * sine(heading_rad + half_rad))
+        heading_rad += 2 * half_rad
+    return at_steps(xs, ys, step_s)
+
+
+def at_steps(xs_m: Sequence[float], ys_m: Sequence[float], step_s: float) -> Trajectory:
+    """Points at 0, Δt, 2 Δt, …
+
+    Args:
+        xs_m: forward, m.
+        ys_m: to the left, m.
+        step_s: Δt, s.
+    """
+    times = tuple(k * step_s for k in range(len(xs_m)))
+    return Trajectory(times, tuple(xs_m), tuple(ys_m))
+
+
+def sine(angle_rad: float) -> float:
+    """The sine; NaN of an angle that isn't finite, where math.sin raises."""
+    return math.sin(angle_rad) if math.isfinite(angle_rad) else math.nan
+
+
+def cosine(angle_rad: float) -> float:
+    """The cosine; NaN of an angle that isn't finite, where math.cos raises."""
+    return math.cos(angle_rad) if math.isfinite(angle_rad) else math.nan

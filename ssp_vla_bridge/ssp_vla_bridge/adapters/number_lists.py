@@ -1,0 +1,340 @@
+"""One row of numbers in a bracket, ``[3.2, -0.2]``, in the ways in which models write it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from operator import attrgetter
+
+# Signs that models write for a minus; the first is ASCII's.
+_MINUS = "-\u2212\u2010\u2011\u2012\u2013\ufe63\uff0d"
+SIGN = rf"[+\{_MINUS}]?"
+PLAIN = "(?:[0-9]+(?:[.][0-9]*)?|[.][0-9]+)(?:[eE][+-]?[0-9]+)?"
+_TO_ASCII = str.maketrans(dict.fromkeys(_MINUS, "-"))
+
+_GROUP = re.compile(r"([\[({])([^\[\](){}]+)([\])}])")
+_USUAL_ROW = re.compile(rf"\s*({SIGN}{PLAIN})\s*,\s*({SIGN}{PLAIN})\s*")
+_INSIDE = re.compile(
+    rf"(?P<space>\s+)|(?P<comma>[,;])|(?P<unit>1/m\b)"
+    rf"|(?P<number>{SIGN}(?:{PLAIN}|(?i:nan|inf(?:inity)?)\b))"
+    r"|(?P<word>[^\W\d]\w*(?:/\w+)?(?:\^-1|⁻¹)?)|(?P<ignored>[:=*`$\\\"'])|(?P<other>.)",
+    re.DOTALL,
+)
+_NAMES = frozenset(
+    {"v", "k", "c", "x", "y", "speed", "velocity", "vel", "curvature", "curv", "kappa", "κ"}
+    | {"lateral", "longitudinal", "forward", "left"}
+)
+_UNITS = frozenset(
+    {"m", "meter", "meters", "metre", "metres", "m/s", "mps", "m/step", "rad/m", "m^-1", "m⁻¹"}
+    | {"km/h", "kmh", "kph", "mph", "ft", "deg", "s"}
+)
+_DIGIT = re.compile("[0-9]|nan|inf", re.IGNORECASE)
+_LONGEST_BEGUN = 80
+_BRACKETS = {"[]": "square brackets", "()": "round brackets", "{}": "braces"}
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """A bracket that is a row of numbers, or tries to be one.
+
+    Args:
+        start: offset of the opening bracket.
+        end: offset behind the closing one.
+        brackets: both.
+        numbers: empty if it holds digits, but can't be read as a row.
+        names: that the numbers are given in the bracket, empty for none.
+        units: behind numbers.
+        marks: ways of writing, a few words each.
+    """
+
+    start: int
+    end: int
+    brackets: str
+    numbers: tuple[float, ...]
+    names: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
+    marks: tuple[str, ...] = ()
+
+
+def find_rows(text: str) -> Iterator[Row]:
+    """The rows of a text, in its order.
+
+    Args:
+        text: anything.
+    """
+    for match in _GROUP.finditer(text):
+        opening, inside, closing = match.groups()
+        if _DIGIT.search(inside) is None:
+            continue
+        row = read_row(match.start(), match.end(), inside, opening + closing)
+        if row is not None:
+            yield row
+
+
+def read_row(start: int, end: int, inside: str, brackets: str) -> Row | None:
+    """The row in a bracket; None if it holds no number, or a single one, which is a label.
+
+    Args:
+        start: offset of the opening bracket.
+        end: offset behind the closing one.
+        inside: of the bracket.
+        brackets: both; empty for one that never closes.
+    """
+    marks = (_BRACKETS[brackets],) if brackets in _BRACKETS else ()
+    usual = _USUAL_ROW.fullmatch(inside)
+    if usual is not None and inside.isascii() and marks:
+        return Row(start, end, brackets, (float(usual[1]), float(usual[2])), (), (), marks)
+    return _unusual_row(start, end, inside, brackets, marks)
+
+
+def may_begin_row(inside: str) -> bool:
+    """Whether what follows an opened bracket may be a row that isn't finished.
+
+    Args:
+        inside: up to the end of the text.
+    """
+    if len(inside) > _LONGEST_BEGUN:
+        return False
+    begun = inside.rstrip().rstrip("+" + _MINUS)
+    kinds = {token.lastgroup for token in _INSIDE.finditer(begun)} - {"space", "ignored"}
+    return kinds <= {"number", "comma"} or kinds == {"number", "comma", "word"}
+
+
+def _unusual_row(
+    start: int, end: int, inside: str, brackets: str, marks: tuple[str, ...]
+) -> Row | None:
+    numbers: list[float] = []
+    names: list[str] = []
+    units: list[str] = []
+    found = set(marks)
+    # "[0, 5)" is an interval.
+    name, parted, spaced, bad = "", True, True, brackets not in _BRACKETS
+    for token in _INSIDE.finditer(inside):
+        kind, word = token.lastgroup, token.group()
+        if kind == "number":
+            if not parted:
+                found.add("a space for a comma")
+                bad = bad or not spaced
+            if not word.isascii():
+                word = word.translate(_TO_ASCII)
+                found.add("a Unicode minus")
+            numbers.append(float(word))
+            names.append(name)
+            name, parted = "", False
+        elif kind == "word" and word.lower() in _UNITS and name == "" and numbers and not parted:
+            units.append(word.lower())
+        elif kind == "word" and word.lower().rstrip("0123456789_") in _NAMES:
+            name = word.lower().rstrip("0123456789_")
+            found.add("names in rows")
+        elif kind == "unit":
+            units.append(word)
+        elif kind == "comma":
+            bad = bad or parted or name != ""
+            parted = True
+        elif kind in ("word", "other"):
+            bad = True
+        spaced = kind == "space" or (spaced and kind == "ignored")
+    bad = bad or name != ""
+    if not numbers or (len(numbers) == 1 and not bad):
+        return None
+    return Row(
+        start,
+        end,
+        brackets,
+        () if bad else tuple(numbers),
+        tuple(names),
+        tuple(units),
+        tuple(sorted(found)),
+    )
+
+
+CUT = "it is cut off by the end of the text"
+ELIDED = "an ellipsis stands for rows"
+
+_BETWEEN = re.compile(
+    r"(?P<space>\s+)|(?P<comma>[,;])|(?P<ellipsis>[.]{2,}|…|⋯)"
+    r"|(?P<group>\([a-zA-Z/ ]{0,12}\)|[\[(][0-9. ]{1,8}s?[\])]"
+    r"|[\[(][a-zA-Z]{1,12}_?[0-9]{0,2}, ?[a-zA-Z]{1,12}_?[0-9]{0,2}[\])])"
+    r"|(?P<open>[\[({])|(?P<close>[\])}])"
+    rf"|(?P<number>{SIGN}{PLAIN})|(?P<word>[^\W\d]\w*)"
+    r"|(?P<mark>[:=*_`>|#•·→$\\\"'+\-–])|(?P<other>.)",
+    re.DOTALL,
+)
+# Words that may stand before a row of a list without being prose.
+_LABELS = frozenset(
+    {"t", "time", "s", "sec", "secs", "second", "seconds", "step", "steps", "timestep"}
+    | {"timesteps", "frame", "frames", "waypoint", "waypoints", "point", "points", "pair"}
+    | {"pairs", "at", "future", "and", "then", "wp", "p"}
+)
+_NO_NAMES: frozenset[str] = frozenset()
+NESTED = frozenset({"a nested list"})
+_LABELLED = frozenset({"labels between rows"})
+_names_of = attrgetter("names")
+# More of a text than this between two rows is no label.
+_LABEL_LENGTH = 80
+
+
+@dataclass(frozen=True)
+class NumberList:
+    """One list of rows as it stands in a text.
+
+    Args:
+        rows: the numbers that are whole, also of a list with a fault.
+        start: offset of its first row, or of the bracket that opens it.
+        end: offset behind its last row.
+        fault: why it is no list that can be read, empty for a good one.
+        cut: whether the text ends before the list does.
+        loose: indices of rows that no comma parts from the row before.
+        names: per column, the names that its numbers were given.
+        units: written behind numbers.
+        marks: other ways of writing that were tolerated, a few words each.
+    """
+
+    rows: tuple[tuple[float, ...], ...]
+    start: int
+    end: int
+    fault: str = ""
+    cut: bool = False
+    loose: tuple[int, ...] = ()
+    names: tuple[frozenset[str], ...] = ()
+    units: frozenset[str] = frozenset()
+    marks: frozenset[str] = frozenset()
+
+
+@dataclass(slots=True)
+class _Gap:
+    """What stands between two rows, before the first one, or behind the last one."""
+
+    prose: bool = False
+    comma: bool = False
+    ellipsis: bool = False
+    opened: int = -1  # offset of the first outer bracket that opens
+    closed: bool = False
+    label: bool = False
+
+
+def scan_lists(text: str) -> tuple[NumberList, ...]:
+    """The lists of number rows in a text, in its order; takes time linear in its length.
+
+    Args:
+        text: anything.
+    """
+    lists: list[NumberList] = []
+    rows: list[Row] = []
+    gaps: list[_Gap] = []  # gaps[i] stands before rows[i]
+    end = 0
+    for row in find_rows(text):
+        gap = _gap(text, end, row.start)
+        parted = gap.prose or gap.closed or gap.opened >= 0
+        # "(12 m, 3 s) [3.2, 0.1]": another bracket without a comma is another thing.
+        parted = parted or bool(rows and not gap.comma and rows[-1].brackets != row.brackets)
+        if rows and parted:
+            lists.extend(_finish(rows, gaps, gap))
+            rows, gaps = [], []
+        if not rows and gap.prose:
+            gap = _gap(text, max(end, row.start - _LABEL_LENGTH), row.start, from_the_right=True)
+        rows.append(row)
+        gaps.append(gap)
+        end = row.end
+    lists.extend(_ending(text, rows, gaps, end))
+    return tuple(lists)
+
+
+def _finish(rows: list[Row], gaps: list[_Gap], after: _Gap, cut: bool = False) -> list[NumberList]:
+    good = [row for row in rows if row.numbers]
+    # Digits in round brackets are prose as a rule: "(12 m away), (15 m away)".
+    if not good and (len(rows) < 2 or rows[0].brackets != "[]"):
+        return []
+    fault = ""
+    widths = {len(row.numbers) for row in rows}
+    if len(widths) > 1:
+        bad = next(i for i, row in enumerate(rows) if len(row.numbers) != len(rows[0].numbers))
+        fault = f"row {bad + 1} isn't like the others"
+    if not good:
+        fault = "its rows aren't numbers"
+    if any(gap.ellipsis for gap in gaps[1:]) or (after.ellipsis and not after.prose):
+        fault = ELIDED
+    if cut and not fault:
+        fault = CUT
+    marks = _joined(tuple({row.marks for row in rows}))
+    if gaps[0].opened >= 0:
+        marks |= NESTED
+    if any(gap.label for gap in gaps[1:]):
+        marks |= _LABELLED
+    return [
+        NumberList(
+            rows=tuple(row.numbers for row in good),
+            start=gaps[0].opened if gaps[0].opened >= 0 else rows[0].start,
+            end=rows[-1].end,
+            fault=fault,
+            cut=cut,
+            loose=tuple(i for i, gap in enumerate(gaps) if i and not gap.comma),
+            names=_names(good, max(widths)),
+            units=_joined(tuple({row.units for row in rows})),
+            marks=marks,
+        )
+    ]
+
+
+@lru_cache(maxsize=256)
+def _joined(words: tuple[tuple[str, ...], ...]) -> frozenset[str]:
+    # A hostile text has a list per row; most of them have the same words.
+    return frozenset(word for some in words for word in some)
+
+
+def _names(rows: list[Row], width: int) -> tuple[frozenset[str], ...]:
+    if not any(map(_names_of, rows)):
+        return (_NO_NAMES,) * width
+    return tuple(
+        frozenset(row.names[i] for row in rows if i < len(row.names) and row.names[i])
+        for i in range(width)
+    )
+
+
+def _ending(text: str, rows: list[Row], gaps: list[_Gap], end: int) -> list[NumberList]:
+    """The last list, and whether the text ends before it does."""
+    last = max(text.rfind(bracket, end) for bracket in "[](){}")
+    opener = last if last >= 0 and text[last] in "[({" else len(text)
+    row_begun = opener < len(text) and may_begin_row(text[opener + 1 :])
+    if not rows:
+        if not row_begun:
+            return []
+        return [NumberList((), opener, len(text), CUT, cut=True)]
+    gap = _gap(text, end, opener if row_begun else len(text))
+    never_closed = gaps[0].opened >= 0 and not gap.closed
+    cut = not gap.prose and (row_begun or gap.comma or never_closed)
+    lists = _finish(rows, gaps, gap, cut)
+    if row_begun and (gap.prose or not lists):
+        lists.append(NumberList((), opener, len(text), CUT, cut=True))
+    return lists
+
+
+def _gap(text: str, start: int, end: int, from_the_right: bool = False) -> _Gap:
+    gap = _Gap()
+    between = text[start:end]
+    if between.strip() == ",":
+        gap.comma = True
+        return gap
+    if end - start > _LABEL_LENGTH:
+        gap.prose = True
+        return gap
+    tokens = list(_BETWEEN.finditer(between))
+    for token in reversed(tokens) if from_the_right else tokens:
+        kind = token.lastgroup
+        if kind == "other" or (kind == "word" and token.group().lower() not in _LABELS):
+            gap.prose = True
+            if from_the_right:
+                break
+        elif kind == "open":
+            gap.opened = start + token.start()
+        elif kind == "close":
+            gap.closed = True
+        elif kind == "comma":
+            gap.comma = True
+        elif kind == "ellipsis":
+            gap.ellipsis = True
+        elif kind in ("word", "number", "group"):
+            gap.label = True
+    return gap

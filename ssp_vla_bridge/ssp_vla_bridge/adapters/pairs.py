@@ -1,0 +1,217 @@
+"""OpenEMMA and LightEMMA: pairs of speed and curvature."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from ssp_vla_bridge.adapters.adapted import (
+    MOTION,
+    Adapted,
+    AdapterInfo,
+    arcs,
+    at_steps,
+    cosine,
+    motion_is_cut,
+    sine,
+    without_trajectory,
+)
+from ssp_vla_bridge.adapters.answer import Form, Rows, choose_answer
+from ssp_vla_bridge.messages import Request, Response
+from ssp_vla_bridge.native_history import (
+    CURVATURE_SCALE,
+    LIGHTEMMA_PAIRS,
+    OPENEMMA_PAIRS,
+    STEP_S,
+    lightemma_history,
+    openemma_history,
+    stage_text,
+)
+from ssp_vla_bridge.trajectory import Trajectory, check_trajectory
+
+COLUMNS = (
+    frozenset({"v", "speed", "velocity", "vel"}),
+    frozenset({"k", "c", "curvature", "curv", "kappa", "κ"}),
+)
+UNITS = frozenset({"m/s", "mps", "1/m", "m^-1", "m⁻¹", "rad/m"})
+
+# No car on tyres turns harder; more tells of a curvature in another unit.
+_MOST_LATERAL_MPS2 = 12.0
+
+
+def adapt_pairs(
+    response: Response,
+    history: Rows | None,
+    info: AdapterInfo,
+    form: Form,
+    integrate: Callable[[Rows], Trajectory],
+) -> Adapted:
+    """Text and trajectory of an answer in pairs.
+
+    Args:
+        response: raw.
+        history: as the prompt printed it, None when the request isn't at hand.
+        info: name and mode of the adapter.
+        form: of the list that is asked for.
+        integrate: pairs to positions.
+    """
+    if response.error_code:
+        return without_trajectory(response, info, "missing")
+    motion, stage_notes = motion_text(response)
+    choice = choose_answer(motion, form, history, motion_is_cut(response))
+    info = replace(info, notes=(*stage_notes, *choice.notes))
+    if choice.reason:
+        return Adapted(response.text, None, (choice.reason,), info)
+    trajectory = integrate(choice.rows)
+    invalid = check_trajectory(trajectory)
+    if invalid:
+        return Adapted(response.text, None, invalid, info)
+    if _most_lateral_mps2(trajectory) > _MOST_LATERAL_MPS2:
+        note = f"it turns with more than {_MOST_LATERAL_MPS2:g} m/s² to the side"
+        info = replace(info, notes=(*info.notes, note))
+    return Adapted(response.text, trajectory, (), info)
+
+
+def motion_text(response: Response) -> tuple[str, tuple[str, ...]]:
+    """The motion stage's text of a staged answer, the whole text of another; with notes.
+
+    Args:
+        response: whose ``decoding["stages"]`` may name spans of its text.
+    """
+    if response.decoding.get("stages") is None:
+        return response.text, ()
+    text = stage_text(response, MOTION)
+    if text is not None:
+        return text, ()
+    return response.text, ("no span of the motion stage is given, so the whole text was read",)
+
+
+def _most_lateral_mps2(trajectory: Trajectory) -> float:
+    """The largest change of velocity across the direction of motion, m/s²."""
+    times, xs, ys = trajectory.t_s, trajectory.x_m, trajectory.y_m
+    most = 0.0
+    for i in range(1, len(times) - 1):
+        into = (xs[i] - xs[i - 1], ys[i] - ys[i - 1])
+        out = (xs[i + 1] - xs[i], ys[i + 1] - ys[i])
+        length_m = math.hypot(*into)
+        if length_m > 0:
+            across_m = abs(into[0] * out[1] - into[1] * out[0]) / length_m
+            most = max(most, across_m / (times[i + 1] - times[i]) ** 2)
+    return most
+
+
+CORRECTED, NATIVE = "corrected", "native"
+
+_OPENEMMA_FORM = Form(
+    OPENEMMA_PAIRS, COLUMNS, UNITS | {"m", "m/step"}, usual=frozenset({"square brackets"})
+)
+
+
+def adapt_openemma(
+    response: Response, request: Request | None = None, mode: str = CORRECTED
+) -> Adapted:
+    """Reads the pairs of the motion stage, or of the whole text where no stage is named.
+
+    ``corrected``: speed v / 0.5 s and curvature k / 100 hold for one step of 0.5 s each
+    (motion.arcs), so that n pairs give points at 0, 0.5, …, n · 0.5 s, the first one the origin.
+    ``native``: OpenEMMA's own integration (published_points).
+
+    Args:
+        response: raw.
+        request: that it answers, by which the echo of its history is known.
+        mode: ``corrected`` or ``native``.
+    """
+    history = None if request is None else openemma_history(request).rows
+    integrate = _openemma_published if mode == NATIVE else _openemma_corrected
+    return adapt_pairs(response, history, AdapterInfo("openemma", mode), _OPENEMMA_FORM, integrate)
+
+
+def _openemma_corrected(pairs: Rows) -> Trajectory:
+    return arcs([v / STEP_S for v, _ in pairs], [k / CURVATURE_SCALE for _, k in pairs], STEP_S)
+
+
+def _openemma_published(pairs: Rows) -> Trajectory:
+    return published_points([v for v, _ in pairs], [k / CURVATURE_SCALE for _, k in pairs])
+
+
+def published_points(steps_m: Sequence[float], curvatures_pm: Sequence[float]) -> Trajectory:
+    """OpenEMMA's own integration with its faults, so that its published numbers can be met.
+
+    n pairs give n points. Its time runs from 0 to n in n points, so that a step is n / (n − 1),
+    10/9 for ten; heading and position are trapezoidal sums over that time of κ v, v cos θ and
+    v sin θ. Point 0 is the present position. Point i stands at i · 0.5 s here; OpenEMMA's
+    evaluation compares it with the true position of (i + 1) · 0.5 s. At a steady 10 m/s the mean
+    distance is 2.5 m either way.
+
+    Args:
+        steps_m: native v, m per step.
+        curvatures_pm: 1/m, + is left.
+    """
+    count = len(steps_m)
+    stretch = count / (count - 1) if count > 1 else 0.0
+    xs, ys, heading_rad = [0.0], [0.0], 0.0
+    for i in range(1, count):
+        turns = (curvatures_pm[i - 1] * steps_m[i - 1], curvatures_pm[i] * steps_m[i])
+        before_rad, heading_rad = heading_rad, heading_rad + stretch * (turns[0] + turns[1]) / 2
+        along = steps_m[i - 1] * cosine(before_rad) + steps_m[i] * cosine(heading_rad)
+        across = steps_m[i - 1] * sine(before_rad) + steps_m[i] * sine(heading_rad)
+        xs.append(xs[-1] + stretch * along / 2)
+        ys.append(ys[-1] + stretch * across / 2)
+    return at_steps(xs, ys, STEP_S)
+
+
+_LIGHTEMMA_FORM = Form(
+    LIGHTEMMA_PAIRS, COLUMNS, UNITS, usual=frozenset({"round brackets", "a nested list"})
+)
+
+
+def adapt_lightemma(
+    response: Response, request: Request | None = None, mode: str = NATIVE
+) -> Adapted:
+    """Reads the pairs of the motion stage, or of the whole text where no stage is named.
+
+    ``native``: LightEMMA's own integration (straight_steps). ``corrected``: motion.arcs, whose
+    heading doesn't lag half a step behind in a curve. Both give points at 0, 0.5, …, n · 0.5 s.
+
+    Args:
+        response: raw.
+        request: that it answers, by which the echo of its history is known.
+        mode: ``native`` or ``corrected``.
+    """
+    history = None if request is None else lightemma_history(request).rows
+    integrate = _lightemma_corrected if mode == CORRECTED else _lightemma_native
+    return adapt_pairs(
+        response, history, AdapterInfo("lightemma", mode), _LIGHTEMMA_FORM, integrate
+    )
+
+
+def _lightemma_native(pairs: Rows) -> Trajectory:
+    return straight_steps([v for v, _ in pairs], [c for _, c in pairs], STEP_S)
+
+
+def _lightemma_corrected(pairs: Rows) -> Trajectory:
+    return arcs([v for v, _ in pairs], [c for _, c in pairs], STEP_S)
+
+
+def straight_steps(
+    speeds_mps: Sequence[float], curvatures_pm: Sequence[float], step_s: float
+) -> Trajectory:
+    """LightEMMA's own integration: each step is straight, and the heading turns behind it.
+
+    x_k = x_(k−1) + v Δt cos θ_(k−1), y_k = y_(k−1) + v Δt sin θ_(k−1), θ_k = θ_(k−1) + κ v Δt. The
+    points lie at 0, Δt, 2 Δt, …, the first one is the origin, which LightEMMA leaves out of its
+    result.
+
+    Args:
+        speeds_mps: of the steps, m/s.
+        curvatures_pm: of the steps, 1/m, + is left.
+        step_s: Δt, s.
+    """
+    xs, ys, heading_rad = [0.0], [0.0], 0.0
+    for speed_mps, curvature_pm in zip(speeds_mps, curvatures_pm, strict=True):
+        length_m = speed_mps * step_s
+        xs.append(xs[-1] + length_m * cosine(heading_rad))
+        ys.append(ys[-1] + length_m * sine(heading_rad))
+        heading_rad += curvature_pm * length_m
+    return at_steps(xs, ys, step_s)

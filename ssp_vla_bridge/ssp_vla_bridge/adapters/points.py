@@ -1,0 +1,243 @@
+"""LLaViDA, Alpamayo and the plain interface ``waypoints``: lists of points."""
+
+from __future__ import annotations
+
+import ast
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+
+from ssp_vla_bridge.adapters.adapted import Adapted, AdapterInfo, motion_is_cut, without_trajectory
+from ssp_vla_bridge.adapters.answer import Form, choose_answer
+from ssp_vla_bridge.messages import TASK, NativeArray, Request, Response
+from ssp_vla_bridge.native_history import LLAVIDA_POINTS, STEP_S, llavida_history, waypoints_history
+from ssp_vla_bridge.trajectory import TOLERANCE_S, Trajectory, check_trajectory
+
+
+def adapt_points(
+    response: Response,
+    info: AdapterInfo,
+    xs_m: Sequence[float],
+    ys_m: Sequence[float],
+    step_s: float,
+    first_time_s: float,
+) -> Adapted:
+    """The trajectory of points at a fixed step, with the origin before a start one step late.
+
+    Args:
+        response: that they come from.
+        info: name, mode and notes.
+        xs_m: forward, m.
+        ys_m: to the left, m.
+        step_s: between points, s, finite.
+        first_time_s: of the first point after the record's time, s, finite.
+    """
+    times = tuple(first_time_s + k * step_s for k in range(len(xs_m)))
+    xs, ys = tuple(xs_m), tuple(ys_m)
+    origin_added = step_s > 0 and abs(first_time_s - step_s) <= TOLERANCE_S
+    if origin_added:
+        times, xs, ys = (0.0, *times), (0.0, *xs), (0.0, *ys)
+    trajectory = Trajectory(times, xs, ys)
+    invalid = check_trajectory(trajectory)
+    info = replace(info, origin_added=origin_added)
+    return Adapted(response.text, None if invalid else trajectory, invalid, info)
+
+
+LLAVIDA_FRAME = "lateral_forward"
+
+_LLAVIDA_FORM = Form(
+    LLAVIDA_POINTS,
+    (frozenset({"x", "lateral"}), frozenset({"y", "forward", "longitudinal"})),
+    frozenset({"m", "meter", "meters", "metre", "metres"}),
+    label="trajectory",
+    usual=frozenset({"round brackets", "a nested list"}),
+)
+
+
+def adapt_llavida(
+    response: Response, request: Request | None = None, mode: str = LLAVIDA_FRAME
+) -> Adapted:
+    """Reads the list behind the label ``… trajectory:``, points at 0.5, 1.0, … s.
+
+    A native x is lateral, negative to the left, and a native y is forward: (X, Y) = (y, −x). The
+    origin is added. LLaViDA's own parser pads a short list with its last point and makes six
+    points (0, 0) of one that it can't read; here a short list stays short, and one that can't be
+    read is no trajectory. A line of meta-actions stays in the text.
+
+    Args:
+        response: raw.
+        request: that it answers, by which the echo of its history is known.
+        mode: there is one.
+    """
+    info = AdapterInfo("llavida", mode)
+    if response.error_code:
+        return without_trajectory(response, info, "missing")
+    history = None if request is None else llavida_history(request).rows
+    choice = choose_answer(response.text, _LLAVIDA_FORM, history, motion_is_cut(response))
+    info = replace(info, notes=choice.notes)
+    if choice.reason:
+        return Adapted(response.text, None, (choice.reason,), info)
+    lateral, forward = zip(*choice.rows, strict=True)
+    # 0.0 − x instead of −x, which would make a negative zero of straight ahead.
+    ys = [0.0 - x for x in lateral]
+    return adapt_points(response, info, forward, ys, STEP_S, STEP_S)
+
+
+WAYPOINTS_ARRAY = "trajectory"
+WAYPOINTS_FRAME = "ego_xy"
+_SHORTEST_STEP_S = 0.01  # as in request.request_problems
+_WAYPOINTS_INFO = AdapterInfo("waypoints", WAYPOINTS_FRAME)
+_WAYPOINTS_FORM = Form(
+    rows=0,  # by the task
+    names=(frozenset({"x", "forward"}), frozenset({"y", "left"})),
+    units=frozenset({"m", "meter", "meters", "metre", "metres"}),
+    label="trajectory",
+    usual=frozenset({"square brackets", "a nested list"}),
+)
+
+
+def adapt_waypoints(
+    response: Response, request: Request | None = None, mode: str = WAYPOINTS_FRAME
+) -> Adapted:
+    """Reads the array ``trajectory``: frame ``ego_xy``, unit m, shape (n, 2), constant step.
+
+    A first row one step after t = 0 gets the frame's origin before it, marked (METHOD 5.4). A
+    wrong frame, unit, shape or number of arrays is a trajectory that can't be read: ``shape``.
+
+    Without such an array, the text is read: ``Trajectory: [[x, y], …]`` in the same frame and unit,
+    at the task's step, the first point one step after t = 0.
+
+    Args:
+        response: raw.
+        request: that it answers, whose task declares the step; None: that of TASK.
+        mode: there is one.
+    """
+    arrays = [array for array in response.arrays if array.name == WAYPOINTS_ARRAY]
+    if response.error_code:
+        return _without(response, "missing", "")
+    if not arrays:
+        return _read_text(response, request)
+    if len(arrays) > 1:
+        return _without(response, "shape", f"{len(arrays)} arrays are named {WAYPOINTS_ARRAY}")
+    return _read_waypoints(response, arrays[0])
+
+
+def _read_waypoints(response: Response, array: NativeArray) -> Adapted:
+    if array.frame != WAYPOINTS_FRAME or array.unit != "m":
+        return _without(response, "shape", f"frame {array.frame!r} in {array.unit!r} is not read")
+    rows = array.shape[0] if len(array.shape) == 2 else -1
+    if rows < 1 or array.shape[1:] != (2,) or len(array.data) != 2 * rows:
+        return _without(
+            response, "shape", f"{len(array.data)} values of shape {array.shape} are no (n, 2)"
+        )
+    if not (math.isfinite(array.step_s) and math.isfinite(array.first_time_s)):
+        return _without(response, "timestamps", "step or first time isn't finite")
+    xs, ys = array.data[0::2], array.data[1::2]
+    return adapt_points(response, _WAYPOINTS_INFO, xs, ys, array.step_s, array.first_time_s)
+
+
+def _read_text(response: Response, request: Request | None) -> Adapted:
+    """The list behind ``Trajectory:``, whose step and first time the task declares."""
+    task = TASK if request is None else request.task
+    history = () if request is None else waypoints_history(request).rows
+    step_s = task.trajectory_step_s
+    horizon_s = task.trajectory_horizon_s
+    if not (math.isfinite(horizon_s) and _SHORTEST_STEP_S <= step_s <= horizon_s):
+        return _without(response, "timestamps", "the task's trajectory step is no time")
+    form = replace(_WAYPOINTS_FORM, rows=math.floor(horizon_s / step_s + TOLERANCE_S))
+    choice = choose_answer(response.text, form, history, motion_is_cut(response))
+    if choice.reason:
+        note = f"no array is named {WAYPOINTS_ARRAY}"
+        return replace(
+            _without(response, choice.reason, note),
+            info=replace(_WAYPOINTS_INFO, notes=(note, *choice.notes)),
+        )
+    info = replace(_WAYPOINTS_INFO, notes=("the trajectory was read from the text", *choice.notes))
+    xs, ys = zip(*choice.rows, strict=True)
+    return adapt_points(response, info, xs, ys, step_s, step_s)
+
+
+def _without(response: Response, reason: str, note: str) -> Adapted:
+    return without_trajectory(response, _WAYPOINTS_INFO, reason, note)
+
+
+ALPAMAYO_ARRAY = "pred_xyz"
+ALPAMAYO_FRAMES = ("ego_xyz", "ego_xy")
+ALPAMAYO_MODE = "set0_sample0"
+
+_MOST_AXES = 5  # batch, sets, samples, times, coordinates
+
+# The print of a numpy array (or list) of strings. The repetitions are possessive: nothing is tried
+# twice.
+_LITERAL = r"""(?:'(?:[^'\\\n]++|\\.)*+'|"(?:[^"\\\n]++|\\.)*+")"""
+_PRINTED = re.compile(rf"\s*\[[\[\s]*+({_LITERAL})(?:[\s,\[\]]++|{_LITERAL})*+")
+
+
+def adapt_alpamayo(
+    response: Response, request: Request | None = None, mode: str = ALPAMAYO_MODE
+) -> Adapted:
+    """Reads set 0, sample 0 of ``pred_xyz``: shape [B, sets, samples, n, 3], or fewer leading axes.
+
+    x is forward, y to the left, m, in the ego frame at the record's time; z is not used. B must be
+    1. Step and first time are the array's own (0.1 s each for Alpamayo), so that the origin is
+    added before a start one step late. A path that folds back is passed on as it is, and a text
+    that is empty stays empty.
+
+    Args:
+        response: raw.
+        request: not used.
+        mode: there is one.
+    """
+    text, notes = unwrapped(response.text)
+    info = AdapterInfo("alpamayo", mode, notes=notes)
+    response = replace(response, text=text)
+    arrays = [array for array in response.arrays if array.name == ALPAMAYO_ARRAY]
+    if response.error_code or not arrays:
+        return without_trajectory(response, info, "missing", f"no array is named {ALPAMAYO_ARRAY}")
+    if len(arrays) > 1:
+        note = f"{len(arrays)} arrays are named {ALPAMAYO_ARRAY}"
+        return without_trajectory(response, info, "shape", note)
+    return _read_alpamayo(response, info, arrays[0])
+
+
+def _read_alpamayo(response: Response, info: AdapterInfo, array: NativeArray) -> Adapted:
+    if array.frame not in ALPAMAYO_FRAMES or array.unit != "m":
+        note = f"frame {array.frame!r} in {array.unit!r} is not read"
+        return without_trajectory(response, info, "shape", note)
+    shape = array.shape
+    width = shape[-1] if shape else 0
+    wanted = math.prod(shape) if all(size >= 0 for size in shape) else -1
+    if not 2 <= len(shape) <= _MOST_AXES or width not in (2, 3) or len(array.data) != wanted:
+        note = f"{len(array.data)} values of shape {shape} are no [B, sets, samples, n, 3]"
+        return without_trajectory(response, info, "shape", note)
+    if len(shape) == _MOST_AXES and shape[0] > 1:
+        note = f"the array is a batch of {shape[0]}"
+        return without_trajectory(response, info, "shape", note)
+    if not array.data:
+        return without_trajectory(response, info, "shape", "the array holds no points")
+    if not (math.isfinite(array.step_s) and math.isfinite(array.first_time_s)):
+        return without_trajectory(response, info, "timestamps", "step or first time isn't finite")
+    # Row-major, so set 0, sample 0 of every batch of one comes first.
+    points = shape[-2] * width
+    given = len(array.data) // points
+    if given > 1:
+        info = replace(info, notes=(*info.notes, f"the first of {given} trajectories was taken"))
+    xs, ys = array.data[0:points:width], array.data[1:points:width]
+    return adapt_points(response, info, xs, ys, array.step_s, array.first_time_s)
+
+
+def unwrapped(text: str) -> tuple[str, tuple[str, ...]]:
+    """The first string of a text that is the print of an array of strings; notes say if it was.
+
+    Args:
+        text: any; one that is no such print is given back.
+    """
+    match = _PRINTED.fullmatch(text)
+    if match is None or not text.rstrip().endswith("]"):
+        return text, ()
+    try:
+        inner = ast.literal_eval(match[1])
+    except (SyntaxError, ValueError):
+        return text, ()
+    return inner, ("the text was the print of an array, whose first string was taken",)

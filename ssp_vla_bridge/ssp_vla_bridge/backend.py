@@ -1,0 +1,234 @@
+"""The seam behind which a model sits, and the backends by name."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import traceback
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from ssp_core.errors import InputError, PeerError, SspError
+from ssp_vla_bridge.messages import Answer, ErrorCode, Request, Response, request_problems
+from ssp_vla_bridge.window import find_interface
+
+# name: module:factory. A backend's module is imported when it is asked for, so that one
+# backend's dependencies are not another's.
+BACKENDS: dict[str, str] = {
+    "constant_velocity": "ssp_vla_bridge.backends.baselines:make_constant_velocity",
+    "copy_history": "ssp_vla_bridge.backends.baselines:make_copy_history",
+    "opencv_baseline": "ssp_vla_bridge.backends.opencv_baseline:make",
+    "perfect": "ssp_vla_bridge.backends.perfect:make",
+    "openai": "ssp_vla_bridge.backends.openai_chat:make",
+    "silent": "ssp_vla_bridge.backends.baselines:make_silent",
+    "recorded": "ssp_vla_bridge.backends.recorded:make",
+    "python": "ssp_vla_bridge.backends.python:make",
+    "http": "ssp_vla_bridge.backends.http:make",
+    "alpamayo": "ssp_vla_bridge.backends.http:make_alpamayo",
+    "llavida": "ssp_vla_bridge.backends.http:make_llavida",
+}
+
+# The interface that a backend speaks unless its option ``interface`` says otherwise; where there
+# is no line, ``waypoints``.
+_INTERFACES: dict[str, str] = {
+    "openai": "openemma",
+    "alpamayo": "alpamayo",
+    "llavida": "llavida",
+}
+SERVICES = frozenset({"http", "alpamayo", "llavida"})
+# Backends that speak what their option ``interface`` says, give up by themselves after their
+# option ``timeout_s``, and wait ``start_s`` for their service before they answer.
+OPTION_INTERFACE = SERVICES | {"openai", "python", "recorded"}
+OPTION_TIMEOUT = SERVICES | {"openai"}
+OPTION_START = SERVICES
+# Options of backends that decide whether an answer comes, and never what it says.
+_OF_DELIVERY: dict[str, frozenset[str]] = {
+    "openai": frozenset({"timeout_s", "tries", "api_key_env"}),
+    **dict.fromkeys(
+        sorted(SERVICES), frozenset({"timeout_s", "start_s", "tries", "max_mb", "api_key_env"})
+    ),
+}
+
+
+class NotTakenError(PeerError):
+    """The service did not take the request: nobody listens, or it is busy. Later it may."""
+
+
+class NoTimeError(PeerError):
+    """The service gave no whole answer in time; another time it may."""
+
+
+class Backend(Protocol):
+    """A model, whatever it is; it sees the request and nothing else."""
+
+    @property
+    def model_id(self) -> str:
+        """Exact model and version."""
+
+    def answer(self, request: Request) -> Answer:
+        """The raw answer; raises whatever it likes, which costs this answer only."""
+
+
+class BackendFactory(Protocol):
+    """Makes a backend from its options."""
+
+    def __call__(self, options: Mapping[str, Any]) -> Backend:
+        """Raises InputError for options that it doesn't know or that are wrong."""
+
+
+@dataclass(frozen=True)
+class BackendResult:
+    """A response, and the traceback behind its error (empty when nothing was raised)."""
+
+    response: Response
+    traceback: str = ""
+
+
+def parse_options(
+    text: str, field: str = "backend_options", remedy: str = 'give an object such as {"frames": 10}'
+) -> dict[str, Any]:
+    """The options in a JSON object; blank text has none.
+
+    Args:
+        text: JSON.
+        field: where the text stands, for the message.
+        remedy: what would be right there.
+
+    Raises:
+        InputError: the text is no JSON object. It doesn't quote the text, in which somebody may
+            have put a key that can't be told from the rest.
+    """
+    if not text.strip():
+        return {}
+    try:
+        value = json.loads(text)
+    except (json.JSONDecodeError, RecursionError) as error:
+        raise InputError(f"is not valid JSON: {error}", field=field, remedy=remedy) from error
+    if not isinstance(value, dict):
+        raise InputError(
+            f"must be a JSON object, not {type(value).__name__}", field=field, remedy=remedy
+        )
+    return value
+
+
+def make_backend(name: str, options: Mapping[str, Any]) -> Backend:
+    """The named backend, ready to answer.
+
+    Args:
+        name: a key of BACKENDS, or ``module:factory`` for a backend of one's own.
+        options: handed to its factory.
+
+    Raises:
+        InputError: the name or the options are wrong.
+    """
+    target = BACKENDS.get(name, name)
+    module_name, _, function = target.partition(":")
+    try:
+        factory: BackendFactory = getattr(importlib.import_module(module_name), function)
+    except (ImportError, AttributeError, ValueError, TypeError) as error:
+        raise InputError(
+            f"no such backend ({error})",
+            field="backend",
+            value=name,
+            remedy=f"known are {', '.join(sorted(BACKENDS))}; your own is given as module:factory",
+        ) from error
+    return factory(options)
+
+
+def interface_of(name: str, options: Mapping[str, Any]) -> str:
+    """The interface that a backend speaks, told without making it (window.py has them).
+
+    Args:
+        name: a key of BACKENDS, or ``module:factory`` for a backend of one's own.
+        options: for its factory.
+
+    Raises:
+        InputError: the option ``interface`` names none.
+    """
+    chosen = options.get("interface", _INTERFACES.get(name, "waypoints"))
+    if not isinstance(chosen, str):
+        raise InputError("must be a name", field="backend_options.interface", value=chosen)
+    return find_interface(chosen).name
+
+
+def telling_options(name: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """The options that can change what a backend says; of one that isn't ours, all.
+
+    Args:
+        name: a key of BACKENDS, or ``module:factory``.
+        options: of the backend.
+    """
+    delivery = _OF_DELIVERY.get(name, frozenset())
+    return {key: value for key, value in options.items() if key not in delivery}
+
+
+def check_options(backend: str, options: Mapping[str, Any], known: Mapping[str, type]) -> None:
+    """Refuses options that a backend doesn't know or that have the wrong type.
+
+    Raises:
+        InputError: naming the option.
+    """
+    for key, value in options.items():
+        if key not in known:
+            raise InputError(
+                f"is no option of {backend}",
+                field=f"backend_options.{key}",
+                remedy=f"known are {', '.join(sorted(known)) or 'none'}",
+            )
+        wanted = known[key]
+        # bool is an int to Python, and an int is a fine float.
+        fits = isinstance(value, (int, float) if wanted is float else wanted)
+        if not fits or (isinstance(value, bool) and wanted is not bool):
+            raise InputError(
+                f"must be of type {wanted.__name__}", field=f"backend_options.{key}", value=value
+            )
+
+
+def respond(backend: Backend, model: str, request: Request) -> BackendResult:
+    """The response to one request, whatever the backend does (latency is left to the caller).
+
+    A request that can't be answered is ERROR_BAD_REQUEST and doesn't reach the backend; an
+    exception of the backend is ERROR_BACKEND with its last line as the message. A request that a
+    service behind the backend didn't take is ERROR_OVERLOAD, as one that finds the queue full, and
+    one that it gave no answer to in time is ERROR_TIMEOUT, as one that the bridge waited for.
+    """
+    blank = Response(request.request_id, request.stamp_ns, model, backend.model_id)
+    problems = request_problems(request)
+    if problems:
+        return BackendResult(failure(blank, ErrorCode.BAD_REQUEST, "; ".join(problems)))
+    try:
+        answer = backend.answer(request)
+        response = Response(
+            request_id=request.request_id,
+            stamp_ns=request.stamp_ns,
+            model=model,
+            model_id=backend.model_id,
+            text=answer.text,
+            arrays=answer.arrays,
+            decoding=answer.decoding,
+        )
+    except NotTakenError as error:
+        return BackendResult(failure(blank, ErrorCode.OVERLOAD, str(error)))
+    except NoTimeError as error:
+        return BackendResult(failure(blank, ErrorCode.TIMEOUT, str(error)))
+    except SspError as error:  # written for people; where in the code it was raised says no more
+        return BackendResult(failure(blank, ErrorCode.BACKEND, str(error)))
+    except Exception as error:  # a model's failure costs one answer and goes to the caller's log
+        message = f"{type(error).__name__}: {error}"
+        return BackendResult(failure(blank, ErrorCode.BACKEND, message), traceback.format_exc())
+    return BackendResult(response)
+
+
+def failure(response: Response, code: ErrorCode, message: str) -> Response:
+    """An answer that says, on one line, why there is none."""
+    line = " ".join(message.split())
+    return Response(
+        request_id=response.request_id,
+        stamp_ns=response.stamp_ns,
+        model=response.model,
+        model_id=response.model_id,
+        latency_s=response.latency_s,
+        error_code=int(code),
+        error_msg=line if len(line) <= 400 else line[:397] + "...",
+    )

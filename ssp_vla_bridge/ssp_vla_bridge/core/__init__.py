@@ -1,1 +1,0 @@
-"""What the VLA bridges know without ROS: requests, responses, adapters, trajectories."""

@@ -1,0 +1,1 @@
+"""What talks to ROS: the bridge node, its parameters, and conversions of messages."""

@@ -1,1 +1,0 @@
-"""Shadow mode: a bridge that follows a running session and is asked about what it sees."""
