@@ -15,7 +15,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from enum import Enum
 from pathlib import Path
 
-import ssp_eval.params
 import ssp_monitor.ros.parameters
 from ssp_core.names import SESSION_COMMANDS
 from ssp_core.node_interface import Parameter
@@ -23,6 +22,7 @@ from ssp_core.run_file.model import Limits
 from ssp_core.safety.codes import MEANINGS, SafetyCode
 from ssp_core.safety.stopping import stopping_of
 from ssp_core.vocabulary import ObjectClass, Verdict
+from ssp_eval.ros import parameters as ssp_eval_params
 from ssp_ot_controller.objects import state_machine
 from ssp_ot_controller.ros import parameters as ot_controller_params
 from ssp_scenario_manager.session import limits as supervisor
@@ -303,7 +303,7 @@ PARAMETERS = {
     "ssp_ot_controller": ot_controller_params.NODES,
     "ssp_monitor": ssp_monitor.ros.parameters.NODES,
     "ssp_vla_bridge": vla_bridge_params.NODES,
-    "ssp_eval": ssp_eval.params.NODES,
+    "ssp_eval": ssp_eval_params.NODES,
 }
 
 

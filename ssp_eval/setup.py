@@ -17,5 +17,5 @@ setup(
     ],
     zip_safe=True,
     license="Apache-2.0",
-    entry_points={"console_scripts": ["evaluator = ssp_eval.evaluate.node:main"]},
+    entry_points={"console_scripts": ["evaluator = ssp_eval.ros.evaluator_node:main"]},
 )

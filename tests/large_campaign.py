@@ -18,7 +18,8 @@ from typing import Any
 from ssp_core.files import write_json, write_text
 from ssp_core.hashing import sha256_file
 from ssp_core.vocabulary import DOMAINS
-from ssp_eval.analysis.control_tables import condition_of
+from ssp_eval.data.labels import load_labels
+from ssp_eval.data.records import load_records
 from ssp_eval.evaluate.cell_file import (
     CELL_FILE,
     CELLS,
@@ -30,10 +31,9 @@ from ssp_eval.evaluate.cell_file import (
     SCORE_FILE,
     sealed,
 )
-from ssp_eval.evaluate.controls import CONDITIONS
-from ssp_eval.labels.model import load_labels
-from ssp_eval.records import load_records
-from ssp_eval.score import score_cell
+from ssp_eval.evaluate.models import CONDITIONS
+from ssp_eval.score.cell import score_cell
+from ssp_eval.statistics.tables import condition_of
 
 # With each of them asked under two conditions, and one answerer, sixteen names.
 MODELS = tuple(f"model_{k:02d}" for k in range(5))

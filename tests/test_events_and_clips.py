@@ -7,7 +7,7 @@ import pytest
 from ssp_core.geometry import Polyline
 from ssp_core.motion.encounter import encounter
 from ssp_core.run_file.model import ConflictThresholds
-from ssp_eval.recordings.phases import find_event, samples_of
+from ssp_eval.recordings.event import find_event, samples_of
 from ssp_ot_controller.camera.clip import GENERATOR
 from ssp_ot_controller.camera.storyboards import INTERACTIONS, Storyboard, storyboard
 from ssp_scenario_manager.event_spec.load import load_event

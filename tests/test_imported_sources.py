@@ -18,8 +18,7 @@ from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.vocabulary import PHASES, ObjectClass, Role
 from ssp_eval.audit.examine import examine
 from ssp_eval.audit.recording import read_recording
-from ssp_eval.recordings.import_record import ImportedSite
-from ssp_eval.recordings.provenance import read_provenance
+from ssp_eval.data.provenance import ImportedSite, read_provenance
 from ssp_ot_controller.camera.clip import write_clip
 from ssp_ot_controller.camera.storyboards import storyboard
 from ssp_scenario_manager.event_spec.load import load_event

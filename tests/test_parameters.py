@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 
-import ssp_eval.params
 import ssp_monitor.ros.parameters
 from ssp_core.errors import InputError
 from ssp_core.node_interface import Parameter
 from ssp_core.processes import free_domain, remove_shared_ports
+from ssp_eval.ros import parameters as ssp_eval_params
 from ssp_ot_controller.ros import parameters as ot_controller_params
 from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_vla_bridge.ros import parameters as vla_bridge_params
@@ -23,7 +23,7 @@ TABLES: dict[str, tuple[Parameter, ...]] = {
     **ot_controller_params.NODES,
     **ssp_monitor.ros.parameters.NODES,
     **vla_bridge_params.NODES,
-    **ssp_eval.params.NODES,
+    **ssp_eval_params.NODES,
     "scenario_manager": (),
 }
 # rclpy's own, of any node.

@@ -8,31 +8,31 @@ from collections.abc import Mapping
 from typing import Any
 
 from ssp_core.errors import InputError
-from ssp_eval.evaluate.asker import Asker, DirectAskers
-from ssp_eval.evaluate.model_spec import ModelSpec
+from ssp_eval.evaluate.model_client import InProcessClients, ModelClient
+from ssp_eval.evaluate.models import ModelSpec
 from ssp_eval.extract.llm import Extractor
 
 
-class Deadly(DirectAskers):
+class Deadly(InProcessClients):
     """Kills its own process when it is asked for one model."""
 
-    def asker(self, model: ModelSpec, options: Mapping[str, Any]) -> Asker:
+    def client(self, model: ModelSpec, options: Mapping[str, Any]) -> ModelClient:
         if model.name == "deadly":
             os.kill(os.getpid(), signal.SIGKILL)
-        return super().asker(model, options)
+        return super().client(model, options)
 
 
-class Wrong(DirectAskers):
+class Wrong(InProcessClients):
     """Finds fault with an option where a cell is asked."""
 
-    def asker(self, model: ModelSpec, options: Mapping[str, Any]) -> Asker:
+    def client(self, model: ModelSpec, options: Mapping[str, Any]) -> ModelClient:
         raise InputError("is wrong", field="speed", value=3)
 
 
-class Faulty(DirectAskers):
+class Faulty(InProcessClients):
     """Has a bug."""
 
-    def asker(self, model: ModelSpec, options: Mapping[str, Any]) -> Asker:
+    def client(self, model: ModelSpec, options: Mapping[str, Any]) -> ModelClient:
         raise ZeroDivisionError("on purpose")
 
 

@@ -6,7 +6,7 @@ import random
 from collections.abc import Sequence
 
 from ssp_core.vocabulary import DOMAINS
-from ssp_eval.analysis.row import CellRow
+from ssp_eval.statistics.rows import CellRow
 
 MODELS = ("openemma", "alpamayo", "impromptu_vla")
 MANY = tuple(

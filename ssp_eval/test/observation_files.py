@@ -7,12 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from ssp_core.files import write_json
-from ssp_eval.recordings.observation import REASONS
-from ssp_eval.recordings.observation_file import (
-    footage_of,
-    sealed_observation,
-    write_observation,
-)
+from ssp_eval.observations.files import footage_of, sealed_observation, write_observation
+from ssp_eval.observations.model import REASONS
 
 NOW = "2026-03-02T10:00:00Z"
 ALL = [[5, 90]]

@@ -14,8 +14,8 @@ from ssp_core.vocabulary import (
     PHASES,
     POSITIONS,
 )
-from ssp_eval.labels.model import Label, Labels
-from ssp_eval.records import BehaviourRecord, Slot, Slots
+from ssp_eval.data.labels import Label, Labels
+from ssp_eval.data.records import BehaviourRecord, Slot, Slots
 from ssp_vla_bridge.trajectory import Trajectory
 
 MOVES = {

@@ -10,12 +10,20 @@ import pytest
 from scipy import stats
 from scipy.special import ndtri
 
-from ssp_eval.analysis.blocks import block_draws, block_of, reach, without_blocks
-from ssp_eval.analysis.bootstrap import bootstrap_records
-from ssp_eval.analysis.clusters import bootstrap_mean
-from ssp_eval.analysis.resample import REACH, Numbers, draws, generator, percentile_interval
-from ssp_eval.analysis.row import CellRow
-from ssp_eval.score.terms import RecordTerms
+from ssp_eval.score.batch import RecordTerms
+from ssp_eval.statistics.bootstrap import bootstrap_mean, bootstrap_records
+from ssp_eval.statistics.resampling import (
+    REACH,
+    Numbers,
+    block_draws,
+    block_of,
+    draws,
+    generator,
+    percentile_interval,
+    reach,
+    without_blocks,
+)
+from ssp_eval.statistics.rows import CellRow
 
 SEED = 5
 DOCS = Path(__file__).parents[2] / "docs/statistics.md"

@@ -14,18 +14,18 @@ from typing import Any
 import pytest
 
 from ssp_core.cli import main
-from ssp_eval.analysis.cells_csv import rows_from_csv
-from ssp_eval.analysis.rows import rows_from_campaign
-from ssp_eval.analysis.sensitivity import GRID, vary_thresholds
-from ssp_eval.analysis.statistics import Options, compute, steps_of
-from ssp_eval.evaluate.asker import DirectAskers
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.model_client import InProcessClients
 from ssp_eval.evaluate.models import bridge_spec
-from ssp_eval.report.load import load_cells
-from ssp_eval.score import score_cell
-from ssp_eval.score.encode import encode
+from ssp_eval.evaluate.results import load_cells
+from ssp_eval.score.cell import score_cell
+from ssp_eval.score.columns import encode
 from ssp_eval.score.thresholds import Thresholds
+from ssp_eval.statistics.csv_rows import rows_from_csv
+from ssp_eval.statistics.rows import rows_from_campaign
+from ssp_eval.statistics.sensitivity import GRID, vary_thresholds
+from ssp_eval.statistics.statistics import Options, compute, steps_of
 
 HEAD = "scenario,domain,model,jovr,sem_acc_eff,cia_eff,act_acc_eff,tqsr,atc_eff,risk,active_b"
 LINES = [
@@ -54,7 +54,9 @@ def campaign(bag_writer: Callable[..., Path], tmp_path_factory: pytest.TempPathF
     ]
     models = [bridge_spec(name) for name in ("constant_velocity", "perfect", "silent")]
     out = folder / "out"
-    run_campaign([(bag, None) for bag in bags], models, DirectAskers(), out, CellOptions(), True)
+    run_campaign(
+        [(bag, None) for bag in bags], models, InProcessClients(), out, CellOptions(), True
+    )
     return out
 
 

@@ -9,11 +9,16 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy import stats
 
-from ssp_eval.analysis.compare import Comparison, compare, holm, sign_flip_p, t_interval
-from ssp_eval.analysis.resample import NO_INTERVAL, generator
-from ssp_eval.analysis.row import CellRow
-from ssp_eval.analysis.sensitivity import kendall_tau, sample_weights, signs, vary_weights
-from ssp_eval.analysis.stability import stability
+from ssp_eval.statistics.comparisons import Comparison, compare, holm, sign_flip_p, t_interval
+from ssp_eval.statistics.resampling import NO_INTERVAL, generator
+from ssp_eval.statistics.rows import CellRow
+from ssp_eval.statistics.sensitivity import (
+    kendall_tau,
+    sample_weights,
+    signs,
+    stability,
+    vary_weights,
+)
 
 NAMES = ("jovr", "sem_acc_eff", "cia_eff", "act_acc_eff", "tqsr", "atc_eff")
 SEED = 5

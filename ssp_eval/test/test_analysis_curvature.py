@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssp_eval.analysis.curvature import Pose, arc_shift_m, curve_at, curves, recorded_paths
+from ssp_eval.statistics.statistics import Pose, arc_shift_m, curve_at, curves, recorded_paths
 
 SPEED = 10.0
 STEP = 0.1

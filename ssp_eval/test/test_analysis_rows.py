@@ -8,12 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ssp_core.errors import InputError
-from ssp_eval.analysis.cells_csv import COLUMNS, OPTIONAL_COLUMNS, rows_from_csv
-from ssp_eval.analysis.matrix_table import matrix_table
-from ssp_eval.analysis.notices import everywhere, notices
-from ssp_eval.analysis.row import MACRO, CellRow, entering, merged, repeated
-from ssp_eval.analysis.tables import all_tables
-from ssp_eval.analysis.write import write_tables
+from ssp_eval.statistics.csv_rows import COLUMNS, OPTIONAL_COLUMNS, rows_from_csv
+from ssp_eval.statistics.notices import everywhere, notices
+from ssp_eval.statistics.rows import MACRO, CellRow, entering, merged, repeated
+from ssp_eval.statistics.tables import all_tables, matrix_table
+from ssp_eval.statistics.write import write_tables
 
 HEAD = ",".join(COLUMNS)
 OWN = HEAD.replace("risk", "rsr") + ",rl_s"

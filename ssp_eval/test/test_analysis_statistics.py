@@ -11,25 +11,29 @@ from hypothesis.extra import numpy as hnp
 from scipy import stats
 
 from ssp_core.vocabulary import DOMAINS
-from ssp_eval.analysis.blocks import block_draws, reach
-from ssp_eval.analysis.bootstrap import bootstrap_records, clip_generator
-from ssp_eval.analysis.clusters import bootstrap_mean
-from ssp_eval.analysis.compare import COMPARED, compare
-from ssp_eval.analysis.drawn import resampled_scores, response_begins
-from ssp_eval.analysis.label_differences import compared_metrics
-from ssp_eval.analysis.resample import (
+from ssp_eval.score.aggregate import METRICS, means
+from ssp_eval.score.batch import RecordTerms
+from ssp_eval.statistics.bootstrap import (
+    bootstrap_mean,
+    bootstrap_records,
+    clip_generator,
+    resampled_scores,
+    response_begins,
+)
+from ssp_eval.statistics.comparisons import COMPARED, compare, compared_metrics
+from ssp_eval.statistics.resampling import (
     NO_INTERVAL,
     Interval,
     bca_interval,
+    block_draws,
     draws,
     generator,
     percentile_interval,
+    reach,
     weighted_sums,
 )
-from ssp_eval.analysis.row import CellRow
-from ssp_eval.analysis.sensitivity import sample_weights, vary_weights
-from ssp_eval.score.aggregate import METRICS, means
-from ssp_eval.score.terms import RecordTerms
+from ssp_eval.statistics.rows import CellRow
+from ssp_eval.statistics.sensitivity import sample_weights, vary_weights
 
 SEED = 5
 

@@ -13,13 +13,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssp_core.errors import InputError
-from ssp_eval.analysis.formats import FORMATS, to_csv, to_html, to_json, to_notes
-from ssp_eval.analysis.latex import latex_text, to_latex
-from ssp_eval.analysis.row import CellRow
-from ssp_eval.analysis.sections import MOST_ROWS, page_parts
-from ssp_eval.analysis.table import Column, Outcome, Table
-from ssp_eval.analysis.tables import all_tables, sd
 from ssp_eval.score.aggregate import Mean
+from ssp_eval.statistics.formats import (
+    FORMATS,
+    latex_text,
+    to_csv,
+    to_html,
+    to_json,
+    to_latex,
+    to_notes,
+)
+from ssp_eval.statistics.rows import CellRow
+from ssp_eval.statistics.table import Column, Outcome, Table
+from ssp_eval.statistics.tables import all_tables, sd
+from ssp_eval.statistics.write import MOST_ROWS, page_parts
 
 NAMES = ("jovr", "sem_acc_eff", "cia_eff", "act_acc_eff", "tqsr", "atc_eff")
 THIRD = 1 / 3

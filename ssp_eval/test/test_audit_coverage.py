@@ -14,7 +14,7 @@ from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.run_file.model import Camera
 from ssp_core.vocabulary import ObjectClass, Role
 from ssp_core.world.camera import Mounting, intrinsics
-from ssp_eval.audit.coverage import (
+from ssp_eval.recordings.sight import (
     Moment,
     Optics,
     object_share,

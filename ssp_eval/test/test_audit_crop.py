@@ -14,14 +14,17 @@ from ssp_core.cdr.messages import peek_stamp_ns
 from ssp_core.errors import InputError
 from ssp_core.vocabulary import ControlState, Verdict
 from ssp_eval.audit.evidence import phase_starts
-from ssp_eval.audit.examine import examine
-from ssp_eval.audit.examined import Examined
-from ssp_eval.audit.ratios import phase_difference, phase_fraction, property_retention
+from ssp_eval.audit.examine import Examined, examine
 from ssp_eval.audit.reasons import explain
 from ssp_eval.audit.recording import read_recording
-from ssp_eval.recordings.crop import Window, crop_of
-from ssp_eval.recordings.event_rules import event_thresholds, source_times, window_of
-from ssp_eval.recordings.properties import FIELDS, Property
+from ssp_eval.data.audit import (
+    FIELDS,
+    Property,
+    phase_difference,
+    phase_fraction,
+    property_retention,
+)
+from ssp_eval.recordings.event import Window, crop_of, event_thresholds, source_times, window_of
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import Event
 

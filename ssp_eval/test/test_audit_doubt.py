@@ -13,15 +13,14 @@ import pytest
 
 from ssp_eval.audit import examine as examining
 from ssp_eval.audit.evidence import Evidence, contradictions
-from ssp_eval.audit.examine import examine
-from ssp_eval.audit.examined import Examined
+from ssp_eval.audit.examine import Examined, examine
 from ssp_eval.audit.judge import judge
 from ssp_eval.audit.measure import RoadFacts
 from ssp_eval.audit.recording import Recording, read_recording
-from ssp_eval.recordings.agreement import agree
-from ssp_eval.recordings.import_record import ImportRecord
-from ssp_eval.recordings.observation_file import footage_of, load_observation
-from ssp_eval.recordings.properties import ROLES, TOPOLOGY, Property
+from ssp_eval.data.audit import ROLES, TOPOLOGY, Property
+from ssp_eval.data.provenance import ImportRecord
+from ssp_eval.observations.agreement import agree
+from ssp_eval.observations.files import footage_of, load_observation
 from ssp_scenario_manager.event_spec.load import event_version, load_event, seal_event
 
 sys.path.insert(0, str(Path(__file__).parent))

@@ -11,8 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssp_eval.audit import frames, page
-from ssp_eval.audit.frames import frame_at
+from ssp_eval.audit import page
+from ssp_eval.audit import page as frames
+from ssp_eval.audit.page import frame_at
 
 AT_12_HZ = [k / 12.0 for k in range(108)]
 

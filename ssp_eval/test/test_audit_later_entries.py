@@ -12,10 +12,15 @@ from ssp_core.bag.reader import BagReader
 from ssp_core.cli import main
 from ssp_core.files import parse_mapping, parse_model
 from ssp_core.run_file.model import RunSpec
-from ssp_eval.audit.changes import Attached, disclosed, read_attached, site_changes
-from ssp_eval.audit.disclosures import disclosures, order_remark
 from ssp_eval.audit.examine import examine
-from ssp_eval.audit.recording import read_recording
+from ssp_eval.audit.judge import disclosures, order_remark
+from ssp_eval.audit.recording import (
+    Attached,
+    disclosed,
+    read_attached,
+    read_recording,
+    site_changes,
+)
 from ssp_scenario_manager.compile.compiler import LOGGED_AS
 from ssp_scenario_manager.event_spec.log import Record
 

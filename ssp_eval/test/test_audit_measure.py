@@ -17,21 +17,12 @@ from ssp_core.run_file.model import ConflictThresholds
 from ssp_core.run_file.road import CurvePiece, Lane, Road
 from ssp_core.run_file.values import Start
 from ssp_core.vocabulary import ObjectClass, Role
-from ssp_eval.audit.compare import phase_findings, property_findings
-from ssp_eval.audit.expected import expected_properties, outside_ranges, varying_parts
-from ssp_eval.audit.lanes import Lanes
+from ssp_eval.audit.evidence import expected_properties, outside_ranges, varying_parts
+from ssp_eval.audit.examine import phase_findings, property_findings
 from ssp_eval.audit.measure import Measured, RoadFacts, Scene, measure
+from ssp_eval.audit.paths import Lanes
 from ssp_eval.audit.reasons import explain
-from ssp_eval.recordings.properties import (
-    CONFLICT,
-    FIELDS,
-    MOTION,
-    ORDER,
-    ROLES,
-    TOPOLOGY,
-    Property,
-    is_equal,
-)
+from ssp_eval.data.audit import CONFLICT, FIELDS, MOTION, ORDER, ROLES, TOPOLOGY, Property, is_equal
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import Event
 

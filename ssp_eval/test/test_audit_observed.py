@@ -18,8 +18,8 @@ from ssp_core.files import write_json, write_text
 from ssp_core.hashing import sha256_file
 from ssp_core.vocabulary import DOMAINS
 from ssp_eval.audit.judge import judge
-from ssp_eval.audit.model import RecordingEntry
 from ssp_eval.audit.recording import read_recording
+from ssp_eval.data.audit import RecordingEntry
 from ssp_eval.package.make import make_package
 from ssp_eval.package.verify import verify_package
 from ssp_scenario_manager.event_spec.load import event_version, load_event, seal_event, write_event

@@ -8,8 +8,16 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from ssp_eval.audit.ratios import phase_difference, phase_fraction, property_retention
-from ssp_eval.recordings.properties import EVENT_PHASES, FIELDS, Property, differences, is_equal
+from ssp_eval.data.audit import (
+    EVENT_PHASES,
+    FIELDS,
+    Property,
+    differences,
+    is_equal,
+    phase_difference,
+    phase_fraction,
+    property_retention,
+)
 
 TIMES = st.floats(-1e4, 1e4)
 SHARES = st.dictionaries(st.sampled_from(EVENT_PHASES), st.floats(0, 1), min_size=1)

@@ -16,14 +16,13 @@ from ssp_core.bag.cut import cut_bag
 from ssp_core.bag.reader import BagReader
 from ssp_core.cli import main
 from ssp_core.hashing import sha256_file
-from ssp_eval.audit.examine import examine, version_findings
-from ssp_eval.audit.examined import Examined
-from ssp_eval.audit.expected import expected_properties, review_of
+from ssp_eval.audit.evidence import expected_properties, review_of
+from ssp_eval.audit.examine import Examined, examine, version_findings
 from ssp_eval.audit.judge import judge
 from ssp_eval.audit.reasons import explain
 from ssp_eval.audit.recording import Recording, read_recording
-from ssp_eval.recordings.event_rules import source_times
-from ssp_eval.recordings.properties import FIELDS
+from ssp_eval.data.audit import FIELDS
+from ssp_eval.recordings.event import source_times
 from ssp_scenario_manager.event_spec.load import event_version, load_event, seal_event
 from ssp_scenario_manager.event_spec.model import Event
 

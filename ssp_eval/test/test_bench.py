@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from ssp_eval import bench
+from ssp_eval import checkout
 
 ROOT = Path(__file__).resolve().parents[2]
 FIGURE = {
@@ -34,8 +34,8 @@ def test_a_limit_that_is_not_kept_ends_with_status_1(
     words: list[str],
 ) -> None:
     monkeypatch.setenv("SSP_ROOT", str(ROOT))
-    monkeypatch.setattr(bench, "run_benchmark", lambda folder, name: [FIGURE | changed])
-    run = bench.bench.callback
+    monkeypatch.setattr(checkout, "run_benchmark", lambda folder, name: [FIGURE | changed])
+    run = checkout.bench.callback
     assert run is not None
     assert run(("dispatch",), False) == status
     shown = " ".join(capsys.readouterr().out.split())

@@ -8,7 +8,7 @@ import pytest
 
 from ssp_core.errors import InputError
 from ssp_core.files import write_json
-from ssp_eval.demo.folder import MARKER, own_folder
+from ssp_eval.demo import MARKER, own_folder
 
 
 def test_an_earlier_demonstration_is_replaced(tmp_path: Path) -> None:

@@ -12,8 +12,7 @@ from typing import Any
 import pytest
 
 from ssp_core.errors import PeerError
-from ssp_eval.demo.follow import AT_ONCE, follow
-from ssp_eval.demo.plan import Step
+from ssp_eval.demo import AT_ONCE, Step, follow
 
 
 class Script(Step):
@@ -108,7 +107,7 @@ time.sleep(60)
 def test_an_interrupt_lets_every_step_end_in_order(
     number: signal.Signals, tmp_path: Path, logs: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("ssp_eval.demo.follow.END_TIMEOUT_S", 10.0)
+    monkeypatch.setattr("ssp_eval.demo.END_TIMEOUT_S", 10.0)
     paths = {n: (str(tmp_path / n), str(tmp_path / f"{n}.ready")) for n in ("one", "two")}
     steps = [
         script(name, GRACEFUL.format(path=path, ready=ready))
@@ -134,7 +133,7 @@ def test_an_interrupt_lets_every_step_end_in_order(
 def test_a_step_that_does_not_end_is_killed(
     logs: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr("ssp_eval.demo.follow.END_TIMEOUT_S", 0.5)
+    monkeypatch.setattr("ssp_eval.demo.END_TIMEOUT_S", 0.5)
     ready = tmp_path / "ready"
     stubborn = (
         "import signal, time, pathlib\nsignal.signal(signal.SIGINT, signal.SIG_IGN)\n"

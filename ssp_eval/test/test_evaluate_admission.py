@@ -16,19 +16,19 @@ from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_core.files import write_json
 from ssp_core.hashing import sha256_file
-from ssp_eval.analysis.rows import rows_from_campaign
-from ssp_eval.analysis.tables import all_tables
-from ssp_eval.audit.model import load_audit
+from ssp_eval.data.audit import load_audit
+from ssp_eval.data.provenance import find_labels
 from ssp_eval.evaluate.admission import load_admissions
-from ssp_eval.evaluate.asker import DirectAskers
-from ssp_eval.evaluate.campaign import find_labels, run_campaign
+from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions, CellResult
-from ssp_eval.evaluate.clip import Clip
+from ssp_eval.evaluate.model_client import InProcessClients
 from ssp_eval.evaluate.models import bridge_spec
-from ssp_eval.evaluate.question import NoQuestion, Question
-from ssp_eval.evaluate.show import show
-from ssp_eval.recordings.crop import Crop
+from ssp_eval.evaluate.run import show
+from ssp_eval.recordings.clip import Clip, NoQuestion, Question
+from ssp_eval.recordings.event import Crop
 from ssp_eval.report.page import write_report
+from ssp_eval.statistics.rows import rows_from_campaign
+from ssp_eval.statistics.tables import all_tables
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -43,7 +43,7 @@ def verdict_hash(bag: Path) -> str:
 
 def evaluate(bag: Path, out: Path, *audits: Path) -> CellResult:
     (result,) = run_campaign(
-        [(bag, None)], [bridge_spec("constant_velocity")], DirectAskers(), out, CellOptions(),
+        [(bag, None)], [bridge_spec("constant_velocity")], InProcessClients(), out, CellOptions(),
         propose_labels=True, admissions=load_admissions(audits),
     )  # fmt: skip
     return result
@@ -185,7 +185,7 @@ def test_one_recording_under_two_paths_is_refused(make_bag: BagMaker, tmp_path: 
     for other in (copy, bag, next(bag.glob("*.mcap"))):
         with pytest.raises(InputError) as caught:
             run_campaign(
-                [(bag, None), (other, None)], [bridge_spec("silent")], DirectAskers(),
+                [(bag, None), (other, None)], [bridge_spec("silent")], InProcessClients(),
                 tmp_path / "out", CellOptions(), propose_labels=True,
             )  # fmt: skip
         assert caught.value.file == str(other)

@@ -10,10 +10,8 @@ from typing import Any
 import pytest
 
 from ssp_core.hashing import sha256_bytes
-from ssp_eval.evaluate.answer_key import AnswerKeys, key_of, model_facts, new_request_id
-from ssp_eval.evaluate.controls import BLACK, SHUFFLED
-from ssp_eval.evaluate.model_spec import ModelFacts, ModelSpec
-from ssp_eval.evaluate.models import bridge_spec
+from ssp_eval.evaluate.models import BLACK, SHUFFLED, ModelFacts, ModelSpec, bridge_spec
+from ssp_eval.evaluate.requests import AnswerKeys, key_of, model_facts, new_request_id
 from ssp_vla_bridge import prompts
 from ssp_vla_bridge.messages import CameraGeometry, EgoSample, Frame, Request, Response
 from ssp_vla_bridge.prompts import PROMPTS

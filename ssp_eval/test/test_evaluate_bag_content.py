@@ -13,15 +13,13 @@ import pytest
 from ssp_core.bag.reader import BagReader
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_file
-from ssp_eval.evaluate import bag_content
-from ssp_eval.evaluate.asker import Asker, DirectAskers, Ignored, Reply
-from ssp_eval.evaluate.bag_content import BagContent
+from ssp_eval.data.provenance import content_sha256
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
-from ssp_eval.evaluate.clip import Clip
-from ssp_eval.evaluate.model_spec import ModelSpec
-from ssp_eval.evaluate.models import bridge_spec
-from ssp_eval.recordings.provenance import content_sha256
+from ssp_eval.evaluate.model_client import IgnoredAnswers, InProcessClients, ModelClient, ModelReply
+from ssp_eval.evaluate.models import ModelSpec, bridge_spec
+from ssp_eval.recordings import clip as bag_content
+from ssp_eval.recordings.clip import BagContent, Clip
 from ssp_vla_bridge.messages import Request
 
 BagMaker = Callable[..., Path]
@@ -35,15 +33,15 @@ class _Asking:
     def __init__(self, after_first: Callable[[], object] = lambda: None) -> None:
         self.after_first, self.count = after_first, 0
 
-    def asker(self, model: ModelSpec, options: Mapping[str, Any]) -> Asker:
-        self.inner = DirectAskers().asker(model, options)
+    def client(self, model: ModelSpec, options: Mapping[str, Any]) -> ModelClient:
+        self.inner = InProcessClients().client(model, options)
         return self
 
     @property
-    def ignored(self) -> Ignored:
-        return Ignored()
+    def ignored(self) -> IgnoredAnswers:
+        return IgnoredAnswers()
 
-    def ask(self, request: Request) -> Reply:
+    def ask(self, request: Request) -> ModelReply:
         self.count += 1
         reply = self.inner.ask(request)
         if self.count == 1:
@@ -77,10 +75,10 @@ def test_what_happens_while_the_bag_is_hashed_is_noticed(
         return content_sha256(reader, on_block)
 
     monkeypatch.setattr(bag_content, "content_sha256", hashed)
-    askers, out = _Asking(), tmp_path / "out"
+    clients, out = _Asking(), tmp_path / "out"
     with pytest.raises(InputError, match=says):
-        run_campaign([(bag, None)], MODELS, askers, out, CellOptions(), True)
-    assert askers.count == 0
+        run_campaign([(bag, None)], MODELS, clients, out, CellOptions(), True)
+    assert clients.count == 0
     assert not out.exists()
 
 
@@ -91,10 +89,10 @@ def test_what_happens_while_models_are_asked_ends_the_asking(
     bag, other = make_bag(), make_bag("other", domain="physical")
     # What was fetched before is of the recording that was hashed, and may be asked.
     monkeypatch.setattr("ssp_eval.evaluate.campaign._prepare", lambda *_: None)
-    askers = _Asking(lambda: CHANGES[says](bag, other))
+    clients = _Asking(lambda: CHANGES[says](bag, other))
     with pytest.raises(InputError, match=says):
-        run_campaign([(bag, None)], MODELS, askers, tmp_path / "out", CellOptions(), True)
-    assert askers.count == 1
+        run_campaign([(bag, None)], MODELS, clients, tmp_path / "out", CellOptions(), True)
+    assert clients.count == 1
     (raw,) = (tmp_path / "out").rglob("raw.jsonl")
     assert len(raw.read_text().splitlines()) == 1  # what was paid for stays
     assert not list((tmp_path / "out").rglob("score.json"))

@@ -13,23 +13,23 @@ from ssp_core.cli import main
 from ssp_core.errors import InputError, PeerError
 from ssp_core.hashing import sha256_file
 from ssp_core.vocabulary import Verdict
-from ssp_eval.evaluate.asker import (
-    Asker,
-    Askers,
-    DirectAskers,
-    Ignored,
-    Loss,
-    ModelSpec,
-    Reply,
-)
+from ssp_eval.data.labels import load_labels
+from ssp_eval.data.records import load_records
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions, CellResult
+from ssp_eval.evaluate.model_client import (
+    IgnoredAnswers,
+    InProcessClients,
+    Loss,
+    ModelClient,
+    ModelClients,
+    ModelReply,
+    ModelSpec,
+)
 from ssp_eval.evaluate.models import bridge_spec
-from ssp_eval.evaluate.show import asking, show
-from ssp_eval.labels.model import load_labels
-from ssp_eval.records import load_records
+from ssp_eval.evaluate.run import asking, show
 from ssp_eval.report.page import write_report
-from ssp_eval.score import score_cell
+from ssp_eval.score.cell import score_cell
 from ssp_vla_bridge.messages import ErrorCode, Request, Response, response_from_json
 
 BagMaker = Callable[..., Path]
@@ -43,22 +43,22 @@ class Counting:
     """Passes requests on to in-process backends and counts them."""
 
     def __init__(self) -> None:
-        self.inner = DirectAskers()
+        self.inner = InProcessClients()
         self.requests: list[Request] = []
 
-    def asker(self, model: ModelSpec, options: Mapping[str, Any]) -> Asker:
-        return _CountingAsker(self, self.inner.asker(model, options))
+    def client(self, model: ModelSpec, options: Mapping[str, Any]) -> ModelClient:
+        return _CountingClient(self, self.inner.client(model, options))
 
 
-class _CountingAsker:
-    def __init__(self, owner: Counting, inner: Asker) -> None:
+class _CountingClient:
+    def __init__(self, owner: Counting, inner: ModelClient) -> None:
         self.owner, self.inner = owner, inner
 
     @property
-    def ignored(self) -> Ignored:
-        return Ignored()
+    def ignored(self) -> IgnoredAnswers:
+        return IgnoredAnswers()
 
-    def ask(self, request: Request) -> Reply:
+    def ask(self, request: Request) -> ModelReply:
         self.owner.requests.append(request)
         return self.inner.ask(request)
 
@@ -66,27 +66,27 @@ class _CountingAsker:
 class Scripted:
     """Answers by position: a reply, or an exception to raise."""
 
-    def __init__(self, script: Callable[[int, Request], Reply]) -> None:
+    def __init__(self, script: Callable[[int, Request], ModelReply]) -> None:
         self.script = script
         self.count = 0
 
     @property
-    def ignored(self) -> Ignored:
-        return Ignored()
+    def ignored(self) -> IgnoredAnswers:
+        return IgnoredAnswers()
 
-    def asker(self, model: ModelSpec, options: Mapping[str, Any]) -> Asker:
+    def client(self, model: ModelSpec, options: Mapping[str, Any]) -> ModelClient:
         return self
 
-    def ask(self, request: Request) -> Reply:
+    def ask(self, request: Request) -> ModelReply:
         self.count += 1
         return self.script(self.count - 1, request)
 
 
 def evaluate(
-    bag: Path, out: Path, *names: str, askers: Any = None, **options: Any
+    bag: Path, out: Path, *names: str, clients: Any = None, **options: Any
 ) -> list[CellResult]:
     return run_campaign(
-        [(bag, None)], [bridge_spec(name) for name in names], askers or DirectAskers(), out,
+        [(bag, None)], [bridge_spec(name) for name in names], clients or InProcessClients(), out,
         CellOptions(**options), propose_labels=True,
     )  # fmt: skip
 
@@ -151,41 +151,43 @@ def test_a_cell_s_folder_is_complete(make_bag: BagMaker, tmp_path: Path) -> None
 def test_stored_answers_are_not_asked_again(make_bag: BagMaker, tmp_path: Path) -> None:
     bag, out = make_bag(), tmp_path / "out"
     first = Counting()
-    (before,) = evaluate(bag, out, "constant_velocity", askers=first)
+    (before,) = evaluate(bag, out, "constant_velocity", clients=first)
     assert len(first.requests) == before.asked == 9
     again = Counting()
-    (after,) = evaluate(bag, out, "constant_velocity", askers=again)
+    (after,) = evaluate(bag, out, "constant_velocity", clients=again)
     assert again.requests == []
     assert (after.asked, after.reused, after.score) == (0, 9, before.score)
     fresh = Counting()
-    evaluate(bag, out, "constant_velocity", askers=fresh, fresh=True)
+    evaluate(bag, out, "constant_velocity", clients=fresh, fresh=True)
     assert len(fresh.requests) == 9
     other = Counting()
-    evaluate(bag, out, "constant_velocity={}", askers=other)
+    evaluate(bag, out, "constant_velocity={}", clients=other)
     assert other.requests == []
 
 
 def test_an_interrupted_run_goes_on_where_it_stopped(make_bag: BagMaker, tmp_path: Path) -> None:
     bag, out = make_bag(), tmp_path / "out"
 
-    def stop(index: int, request: Request) -> Reply:
+    def stop(index: int, request: Request) -> ModelReply:
         if index == 4:
             raise KeyboardInterrupt
-        return Reply(Response(request.request_id, request.stamp_ns, "m", "m/1", text=f"{index}"))
+        return ModelReply(
+            Response(request.request_id, request.stamp_ns, "m", "m/1", text=f"{index}")
+        )
 
     with pytest.raises(KeyboardInterrupt):
-        evaluate(bag, out, "m", askers=Scripted(stop))
+        evaluate(bag, out, "m", clients=Scripted(stop))
     raw = out / "cells" / "cut_in__simulation__m" / "raw.jsonl"
     assert len(raw.read_text().splitlines()) == 4
     # A kill in the middle of a line leaves the end of it.
     with raw.open("a") as stream:
         stream.write('{"schema": "ssp.resp')
     rest = Scripted(
-        lambda index, request: Reply(
+        lambda index, request: ModelReply(
             Response(request.request_id, request.stamp_ns, "m", "m/1", text=f"later {index}")
         )
     )
-    (result,) = evaluate(bag, out, "m", askers=rest)
+    (result,) = evaluate(bag, out, "m", clients=rest)
     assert rest.count == 5
     assert (result.asked, result.reused) == (5, 4)
     texts = [record.text for record in load_records(result.folder / "records.jsonl")]
@@ -206,16 +208,18 @@ def test_who_interrupts_is_told_what_is_kept(
     command = ["evaluate", str(bag), "--propose-labels", "--bridge", "silent", "--no-controls"]
     command += ["--out", str(out)]
 
-    def stop(index: int, request: Request) -> Reply:
+    def stop(index: int, request: Request) -> ModelReply:
         if index == answered:
             raise KeyboardInterrupt
-        return Reply(Response(request.request_id, request.stamp_ns, "m", "m/1", text=f"{index}"))
+        return ModelReply(
+            Response(request.request_id, request.stamp_ns, "m", "m/1", text=f"{index}")
+        )
 
-    def over(askers: Askers) -> None:
+    def over(clients: ModelClients) -> None:
         def direct(bags: Any, models: Any, out: Path, options: CellOptions, *_: Any) -> Any:
             with asking() as (on_plan, on_record):
                 return run_campaign(
-                    bags, models, askers, out, options, True, on_plan=on_plan, on_record=on_record
+                    bags, models, clients, out, options, True, on_plan=on_plan, on_record=on_record
                 )
 
         monkeypatch.setattr("ssp_eval.evaluate.cli.evaluate_bags", direct)
@@ -226,7 +230,7 @@ def test_who_interrupts_is_told_what_is_kept(
     printed = capfd.readouterr().err
     assert (kept in printed) is (answered > 0)
     assert "1 cell, 9 questions\n" in printed
-    over(DirectAskers())
+    over(InProcessClients())
     assert main(command) == 0
     printed = capfd.readouterr().err
     assert ("not asked again" in printed) is (answered > 0)
@@ -239,11 +243,11 @@ def test_who_interrupts_is_told_what_is_kept(
 def test_missing_answers_cost_their_records_only(
     make_bag: BagMaker, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    def some(index: int, request: Request) -> Reply:
+    def some(index: int, request: Request) -> ModelReply:
         if index == 2:
-            return Reply(None, "no answer within 1 s", Loss.SILENT)
+            return ModelReply(None, "no answer within 1 s", Loss.SILENT)
         error = int(ErrorCode.BACKEND) if index == 5 else 0
-        return Reply(
+        return ModelReply(
             Response(
                 request.request_id, request.stamp_ns, "m", "m/1", "A car is ahead.",
                 error_code=error, error_msg="out of memory" if error else "",
@@ -251,7 +255,7 @@ def test_missing_answers_cost_their_records_only(
         )  # fmt: skip
 
     out, bag = tmp_path / "out", make_bag()
-    (result,) = evaluate(bag, out, "m", askers=Scripted(some))
+    (result,) = evaluate(bag, out, "m", clients=Scripted(some))
     assert (result.status, result.missing) == ("ok", 2)
     assert result.score is not None
     assert result.score["matched"] == 7
@@ -266,16 +270,16 @@ def test_missing_answers_cost_their_records_only(
     assert "; first: no answer within 1 s (see cell.json)" in capfd.readouterr().err
     # Errors aren't answers: both are asked again.
     again = Scripted(some)
-    evaluate(bag, out, "m", askers=again)
+    evaluate(bag, out, "m", clients=again)
     assert again.count == 2
 
 
 def test_nothing_at_all_is_a_failure_of_ours(make_bag: BagMaker, tmp_path: Path) -> None:
     class Unreachable:
-        def asker(self, model: ModelSpec, options: Mapping[str, Any]) -> Asker:
+        def client(self, model: ModelSpec, options: Mapping[str, Any]) -> ModelClient:
             raise PeerError("no bridge for m on its topics")
 
-    (result,) = evaluate(make_bag(), tmp_path / "out", "m", askers=Unreachable())
+    (result,) = evaluate(make_bag(), tmp_path / "out", "m", clients=Unreachable())
     assert result.status == "failed"
     assert result.reasons == ("no bridge for m on its topics",)
     assert result.score is None
@@ -291,7 +295,7 @@ def test_an_invalid_run_is_refused_and_never_scored(make_bag: BagMaker, tmp_path
     )
     (tmp_path / "unsafe.labels.json").write_text(labels.read_text())
     asked = Counting()
-    (result,) = evaluate(unsafe, out, "perfect", askers=asked)
+    (result,) = evaluate(unsafe, out, "perfect", clients=asked)
     assert result.status == "refused"
     assert "the recorder lost 3 messages" in result.reasons[0]
     assert asked.requests == []
@@ -317,13 +321,13 @@ def test_labels_of_another_clip_are_noticed(make_bag: BagMaker, tmp_path: Path) 
 
 def test_no_labels_and_twice_the_same_cell_are_said(make_bag: BagMaker, tmp_path: Path) -> None:
     bag = make_bag()
-    models, askers, options = [ModelSpec("silent")], DirectAskers(), CellOptions()
+    models, clients, options = [ModelSpec("silent")], InProcessClients(), CellOptions()
     with pytest.raises(InputError, match="--propose-labels"):
-        run_campaign([(bag, None)], models, askers, tmp_path / "out", options)
+        run_campaign([(bag, None)], models, clients, tmp_path / "out", options)
     twin = make_bag("twin")
     with pytest.raises(InputError, match="and so is"):
         run_campaign(
-            [(bag, None), (twin, None)], models, askers, tmp_path / "out", options, True
+            [(bag, None), (twin, None)], models, clients, tmp_path / "out", options, True
         )  # fmt: skip
     with pytest.raises(InputError, match="unknown adapter"):
         evaluate(bag, tmp_path / "out", "silent", adapter="nonsense")
@@ -337,7 +341,7 @@ def test_an_unknown_adapter_is_refused_before_anything_is_asked(
         run_campaign(
             [(make_bag(), None)],
             [ModelSpec("silent")],
-            DirectAskers(),
+            InProcessClients(),
             out,
             CellOptions(adapter="nosuch"),
         )
@@ -347,13 +351,15 @@ def test_an_unknown_adapter_is_refused_before_anything_is_asked(
 def test_a_bridge_that_died_is_seen_in_table_and_report(
     make_bag: BagMaker, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    def dies(index: int, request: Request) -> Reply:
+    def dies(index: int, request: Request) -> ModelReply:
         if index in (3, 4):
-            return Reply(None, "the bridge died before it answered (killed)", Loss.DIED)
-        return Reply(Response(request.request_id, request.stamp_ns, "m", "m/1", "A car is ahead."))
+            return ModelReply(None, "the bridge died before it answered (killed)", Loss.DIED)
+        return ModelReply(
+            Response(request.request_id, request.stamp_ns, "m", "m/1", "A car is ahead.")
+        )
 
     out = tmp_path / "out"
-    results = evaluate(make_bag(), out, "m", askers=Scripted(dies))
+    results = evaluate(make_bag(), out, "m", clients=Scripted(dies))
     show(results, out)
     shown = capfd.readouterr()
     row = next(line for line in shown.out.splitlines() if " m " in line)
@@ -379,7 +385,7 @@ def test_labels_outside_the_clip_are_refused_before_asking(
     path.write_text(json.dumps(value))
     asked = Counting()
     with pytest.raises(InputError, match="outside the clip") as caught:
-        evaluate(bag, out, "silent", askers=asked)
+        evaluate(bag, out, "silent", clients=asked)
     assert caught.value.field == "labels[8].t_s"
     assert "span -0.500 to 8.900 s" in str(caught.value)
     assert asked.requests == []
@@ -396,7 +402,7 @@ def test_no_score_stays_beside_labels_that_it_isn_t_of(make_bag: BagMaker, tmp_p
     folder = out / "cells" / "cut_in__simulation__perfect"
     assert (folder / "score.json").exists()
 
-    def stop(index: int, request: Request) -> Reply:
+    def stop(index: int, request: Request) -> ModelReply:
         raise KeyboardInterrupt
 
     labels = bag.parent / f"{bag.name}.labels.json"
@@ -404,7 +410,7 @@ def test_no_score_stays_beside_labels_that_it_isn_t_of(make_bag: BagMaker, tmp_p
     value["labels"][0]["lat_actions"] = ["left", "straight", "right"]
     labels.write_text(json.dumps(value))
     with pytest.raises(KeyboardInterrupt):
-        evaluate(bag, out, "perfect", askers=Scripted(stop))
+        evaluate(bag, out, "perfect", clients=Scripted(stop))
     there = {file.name for file in folder.iterdir()}
     assert there == {"labels.json", "raw.jsonl", "requests.jsonl"}
     (result,) = evaluate(bag, out, "perfect")

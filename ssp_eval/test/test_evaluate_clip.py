@@ -17,10 +17,9 @@ from ssp_core.bag.types import serialize, typestore
 from ssp_core.bag.writer import BagWriter
 from ssp_core.errors import InputError
 from ssp_core.vocabulary import Verdict
-from ssp_eval.evaluate import question
-from ssp_eval.evaluate.clip import Clip
-from ssp_eval.evaluate.question import NoQuestion, Question
-from ssp_eval.labels.proposal.truth import truth_from_bag
+from ssp_eval.labels.truth import truth_from_bag
+from ssp_eval.recordings import clip as question
+from ssp_eval.recordings.clip import Clip, NoQuestion, Question
 from ssp_vla_bridge.messages import request_problems
 from ssp_vla_bridge.window import Preprocessing
 

@@ -15,24 +15,24 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssp_core.errors import InputError
-from ssp_eval.analysis.row import entering
-from ssp_eval.analysis.rows import rows_from_cells
-from ssp_eval.evaluate.asker import Asker, DirectAskers, Ignored, Reply
+from ssp_eval.evaluate.asking import blackened, derangement, other_label_time, shuffled, under
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
-from ssp_eval.evaluate.conditions import (
-    blackened,
-    derangement,
-    other_label_time,
-    shuffled,
-    under,
+from ssp_eval.evaluate.model_client import IgnoredAnswers, InProcessClients, ModelClient, ModelReply
+from ssp_eval.evaluate.models import (
+    ANSWERERS,
+    BLACK,
+    CONDITION_SEED,
+    SHUFFLED,
+    ModelSpec,
+    attached_spec,
+    bridge_spec,
+    with_controls,
 )
-from ssp_eval.evaluate.controls import ANSWERERS, BLACK, CONDITION_SEED, SHUFFLED
-from ssp_eval.evaluate.model_spec import ModelSpec
-from ssp_eval.evaluate.models import attached_spec, bridge_spec, with_controls
-from ssp_eval.evaluate.question import NoQuestion, Question
-from ssp_eval.report.load import load_cells
+from ssp_eval.evaluate.results import load_cells
+from ssp_eval.recordings.clip import NoQuestion, Question
 from ssp_eval.report.page import write_report
+from ssp_eval.statistics.rows import entering, rows_from_cells
 from ssp_vla_bridge.messages import Frame, Request, Response
 
 BagMaker = Callable[..., Path]
@@ -125,39 +125,39 @@ def test_controls_are_added_once_and_checks_get_no_conditions() -> None:
     assert set(ANSWERERS) <= set(names)
 
 
-class Seeing(DirectAskers):
+class Seeing(InProcessClients):
     """Says how bright the newest frame is, and remembers what it was asked."""
 
-    ignored = Ignored()
+    ignored = IgnoredAnswers()
 
     def __init__(self) -> None:
         self.requests: list[Request] = []
 
-    def asker(self, model: ModelSpec, options: Mapping[str, Any]) -> Asker:
-        return self if model.name == "seeing" else super().asker(model, options)
+    def client(self, model: ModelSpec, options: Mapping[str, Any]) -> ModelClient:
+        return self if model.name == "seeing" else super().client(model, options)
 
-    def ask(self, request: Request) -> Reply:
+    def ask(self, request: Request) -> ModelReply:
         self.requests.append(request)
         data = np.frombuffer(request.frames[-1].jpeg, np.uint8)
         image = cv2.imdecode(data, cv2.IMREAD_COLOR)
         assert image is not None
         text = "I keep my speed and stay in my lane." if image.max() > 0 else "I see nothing."
-        return Reply(Response(request.request_id, request.stamp_ns, "seeing", "s/1", text))
+        return ModelReply(Response(request.request_id, request.stamp_ns, "seeing", "s/1", text))
 
 
 def test_a_campaign_with_controls(make_bag: BagMaker, tmp_path: Path) -> None:
-    asker = Seeing()
+    client = Seeing()
     seeing = ModelSpec("seeing", backend="opencv_baseline")
     models = with_controls([seeing])
     bags: list[tuple[Path, Path | None]] = [(make_bag(), None)]
-    results = run_campaign(bags, models, asker, tmp_path, CellOptions(), True)
+    results = run_campaign(bags, models, client, tmp_path, CellOptions(), True)
     assert all(result.status == "ok" or result.model == "silent" for result in results)
     black = json.loads((tmp_path / "cells/cut_in__simulation__seeing+black/cell.json").read_text())
     assert (black["model"], black["condition"], black["condition_seed"], black["control"]) == (
         "seeing+black", BLACK, CONDITION_SEED, True,
     )  # fmt: skip
-    keys = {request.request_id.split("-")[0] for request in asker.requests}
-    assert len(keys) == len(asker.requests) == 27
+    keys = {request.request_id.split("-")[0] for request in client.requests}
+    assert len(keys) == len(client.requests) == 27
     raw = (tmp_path / "cells/cut_in__simulation__seeing+black/raw.jsonl").read_text()
     assert raw.count("I see nothing.") == 9
     cells = load_cells(tmp_path)
@@ -167,6 +167,6 @@ def test_a_campaign_with_controls(make_bag: BagMaker, tmp_path: Path) -> None:
     assert "does the harness measure seeing?" in section
     assert section.count("<td>seeing</td>") == 2
     assert "constant_velocity" in section
-    again = run_campaign(bags, models, asker, tmp_path, CellOptions())
+    again = run_campaign(bags, models, client, tmp_path, CellOptions())
     assert sum(result.asked for result in again) == 0
-    assert len(asker.requests) == 27
+    assert len(client.requests) == 27

@@ -11,15 +11,13 @@ import pytest
 
 from ssp_core.cli import main
 from ssp_core.vocabulary import Verdict
-from ssp_eval.evaluate.asker import DirectAskers, Loss
-from ssp_eval.evaluate.campaign import run_campaign
+from ssp_eval.evaluate.asking import other_label_time
+from ssp_eval.evaluate.campaign import Plan, run_campaign
 from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.cell_file import CellResult
-from ssp_eval.evaluate.choose import driving_before
-from ssp_eval.evaluate.conditions import other_label_time
-from ssp_eval.evaluate.model_spec import ModelSpec
-from ssp_eval.evaluate.models import bridge_spec, with_controls
-from ssp_eval.evaluate.plan import Plan
+from ssp_eval.evaluate.cli import driving_before
+from ssp_eval.evaluate.model_client import InProcessClients, Loss
+from ssp_eval.evaluate.models import ModelSpec, bridge_spec, with_controls
 from ssp_eval.report.page import write_report
 
 BagMaker = Callable[..., Path]
@@ -60,15 +58,22 @@ def test_the_plan_counts_what_is_asked_and_not_what_is_refused(
 ) -> None:
     good, told = make_bag(), list[Plan]()
     models = with_controls([MINE])
-    run_campaign([(good, None)], [MINE], DirectAskers(), tmp_path / "first", CellOptions(), True)
+    run_campaign(
+        [(good, None)], [MINE], InProcessClients(), tmp_path / "first", CellOptions(), True
+    )
     aborted = make_bag("bad", domain="physical", verdict=Verdict.ABORTED, reasons=("stopped",))
     text = (tmp_path / "bag.labels.json").read_text().replace('"simulation"', '"physical"')
     (tmp_path / "bad.labels.json").write_text(text)
     records: list[int] = []
     results = run_campaign(
-        [(good, None), (aborted, None)], models, DirectAskers(), tmp_path / "out", CellOptions(),
-        on_plan=told.append, on_record=lambda: records.append(1),
-    )  # fmt: skip
+        [(good, None), (aborted, None)],
+        models,
+        InProcessClients(),
+        tmp_path / "out",
+        CellOptions(),
+        on_plan=told.append,
+        on_record=lambda: records.append(1),
+    )
     (plan,) = told
     assert plan == Plan(label_times=126, cells=7, questions=63, to_answerers=36, spoilt=18)
     assert len(records) == plan.label_times
@@ -104,14 +109,14 @@ def test_silence_is_a_score_and_one_label_time_can_t_be_shuffled(
 ) -> None:
     assert other_label_time([1.0], 0) is None
     bag, out = make_bag(), tmp_path / "out"
-    run_campaign([(bag, None)], [MINE], DirectAskers(), tmp_path / "first", CellOptions(), True)
+    run_campaign([(bag, None)], [MINE], InProcessClients(), tmp_path / "first", CellOptions(), True)
     labels = tmp_path / "bag.labels.json"
     value = json.loads(labels.read_text())
     value["labels"], value["risk_time_s"] = value["labels"][4:5], value["labels"][4]["t_s"]
     labels.write_text(json.dumps(value))
     one_frame = replace(MINE, preprocessing={"frames": 1})
     results = run_campaign(
-        [(bag, None)], with_controls([one_frame]), DirectAskers(), out, CellOptions()
+        [(bag, None)], with_controls([one_frame]), InProcessClients(), out, CellOptions()
     )
     status = {result.model: result.status for result in results}
     assert status.pop("mine+shuffled") == "failed"
@@ -124,13 +129,13 @@ def test_a_campaign_goes_on_with_and_without_controls(make_bag: BagMaker, tmp_pa
     bag, out = make_bag(), tmp_path / "out"
     plain = [bridge_spec("opencv_baseline")]
     bags: list[tuple[Path, Path | None]] = [(bag, None)]
-    run_campaign(bags, plain, DirectAskers(), out, CellOptions(), True)
+    run_campaign(bags, plain, InProcessClients(), out, CellOptions(), True)
     told = "These cells have no controls"
     assert told in write_report(out).read_text()
-    later = run_campaign(bags, with_controls(plain), DirectAskers(), out, CellOptions())
+    later = run_campaign(bags, with_controls(plain), InProcessClients(), out, CellOptions())
     assert [(r.asked, r.reused) for r in later] == [(0, 9), *[(9, 0)] * 6]
     assert told not in write_report(out).read_text()
-    again = run_campaign(bags, plain, DirectAskers(), out, CellOptions())
+    again = run_campaign(bags, plain, InProcessClients(), out, CellOptions())
     assert [(r.asked, r.reused) for r in again] == [(0, 9)]
     assert len(list((out / "cells").iterdir())) == 7
 
@@ -141,7 +146,7 @@ def test_the_command_has_controls_unless_it_is_told_otherwise(
     """Answers that are stored need no ROS, so that this is the command as it is."""
     bag, out = make_bag(), tmp_path / "out"
     specs = with_controls([bridge_spec("constant_velocity")])
-    run_campaign([(bag, None)], specs, DirectAskers(), out, CellOptions(), True)
+    run_campaign([(bag, None)], specs, InProcessClients(), out, CellOptions(), True)
     command = ["evaluate", str(bag), "--bridge", "constant_velocity", "--out", str(out), "--json"]
     counts = {}
     for options in ((), ("--controls",), ("--no-controls",)):
@@ -165,7 +170,7 @@ def test_a_frame_that_is_no_picture_costs_answers_and_no_campaign(
     models = with_controls([MINE])
     bag = make_bag("no_pictures")  # of its own, since equal bags are written once
     results = run_campaign(
-        [(bag, None)], models, DirectAskers(), tmp_path / "o", CellOptions(), True
+        [(bag, None)], models, InProcessClients(), tmp_path / "o", CellOptions(), True
     )
     losses = {result.model: dict(result.losses) for result in results}
     assert losses["mine"] == {"bridge answered an error": 9}
@@ -183,7 +188,7 @@ def test_an_answerer_that_was_named_as_a_model_stays_one(
 
     def evaluate(*names: str) -> dict[str, bool]:
         models = with_controls([bridge_spec(name) for name in names], driving_before(out))
-        run_campaign(bags, models, DirectAskers(), out, CellOptions(), True)
+        run_campaign(bags, models, InProcessClients(), out, CellOptions(), True)
         files = [json.loads(file.read_text()) for file in out.glob("cells/*/cell.json")]
         return {cell["model"]: cell["control"] for cell in files if not cell["condition"]}
 

@@ -11,13 +11,13 @@ from typing import Any
 import pytest
 
 from ssp_core.errors import InputError
-from ssp_eval.evaluate.asker import Asker, Ignored, Reply
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.cell_file import CellResult
-from ssp_eval.evaluate.model_spec import ModelSpec
+from ssp_eval.evaluate.model_client import IgnoredAnswers, ModelClient, ModelReply
+from ssp_eval.evaluate.models import ModelSpec
 from ssp_eval.evaluate.raw_store import EARLIER_FILE, RawStore
-from ssp_eval.evaluate.store import RAW_FILE
+from ssp_eval.evaluate.requests import RAW_FILE
 from ssp_vla_bridge.messages import ErrorCode, Request, Response
 
 BagMaker = Callable[..., Path]
@@ -28,17 +28,17 @@ MODEL = ModelSpec("m", {"base_url": "http://host:1/v1", "model": "q"}, backend="
 class Numbered:
     """Numbers its answers, so that one is told from another; errors, or an end, at some of them."""
 
-    ignored = Ignored()
+    ignored = IgnoredAnswers()
 
     def __init__(self) -> None:
         self.count = 0
         self.errors_at: set[int] = set()
         self.stops_at: int | None = None
 
-    def asker(self, model: ModelSpec, options: Mapping[str, Any]) -> Asker:
+    def client(self, model: ModelSpec, options: Mapping[str, Any]) -> ModelClient:
         return self
 
-    def ask(self, request: Request) -> Reply:
+    def ask(self, request: Request) -> ModelReply:
         number = self.count
         if number == self.stops_at:
             raise KeyboardInterrupt
@@ -46,7 +46,7 @@ class Numbered:
         answer = Response(request.request_id, request.stamp_ns, "m", "m/1", f"answer {number}")
         if number in self.errors_at:
             answer = replace(answer, error_code=int(ErrorCode.BACKEND), error_msg="broken")
-        return Reply(answer)
+        return ModelReply(answer)
 
 
 class Campaign:

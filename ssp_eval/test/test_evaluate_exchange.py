@@ -9,10 +9,8 @@ from pathlib import Path
 import pytest
 
 from ssp_core.errors import InputError
-from ssp_eval.evaluate.asker import Loss
-from ssp_eval.evaluate.controls import LABELS_FILE
-from ssp_eval.evaluate.exchange import MOST_CHARACTERS, MOST_NUMBERS, Exchange
-from ssp_eval.evaluate.models import bridge_spec
+from ssp_eval.evaluate.model_client import MOST_CHARACTERS, MOST_NUMBERS, Loss, RequestTracker
+from ssp_eval.evaluate.models import LABELS_FILE, bridge_spec
 from ssp_eval.evaluate.raw_store import RawStore
 from ssp_vla_bridge.messages import Frame, NativeArray, Request, Response
 
@@ -21,7 +19,7 @@ ANSWER = Response("r1", 5_000, "m", "m/1", text="A car is ahead.")
 
 
 def test_the_first_answer_counts_and_a_second_is_a_duplicate() -> None:
-    exchange = Exchange()
+    exchange = RequestTracker()
     exchange.open(REQUEST)
     assert exchange.take() is None
     exchange.offer(ANSWER)
@@ -34,7 +32,7 @@ def test_the_first_answer_counts_and_a_second_is_a_duplicate() -> None:
 
 
 def test_an_answer_after_the_timeout_is_late_and_hurts_no_later_request() -> None:
-    exchange = Exchange()
+    exchange = RequestTracker()
     exchange.open(REQUEST)
     exchange.give_up()
     exchange.open(replace(REQUEST, request_id="r2"))
@@ -47,7 +45,7 @@ def test_an_answer_after_the_timeout_is_late_and_hurts_no_later_request() -> Non
 
 
 def test_another_stamp_and_an_unreadable_answer_cost_their_record() -> None:
-    exchange = Exchange()
+    exchange = RequestTracker()
     exchange.open(REQUEST)
     exchange.offer(replace(ANSWER, stamp_ns=6_000))
     reply = exchange.take()
@@ -62,7 +60,7 @@ def test_another_stamp_and_an_unreadable_answer_cost_their_record() -> None:
 
 
 def test_one_request_at_a_time() -> None:
-    exchange = Exchange()
+    exchange = RequestTracker()
     exchange.open(REQUEST)
     with pytest.raises(ValueError, match="open still"):
         exchange.open(REQUEST)
@@ -82,7 +80,7 @@ def test_one_request_at_a_time() -> None:
     ids=["text", "nan", "decoding", "numbers"],
 )
 def test_an_answer_that_can_t_be_stored_costs_its_record(answer: Response, why: str) -> None:
-    exchange = Exchange()
+    exchange = RequestTracker()
     exchange.open(REQUEST)
     exchange.offer(answer)
     reply = exchange.take()

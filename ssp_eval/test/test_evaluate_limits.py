@@ -10,14 +10,19 @@ from typing import Any
 import pytest
 
 from ssp_core.files import MAX_TEXT_BYTES, read_mapping
-from ssp_eval.evaluate.asker import MOST_REASON, Asker, Ignored, Loss, Reply
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
-from ssp_eval.evaluate.cell_file import CellResult
-from ssp_eval.evaluate.cell_limits import DIFFERING, decodings, short_list, write_readable
-from ssp_eval.evaluate.exchange import MOST_CHARACTERS
-from ssp_eval.evaluate.model_spec import ModelSpec
-from ssp_eval.report.load import load_cells
+from ssp_eval.evaluate.cell_file import DIFFERING, CellResult, decodings, short_list, write_readable
+from ssp_eval.evaluate.model_client import (
+    MOST_CHARACTERS,
+    MOST_REASON,
+    IgnoredAnswers,
+    Loss,
+    ModelClient,
+    ModelReply,
+)
+from ssp_eval.evaluate.models import ModelSpec
+from ssp_eval.evaluate.results import load_cells
 from ssp_vla_bridge.messages import Request, Response
 
 BagMaker = Callable[..., Path]
@@ -27,29 +32,33 @@ MIB = 1 << 20
 class Says:
     """Answers by a function of the number of the question."""
 
-    ignored = Ignored()
+    ignored = IgnoredAnswers()
 
-    def __init__(self, reply: Callable[[int, Request], Reply]) -> None:
+    def __init__(self, reply: Callable[[int, Request], ModelReply]) -> None:
         self.reply, self.count = reply, 0
 
-    def asker(self, model: ModelSpec, options: Mapping[str, Any]) -> Asker:
+    def client(self, model: ModelSpec, options: Mapping[str, Any]) -> ModelClient:
         return self
 
-    def ask(self, request: Request) -> Reply:
+    def ask(self, request: Request) -> ModelReply:
         self.count += 1
         return self.reply(self.count, request)
 
 
-def answer(request: Request, **decoding: Any) -> Reply:
+def answer(request: Request, **decoding: Any) -> ModelReply:
     text = "A car is ahead."
-    return Reply(Response(request.request_id, request.stamp_ns, "m", "m/1", text, (), decoding))
+    return ModelReply(
+        Response(request.request_id, request.stamp_ns, "m", "m/1", text, (), decoding)
+    )
 
 
 def evaluate(
-    bag: Path, out: Path, reply: Callable[[int, Request], Reply], *models: ModelSpec
+    bag: Path, out: Path, reply: Callable[[int, Request], ModelReply], *models: ModelSpec
 ) -> list[CellResult]:
-    askers = Says(reply)
-    return run_campaign([(bag, None)], models or [ModelSpec("m")], askers, out, CellOptions(), True)
+    clients = Says(reply)
+    return run_campaign(
+        [(bag, None)], models or [ModelSpec("m")], clients, out, CellOptions(), True
+    )
 
 
 def test_a_megabyte_about_each_answer_is_left_to_the_raw_file(
@@ -57,7 +66,7 @@ def test_a_megabyte_about_each_answer_is_left_to_the_raw_file(
 ) -> None:
     most = MOST_CHARACTERS - 100
 
-    def talkative(count: int, request: Request) -> Reply:
+    def talkative(count: int, request: Request) -> ModelReply:
         return answer(request, seed=1, words=str(count) * most)
 
     (result,) = evaluate(make_bag(), tmp_path, talkative)
@@ -90,8 +99,8 @@ def test_a_cell_that_can_t_be_summed_up_is_failed_and_the_campaign_goes_on(
 def test_reasons_are_cut_in_the_summary_and_whole_where_they_were_asked(
     make_bag: BagMaker, tmp_path: Path
 ) -> None:
-    def dies(count: int, request: Request) -> Reply:
-        return Reply(None, f"{count}: {'y' * MIB}", Loss.DIED)
+    def dies(count: int, request: Request) -> ModelReply:
+        return ModelReply(None, f"{count}: {'y' * MIB}", Loss.DIED)
 
     (result,) = evaluate(make_bag(), tmp_path, dies)
     cell = read_mapping(result.folder / "cell.json")

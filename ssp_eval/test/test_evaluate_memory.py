@@ -7,9 +7,10 @@ import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 
-from ssp_eval.evaluate.asker import DirectAskers
-from ssp_eval.evaluate.campaign import find_labels, run_campaign
+from ssp_eval.data.provenance import find_labels
+from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.model_client import InProcessClients
 from ssp_eval.evaluate.models import bridge_spec
 
 BagMaker = Callable[..., Path]
@@ -26,7 +27,7 @@ def peak_bytes(bag: Path, labels: Path | None, out: Path) -> int:
     tracemalloc.start()
     try:
         (result,) = run_campaign(
-            [(bag, labels)], [bridge_spec("copy_history")], DirectAskers(), out, CellOptions(),
+            [(bag, labels)], [bridge_spec("copy_history")], InProcessClients(), out, CellOptions(),
             labels is None,
         )  # fmt: skip
         assert result.status == "ok"

@@ -17,13 +17,18 @@ from hypothesis import strategies as st
 
 from ssp_core.cli import main
 from ssp_core.errors import InputError
-from ssp_eval.evaluate.asker import DirectAskers
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
-from ssp_eval.evaluate.choose import model_specs
-from ssp_eval.evaluate.model_spec import ModelSpec
-from ssp_eval.evaluate.models import as_attached, attached_spec, bridge_spec, load_models
-from ssp_eval.evaluate.secret_options import refuse_secrets
+from ssp_eval.evaluate.cli import model_specs
+from ssp_eval.evaluate.model_client import InProcessClients
+from ssp_eval.evaluate.models import (
+    ModelSpec,
+    as_attached,
+    attached_spec,
+    bridge_spec,
+    load_models,
+    refuse_secrets,
+)
 from ssp_vla_bridge.window import INTERFACES, Preprocessing
 
 BagMaker = Callable[..., Path]
@@ -55,7 +60,7 @@ def written(path: Path, text: str) -> Path:
 def test_two_models_over_one_backend(make_bag: BagMaker, tmp_path: Path) -> None:
     models = load_models(written(tmp_path / "models.yaml", FILE))
     bag, out = make_bag(), tmp_path / "out"
-    results = run_campaign([(bag, None)], models, DirectAskers(), out, CellOptions(), True)
+    results = run_campaign([(bag, None)], models, InProcessClients(), out, CellOptions(), True)
     assert [result.status for result in results] == ["ok", "ok"]
     small, large = (json.loads((r.folder / "cell.json").read_text()) for r in results)
     assert (small["model"], large["model"]) == ("qwen_8b", "qwen_30b_a3b")
@@ -219,7 +224,7 @@ def test_one_adapter_for_all_overrides_each_model_s_own(make_bag: BagMaker, tmp_
     spec = bridge_spec('m={"backend": "constant_velocity", "adapter": "waypoints"}')
     with pytest.raises(InputError, match="unknown mode"):
         run_campaign(
-            [(make_bag(), None)], [spec], DirectAskers(), tmp_path / "out",
+            [(make_bag(), None)], [spec], InProcessClients(), tmp_path / "out",
             CellOptions(adapter="waypoints:other"), True,
         )  # fmt: skip
     assert not (tmp_path / "out").exists()

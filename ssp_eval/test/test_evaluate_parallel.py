@@ -20,20 +20,27 @@ import pytest
 from click.testing import CliRunner
 
 from ssp_core.errors import HostError, InputError
-from ssp_eval.evaluate import ray_cluster
-from ssp_eval.evaluate.asker import DirectAskers
-from ssp_eval.evaluate.campaign import campaign_folder, find_labels, run_campaign
+from ssp_eval.data.labels import labels_version, load_labels
+from ssp_eval.data.provenance import find_labels
+from ssp_eval.evaluate import executors
+from ssp_eval.evaluate.campaign import campaign_folder, run_campaign
 from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.cell_file import CellResult
 from ssp_eval.evaluate.cli import evaluate
-from ssp_eval.evaluate.clip import Clip
-from ssp_eval.evaluate.job import Job, JobRunner, Settings
-from ssp_eval.evaluate.model_spec import ModelSpec
-from ssp_eval.evaluate.models import attached_spec, bridge_spec, with_controls
-from ssp_eval.evaluate.parallel import run_parallel
-from ssp_eval.evaluate.ray_cluster import ADDRESS, import_ray, joined, look_for
+from ssp_eval.evaluate.executors import (
+    ADDRESS,
+    Job,
+    JobRunner,
+    Settings,
+    import_ray,
+    joined,
+    look_for,
+)
+from ssp_eval.evaluate.model_client import InProcessClients
+from ssp_eval.evaluate.models import ModelSpec, attached_spec, bridge_spec, with_controls
+from ssp_eval.evaluate.run import run_parallel
 from ssp_eval.extract.llm import make_extractor
-from ssp_eval.labels.model import labels_version, load_labels
+from ssp_eval.recordings.clip import Clip
 from ssp_eval.report.page import write_report
 
 BagMaker = Callable[..., Path]
@@ -60,7 +67,7 @@ def bags(make_bag: BagMaker) -> list[tuple[Path, Path | None]]:
     return [(make_bag(), None), (make_bag("track", domain="physical"), None)]
 
 
-def settings(out: Path, direct: Any = DirectAskers) -> Settings:
+def settings(out: Path, direct: Any = InProcessClients) -> Settings:
     return Settings(out=out, make_extractor=make_extractor, direct=direct)
 
 
@@ -95,7 +102,7 @@ def test_workers_give_what_one_process_gives(
 ) -> None:
     models = with_controls([bridge_spec(name) for name in (*MODELS, "opencv_baseline")])
     one, many = tmp_path / "one", tmp_path / "many"
-    first = run_campaign(bags, models, DirectAskers(), one, CellOptions(), True)
+    first = run_campaign(bags, models, InProcessClients(), one, CellOptions(), True)
     told, records = [], []
     second = run_parallel(
         bags, models, settings(many), 2, engine,
@@ -237,17 +244,17 @@ def _there(group: int) -> bool:
 SLOW = """
 import signal, sys, time
 from pathlib import Path
-from ssp_eval.evaluate.asker import DirectAskers
-from ssp_eval.evaluate.job import Settings
+from ssp_eval.evaluate.model_client import InProcessClients
+from ssp_eval.evaluate.executors import Settings
 from ssp_eval.evaluate.models import bridge_spec
-from ssp_eval.evaluate.parallel import run_parallel
-from ssp_eval.evaluate.ray_cluster import ADDRESS, import_ray, joined, look_for
+from ssp_eval.evaluate.run import run_parallel
+from ssp_eval.evaluate.executors import ADDRESS, import_ray, joined, look_for
 from ssp_eval.extract.llm import make_extractor
 
 out = Path(sys.argv[1])
 
-class Slow(DirectAskers):
-    def asker(self, model, options):
+class Slow(InProcessClients):
+    def client(self, model, options):
         import os
         (out / f"asked_{os.getpid()}").touch()
         time.sleep(600.0)
@@ -278,7 +285,7 @@ def test_a_worker_takes_only_the_files_that_the_campaign_began_with(
     changed: str, bags: list[tuple[Path, Path | None]], tmp_path: Path
 ) -> None:
     model, bag = bridge_spec("constant_velocity"), bags[0][0]
-    run_campaign(bags[:1], [model], DirectAskers(), tmp_path / "one", CellOptions(), True)
+    run_campaign(bags[:1], [model], InProcessClients(), tmp_path / "one", CellOptions(), True)
     labels = find_labels(bag)
     assert labels is not None
     with Clip(bag) as clip:
@@ -311,11 +318,11 @@ def test_a_folder_has_one_command_at_a_time(
     out, models = tmp_path / "out", [bridge_spec("constant_velocity")]
     with campaign_folder(out):
         with pytest.raises(InputError, match="another command evaluates into"):
-            run_campaign(bags, models, DirectAskers(), out, CellOptions(), True)
+            run_campaign(bags, models, InProcessClients(), out, CellOptions(), True)
         with pytest.raises(InputError, match="another command evaluates into"):
             run_parallel(bags, models, settings(out), 2, propose_labels=True)
         assert not list(out.iterdir())
-    assert run_campaign(bags[:1], models, DirectAskers(), out, CellOptions())[0].status == "ok"
+    assert run_campaign(bags[:1], models, InProcessClients(), out, CellOptions())[0].status == "ok"
 
 
 def test_a_cluster_that_isn_t_there_is_named_before_anything_is_asked(
@@ -344,7 +351,7 @@ def test_what_is_no_address_is_said_at_once(address: str) -> None:
 def test_something_else_that_listens_is_no_cluster(
     said: bytes | None, problem: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(ray_cluster, "_ANSWER_S", 0.1 if said is None else 5.0)
+    monkeypatch.setattr(executors, "_ANSWER_S", 0.1 if said is None else 5.0)
     with socket.create_server(("127.0.0.1", 0)) as server:
         done = threading.Event()
 

@@ -10,14 +10,13 @@ from typing import Any
 
 import pytest
 
-from ssp_eval.evaluate.asker import Asker, Ignored, Loss, Reply
+from ssp_eval.data.records import load_records, record_to_json
 from ssp_eval.evaluate.campaign import run_campaign
-from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.cell import CellOptions, record_of
 from ssp_eval.evaluate.cell_file import CellResult
-from ssp_eval.evaluate.interpret import record_of
-from ssp_eval.evaluate.model_spec import ModelSpec
-from ssp_eval.evaluate.store import answer_sha256, asked_again
-from ssp_eval.records import load_records, record_to_json
+from ssp_eval.evaluate.model_client import IgnoredAnswers, Loss, ModelClient, ModelReply
+from ssp_eval.evaluate.models import ModelSpec
+from ssp_eval.evaluate.requests import answer_sha256, asked_again
 from ssp_vla_bridge.messages import ErrorCode, Request, Response, response_from_json
 
 BagMaker = Callable[..., Path]
@@ -32,24 +31,24 @@ class Model:
         self.requests: list[Request] = []
 
     @property
-    def ignored(self) -> Ignored:
-        return Ignored()
+    def ignored(self) -> IgnoredAnswers:
+        return IgnoredAnswers()
 
-    def asker(self, model: ModelSpec, options: Mapping[str, Any]) -> Asker:
+    def client(self, model: ModelSpec, options: Mapping[str, Any]) -> ModelClient:
         return self
 
-    def ask(self, request: Request) -> Reply:
+    def ask(self, request: Request) -> ModelReply:
         self.requests.append(request)
         scripted = self.script.get(len(self.requests) - 1)
-        if isinstance(scripted, Reply):
+        if isinstance(scripted, ModelReply):
             return scripted
         if scripted is KeyboardInterrupt:
             raise KeyboardInterrupt
         blank = Response(request.request_id, request.stamp_ns, "m", "m/1")
         if isinstance(scripted, ErrorCode):
-            return Reply(replace(blank, error_code=scripted, error_msg="scripted"))
+            return ModelReply(replace(blank, error_code=scripted, error_msg="scripted"))
         before = "nothing" if request.previous is None else request.previous.text
-        return Reply(replace(blank, text=f"({before}) {request.stamp_ns}"))
+        return ModelReply(replace(blank, text=f"({before}) {request.stamp_ns}"))
 
 
 def evaluate(bag: Path, out: Path, model: Model, spec: ModelSpec = STATEFUL, **options: Any):
@@ -94,7 +93,7 @@ def test_each_request_holds_the_answer_before(make_bag: BagMaker, tmp_path: Path
 def test_a_failed_answer_leaves_the_next_request_without_one(
     make_bag: BagMaker, tmp_path: Path
 ) -> None:
-    model = Model({3: Reply(None, "no answer within 1 s", Loss.SILENT), 6: ErrorCode.BACKEND})
+    model = Model({3: ModelReply(None, "no answer within 1 s", Loss.SILENT), 6: ErrorCode.BACKEND})
     result = evaluate(make_bag(), tmp_path / "out", model)
     held = [request.previous is not None for request in model.requests]
     assert held == [False, True, True, True, False, True, True, False, True]
@@ -171,12 +170,12 @@ def test_a_record_can_be_made_again_from_what_is_stored(make_bag: BagMaker, tmp_
     """The adapter needs the question too: it tells an echo of the history by it."""
 
     class Echoing(Model):
-        def ask(self, request: Request) -> Reply:
+        def ask(self, request: Request) -> ModelReply:
             reply = super().ask(request)
             assert reply.response is not None
             pairs = [f"[{s.speed_mps:.1f}, 0.0]" for s in request.history[:-1]]
             plan = ", ".join(["[9.0, 0.1]"] * 10)
-            return Reply(replace(reply.response, text=f"History {', '.join(pairs)} so {plan}"))
+            return ModelReply(replace(reply.response, text=f"History {', '.join(pairs)} so {plan}"))
 
     spec = ModelSpec("m", backend="openai", interface="openemma")
     result = evaluate(make_bag(), tmp_path / "out", Echoing(), spec)
@@ -208,12 +207,12 @@ def test_a_record_can_be_made_again_from_what_is_stored(make_bag: BagMaker, tmp_
     [
         (ErrorCode.TIMEOUT, True),
         (ErrorCode.OVERLOAD, True),
-        (Reply(None, "no answer within 1 s", Loss.SILENT), True),
-        (Reply(None, "the bridge died", Loss.DIED), True),
-        (Reply(None, "no bridge on its topics", Loss.UNREACHABLE), True),
+        (ModelReply(None, "no answer within 1 s", Loss.SILENT), True),
+        (ModelReply(None, "the bridge died", Loss.DIED), True),
+        (ModelReply(None, "no bridge on its topics", Loss.UNREACHABLE), True),
         (ErrorCode.BACKEND, False),
         (ErrorCode.BAD_REQUEST, False),
-        (Reply(None, "the answer can't be read", Loss.UNUSABLE), False),
+        (ModelReply(None, "the answer can't be read", Loss.UNUSABLE), False),
     ],
     ids=lambda value: str(getattr(value, "name", "") or getattr(value, "loss", value)),
 )

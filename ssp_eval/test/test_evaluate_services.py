@@ -16,11 +16,11 @@ from typing import Any
 import pytest
 
 from ssp_core.processes import free_domain, session_environment
+from ssp_eval.evaluate.bridges import PROFILE, TopicClients
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.cell_file import CellResult
-from ssp_eval.evaluate.model_spec import ModelSpec
-from ssp_eval.evaluate.topics import PROFILE, TopicAskers
+from ssp_eval.evaluate.models import ModelSpec
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
 
@@ -104,8 +104,8 @@ def serving(**options: Any) -> Iterator[Service]:
 def evaluate(
     bag: Path, out: Path, *models: ModelSpec, start_timeout_s: float = 30.0, **options: Any
 ) -> list[CellResult]:
-    with TopicAskers(out / "logs", 20.0, False, start_timeout_s) as askers:
-        return run_campaign([(bag, None)], models, askers, out, CellOptions(**options), True)
+    with TopicClients(out / "logs", 20.0, False, start_timeout_s) as clients:
+        return run_campaign([(bag, None)], models, clients, out, CellOptions(**options), True)
 
 
 def test_a_service_that_needs_a_key_costs_its_cell_and_no_key_is_kept(
@@ -198,8 +198,8 @@ def test_a_bridge_that_came_too_late_for_one_cell_serves_the_next(
     options = {"function": "slow_model:drive", "folder": str(tmp_path)}
     slow = ModelSpec("slow", options, backend="python")
     bags = [(make_bag(), None), (make_bag("second", domain="physical"), None)]
-    with TopicAskers(tmp_path / "logs", 20.0, False, 5.0) as askers:
-        first, second = run_campaign(bags, [slow], askers, tmp_path / "out", CellOptions(), True)
+    with TopicClients(tmp_path / "logs", 20.0, False, 5.0) as clients:
+        first, second = run_campaign(bags, [slow], clients, tmp_path / "out", CellOptions(), True)
     assert (first.status, second.status) == ("failed", "ok")
     assert first.reasons == ("no bridge for slow on its topics within 5 s",)
     # It was started once: two bridges on the same topics would answer everything twice.

@@ -16,17 +16,22 @@ import pytest
 
 from ssp_core.errors import InputError
 from ssp_core.processes import ProcessGroup, free_domain, session_environment
-from ssp_eval.evaluate.asker import Asker, Ignored, ModelSpec, Reply
+from ssp_eval.evaluate.bridges import BRIDGE_MODULE, PROFILE, TopicClient, TopicClients, _in_time
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
-from ssp_eval.evaluate.choose import model_specs
 from ssp_eval.evaluate.cli import evaluate as evaluate_command
+from ssp_eval.evaluate.cli import model_specs
+from ssp_eval.evaluate.model_client import (
+    IgnoredAnswers,
+    ModelClient,
+    ModelReply,
+    ModelSpec,
+    Timeouts,
+)
 from ssp_eval.evaluate.models import bridge_spec
-from ssp_eval.evaluate.topic_asker import Timeouts
-from ssp_eval.evaluate.topics import BRIDGE_MODULE, PROFILE, TopicAsker, TopicAskers, _in_time
-from ssp_eval.labels.proposal.propose import propose
-from ssp_eval.labels.proposal.truth import truth_from_bag
-from ssp_eval.labels.proposal_file import write_proposal
+from ssp_eval.labels.propose import propose
+from ssp_eval.labels.review import write_proposal
+from ssp_eval.labels.truth import truth_from_bag
 from ssp_vla_bridge.messages import Request
 
 BagMaker = Callable[..., Path]
@@ -35,26 +40,26 @@ BagMaker = Callable[..., Path]
 class Killing:
     """Kills the bridge before one of the requests is sent."""
 
-    def __init__(self, inner: TopicAskers, at: int) -> None:
+    def __init__(self, inner: TopicClients, at: int) -> None:
         self.inner, self.at, self.count = inner, at, 0
         self.pids: list[int] = []
 
-    def asker(self, model: ModelSpec, options: Mapping[str, Any]) -> Asker:
-        asker = self.inner.asker(model, options)
-        if not isinstance(asker, TopicAsker):
-            raise TypeError(asker)
-        return _KillingAsker(self, asker)
+    def client(self, model: ModelSpec, options: Mapping[str, Any]) -> ModelClient:
+        client = self.inner.client(model, options)
+        if not isinstance(client, TopicClient):
+            raise TypeError(client)
+        return _KillingClient(self, client)
 
 
-class _KillingAsker:
-    def __init__(self, owner: Killing, inner: TopicAsker) -> None:
+class _KillingClient:
+    def __init__(self, owner: Killing, inner: TopicClient) -> None:
         self.owner, self.inner = owner, inner
 
     @property
-    def ignored(self) -> Ignored:
+    def ignored(self) -> IgnoredAnswers:
         return self.inner.ignored
 
-    def ask(self, request: Request) -> Reply:
+    def ask(self, request: Request) -> ModelReply:
         process = self.inner.process
         if process is None:
             raise ValueError("the bridge was not started here")
@@ -71,8 +76,8 @@ class _KillingAsker:
 def test_a_campaign_over_topics_and_a_killed_bridge(make_bag: BagMaker, tmp_path: Path) -> None:
     bag, out = make_bag(), tmp_path / "out"
     before = dict(os.environ)
-    with TopicAskers(out / "logs", 20.0, attached=False) as askers:
-        killing = Killing(askers, at=3)
+    with TopicClients(out / "logs", 20.0, attached=False) as clients:
+        killing = Killing(clients, at=3)
         (result,) = run_campaign(
             [(bag, None)], [bridge_spec("constant_velocity")], killing, out, CellOptions(), True
         )
@@ -115,11 +120,11 @@ def test_the_command_line_reaches_1_with_the_perfect_bridge(
 
 @pytest.mark.ros
 def test_a_bridge_that_can_t_start_fails_its_cell_only(make_bag: BagMaker, tmp_path: Path) -> None:
-    with TopicAskers(tmp_path / "logs", 20.0, attached=False) as askers:
+    with TopicClients(tmp_path / "logs", 20.0, attached=False) as clients:
         results = run_campaign(
             [(make_bag(), None)],
             [ModelSpec("nonsense"), ModelSpec("silent")],
-            askers,
+            clients,
             tmp_path / "out",
             CellOptions(),
             True,
@@ -186,7 +191,7 @@ def test_the_evaluator_s_node_takes_a_models_file(make_bag: BagMaker, tmp_path: 
             )
             run = subprocess.run(
                 [
-                    sys.executable, "-m", "ssp_eval.evaluate.node", "--ros-args", "-p",
+                    sys.executable, "-m", "ssp_eval.ros.evaluator_node", "--ros-args", "-p",
                     f"bags:=[{bag}]", "-p", f"models_file:={models}", "-p", f"out:={out}",
                 ],
                 env=environment, capture_output=True, text=True, timeout=600, check=False,
@@ -230,9 +235,9 @@ def test_a_request_that_hangs_costs_its_own_answer_only(make_bag: BagMaker, tmp_
         bridge_spec(f"once={json.dumps(once)}"),
         bridge_spec(f"always={json.dumps({**common, 'function': 'stuck:always'})}"),
     ]
-    with TopicAskers(tmp_path / "logs", 20.0, attached=False) as askers:
+    with TopicClients(tmp_path / "logs", 20.0, attached=False) as clients:
         results = run_campaign(
-            [(make_bag(), None)], models, askers, tmp_path / "out", CellOptions(), True
+            [(make_bag(), None)], models, clients, tmp_path / "out", CellOptions(), True
         )
     assert [(result.status, result.missing) for result in results] == [("ok", 1), ("failed", 9)]
     assert dict(results[0].losses) == {"no answer in time": 1}

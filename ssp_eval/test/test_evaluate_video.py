@@ -19,13 +19,12 @@ from ssp_core.bag.reader import BagReader
 from ssp_core.bag.writer import BagWriter
 from ssp_core.cdr.images import COMPRESSED_TYPE, VIDEO_TYPE, encode_video_message, read_image
 from ssp_core.errors import InputError
-from ssp_eval.evaluate.asker import DirectAskers
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
-from ssp_eval.evaluate.clip import Clip
+from ssp_eval.evaluate.model_client import InProcessClients
 from ssp_eval.evaluate.models import bridge_spec
-from ssp_eval.evaluate.question import Question
-from ssp_eval.labels.footage import pictures
+from ssp_eval.labels.sheet import pictures
+from ssp_eval.recordings.clip import Clip, Question
 
 IMAGE = "/ssp/vut/front_camera/image/compressed"
 BagMaker = Callable[..., Path]
@@ -81,9 +80,13 @@ def test_a_cell_scores_the_same(make_bag: BagMaker, tmp_path: Path) -> None:
     scores = []
     for bag in (source, video_copy(source, tmp_path / "video")):
         (result,) = run_campaign(
-            [(bag, None)], [bridge_spec("perfect")], DirectAskers(), tmp_path / f"out_{bag.name}",
-            CellOptions(), propose_labels=True,
-        )  # fmt: skip
+            [(bag, None)],
+            [bridge_spec("perfect")],
+            InProcessClients(),
+            tmp_path / f"out_{bag.name}",
+            CellOptions(),
+            propose_labels=True,
+        )
         assert result.status == "ok"
         scores.append(json.loads((result.folder / "score.json").read_text()))
     assert scores[0] == scores[1]

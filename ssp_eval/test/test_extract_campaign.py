@@ -12,14 +12,13 @@ from typing import Any
 import pytest
 
 from ssp_core.cli import main
-from ssp_eval.evaluate.asker import Asker, DirectAskers, Ignored, Reply
+from ssp_eval.data.records import load_records
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
-from ssp_eval.evaluate.model_spec import ModelSpec
-from ssp_eval.evaluate.models import bridge_spec
+from ssp_eval.evaluate.model_client import IgnoredAnswers, InProcessClients, ModelClient, ModelReply
+from ssp_eval.evaluate.models import ModelSpec, bridge_spec
 from ssp_eval.extract import extractor_hash
 from ssp_eval.extract.llm import Extractor, make_extractor
-from ssp_eval.records import load_records
 from ssp_vla_bridge.messages import Request
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -30,15 +29,15 @@ from llm_server import GOOD, TEXT, answering, extractor, serving
 class Worded:
     """A model that drives as constant_velocity does, and says TEXT."""
 
-    def asker(self, model: ModelSpec, options: Mapping[str, Any]) -> Asker:
-        self.inner = DirectAskers().asker(model, options)
+    def client(self, model: ModelSpec, options: Mapping[str, Any]) -> ModelClient:
+        self.inner = InProcessClients().client(model, options)
         return self
 
     @property
-    def ignored(self) -> Ignored:
-        return Ignored()
+    def ignored(self) -> IgnoredAnswers:
+        return IgnoredAnswers()
 
-    def ask(self, request: Request) -> Reply:
+    def ask(self, request: Request) -> ModelReply:
         reply = self.inner.ask(request)
         assert reply.response is not None
         return replace(reply, response=replace(reply.response, text=TEXT))

@@ -13,14 +13,14 @@ from pathlib import Path
 import pytest
 
 import ssp_eval.extract
-from ssp_eval.evaluate import interpret
+from ssp_eval.data.labels import parse_labels
+from ssp_eval.data.records import BehaviourRecord, Slots, load_records, record_to_json
+from ssp_eval.evaluate import cell
 from ssp_eval.extract import extract
 from ssp_eval.extract.llm import Extractor, make_extractor
 from ssp_eval.extract.measure import measure
 from ssp_eval.extract.measure.corpus import parse_corpus
-from ssp_eval.labels.model import parse_labels
-from ssp_eval.records import BehaviourRecord, Slots, load_records, record_to_json
-from ssp_eval.score import score_cell
+from ssp_eval.score.cell import score_cell
 
 FOLDER = Path(ssp_eval.extract.__file__).parent
 # What knows labels, scores, audits or recordings.
@@ -177,6 +177,6 @@ def test_labels_and_records_permuted_alike_score_alike(order: list[int]) -> None
 
 def test_records_are_made_without_labels() -> None:
     """What makes the records of a cell takes answers, an adapter and an extractor."""
-    for make in (interpret.records_of, interpret.record_of):
+    for make in (cell.records_of, cell.record_of):
         assert not [name for name in inspect.signature(make).parameters if "label" in name]
-    assert not {n for n in imports(Path(interpret.__file__)) if n.startswith("ssp_eval.labels")}
+    assert not {n for n in imports(Path(cell.__file__)) if n.startswith("ssp_eval.labels")}

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from ssp_eval.data.records import SLOT_NAMES, Slot, Slots
 from ssp_eval.extract.llm.judge import judge
 from ssp_eval.extract.llm.reply import Proposal, read_reply
-from ssp_eval.records import SLOT_NAMES, Slot, Slots
 
 sys.path.insert(0, str(Path(__file__).parent))
 

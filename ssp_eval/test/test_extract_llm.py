@@ -11,11 +11,11 @@ from typing import Any
 import pytest
 
 from ssp_core.cli import main
+from ssp_eval.data.records import SLOT_NAMES, VOCABULARIES
 from ssp_eval.extract import extract, extractor_hash
 from ssp_eval.extract.llm import Extractor, make_extractor
 from ssp_eval.extract.llm.extractor import MAX_CHARACTERS, MAX_FAILURES
 from ssp_eval.extract.llm.prompt import build_request, labels_of, prompt_hash
-from ssp_eval.records import SLOT_NAMES, VOCABULARIES
 
 sys.path.insert(0, str(Path(__file__).parent))
 

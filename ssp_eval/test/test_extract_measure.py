@@ -10,9 +10,9 @@ import pytest
 
 from ssp_core.cli import main
 from ssp_core.errors import InputError
+from ssp_eval.data.records import SLOT_NAMES, Slot, Slots
 from ssp_eval.extract.measure import measure
 from ssp_eval.extract.measure.corpus import parse_corpus
-from ssp_eval.records import SLOT_NAMES, Slot, Slots
 
 
 def line(key: str = "x1", text: str = "A car. I stop.", style: str = "coc", **slots: Any) -> str:

@@ -13,12 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ssp_eval.extract import extract, extractor_hash
-from ssp_eval.extract.checks import check
-from ssp_eval.extract.rules.tokens import tokenise
-from ssp_eval.extract.rules.words import ego_and_scene
-from ssp_eval.extract.rules.words.vocabulary import ENTRIES, entries
-from ssp_eval.records import (
+from ssp_eval.data.records import (
     SLOT_NAMES,
     VOCABULARIES,
     BehaviourRecord,
@@ -27,6 +22,11 @@ from ssp_eval.records import (
     parse_records,
     record_to_json,
 )
+from ssp_eval.extract import extract, extractor_hash
+from ssp_eval.extract.checks import check
+from ssp_eval.extract.rules.tokens import tokenise
+from ssp_eval.extract.rules.words import ego_and_scene
+from ssp_eval.extract.rules.words.vocabulary import ENTRIES, entries
 
 PIECES = [*sorted(ENTRIES), ".", ",", "?", "\n", ":", ";", '"', "(", "[", "left", "right", "not",
           "if", "the", "a", "frame 2", "lane", "İ", "ﬁ", "—", "don't", "3.5"]  # fmt: skip

@@ -18,6 +18,8 @@ import pytest
 
 from ssp_core.cli import main
 from ssp_core.errors import InputError
+from ssp_eval.data.json_fields import Location
+from ssp_eval.data.records import SLOT_NAMES
 from ssp_eval.extract import extract
 from ssp_eval.extract.measure.intervals import Z_95, wilson
 from ssp_eval.extract.review.agreement import cohens_kappa, compare
@@ -25,8 +27,6 @@ from ssp_eval.extract.review.form import form, sheet
 from ssp_eval.extract.review.model import KeyItem, answer, load_key
 from ssp_eval.extract.review.returned import COLUMNS, load_answers
 from ssp_eval.extract.review.subset import Candidate, choose, strata
-from ssp_eval.records import SLOT_NAMES
-from ssp_eval.strict import Place
 
 CHROMIUM = [
     "chromium", "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
@@ -263,7 +263,7 @@ def test_semicolons_and_tabs_separate_as_well(review: Path, tmp_path: Path) -> N
 
 
 def test_an_answer_has_one_form() -> None:
-    here = Place("memory", 1)
+    here = Location("memory", 1)
     assert answer("objects", "pedestrian; Car car", here) == "car+pedestrian"
     assert answer("objects", " Nobody", here) == "nobody"
     assert answer("conflict", "NONE", here) == "none"

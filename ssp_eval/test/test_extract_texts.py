@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import pytest
 
+from ssp_eval.data.records import SLOT_NAMES, Slots
 from ssp_eval.extract import extract
-from ssp_eval.records import SLOT_NAMES, Slots
 
 _SHORT = {"o": "objects", "p": "position", "m": "motion", "c": "conflict",
           "lon": "lon_action", "lat": "lat_action"}  # fmt: skip

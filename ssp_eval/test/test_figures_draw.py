@@ -16,17 +16,22 @@ from matplotlib.colors import to_rgb
 from matplotlib.text import Text
 
 from ssp_core.vocabulary import DOMAINS
-from ssp_eval.analysis.row import CellRow
-from ssp_eval.figures.controls import controls
 from ssp_eval.figures.domains import domains
-from ssp_eval.figures.drawing import Drawing, LeftOut
 from ssp_eval.figures.foundation import foundation
 from ssp_eval.figures.matrix import matrix
-from ssp_eval.figures.models import models
+from ssp_eval.figures.models import controls, models
 from ssp_eval.figures.scores import Scores, pareto_front, words
-from ssp_eval.figures.style import COMPONENT_LOOKS, DOMAIN_LOOKS, SMALL_PT, drawing
+from ssp_eval.figures.style import (
+    COMPONENT_LOOKS,
+    DOMAIN_LOOKS,
+    SMALL_PT,
+    Drawing,
+    LeftOut,
+    drawing,
+)
 from ssp_eval.score.aggregate import ranking
-from ssp_eval.score.ivcs import ivcs_weights
+from ssp_eval.score.cell import ivcs_weights
+from ssp_eval.statistics.rows import CellRow
 
 sys.path.insert(0, str(Path(__file__).parent))
 

@@ -15,20 +15,27 @@ import numpy as np
 import pytest
 
 from ssp_core.hashing import sha256_file
-from ssp_eval.evaluate.asker import DirectAskers
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.model_client import InProcessClients
 from ssp_eval.evaluate.models import bridge_spec
-from ssp_eval.figures.annotate import Annotation, annotated, wrapped
-from ssp_eval.figures.command import WantedFigures, draw_figures
-from ssp_eval.figures.moments import Story, story_of
-from ssp_eval.figures.overlay_video import latest, write_video
-from ssp_eval.figures.overlays import CAPTION, FOLDER, VIDEO, write_overlays
+from ssp_eval.evaluate.results import load_cells
+from ssp_eval.figures.moments import CellOverlay, Recorded, Recordings, overlay_of
+from ssp_eval.figures.overlays import (
+    CAPTION,
+    FOLDER,
+    VIDEO,
+    Annotation,
+    annotated,
+    latest,
+    wrapped,
+    write_overlays,
+    write_video,
+)
 from ssp_eval.figures.phases import phase_frames
-from ssp_eval.figures.recording import Recorded, Recordings
+from ssp_eval.figures.projection import Ribbon
 from ssp_eval.figures.style import drawing
-from ssp_eval.report.load import load_cells
-from ssp_eval.report.projection import Ribbon
+from ssp_eval.report.cli import WantedFigures, draw_figures
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -70,13 +77,15 @@ def campaign(make_bag: Callable[..., Path], tmp_path: Path) -> Path:
     out = tmp_path / "out"
     bags = [make_bag(), make_bag("track", domain="physical")]
     models = [bridge_spec(name) for name in ("constant_velocity", "silent")]
-    run_campaign([(bag, None) for bag in bags], models, DirectAskers(), out, CellOptions(), True)
+    run_campaign(
+        [(bag, None) for bag in bags], models, InProcessClients(), out, CellOptions(), True
+    )
     return out
 
 
 @pytest.fixture
-def stories(campaign: Path) -> list[Story]:
-    found = [story_of(cell, campaign) for cell in load_cells(campaign)]
+def stories(campaign: Path) -> list[CellOverlay]:
+    found = [overlay_of(cell, campaign) for cell in load_cells(campaign)]
     return [story for story in found if story is not None and not story.cell.is_control]
 
 
@@ -167,7 +176,7 @@ def test_a_finished_overlay_is_not_made_again_and_a_changed_one_is(
 ) -> None:
     made: list[str] = []
 
-    def write(story: Story, path: Path) -> Path | None:
+    def write(story: CellOverlay, path: Path) -> Path | None:
         made.append(story.cell.id)
         return write_video(story, path)
 
@@ -193,7 +202,7 @@ def test_a_finished_overlay_is_not_made_again_and_a_changed_one_is(
     assert told not in (out / FOLDER / other / "overlay.txt").read_text("utf-8")
 
 
-def test_a_video_shows_the_latest_answer_until_the_next(stories: list[Story]) -> None:
+def test_a_video_shows_the_latest_answer_until_the_next(stories: list[CellOverlay]) -> None:
     moments = stories[0].moments
     stamps = [moment.stamp_ns for moment in moments]
     assert None not in stamps
@@ -223,7 +232,7 @@ def test_a_fast_camera_is_thinned_and_the_driven_path_is_that_of_the_bag(
         assert found.t_s[-1] == pytest.approx(3.0, abs=0.06)
         assert found.x_m == pytest.approx([10.0 * t_s for t_s in found.t_s], abs=1e-6)
         assert found.y_m == pytest.approx([0.0] * len(found.t_s), abs=1e-6)
-    monkeypatch.setattr("ssp_eval.figures.recording.MOST_PER_S", 5)
+    monkeypatch.setattr("ssp_eval.figures.moments.MOST_PER_S", 5)
     slow = Recordings(campaign).find(cell, *span)
     assert isinstance(slow, Recorded)
     assert slow.rate_hz == pytest.approx(5.0)
@@ -231,7 +240,7 @@ def test_a_fast_camera_is_thinned_and_the_driven_path_is_that_of_the_bag(
     assert Recordings(campaign).find(cell, -2, -1) == "the recording has no frames then"
 
 
-def test_phase_frames_have_a_plan_and_the_driven_path_on_them(stories: list[Story]) -> None:
+def test_phase_frames_have_a_plan_and_the_driven_path_on_them(stories: list[CellOverlay]) -> None:
     with drawing():
         figure = phase_frames("cut_in", "constant_velocity", stories)
     shown = {(s.cell.domain, m.label.phase) for s in stories for m in s.moments if m.frames}
@@ -245,7 +254,7 @@ def test_phase_frames_have_a_plan_and_the_driven_path_on_them(stories: list[Stor
 
 
 def test_without_the_camera_s_pose_no_path_is_drawn_and_the_caption_says_so(
-    stories: list[Story],
+    stories: list[CellOverlay],
 ) -> None:
     blind = []
     for story in stories:

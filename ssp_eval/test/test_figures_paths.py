@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from ssp_core.geometry import Pose2
-from ssp_eval.figures.ego_path import ego_path
+from ssp_eval.figures.moments import ego_path
 from ssp_vla_bridge.trajectory import Trajectory
 
 SPEED_MPS, RADIUS_M = 10.0, 40.0

@@ -11,10 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ssp_eval.figures.drawing import pages_of
-from ssp_eval.figures.place import Box, around, place_labels, spread
+from ssp_eval.figures.cloud import Box, around, place_labels, spread
 from ssp_eval.figures.scores import Scores, pareto_front
-from ssp_eval.figures.style import names_in, text_width_in
+from ssp_eval.figures.style import names_in, pages_of, text_width_in
 from ssp_eval.score.aggregate import BY_DOMAIN, means
 
 sys.path.insert(0, str(Path(__file__).parent))

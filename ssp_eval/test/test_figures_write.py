@@ -14,10 +14,10 @@ import pytest
 from click.testing import CliRunner
 
 from ssp_core.errors import InputError
-from ssp_eval.analysis.cells_csv import COLUMNS
 from ssp_eval.figures.write import DPI, write_figures
 from ssp_eval.report.cli import report
-from ssp_eval.score.show import DISCLAIMER
+from ssp_eval.score.cli import DISCLAIMER
+from ssp_eval.statistics.csv_rows import COLUMNS
 
 sys.path.insert(0, str(Path(__file__).parent))
 

@@ -21,23 +21,22 @@ import pytest
 from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_core.vocabulary import DOMAINS, ControlState
-from ssp_eval.analysis.matrix_table import matrix_table
-from ssp_eval.analysis.notices import notices
-from ssp_eval.analysis.rows import rows_from_cells
+from ssp_eval.data.labels import compare_labels, counts_text, load_labels, phase_counts
 from ssp_eval.evaluate.admission import load_admissions
-from ssp_eval.evaluate.asker import DirectAskers
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.model_client import InProcessClients
 from ssp_eval.evaluate.models import bridge_spec
-from ssp_eval.evaluate.show import result_to_json
-from ssp_eval.labels.comparable import compare_labels, counts_text, phase_counts
-from ssp_eval.labels.model import load_labels
-from ssp_eval.labels.proposal.propose import propose
-from ssp_eval.labels.proposal.truth import truth_from_bag
-from ssp_eval.labels.proposal_file import is_unreviewed
-from ssp_eval.report.load import load_cells
+from ssp_eval.evaluate.results import load_cells
+from ssp_eval.evaluate.run import result_to_json
+from ssp_eval.labels.propose import propose
+from ssp_eval.labels.review import is_unreviewed
+from ssp_eval.labels.truth import truth_from_bag
 from ssp_eval.report.page import write_report
 from ssp_eval.score.aggregate import means
+from ssp_eval.statistics.notices import notices
+from ssp_eval.statistics.rows import rows_from_cells
+from ssp_eval.statistics.tables import matrix_table
 from ssp_scenario_manager.event_spec.load import load_event
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -128,7 +127,7 @@ def evaluated(
     admissions = load_admissions([audit])
     results = run_campaign(
         [(recordings[d], labels[d]) for d in recordings], [bridge_spec(name) for name in models],
-        DirectAskers(), out, CellOptions(), admissions=admissions,
+        InProcessClients(), out, CellOptions(), admissions=admissions,
     )  # fmt: skip
     found: dict[str, dict[str, float]] = {}
     for result in results:
@@ -217,9 +216,13 @@ def test_evaluation_proposes_labels_by_one_plan(
 ) -> None:
     bags = [record(tmp_path, domain) for domain in DOMAINS]
     run_campaign(
-        [(bag, None) for bag in bags], [bridge_spec("silent")], DirectAskers(), tmp_path / "out",
-        CellOptions(), propose_labels=True,
-    )  # fmt: skip
+        [(bag, None) for bag in bags],
+        [bridge_spec("silent")],
+        InProcessClients(),
+        tmp_path / "out",
+        CellOptions(),
+        propose_labels=True,
+    )
     labels = {bag.parent.name: load_labels(bag.parent / "bag.labels.json") for bag in bags}
     compared = compare_labels(labels)
     assert compared.aligned

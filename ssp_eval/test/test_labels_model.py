@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ssp_core.errors import InputError
-from ssp_eval.labels.model import Label, Labels, labels_to_json, load_labels, parse_labels
+from ssp_eval.data.labels import Label, Labels, labels_to_json, load_labels, parse_labels
 
 LABEL = {
     "t_s": 0.0,

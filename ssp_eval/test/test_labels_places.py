@@ -12,9 +12,17 @@ import pytest
 
 from ssp_core.cli import main
 from ssp_core.errors import InputError
-from ssp_eval.labels.comparable import compare_by_scenario, compare_labels, phase_counts
-from ssp_eval.labels.model import Labels, labels_to_json, labels_version, load_labels, parse_labels
-from ssp_eval.labels.place import At
+from ssp_eval.data.labels import (
+    Labels,
+    PhasePosition,
+    compare_by_scenario,
+    compare_labels,
+    labels_to_json,
+    labels_version,
+    load_labels,
+    parse_labels,
+    phase_counts,
+)
 
 AT = [{"phase": "approach", "s": 0.5}, {"phase": "trigger", "u": 0.5},
       {"phase": "conflict", "u": 0.5}, {"phase": "resolution", "s": 0.25}]  # fmt: skip
@@ -48,13 +56,16 @@ def test_a_plan_is_read_and_written_as_it_stands(tmp_path: Path) -> None:
     labels = made()
     assert labels.plan == "phase"
     assert [label.at for label in labels.labels] == [
-        At("approach", 0.5), At("trigger", 0.5), At("conflict", 0.5), At("resolution", 0.25),
-    ]  # fmt: skip
+        PhasePosition("approach", 0.5),
+        PhasePosition("trigger", 0.5),
+        PhasePosition("conflict", 0.5),
+        PhasePosition("resolution", 0.25),
+    ]
     assert labels_to_json(labels) == value
     path = tmp_path / "l.json"
     path.write_text(json.dumps(value))
     assert load_labels(path) == labels
-    last = replace(labels.labels[-1], at=At("resolution", 0.75))
+    last = replace(labels.labels[-1], at=PhasePosition("resolution", 0.75))
     moved = replace(labels, labels=(*labels.labels[:-1], last))
     assert labels_version(moved) != labels_version(labels)
 
@@ -76,7 +87,7 @@ labels:
      lat_actions: [straight]}
 """
     )
-    assert load_labels(path).labels[0].at == At("trigger", 0.5)
+    assert load_labels(path).labels[0].at == PhasePosition("trigger", 0.5)
 
 
 def test_a_file_without_a_plan_is_on_the_clock_and_keeps_its_hash() -> None:

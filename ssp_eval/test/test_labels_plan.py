@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ssp_core.vocabulary import PHASES
-from ssp_eval.labels.place import At
+from ssp_eval.data.labels import PhasePosition
 from ssp_eval.labels.plan import MOST_INSIDE, NoPlan, Plan, Timeline, plan_labels
-from ssp_eval.recordings.crop import Crop, Window, crop_of
+from ssp_eval.recordings.event import Crop, Window, crop_of
 
 TRIGGER, CONFLICT = "trigger", "conflict"
 
@@ -55,10 +55,16 @@ def test_the_worked_example_of_the_method() -> None:
     plan = plan_labels([SYN, SIM, PHY])
     assert counts(plan) == (3, 1, 4, 1)
     assert plan.at == (
-        At("approach", 1.5), At("approach", 1.0), At("approach", 0.5), At(TRIGGER, 0.5),
-        At(CONFLICT, 0.125), At(CONFLICT, 0.375), At(CONFLICT, 0.625), At(CONFLICT, 0.875),
-        At("resolution", 0.25),
-    )  # fmt: skip
+        PhasePosition("approach", 1.5),
+        PhasePosition("approach", 1.0),
+        PhasePosition("approach", 0.5),
+        PhasePosition(TRIGGER, 0.5),
+        PhasePosition(CONFLICT, 0.125),
+        PhasePosition(CONFLICT, 0.375),
+        PhasePosition(CONFLICT, 0.625),
+        PhasePosition(CONFLICT, 0.875),
+        PhasePosition("resolution", 0.25),
+    )
     assert plan.remark == ""
     assert times(plan, SYN) == pytest.approx(
         [1.708, 2.208, 2.708, 3.2705, 3.603875, 4.145625, 4.687375, 5.229125, 5.75]

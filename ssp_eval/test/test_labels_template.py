@@ -18,11 +18,10 @@ from ssp_core.bag.reader import BagReader
 from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_file
-from ssp_eval.labels.footage import pictures
-from ssp_eval.labels.model import load_labels, parse_labels
-from ssp_eval.labels.proposal_file import is_unreviewed, sidecar
-from ssp_eval.labels.template import template_json, unfilled
-from ssp_eval.recordings.provenance import read_provenance
+from ssp_eval.data.labels import load_labels, parse_labels, template_json, unfilled
+from ssp_eval.data.provenance import read_provenance
+from ssp_eval.labels.review import is_unreviewed, sidecar
+from ssp_eval.labels.sheet import pictures
 from ssp_scenario_manager.event_spec.load import load_event, write_event
 from ssp_scenario_manager.event_spec.log import read_log
 

@@ -16,9 +16,9 @@ from ssp_core.files import write_json, write_text
 from ssp_core.run_file.model import load_run
 from ssp_eval.audit.judge import judge
 from ssp_eval.audit.recording import read_recording
-from ssp_eval.recordings.agreement import agree
-from ssp_eval.recordings.observation import Observation
-from ssp_eval.recordings.observation_file import (
+from ssp_eval.data.audit import CONFLICT, FIELDS, MOTION, ORDER, ROLES, TOPOLOGY
+from ssp_eval.observations.agreement import agree
+from ssp_eval.observations.files import (
     default_place,
     find_observations,
     footage_of,
@@ -26,7 +26,7 @@ from ssp_eval.recordings.observation_file import (
     load_observations,
     sealed_observation,
 )
-from ssp_eval.recordings.properties import CONFLICT, FIELDS, MOTION, ORDER, ROLES, TOPOLOGY
+from ssp_eval.observations.model import Observation
 from ssp_scenario_manager.event_spec.load import load_event
 
 sys.path.insert(0, str(Path(__file__).parent))

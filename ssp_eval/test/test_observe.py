@@ -15,17 +15,10 @@ import pytest
 from ssp_core.cli import main
 from ssp_core.files import parse_value, write_json, write_text
 from ssp_core.vocabulary import MOTIONS, OBJECTS
-from ssp_eval.observe.frames import Choice, chosen
-from ssp_eval.observe.questions import Card, blank, cards
-from ssp_eval.recordings.observation import (
-    REASONS,
-    Answers,
-    LaneWord,
-    PlaceWord,
-    RelationWord,
-    leaves,
-)
-from ssp_eval.recordings.observation_file import Footage, footage_of, load_observations
+from ssp_eval.observations.files import Footage, footage_of, load_observations
+from ssp_eval.observations.model import REASONS, Answers, LaneWord, PlaceWord, RelationWord, leaves
+from ssp_eval.observations.page import Choice, chosen
+from ssp_eval.observations.questions import Card, blank, cards
 from ssp_scenario_manager.event_spec.log import read_log
 from ssp_scenario_manager.event_spec.model import SegmentWord
 

@@ -15,13 +15,12 @@ from ssp_core.motion.encounter import Observable
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.run_file.model import ConflictThresholds
 from ssp_core.vocabulary import ObjectClass, Role
-from ssp_eval.labels.proposal.basis import Truth
-from ssp_eval.labels.proposal.propose import propose
-from ssp_eval.labels.response import response_problems
-from ssp_eval.recordings.event_rules import event_observable, event_thresholds
+from ssp_eval.labels.check import response_problems
+from ssp_eval.labels.propose import propose
+from ssp_eval.labels.truth import Truth
+from ssp_eval.recordings.event import event_observable, event_thresholds, find_event, samples_of
 from ssp_eval.recordings.geometry import Corridor
-from ssp_eval.recordings.phases import find_event, samples_of
-from ssp_eval.sight import blocked, clear_share, surface_points
+from ssp_eval.recordings.sight import blocked, clear_share, surface_points
 from ssp_scenario_manager.event_spec.load import load_event
 
 STEP_S = 0.04

@@ -18,14 +18,14 @@ from ssp_core.errors import InputError
 from ssp_core.geometry import Pose2, wrap_angle
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.vocabulary import ObjectClass, Role
+from ssp_eval.data.labels import Labels, labels_to_json, load_labels, parse_labels
+from ssp_eval.labels.check import response_problems
 from ssp_eval.labels.cli import labels as labels_command
-from ssp_eval.labels.model import Labels, labels_to_json, load_labels, parse_labels
-from ssp_eval.labels.proposal.basis import ProposalRules, Truth
-from ssp_eval.labels.proposal.propose import propose
-from ssp_eval.labels.proposal_file import is_unreviewed, sidecar, write_proposal
-from ssp_eval.labels.response import response_problems
+from ssp_eval.labels.propose import propose
+from ssp_eval.labels.review import is_unreviewed, sidecar, write_proposal
+from ssp_eval.labels.truth import ProposalRules, Truth
+from ssp_eval.recordings.event import find_event, samples_of
 from ssp_eval.recordings.geometry import Corridor, motion_word, position_word
-from ssp_eval.recordings.phases import find_event, samples_of
 from ssp_scenario_manager.event_spec.load import load_event, seal_event, write_event
 from ssp_scenario_manager.event_spec.model import Interval
 

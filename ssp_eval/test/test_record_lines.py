@@ -10,9 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ssp_core.errors import InputError
-from ssp_eval import records as strictly
-from ssp_eval.record_lines import read_lines
-from ssp_eval.records import load_records, record_to_json
+from ssp_eval.data import records as strictly
+from ssp_eval.data.records import load_records, read_lines, record_to_json
 
 sys.path.insert(0, str(Path(__file__).parent))
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ssp_core.errors import InputError
-from ssp_eval.records import (
+from ssp_eval.data.records import (
     VOCABULARIES,
     BehaviourRecord,
     Slot,

@@ -15,11 +15,11 @@ from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_core.files import write_json
 from ssp_eval.evaluate.admission import kept_audits, load_admissions
-from ssp_eval.evaluate.asker import DirectAskers
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.model_client import InProcessClients
 from ssp_eval.evaluate.models import bridge_spec
-from ssp_eval.report.load import load_cells
+from ssp_eval.evaluate.results import load_cells
 from ssp_eval.report.page import write_report
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -34,9 +34,14 @@ OTHER = f"cut_in__simulation__{MODELS[1]}"
 
 def evaluated(bag: Path, out: Path, audit: Path) -> None:
     run_campaign(
-        [(bag, None)], [bridge_spec(name) for name in MODELS], DirectAskers(), out, CellOptions(),
-        True, load_admissions([audit]),
-    )  # fmt: skip
+        [(bag, None)],
+        [bridge_spec(name) for name in MODELS],
+        InProcessClients(),
+        out,
+        CellOptions(),
+        True,
+        load_admissions([audit]),
+    )
 
 
 @pytest.fixture(scope="module")
@@ -162,9 +167,9 @@ def test_an_interrupted_run_leaves_no_cell_json_and_is_gone_on_with(
 ) -> None:
     """Else it would name another raw.jsonl than the one that is half written."""
 
-    class Interrupted(DirectAskers):
-        def asker(self, *given: Any) -> Any:
-            found = super().asker(*given)
+    class Interrupted(InProcessClients):
+        def client(self, *given: Any) -> Any:
+            found = super().client(*given)
             answers = iter(range(3))
 
             class Asking:

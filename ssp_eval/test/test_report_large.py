@@ -12,11 +12,11 @@ from typing import Any
 import pytest
 
 from ssp_core.hashing import sha256_bytes, sha256_file
-from ssp_eval.evaluate.asker import DirectAskers
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.model_client import InProcessClients
 from ssp_eval.evaluate.models import bridge_spec
-from ssp_eval.report.load import load_cells
+from ssp_eval.evaluate.results import load_cells
 from ssp_eval.report.page import write_report
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
@@ -35,7 +35,7 @@ CELLS = 400
 def source(make_bag: BagMaker, tmp_path: Path) -> Path:
     models = [bridge_spec(name) for name in ("constant_velocity", "perfect")]
     out = tmp_path / "source"
-    run_campaign([(make_bag(), None)], models, DirectAskers(), out, CellOptions(), True)
+    run_campaign([(make_bag(), None)], models, InProcessClients(), out, CellOptions(), True)
     return out
 
 

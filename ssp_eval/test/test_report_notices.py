@@ -10,23 +10,21 @@ from pathlib import Path
 import pytest
 
 from ssp_core.bag.reader import BagReader
-from ssp_eval.analysis.cells_csv import rows_from_csv
-from ssp_eval.analysis.matrix_table import matrix_table
-from ssp_eval.analysis.notices import notices
-from ssp_eval.analysis.row import entering
-from ssp_eval.analysis.rows import rows_from_campaign
-from ssp_eval.analysis.statistics import Options, compute
-from ssp_eval.analysis.write import write_tables
-from ssp_eval.evaluate.asker import DirectAskers
+from ssp_eval.data.provenance import OUR_RENDERER, ImportRecord, read_provenance
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.model_client import InProcessClients
 from ssp_eval.evaluate.models import bridge_spec
+from ssp_eval.evaluate.results import load_cells
 from ssp_eval.extract.llm import Extracted, Extractor
-from ssp_eval.recordings.import_record import ImportRecord
-from ssp_eval.recordings.provenance import OUR_RENDERER, read_provenance
-from ssp_eval.report.load import load_cells
 from ssp_eval.report.page import write_report
-from ssp_eval.score import Thresholds
+from ssp_eval.score.thresholds import Thresholds
+from ssp_eval.statistics.csv_rows import rows_from_csv
+from ssp_eval.statistics.notices import notices
+from ssp_eval.statistics.rows import entering, rows_from_campaign
+from ssp_eval.statistics.statistics import Options, compute
+from ssp_eval.statistics.tables import matrix_table
+from ssp_eval.statistics.write import write_tables
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -39,7 +37,7 @@ MODELS = ("constant_velocity", "opencv_baseline")
 def evaluated(out: Path, bags: list[Path], *names: str, extractor: Extractor | None = None) -> None:
     options = CellOptions() if extractor is None else CellOptions(extractor=extractor)
     models = [bridge_spec(name) for name in names]
-    run_campaign([(bag, None) for bag in bags], models, DirectAskers(), out, options, True)
+    run_campaign([(bag, None) for bag in bags], models, InProcessClients(), out, options, True)
 
 
 @pytest.fixture
@@ -114,7 +112,7 @@ def test_cells_of_other_thresholds_are_scored_by_these_and_enter_no_mean(
     wide = Thresholds(match_window_s=0.2)
     models = [bridge_spec(MODELS[0])]
     options = CellOptions(thresholds=wide)
-    run_campaign([(bags[1], None)], models, DirectAskers(), campaign, options, True)
+    run_campaign([(bags[1], None)], models, InProcessClients(), campaign, options, True)
     cells = {(cell.domain, cell.model): cell for cell in load_cells(campaign)}
     apart = cells["physical", MODELS[0]]
     assert apart.thresholds == wide
@@ -131,7 +129,7 @@ def test_cells_of_other_thresholds_are_scored_by_these_and_enter_no_mean(
     path, _ = write_tables(tmp_path / "tables", [matrix_table(rows)], ["csv"])
     assert {row.key: row for row in rows_from_csv(path)} == {row.key: row for row in rows}
     # All cells alike: they enter, and everywhere it is said how they were scored.
-    run_campaign([(bag, None) for bag in bags], models, DirectAskers(), tmp_path, options, True)
+    run_campaign([(bag, None) for bag in bags], models, InProcessClients(), tmp_path, options, True)
     again = rows_from_campaign(tmp_path)
     assert len(entering(again)) == len(again) == 2
     told = [one.text for one in notices(again) if one.everywhere]

@@ -22,20 +22,23 @@ from ssp_core.errors import InputError
 from ssp_core.files import write_json
 from ssp_core.hashing import sha256_file
 from ssp_core.vocabulary import Verdict
-from ssp_eval.analysis.curvature import Curve
-from ssp_eval.evaluate.asker import Asker, DirectAskers, Ignored, Loss, Reply
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
-from ssp_eval.evaluate.model_spec import ModelFacts, ModelSpec
-from ssp_eval.evaluate.models import bridge_spec
+from ssp_eval.evaluate.model_client import (
+    IgnoredAnswers,
+    InProcessClients,
+    Loss,
+    ModelClient,
+    ModelReply,
+)
+from ssp_eval.evaluate.models import ModelFacts, ModelSpec, bridge_spec
+from ssp_eval.evaluate.results import load_cells, request_lines
+from ssp_eval.figures.projection import overlay, project, top_view
+from ssp_eval.report.cell_view import curve_words, record_views, segments
 from ssp_eval.report.cli import report
-from ssp_eval.report.load import load_cells, request_lines
-from ssp_eval.report.matrix import matrix, shade
+from ssp_eval.report.drawings import matrix, shade
 from ssp_eval.report.page import write_report
-from ssp_eval.report.projection import overlay, project
-from ssp_eval.report.spans import segments
-from ssp_eval.report.topview import top_view
-from ssp_eval.report.view import curve_words, record_views
+from ssp_eval.statistics.statistics import Curve
 from ssp_vla_bridge.messages import Request, Response
 from ssp_vla_bridge.trajectory import Trajectory
 
@@ -91,7 +94,9 @@ def campaign(make_bag: BagMaker, tmp_path: Path) -> Path:
     lost = {"verdict": Verdict.FAILED_SAFETY, "reasons": ("<b>fence</b>",)}
     bags.append(make_bag("lost", scenario="vru_crossing", **lost))
     models = [bridge_spec(name) for name in MODELS]
-    run_campaign([(bag, None) for bag in bags], models, DirectAskers(), out, CellOptions(), True)
+    run_campaign(
+        [(bag, None) for bag in bags], models, InProcessClients(), out, CellOptions(), True
+    )
     return out
 
 
@@ -329,24 +334,24 @@ def test_the_audits_that_cells_go_by_are_linked_where_they_lie(
 class Lossy:
     """Answers as OpenEMMA does, with a trait to tolerate, and loses some answers."""
 
-    ignored = Ignored()
+    ignored = IgnoredAnswers()
 
     def __init__(self) -> None:
         self.count = 0
 
-    def asker(self, model: ModelSpec, options: Mapping[str, Any]) -> Asker:
+    def client(self, model: ModelSpec, options: Mapping[str, Any]) -> ModelClient:
         return self
 
-    def ask(self, request: Request) -> Reply:
+    def ask(self, request: Request) -> ModelReply:
         self.count += 1
         if self.count == 3:
-            return Reply(None, "no answer within 1 s", Loss.SILENT)
+            return ModelReply(None, "no answer within 1 s", Loss.SILENT)
         pairs = ", ".join(["[9.0, \u22120.1]"] * 10)
         facts = {"temperature": 0, "stages": [{"latency_s": self.count}]}
         blank = Response(request.request_id, request.stamp_ns, "m", "m/1", pairs, decoding=facts)
         if self.count == 6:
-            return Reply(replace(blank, error_code=2, error_msg="stage motion: <b>broken</b>"))
-        return Reply(blank)
+            return ModelReply(replace(blank, error_code=2, error_msg="stage motion: <b>broken</b>"))
+        return ModelReply(blank)
 
 
 def test_a_cell_says_how_it_was_asked_read_and_what_is_missing(
@@ -413,7 +418,7 @@ def test_the_curve_of_the_road_stands_beside_the_lateral_action(campaign: Path) 
 def test_a_control_by_another_name_is_one_still(make_bag: BagMaker, tmp_path: Path) -> None:
     models = [bridge_spec(text) for text in ("constant_velocity", 'best={"backend": "perfect"}')]
     results = run_campaign(
-        [(make_bag(), None)], models, DirectAskers(), tmp_path, CellOptions(), True
+        [(make_bag(), None)], models, InProcessClients(), tmp_path, CellOptions(), True
     )
     assert results[1].score is not None
     assert results[1].score["ivcs"] == pytest.approx(1.0)

@@ -15,20 +15,26 @@ from typing import Any
 import pytest
 
 from ssp_core.cli import main
-from ssp_eval.analysis.control_tables import AS_MUCH, UNPAIRED, condition_of, control_tables
-from ssp_eval.analysis.notices import everywhere, notices
-from ssp_eval.analysis.rank_table import MOST_PAIRED
-from ssp_eval.analysis.row import CellRow
-from ssp_eval.analysis.table import MOST_NAMED, Column, Table, some
-from ssp_eval.analysis.tables import MEAN_TABLES, all_tables
 from ssp_eval.evaluate.admission import load_admissions
-from ssp_eval.evaluate.asker import DirectAskers
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.model_client import InProcessClients
 from ssp_eval.evaluate.models import bridge_spec, with_controls
-from ssp_eval.report.grid import MOST_ACROSS, common_notes, grid, rank_grids
-from ssp_eval.report.seeing import seeing_plot
+from ssp_eval.report.drawings import seeing_plot
+from ssp_eval.report.render import MOST_ACROSS, common_notes, grid, rank_grids
 from ssp_eval.score.aggregate import Mean
+from ssp_eval.statistics.notices import everywhere, notices
+from ssp_eval.statistics.rows import CellRow
+from ssp_eval.statistics.table import MOST_NAMED, Column, Table, some
+from ssp_eval.statistics.tables import (
+    AS_MUCH,
+    MEAN_TABLES,
+    MOST_PAIRED,
+    UNPAIRED,
+    all_tables,
+    condition_of,
+    control_tables,
+)
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -87,7 +93,13 @@ def written(bag_writer: Callable[..., Path], tmp_path_factory: pytest.TempPathFa
     out = folder / "out"
     admissions = load_admissions([audit_file(folder / "audit.json", "admitted", *bags[:2])])
     run_campaign(
-        [(bag, None) for bag in bags], models, DirectAskers(), out, CellOptions(), True, admissions
+        [(bag, None) for bag in bags],
+        models,
+        InProcessClients(),
+        out,
+        CellOptions(),
+        True,
+        admissions,
     )
     # One cell of a model under black frames is lost, so that a mean is over fewer recordings.
     lost = {"status": "failed", "reasons": ["bridge died"]}

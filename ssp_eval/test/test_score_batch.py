@@ -11,14 +11,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ssp_eval.labels.model import load_labels
-from ssp_eval.records import Slot, load_records
-from ssp_eval.score import Thresholds, pairing, score_cell
-from ssp_eval.score.batch import batch_terms, score_cells, score_columns
-from ssp_eval.score.cell import CellMetrics
-from ssp_eval.score.encode import encode
+from ssp_eval.data.labels import load_labels
+from ssp_eval.data.records import Slot, load_records
+from ssp_eval.score import matching
+from ssp_eval.score.batch import RecordTerms, batch_terms, record_terms, score_cells, score_columns
+from ssp_eval.score.cell import CellMetrics, score_cell
+from ssp_eval.score.columns import encode
 from ssp_eval.score.matching import match
-from ssp_eval.score.terms import RecordTerms, record_terms
+from ssp_eval.score.thresholds import Thresholds
 from ssp_vla_bridge.trajectory import Trajectory
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -220,7 +220,7 @@ def test_only_overlapping_windows_need_the_exact_matcher(monkeypatch):
         calls.append(len(labels_s))
         return match(labels_s, records_s, thresholds)
 
-    monkeypatch.setattr(pairing, "match", counted)
+    monkeypatch.setattr(matching, "match", counted)
     (nine,) = [
         cell
         for cell, case in zip(golden_cells(), GOLDEN, strict=True)
@@ -239,7 +239,7 @@ def test_only_overlapping_windows_need_the_exact_matcher(monkeypatch):
 def test_many_cells_of_a_shape_are_matched_in_portions(monkeypatch):
     cells = golden_cells()
     expected = score_cells(cells)
-    monkeypatch.setattr(pairing, "_TABLE", 1)
+    monkeypatch.setattr(matching, "_TABLE", 1)
     assert score_cells(cells) == expected
 
 

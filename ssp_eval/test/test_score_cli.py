@@ -8,8 +8,7 @@ import pytest
 
 from ssp_core.cli import main
 from ssp_core.errors import InputError
-from ssp_eval.score import DEFAULT, Thresholds
-from ssp_eval.score.thresholds_file import ThresholdsFile, thresholds_of
+from ssp_eval.score.thresholds import DEFAULT, Thresholds, ThresholdsFile, thresholds_of
 
 KEYS = [
     "n",

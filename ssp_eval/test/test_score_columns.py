@@ -4,13 +4,12 @@ import numpy as np
 import pytest
 
 from ssp_core.vocabulary import CONFLICTS, LON_ACTIONS, MOTIONS, OBJECTS, POSITIONS
-from ssp_eval.labels.model import Label, Labels
-from ssp_eval.records import BehaviourRecord, Slot, Slots
-from ssp_eval.score import DEFAULT, Thresholds, ivcs, ivcs_terms, score_cell
-from ssp_eval.score.batch import score_cells
-from ssp_eval.score.columns import NOTHING
-from ssp_eval.score.encode import Codes
-from ssp_eval.score.judged import allowed, risky, score_tables, slows_down
+from ssp_eval.data.labels import Label, Labels
+from ssp_eval.data.records import BehaviourRecord, Slot, Slots
+from ssp_eval.score.batch import allowed, risky, score_cells, score_tables, slows_down
+from ssp_eval.score.cell import ivcs, ivcs_terms, score_cell
+from ssp_eval.score.columns import NOTHING, Codes
+from ssp_eval.score.thresholds import DEFAULT, Thresholds
 
 
 def test_words_are_numbered_in_the_order_of_their_vocabulary():

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from ssp_core.errors import InputError
-from ssp_eval.labels.model import load_labels
-from ssp_eval.records import load_records
-from ssp_eval.score import encode, load
+from ssp_eval.data.labels import load_labels
+from ssp_eval.data.records import load_records
+from ssp_eval.score import columns
+from ssp_eval.score import columns as load
 from ssp_eval.score.batch import score_columns
-from ssp_eval.score.columns import Columns
-from ssp_eval.score.load import load_columns
+from ssp_eval.score.columns import Columns, load_columns
 
 TESTS = Path(__file__).parents[2] / "tests"
 GOLDEN = sorted(path.parent for path in (TESTS / "golden").glob("*/expected.json"))
@@ -25,7 +25,7 @@ def files(folder):
 
 
 def from_objects(folders):
-    return encode.encode(
+    return columns.encode(
         [(load_labels(labels), load_records(records)) for labels, records in map(files, folders)]
     )
 

@@ -9,10 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ssp_eval.labels.model import Label, Labels
-from ssp_eval.records import BehaviourRecord, Slot, Slots
-from ssp_eval.score import STAGES, Thresholds, score_cell
+from ssp_eval.data.labels import Label, Labels
+from ssp_eval.data.records import BehaviourRecord, Slot, Slots
 from ssp_eval.score.batch import score_cells
+from ssp_eval.score.cell import score_cell
+from ssp_eval.score.judge import STAGES
+from ssp_eval.score.thresholds import Thresholds
 from ssp_vla_bridge.trajectory import Trajectory
 
 sys.path.insert(0, str(Path(__file__).parent))

@@ -2,7 +2,7 @@
 
 import pytest
 
-from ssp_eval.score.risk import Candidate, find_response
+from ssp_eval.score.judge import Candidate, find_response
 from ssp_eval.score.thresholds import Thresholds
 
 

@@ -5,10 +5,9 @@ import itertools
 import pytest
 
 from ssp_core.vocabulary import CONFLICTS, MOTIONS, POSITIONS
-from ssp_eval.labels.model import Label
-from ssp_eval.records import BehaviourRecord, Slot, Slots
-from ssp_eval.score.semantics import SlotScore, hard_score, object_f1, score_slots, soft_score
-from ssp_eval.score.validity import answers
+from ssp_eval.data.labels import Label
+from ssp_eval.data.records import BehaviourRecord, Slot, Slots
+from ssp_eval.score.judge import SlotScore, answers, hard_score, object_f1, score_slots, soft_score
 
 LABEL = Label(
     t_s=1.0,

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from ssp_eval.score import Thresholds
+from ssp_eval.score.thresholds import Thresholds
 
 QUARTER = Thresholds(tolerance=0.25)
 

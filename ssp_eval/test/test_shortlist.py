@@ -14,15 +14,15 @@ from ssp_core.errors import InputError
 from ssp_core.files import write_json
 from ssp_core.hashing import sha256_file
 from ssp_core.run_file.shortlist import Limits, Listed, Shortlist, load_candidate
-from ssp_eval.analysis.bootstrap import SEED, bootstrap_records
-from ssp_eval.analysis.rows import rows_from_cells
-from ssp_eval.evaluate.asker import DirectAskers
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.model_client import InProcessClients
 from ssp_eval.evaluate.models import bridge_spec
-from ssp_eval.report.load import load_cells
-from ssp_eval.score.terms import record_terms
-from ssp_eval.shortlist.rank import DEFAULT_LIMITS, shortlist
+from ssp_eval.evaluate.results import load_cells
+from ssp_eval.score.batch import record_terms
+from ssp_eval.statistics.bootstrap import SEED, bootstrap_records
+from ssp_eval.statistics.rows import rows_from_cells
+from ssp_eval.statistics.shortlist import DEFAULT_LIMITS, shortlist
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.log import read_log
 
@@ -44,7 +44,7 @@ def stages(
             for name in ("cut_in", "vru_crossing")
         ]
         out = folder / f"{domain}_campaign"
-        run_campaign(bags, models, DirectAskers(), out, CellOptions(), True)
+        run_campaign(bags, models, InProcessClients(), out, CellOptions(), True)
         found.append(out)
     return found[0], found[1]
 

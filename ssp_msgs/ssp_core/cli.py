@@ -70,7 +70,7 @@ class Domain(click.ParamType[DomainWord]):
 # its own help, so that `ssp --help` and `ssp score` don't pay for SUMO, OpenCV or ROS.
 VERBS: dict[str, tuple[str, str]] = {
     "demo": (
-        "ssp_eval.demo.cli:demo",
+        "ssp_eval.demo:demo",
         "Run both scenarios in three domains and report the scores.",
     ),
     "spec": (
@@ -83,10 +83,10 @@ VERBS: dict[str, tuple[str, str]] = {
     ),
     "run": ("ssp_scenario_manager.cli.run:run", "Run one session and record it into a bag."),
     "import-bag": (
-        "ssp_eval.imports.bag_cli:import_bag_command",
+        "ssp_eval.importers.cli:import_bag_command",
         "Make a recording that can be audited of anybody's ROS 2 bag.",
     ),
-    "import-video": ("ssp_eval.imports.video_cli:import_video", "Make a bag from a video file."),
+    "import-video": ("ssp_eval.importers.cli:import_video", "Make a bag from a video file."),
     "labels": ("ssp_eval.labels.cli:labels", "Propose and check labels files."),
     "audit": ("ssp_eval.audit.cli:audit", "Prove that three recordings show the same event."),
     "evaluate": (
@@ -96,7 +96,7 @@ VERBS: dict[str, tuple[str, str]] = {
     "score": ("ssp_eval.score.cli:score", "Score records against labels (METHOD 5 and 6)."),
     "report": ("ssp_eval.report.cli:report", "Write the HTML report of evaluated cells."),
     "shortlist": (
-        "ssp_eval.shortlist.cli:shortlist_command",
+        "ssp_eval.statistics.shortlist:shortlist_command",
         "List which events go on to the track, and why.",
     ),
     "extract": ("ssp_eval.extract.cli:extract", "Extract slots with evidence from texts."),
@@ -110,12 +110,12 @@ VERBS: dict[str, tuple[str, str]] = {
         "ssp_scenario_manager.cli.faults:faults",
         "Inject every fault at every stage of a run and judge what comes of it.",
     ),
-    "bench": ("ssp_eval.bench:bench", "Measure each path beside its own lower bound."),
+    "bench": ("ssp_eval.checkout:bench", "Measure each path beside its own lower bound."),
     "doctor": (
         "ssp_scenario_manager.cli.doctor:doctor",
         "Say what is installed, missing or broken.",
     ),
-    "test": ("ssp_eval.selftest:test", "Run lint, types and all tests."),
+    "test": ("ssp_eval.checkout:test", "Run lint, types and all tests."),
 }
 
 

@@ -8,12 +8,12 @@ from measure import report
 from scoring import a_cell, best_s
 
 from ssp_core.vocabulary import DOMAINS
-from ssp_eval.analysis.blocks import block_draws, block_of
-from ssp_eval.analysis.bootstrap import RESAMPLES, SEED, bootstrap_records, clip_generator
-from ssp_eval.analysis.row import CellRow
-from ssp_eval.analysis.statistics import GROUPINGS
-from ssp_eval.score import score_cell
-from ssp_eval.score.terms import RecordTerms, record_terms
+from ssp_eval.score.batch import RecordTerms, record_terms
+from ssp_eval.score.cell import score_cell
+from ssp_eval.statistics.bootstrap import RESAMPLES, SEED, bootstrap_records, clip_generator
+from ssp_eval.statistics.resampling import block_draws, block_of
+from ssp_eval.statistics.rows import CellRow
+from ssp_eval.statistics.statistics import GROUPINGS
 
 LIMIT_S = 2.0
 

@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
 
-from ssp_eval.labels.model import Label, Labels
-from ssp_eval.records import BehaviourRecord, Slot
+from ssp_eval.data.labels import Label, Labels
+from ssp_eval.data.records import BehaviourRecord, Slot
 
 EPS = 1e-9
 ADJACENT = {

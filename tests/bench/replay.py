@@ -19,9 +19,9 @@ from ssp_core.bag.types import serialize, typestore
 from ssp_core.bag.writer import BagWriter
 from ssp_core.files import write_json
 from ssp_core.hashing import sha256_file
-from ssp_eval.evaluate.asker import DirectAskers, ModelSpec
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.model_client import InProcessClients, ModelSpec
 
 IMAGE = "/ssp/vut/front_camera/image/compressed"
 STATE = "/ssp/vut/state"
@@ -130,7 +130,7 @@ def evaluate(folder: Path, out: Path) -> float:
     (result,) = run_campaign(
         [(folder / "bag", folder / "labels.json")],
         [ModelSpec("constant_velocity")],
-        DirectAskers(),
+        InProcessClients(),
         out,
         CellOptions(),
     )

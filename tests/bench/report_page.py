@@ -21,9 +21,9 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 from measure import report
 from replay import make_bag
 
-from ssp_eval.evaluate.asker import DirectAskers
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.model_client import InProcessClients
 from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.report.page import write_report
 from tests.large_campaign import clone_campaign
@@ -49,7 +49,7 @@ def write_campaign(folder: Path, cells: int) -> Path:
     run_campaign(
         [(folder / "bag", folder / "labels.json")],
         [bridge_spec(name) for name in ("constant_velocity", "perfect")],
-        DirectAskers(),
+        InProcessClients(),
         folder / "source",
         CellOptions(),
     )

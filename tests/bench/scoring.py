@@ -20,12 +20,11 @@ import naive_scorer
 from measure import report
 
 from ssp_core.vocabulary import CONFLICTS, LON_ACTIONS, MOTIONS, OBJECTS, POSITIONS
-from ssp_eval.labels.model import Label, Labels, labels_to_json
-from ssp_eval.records import SLOT_NAMES, BehaviourRecord, Slot, Slots, record_to_json
-from ssp_eval.score import score_cell
+from ssp_eval.data.labels import Label, Labels, labels_to_json
+from ssp_eval.data.records import SLOT_NAMES, BehaviourRecord, Slot, Slots, record_to_json
 from ssp_eval.score.batch import Scores, score_columns
-from ssp_eval.score.encode import encode
-from ssp_eval.score.load import load_columns
+from ssp_eval.score.cell import score_cell
+from ssp_eval.score.columns import encode, load_columns
 from ssp_vla_bridge.trajectory import Trajectory
 
 CELLS = 10_000

@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 
+from ssp_eval.data.records import SLOT_NAMES, Slots
 from ssp_eval.extract import extract
 from ssp_eval.extract.checks import check
 from ssp_eval.extract.llm.judge import judge
 from ssp_eval.extract.llm.reply import read_reply
-from ssp_eval.records import SLOT_NAMES, Slots
 
 _TEXTS = (
     "Yield to the cyclist who is crossing from left to right ahead; keep the current lane.",

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from ssp_eval.labels.model import load_labels
-from ssp_eval.records import load_records
-from ssp_eval.score import STAGES, CellScore, score_cell
+from ssp_eval.data.labels import load_labels
+from ssp_eval.data.records import load_records
+from ssp_eval.score.cell import CellScore, score_cell
+from ssp_eval.score.judge import STAGES
 
 CASES = sorted(path.parent for path in Path(__file__).parent.glob("*/expected.json"))
 KEYS = [

@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from ssp_eval.audit.model import Audit, RecordingEntry, load_audit
+from ssp_eval.data.audit import Audit, RecordingEntry, load_audit
 from tests.system.recordings import Changes, Recordings, changed_run, ssp, succeed
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]

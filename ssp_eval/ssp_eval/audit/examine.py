@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 from ssp_core.errors import InputError
 from ssp_core.motion.encounter import Observable
 from ssp_core.run_file.model import ConflictThresholds
-from ssp_eval.audit.compare import phase_findings
 from ssp_eval.audit.evidence import (
     Evidence,
+    Source,
+    Value,
     combined,
     contradictions,
     half_widths,
@@ -20,26 +21,231 @@ from ssp_eval.audit.evidence import (
     reviewed,
     unknown_source,
 )
-from ssp_eval.audit.examined import Examined
 from ssp_eval.audit.history import examine_history
 from ssp_eval.audit.measure import Measured, Phases, Scene, measure
-from ssp_eval.audit.ratios import phase_fraction
 from ssp_eval.audit.reasons import Finding
 from ssp_eval.audit.recording import Recording
 from ssp_eval.audit.visibility import examine_coverage
-from ssp_eval.recordings.agreement import Agreement
-from ssp_eval.recordings.crop import Crop, Window, crop_of
-from ssp_eval.recordings.event_rules import (
+from ssp_eval.data.audit import (
+    CONFLICT,
+    EVENT_PHASES,
+    FIELDS,
+    MOTION,
+    ORDER,
+    ROLES,
+    TOPOLOGY,
+    ChangeEntry,
+    CoverageEntry,
+    Property,
+    differences,
+    phase_fraction,
+)
+from ssp_eval.observations.agreement import Agreement
+from ssp_eval.recordings.event import (
+    LOCATED_S,
+    Crop,
+    Window,
+    crop_of,
     event_observable,
     event_thresholds,
     source_times,
     window_of,
 )
-from ssp_eval.recordings.properties import EVENT_PHASES, FIELDS, ORDER, Property
+from ssp_eval.recordings.sight import Moment
 from ssp_eval.recordings.states import STATE_AGE_S
 from ssp_scenario_manager.event_spec.extract.questions import GATE_REASONS
 from ssp_scenario_manager.event_spec.fields import si
 from ssp_scenario_manager.event_spec.model import Event, Interval
+
+
+@dataclass(frozen=True)
+class Examined:
+    """One recording, examined.
+
+    Args:
+        recording: as it was read, within its clip.
+        values: q(d, k) per field, with its source.
+        phases: None: nobody located any.
+        phases_source: where they come from.
+        crop: the clip that all of this is of; None: the recording never began.
+        phi: φ(d, e) per event that could be located.
+        phi_half: half width of φ where a K* gives intervals.
+        measured: None without states.
+        findings: all that is wrong with it by itself.
+        coverage: of the camera.
+        identities: switches, for people.
+        changes: on site.
+        log_said_by: who says what happened beside the event.
+        contradictions: between what was announced and what was measured.
+        moments: the states at each frame.
+    """
+
+    recording: Recording
+    values: Mapping[str, Value]
+    phases: Phases | None
+    phases_source: Source
+    crop: Crop | None
+    phi: Mapping[str, float]
+    phi_half: Mapping[str, float]
+    measured: Measured | None
+    findings: tuple[Finding, ...]
+    coverage: CoverageEntry
+    identities: tuple[str, ...] = ()
+    changes: tuple[ChangeEntry, ...] = ()
+    log_said_by: str = ""
+    contradictions: tuple[str, ...] = ()
+    moments: tuple[Moment, ...] = field(default=(), repr=False)
+
+    @property
+    def properties(self) -> dict[str, Property]:
+        """q(d, k) per field; words are None where it isn't determined."""
+        return {name: self.values[name].property for name in FIELDS}
+
+    @property
+    def is_verified(self) -> bool:
+        """True when every q(d, k) was measured, observed or reviewed."""
+        return all(self.values[name].source != "unverified" for name in FIELDS)
+
+    @property
+    def evidence(self) -> Source:
+        """The weakest source of any q(d, k)."""
+        order: tuple[Source, ...] = ("states", "reviewed", "observed", "unverified")
+        return max((self.values[name].source for name in FIELDS), key=order.index)
+
+
+_MIRRORED = {
+    "cutting_in_from_left": "cutting_in_from_right",
+    "cutting_in_from_right": "cutting_in_from_left",
+    "crossing_from_left": "crossing_from_right",
+    "crossing_from_right": "crossing_from_left",
+}
+_OF_LANES = {"vut_lane", "adjacency"}
+_CODES = {CONFLICT: "conflict_type_differs", ORDER: "order_differs", MOTION: "motion_differs"}
+
+
+def property_findings(
+    found: Mapping[str, Property],
+    wanted: Mapping[str, Property],
+    phases: Phases | None,
+    first_arrival_s: float | None,
+) -> list[Finding]:
+    """What of the mandatory properties isn't preserved.
+
+    Args:
+        found: q(d, k) of the fields that are verified.
+        wanted: what it must be equal to; a field that isn't determined there judges nothing.
+        phases: of this recording; None: nobody located any.
+        first_arrival_s: at the conflict zone, None: nobody arrives.
+    """
+    # From when on nothing that happens can change the value.
+    decided_s = {
+        MOTION: math.inf if phases is None or phases.resolution_s is None else phases.resolution_s,
+        CONFLICT: math.inf if first_arrival_s is None else first_arrival_s,
+        ORDER: math.inf if first_arrival_s is None else first_arrival_s,
+    }
+    findings: list[Finding] = []
+    for name in FIELDS:
+        value, reference = found.get(name), wanted[name]
+        if value is None or reference.words is None:
+            continue
+        if value.words is None:
+            code = _CODES.get(name, "topology_differs" if name == TOPOLOGY else "roles_differ")
+            findings.append(Finding(code, f"can't be determined: {value.how}", math.inf))
+            continue
+        parts = differences(value, reference) or {}
+        if name == TOPOLOGY:
+            findings += _topology(parts)
+        elif name == ROLES:
+            findings += _roles(parts)
+        elif parts:
+            findings.append(_one(name, parts, decided_s[name], value.how))
+    return findings
+
+
+def _one(field: str, parts: Mapping[str, tuple[str, str]], decided_s: float, how: str) -> Finding:
+    ((ours, theirs),) = parts.values()
+    text = f"{ours} instead of {theirs} ({how})"
+    if field == MOTION and _MIRRORED.get(theirs) == ours:
+        return Finding("wrong_side", text)
+    return Finding(_CODES[field], text, decided_s)
+
+
+def _topology(parts: Mapping[str, tuple[str, str]]) -> list[Finding]:
+    findings = []
+    for code, names in (
+        ("topology_differs", [n for n in parts if n not in _OF_LANES]),
+        ("lane_differs", [n for n in parts if n in _OF_LANES]),
+    ):
+        if names:
+            text = "; ".join(f"{n} {parts[n][0]} instead of {parts[n][1]}" for n in names)
+            findings.append(Finding(code, text))
+    return findings
+
+
+def _roles(parts: Mapping[str, tuple[str, str]]) -> list[Finding]:
+    findings = []
+    starts = {name: pair for name, pair in parts.items() if name.endswith(" starts in")}
+    if starts:
+        text = "; ".join(f"{n} {ours} instead of {theirs}" for n, (ours, theirs) in starts.items())
+        findings.append(Finding("place_differs", text, 0.0))
+    rest = {name: pair for name, pair in parts.items() if name not in starts}
+    if not rest:
+        return findings
+    text = "; ".join(f"{n}: {ours} instead of {theirs}" for n, (ours, theirs) in rest.items())
+    turned = {"initiator", "affected"} <= set(rest) and (
+        rest["initiator"] == rest["affected"][::-1]
+    )
+    people = {n: pair for n, pair in rest.items() if n not in ("initiator", "affected")}
+    exchanged = len(people) > 1 and sorted(p[0] for p in people.values()) == sorted(
+        p[1] for p in people.values()
+    )
+    findings.append(Finding("roles_swapped" if turned or exchanged else "roles_differ", text))
+    return findings
+
+
+def phase_findings(phases: Phases, closest: str) -> list[Finding]:
+    """Which key phases can't be located, and why.
+
+    Args:
+        phases: of the recording.
+        closest: how near it came to a conflict, for people; empty where nobody measured it.
+    """
+    findings = []
+    never = math.inf
+    if not phases.has_approach and phases.trigger_s is not None:
+        text = (
+            f"{phases.trigger_s - phases.start_s:.2f} s of it lie in the clip, of {LOCATED_S:g} s"
+        )
+        findings.append(Finding("approach_phase", text, 0.0))
+    if not phases.has_resolution and phases.resolution_s is not None:
+        text = (
+            f"{phases.end_s - phases.resolution_s:.2f} s of it lie in the clip, of {LOCATED_S:g} s"
+        )
+        findings.append(Finding("resolution_phase", text, phases.resolution_s))
+    missing = []
+    if phases.trigger_s is None:
+        findings.append(
+            Finding("no_manoeuvre", "nobody's manoeuvre becomes observable in the clip", never)
+        )
+        missing = ["trigger", "conflict", "resolution"]
+    elif phases.conflict_s is None:
+        text = f"after the trigger at {phases.trigger_s:.2f} s {closest or 'nobody saw one'}"
+        findings.append(Finding("conflict_missing", text, never))
+        missing = ["conflict", "resolution"]
+    elif phases.resolution_s is None:
+        text = f"it lasts from {phases.conflict_s:.2f} s to the clip's end"
+        findings.append(Finding("conflict_unresolved", text, never))
+        missing = ["resolution"]
+    findings += [
+        Finding(f"{phase}_phase", f"the start of the {phase} phase isn't in the clip", never)
+        for phase in missing
+    ]
+    if missing:
+        findings.append(
+            Finding("epd_missing", f"there is no time of {' and '.join(missing)}", never)
+        )
+    return findings
+
 
 # Phases that a run announced and phases measured from states may lie this far apart.
 PHASE_TOLERANCE_S = 0.15

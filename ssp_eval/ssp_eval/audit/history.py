@@ -1,24 +1,171 @@
-"""What happened beside the event: safety aborts, identity switches, changes on site (METHOD 4.4).
-
-A session of ours has a log that tells. Of another's recording a named person declares it, and what
-nobody declares is unverified. Nobody drives in a K*'s own source clip: of it the source gate says
-whether every participant stays the same (METHOD 1).
-"""
+"""What happened beside the event: aborts, identity switches, changes on site (METHOD 4.4)."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 from ssp_core.safety.codes import SafetyCode
-from ssp_eval.audit.changes import site_changes
-from ssp_eval.audit.identity import find_switches
-from ssp_eval.audit.model import ChangeEntry
 from ssp_eval.audit.reasons import Finding
-from ssp_eval.audit.recording import Recording
-from ssp_eval.recordings.agreement import Agreement
-from ssp_eval.recordings.provenance import NO_VERDICT
+from ssp_eval.audit.recording import Recording, site_changes
+from ssp_eval.data.audit import ChangeEntry
+from ssp_eval.data.provenance import NO_VERDICT
+from ssp_eval.observations.agreement import Agreement
+from ssp_eval.recordings.states import WORLD, Sighting
+
+# Silence of a participant that counts as vanishing; states may be lost and late.
+GONE_S = 0.5
+# Between two states an object moves by its speed; more than this beyond it is a jump.
+JUMP_M = 1.5
+
+# Kind (each is told once), clip time, text.
+Tell = Callable[[str, float, str], None]
+
+
+@dataclass(frozen=True)
+class Switch:
+    """An identity that doesn't hold.
+
+    Args:
+        t_s: clip time at which it is noticed first.
+        text: what happened, for people.
+    """
+
+    t_s: float
+    text: str
+
+
+def find_switches(
+    sightings: Sequence[Sighting],
+    participants: Sequence[str],
+    traffic: Iterable[str],
+    start_s: float,
+    end_s: float,
+) -> list[Switch]:
+    """Everything that contradicts one id for one object.
+
+    Args:
+        sightings: in time order per source.
+        participants: ids of the VUT and the OTs, who are there from start to end.
+        traffic: ids of other objects that may be there.
+        start_s: clip time from which on participants must be there.
+        end_s: clip time up to which they must be there.
+
+    Returns:
+        In time order, each kind once per object.
+    """
+    known = {*participants, *traffic}
+    found: dict[str, Switch] = {}
+
+    def tell(kind: str, t_s: float, text: str) -> None:
+        found.setdefault(kind, Switch(t_s, text))
+
+    sources = dict.fromkeys(s.source for s in sightings)
+    last: dict[tuple[str, str], Sighting] = {}
+    jumps: list[tuple[Sighting, Sighting]] = []
+    for now in sightings:
+        who = now.object_id
+        if now.source not in (WORLD, who):
+            tell(
+                f"name {now.source}",
+                now.t_s,
+                f"the states of {now.source} say {who} from {now.t_s:.2f} s on",
+            )
+        elif who not in known:
+            tell(
+                f"unknown {who}", now.t_s, f"{who}, who is nobody here, appears at {now.t_s:.2f} s"
+            )
+        before = last.get((now.source, who))
+        last[(now.source, who)] = now
+        if before is None:
+            continue
+        if before.object_class != now.object_class:
+            tell(
+                f"class {who}",
+                now.t_s,
+                f"{who} is a {before.object_class} until {before.t_s:.2f} s, then a "
+                f"{now.object_class}",
+            )
+        if 0 < now.sequence < before.sequence:
+            tell(
+                f"sequence {who}",
+                now.t_s,
+                f"the states of {who} come from two senders: their numbers go back from "
+                f"{before.sequence} to {now.sequence} at {now.t_s:.2f} s",
+            )
+        if _jumps(before, now):
+            jumps.append((before, now))
+    for source, who in [(WORLD, p) for p in participants] + [(p, p) for p in participants]:
+        if source in sources:
+            _gone(source, who, sightings, (start_s, end_s), tell)
+    for (old_a, new_a), (old_b, new_b) in combinations(jumps, 2):
+        same_time = old_a.source == old_b.source == WORLD and abs(new_a.t_s - new_b.t_s) < 1e-6
+        if same_time and _near(old_a, new_b) and _near(old_b, new_a):
+            a, b = sorted((new_a.object_id, new_b.object_id))
+            tell(f"exchanged {a} {b}", new_a.t_s, f"{a} and {b} are exchanged at {new_a.t_s:.2f} s")
+    for before, now in jumps:
+        tell(
+            f"jump {now.object_id}",
+            now.t_s,
+            f"{now.object_id} jumps by {_distance(before, now):.1f} m at {now.t_s:.2f} s"
+            + ("" if now.source == WORLD else " in its own states"),
+        )
+    _compare_classes(last, tell)
+    return sorted(found.values(), key=lambda switch: (switch.t_s, switch.text))
+
+
+def _gone(
+    source: str,
+    who: str,
+    sightings: Sequence[Sighting],
+    span_s: tuple[float, float],
+    tell: Tell,
+) -> None:
+    """Reports a participant that is silent for too long within the clip."""
+    times = [s.t_s for s in sightings if s.source == source and s.object_id == who]
+    where = "" if source == WORLD else "its own states: "
+    before, end_s = span_s
+    for t_s in [*(t for t in times if before <= t <= end_s), end_s]:
+        if t_s - before > GONE_S:
+            tell(
+                f"gone {who}",
+                before + GONE_S,
+                f"{where}{who} is gone from {before:.2f} to {t_s:.2f} s",
+            )
+            return
+        before = t_s
+
+
+def _jumps(before: Sighting, now: Sighting) -> bool:
+    dt = now.t_s - before.t_s
+    reach = max(abs(before.speed_mps), abs(now.speed_mps)) * max(dt, 0.0)
+    return _distance(before, now) > reach + JUMP_M
+
+
+def _distance(a: Sighting, b: Sighting) -> float:
+    return math.hypot(a.x_m - b.x_m, a.y_m - b.y_m)
+
+
+def _near(old: Sighting, new: Sighting) -> bool:
+    return _distance(old, new) <= JUMP_M + max(abs(old.speed_mps), abs(new.speed_mps)) * abs(
+        new.t_s - old.t_s
+    )
+
+
+def _compare_classes(last: dict[tuple[str, str], Sighting], tell: Tell) -> None:
+    """An object's own states and the world must agree on what it is."""
+    for (source, who), own in last.items():
+        world = last.get((WORLD, who))
+        if source == who and world is not None and world.object_class != own.object_class:
+            tell(
+                f"class {who}",
+                own.t_s,
+                f"{who} is a {own.object_class} in its own states and a {world.object_class} in "
+                "the world",
+            )
+
 
 # The session waits for these events; that they stay away is a consequence of what the states say.
 _AWAITED = (SafetyCode.EVENT_MISSING, SafetyCode.DURATION)

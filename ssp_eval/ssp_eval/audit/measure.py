@@ -17,12 +17,17 @@ from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import ConflictThresholds
 from ssp_core.run_file.road import Road
 from ssp_core.vocabulary import MOTIONS
-from ssp_eval.audit.lanes import Lanes, Spot
-from ssp_eval.audit.meeting import Meeting, Zone, meet
-from ssp_eval.recordings.crop import LOCATED_S, TOLERANCE_S
+from ssp_eval.audit.paths import Lanes, Meeting, Spot, Zone, meet
+from ssp_eval.data.audit import CONFLICT, MOTION, ORDER, ROLES, TOPOLOGY, Property
+from ssp_eval.recordings.event import (
+    LOCATED_S,
+    TOLERANCE_S,
+    RecordedEvent,
+    Sample,
+    find_event,
+    samples_of,
+)
 from ssp_eval.recordings.geometry import Corridor, motion_word
-from ssp_eval.recordings.phases import Event, Sample, find_event, samples_of
-from ssp_eval.recordings.properties import CONFLICT, MOTION, ORDER, ROLES, TOPOLOGY, Property
 from ssp_eval.recordings.states import Series
 
 
@@ -132,7 +137,7 @@ class _Pair:
     other: str
     samples: Sequence[Sample]
     corridor: Corridor
-    event: Event | None
+    event: RecordedEvent | None
 
 
 def measure(scene: Scene) -> Measured:

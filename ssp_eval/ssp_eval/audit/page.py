@@ -3,21 +3,295 @@
 from __future__ import annotations
 
 import json
+from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
+from statistics import median
 from typing import Any
 
+import cv2
+import numpy as np
 from markupsafe import Markup
 
 from ssp_core import __version__
-from ssp_eval.audit import frames
-from ssp_eval.audit.axis import phase_axis
+from ssp_core.bag.frames import Frames
+from ssp_core.bag.reader import BagReader
+from ssp_core.cdr.messages import peek_stamp_ns
+from ssp_core.clock import ns_to_seconds
+from ssp_core.geometry import FloatArray
+from ssp_core.motion.state import ObjectState
+from ssp_core.names import CAMERA_IMAGE, absolute
+from ssp_core.world.camera import View, object_corners, project
+from ssp_eval import pages
+from ssp_eval.audit.examine import Examined
 from ssp_eval.audit.judge import Judged
-from ssp_eval.audit.model import Audit, PropertyEntry, RecordingEntry
+from ssp_eval.audit.measure import Phases
 from ssp_eval.audit.reasons import TABLE
-from ssp_eval.recordings.properties import FIELDS, TOPOLOGY
-from ssp_eval.templates import templates
+from ssp_eval.data.audit import EVENT_PHASES, FIELDS, TOPOLOGY, Audit, PropertyEntry, RecordingEntry
+from ssp_eval.pages import jpeg_uri, templates
+
+_LEFT, _RIGHT, _TOP = 110.0, 210.0, 34.0
+_ROW, _BAR = 46.0, 20.0
+WIDTH = 1160.0
+
+# From φ to a position in the picture.
+Scale = Callable[[float], float]
+
+
+def phase_axis(recordings: Sequence[RecordingEntry]) -> str:
+    """One bar per recording from the clip's start to its end; lines mark Synthetic's events."""
+    length = WIDTH - _LEFT - _RIGHT
+    height = _TOP + _ROW * len(recordings) + 26.0
+
+    def x(phi: float) -> float:
+        return _LEFT + length * phi
+
+    parts = [_ticks(x, height)]
+    reference = recordings[0].phases.phi
+    for name, phi in reference.items():
+        line = pages.element(
+            "line", pages.title(f"{name} in synthetic, φ {phi:.3f}"), x1=x(phi), x2=x(phi),
+            y1=_TOP - 6.0, y2=height - 24.0, class_="guide",
+        )  # fmt: skip
+        parts.append(line)
+    for index, recording in enumerate(recordings):
+        y = _TOP + _ROW * index
+        parts.append(pages.text(_LEFT - 14.0, y + 15.0, recording.domain, text_anchor="end"))
+        parts += _bar(recording, y, x)
+        right = _LEFT + length + 16.0
+        epd = "–" if recording.epd is None else f"{recording.epd:.3f}"
+        kpr = "–" if recording.kpr is None else f"{recording.kpr:.2f}"
+        parts.append(pages.text(right, y + 15.0, f"EPD {epd}   KPR {kpr}", class_="figure"))
+    return pages.element(
+        "svg", "".join(parts), class_="phases", viewBox=f"0 0 {pages.number(WIDTH)} {height}",
+        role="img", aria_label="Phases on the axis of φ",
+    )  # fmt: skip
+
+
+def _bar(recording: RecordingEntry, y: float, x: Scale) -> list[str]:
+    """Coloured from phase to phase as far as they are known, with each start's φ beneath."""
+    phases = recording.phases
+    known = [(name, phases.phi[name]) for name in EVENT_PHASES if name in phases.phi]
+    starts = [("approach", 0.0), *known]
+    parts = [
+        pages.element(
+            "rect", x=x(0.0), y=y, width=x(1.0) - x(0.0), height=_BAR, class_="bar unknown"
+        )
+    ]
+    for index, (name, phi) in enumerate(starts):
+        end = starts[index + 1][1] if index + 1 < len(starts) else 1.0
+        title = pages.title(f"{recording.domain}: {name} from φ {phi:.3f} to {end:.3f}")
+        parts.append(
+            pages.element(
+                "rect",
+                title,
+                x=x(phi),
+                y=y,
+                width=max(0.0, x(end) - x(phi)),
+                height=_BAR,
+                class_=f"bar {name}",
+            )
+        )
+    for name, half in phases.phi_half_width.items():
+        if name in phases.phi:
+            low, high = max(0.0, phases.phi[name] - half), min(1.0, phases.phi[name] + half)
+            parts.append(
+                pages.element(
+                    "line",
+                    x1=x(low),
+                    x2=x(high),
+                    y1=y + _BAR / 2,
+                    y2=y + _BAR / 2,
+                    class_="spread",
+                )
+            )
+    beyond = -100.0
+    for _, phi in known:
+        # Numbers that would run into each other leave room for the first.
+        if x(phi) - beyond > 34.0:
+            beyond = x(phi)
+            parts.append(
+                pages.text(
+                    x(phi), y + _BAR + 13.0, f"{phi:.3f}", text_anchor="middle", class_="note"
+                )
+            )
+    return parts
+
+
+def _ticks(x: Scale, height: float) -> str:
+    parts = []
+    for k in range(11):
+        at = x(k / 10.0)
+        parts.append(
+            pages.element("line", x1=at, x2=at, y1=height - 24.0, y2=height - 19.0, class_="tick")
+        )
+        parts.append(
+            pages.text(at, height - 6.0, f"{k / 10:g}", text_anchor="middle", class_="note")
+        )
+    parts.append(pages.text(x(1.0) + 16.0, height - 6.0, "φ", class_="note"))
+    return "".join(parts)
+
+
+# Columns of the page: clip times that every recording has, if its phases could be located.
+COLUMNS = ("start", "trigger", "conflict", "in the conflict", "resolution")
+WIDTH_PX = 640
+_IMAGE = absolute(CAMERA_IMAGE)
+_NEAR_M = 0.5
+_GROUND_STEPS = 12
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One frame of one recording.
+
+    Args:
+        column: of COLUMNS.
+        at_s: clip time of the instant, None: the phase isn't located, or there is no frame.
+        phi: φ of that instant, None: not known.
+        t_s: clip time of the frame, None: likewise.
+        uri: data URI, empty without a frame.
+        overlay: SVG, empty where there are no states.
+    """
+
+    column: str
+    at_s: float | None = None
+    phi: float | None = None
+    t_s: float | None = None
+    uri: str = ""
+    overlay: str = ""
+
+
+def column_times(phases: Phases | None) -> dict[str, float | None]:
+    """Clip time of each column."""
+    if phases is None:
+        return dict.fromkeys(COLUMNS)
+    middle_s = None
+    if phases.conflict_s is not None and phases.resolution_s is not None:
+        middle_s = (phases.conflict_s + phases.resolution_s) / 2.0
+    times = (phases.start_s, phases.trigger_s, phases.conflict_s, middle_s, phases.resolution_s)
+    return dict(zip(COLUMNS, times, strict=True))
+
+
+def frame_at(frames_s: Sequence[float], t_s: float) -> int:
+    """Index of the frame that shows an instant: the newest one then, give or take half a frame.
+
+    A K* gives times in whole milliseconds, and a frame that begins there may come a little later.
+
+    Args:
+        frames_s: clip times of the frames, in order, at least one.
+        t_s: clip time of the instant.
+    """
+    gaps_s = [after - before for before, after in pairwise(frames_s)]
+    half_s = median(gaps_s) / 2.0 if gaps_s else 0.0
+    return max(0, bisect_right(frames_s, t_s + half_s - 1e-6) - 1)
+
+
+def pictures(one: Examined) -> list[Picture]:
+    """The pictures of a recording, one per column.
+
+    Raises:
+        InputError: a frame in the bag is no picture.
+    """
+    wanted = column_times(one.phases)
+    frames = one.recording.frames_s
+    chosen = {
+        column: frame_at(frames, t_s)
+        for column, t_s in wanted.items()
+        if t_s is not None and frames
+    }
+    found = _fetch(one, sorted(set(chosen.values())))
+    result = []
+    for column, t_s in wanted.items():
+        if column not in chosen or chosen[column] not in found or t_s is None:
+            result.append(Picture(column))
+            continue
+        index = chosen[column]
+        phi = None
+        if one.phases is not None and one.phases.end_s > one.phases.start_s:
+            phi = (t_s - one.phases.start_s) / (one.phases.end_s - one.phases.start_s)
+        uri = jpeg_uri(found[index], one.recording.path, WIDTH_PX)
+        result.append(Picture(column, t_s, phi, frames[index], uri, _overlay(one, index)))
+    return result
+
+
+def _fetch(one: Examined, indices: Sequence[int]) -> dict[int, bytes]:
+    """JPEG by index into the recording's frames."""
+    frames = one.recording.frames_s
+    start_ns = one.recording.provenance.session_start_ns
+    index_of: dict[int, int] = {}
+    with BagReader(one.recording.path) as bag:
+        for message in bag.messages([_IMAGE]):
+            stamp_ns = peek_stamp_ns(message.data)
+            if start_ns is None:
+                start_ns = stamp_ns
+            t_s = ns_to_seconds(stamp_ns - start_ns)
+            for index in indices:
+                if abs(frames[index] - t_s) < 1e-6:
+                    index_of.setdefault(stamp_ns, index)
+        if not index_of:
+            return {}
+        found: dict[int, bytes] = {}
+        for frame in Frames(bag, _IMAGE).jpegs(stamps=index_of):
+            found.setdefault(index_of[frame.stamp_ns], frame.data)
+    return found
+
+
+def _overlay(one: Examined, index: int) -> str:
+    """Outlines of participants and conflict zone in the picture."""
+    who, optics = one.recording.provenance.participants, one.recording.optics
+    measured = one.measured
+    if who is None or optics is None or measured is None or index >= len(one.moments):
+        return ""
+    states = one.moments[index].states
+    if who.vut not in states:
+        return ""
+    view = optics.view(states[who.vut].pose)
+    parts = []
+    if measured.zone is not None:
+        parts.append(_zone(view, measured.zone))
+    for target in who.targets:
+        if target in states:
+            kind = "ot main" if target in (measured.initiator, measured.affected) else "ot"
+            parts.append(_outline(view, states[target], target, kind))
+    box = f"0 0 {optics.lens.width_px} {optics.lens.height_px}"
+    return pages.element(
+        "svg", "".join(parts), class_="overlay", viewBox=box, preserveAspectRatio="none"
+    )
+
+
+def _outline(view: View, state: ObjectState, name: str, kind: str) -> str:
+    seen = project(view, object_corners(state))
+    if not seen.in_front.all():
+        return ""
+    corners = np.column_stack([seen.u_px, seen.v_px]).astype(np.float32)
+    hull = cv2.convexHull(corners).reshape(-1, 2)
+    size = view.intrinsics.width_px / 20.0
+    left, top = float(hull[:, 0].min()), float(hull[:, 1].min())
+    points = [(float(u), float(v)) for u, v in hull]
+    label = pages.text(left, max(size, top - size / 3.0), name, font_size=size, class_=kind)
+    return pages.element("polygon", points=pages.points(points), class_=kind) + label
+
+
+def _zone(view: View, outline: Sequence[tuple[float, float]]) -> str:
+    """The part of the zone that lies before the camera; edges are cut into short pieces."""
+    ground = _dense(np.array(outline))
+    seen = project(view, np.column_stack([ground, np.zeros(len(ground))]))
+    ahead = seen.in_front & (seen.depth_m > _NEAR_M)
+    if ahead.sum() < 3:
+        return ""
+    points = [(float(u), float(v)) for u, v in zip(seen.u_px[ahead], seen.v_px[ahead], strict=True)]
+    return pages.element("polygon", points=pages.points(points), class_="zone")
+
+
+def _dense(outline: FloatArray) -> FloatArray:
+    following = np.roll(outline, -1, axis=0)
+    steps = np.arange(_GROUND_STEPS) / _GROUND_STEPS
+    return np.concatenate(
+        [a + (b - a) * steps[:, None] for a, b in zip(outline, following, strict=True)]
+    )
+
 
 _HERE = Path(__file__).parent
 _REPORT_STYLE = _HERE.parent / "report" / "style.css"
@@ -138,9 +412,9 @@ def render(judged: Judged, on_picture: Callable[[int, int], None] = lambda done,
         InputError: a frame in a bag is no picture.
     """
     audit = judged.audit
-    strips: dict[str, Sequence[frames.Picture]] = {}
+    strips: dict[str, Sequence[Picture]] = {}
     for done, one in enumerate(judged.examined, start=1):
-        strips[one.recording.provenance.domain] = frames.pictures(one)
+        strips[one.recording.provenance.domain] = pictures(one)
         on_picture(done, len(judged.examined))
     environment = templates(_HERE)
     environment.filters["plain"] = _plain
@@ -148,7 +422,7 @@ def render(judged: Judged, on_picture: Callable[[int, int], None] = lambda done,
     return environment.get_template("page.html.j2").render(
         audit=audit,
         recordings=audit.recordings,
-        columns=frames.COLUMNS,
+        columns=COLUMNS,
         strips=strips,
         axis=Markup(phase_axis(audit.recordings)),
         fields=field_rows(audit),

@@ -12,13 +12,13 @@ from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Literal
 
-from ssp_eval.audit.coverage import Moment, object_sight, zone_sight
-from ssp_eval.audit.expected import PHASES_FIELD, review_of, seen_field
+from ssp_eval.audit.evidence import PHASES_FIELD, review_of, seen_field
 from ssp_eval.audit.measure import Measured, Phases
-from ssp_eval.audit.model import CoverageEntry, SightEntry
 from ssp_eval.audit.reasons import Finding
 from ssp_eval.audit.recording import Recording
-from ssp_eval.recordings.agreement import Agreement
+from ssp_eval.data.audit import CoverageEntry, SightEntry
+from ssp_eval.observations.agreement import Agreement
+from ssp_eval.recordings.sight import Moment, object_sight, zone_sight
 from ssp_scenario_manager.event_spec.model import UNRESOLVED, Event
 
 # The conflict region among what is seen.

@@ -14,9 +14,9 @@ from typing import Any
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder, write_bytes
 from ssp_core.hashing import sha256_file
-from ssp_eval.audit.model import AUDIT_FILE, PAGE_FILE, Audit, RecordingEntry, load_audit
-from ssp_eval.recordings.crop import Crop
-from ssp_eval.recordings.provenance import Provenance
+from ssp_eval.data.audit import AUDIT_FILE, PAGE_FILE, Audit, RecordingEntry, load_audit
+from ssp_eval.data.provenance import Provenance
+from ssp_eval.recordings.event import Crop
 
 # Where a campaign keeps its audits, each in a folder of its own.
 AUDITS = "audits"

@@ -1,25 +1,145 @@
-"""Asks one model about one clip, label by label in time order, and stores what it says."""
+"""Asks one model about one clip, label by label in time order, under a control condition if any."""
 
 from __future__ import annotations
 
+import random
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 
-from ssp_core.errors import PeerError
+import cv2
+import numpy as np
+
+from ssp_core.errors import InputError, PeerError
 from ssp_core.files import write_bytes
 from ssp_core.hashing import sha256_json
-from ssp_eval.evaluate.answer_key import AnswerKeys, new_request_id
-from ssp_eval.evaluate.asker import PASSING, Asker, Askers, Ignored, Loss, loss_of
+from ssp_eval.data.labels import labels_to_json
 from ssp_eval.evaluate.cell_file import LABELS_FILE, CellPlace, frame_path
-from ssp_eval.evaluate.conditions import other_label_time, under
-from ssp_eval.evaluate.controls import SHUFFLED
-from ssp_eval.evaluate.question import NoQuestion, Question
+from ssp_eval.evaluate.model_client import (
+    PASSING,
+    IgnoredAnswers,
+    Loss,
+    ModelClient,
+    ModelClients,
+    loss_of,
+)
+from ssp_eval.evaluate.models import BLACK, CONDITION_SEED, SHUFFLED
 from ssp_eval.evaluate.raw_store import RawStore
-from ssp_eval.evaluate.store import Asked
-from ssp_eval.labels.model import labels_to_json
-from ssp_vla_bridge.messages import Frame, Response
+from ssp_eval.evaluate.requests import AnswerKeys, Asked, new_request_id
+from ssp_eval.recordings.clip import NoQuestion, Question
+from ssp_vla_bridge.messages import Frame, Request, Response
+
+
+def blackened(request: Request) -> Request:
+    """The request with black frames of the same sizes and stamps.
+
+    Raises:
+        InputError: a frame is no picture.
+    """
+    frames = tuple(Frame(frame.stamp_ns, _black(*_size(frame.jpeg))) for frame in request.frames)
+    return replace(request, frames=frames)
+
+
+def shuffled(request: Request, seed: int = CONDITION_SEED) -> Request:
+    """The request with its pictures in another order, so that none keeps its time.
+
+    Args:
+        request: with two frames or more.
+        seed: the same one gives the same order.
+
+    Raises:
+        ValueError: a single frame has no order.
+    """
+    if len(request.frames) < 2:
+        raise ValueError("a single frame can't change its place")
+    order = derangement(len(request.frames), seed, request.stamp_ns)
+    frames = tuple(
+        Frame(frame.stamp_ns, request.frames[other].jpeg)
+        for frame, other in zip(request.frames, order, strict=True)
+    )
+    return replace(request, frames=frames)
+
+
+def shown_another(request: Request, other: Frame) -> Request:
+    """The request with its newest picture replaced by that of another time; its stamp stays."""
+    newest = replace(request.frames[-1], jpeg=other.jpeg)
+    return replace(request, frames=(*request.frames[:-1], newest))
+
+
+def derangement(count: int, seed: int, salt: int = 0) -> list[int]:
+    """A random order in which nothing keeps its place: one cycle (Sattolo's algorithm).
+
+    Args:
+        count: of the things, 2 or more.
+        seed: of the campaign.
+        salt: tells orders of one seed apart.
+    """
+    rng = random.Random(sha256_json([seed, salt]))
+    order = list(range(count))
+    for k in range(count - 1, 0, -1):
+        j = rng.randrange(k)
+        order[k], order[j] = order[j], order[k]
+    return order
+
+
+def other_label_time(
+    times_s: Sequence[float], index: int, seed: int = CONDITION_SEED
+) -> float | None:
+    """The label time whose picture is shown at another one; None where there is only one.
+
+    Args:
+        times_s: of all labels.
+        index: of the label that is asked about.
+        seed: the same one gives the same times.
+    """
+    return None if len(times_s) < 2 else times_s[derangement(len(times_s), seed)[index]]
+
+
+def under(
+    condition: str, question: Question, another: Question | NoQuestion | None
+) -> Question | NoQuestion:
+    """A question under a condition.
+
+    Args:
+        condition: one of controls.CONDITIONS; empty: the question itself.
+        question: as it would be asked.
+        another: what would be asked at other_label_time; None where there is none. It is used
+            where a request holds a single frame.
+    """
+    if not condition:
+        return question
+    if condition == BLACK:
+        try:
+            return replace(question, request=blackened(question.request))
+        except InputError as error:  # the model itself is told so; a control must end nothing
+            return NoQuestion(question.label_t_s, f"there is no size to make black: {error}")
+    if len(question.request.frames) > 1:
+        return replace(question, request=shuffled(question.request))
+    if not isinstance(another, Question):
+        why = "there is no frame of another label time to show instead"
+        return NoQuestion(question.label_t_s, why)
+    frame = another.request.frames[-1]
+    return replace(question, request=shown_another(question.request, frame))
+
+
+@lru_cache(maxsize=8)
+def _black(width_px: int, height_px: int) -> bytes:
+    done, jpeg = cv2.imencode(".jpg", np.zeros((height_px, width_px, 3), np.uint8))
+    if not done:
+        raise ValueError(f"OpenCV can't encode a picture of {width_px} × {height_px} px")
+    return jpeg.tobytes()
+
+
+def _size(jpeg: bytes) -> tuple[int, int]:
+    # Of no bytes at all OpenCV raises an error of its own.
+    data = np.frombuffer(jpeg, np.uint8)
+    image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if jpeg else None
+    if image is None:
+        raise InputError("is no picture", field="frame")
+    return image.shape[1], image.shape[0]
+
 
 Progress = Callable[[], None]
 _LONGEST_PAUSE_S = 30.0
@@ -31,7 +151,7 @@ class Repeats:
 
     Args:
         fresh: also where an answer is stored.
-        errors: at most this often after an error that may pass (asker.PASSING).
+        errors: at most this often after an error that may pass (client.PASSING).
         pause_s: before the first repetition; doubled from each to the next, to 30 s at most.
     """
 
@@ -41,18 +161,18 @@ class Repeats:
 
 
 def ask_all(
-    place: CellPlace, askers: Askers, out: Path, repeats: Repeats, on_record: Progress
-) -> tuple[list[Asked], Ignored]:
+    place: CellPlace, clients: ModelClients, out: Path, repeats: Repeats, on_record: Progress
+) -> tuple[list[Asked], IgnoredAnswers]:
     """Asks about every label time that isn't answered in the cell's folder already.
 
     Args:
         place: the cell.
-        askers: gives the way to the model; not touched when every answer is stored already.
+        clients: gives the way to the model; not touched when every answer is stored already.
         out: campaign folder, which keeps the newest frame of each request.
         repeats: what is asked again.
         on_record: called once per label time.
     """
-    cell = _Conversation(place, askers, repeats)
+    cell = _Conversation(place, clients, repeats)
     for label in place.labelled.labels.labels:
         question = cell.question(label.t_s)
         if isinstance(question, Question):
@@ -67,12 +187,12 @@ class _Conversation:
 
     Args:
         place: the cell.
-        askers: gives the way to the model.
+        clients: gives the way to the model.
         repeats: what is asked again.
     """
 
-    def __init__(self, place: CellPlace, askers: Askers, repeats: Repeats) -> None:
-        self._place, self._askers, self._repeats = place, askers, repeats
+    def __init__(self, place: CellPlace, clients: ModelClients, repeats: Repeats) -> None:
+        self._place, self._clients, self._repeats = place, clients, repeats
         self._store = RawStore(place.folder)
         if repeats.fresh:
             self._store.forget()
@@ -80,7 +200,7 @@ class _Conversation:
         labels_sha256 = sha256_json(labels_to_json(labels))
         self._keys = AnswerKeys(place.model, labels_sha256, place.labelled.clip.start_ns)
         self._carries = place.model.spoken.carries_previous
-        self._asker: Asker | None = None
+        self._client: ModelClient | None = None
         self._unreachable = ""
         self._asked: list[Asked] = []
 
@@ -132,7 +252,7 @@ class _Conversation:
             asked = self._ask(question, key)
             while (
                 asked.loss in PASSING
-                and self._asker is not None
+                and self._client is not None
                 and asked.again < self._repeats.errors
             ):
                 time.sleep(min(self._repeats.pause_s * 2**asked.again, _LONGEST_PAUSE_S))
@@ -142,31 +262,31 @@ class _Conversation:
     def _ask(self, question: Question, key: str) -> Asked:
         request = replace(question.request, request_id=new_request_id(key))
         asked = Asked(question.label_t_s, question.t_s, request, None)
-        asker = self._reached()
-        if asker is None:
+        client = self._reached()
+        if client is None:
             return replace(asked, missing=self._unreachable, loss=Loss.UNREACHABLE)
-        reply = asker.ask(request)
+        reply = client.ask(request)
         if reply.response is None:
             return replace(asked, missing=reply.reason, loss=reply.loss)
         self._store.append(reply.response)
         loss, why = loss_of(reply.response)
         return replace(asked, response=reply.response, missing=why, loss=loss)
 
-    def _reached(self) -> Asker | None:
+    def _reached(self) -> ModelClient | None:
         """The way to the model; what can't be reached once is not tried again in this cell."""
-        if self._asker is None and not self._unreachable:
+        if self._client is None and not self._unreachable:
             labels_file = str(self._place.folder / LABELS_FILE)
             options = self._place.model.options_for(labels_file, self._place.labelled.clip.start_ns)
             try:
-                self._asker = self._askers.asker(self._place.model, options)
+                self._client = self._clients.client(self._place.model, options)
             except PeerError as error:
                 self._unreachable = str(error)
-        return self._asker
+        return self._client
 
-    def finish(self) -> tuple[list[Asked], Ignored]:
+    def finish(self) -> tuple[list[Asked], IgnoredAnswers]:
         """Leaves the stored answers and questions in order."""
         self._store.finish(self._asked)
-        return self._asked, Ignored() if self._asker is None else self._asker.ignored
+        return self._asked, IgnoredAnswers() if self._client is None else self._client.ignored
 
 
 def _keep_frame(out: Path, frame: Frame) -> None:

@@ -7,55 +7,104 @@ import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from pathlib import Path, PurePosixPath
-from typing import TypeVar
+from dataclasses import dataclass, field
+from pathlib import Path
 
 from ssp_core import console
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder
 from ssp_core.hashing import sha256_file
+from ssp_eval.data.labels import Labels, compare_by_scenario, load_labels
+from ssp_eval.data.provenance import SAFE_NAME, bag_folder, beside_bag, find_labels
 from ssp_eval.evaluate.admission import NO_AUDIT, Admission, keep_audits
-from ssp_eval.evaluate.asker import Askers
 from ssp_eval.evaluate.cell import CellOptions, evaluate_cell
-from ssp_eval.evaluate.cell_file import CellResult, holds_answers
-from ssp_eval.evaluate.clip import Clip
-from ssp_eval.evaluate.labelled import LabelledClip
-from ssp_eval.evaluate.model_spec import ModelSpec
-from ssp_eval.evaluate.plan import Plan, plan_of
-from ssp_eval.labels.model import Labels, load_labels
-from ssp_eval.labels.proposal.basis import Truth
-from ssp_eval.labels.proposal.propose import propose_by_plan
-from ssp_eval.labels.proposal.truth import truth_from_bag
-from ssp_eval.labels.proposal_file import is_unreviewed, write_proposal
-from ssp_eval.recordings.import_record import SAFE_NAME
-from ssp_eval.recordings.observation_file import find_observations
-from ssp_eval.recordings.provenance import bag_folder
-from ssp_eval.score import DEFAULT
+from ssp_eval.evaluate.cell_file import CellResult, LabelledClip, holds_answers
+from ssp_eval.evaluate.model_client import ModelClients
+from ssp_eval.evaluate.models import ModelSpec
+from ssp_eval.labels.propose import propose_by_plan
+from ssp_eval.labels.review import is_unreviewed, write_proposal
+from ssp_eval.labels.truth import Truth, truth_from_bag
+from ssp_eval.observations.files import find_observations
+from ssp_eval.recordings.clip import Clip
+from ssp_eval.score.thresholds import DEFAULT
 from ssp_vla_bridge.window import Preprocessing
 
-AnyPath = TypeVar("AnyPath", Path, PurePosixPath)
+NO_CONTROLS = "--no-controls"
 
 
-def find_labels(bag: Path) -> Path | None:
-    """The labels file of a bag: inside it, beside it as ``<bag>.labels.json``, or in its folder.
-
-    Args:
-        bag: its folder, or an MCAP file in it.
-    """
-    return next((path for path in labels_places(bag_folder(bag)) if path.is_file()), None)
-
-
-def labels_places(bag: AnyPath) -> tuple[AnyPath, AnyPath, AnyPath]:
-    """Where the labels of a bag may lie, in order.
+@dataclass(frozen=True)
+class Plan:
+    """How much there is to ask; what is stored already is counted too.
 
     Args:
-        bag: its folder, or an MCAP file that lies by itself.
+        label_times: of all cells, also of those that are refused and not asked.
+        cells: that are asked.
+        questions: to all models.
+        to_answerers: of these, to the harness's own answerers.
+        spoilt: of these, to models that are asked once more under a condition.
+        goes_on: some may have an answer that is stored, and isn't asked for again.
+        label_lines: per scenario how many labels each phase has, and whether the domains compare
+            (METHOD 5.2b).
     """
-    return bag / "labels.json", _beside(bag), bag.parent / "labels.json"
+
+    label_times: int
+    cells: int
+    questions: int
+    to_answerers: int
+    spoilt: int
+    goes_on: bool = False
+    label_lines: tuple[str, ...] = field(default=(), compare=False)
+
+    def line(self, leave_out: str = NO_CONTROLS) -> str:
+        """The plan for people.
+
+        Args:
+            leave_out: what leaves the controls out.
+        """
+        text = f"{_count(self.cells, 'cell')}, {_count(self.questions, 'question')}"
+        if self.goes_on:
+            text += " (those with a stored answer are counted and not asked again)"
+        controls = self.to_answerers + self.spoilt
+        if not controls:
+            return text
+        parts = []
+        if self.spoilt:
+            parts.append(f"{self.spoilt} to the models once more, with spoilt frames")
+        if self.to_answerers:
+            parts.append(f"{self.to_answerers} to answerers of our own")
+        what = ", ".join(parts)
+        return f"{text}; of these {controls} for controls: {what} ({leave_out} leaves them out)"
 
 
-def _beside(bag: AnyPath) -> AnyPath:
-    return bag.parent / f"{bag.name}.labels.json"
+def plan_of(
+    clips: Sequence[LabelledClip], models: Sequence[ModelSpec], goes_on: bool = False
+) -> Plan:
+    """What a campaign will ask.
+
+    Args:
+        clips: with their labels.
+        models: who is asked, controls included.
+        goes_on: the campaign has answers already, and they count.
+    """
+    compared = compare_by_scenario(
+        (clip.labels.scenario, clip.labels.domain, clip.labels) for clip in clips
+    )
+    label_times = sum(len(clip.labels.labels) for clip in clips)
+    asked = [clip for clip in clips if clip.refusal is None]
+    each = sum(len(clip.labels.labels) for clip in asked)
+    return Plan(
+        label_times=label_times * len(models),
+        cells=len(asked) * len(models),
+        questions=each * len(models),
+        to_answerers=each * sum(model.answerer for model in models),
+        spoilt=each * sum(bool(model.condition) for model in models),
+        goes_on=goes_on,
+        label_lines=tuple(f"{name}: {found.line}" for name, found in compared.items()),
+    )
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
 def labelled_clip(
@@ -106,7 +155,7 @@ def _propose(clips: Sequence[Clip]) -> None:
             console.note(f"note: {problem}: labels on a grid on the clock")
         for (clip, _), proposal in zip(group, proposals, strict=True):
             _check_name(proposal.labels, clip.path)
-            target = _beside(bag_folder(clip.path))
+            target = beside_bag(bag_folder(clip.path))
             make_folder(target.parent)
             write_proposal(target, proposal, source=clip.provenance.bag_sha256)
 
@@ -135,7 +184,7 @@ def _check_name(labels: Labels, file: Path) -> None:
 
 def _check_belongs(clip: Clip, labels: Labels, path: Path) -> None:
     facts = clip.provenance
-    for field, ours, theirs in (
+    for name, ours, theirs in (
         ("scenario", labels.scenario, facts.scenario),
         ("domain", labels.domain, facts.domain),
     ):
@@ -143,7 +192,7 @@ def _check_belongs(clip: Clip, labels: Labels, path: Path) -> None:
             raise InputError(
                 f"is for {ours!r}, but the bag {clip.path} is {theirs!r}",
                 file=path,
-                field=field,
+                field=name,
                 remedy="give the bag's own labels with --labels",
             )
 
@@ -275,7 +324,7 @@ def campaign_folder(out: Path) -> Iterator[None]:
 def run_campaign(
     bags: Sequence[tuple[Path, Path | None]],
     models: Sequence[ModelSpec],
-    askers: Askers,
+    clients: ModelClients,
     out: Path,
     options: CellOptions,
     propose_labels: bool = False,
@@ -288,7 +337,7 @@ def run_campaign(
     Args:
         bags: bag and its labels file (None: look beside it).
         models: who is asked.
-        askers: the way to them.
+        clients: the way to them.
         out: campaign folder.
         options: adapter and reuse.
         propose_labels: where there are no labels, propose them.
@@ -310,7 +359,7 @@ def run_campaign(
         on_plan(plan_of(clips, models, not options.fresh and holds_answers(out)))
         for labelled in clips:
             for model in models:
-                result = evaluate_cell(labelled, model, askers, out, options, on_record)
+                result = evaluate_cell(labelled, model, clients, out, options, on_record)
                 results.append(result)
             labelled.clip.forget_questions()
     return results

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder, write_json, write_text
 from ssp_core.hashing import sha256_file
-from ssp_eval.evaluate.asker import Askers
+from ssp_eval.data.labels import Labels, labels_to_json
+from ssp_eval.data.records import BehaviourRecord, record_to_json
 from ssp_eval.evaluate.asking import Repeats, ask_all
 from ssp_eval.evaluate.cell_file import (
     CELL_FILE,
@@ -19,17 +20,93 @@ from ssp_eval.evaluate.cell_file import (
     SCORE_FILE,
     CellPlace,
     CellResult,
+    LabelledClip,
     write_cell,
+    write_readable,
 )
-from ssp_eval.evaluate.cell_limits import write_readable
-from ssp_eval.evaluate.interpret import records_of
-from ssp_eval.evaluate.labelled import LabelledClip
-from ssp_eval.evaluate.model_spec import ModelSpec
+from ssp_eval.evaluate.model_client import ModelClients
+from ssp_eval.evaluate.models import ModelSpec
 from ssp_eval.evaluate.raw_store import check_unchanged
-from ssp_eval.extract.llm import Extractor, make_extractor
-from ssp_eval.labels.model import Labels, labels_to_json
-from ssp_eval.records import record_to_json
-from ssp_eval.score import DEFAULT, Thresholds, score_cell
+from ssp_eval.evaluate.requests import Asked
+from ssp_eval.extract.language import NOT_READ
+from ssp_eval.extract.llm import Extracted, Extractor, make_extractor
+from ssp_eval.score.cell import score_cell
+from ssp_eval.score.thresholds import DEFAULT, Thresholds
+from ssp_vla_bridge.adapters.registry import adapt
+from ssp_vla_bridge.messages import Request, Response
+
+LLM_MISSING = "slots of the LLM are missing"
+
+
+def records_of(
+    asked: Sequence[Asked], adapter: str, extractor: Extractor | None = None
+) -> list[BehaviourRecord]:
+    """One record per answer: adapter, then text extraction (METHOD 5.3 to 5.5).
+
+    A label time without an answer leaves no record, which scoring counts as a missing output.
+
+    Args:
+        asked: in label order.
+        adapter: name of the adapter.
+        extractor: of the slots; None: the rules alone.
+
+    Raises:
+        InputError: there is no such adapter.
+    """
+    return [
+        record_of(one.t_s, one.record_from, adapter, one.request, one.no_previous, extractor)
+        for one in asked
+        if one.record_from is not None and one.t_s is not None
+    ]
+
+
+def record_of(
+    t_s: float,
+    response: Response,
+    adapter: str,
+    request: Request | None = None,
+    no_previous: str = "",
+    extractor: Extractor | None = None,
+) -> BehaviourRecord:
+    """The record of one raw answer; the same answer always gives the same record.
+
+    Args:
+        t_s: clip time of the newest frame that was sent.
+        response: as it came.
+        adapter: name of the adapter, with its mode.
+        request: that it answers; an adapter knows an echo of the prompt by it.
+        no_previous: why the request held no previous answer though its interface carries one.
+        extractor: of the slots; None: the rules alone.
+
+    Raises:
+        InputError: there is no such adapter.
+    """
+    adapted = adapt(adapter, response, request)
+    notes = list(adapted.info.notes)
+    if no_previous:
+        notes.append(f"asked without a previous answer: {no_previous}")
+    found = (extractor or make_extractor())(adapted.text)
+    if found.language:
+        notes.append(f"{NOT_READ}: {found.language}")
+    notes += _llm_notes(found)
+    return BehaviourRecord(
+        t_s=t_s,
+        text=adapted.text,
+        slots=found.slots,
+        trajectory=adapted.trajectory,
+        invalid=adapted.invalid,
+        adapter={**asdict(adapted.info), "notes": notes},
+    )
+
+
+def _llm_notes(found: Extracted) -> list[str]:
+    """What the LLM of the extraction did or couldn't do; nothing where there is none."""
+    notes = []
+    if found.by_llm:
+        notes.append(f"slots by the LLM: {', '.join(found.by_llm)}")
+    if found.trouble:
+        notes.append(f"{LLM_MISSING}: {found.trouble}")
+    return notes
 
 
 @dataclass(frozen=True)
@@ -103,7 +180,7 @@ def _write_labels(folder: Path, labels: Labels) -> None:
 def evaluate_cell(
     labelled: LabelledClip,
     model: ModelSpec,
-    askers: Askers,
+    clients: ModelClients,
     out: Path,
     options: CellOptions,
     on_record: Callable[[], None],
@@ -113,7 +190,7 @@ def evaluate_cell(
     Args:
         labelled: clip and labels.
         model: who is asked.
-        askers: gives the way to the model; not touched when every answer is stored already.
+        clients: gives the way to the model; not touched when every answer is stored already.
         out: campaign folder.
         options: adapter, reuse and repetition.
         on_record: called once per label time.
@@ -131,7 +208,7 @@ def evaluate_cell(
         for _ in labelled.labels.labels:
             on_record()
         return write_cell(place, "refused", [refusal])
-    asked, ignored = ask_all(place, askers, out, options.repeats, on_record)
+    asked, ignored = ask_all(place, clients, out, options.repeats, on_record)
     records = records_of(asked, place.adapter, options.extractor)
     write_text(folder / RECORDS_FILE, "".join(record_to_json(r) + "\n" for r in records))
     if not records:

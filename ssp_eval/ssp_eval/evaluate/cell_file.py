@@ -1,7 +1,8 @@
-"""A cell's folder: the names of its files, and what cell.json says of it."""
+"""A cell's folder: its files and their size limits, and what cell.json says of clip and model."""
 
 from __future__ import annotations
 
+import json
 import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -10,17 +11,136 @@ from pathlib import Path
 from typing import Any
 
 from ssp_core import __version__
-from ssp_core.files import write_json
+from ssp_core.files import MAX_TEXT_BYTES, write_json, write_text
 from ssp_core.hashing import sha256_file, sha256_json
-from ssp_eval.evaluate.asker import Ignored, Loss
-from ssp_eval.evaluate.cell_limits import decodings, short, short_list, too_large, write_readable
-from ssp_eval.evaluate.controls import CONDITION_SEED
-from ssp_eval.evaluate.labelled import LabelledClip
-from ssp_eval.evaluate.model_spec import ModelSpec
-from ssp_eval.evaluate.store import EARLIER_FILE, RAW_FILE, REQUESTS_FILE, Asked
+from ssp_eval.data.labels import Labels, phase_counts
+from ssp_eval.evaluate.admission import NO_AUDIT, Admission
+from ssp_eval.evaluate.model_client import MOST_REASON, IgnoredAnswers, Loss
+from ssp_eval.evaluate.models import CONDITION_SEED, ModelSpec
+from ssp_eval.evaluate.requests import EARLIER_FILE, RAW_FILE, REQUESTS_FILE, Asked
 from ssp_eval.extract.llm import Extractor, make_extractor
-from ssp_eval.labels.comparable import phase_counts
-from ssp_eval.score import DEFAULT, Thresholds
+from ssp_eval.recordings.clip import Clip
+from ssp_eval.score.thresholds import DEFAULT, Thresholds
+from ssp_vla_bridge.messages import Response
+
+# In decoding facts these tell of one answer, not of how a model was set.
+_PER_ANSWER = (
+    "stages", "usage", "latency_s", "notes", "frames", "prompt_sha256", "previous_intent_sha256",
+)  # fmt: skip
+# Settings are a few lines; what is far more must be about the single answers.
+_MOST_DECODING = 1 << 20
+_MOST_REASONS = 20
+DIFFERING = "differs_by_answer"
+
+
+def write_readable(path: Path, value: Any) -> bool:
+    """Writes indented JSON with sorted keys, without spaces where it would be too large to be read.
+
+    Returns:
+        False where it is too large even so; nothing is written then.
+    """
+    for style in ({"indent": 1}, {"separators": (",", ":")}):
+        text = json.dumps(value, sort_keys=True, allow_nan=False, **style) + "\n"
+        if len(text.encode()) <= MAX_TEXT_BYTES:
+            write_text(path, text)
+            return True
+    return False
+
+
+def too_large(name: str, value: Mapping[str, Any]) -> str:
+    """The reason why a cell whose file can't be read is failed.
+
+    Args:
+        name: of the file.
+        value: that it would hold.
+    """
+    sizes = {key: len(json.dumps(part)) for key, part in value.items()}
+    largest = max(sizes, key=lambda key: sizes[key])
+    return (
+        f"{name} would be larger than the {MAX_TEXT_BYTES >> 20} MiB that are read: {largest} "
+        f"alone has {sizes[largest] / (1 << 20):.1f} MiB"
+    )
+
+
+def short(reason: str) -> str:
+    """A reason of a length that people read."""
+    return reason if len(reason) <= MOST_REASON else reason[: MOST_REASON - 1] + "…"
+
+
+def short_list(reasons: Sequence[str]) -> list[str]:
+    """The first reasons, and how many more there are."""
+    more = len(reasons) - _MOST_REASONS
+    shown = [short(reason) for reason in reasons[:_MOST_REASONS]]
+    return [*shown, f"and {more} more"] if more > 0 else shown
+
+
+def decodings(answers: Sequence[Response]) -> list[dict[str, Any]]:
+    """The different settings that answers were decoded with; what differs by answer is raw.
+
+    Where that is more than settings can be, what all answers share, and the names of the rest.
+    """
+    found = {}
+    for answer in answers:
+        settings = {k: v for k, v in answer.decoding.items() if k not in _PER_ANSWER}
+        found[json.dumps(settings, sort_keys=True)] = settings
+    if sum(map(len, found)) <= _MOST_DECODING:
+        return [found[key] for key in sorted(found)]
+    texts = [{k: json.dumps(v, sort_keys=True) for k, v in one.items()} for one in found.values()]
+    same = {
+        key: value
+        for key, value in texts[0].items()
+        if len(value) <= _MOST_DECODING and all(one.get(key) == value for one in texts)
+    }
+    names = sorted({short(key) for one in texts for key in one if key not in same})
+    shared: dict[str, Any] = {key: json.loads(value) for key, value in same.items()}
+    return [{**shared, DIFFERING: short_list(names)}]
+
+
+@dataclass(frozen=True)
+class LabelledClip:
+    """A clip with its labels, ready to be asked about.
+
+    Args:
+        clip: open.
+        labels: of this clip.
+        labels_source: where they come from, for people.
+        proposed: made from privileged states and not reviewed since.
+        admission: what the audit says of the recording.
+    """
+
+    clip: Clip
+    labels: Labels
+    labels_source: str
+    proposed: bool
+    admission: Admission = NO_AUDIT
+
+    @property
+    def name(self) -> str:
+        """Scenario and domain as they stand in the cell's folder name."""
+        return f"{self.labels.scenario}__{self.labels.domain}"
+
+    @property
+    def refusal(self) -> str | None:
+        """Why this recording can't be scored against these labels; None when it can."""
+        facts = self.clip.provenance
+        if facts.refusal is not None:
+            return facts.refusal
+        if self.admission.refusal is not None:
+            return self.admission.refusal
+        if facts.event_version not in (None, self.labels.event_version):
+            return (
+                f"the labels are for event version {self.labels.event_version}, the recording "
+                f"realises {facts.event_version}"
+            )
+        crop = self.clip.crop
+        outside = [x.t_s for x in self.labels.labels if crop is not None and not crop.holds(x.t_s)]
+        if crop is not None and outside:
+            return (
+                f"the label at {outside[0]:g} s lies outside the clip that the audit compared, "
+                f"{crop.start_s:.3f} to {crop.end_s:.3f} s; `ssp labels new` plans labels inside it"
+            )
+        return None
+
 
 CELL_SCHEMA = "ssp.cell/1"
 CELLS = "cells"
@@ -50,7 +170,7 @@ class CellResult:
         score: METHOD 6.14, None unless ok.
         asked: requests that were sent.
         reused: answers that an earlier run had stored.
-        losses: label times without an answer, counted by kind (asker.Loss).
+        losses: label times without an answer, counted by kind (client.Loss).
         again: questions that were repeated after an error.
         admission: admitted, refused, unpaired or unaudited (admission.py).
         admission_reasons: of a refusal, or why an audit of the recording doesn't hold any more.
@@ -181,7 +301,7 @@ def write_cell(
     status: str,
     reasons: Sequence[str],
     asked: Sequence[Asked] = (),
-    ignored: Ignored | None = None,
+    ignored: IgnoredAnswers | None = None,
     score: dict[str, Any] | None = None,
 ) -> CellResult:
     """Writes cell.json, the last of a cell's files.
@@ -250,7 +370,7 @@ def _facts(
     status: str,
     reasons: Sequence[str],
     asked: Sequence[Asked],
-    ignored: Ignored | None,
+    ignored: IgnoredAnswers | None,
 ) -> dict[str, Any]:
     """What cell.json says; see write_cell."""
     labelled, model = place.labelled, place.model
@@ -287,7 +407,7 @@ def _facts(
                 if one.missing
             ],
             "missing_by_kind": _losses(asked),
-            "ignored": (ignored or Ignored()).to_json(),
+            "ignored": (ignored or IgnoredAnswers()).to_json(),
         },
         "backend": "" if model.attached else model.backend_name,
         "backend_options": dict(model.options),

@@ -1,10 +1,10 @@
-"""The models of a campaign as people write them: ``--bridge``, ``--attach`` and the models file."""
+"""The models of a campaign: ``--bridge``, ``--attach``, the models file, and controls."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Collection
-from dataclasses import asdict, replace
+from collections.abc import Collection, Mapping
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -13,9 +13,7 @@ from pydantic import ConfigDict, Field
 from ssp_core.errors import InputError
 from ssp_core.files import parse_model, read_mapping
 from ssp_core.run_file.values import Strict
-from ssp_eval.evaluate.controls import ANSWERERS, CONDITIONS, CONTROLS
-from ssp_eval.evaluate.model_spec import ModelFacts, ModelSpec
-from ssp_eval.evaluate.secret_options import refuse_secrets
+from ssp_vla_bridge.adapters.registry import check_adapter
 from ssp_vla_bridge.backend import (
     BACKENDS,
     OPTION_INTERFACE,
@@ -26,7 +24,168 @@ from ssp_vla_bridge.backend import (
     parse_options,
 )
 from ssp_vla_bridge.backends import python
-from ssp_vla_bridge.window import Preprocessing, find_interface
+from ssp_vla_bridge.window import Interface, Preprocessing, find_interface
+
+# In the options of a bridge these words stand for what only the cell knows.
+LABELS_FILE = "{labels_file}"
+CLIP_START_NS = "{clip_start_ns}"
+# Options that nobody should have to type, by control: the privileged one needs both.
+CONTROLS: dict[str, dict[str, Any]] = {
+    "perfect": {"labels_file": LABELS_FILE, "clip_start_ns": CLIP_START_NS},
+    "silent": {},
+    "recorded": {},
+}
+# Whatever such a bridge is called, it is no model; a recording may be of one.
+NEVER_MODELS = frozenset({"perfect", "silent"})
+
+# What --controls adds: answerers, and conditions under which each model is asked once more.
+ANSWERERS = ("constant_velocity", "copy_history", "perfect", "silent")
+BLACK = "black"
+SHUFFLED = "shuffled"
+CONDITIONS = (BLACK, SHUFFLED)
+# Of the order into which frames are put; one for all campaigns, so that they can be compared.
+CONDITION_SEED = 1
+
+
+def is_control_name(model: str) -> bool:
+    """Whether a name alone says that it is no model but a check of the harness."""
+    return model in CONTROLS or model.endswith(tuple(f"+{name}" for name in CONDITIONS))
+
+
+@dataclass(frozen=True)
+class ModelFacts:
+    """What reports say of a model; nothing here changes how it is asked or scored.
+
+    Args:
+        total_b: parameters, billions; None where nobody says.
+        active_b: parameters that one token uses, billions; None where nobody says.
+        architecture: a word such as ``dense`` or ``moe``; empty where nobody says.
+    """
+
+    total_b: float | None = None
+    active_b: float | None = None
+    architecture: str = ""
+
+
+@dataclass(frozen=True)
+class ModelSpec:
+    """One model of a campaign.
+
+    Args:
+        name: on the topics and in the results.
+        options: of its backend; placeholders stand for what differs from cell to cell.
+        attached: its bridge runs already, and isn't ours to start or stop.
+        backend: name of a backend or ``module:factory``; empty: the model's name.
+        interface: that it speaks; empty: the one of its backend and options.
+        adapter: that reads its answers, ``name`` or ``name:mode``; empty: the interface's.
+        timeout_s: for one answer; None: the campaign's.
+        preprocessing: what differs from the interface's, by field of Preprocessing.
+        facts: for reports.
+        condition: under which it is asked (conditions.py); empty: as it is meant to be.
+        control: it was added to check the harness, whatever it is; it enters no mean and no rank.
+        answerer: it is one of the harness's own that was added; nobody has to start it.
+    """
+
+    name: str
+    options: Mapping[str, Any] = field(default_factory=dict)
+    attached: bool = False
+    backend: str = ""
+    interface: str = ""
+    adapter: str = ""
+    timeout_s: float | None = None
+    preprocessing: Mapping[str, Any] = field(default_factory=dict)
+    facts: ModelFacts = ModelFacts()
+    condition: str = ""
+    control: bool = False
+    answerer: bool = False
+
+    @property
+    def shown(self) -> str:
+        """Its name in results, such as ``mine+black``: under a condition it is another cell."""
+        return f"{self.name}+{self.condition}" if self.condition else self.name
+
+    @property
+    def backend_name(self) -> str:
+        """The backend that answers; of an attached bridge it is known only if somebody says."""
+        return self.backend or self.name
+
+    @property
+    def spoken(self) -> Interface:
+        """What the model expects and gives.
+
+        Raises:
+            InputError: there is no such interface.
+        """
+        return find_interface(self.interface or interface_of(self.backend_name, self.options))
+
+    @property
+    def rules(self) -> Preprocessing:
+        """Which frames and ego samples its requests hold."""
+        return replace(self.spoken.preprocessing, **self.preprocessing)
+
+    def read_by(self, override: str = "") -> str:
+        """The adapter with its mode, as it stands in results.
+
+        Args:
+            override: adapter of the whole campaign; empty: the model's own.
+
+        Raises:
+            InputError: there is no such adapter.
+        """
+        return ":".join(check_adapter(override or self.adapter or self.spoken.adapter))
+
+    def options_for(self, labels_file: str, clip_start_ns: int) -> dict[str, Any]:
+        """The backend's options for one cell, or what stands for them in a key."""
+        return _filled(self.options, {LABELS_FILE: labels_file, CLIP_START_NS: clip_start_ns})
+
+
+def _filled(options: Mapping[str, Any], places: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        key: places.get(value, value) if isinstance(value, str) else value
+        for key, value in options.items()
+    }
+
+
+# By name: api_key, x-api-key, authorization, secret, hf_token; not max_tokens, not api_key_env.
+_SECRET_NAME = re.compile(
+    r"(?:.*_)?(?:api_?key|secret|secret_key|password|passwd|authorization|credentials?|bearer)"
+    r"|(?:(?:api|access|auth|bearer|secret|hf|service|refresh|id)_)?token|key"
+)
+# By value: what the vendors give out, an authorization header, a password in an address.
+_VALUE = re.compile(
+    r"\b(?:sk|pk|rk|hf|gsk|xai|ghp|AIza)[-_]?[A-Za-z0-9_-]{20,}|\b[Bb]earer\s+\S{8,}|://[^/\s@]+:[^/\s@]+@"
+)
+_REMEDY = "put it into an environment variable and name that with the option api_key_env"
+
+
+def refuse_secrets(value: Any, file: str | None = None, field: str = "") -> None:
+    """Refuses what is or looks like a key, wherever it stands; the message doesn't repeat it.
+
+    Args:
+        value: options, or a whole models file, as parsed.
+        file: for the message.
+        field: path of the value.
+
+    Raises:
+        InputError: with the field, and where a key may stand instead.
+    """
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            place = f"{field}.{key}" if field else str(key)
+            name = str(key).lower().replace("-", "_")
+            if (
+                _SECRET_NAME.fullmatch(name)
+                and inner is not None
+                and not isinstance(inner, dict | bool)
+            ):
+                raise InputError("is a secret's place", file=file, field=place, remedy=_REMEDY)
+            refuse_secrets(inner, file, place)
+    elif isinstance(value, list):
+        for index, inner in enumerate(value):
+            refuse_secrets(inner, file, f"{field}[{index}]")
+    elif isinstance(value, str) and _VALUE.search(value):
+        raise InputError("looks like a secret", file=file, field=field or None, remedy=_REMEDY)
+
 
 SCHEMA = "ssp.models/1"
 # A model's name is a part of topics and of a cell's folder name.

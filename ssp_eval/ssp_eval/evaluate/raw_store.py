@@ -19,13 +19,13 @@ from typing import Any
 from ssp_core.errors import HostError, InputError
 from ssp_core.files import write_text
 from ssp_core.hashing import sha256_file
-from ssp_eval.evaluate.answer_key import key_of
 from ssp_eval.evaluate.cell_file import CELL_FILE
-from ssp_eval.evaluate.store import (
+from ssp_eval.evaluate.requests import (
     EARLIER_FILE,
     RAW_FILE,
     REQUESTS_FILE,
     Asked,
+    key_of,
     request_to_json,
 )
 from ssp_vla_bridge.messages import Response, response_from_json, response_to_json

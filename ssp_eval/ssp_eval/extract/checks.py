@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ssp_eval.records import VOCABULARIES, Slot
+from ssp_eval.data.records import VOCABULARIES, Slot
 
 
 def check(text: str, name: str, slot: Slot) -> Slot | None:

@@ -14,7 +14,9 @@ from ssp_core import console
 from ssp_core.errors import InputError
 from ssp_core.files import MAX_TEXT_BYTES, refuse_named_pipe
 from ssp_core.hashing import sha256_file
-from ssp_eval import strict
+from ssp_eval.data import json_fields
+from ssp_eval.data.json_fields import Location
+from ssp_eval.data.records import BehaviourRecord, record_to_json
 from ssp_eval.extract.language import NOT_READ
 from ssp_eval.extract.llm import Extracted, Extractor
 from ssp_eval.extract.llm.options import extractor_of, llm_options
@@ -26,8 +28,6 @@ from ssp_eval.extract.review.model import load_key
 from ssp_eval.extract.review.returned import load_answers
 from ssp_eval.extract.review.show import show as show_review
 from ssp_eval.extract.review.subset import Candidate, choose, make_subset
-from ssp_eval.records import BehaviourRecord, record_to_json
-from ssp_eval.strict import Place
 
 _PATH = click.Path(path_type=Path)
 
@@ -183,7 +183,7 @@ def _texts(stream: Iterable[str], file: str) -> Iterator[tuple[str | int, str]]:
             content = line.removeprefix("\ufeff") if number == 1 else line
             if not content.strip():
                 continue
-            place = Place(file, number)
+            place = Location(file, number)
             key, text = _text(content, place)
             if (first := lines.setdefault(key, number)) != number:
                 raise place.at("id").error(
@@ -196,9 +196,9 @@ def _texts(stream: Iterable[str], file: str) -> Iterator[tuple[str | int, str]]:
         raise InputError("is not UTF-8", file=file, line=number + 1) from error
 
 
-def _text(content: str, place: Place) -> tuple[str | int, str]:
-    found = strict.mapping(strict.parse_json(content, place), place, ("id", "text"))
+def _text(content: str, place: Location) -> tuple[str | int, str]:
+    found = json_fields.mapping(json_fields.parse_json(content, place), place, ("id", "text"))
     key = found["id"]
     if isinstance(key, bool) or not isinstance(key, str | int):
         raise place.at("id").error("must be a string or a whole number", key)
-    return key, strict.string(found["text"], place.at("text"))
+    return key, json_fields.string(found["text"], place.at("text"))

@@ -1,1 +1,1 @@
-"""Figures for print (METHOD 7); matplotlib is imported only where one is drawn."""
+"""Figures for print and overlays on frames (METHOD 7); matplotlib is imported only to draw."""

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping
 from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
-from ssp_eval.figures.drawing import UNITS, Drawing, LeftOut, caption, shown_mean
 from ssp_eval.figures.ranks import rank_slopes
 from ssp_eval.figures.scores import Scores, words
 from ssp_eval.figures.style import (
@@ -17,13 +16,18 @@ from ssp_eval.figures.style import (
     DOMAIN_LOOKS,
     FAINT,
     INK,
+    UNITS,
+    Drawing,
+    LeftOut,
     Sheet,
+    caption,
     fitted,
     share_axis,
+    shown_mean,
     text_width_in,
 )
 from ssp_eval.score.aggregate import Cell, Mean, mean
-from ssp_eval.score.ivcs import ivcs_terms, ivcs_weights
+from ssp_eval.score.cell import ivcs_terms, ivcs_weights
 
 NONE_ADMITTED = "no cell is admitted to domain means"
 COMPONENTS = tuple(ivcs_weights())

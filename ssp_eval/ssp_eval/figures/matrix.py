@@ -9,15 +9,6 @@ from dataclasses import dataclass
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle, Rectangle
 
-from ssp_eval.analysis.row import OK, CellRow
-from ssp_eval.figures.drawing import (
-    UNITS,
-    Drawing,
-    LeftOut,
-    caption,
-    page_name,
-    renamed,
-)
 from ssp_eval.figures.scores import Scores, words
 from ssp_eval.figures.style import (
     COMPONENT_NAMES,
@@ -27,12 +18,19 @@ from ssp_eval.figures.style import (
     MOST_HEIGHT_IN,
     PAGE_IN,
     SMALL_PT,
+    UNITS,
+    Drawing,
+    LeftOut,
     Sheet,
+    caption,
     fitted,
     names_in,
+    page_name,
+    renamed,
     text_width_in,
 )
-from ssp_eval.score.show import NULL, format_ratio, format_response
+from ssp_eval.score.cli import NULL, format_ratio, format_response
+from ssp_eval.statistics.rows import OK, CellRow
 
 NAME = "matrix"
 COMPONENTS = ("jovr", "sem_acc_eff", "cia_eff", "tqsr")

@@ -1,4 +1,4 @@
-"""Models (METHOD 7.3): range over scenarios, ranks, profiles, differences to a reference."""
+"""Models (METHOD 7.3): ranges, ranks, profiles, differences to a reference, controls."""
 
 from __future__ import annotations
 
@@ -6,35 +6,157 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from matplotlib.axes import Axes
 
-from ssp_eval.figures.differences import differences
-from ssp_eval.figures.drawing import (
-    UNITS,
-    Drawing,
-    LeftOut,
-    caption,
-    page_name,
-    pages_of,
-    renamed,
-    shown_mean,
-)
-from ssp_eval.figures.named_rows import COMPONENTS, NO_MODEL, named_rows, row_pages
+from ssp_eval.evaluate.models import BLACK, SHUFFLED
 from ssp_eval.figures.ranks import rank_slopes
-from ssp_eval.figures.scores import Group, Scores, words
+from ssp_eval.figures.scores import Group, Scores, listed, words
 from ssp_eval.figures.style import (
     BLUE,
     COMPONENT_NAMES,
+    COMPONENTS,
+    FAINT,
     GREY,
     INK,
     LOOKS,
     NAMES_IN,
+    NO_MODEL,
+    ORANGE,
     PAGE_IN,
+    RED,
+    ROW_IN,
+    SCORES,
+    UNITS,
+    Drawing,
+    LeftOut,
     Look,
     Sheet,
+    caption,
+    name_rows,
+    named_rows,
     names_in,
+    page_name,
+    pages_of,
+    renamed,
+    row_pages,
     row_width_in,
     share_axis,
+    shown_mean,
     text_width_in,
+    widest_in,
 )
+from ssp_eval.score.aggregate import BY_MODEL, Cell, Mean, means, relative_difference
+from ssp_eval.statistics.table import Table, Value
+from ssp_eval.statistics.tables import ANSWERERS, SEEING, control_tables
+
+# Ends of the axes that all panels share.
+_LIMITS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1.0)
+
+
+def differences(scores: Scores, reference: str | None) -> Iterator[Drawing | LeftOut]:
+    """Mean scores of each model less those of a reference, over the cells that both have.
+
+    Args:
+        scores: what is shown.
+        reference: the model that others are compared to; None: the best by IVCS.
+    """
+    name = "models_difference"
+    if len(scores.by_model) < 2:
+        yield LeftOut(name, "a difference needs two models")
+        return
+    chosen = reference is not None
+    base = reference if reference is not None else next(iter(scores.by_model))
+    others = [model for model in scores.by_model if model != base]
+    pairs: dict[str, tuple[list[Cell], list[Cell]]] = {
+        model: _shared(scores.cells, model, base) for model in others
+    }
+    compared = [model for model in others if pairs[model][0]]
+    if not compared:
+        yield LeftOut(name, f"no model has a scenario and domain in common with {base}")
+        return
+    names = names_in([*compared, base], 1.6)
+    pages = row_pages(compared)
+    for number, members in enumerate(pages, start=1):
+        sheet = _difference_panels({m: pairs[m] for m in members}, names)
+        apart = [model for model in others if model not in compared]
+        counts = sorted({len(pairs[m][0]) for m in members})
+        yield Drawing(
+            page_name(name, number, len(pages)),
+            sheet.figure,
+            caption(
+                f"Differences to the reference {base}"
+                + (" (as chosen)" if chosen else " (the best by IVCS; --reference names another)")
+                + ": mean score of a model minus the reference's, over the scenarios and domains "
+                f"that both have ({', '.join(map(str, counts))} per model); at the right the "
+                "difference of IVCS relative to the reference's. Filled bars are gains, hatched "
+                "ones losses, – is a score without denominator.",
+                f"Nothing in common with it: {listed(apart)}." if apart else "",
+                scores.left_out,
+                UNITS,
+                renamed({m: names[m] for m in (*members, base)}),
+            ),
+        )
+
+
+def _shared(cells: Sequence[Cell], model: str, base: str) -> tuple[list[Cell], list[Cell]]:
+    """The cells of two models in the scenarios and domains that both have."""
+    by_model: dict[str, dict[tuple[str, str], Cell]] = {model: {}, base: {}}
+    for cell in cells:
+        if cell.model in by_model:
+            by_model[cell.model][(cell.scenario, cell.domain)] = cell
+    keys = sorted(by_model[model].keys() & by_model[base].keys())
+    return [by_model[model][key] for key in keys], [by_model[base][key] for key in keys]
+
+
+def _difference_panels(
+    pairs: Mapping[str, tuple[list[Cell], list[Cell]]], names: dict[str, str]
+) -> Sheet:
+    found = {}
+    for model, (own, others) in pairs.items():
+        mine = next(iter(means(own, BY_MODEL).values()))
+        theirs = next(iter(means(others, BY_MODEL).values()))
+        found[model] = {key: (mine[key].value, theirs[key].value) for key in SCORES}
+    apart = {
+        model: {k: None if a is None or b is None else a - b for k, (a, b) in row.items()}
+        for model, row in found.items()
+    }
+    most = max((abs(v) for row in apart.values() for v in row.values() if v is not None), default=0)
+    limit = next(step for step in _LIMITS if most <= step + 1e-9)
+    left_in, right_in, head_in = widest_in(names[m] for m in pairs) + 0.15, 0.55, 0.24
+    room_in = PAGE_IN - left_in - right_in
+    panel_in = (room_in - 0.14 * (len(SCORES) - 1)) / len(SCORES)
+    height_in = ROW_IN * len(pairs)
+    sheet = Sheet(PAGE_IN, head_in + height_in + 0.3)
+    for column, key in enumerate(SCORES):
+        axes = sheet.axes(left_in + column * (panel_in + 0.14), head_in, panel_in, height_in)
+        axes.set_xlim(-limit, limit)
+        name_rows(axes, [names[m] if column == 0 else "" for m in pairs])
+        axes.set_title(COMPONENT_NAMES[key], pad=3, size=7.0)
+        axes.set_xticks([-limit, 0.0, limit], [f"−{limit:g}", "0", f"+{limit:g}"])
+        ends = axes.get_xticklabels()
+        ends[0].set_horizontalalignment("left")
+        ends[-1].set_horizontalalignment("right")
+        axes.spines["left"].set_visible(False)
+        axes.axvline(0.0, color=INK, linewidth=0.7)
+        for row, model in enumerate(pairs):
+            axes.axhline(row, color=FAINT, linewidth=0.4, zorder=0)
+            value = apart[model][key]
+            if value is None:
+                axes.text(0.0, row, " –", va="center_baseline")
+                continue
+            gain = value >= 0.0
+            axes.barh(
+                row, value, 0.6, color=BLUE if gain else "white", edgecolor=BLUE if gain else RED,
+                linewidth=0.6, hatch="" if gain else "//////", gid=f"bar-{model}-{key}",
+            )  # fmt: skip
+    page = sheet.page()
+    page.text(PAGE_IN - 0.05, head_in - 0.07, "rel. IVCS", ha="right")
+    for row, model in enumerate(pairs):
+        share = relative_difference(*found[model]["ivcs"])
+        text = "–" if share is None else f"{share:+z.0%}".replace("-", "−").replace("%", " %")
+        page.text(
+            PAGE_IN - 0.05, head_in + ROW_IN * (row + 0.5), text, ha="right", va="center_baseline"
+        )
+    return sheet
+
 
 PROFILE = (*COMPONENTS, "act_acc_eff", "atc_eff")
 MACRO_LOOK = Look(INK, "|", "")
@@ -194,3 +316,91 @@ def _profile(axes: Axes, model: str, group: Group, middle: Sequence[float | None
             ends = [value, value], [place - 0.4, place + 0.4]
             axes.plot(*ends, color="white", linewidth=2.6, solid_capstyle="butt")
             axes.plot(*ends, color=INK, linewidth=1.2, solid_capstyle="butt")
+
+
+NAME = "controls"
+_SPOILT = {BLACK: "black frames", SHUFFLED: "shuffled frames"}
+_OWN, _OTHER, _CONTROL = Look(BLUE, "o", ""), Look(ORANGE, "s", ""), Look("#bdbdbd", "D", "")
+
+
+def controls(scores: Scores) -> list[Drawing | LeftOut]:
+    """Mean IVCS of each model beside itself with spoilt frames, and of the other controls."""
+    tables = {table.name: table for table in control_tables(scores.rows)}
+    lines: dict[str, tuple[float | None, float]] = {}
+    counts: dict[str, int] = {}
+    for row in _named(tables.get(SEEING)):
+        own, spoilt = _value(row["ivcs"]), _value(row["ivcs_spoilt"])
+        if own is not None and spoilt is not None:
+            name = f"{row['model']}: {_SPOILT[str(row['condition'])]}"
+            lines[name], counts[name] = (own, spoilt), int(str(row["n"]))
+    for row in _named(tables.get(ANSWERERS)):
+        value = _value(row["ivcs"])
+        if value is not None:
+            lines[str(row["model"])], counts[str(row["model"])] = (None, value), int(str(row["n"]))
+    if not lines:
+        return [LeftOut(NAME, "there are no scored cells of controls")]
+    pages = row_pages(list(lines))
+    return [
+        _page(page_name(NAME, number, len(pages)), {m: lines[m] for m in members}, counts)
+        for number, members in enumerate(pages, start=1)
+    ]
+
+
+def _page(
+    name: str, lines: Mapping[str, tuple[float | None, float]], counts: Mapping[str, int]
+) -> Drawing:
+    width_in = row_width_in(lines)
+    names = names_in(lines, NAMES_IN[width_in])
+    seeing = any(own is not None for own, _ in lines.values())
+    legend = {"as it is": _OWN, "spoilt frames": _OTHER} if seeing else {}
+    if any(own is None for own, _ in lines.values()):
+        legend["answerer of the harness"] = _CONTROL
+    sheet, axes, head_in = named_rows(width_in, list(names.values()), legend, right_in=0.45)
+    for row, (label, (own, value)) in enumerate(lines.items()):
+        if own is not None:
+            axes.plot([own, value], [row, row], color=GREY, linewidth=1.2, zorder=2)
+        marks = ((own, _OWN, 7.5), (value, _CONTROL if own is None else _OTHER, 4.5))
+        for x, look, size in marks:
+            if x is not None:
+                # The larger one is seen behind the other where nothing changed.
+                axes.plot(
+                    [x], [row], look.marker, color=look.colour, markeredgecolor=INK,
+                    markeredgewidth=0.4, markersize=size, clip_on=False, zorder=3,
+                    gid=f"control-{label}",
+                )  # fmt: skip
+        text = f"{value:.2f}" if own is None else f"{value - own:+z.2f}".replace("-", "−")
+        sheet.figure.text(
+            1.0 - 0.05 / width_in, 1.0 - (head_in + ROW_IN * (row + 0.5)) / sheet.height_in, text,
+            va="center_baseline", ha="right", color=GREY,
+        )  # fmt: skip
+    share_axis(axes, "IVCS, mean over cells")
+    told = ", ".join(f"{label} {counts[label]}" for label in lines)
+    return Drawing(
+        name,
+        sheet.figure,
+        caption(
+            "Controls, which enter no mean elsewhere. A model's IVCS as it is and with spoilt "
+            "frames, everything else in the question being the same: means over the recordings "
+            "scored with both, at the right the change. Who scores as much without seeing isn't "
+            "scored for what it sees."
+            if seeing
+            else "Controls, which enter no mean elsewhere.",
+            "Answerers of the harness, at the right their IVCS: perfect should have 1, silent 0, "
+            "and constant_velocity and copy_history see no frame."
+            if len(legend) != 2
+            else "",
+            f"Cells: {told}.",
+            renamed(names),
+        ),
+    )
+
+
+def _named(table: Table | None) -> list[dict[str, Value]]:
+    if table is None:
+        return []
+    keys = [column.key for column in table.columns]
+    return [dict(zip(keys, row, strict=True)) for row in table.rows]
+
+
+def _value(value: Value) -> float | None:
+    return value.value if isinstance(value, Mean) else None

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -12,18 +13,256 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ssp_core.bag.frames import Frames, Picture
+from ssp_core.bag.reader import BagReader
+from ssp_core.cdr.messages import object_state, peek_stamp_ns
 from ssp_core.clock import NS_PER_S, seconds_to_ns
-from ssp_core.errors import InputError
+from ssp_core.errors import InputError, SspError
+from ssp_core.geometry import Pose2, wrap_angle
+from ssp_core.names import CAMERA_IMAGE, VUT_ID, absolute, state_topic
+from ssp_eval.data.labels import Label
+from ssp_eval.data.provenance import content_sha256
+from ssp_eval.data.records import BehaviourRecord
 from ssp_eval.evaluate.cell_file import frame_path
-from ssp_eval.figures.ego_path import EgoPath, ego_path
-from ssp_eval.figures.recording import Recorded, Recordings
-from ssp_eval.labels.model import Label
-from ssp_eval.records import BehaviourRecord
-from ssp_eval.report.load import CellData
-from ssp_eval.report.projection import Ribbon, ribbon
-from ssp_eval.score import Judgement
-from ssp_eval.score.show import NULL
+from ssp_eval.evaluate.results import CellData
+from ssp_eval.figures.projection import Ribbon, ribbon
+from ssp_eval.score.cli import NULL
+from ssp_eval.score.judge import Judgement
 from ssp_vla_bridge.trajectory import Trajectory
+from ssp_vla_bridge.window import Preprocessing, choose
+
+_SLACK_NS = 1_000
+
+
+@dataclass(frozen=True)
+class EgoPath:
+    """Poses of the VUT's reference point over time, in pieces that each have a frame of their own.
+
+    Args:
+        pieces: stamps (ns, rising) and poses of each.
+    """
+
+    pieces: tuple[tuple[tuple[int, ...], tuple[Pose2, ...]], ...]
+
+    def pose(self, at_ns: int) -> tuple[int, Pose2] | None:
+        """The piece that covers a time, and the pose then; None where it isn't known."""
+        for index, (stamps, poses) in enumerate(self.pieces):
+            if stamps[0] - _SLACK_NS <= at_ns <= stamps[-1] + _SLACK_NS:
+                return index, _interpolated(stamps, poses, at_ns)
+        return None
+
+    def after(self, at_ns: int, horizon_s: float) -> Trajectory | None:
+        """What was driven from a time on, in the ego frame then; None where it isn't known.
+
+        Args:
+            at_ns: t = 0 of the result.
+            horizon_s: of the result, s; it ends earlier where the recording's requests do.
+        """
+        found = self.pose(at_ns)
+        if found is None:
+            return None
+        index, origin = found
+        end_ns = at_ns + round(horizon_s * NS_PER_S)
+        times, xs, ys = [0.0], [0.0], [0.0]
+        for stamp_ns, pose in zip(*self.pieces[index], strict=True):
+            if at_ns + _SLACK_NS < stamp_ns <= end_ns + _SLACK_NS:
+                x_m, y_m = origin.to_local(pose.x_m, pose.y_m)
+                times.append((stamp_ns - at_ns) / NS_PER_S)
+                xs.append(x_m)
+                ys.append(y_m)
+        return Trajectory(tuple(times), tuple(xs), tuple(ys)) if len(times) > 1 else None
+
+    def seen_from(self, plan: Trajectory, made_ns: int, at_ns: int) -> Trajectory | None:
+        """A plan in the ego frame of another time; None where the way between isn't known.
+
+        Args:
+            plan: in the ego frame at made_ns.
+            made_ns: when it was made.
+            at_ns: when it is looked at; its times stay those since made_ns.
+        """
+        if made_ns == at_ns:
+            return plan
+        before, now = self.pose(made_ns), self.pose(at_ns)
+        if before is None or now is None or before[0] != now[0]:
+            return None
+        places = [
+            now[1].to_local(*before[1].to_parent(x_m, y_m))
+            for x_m, y_m in zip(plan.x_m, plan.y_m, strict=True)
+        ]
+        return Trajectory(plan.t_s, tuple(x for x, _ in places), tuple(y for _, y in places))
+
+
+def ego_path(requests: Iterable[Mapping[str, Any]]) -> EgoPath:
+    """The path that the ego histories of requests tell.
+
+    Args:
+        requests: lines of requests.jsonl; those without a history tell nothing.
+    """
+    pieces: list[tuple[list[int], list[Pose2]]] = []
+    asked = [r for r in requests if r.get("history") and r.get("stamp_ns") is not None]
+    for request in sorted(asked, key=lambda r: int(r["stamp_ns"])):
+        stamps, local = _history(request)
+        joint = pieces[-1][0][-1] if pieces else None
+        if joint is None or joint < stamps[0] - _SLACK_NS:
+            pieces.append((stamps, local))
+            continue
+        # The request's own frame, in that of the piece, through the pose that both have.
+        shared = _interpolated(stamps, local, joint)
+        there = pieces[-1][1][-1]
+        yaw = wrap_angle(there.yaw_rad - shared.yaw_rad)
+        turned = Pose2(0.0, 0.0, yaw).to_parent(shared.x_m, shared.y_m)
+        frame = Pose2(there.x_m - turned[0], there.y_m - turned[1], yaw)
+        for stamp_ns, pose in zip(stamps, local, strict=True):
+            if stamp_ns > joint + _SLACK_NS:
+                x_m, y_m = frame.to_parent(pose.x_m, pose.y_m)
+                pieces[-1][0].append(stamp_ns)
+                pieces[-1][1].append(Pose2(x_m, y_m, wrap_angle(yaw + pose.yaw_rad)))
+    return EgoPath(tuple((tuple(stamps), tuple(poses)) for stamps, poses in pieces))
+
+
+def _history(request: Mapping[str, Any]) -> tuple[list[int], list[Pose2]]:
+    now_ns = int(request["stamp_ns"])
+    samples = request["history"]
+    stamps = [now_ns + round(float(sample["t_s"]) * NS_PER_S) for sample in samples]
+    poses = [
+        Pose2(float(sample["x_m"]), float(sample["y_m"]), float(sample.get("yaw_rad", 0.0)))
+        for sample in samples
+    ]
+    return stamps, poses
+
+
+def _interpolated(stamps: Sequence[int], poses: Sequence[Pose2], at_ns: int) -> Pose2:
+    right = min(bisect_left(stamps, at_ns), len(stamps) - 1)
+    if right == 0 or stamps[right] <= at_ns:
+        return poses[right]
+    a, b = poses[right - 1], poses[right]
+    share = (at_ns - stamps[right - 1]) / (stamps[right] - stamps[right - 1])
+    return Pose2(
+        a.x_m + (b.x_m - a.x_m) * share,
+        a.y_m + (b.y_m - a.y_m) * share,
+        wrap_angle(a.yaw_rad + wrap_angle(b.yaw_rad - a.yaw_rad) * share),
+    )
+
+
+_IMAGE = absolute(CAMERA_IMAGE)
+_VUT_STATE = absolute(state_topic(VUT_ID))
+# Of a faster camera only so many frames are shown.
+MOST_PER_S = 20
+# Between poses of the driven path; where there is none for longer, it is not known.
+_POSE_NS, _GAP_NS = NS_PER_S // 20, NS_PER_S // 2
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """A part of a bag: which frames there are, and where the VUT was.
+
+    Args:
+        bag: path of it.
+        stamps_ns: of the frames, rising, at most MOST_PER_S.
+        log_times_ns: of the same frames.
+        driven: poses in the frame of the recording; none where the motion of the VUT is unknown.
+    """
+
+    bag: Path
+    stamps_ns: tuple[int, ...]
+    log_times_ns: tuple[int, ...]
+    driven: EgoPath
+
+    @property
+    def rate_hz(self) -> float:
+        """Frames a second; 0 of fewer than two."""
+        passed_ns = self.stamps_ns[-1] - self.stamps_ns[0]
+        return (len(self.stamps_ns) - 1) * NS_PER_S / passed_ns if passed_ns else 0.0
+
+    def pictures(self) -> Iterator[Picture]:
+        """The frames one by one; what isn't whole is left out."""
+        start_ns, stop_ns = min(self.log_times_ns), max(self.log_times_ns) + 1
+        with BagReader(self.bag) as bag:
+            frames = Frames(bag, _IMAGE, damaged=lambda _, __: None)
+            yield from frames.pictures(start_ns, stop_ns, set(self.stamps_ns))
+
+
+class Recordings:
+    """Finds what cells were made from; each bag is hashed once, each part of it read once.
+
+    Args:
+        campaign: folder of `ssp evaluate`.
+    """
+
+    def __init__(self, campaign: Path) -> None:
+        self._campaign = campaign.resolve()
+        self._hashes: dict[Path, str | SspError] = {}
+        self._parts: dict[tuple[Path, int, int], Recorded | None] = {}
+
+    def find(self, cell: CellData, first_ns: int, last_ns: int) -> Recorded | str:
+        """What was recorded of a cell between two stamps; or why it can't be used."""
+        told = cell.facts.clip.path
+        if told is None:
+            return "the campaign doesn't tell where the recording lies"
+        path = self._campaign / told
+        if not path.exists():
+            return "the recording isn't where it was"
+        if path not in self._hashes:
+            self._hashes[path] = _hash_of(path)
+        digest = self._hashes[path]
+        if isinstance(digest, SspError):
+            return f"the recording can't be read: {digest}"
+        if digest != cell.facts.hashes.get("bag"):
+            return "another recording lies where it was"
+        key = (path, first_ns, last_ns)
+        if key not in self._parts:
+            self._parts[key] = _read(path, first_ns, last_ns, cell.facts.clip.ego != "unknown")
+        return self._parts[key] or "the recording has no frames then"
+
+
+def _hash_of(path: Path) -> str | SspError:
+    try:
+        with BagReader(path) as bag:
+            return content_sha256(bag)
+    except SspError as error:
+        return error
+
+
+def _read(path: Path, first_ns: int, last_ns: int, moved: bool) -> Recorded | None:
+    with BagReader(path) as bag:
+        found = sorted(
+            {peek_stamp_ns(m.data): m.log_time_ns for m in bag.messages([_IMAGE])}.items()
+        )
+        stamps = [stamp_ns for stamp_ns, _ in found]
+        # A request at the first label shows the last frame before it.
+        begin, end = max(bisect_right(stamps, first_ns) - 1, 0), bisect_right(stamps, last_ns)
+        if begin >= end:
+            return None
+        whole_s = (stamps[end - 1] - stamps[begin]) / NS_PER_S + 1.0
+        rules = Preprocessing(end - begin, 1.0 / MOST_PER_S, whole_s)
+        kept = [begin + k for k in choose(stamps[begin:end], end - begin - 1, rules)]
+        return Recorded(
+            path,
+            tuple(found[k][0] for k in kept),
+            tuple(found[k][1] for k in kept),
+            _driven(bag, first_ns, last_ns) if moved else EgoPath(()),
+        )
+
+
+def _driven(bag: BagReader, first_ns: int, last_ns: int) -> EgoPath:
+    """Where the VUT was, from before the first stamp to what a path from the last one shows."""
+    poses: dict[int, Pose2] = {}
+    if _VUT_STATE in bag.topics:
+        for message in bag.messages([_VUT_STATE]):
+            stamp_ns = peek_stamp_ns(message.data)
+            if first_ns - NS_PER_S <= stamp_ns <= last_ns + 4 * NS_PER_S:
+                state = object_state(bag.decode(message))
+                poses[stamp_ns] = Pose2(state.x_m, state.y_m, state.yaw_rad)
+    pieces: list[list[int]] = []
+    for stamp_ns in sorted(poses):
+        if pieces and stamp_ns - pieces[-1][-1] < _POSE_NS:
+            continue
+        if pieces and stamp_ns - pieces[-1][-1] <= _GAP_NS:
+            pieces[-1].append(stamp_ns)
+        else:
+            pieces.append([stamp_ns])
+    return EgoPath(tuple((tuple(piece), tuple(poses[s] for s in piece)) for piece in pieces))
+
 
 Image = NDArray[np.uint8]
 
@@ -77,7 +316,7 @@ def _actions(lon: str | None, lat: str | None, label: Label) -> str:
 
 
 @dataclass(frozen=True)
-class Story:
+class CellOverlay:
     """A scored cell as overlays tell it.
 
     Args:
@@ -169,7 +408,9 @@ class Story:
         return image
 
 
-def story_of(cell: CellData, out: Path, recordings: Recordings | None = None) -> Story | None:
+def overlay_of(
+    cell: CellData, out: Path, recordings: Recordings | None = None
+) -> CellOverlay | None:
     """The story of a cell; None unless it has scores.
 
     Args:
@@ -179,7 +420,7 @@ def story_of(cell: CellData, out: Path, recordings: Recordings | None = None) ->
     """
     if cell.score is None:
         return None
-    story = Story(
+    story = CellOverlay(
         cell,
         out,
         tuple(

@@ -9,9 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 
 from ssp_core.vocabulary import DOMAINS, PHASES
-from ssp_eval.analysis.notices import stand_in_text, stand_ins
-from ssp_eval.figures.drawing import Drawing, caption
-from ssp_eval.figures.moments import RIGHT, WRONG, Moment, Story
+from ssp_eval.figures.moments import RIGHT, WRONG, CellOverlay, Moment
 from ssp_eval.figures.scores import words
 from ssp_eval.figures.style import (
     COLUMN_IN,
@@ -20,10 +18,13 @@ from ssp_eval.figures.style import (
     ORANGE,
     PAGE_IN,
     SKY,
+    Drawing,
     Sheet,
+    caption,
     fitted,
     text_width_in,
 )
+from ssp_eval.statistics.notices import stand_in_text, stand_ins
 
 _LEFT_IN, _GAP_IN, _HEAD_IN, _FOOT_IN = 0.22, 0.06, 0.22, 0.24
 _LINE_IN = 0.125
@@ -31,7 +32,7 @@ _TEXT_IN = 4 * _LINE_IN + 0.09
 _DPI = 300
 
 
-def phase_frames(scenario: str, model: str, stories: Sequence[Story]) -> Drawing:
+def phase_frames(scenario: str, model: str, stories: Sequence[CellOverlay]) -> Drawing:
     """The frames of one scenario and model: a row per domain, a column per phase.
 
     Args:
@@ -99,17 +100,17 @@ def _wrapped(text: str, width_in: float) -> list[str]:
     return [" ".join(first), " ".join(rest)]
 
 
-def _aspect(story: Story) -> float:
+def _aspect(story: CellOverlay) -> float:
     geometry = story.cell.facts.clip.geometry
     return 9 / 16 if geometry is None else geometry.height_px / geometry.width_px
 
 
-def _first(story: Story, phase: str) -> Moment | None:
+def _first(story: CellOverlay, phase: str) -> Moment | None:
     """The first moment of a phase of which there is a frame."""
     return next((m for m in story.moments if m.label.phase == phase and m.frames), None)
 
 
-def _panel(axes: Axes, story: Story, moment: Moment, width_in: float, gid: str) -> None:
+def _panel(axes: Axes, story: CellOverlay, moment: Moment, width_in: float, gid: str) -> None:
     image = story.picture(moment.frames[-1][1])
     height_px, width_px = image.shape[:2]
     small_px = min(width_px, round(width_in * _DPI))
@@ -171,7 +172,9 @@ def _legend(page: Axes, sheet: Sheet) -> None:
         page.text(_LEFT_IN, y + _LINE_IN, _ENTRIES[2], va="center")
 
 
-def _caption(scenario: str, model: str, by_domain: dict[str, Story], phases: Sequence[str]) -> str:
+def _caption(
+    scenario: str, model: str, by_domain: dict[str, CellOverlay], phases: Sequence[str]
+) -> str:
     missing = [domain for domain in DOMAINS if domain not in by_domain]
     blind = [domain for domain, story in by_domain.items() if not story.sees_ground]
     whole = all(story.part is not None for story in by_domain.values())
@@ -198,9 +201,9 @@ def _caption(scenario: str, model: str, by_domain: dict[str, Story], phases: Seq
     )
 
 
-def all_phase_frames(stories: Sequence[Story]) -> Iterator[Drawing]:
+def all_phase_frames(stories: Sequence[CellOverlay]) -> Iterator[Drawing]:
     """One figure per scenario and model, in the order of their names."""
-    groups: dict[tuple[str, str], list[Story]] = {}
+    groups: dict[tuple[str, str], list[CellOverlay]] = {}
     for story in stories:
         groups.setdefault((story.cell.scenario, story.cell.model), []).append(story)
     for (scenario, model), members in sorted(groups.items()):

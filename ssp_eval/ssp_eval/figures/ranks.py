@@ -6,14 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 
 from matplotlib.axes import Axes
 
-from ssp_eval.figures.drawing import (
-    Drawing,
-    LeftOut,
-    caption,
-    renamed,
-    shown_mean,
-)
-from ssp_eval.figures.place import spread
+from ssp_eval.figures.cloud import spread
 from ssp_eval.figures.scores import Group, Scores, words
 from ssp_eval.figures.style import (
     BLUE,
@@ -24,11 +17,16 @@ from ssp_eval.figures.style import (
     LINE_IN,
     PAGE_IN,
     RED,
+    Drawing,
+    LeftOut,
     Look,
     Sheet,
+    caption,
     drawable,
     fitted,
     names_in,
+    renamed,
+    shown_mean,
     text_width_in,
     widest_in,
 )

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from ssp_core.vocabulary import DOMAINS
-from ssp_eval.analysis.row import OK, CellRow, entering, merged, over_what
-from ssp_eval.analysis.tables import run_notes
 from ssp_eval.score.aggregate import (
     BY_DOMAIN,
     BY_MODEL,
@@ -19,6 +17,8 @@ from ssp_eval.score.aggregate import (
     means,
     same_places,
 )
+from ssp_eval.statistics.rows import OK, CellRow, entering, merged, over_what
+from ssp_eval.statistics.tables import run_notes
 
 Group = Mapping[str, Mean]
 

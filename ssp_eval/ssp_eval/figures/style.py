@@ -1,20 +1,24 @@
-"""How figures look: sizes of a two-column paper, fonts, colours, shapes and hatches."""
+"""How figures look: sizes, fonts, colours, legends, rows with names, captions."""
 
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from itertools import pairwise
+from typing import Any, TypeVar
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties, findfont, get_font
+from matplotlib.patches import Rectangle
 from matplotlib.textpath import text_to_path
+
+from ssp_eval.score.cli import DISCLAIMER, NULL
 
 COLUMN_IN, PAGE_IN, MOST_HEIGHT_IN = 3.4, 7.0, 9.0
 SMALL_PT, TEXT_PT = 7.0, 8.0
@@ -237,3 +241,176 @@ def names_in(names: Iterable[str], most_in: float) -> dict[str, str]:
         used.add(text)
         shown[name] = text
     return shown
+
+
+# The mark of bars; only it can show their hatch.
+SQUARE = "s"
+_LINE_IN, _BOX_IN = 0.15, 0.09
+_LEFT_IN = 0.12
+
+
+def _places(texts: Sequence[str], width_in: float) -> Iterator[tuple[float, int, str]]:
+    """Where each entry's mark stands, in which line, and its text."""
+    x, line = _LEFT_IN, 0
+    for name in texts:
+        text = fitted(name, width_in - 0.4)
+        needed = 0.08 + text_width_in(text)
+        if x > _LEFT_IN and x + needed > width_in - 0.05:
+            x, line = _LEFT_IN, line + 1
+        yield x, line, text
+        x += needed + 0.18
+
+
+def legend_height_in(texts: Sequence[str], width_in: float) -> float:
+    """Height that mark_legend takes for these names."""
+    return _LINE_IN * (1 + max((line for _, line, _ in _places(texts, width_in)), default=0)) + 0.06
+
+
+def mark_legend(sheet: Sheet, looks: Mapping[str, Look], top_in: float) -> None:
+    """Marks with their names.
+
+    Args:
+        sheet: to draw on.
+        looks: by name, in order.
+        top_in: middle of the first line.
+    """
+    page = sheet.page()
+    for (x, line, text), look in zip(
+        _places(list(looks), sheet.width_in), looks.values(), strict=True
+    ):
+        y = top_in + line * _LINE_IN
+        if look.hatch and look.marker == SQUARE:
+            page.add_patch(
+                Rectangle(
+                    (x - _BOX_IN / 2, y - _BOX_IN / 2), _BOX_IN, _BOX_IN, facecolor=look.colour,
+                    edgecolor=INK, linewidth=0.5, hatch=look.hatch,
+                )
+            )  # fmt: skip
+        else:
+            page.plot(
+                [x], [y], look.marker, color=look.colour, markeredgecolor=INK, markeredgewidth=0.5
+            )
+        page.text(x + 0.08, y, text, va="center_baseline")
+
+
+UNITS = (
+    "JOVR: valid text and trajectory; SemAcc: effective accuracy of the semantic slots; CIA: "
+    "critical interaction accuracy; TQSR: feasible trajectory with an admissible action; RSR: risk "
+    "response; all from 0 to 1, more is better."
+)
+
+
+Item = TypeVar("Item")
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """One figure, made and not yet written.
+
+    Args:
+        name: of its files.
+        figure: what is drawn.
+        caption: what is shown, over what, and what it doesn't say.
+    """
+
+    name: str
+    figure: Figure
+    caption: str
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """A figure that these rows don't give, and why."""
+
+    name: str
+    reason: str
+
+
+def caption(*sentences: str, composite: bool = True) -> str:
+    """The text that belongs under a figure.
+
+    Args:
+        sentences: empty ones are left out.
+        composite: IVCS is in the figure.
+    """
+    parts = [sentence for sentence in sentences if sentence]
+    return " ".join([*parts, DISCLAIMER] if composite else parts) + "\n"
+
+
+def renamed(names: dict[str, str]) -> str:
+    """Which names were shortened, as a sentence for the caption."""
+    pairs = [f"{shown} is {name}" for name, shown in names.items() if shown != name]
+    return f"Shortened names: {'; '.join(pairs)}." if pairs else ""
+
+
+def page_name(name: str, number: int, pages: int) -> str:
+    """The name of a page's files: plain where there is one page only."""
+    return name if pages == 1 else f"{name}_{number:0{len(str(pages))}d}"
+
+
+def pages_of(items: Sequence[Item], most: int) -> list[Sequence[Item]]:
+    """The items in as few pages as hold them, of much the same size.
+
+    Args:
+        items: in order.
+        most: on one page.
+    """
+    if not items:
+        return []
+    count = -(-len(items) // most)
+    size, more = divmod(len(items), count)
+    starts = [k * size + min(k, more) for k in range(count + 1)]
+    return [items[a:b] for a, b in pairwise(starts)]
+
+
+def shown_mean(value: float | None, digits: int = 2) -> str:
+    """A mean as a figure writes it."""
+    return NULL if value is None else f"{value:.{digits}f}"
+
+
+NO_MODEL = "no cell of a model may enter means"
+COMPONENTS = ("jovr", "sem_acc_eff", "cia_eff", "tqsr", "rsr")
+SCORES = (*COMPONENTS, "ivcs")
+ROW_IN = 0.17
+_MOST_ROWS = 46
+
+
+def row_pages(names: Sequence[str]) -> list[Sequence[str]]:
+    """The names in as few pages as hold a row for each."""
+    return pages_of(names, _MOST_ROWS)
+
+
+def name_rows(axes: Axes, labels: Sequence[str]) -> None:
+    """One row per label from top to bottom, with the label at its left."""
+    axes.set_ylim(len(labels) - 0.5, -0.5)
+    axes.set_yticks(range(len(labels)), labels)
+    axes.tick_params(axis="y", length=0)
+
+
+def named_rows(
+    width_in: float,
+    labels: Sequence[str],
+    legend: Mapping[str, Look],
+    right_in: float = 0.12,
+    row_in: float = ROW_IN,
+) -> tuple[Sheet, Axes, float]:
+    """A sheet with a row per label under a legend.
+
+    Args:
+        width_in: of the sheet.
+        labels: from top to bottom.
+        legend: marks by name; empty: there is none.
+        right_in: room at the right of the rows.
+        row_in: height of a row.
+
+    Returns:
+        The sheet, its axes, and where these begin below its upper border, in.
+    """
+    head_in = 0.05 + (legend_height_in(list(legend), width_in) if legend else 0.03)
+    left_in = widest_in(labels) + 0.12
+    height_in = row_in * len(labels)
+    sheet = Sheet(width_in, head_in + height_in + 0.42)
+    mark_legend(sheet, legend, 0.11)
+    axes = sheet.axes(left_in, head_in, width_in - left_in - right_in, height_in)
+    name_rows(axes, labels)
+    return sheet, axes, head_in

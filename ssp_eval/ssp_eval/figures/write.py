@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder, write_bytes, write_text
-from ssp_eval.analysis.notices import stand_in_text, stand_ins
-from ssp_eval.analysis.row import CellRow
 from ssp_eval.figures.scores import Scores
+from ssp_eval.statistics.notices import stand_in_text, stand_ins
+from ssp_eval.statistics.rows import CellRow
 
 if TYPE_CHECKING:
-    from ssp_eval.figures.drawing import Drawing, LeftOut
+    from ssp_eval.figures.style import Drawing, LeftOut
 
 GROUPS = ("matrix", "domains", "models", "foundation", "controls")
 DPI = 300
@@ -75,11 +75,10 @@ def write_figures(
 def _drawings(
     scores: Scores, reference: str | None, only: Collection[str]
 ) -> Iterator[Drawing | LeftOut]:
-    from ssp_eval.figures.controls import controls
     from ssp_eval.figures.domains import domains
     from ssp_eval.figures.foundation import foundation
     from ssp_eval.figures.matrix import matrix
-    from ssp_eval.figures.models import models
+    from ssp_eval.figures.models import controls, models
 
     wanted = only or GROUPS
     if "matrix" in wanted:
@@ -108,8 +107,7 @@ def written_drawings(
         progress: called with a name once it is written.
         told: a sentence at the end of each caption.
     """
-    from ssp_eval.figures.drawing import LeftOut
-    from ssp_eval.figures.style import drawing
+    from ssp_eval.figures.style import LeftOut, drawing
 
     files: list[Path] = []
     left_out: list[tuple[str, str]] = []

@@ -1,1 +1,1 @@
-"""Labels of a clip (METHOD 5.2): what a careful reader says is true at each label time."""
+"""Labels of a clip (METHOD 5.1 to 5.2b): planned, proposed, checked, reviewed, shown."""

@@ -1,32 +1,31 @@
-"""Ground-truth boxes: where each object appears in each frame, for audits and labels only.
-
-They are made from the recorded ground truth after the fact. No topic carries them, and no request
-is ever built from them. A box is that around the object's bounding box, so it is a little larger
-than what one sees of the object.
-"""
+"""Ground-truth boxes: where each object appears in each frame, for audits and labels only."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import click
 import numpy as np
 
+from ssp_core import console
 from ssp_core.bag.reader import BagReader
 from ssp_core.cdr.messages import object_state, peek_stamp_ns
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError
-from ssp_core.files import parse_model, read_mapping
+from ssp_core.files import make_folder, parse_model, read_mapping, write_text
 from ssp_core.motion.state import ObjectState
 from ssp_core.names import CAMERA_IMAGE, WORLD_TICK, absolute
 from ssp_core.run_file.model import Camera
 from ssp_core.world.camera import Intrinsics, View, mounted_view, shown_box, view_from
-from ssp_eval.evaluate.clip import Clip
-from ssp_eval.labels.proposal.truth_file import truth_from_file
-from ssp_eval.recordings.provenance import read_provenance
-from ssp_eval.sight import clear_share
+from ssp_eval.data.provenance import read_provenance
+from ssp_eval.labels.sheet import is_bag
+from ssp_eval.labels.truth import truth_from_file
+from ssp_eval.recordings.clip import Clip
+from ssp_eval.recordings.sight import clear_share
 
 # Without these nobody knows what a picture shows; the others have harmless defaults.
 _NEEDED = ("width_px", "height_px", "hfov_deg", "forward_m", "height_m", "pitch_down_rad")
@@ -162,3 +161,28 @@ def boxes_of_truth(path: Path) -> Iterator[BoxedFrame]:
     fields = {key: value for key, value in stated.items() if key in Camera.model_fields}
     camera = parse_model(Camera, fields, path)
     yield from _series(truth.series, truth.vut_id, lambda vut: view_from(vut.pose, camera))
+
+
+_PATH = click.Path(path_type=Path)
+
+
+@click.command()
+@click.argument("source", metavar="BAG|TRUTH", type=_PATH)
+@click.option("--out", type=_PATH, required=True, help="File to write (JSON lines).")
+@click.option("--force", is_flag=True, help="Overwrite an existing file.")
+def boxes_command(source: Path, out: Path, force: bool) -> None:
+    """Writes ground-truth boxes of every frame: for audits and labels, never for a model.
+
+    SOURCE is a simulated session's BAG, or the TRUTH file of a clip. The first line names schema
+    and source; each other line is a frame with its clip time and the objects that it may show:
+    id, class, box (left, top, right, bottom in px), distance, and the share that nothing hides.
+    """
+    if out.exists() and not force:
+        raise InputError("exists already", file=out, remedy="give --force to overwrite it")
+    with console.progress("boxes", None):
+        frames = list(boxes_of_bag(source) if is_bag(source) else boxes_of_truth(source))
+    lines = [json.dumps({"schema": BOXES_SCHEMA, "source": source.name, "frames": len(frames)})]
+    lines += [json.dumps(frame.to_json()) for frame in frames]
+    make_folder(out.parent)
+    write_text(out, "\n".join(lines) + "\n")
+    console.note(f"{out}: {len(frames)} frames, {sum(len(f.objects) for f in frames)} boxes")

@@ -1,4 +1,4 @@
-"""What speaks against a labels file that has the right form: its phases, its times, its marks."""
+"""What speaks against a labels file of the right form: phases, times, marks, risk response."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from itertools import pairwise
 from typing import Any
 
 from ssp_core.vocabulary import PHASES
-from ssp_eval.labels.model import Labels
-from ssp_eval.labels.place import At
+from ssp_eval.data.labels import Labels, PhasePosition
 from ssp_eval.labels.plan import APART_S
-from ssp_eval.recordings.event_rules import source_times
+from ssp_eval.recordings.event import TOLERANCE_S, source_times
+from ssp_eval.score.thresholds import DEFAULT
 from ssp_scenario_manager.event_spec.fields import si
 from ssp_scenario_manager.event_spec.model import Event, Interval
 
@@ -49,7 +49,7 @@ def plan_problems(labels: Labels) -> list[str]:
     return problems
 
 
-def _follows(before: At, after: At) -> bool:
+def _follows(before: PhasePosition, after: PhasePosition) -> bool:
     if before.phase != after.phase:
         return PHASES.index(before.phase) < PHASES.index(after.phase)
     is_approach = before.phase == "approach"
@@ -112,3 +112,35 @@ def _span(start: Interval | str, zero_s: float) -> tuple[float, float] | None:
         return None
     found = si(start)
     return found.low - zero_s, found.high - zero_s
+
+
+def response_problems(labels: Labels) -> list[str]:
+    """Why no model could get a risk response (METHOD 6.9) under these labels; empty if one can.
+
+    It takes two labels, at or after risk onset, adjacent among those whose conflict is potential
+    or active, that admit a defensive action and lie at most 0.6 s apart.
+    """
+    onset_s = labels.risk_onset_s
+    defensive = {"decelerate", "stop"}
+    candidates = [
+        label
+        for label in labels.labels
+        if label.t_s >= onset_s - TOLERANCE_S and label.conflict in ("potential", "active")
+    ]
+    if len(candidates) < 2:
+        return [
+            f"only {len(candidates)} label(s) at or after the risk onset ({onset_s:g} s) have "
+            "conflict potential or active; a risk response needs two"
+        ]
+    gaps_s = []
+    for before, after in pairwise(candidates):
+        if defensive.intersection(before.lon_actions) and defensive.intersection(after.lon_actions):
+            gaps_s.append(after.t_s - before.t_s)
+    if not gaps_s:
+        return ["no two adjacent labels in the conflict admit decelerate or stop"]
+    if not DEFAULT.at_most(min(gaps_s), DEFAULT.response_gap_s):
+        return [
+            f"labels in the conflict are {min(gaps_s):g} s apart; a risk response needs two at "
+            f"most {DEFAULT.response_gap_s} s apart"
+        ]
+    return []

@@ -13,16 +13,18 @@ from ssp_core.cli import Number
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder, read_mapping, write_bytes, write_text
 from ssp_core.vocabulary import PHASES
-from ssp_eval.labels.boxes_command import boxes
-from ssp_eval.labels.check import event_problems, phase_problems, plan_problems, risk_warnings
-from ssp_eval.labels.comparable import counts_text, phase_counts
-from ssp_eval.labels.footage import pictures
-from ssp_eval.labels.model import load_labels
+from ssp_eval.data.labels import FILL_IN, counts_text, load_labels, phase_counts, unfilled
+from ssp_eval.labels.boxes import boxes_command
+from ssp_eval.labels.check import (
+    event_problems,
+    phase_problems,
+    plan_problems,
+    response_problems,
+    risk_warnings,
+)
 from ssp_eval.labels.new import new
-from ssp_eval.labels.proposal_file import is_unreviewed, sidecar
-from ssp_eval.labels.response import response_problems
-from ssp_eval.labels.sheet import LEAST_WIDTH_PX, html_sheet, picture_sheet, read_rows
-from ssp_eval.labels.template import FILL_IN, unfilled
+from ssp_eval.labels.review import is_unreviewed, sidecar
+from ssp_eval.labels.sheet import LEAST_WIDTH_PX, html_sheet, picture_sheet, pictures, read_rows
 from ssp_scenario_manager.event_spec.load import load_event
 
 _PATH = click.Path(path_type=Path)
@@ -34,7 +36,7 @@ def labels() -> None:
     """Proposes labels files, checks them, shows the frames to label from (METHOD 5.2)."""
 
 
-labels.add_command(boxes)
+labels.add_command(boxes_command)
 labels.add_command(new)
 
 

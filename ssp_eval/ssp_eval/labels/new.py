@@ -12,11 +12,16 @@ from ssp_core.cli import Domain, Number
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder
 from ssp_core.run_file.model import ConflictThresholds
-from ssp_eval.audit.recording import find_bag
-from ssp_eval.evaluate.campaign import find_labels, labels_places
-from ssp_eval.labels.comparable import counts_text, phase_counts
-from ssp_eval.labels.footage import About, about, is_bag
-from ssp_eval.labels.place import BY_CLOCK, BY_PHASE
+from ssp_eval.data.labels import (
+    BY_CLOCK,
+    BY_PHASE,
+    FILL_IN,
+    counts_text,
+    phase_counts,
+    template_json,
+)
+from ssp_eval.data.provenance import bag_folder, find_bag, find_labels, labels_places
+from ssp_eval.labels.check import response_problems
 from ssp_eval.labels.plan import NoPlan
 from ssp_eval.labels.planned import (
     Given,
@@ -27,13 +32,10 @@ from ssp_eval.labels.planned import (
     read_recordings,
     unanswered,
 )
-from ssp_eval.labels.proposal.basis import DEFAULT_RULES, ProposalRules, Truth
-from ssp_eval.labels.proposal.k_star import UNKNOWN_VERSION, given_event
-from ssp_eval.labels.proposal.propose import Proposal, grid_times, propose
-from ssp_eval.labels.proposal_file import NewFile, proposed_file, write_files
-from ssp_eval.labels.response import response_problems
-from ssp_eval.labels.template import FILL_IN, template_json
-from ssp_eval.recordings.provenance import bag_folder
+from ssp_eval.labels.propose import Proposal, grid_times, propose
+from ssp_eval.labels.review import NewFile, proposed_file, write_files
+from ssp_eval.labels.sheet import FootageFacts, footage_facts, is_bag
+from ssp_eval.labels.truth import DEFAULT_RULES, UNKNOWN_VERSION, ProposalRules, Truth, given_event
 
 _PATH = click.Path(path_type=Path)
 _MOST = 3
@@ -136,7 +138,9 @@ def new(
         count=count or DEFAULT_RULES.count, spacing_s=spacing or DEFAULT_RULES.spacing_s
     )
     if first.truth is None or template:
-        _grid_template(targets[0], first, about(first.path, start), rules, trigger, conflict)
+        _grid_template(
+            targets[0], first, footage_facts(first.path, start), rules, trigger, conflict
+        )
         return
     if told := _given(centre):
         raise click.UsageError(
@@ -217,7 +221,7 @@ def _say_another_video(paths: Sequence[Path], given: Given) -> None:
     if event is None or event.source.sha256 is None:
         return
     for path in paths:
-        facts = about(path, given.start_s)
+        facts = footage_facts(path, given.start_s)
         if not facts.has_states and facts.video_sha256 not in (None, event.source.sha256):
             console.note(f"note: the times of {event.name} are those of another video than {path}")
 
@@ -275,7 +279,7 @@ def _sheet_hint(source: Path, labels: Path) -> str:
 def _grid_template(
     out: Path,
     one: Recording,
-    facts: About,
+    facts: FootageFacts,
     rules: ProposalRules,
     trigger_s: float | None,
     conflict_s: float | None,

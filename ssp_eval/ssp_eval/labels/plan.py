@@ -15,9 +15,9 @@ from itertools import pairwise
 
 from ssp_core.errors import InputError
 from ssp_core.vocabulary import PHASES
-from ssp_eval.labels.place import At
-from ssp_eval.recordings.crop import TOLERANCE_S, Crop
-from ssp_eval.score import DEFAULT
+from ssp_eval.data.labels import PhasePosition
+from ssp_eval.recordings.event import TOLERANCE_S, Crop
+from ssp_eval.score.thresholds import DEFAULT
 
 # At most so much between labels from the trigger to the end of the conflict (METHOD 6.9).
 STEP_S = DEFAULT.response_gap_s
@@ -79,7 +79,7 @@ class Timeline:
         newest = bisect_right(self.frames_s, t_s + _HALF_NS) - 1
         return None if newest < 0 else self.frames_s[newest]
 
-    def time_of(self, at: At) -> float:
+    def time_of(self, at: PhasePosition) -> float:
         """Clip time of a label of the plan."""
         if at.phase == "approach":
             t_s = self.trigger_s - at.value
@@ -104,7 +104,7 @@ class Timeline:
 class Plan:
     """Where the labels of a scenario lie in its phases, in time order."""
 
-    at: tuple[At, ...]
+    at: tuple[PhasePosition, ...]
 
     @property
     def counts(self) -> dict[str, int]:
@@ -156,20 +156,20 @@ def plan_labels(timelines: Sequence[Timeline]) -> Plan:
     return plan
 
 
-def _places(triggers: int, conflicts: int) -> Iterator[At]:
+def _places(triggers: int, conflicts: int) -> Iterator[PhasePosition]:
     """All labels of a plan with so many in trigger and conflict."""
     approaches = max(1, min(_MOST_APPROACH, USUAL_LABELS - 1 - triggers - conflicts))
     resolutions = max(1, USUAL_LABELS - triggers - conflicts - approaches)
     for k in range(approaches, 0, -1):
-        yield At("approach", k * _SPACING_S)
+        yield PhasePosition("approach", k * _SPACING_S)
     yield from _inside("trigger", triggers)
     yield from _inside("conflict", conflicts)
     for k in range(resolutions):
-        yield At("resolution", _AFTER_RESOLUTION_S + k * _SPACING_S)
+        yield PhasePosition("resolution", _AFTER_RESOLUTION_S + k * _SPACING_S)
 
 
-def _inside(phase: str, count: int) -> list[At]:
-    return [At(phase, (i + 0.5) / count) for i in range(count)]
+def _inside(phase: str, count: int) -> list[PhasePosition]:
+    return [PhasePosition(phase, (i + 0.5) / count) for i in range(count)]
 
 
 def _counts(timelines: Sequence[Timeline]) -> tuple[int, int]:
@@ -218,7 +218,7 @@ def _possible(timelines: Sequence[Timeline], phase: str, lasts_s: Sequence[float
     return range(fewest, min(most, MOST_INSIDE) + 1)
 
 
-def _gap_problem(timelines: Sequence[Timeline], places: Sequence[At]) -> str:
+def _gap_problem(timelines: Sequence[Timeline], places: Sequence[PhasePosition]) -> str:
     """What is wrong with the gaps between neighbours from trigger to conflict; empty: nothing."""
     for timeline in timelines:
         times_s = [timeline.time_of(at) for at in places]

@@ -15,21 +15,25 @@ from ssp_core.bag.reader import BagReader
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_file
 from ssp_core.vocabulary import DOMAINS
-from ssp_eval.labels.footage import About, about, is_bag
+from ssp_eval.data.audit import EVENT_PHASES
+from ssp_eval.data.labels import template_json
 from ssp_eval.labels.plan import Plan, Timeline
-from ssp_eval.labels.proposal.basis import Truth
-from ssp_eval.labels.proposal.k_star import UNKNOWN_VERSION, KStar, attached_event, shipped_event
-from ssp_eval.labels.proposal.propose import Proposal, propose_planned
-from ssp_eval.labels.proposal.truth import truth_from_bag
-from ssp_eval.labels.proposal.truth_file import truth_from_file
-from ssp_eval.labels.proposal_file import NewFile, proposed_file
-from ssp_eval.labels.template import template_json
-from ssp_eval.recordings.agreement import agree
-from ssp_eval.recordings.crop import crop_of
-from ssp_eval.recordings.event_rules import source_times, window_of
-from ssp_eval.recordings.observation_file import Footage, load_observations
-from ssp_eval.recordings.properties import EVENT_PHASES
-from ssp_eval.score import DEFAULT
+from ssp_eval.labels.propose import Proposal, propose_planned
+from ssp_eval.labels.review import NewFile, proposed_file
+from ssp_eval.labels.sheet import FootageFacts, footage_facts, is_bag
+from ssp_eval.labels.truth import (
+    UNKNOWN_VERSION,
+    KStar,
+    Truth,
+    attached_event,
+    shipped_event,
+    truth_from_bag,
+    truth_from_file,
+)
+from ssp_eval.observations.agreement import agree
+from ssp_eval.observations.files import Footage, load_observations
+from ssp_eval.recordings.event import crop_of, source_times, window_of
+from ssp_eval.score.thresholds import DEFAULT
 
 
 @dataclass(frozen=True)
@@ -104,7 +108,7 @@ def read_recordings(paths: Sequence[Path], given: Given) -> list[Recording]:
     if not paths:
         return [_of_truth_file(given)]
     event = given.event or _event_in(paths)
-    told = [about(path, given.start_s) for path in paths]
+    told = [footage_facts(path, given.start_s) for path in paths]
     bare = [path for path, facts in zip(paths, told, strict=True) if not facts.has_states]
     if given.truth is not None and len(bare) != 1:
         what = "all recordings hold states" if not bare else "several recordings hold no states"
@@ -135,7 +139,7 @@ def _of_truth_file(given: Given) -> Recording:
     )  # fmt: skip
 
 
-def _read(path: Path, facts: About, event: KStar | None, given: Given) -> Recording:
+def _read(path: Path, facts: FootageFacts, event: KStar | None, given: Given) -> Recording:
     origin = facts.bag_sha256 or facts.video_sha256 or str(path)
     truth_file = None if facts.has_states else given.truth
     if facts.has_states or (truth_file is not None and is_bag(path)):
@@ -162,7 +166,7 @@ def _read(path: Path, facts: About, event: KStar | None, given: Given) -> Record
 
 
 def _phases(
-    path: Path, k_star: KStar | None, facts: About, domain: str, named: bool
+    path: Path, k_star: KStar | None, facts: FootageFacts, domain: str, named: bool
 ) -> Timeline | None:
     """The phases of a recording without states, by whoever may say so (METHOD 4.3).
 
@@ -191,14 +195,14 @@ def _phases(
     return Timeline(domain, trigger_s, conflict_s, resolution_s, crop, facts.frames_s)
 
 
-def _observed(path: Path, facts: About) -> Mapping[str, float] | None:
+def _observed(path: Path, facts: FootageFacts) -> Mapping[str, float] | None:
     """The phases that persons located in a bag, clip times; None: nobody looked at it."""
     footage = Footage(facts.bag_sha256 or "", facts.frames_s)
     told = [observation for _, observation in load_observations(path, footage)]
     return agree(told, footage.period_s).phase_starts() if told else None
 
 
-def _reviewed(k_star: KStar, facts: About) -> Mapping[str, float]:
+def _reviewed(k_star: KStar, facts: FootageFacts) -> Mapping[str, float]:
     """The phases of K*'s source clip that K* knows, clip times: K* has them on the source's."""
     at = source_times(k_star.event)
     found = {name: getattr(at, name) for name in EVENT_PHASES}

@@ -1,22 +1,182 @@
-"""Contact sheets to label from: the frame at each label's time, and what the label says."""
+"""Contact sheets to label from: the frame at each label's time, from a bag or a video file."""
 
 from __future__ import annotations
 
 import json
 from base64 import b64encode
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ssp_core.bag.reader import BagReader
+from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError
 from ssp_core.files import read_mapping
-from ssp_core.video import Tile, contact_sheet, encode
-from ssp_eval import strict
-from ssp_eval.labels.footage import Picture
-from ssp_eval.labels.model import LABEL_KEYS
-from ssp_eval.strict import Place
-from ssp_eval.templates import templates
+from ssp_core.hashing import sha256_file
+from ssp_core.names import WORLD_TICK, absolute, state_topic
+from ssp_core.video import Tile, Video, contact_sheet, encode
+from ssp_eval.data import json_fields
+from ssp_eval.data.json_fields import Location
+from ssp_eval.data.labels import LABEL_KEYS
+from ssp_eval.data.provenance import ImportRecord, read_provenance
+from ssp_eval.pages import templates
+from ssp_eval.recordings.clip import Clip, NoQuestion
+from ssp_eval.recordings.states import frame_times
+from ssp_eval.score.thresholds import DEFAULT
+from ssp_vla_bridge.window import Preprocessing
+
+_TOLERANCE_S = 1e-6
+
+
+@dataclass(frozen=True)
+class FootageFacts:
+    """What a recording says about itself; None where it doesn't.
+
+    Args:
+        scenario: name.
+        domain: of METHOD 5.2.
+        event_version: K* version.
+        video_sha256: of the source video.
+        bag_sha256: of the bag.
+        has_states: whether it holds states that labels can be proposed from.
+        frames_s: clip times of its frames, rising.
+        zero_s: time of its source at clip time 0; 0 for what has no source.
+    """
+
+    scenario: str | None
+    domain: str | None
+    event_version: str | None
+    video_sha256: str | None
+    bag_sha256: str | None
+    has_states: bool
+    frames_s: tuple[float, ...]
+    zero_s: float = 0.0
+
+    @property
+    def first_s(self) -> float:
+        """Clip time from which labels are possible."""
+        return max(0.0, self.frames_s[0])
+
+    @property
+    def last_s(self) -> float:
+        """Clip time of the last frame."""
+        return self.frames_s[-1]
+
+
+@dataclass(frozen=True)
+class Picture:
+    """The newest frame at or before a clip time, BGR, and its own clip time."""
+
+    t_s: float
+    image: NDArray[np.uint8]
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a path names a bag rather than a video file."""
+    return path.is_dir() or path.suffix == ".mcap"
+
+
+def footage_facts(path: Path, start_s: float = 0.0) -> FootageFacts:
+    """What a recording says about itself.
+
+    Args:
+        path: bag or video file.
+        start_s: of a video, where its clip begins.
+
+    Raises:
+        InputError: it is neither.
+    """
+    if is_bag(path):
+        with BagReader(path) as bag:
+            provenance = read_provenance(bag)
+            imported, who = provenance.imported, provenance.participants
+            topics = [WORLD_TICK, *(() if who is None else map(state_topic, who.ids))]
+            infos = [bag.topics.get(absolute(topic)) for topic in topics]
+            frames_s, _ = frame_times(bag, provenance)
+        return FootageFacts(
+            scenario=provenance.scenario,
+            domain=provenance.domain,
+            event_version=provenance.event_version,
+            video_sha256=None if imported is None else imported.source_sha256,
+            bag_sha256=provenance.bag_sha256,
+            has_states=who is not None and any(info is not None and info.count for info in infos),
+            frames_s=frames_s,
+            zero_s=0.0 if imported is None else _crop_start_s(imported),
+        )
+    times_s = _times_s(path, start_s)
+    frames_s = tuple(t_s - times_s[0] for t_s in times_s)
+    return FootageFacts(None, None, None, sha256_file(path), None, False, frames_s, times_s[0])
+
+
+def _crop_start_s(imported: ImportRecord) -> float:
+    """Where an imported recording begins on its source's clock, s."""
+    start_s = imported.crop.get("start_s")
+    return float(start_s) if isinstance(start_s, int | float) else 0.0
+
+
+def pictures(path: Path, times_s: Sequence[float], start_s: float = 0.0) -> list[Picture | None]:
+    """The frame at each clip time, None where there is none at or shortly before it.
+
+    Args:
+        path: bag or video file.
+        times_s: clip times.
+        start_s: of a video, where its clip begins.
+
+    Raises:
+        InputError: it is neither, or a frame can't be decoded.
+    """
+    if is_bag(path):
+        return _of_bag(path, times_s)
+    return _of_video(path, times_s, start_s)
+
+
+def _of_bag(path: Path, times_s: Sequence[float]) -> list[Picture | None]:
+    found: list[Picture | None] = []
+    with Clip(path) as clip:
+        for t_s in times_s:
+            question = clip.question(t_s, Preprocessing(frames=1))
+            if isinstance(question, NoQuestion):
+                found.append(None)
+                continue
+            frame = question.request.frames[-1]
+            image = cv2.imdecode(np.frombuffer(frame.jpeg, np.uint8), cv2.IMREAD_COLOR)
+            if image is None:
+                raise InputError(f"holds a frame at {question.t_s:.3f} s that is none", file=path)
+            at_s = ns_to_seconds(frame.stamp_ns - clip.start_ns)
+            found.append(Picture(at_s, np.asarray(image, dtype=np.uint8)))
+    return found
+
+
+def _of_video(path: Path, times_s: Sequence[float], start_s: float) -> list[Picture | None]:
+    frames_s = _times_s(path, start_s)
+    first_s = frames_s[0]
+    # Which of the clip's frames is wanted for each time, -1: none is recent enough.
+    newest = [bisect_right(frames_s, first_s + t_s + _TOLERANCE_S) - 1 for t_s in times_s]
+    wanted = [
+        i if DEFAULT.at_most(first_s + t_s - frames_s[i], DEFAULT.match_window_s) else -1
+        for i, t_s in zip(newest, times_s, strict=True)
+    ]
+    images: dict[int, Picture] = {}
+    with Video(path) as video:
+        for i, frame in enumerate(video.frames(start_s, None, 1)):
+            if i in wanted:
+                images[i] = Picture(frame.time_s - first_s, frame.image.copy())
+    return [images.get(i) for i in wanted]
+
+
+def _times_s(path: Path, start_s: float) -> list[float]:
+    with Video(path) as video:
+        times_s = [frame.time_s for frame in video.frames(start_s, None, 1)]
+    if not times_s:
+        raise InputError(f"has no frame from {start_s:g} s on", file=path, field="--start")
+    return times_s
+
 
 LEAST_WIDTH_PX = 640
 _SLOTS = tuple(key for key in LABEL_KEYS if key != "t_s")
@@ -49,8 +209,8 @@ def read_rows(path: Path) -> Rows:
         InputError: it can't be read, or its times are none.
     """
     value = read_mapping(path)
-    place = Place(path)
-    labels = strict.items(value.get("labels"), place.at("labels"))
+    place = Location(path)
+    labels = json_fields.items(value.get("labels"), place.at("labels"))
     if not labels:
         raise place.at("labels").error("must hold at least one label")
     rows = []
@@ -61,7 +221,7 @@ def read_rows(path: Path) -> Rows:
         if "t_s" not in label:
             raise at.at("t_s").error("is missing")
         slots = {slot: _text(label.get(slot)) for slot in _SLOTS}
-        rows.append(Row(strict.finite(label["t_s"], at.at("t_s")), slots))
+        rows.append(Row(json_fields.finite(label["t_s"], at.at("t_s")), slots))
     title = f"{_text(value.get('scenario'))}, {_text(value.get('domain'))}"
     return Rows(title, _text(value.get("event_version")), tuple(rows))
 

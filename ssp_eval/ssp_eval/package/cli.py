@@ -14,7 +14,7 @@ from rich.progress import Progress
 
 from ssp_core import console
 from ssp_core.errors import InputError
-from ssp_eval.package.log_change import Change, Logged, log_change
+from ssp_eval.package.log import Change, Logged, log_change
 from ssp_eval.package.model import Package, load_table
 from ssp_scenario_manager.compile.task import RUN_FILE
 from ssp_scenario_manager.event_spec.log import check_not_ahead, utc_now

@@ -1,24 +1,30 @@
-"""Making a package: stored by content, checked, and there wholly or not at all."""
+"""Making a package: files collected, stored by content, checked, and there wholly or not at all."""
 
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import nullcontext
+from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
+from typing import Any
 
 from ssp_core import __version__
+from ssp_core.bag.metadata import ROOT_KEY
 from ssp_core.errors import HostError, InputError
-from ssp_core.files import make_folder, write_bytes
+from ssp_core.files import MAX_TEXT_BYTES, make_folder, parse_mapping, write_bytes
 from ssp_core.hashing import sha256_bytes
-from ssp_eval.package.build import Findings, work_out
-from ssp_eval.package.collect import Source, collect, is_package
-from ssp_eval.package.contents import Contents
-from ssp_eval.package.index import Problem
-from ssp_eval.package.logs import merged_log
+from ssp_eval.data.audit import SCHEMA as AUDIT_SCHEMA
+from ssp_eval.data.labels import SCHEMA as LABELS_SCHEMA
+from ssp_eval.evaluate.cell_file import CELL_FILE, RECORDS_FILE, SCORE_FILE
+from ssp_eval.evaluate.requests import RAW_FILE, REQUESTS_FILE
+from ssp_eval.observations.model import SCHEMA as OBSERVATION_SCHEMA
+from ssp_eval.package.contents import Contents, Problem
+from ssp_eval.package.log import merged_log
 from ssp_eval.package.model import (
     OBJECTS,
     SCHEMA,
@@ -29,7 +35,204 @@ from ssp_eval.package.model import (
     sealed,
     table_bytes,
 )
-from ssp_eval.package.roles import is_cell_folder, role_of
+from ssp_eval.package.verify import Findings, work_out
+from ssp_scenario_manager.compile.task import SCHEMA as TASK_SCHEMA
+from ssp_scenario_manager.event_spec.model import SCHEMA as EVENT_SCHEMA
+
+_BY_SCHEMA: dict[str, Role] = {
+    EVENT_SCHEMA: "event",
+    "ssp.site/1": "site",
+    "ssp.shortlist/1": "shortlist",
+    TASK_SCHEMA: "task",
+    "ssp.run/1": "run",
+    LABELS_SCHEMA: "labels",
+    "ssp.proposal/1": "proposal",
+    OBSERVATION_SCHEMA: "observation",
+    AUDIT_SCHEMA: "audit",
+    "ssp.cell/1": "cell",
+    "ssp.result/1": "result",
+    "ssp.verdict/1": "verdict",
+    "ssp.truth/1": "truth",
+    "ssp.log/1": "log",
+}
+_BY_SUFFIX: dict[str, Role] = {
+    ".mcap": "recording",
+    ".mp4": "video",
+    ".avi": "video",
+    ".mkv": "video",
+    ".mov": "video",
+    ".webm": "video",
+    ".m4v": "video",
+    ".xodr": "map",
+    ".html": "page",
+}
+# These have no schema of their own, or not in every line.
+_IN_A_CELL: dict[str, Role] = {
+    RAW_FILE: "raw",
+    REQUESTS_FILE: "requests",
+    RECORDS_FILE: "records",
+    SCORE_FILE: "score",
+}
+
+
+def role_of(path: str, file: Path, in_a_cell: bool) -> Role:
+    """What a file is.
+
+    Args:
+        path: that it had.
+        file: where its bytes lie.
+        in_a_cell: a cell.json lies beside it.
+    """
+    name = PurePosixPath(path).name
+    suffix = PurePosixPath(name).suffix.lower()
+    if in_a_cell and name in _IN_A_CELL:
+        return _IN_A_CELL[name]
+    if name.endswith(".net.xml"):
+        return "map"
+    if suffix in _BY_SUFFIX:
+        return _BY_SUFFIX[suffix]
+    if suffix in (".jpg", ".jpeg") and PurePosixPath(path).parent.name == "frames":
+        return "frame"
+    if suffix in (".json", ".yaml", ".yml"):
+        return _of_mapping(_mapping(file, path))
+    if suffix == ".jsonl":
+        return _of_mapping(_first_line(file))
+    return "other"
+
+
+def is_cell_folder(names: frozenset[str]) -> bool:
+    """True where the files of a folder are those of a cell."""
+    return CELL_FILE in names
+
+
+def _of_mapping(value: dict[str, Any]) -> Role:
+    if ROOT_KEY in value:
+        return "bag_metadata"
+    return _BY_SCHEMA.get(str(value.get("schema")), "other")
+
+
+def _mapping(file: Path, path: str) -> dict[str, Any]:
+    """Empty where the file holds none: it is evidence all the same, of nothing known here."""
+    try:
+        with file.open("rb") as stream:
+            data = stream.read(MAX_TEXT_BYTES + 1)
+        return parse_mapping(data, path)
+    except InputError:
+        return {}
+
+
+def _first_line(file: Path) -> dict[str, Any]:
+    with file.open("rb") as stream:
+        line = stream.readline(MAX_TEXT_BYTES)
+    try:
+        value = json.loads(line)
+    except (ValueError, RecursionError):
+        return {}
+    return value if isinstance(value, dict) else {}
+
+
+_HEAD_BYTES = 4096
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """One file to take in.
+
+    Args:
+        path: in the package: the folder's name, and the path below it.
+        file: where it lies now.
+        bytes: its size.
+    """
+
+    path: str
+    file: Path
+    bytes: int
+
+
+def collect(folders: Sequence[Path], out: Path) -> list[Source]:
+    """All files of some folders, by path, but for hidden ones and for packages among them.
+
+    Args:
+        folders: none of which lies in another.
+        out: the package that will be made, which is left out.
+
+    Raises:
+        InputError: a folder isn't there or is given twice, or holds what is no plain file.
+    """
+    _check_distinct(folders)
+    names: dict[str, Path] = {}
+    found: list[Source] = []
+    for folder in folders:
+        base = folder.resolve().name or "root"
+        name = base
+        for number in range(2, len(folders) + 2):
+            if name not in names:
+                break
+            name = f"{base}-{number}"
+        names[name] = folder
+        for file in _files(folder, out.resolve()):
+            path = "/".join((name, *file.relative_to(folder).parts))
+            found.append(Source(_utf8(path, file), file, file.stat().st_size))
+    if not found:
+        raise InputError("holds no files", file=folders[0], remedy="name folders with evidence")
+    return sorted(found, key=lambda source: source.path)
+
+
+def _check_distinct(folders: Sequence[Path]) -> None:
+    seen: list[tuple[Path, Path]] = []
+    for folder in folders:
+        if not folder.is_dir():
+            raise InputError("is no folder", file=folder, remedy="name folders with evidence")
+        real = folder.resolve()
+        for other, given in seen:
+            if real == other or other in real.parents or real in other.parents:
+                raise InputError(
+                    f"and {given} hold the same files", file=folder, remedy="name each folder once"
+                )
+        seen.append((real, folder))
+
+
+def _files(folder: Path, out: Path) -> Iterator[Path]:
+    try:
+        entries = sorted(os.scandir(folder), key=lambda entry: entry.name)
+    except OSError as error:
+        raise InputError(f"can't be read: {error.strerror}", file=folder) from error
+    for entry in entries:
+        path = Path(entry.path)
+        if entry.name.startswith(".") or path.resolve() == out or entry.name == "__pycache__":
+            continue
+        if entry.is_dir(follow_symlinks=False):
+            if not is_package(path):
+                yield from _files(path, out)
+        elif entry.is_file():
+            yield path
+        else:
+            kind = "a link to a folder or to nothing" if entry.is_symlink() else "no plain file"
+            raise InputError(f"is {kind}", file=path, remedy="remove it, or put a file there")
+
+
+def is_package(folder: Path) -> bool:
+    """True for a folder that `ssp package make` left."""
+    table = folder / TABLE_FILE
+    if not table.is_file():
+        return False
+    try:
+        with table.open("rb") as stream:
+            data = stream.read()
+        value = json.loads(data)
+    except (OSError, ValueError, RecursionError):
+        return False
+    return isinstance(value, dict) and value.get("schema") == SCHEMA
+
+
+def _utf8(path: str, file: Path) -> str:
+    try:
+        path.encode("utf-8")
+    except UnicodeEncodeError:
+        raise InputError("has a name that is not UTF-8", file=str(file).encode("utf-8", "replace")
+                         .decode()) from None  # fmt: skip
+    return path
+
 
 LOG_PATH = "log.jsonl"
 _BLOCK_BYTES = 1 << 20

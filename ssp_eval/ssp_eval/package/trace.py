@@ -10,9 +10,9 @@ from typing import Any
 
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_bytes, sha256_file
+from ssp_eval.data.records import SLOT_NAMES, BehaviourRecord, parse_records
 from ssp_eval.package.contents import Contents
 from ssp_eval.package.model import Chain, FileEntry, LineRef, Package
-from ssp_eval.records import SLOT_NAMES, BehaviourRecord, parse_records
 from ssp_vla_bridge.messages import response_from_json
 
 _TEXT = 100

@@ -1,1 +1,1 @@
-"""Recordings as they are qualified and scored: origin, states, phases and crop (METHOD 4)."""
+"""Recordings as they are qualified and scored: states, geometry, event, clip (METHOD 4)."""

@@ -22,7 +22,7 @@ from ssp_core.motion.encounter import (
 )
 from ssp_core.motion.state import ObjectState
 from ssp_core.vocabulary import ObjectClass
-from ssp_eval.sight import MIN_SHARE, clear_share
+from ssp_eval.recordings.sight import MIN_SHARE, clear_share
 
 _EXTENSION_M = 500.0
 _POINT_SPACING_M = 0.5

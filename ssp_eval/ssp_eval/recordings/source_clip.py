@@ -23,8 +23,7 @@ from ssp_core.geometry import Polyline
 from ssp_core.hashing import sha256_file
 from ssp_core.vocabulary import PHASES, PhaseWord
 from ssp_core.world.source_clip import ClipBoard, clip_maker
-from ssp_eval.recordings.event_rules import event_thresholds
-from ssp_eval.recordings.phases import find_event, samples_of
+from ssp_eval.recordings.event import event_thresholds, find_event, samples_of
 from ssp_scenario_manager.compile.compiler import EventRefused, checked_event
 from ssp_scenario_manager.event_spec.checks.check import check_event
 from ssp_scenario_manager.event_spec.load import event_version, seal_event, seals, write_event

@@ -19,7 +19,7 @@ from ssp_core.errors import InputError
 from ssp_core.motion.state import ObjectState
 from ssp_core.names import CAMERA_IMAGE, WORLD_TICK, absolute
 from ssp_core.vocabulary import ControlState
-from ssp_eval.recordings.provenance import Provenance
+from ssp_eval.data.provenance import Provenance
 
 WORLD = "the world"
 # Another participant's state this old isn't carried on to the VUT's stamp.

@@ -8,16 +8,21 @@ from pathlib import Path
 
 from ssp_core.files import make_folder, write_text
 from ssp_core.hashing import sha256_file
-from ssp_eval.analysis.table import Table
-from ssp_eval.audit.model import PAGE_FILE as AUDIT_PAGE
+from ssp_eval.data.audit import PAGE_FILE as AUDIT_PAGE
 from ssp_eval.evaluate.admission import kept_audits
 from ssp_eval.evaluate.cell_file import frame_path
-from ssp_eval.report.facts import CellFacts, load_facts
-from ssp_eval.report.large import DetailFiles, load_lightly
-from ssp_eval.report.load import CellData, cell_files, in_order, load_cells
-from ssp_eval.report.pictures import data_uri
-from ssp_eval.report.render import Details, environment, render
-from ssp_eval.report.view import record_views
+from ssp_eval.evaluate.results import (
+    CellData,
+    CellFacts,
+    cell_files,
+    in_order,
+    load_cells,
+    load_facts,
+)
+from ssp_eval.pages import data_uri
+from ssp_eval.report.cell_view import record_views
+from ssp_eval.report.render import DetailFiles, Details, environment, load_lightly, render
+from ssp_eval.statistics.table import Table
 
 PAGE = "index.html"
 # Up to here a page holds all details and pictures, some 150 kB a cell; beyond, a browser would

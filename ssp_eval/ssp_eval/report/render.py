@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -13,21 +14,369 @@ import jinja2
 from markupsafe import Markup
 
 from ssp_core import __version__
-from ssp_eval.analysis.control_tables import ANSWERERS, SEEING
-from ssp_eval.analysis.failure_table import STAGE_NAMES, failures_by_cell, failures_by_model
-from ssp_eval.analysis.notices import notices
-from ssp_eval.analysis.rows import rows_from_cells
-from ssp_eval.analysis.sections import page_parts
-from ssp_eval.analysis.table import Table
-from ssp_eval.analysis.tables import MEAN_TABLES, all_tables
-from ssp_eval.report.grid import common_notes, grid, rank_grids, without_notes
-from ssp_eval.report.large import rows as browsed_rows
-from ssp_eval.report.load import CellData
-from ssp_eval.report.matrix import matrix
-from ssp_eval.report.seeing import seeing_plot
-from ssp_eval.report.summary import summary
-from ssp_eval.report.view import RecordView, tolerated
-from ssp_eval.templates import templates
+from ssp_core.files import make_folder, write_text
+from ssp_eval.evaluate.results import CellData, KeptAudits, load_cell
+from ssp_eval.pages import templates
+from ssp_eval.report.cell_view import RecordView, record_views, tolerated
+from ssp_eval.report.drawings import matrix, seeing_plot
+from ssp_eval.score.aggregate import Mean
+from ssp_eval.score.judge import STAGES
+from ssp_eval.statistics.notices import notices
+from ssp_eval.statistics.rows import rows_from_cells
+from ssp_eval.statistics.statistics_tables import (
+    NONE,
+    STAGE_NAMES,
+    failures_by_cell,
+    failures_by_model,
+)
+from ssp_eval.statistics.table import Column, Table, Value, fields
+from ssp_eval.statistics.tables import ANSWERERS, MEAN_TABLES, SEEING, all_tables
+from ssp_eval.statistics.write import page_parts
+
+# Beyond, a table is folded up.
+MOST_OPEN = 60
+# Of more scenarios than these a table of ranks has them as rows, in a table of its own.
+MOST_ACROSS = 8
+MAIN = ("ivcs", "ivcs_difference")
+
+
+@dataclass(frozen=True)
+class Field:
+    """One field: text, the n of a mean where the row's n differs, and how it looks.
+
+    Args:
+        text: as in the files.
+        n: empty where there is nothing to say.
+        look: classes of its cell.
+        share: 0 to 1, of a bar or a shade; None where there is none.
+        href: where it leads, empty for nowhere.
+    """
+
+    text: str
+    n: str
+    look: str
+    share: float | None = None
+    href: str = ""
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A table of the page."""
+
+    name: str
+    title: str
+    heads: tuple[Field, ...]
+    rows: tuple[tuple[Field, ...], ...]
+    notes: tuple[str, ...]
+
+    @property
+    def folded(self) -> bool:
+        """Too long to stand open."""
+        return len(self.rows) > MOST_OPEN
+
+
+def grid(
+    table: Table,
+    *,
+    hide: Collection[str] = (),
+    links: Callable[[int], str] = lambda row: "",
+) -> Grid:
+    """The table for the page.
+
+    Args:
+        table: of ssp_eval.analysis.
+        hide: keys of columns that aren't shown.
+        links: by row, where the name of its model leads; empty for nowhere.
+    """
+    places = [
+        place
+        for place, column in enumerate(table.columns)
+        if column.printed and column.key not in hide and not _is_empty(table, place)
+    ]
+    columns = [table.columns[place] for place in places]
+    heads = tuple(Field(column.title, "", _look(column)) for column in columns)
+    rows = []
+    for number, row in enumerate(table.rows):
+        shown = fields(table, row)
+        total = sum(_count(table, row, key) for key in (*STAGE_NAMES, NONE))
+        rows.append(
+            tuple(
+                Field(
+                    _spoken(column, shown[place].text),
+                    "" if shown[place].n is None else f"n={shown[place].n}",
+                    _look(column),
+                    _share(column, row[place], total),
+                    links(number) if column.key == "model" else "",
+                )
+                for column, place in zip(columns, places, strict=True)
+            )
+        )
+    return Grid(table.name, table.title, heads, tuple(rows), table.notes)
+
+
+def _is_empty(table: Table, place: int) -> bool:
+    """A column of words that has none, which only takes room."""
+    is_text = table.columns[place].kind == "text"
+    return is_text and bool(table.rows) and not any(row[place] for row in table.rows)
+
+
+def _spoken(column: Column, text: str) -> str:
+    """Names of scenarios as words, a count of none as a dot."""
+    if column.key in STAGE_NAMES or column.key == NONE:
+        return "·" if text == "0" else text
+    return text.replace("_", " ") if column.key == "scenario" else text
+
+
+def _look(column: Column) -> str:
+    if column.key in STAGE_NAMES:
+        return "num heat"
+    if column.key == NONE:
+        return "num clean"
+    main = " main" if column.key in MAIN else ""
+    bar = " bar" if column.kind == "ratio" else ""
+    return f"num{bar}{main}" if column.is_number else ""
+
+
+def _count(table: Table, row: Sequence[Value], key: str) -> int:
+    value = next((v for c, v in zip(table.columns, row, strict=True) if c.key == key), 0)
+    return value if isinstance(value, int) else 0
+
+
+def _share(column: Column, value: Value, total: int) -> float | None:
+    if column.key in STAGE_NAMES or column.key == NONE:
+        return value / total if total and isinstance(value, int) else 0.0
+    number = value.value if isinstance(value, Mean) else value
+    if column.kind != "ratio" or not isinstance(number, int | float):
+        return None
+    return min(max(float(number), 0.0), 1.0)
+
+
+def common_notes(grids: Sequence[Grid]) -> tuple[tuple[str, ...], list[Grid]]:
+    """The notes that all have, and the grids without them."""
+    if not grids:
+        return (), []
+    common = tuple(n for n in grids[0].notes if all(n in one.notes for one in grids))
+    return common, [without_notes(one, common) for one in grids]
+
+
+def without_notes(one: Grid, told: Collection[str]) -> Grid:
+    """The grid without notes that the page has told already."""
+    return replace(one, notes=tuple(note for note in one.notes if note not in told))
+
+
+def rank_grids(table: Table) -> list[Grid]:
+    """Ranks; those of many scenarios stand in a second table with the scenarios as rows."""
+    scenarios = [column for column in table.columns if column.key.startswith("rank_")][:-1]
+    if len(scenarios) <= MOST_ACROSS:
+        return [grid(table)]
+    names = [str(row[0]) for row in table.rows]
+    turned = Table(
+        f"{table.name}_scenarios",
+        f"{table.title} in each of {len(scenarios)} scenarios",
+        (
+            Column("scenario", "scenario", "text"),
+            *(Column(f"{name} ", name, "count") for name in names),
+        ),
+        tuple(
+            (column.title, *(row[table.columns.index(column)] for row in table.rows))
+            for column in scenarios
+        ),
+        table.notes,
+    )
+    return [grid(table, hide={column.key for column in scenarios}), grid(turned)]
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Names and counts.
+
+    Args:
+        title: of the page.
+        scenarios, domains: names.
+        models: names of models.
+        controls: names of controls.
+        labels: label times of scored cells, of models and of controls.
+        scored: scored cells of models, and how many there are.
+        scored_controls: the same of controls.
+        statuses: cells without a score by status.
+        missing: answers that didn't come, of models and of controls.
+        admissions: what audits say of the cells.
+        audit_links: scenario and page of each audit.
+    """
+
+    title: str
+    scenarios: tuple[str, ...]
+    domains: tuple[str, ...]
+    models: tuple[str, ...]
+    controls: tuple[str, ...]
+    labels: tuple[int, int]
+    scored: tuple[int, int]
+    scored_controls: tuple[int, int]
+    statuses: Mapping[str, int]
+    missing: tuple[int, int]
+    admissions: tuple[str, ...]
+    audit_links: tuple[tuple[str, str], ...]
+
+
+def summary(cells: Sequence[CellData], audits: Mapping[str, str]) -> Summary:
+    """The summary of all cells of a campaign.
+
+    Args:
+        cells: in the order in which they are shown.
+        audits: path of an audit's page by the audit's hash.
+    """
+    own = [cell for cell in cells if not cell.is_control]
+    controls = [cell for cell in cells if cell.is_control]
+    models = tuple(dict.fromkeys(cell.model for cell in own))
+    scenarios = tuple(sorted({cell.scenario for cell in cells}))
+    return Summary(
+        title=_title(models, scenarios),
+        scenarios=scenarios,
+        domains=tuple(dict.fromkeys(cell.domain for cell in cells)),
+        models=models,
+        controls=tuple(sorted({cell.model for cell in controls})),
+        labels=(_labels(own), _labels(controls)),
+        scored=_scored(own),
+        scored_controls=_scored(controls),
+        statuses=dict(sorted(Counter(c.facts.status for c in cells if not c.score).items())),
+        missing=(_missing(own), _missing(controls)),
+        admissions=tuple(sorted({cell.admission for cell in cells})),
+        audit_links=tuple(_audit_links(cells, audits).items()),
+    )
+
+
+def _scored(cells: Sequence[CellData]) -> tuple[int, int]:
+    return sum(cell.score is not None for cell in cells), len(cells)
+
+
+def _labels(cells: Sequence[CellData]) -> int:
+    return sum(cell.score.n for cell in cells if cell.score is not None)
+
+
+def _missing(cells: Sequence[CellData]) -> int:
+    return sum(len(cell.facts.answers.missing) for cell in cells if cell.score is not None)
+
+
+def _title(models: Sequence[str], scenarios: Sequence[str]) -> str:
+    """Who was evaluated on what, in words; counts where there are many."""
+
+    def listed(names: Sequence[str], many: str) -> str:
+        words = [name.replace("_", " ") for name in names]
+        return " and ".join(words) if 0 < len(words) <= 2 else f"{len(words)} {many}"
+
+    title = f"{listed(models, 'models')} on {listed(scenarios, 'scenarios')}"
+    return title[0].upper() + title[1:]
+
+
+def _audit_links(cells: Sequence[CellData], audits: Mapping[str, str]) -> dict[str, str]:
+    """Page of the audit by scenario."""
+    found: dict[str, str] = {}
+    for cell in cells:
+        page = audits.get(cell.audit_sha256 or "")
+        if page is not None:
+            found.setdefault(cell.scenario, page)
+    return found
+
+
+FOLDER = Path("report") / "cells"
+# In a row's word of stages: 0 to 6 for the stage that fails first, this where none does.
+CLEAN = "-"
+SCORES = ("ivcs", "jovr", "sem_acc_eff", "cia_eff", "tqsr", "act_acc_eff", "stfr", "atc_eff")
+
+
+def load_lightly(
+    files: Sequence[Path], on_cell: Callable[[CellData], None] = lambda _: None
+) -> list[CellData]:
+    """Reads cells one by one and keeps of each what the page itself needs.
+
+    Args:
+        files: cell.json of each.
+        on_cell: given each cell whole, before its records, questions and judgements are dropped.
+
+    Raises:
+        InputError: a file is damaged.
+    """
+    cells = []
+    audits = KeptAudits(files[0].parents[2])
+    for file in files:
+        cell = load_cell(file, audits)
+        on_cell(cell)
+        cells.append(replace(cell, records=(), asked=()))
+    return cells
+
+
+class DetailFiles:
+    """The files with the details of cells, written one by one.
+
+    Args:
+        out: campaign folder.
+        environment: of the templates.
+        audits: path of an audit's page by the audit's hash.
+    """
+
+    def __init__(
+        self, out: Path, environment: jinja2.Environment, audits: Mapping[str, str]
+    ) -> None:
+        self._folder = make_folder(out / FOLDER)
+        self._template = environment.get_template("details.html.j2")
+        self._audits = audits
+        self._written: set[str] = set()
+
+    def write(self, cell: CellData) -> None:
+        """Writes the details of a cell."""
+        html = self._template.render(
+            cell=cell, views=record_views(cell), tolerated=tolerated(cell), audits=self._audits
+        )
+        name = f"{cell.id}.js"
+        self._written.add(name)
+        write_text(self._folder / name, f"sspCell({json.dumps(cell.id)}, {json.dumps(html)});\n")
+
+    def remove_others(self) -> None:
+        """Removes the details of cells that are in the campaign no more."""
+        for file in self._folder.glob("*.js"):
+            if file.name not in self._written:
+                file.unlink()
+
+
+def rows(cells: Sequence[CellData]) -> dict[str, Any]:
+    """What the page's script makes rows of: one list per cell, names by their number."""
+    names: dict[str, list[str]] = {
+        key: list(dict.fromkeys(getattr(cell, key) for cell in cells))
+        for key in ("scenario", "domain", "model")
+    }
+    number = {key: {name: k for k, name in enumerate(found)} for key, found in names.items()}
+    return {
+        **names,
+        "scores": SCORES,
+        "rows": [
+            [
+                cell.id,
+                *(number[key][getattr(cell, key)] for key in names),
+                cell.facts.status,
+                cell.admission,
+                int(cell.is_control),
+                _stages(cell),
+                None if cell.score is None else [_short(getattr(cell.score, s)) for s in SCORES],
+                None if cell.score is None else _short(cell.score.rl_s),
+                "; ".join(cell.facts.reasons),
+            ]
+            for cell in cells
+        ],
+    }
+
+
+def _stages(cell: CellData) -> str:
+    """Per label, in order, the first stage that fails (METHOD 6.12)."""
+    if cell.score is None:
+        return ""
+    found = (judgement.first_failure for judgement in cell.score.details.judgements)
+    return "".join(CLEAN if stage is None else str(STAGES.index(stage)) for stage in found)
+
+
+def _short(value: float | None) -> float | None:
+    """Enough digits to sort by and to show."""
+    return None if value is None else round(value, 6)
+
 
 SLOTS = ("objects", "position", "motion", "conflict", "lon_action", "lat_action")
 # Means that a page shows folded: each has many rows, or is for those who look closer.
@@ -145,7 +494,7 @@ def _browsed(cells: list[CellData]) -> dict[str, Any]:
         "failures": grid(failures_by_model(own)) if own else None,
         "controls_failures": grid(failures_by_model(controls)) if controls else None,
         "controls_matrix": "",
-        "data": Markup(script_json(browsed_rows(cells))),
+        "data": Markup(script_json(rows(cells))),
         "script": source("browse.js"),
     }
 

@@ -1,25 +1,213 @@
-"""The scores of many cells at once (METHOD 6), for campaigns and for analysis over thresholds.
-
-It gives what score_cell gives to the last bit, without the judgements behind it.
-"""
+"""The scores of many cells at once (METHOD 6), and the terms that their means are taken of."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from functools import lru_cache
+from itertools import product
 
 import numpy as np
 
-from ssp_eval.score.cell import CellMetrics
-from ssp_eval.score.columns import NOTHING, Columns, Flags, Numbers, Whole
-from ssp_eval.score.driven import driven
-from ssp_eval.score.encode import Cell, encode
-from ssp_eval.score.ivcs import ivcs_weights
-from ssp_eval.score.judged import allowed, risky, semantics, slows_down
-from ssp_eval.score.pairing import match_columns
-from ssp_eval.score.semantics import SLOTS
-from ssp_eval.score.terms import RecordTerms
+from ssp_core.vocabulary import CONFLICTS, LON_ACTIONS, OBJECTS
+from ssp_eval.data.records import VOCABULARIES
+from ssp_eval.score.cell import CellMetrics, CellScore, ivcs_weights
+from ssp_eval.score.columns import NOTHING, Cell, Columns, Flags, Numbers, Whole, encode
+from ssp_eval.score.judge import (
+    DEFENSIVE_ACTIONS,
+    DYNAMIC_SLOTS,
+    INTERACTION_SLOTS,
+    RISKY_CONFLICTS,
+    SLOTS,
+    Value,
+    hard_score,
+    soft_score,
+)
+from ssp_eval.score.matching import match_columns
+from ssp_eval.score.motion import driven
 from ssp_eval.score.thresholds import DEFAULT, Thresholds
+
+
+@dataclass(frozen=True, eq=False)
+class RecordTerms:
+    """The terms of a cell, one row per label in time order; a missing output is 0 everywhere.
+
+    Args:
+        matched: (N,) the label has a record (6.1).
+        output_valid: (N,) v_txt v_trj (6.2).
+        evaluable: (N, 4) e of each slot, in the order of SLOTS (6.3).
+        given: (N, 4) e z.
+        hard: (N, 4) e z h, 0..1.
+        soft: (N, 4) e z s, 0..1.
+        interaction_evaluable: (N,) E (6.4).
+        interaction_correct: (N,) E C (6.4).
+        action_correct: (N,) the term of ActAcc_eff (6.5).
+        feasible: (N,) v_trj F, the term of STFR (6.7).
+        trajectory_correct: (N,) v_trj F R_lon R_lat, the term of TQSR (6.7).
+        consistent: (N,) the term of ATC_eff (6.8).
+        candidate: (N,) the record is a candidate for the risk response (6.9).
+        defensive: (N,) a valid trajectory slows down where that is right, candidate or not (6.9).
+        record_t_s: (N,) clip time of the record, s; NaN without one.
+        risk_onset_s: t_r (6.9), clip time, s.
+    """
+
+    matched: Flags
+    output_valid: Flags
+    evaluable: Flags
+    given: Flags
+    hard: Numbers
+    soft: Numbers
+    interaction_evaluable: Flags
+    interaction_correct: Flags
+    action_correct: Flags
+    feasible: Flags
+    trajectory_correct: Flags
+    consistent: Flags
+    candidate: Flags
+    defensive: Flags
+    record_t_s: Numbers
+    risk_onset_s: float
+
+    def __len__(self) -> int:
+        """N, the number of labels."""
+        return len(self.matched)
+
+
+def record_terms(score: CellScore) -> RecordTerms:
+    """The terms of a scored cell."""
+    items = score.details.judgements
+    slots = [[item.slots[name] for name in SLOTS] for item in items]
+
+    def flags(values: list[bool]) -> Flags:
+        return np.array(values, dtype=np.bool_)
+
+    return RecordTerms(
+        matched=flags([item.record is not None for item in items]),
+        output_valid=flags([item.text_valid and item.trajectory_valid for item in items]),
+        evaluable=np.array([[slot.evaluable for slot in row] for row in slots], dtype=np.bool_),
+        given=np.array(
+            [[slot.evaluable and slot.given for slot in row] for row in slots], dtype=np.bool_
+        ),
+        hard=np.array([[slot.h or 0.0 for slot in row] for row in slots]),
+        soft=np.array([[slot.s or 0.0 for slot in row] for row in slots]),
+        interaction_evaluable=flags([item.interaction_evaluable for item in items]),
+        interaction_correct=flags(
+            [item.interaction_evaluable and item.interaction_correct for item in items]
+        ),
+        action_correct=flags([item.action_correct for item in items]),
+        feasible=flags([item.feasible_valid for item in items]),
+        trajectory_correct=flags([item.trajectory_correct for item in items]),
+        consistent=flags([item.consistent for item in items]),
+        candidate=flags([item.candidate for item in items]),
+        defensive=flags([item.defensive for item in items]),
+        record_t_s=np.array(
+            [np.nan if item.record_t_s is None else item.record_t_s for item in items]
+        ),
+        risk_onset_s=score.details.risk_onset_s,
+    )
+
+
+_DYNAMIC = [SLOTS.index(name) for name in DYNAMIC_SLOTS]
+_INTERACTION = [SLOTS.index(name) for name in INTERACTION_SLOTS]
+# By code; NOTHING, which is -1, picks the last item.
+_RISKY = np.array([word in RISKY_CONFLICTS for word in (*CONFLICTS, None)])
+_DEFENSIVE = np.array([word in DEFENSIVE_ACTIONS for word in (*LON_ACTIONS, None)])
+
+
+@dataclass(frozen=True, eq=False)
+class Semantics:
+    """The slots of METHOD 6.3, one row per label, and the interaction of METHOD 6.4.
+
+    Args:
+        evaluable: (L, 4) e.
+        given: (L, 4) e z.
+        hard: (L, 4) e z h.
+        soft: (L, 4) e z s.
+        interaction_evaluable: (L,) E.
+        interaction_correct: (L,) E C.
+    """
+
+    evaluable: Flags
+    given: Flags
+    hard: Numbers
+    soft: Numbers
+    interaction_evaluable: Flags
+    interaction_correct: Flags
+
+
+def _values(slot: str) -> list[Value]:
+    """Every value that a slot can have, in the order of its codes."""
+    if slot != "objects":
+        return list(VOCABULARIES[slot])
+    return [
+        tuple(word for bit, word in enumerate(OBJECTS) if mask >> bit & 1)
+        for mask in range(1 << len(OBJECTS))
+    ]
+
+
+def score_tables(soft_credit: float) -> tuple[tuple[Numbers, Numbers], ...]:
+    """h and s of METHOD 6.3 per slot of SLOTS, by the codes of answer and truth.
+
+    A last row of zeros stands for a missing answer, which NOTHING points at.
+    """
+    tables = []
+    for slot in SLOTS:
+        values = _values(slot)
+        hard = np.zeros((len(values) + 1, len(values)))
+        soft = np.zeros_like(hard)
+        for (i, answer), (j, truth) in product(enumerate(values), enumerate(values)):
+            hard[i, j] = hard_score(answer, truth)
+            soft[i, j] = soft_score(answer, truth, soft_credit)
+        tables.append((hard, soft))
+    return tuple(tables)
+
+
+_score_tables = lru_cache(maxsize=8)(score_tables)
+
+
+def semantics(
+    columns: Columns, answer: Whole, earliest: Whole, thresholds: Thresholds
+) -> Semantics:
+    """METHOD 6.3 and 6.4.
+
+    Args:
+        columns: the cells.
+        answer: (L, 6) codes of the matched records.
+        earliest: (C,) the row of each cell's earliest label.
+        thresholds: the credit for adjacent classes.
+    """
+    truth = columns.labels.truth
+    evaluable = truth != NOTHING
+    masked = earliest[~columns.first_frame_dynamics]
+    evaluable[masked[:, None], _DYNAMIC] = False
+    given = evaluable & (answer[:, : len(SLOTS)] != NOTHING)
+    hard, soft = np.zeros(truth.shape), np.zeros(truth.shape)
+    for slot, (hard_table, soft_table) in enumerate(_score_tables(thresholds.soft_credit)):
+        index = (answer[:, slot], truth[:, slot])
+        hard[:, slot] = np.where(evaluable[:, slot], hard_table[index], 0.0)
+        soft[:, slot] = np.where(evaluable[:, slot], soft_table[index], 0.0)
+    interaction = np.logical_and.reduce([evaluable[:, slot] for slot in _INTERACTION])
+    correct = np.logical_and.reduce([hard[:, slot] == 1.0 for slot in _INTERACTION])
+    return Semantics(evaluable, given, hard, soft, interaction, interaction & correct)
+
+
+def allowed(action: Whole, bits: Whole) -> Flags:
+    """Whether an action's code is in the set whose bits a label allows; NOTHING never is."""
+    result: Flags = (action != NOTHING) & ((bits >> np.maximum(action, 0)) & 1 == 1)
+    return result
+
+
+def risky(conflict: Whole) -> Flags:
+    """Whether a label's conflict admits a candidate of METHOD 6.9."""
+    result: Flags = _RISKY[conflict]
+    return result
+
+
+def slows_down(lon: Whole) -> Flags:
+    """Whether an inferred action is one of those that METHOD 6.9 calls defensive."""
+    result: Flags = _DEFENSIVE[lon]
+    return result
+
 
 _CONFLICT = SLOTS.index("conflict")
 

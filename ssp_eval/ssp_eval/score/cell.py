@@ -4,21 +4,63 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import compress
 from operator import and_
 from typing import Any
 
-from ssp_eval.labels.model import Labels
-from ssp_eval.records import BehaviourRecord
-from ssp_eval.score.ivcs import ivcs_terms
-from ssp_eval.score.judge import STAGES, Judgement, judge
+from ssp_eval.data.labels import Labels
+from ssp_eval.data.records import BehaviourRecord
+from ssp_eval.score.judge import (
+    STAGES,
+    Candidate,
+    Judgement,
+    Response,
+    find_response,
+    judge,
+    ratio,
+    semantic_ratios,
+)
 from ssp_eval.score.matching import match
-from ssp_eval.score.ratio import ratio
-from ssp_eval.score.risk import Candidate, Response, find_response
-from ssp_eval.score.semantics import semantic_ratios
 from ssp_eval.score.thresholds import DEFAULT, Thresholds
+
+
+def ivcs_weights(thresholds: Thresholds = DEFAULT) -> dict[str, float]:
+    """The weight of each component of IVCS by its key in the score output (METHOD 6.10)."""
+    return {
+        "jovr": thresholds.weight_jovr,
+        "sem_acc_eff": thresholds.weight_sem_acc_eff,
+        "cia_eff": thresholds.weight_cia_eff,
+        "tqsr": thresholds.weight_tqsr,
+        "rsr": thresholds.weight_rsr,
+    }
+
+
+def ivcs_terms(
+    components: Mapping[str, float | None], thresholds: Thresholds = DEFAULT
+) -> dict[str, float]:
+    """What each component adds to IVCS (METHOD 6.10); a null one adds 0 (METHOD 6.11).
+
+    Args:
+        components: ``jovr``, ``sem_acc_eff``, ``cia_eff``, ``tqsr`` and ``rsr``, each 0..1 or None;
+            others are ignored.
+        thresholds: the weights.
+    """
+    return {
+        name: weight * (components[name] or 0.0)
+        for name, weight in ivcs_weights(thresholds).items()
+    }
+
+
+def ivcs(components: Mapping[str, float | None], thresholds: Thresholds = DEFAULT) -> float:
+    """IVCS = 0.10 JOVR + 0.30 SemAcc_eff + 0.20 CIA_eff + 0.30 TQSR + 0.10 RSR (METHOD 6.10).
+
+    Args:
+        components: see ivcs_terms.
+        thresholds: the weights.
+    """
+    return math.fsum(ivcs_terms(components, thresholds).values())
 
 
 @dataclass(frozen=True)

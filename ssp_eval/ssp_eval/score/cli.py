@@ -1,27 +1,110 @@
-"""``ssp score``: records against labels, folder by folder."""
+"""``ssp score``: records against labels, and how scores are written for people."""
 
 from __future__ import annotations
 
 import json
 import os
 from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import click
 import numpy as np
+from rich.table import Table
+from rich.text import Text
 
 from ssp_core import console
 from ssp_core.errors import InputError
 from ssp_eval.score.batch import score_columns
-from ssp_eval.score.load import load_columns
-from ssp_eval.score.show import Scored, score_notes, score_table
-from ssp_eval.score.thresholds import Thresholds
-from ssp_eval.score.thresholds_file import (
+from ssp_eval.score.cell import CellMetrics, ivcs_weights
+from ssp_eval.score.columns import load_columns
+from ssp_eval.score.thresholds import (
     OTHER_THRESHOLDS,
+    Thresholds,
     changes,
     load_thresholds,
     thresholds_option,
 )
+
+NULL = "–"
+DISCLAIMER = "IVCS is no safety certificate."
+
+_COLUMNS = (
+    ("JOVR", "jovr"),
+    ("SemCov", "sem_cov"),
+    ("SemAcc cond", "sem_acc_cond"),
+    ("SemAcc eff", "sem_acc_eff"),
+    ("SemAcc soft", "sem_acc_soft"),
+    ("CIA", "cia_eff"),
+    ("ActAcc", "act_acc_eff"),
+    ("STFR", "stfr"),
+    ("TQSR", "tqsr"),
+    ("ATC", "atc_eff"),
+)
+
+
+def format_ratio(value: float | None) -> str:
+    """Three decimals, ``–`` for null (METHOD 6.11)."""
+    return NULL if value is None else f"{value:.3f}"
+
+
+def format_response(rsr: int, rl_s: float | None) -> str:
+    """``S@1.50`` with the latency in seconds, or ``F`` (METHOD 6.9)."""
+    return f"S@{rl_s:.2f}" if rsr and rl_s is not None else "F"
+
+
+@dataclass(frozen=True)
+class Scored:
+    """A case and its scores.
+
+    Args:
+        name: of the case.
+        records: how many it has.
+        metrics: its scores.
+    """
+
+    name: str
+    records: int
+    metrics: CellMetrics
+
+    @property
+    def nulls(self) -> list[str]:
+        """Components that are null and count as 0 in IVCS (METHOD 6.11)."""
+        return [name for name in ivcs_weights() if getattr(self.metrics, name) is None]
+
+
+def score_table(cases: Sequence[Scored]) -> Table:
+    """The scores of several cells; ``*`` marks an IVCS in which a null component counts as 0."""
+    table = Table(title="Scores per cell (METHOD 6)")
+    table.add_column("case", no_wrap=True)
+    table.add_column("matched", justify="right", no_wrap=True)
+    for heading in [*(name for name, _ in _COLUMNS), "response", "IVCS"]:
+        table.add_column(heading, justify="right", no_wrap=True)
+    for case in cases:
+        score = case.metrics
+        flag = "*" if case.nulls else ""
+        table.add_row(
+            Text(case.name),
+            f"{score.matched}/{score.n}",
+            *(format_ratio(getattr(score, key)) for _, key in _COLUMNS),
+            format_response(score.rsr, score.rl_s),
+            format_ratio(score.ivcs) + flag,
+        )
+    return table
+
+
+def score_notes(cases: Sequence[Scored]) -> list[str]:
+    """The lines that belong under the table."""
+    notes = [DISCLAIMER]
+    for case in cases:
+        if case.nulls:
+            names = ", ".join(case.nulls)
+            notes.append(f"* {case.name}: no denominator for {names}, counted as 0 in IVCS.")
+        if unmatched := case.records - case.metrics.matched:
+            notes.append(f"{case.name}: records that match no label, ignored: {unmatched}.")
+    return notes
+
 
 LABELS_FILES = ("labels.json", "labels.yaml", "labels.yml")
 RECORDS_FILE = "records.jsonl"

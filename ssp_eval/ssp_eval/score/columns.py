@@ -1,16 +1,32 @@
-"""Labels and records of many cells as columns of numbers, for ssp_eval.score.batch.
-
-Nothing here depends on a threshold: columns are made once and scored as often as one likes, say
-under other thresholds. Words become their places in the closed vocabularies (METHOD 5.1), a set of
-objects the bits of its classes.
-"""
+"""Labels and records of many cells as columns of numbers, from objects or straight from files."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import accumulate, chain, islice
+from operator import attrgetter
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ssp_core.files import read_text
+from ssp_core.vocabulary import LAT_ACTIONS, LON_ACTIONS
+from ssp_eval.data.labels import Label, Labels, parse_labels_text
+from ssp_eval.data.records import (
+    MOST_BYTES,
+    SLOT_NAMES,
+    VOCABULARIES,
+    BehaviourRecord,
+    Lines,
+    Slot,
+    parse_records,
+    read_lines,
+)
+from ssp_vla_bridge.trajectory import Trajectory
 
 Whole = NDArray[np.int64]
 Flags = NDArray[np.bool_]
@@ -81,3 +97,287 @@ class Columns:
     first_frame_dynamics: Flags
     labels: LabelColumns
     records: RecordColumns
+
+
+Cell = tuple[Labels, Sequence[BehaviourRecord]]
+
+# Cells.
+_BLOCK = 32
+_NO_SLOT = Slot("", ())
+_NO_TRAJECTORY = Trajectory((), (), ())
+_NO_LINE_SLOT: dict[str, Any] = {"value": None, "evidence": ()}
+_NO_LINE_PATH: dict[str, tuple[float, ...]] = {"t_s": (), "x_m": (), "y_m": ()}
+# Beyond any text; stands for a character position that doesn't fit into 64 bits.
+_FAR = 1 << 62
+
+
+class Codes(dict[object, int]):
+    """Words of a closed vocabulary to their codes; what it doesn't know it asks for once."""
+
+    def __init__(self, vocabulary: Sequence[str], bits: bool) -> None:
+        super().__init__({None: NOTHING, "": NOTHING})
+        self._vocabulary, self._bits = vocabulary, bits
+        if not bits:
+            self.update({word: code for code, word in enumerate(vocabulary)})
+
+    def __missing__(self, value: object) -> int:
+        if not self._bits or not isinstance(value, tuple) or not set(value) <= {*self._vocabulary}:
+            raise ValueError(f"{value!r} isn't of the vocabulary {', '.join(self._vocabulary)}")
+        self[value] = sum(1 << self._vocabulary.index(word) for word in set(value))
+        return self[value]
+
+
+_ANSWER_CODES = tuple(Codes(VOCABULARIES[name], name == "objects") for name in SLOT_NAMES)
+_TRUTH_CODES = _ANSWER_CODES[:4]
+_LON, _LAT = Codes(LON_ACTIONS, bits=True), Codes(LAT_ACTIONS, bits=True)
+_label_fields = attrgetter(
+    "t_s", "objects", "position", "motion", "conflict", "lon_actions", "lat_actions"
+)
+_slots = attrgetter(*SLOT_NAMES)
+
+
+class _Grids(dict[tuple[float, ...], int]):
+    """The different sequences of times, numbered as they come; the empty one is 0."""
+
+    def __init__(self) -> None:
+        super().__init__({(): 0})
+
+    def __missing__(self, times: tuple[float, ...]) -> int:
+        self[times] = len(self)
+        return self[times]
+
+
+def encode(cells: Sequence[Cell]) -> Columns:
+    """The columns of cells, in their order.
+
+    Args:
+        cells: labels and records of each, both in time order.
+
+    Raises:
+        ValueError: a word is not of its vocabulary, or a cell has no label.
+    """
+    blocks = RecordBlocks()
+    for start in range(0, len(cells), _BLOCK):
+        blocks.add(chain.from_iterable(records for _, records in cells[start : start + _BLOCK]))
+    counts = [len(records) for _, records in cells]
+    return columns_of([labels for labels, _ in cells], counts, blocks.columns())
+
+
+def columns_of(labels: Sequence[Labels], counts: Sequence[int], records: RecordColumns) -> Columns:
+    """The columns of cells whose records are in columns already.
+
+    Args:
+        labels: of each cell.
+        counts: how many records each cell has.
+        records: of all cells, in the order of labels.
+
+    Raises:
+        ValueError: see encode.
+    """
+    label_lists = [one.labels for one in labels]
+    if not all(label_lists):
+        raise ValueError("a cell without labels has no scores")
+    return Columns(
+        label_start=_starts(map(len, label_lists)),
+        record_start=_starts(counts),
+        risk_onset_s=np.array([one.risk_onset_s for one in labels], dtype=np.float64),
+        first_frame_dynamics=np.array([one.first_frame_dynamics for one in labels], dtype=np.bool_),
+        labels=_shared_labels(label_lists),
+        records=records,
+    )
+
+
+def _starts(lengths: Iterable[int]) -> Whole:
+    return np.fromiter(accumulate(lengths, initial=0), np.int64)
+
+
+def _shared_labels(label_lists: Sequence[tuple[Label, ...]]) -> LabelColumns:
+    """The labels of all cells; those that several cells share are walked once."""
+    numbers: dict[int, int] = {}
+    which = [numbers.setdefault(id(labels), len(numbers)) for labels in label_lists]
+    if len(numbers) == len(label_lists):
+        return _labels(list(chain.from_iterable(label_lists)))
+    distinct = list({id(labels): labels for labels in label_lists}.values())
+    starts, lengths = _starts(map(len, distinct)), np.array([len(x) for x in distinct])
+    count = lengths[which]
+    first = np.repeat(starts[:-1][which] - (np.cumsum(count) - count), count)
+    row = first + np.arange(count.sum())
+    once = _labels(list(chain.from_iterable(distinct)))
+    return LabelColumns(
+        once.t_s[row], once.truth[row], once.lon_allowed[row], once.lat_allowed[row]
+    )
+
+
+def _labels(labels: Sequence[Label]) -> LabelColumns:
+    times, *truths, lon, lat = zip(*map(_label_fields, labels), strict=True)
+    return LabelColumns(
+        t_s=np.array(times, dtype=np.float64),
+        truth=np.column_stack(
+            [_coded(codes, truth) for codes, truth in zip(_TRUTH_CODES, truths, strict=True)]
+        ),
+        lon_allowed=_coded(_LON, lon),
+        lat_allowed=_coded(_LAT, lat),
+    )
+
+
+def _coded(codes: Codes, values: Sequence[object]) -> Whole:
+    return np.fromiter(map(codes.__getitem__, values), np.int64, len(values))
+
+
+class RecordBlocks:
+    """Gathers records block by block; the columns of a block are made at once."""
+
+    def __init__(self) -> None:
+        self._grids = _Grids()
+        self._blocks: list[tuple[np.ndarray, ...]] = []
+
+    def add(self, records: Iterable[BehaviourRecord]) -> None:
+        """Adds a block of records."""
+        rows = list(records)
+        slots = zip(*[_slots(record.slots) for record in rows], strict=True)
+        found = [_NO_SLOT if slot is None else slot for slot in chain.from_iterable(slots)]
+        paths = [record.trajectory or _NO_TRAJECTORY for record in rows]
+        self._add(
+            [record.t_s for record in rows],
+            [record.text for record in rows],
+            [slot.value for slot in found],
+            [slot.evidence for slot in found],
+            [path.t_s for path in paths],
+            [path.x_m for path in paths],
+            [path.y_m for path in paths],
+        )
+
+    def add_lines(self, lines: Lines) -> None:
+        """Adds a block of records that were never made into objects."""
+        slots = [_NO_LINE_SLOT if slot is None else slot for slot in chain(*lines.slots)]
+        values = [slot["value"] for slot in slots]
+        paths = [path or _NO_LINE_PATH for path in lines.trajectories]
+        self._add(
+            lines.t_s,
+            lines.texts,
+            [tuple(value) if isinstance(value, list) else value for value in values],
+            [slot["evidence"] for slot in slots],
+            [tuple(_finite_or_nan(path["t_s"])) for path in paths],
+            [_finite_or_nan(path["x_m"]) for path in paths],
+            [_finite_or_nan(path["y_m"]) for path in paths],
+        )
+
+    def _add(
+        self,
+        times: Sequence[float],
+        texts: Sequence[str],
+        values: list[object],
+        evidence: Sequence[Sequence[Sequence[int]]],
+        grids: Sequence[tuple[float, ...]],
+        xs: Sequence[Sequence[float]],
+        ys: Sequence[Sequence[float]],
+    ) -> None:
+        """Adds a block; values and evidence hold all records' first slots, then the second."""
+        n = len(times)
+        text_valid = np.fromiter(map(bool, map(str.strip, texts)), np.bool_, n)
+        length = np.where(text_valid, np.fromiter(map(len, texts), np.int64, n), 0)
+        answer = np.empty((n, len(_ANSWER_CODES)), dtype=np.int64)
+        for slot, codes in enumerate(_ANSWER_CODES):
+            answer[:, slot] = _coded(codes, values[slot * n : (slot + 1) * n])
+        given = _supported(evidence, np.tile(length, len(_ANSWER_CODES)))
+        answer[~given.reshape(len(_ANSWER_CODES), n).T] = NOTHING
+        self._blocks.append(
+            (
+                np.array(times, dtype=np.float64),
+                text_valid,
+                answer,
+                np.fromiter(map(self._grids.__getitem__, grids), np.int64, n),
+                np.fromiter(chain.from_iterable(xs), np.float64),
+                np.fromiter(chain.from_iterable(ys), np.float64),
+                np.fromiter(map(len, xs), np.int64, n),
+                np.fromiter(map(len, ys), np.int64, n),
+            )
+        )
+
+    def columns(self) -> RecordColumns:
+        """All records so far, in the order in which they came."""
+        t_s, text_valid, answer, grid, x_m, y_m, x_count, y_count = (
+            np.concatenate(parts) for parts in zip(*self._blocks, strict=True)
+        )
+        return RecordColumns(
+            t_s,
+            text_valid,
+            answer,
+            grid,
+            tuple(self._grids),
+            x_m,
+            y_m,
+            np.concatenate(([0], np.cumsum(x_count))),
+            np.concatenate(([0], np.cumsum(y_count))),
+        )
+
+
+def _finite_or_nan(numbers: Sequence[float | None]) -> Sequence[float]:
+    """Numbers of a file, NaN where it has null."""
+    if None in numbers:
+        return [math.nan if number is None else number for number in numbers]
+    return numbers  # type: ignore[return-value]  # none of them is None
+
+
+def _supported(evidence: Sequence[Sequence[Sequence[int]]], length: Whole) -> Flags:
+    """Whether a slot has a span inside the text (METHOD 5.3); length 0 is a blank text."""
+    spans = _spans(evidence)
+    count = np.fromiter(map(len, evidence), np.int64, len(evidence))
+    start, end = spans[0::2], spans[1::2]
+    inside = (start >= 0) & (start < end) & (end <= np.repeat(length, count))
+    before = np.concatenate(([0], np.cumsum(inside)))
+    last = np.cumsum(count)
+    result: Flags = before[last] > before[last - count]
+    return result
+
+
+def _spans(evidence: Sequence[Sequence[Sequence[int]]]) -> Whole:
+    def flat() -> Iterator[int]:
+        return chain.from_iterable(chain.from_iterable(evidence))
+
+    try:
+        return np.fromiter(flat(), np.int64)
+    except OverflowError:
+        return np.fromiter((min(max(place, NOTHING), _FAR) for place in flat()), np.int64)
+
+
+# Cells at a time: what was parsed of so many is still in the processor's cache when it is encoded.
+_FILES_AT_ONCE = 8
+
+
+def load_columns(cells: Iterable[tuple[Path, Path]]) -> Columns:
+    """The columns of cells, in their order.
+
+    Args:
+        cells: labels file and records file of each.
+
+    Raises:
+        InputError: the first file that is wrong, see load_labels and load_records.
+    """
+    known: dict[str, Labels] = {}
+    labels: list[Labels] = []
+    counts: list[int] = []
+    blocks = RecordBlocks()
+    rest = iter(cells)
+    while block := list(islice(rest, _FILES_AT_ONCE)):
+        files = []
+        for labels_file, records_file in block:
+            # The cells of a clip have a copy of its labels each; one object is encoded once.
+            text = read_text(labels_file)
+            if text not in known:
+                known[text] = parse_labels_text(text, labels_file)
+            labels.append(known[text])
+            files.append((read_text(records_file, MOST_BYTES), records_file))
+        counts += _add(files, blocks)
+    return columns_of(labels, counts, blocks.columns())
+
+
+def _add(files: Sequence[tuple[str, Path]], blocks: RecordBlocks) -> list[int]:
+    """Adds the records of texts, with the files that they come from, and counts them."""
+    lines = read_lines([text for text, _ in files])
+    if lines is not None:
+        blocks.add_lines(lines)
+        return list(lines.counts)
+    found = [parse_records(text, file) for text, file in files]
+    blocks.add(chain.from_iterable(found))
+    return list(map(len, found))

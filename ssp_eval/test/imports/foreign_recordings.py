@@ -23,10 +23,9 @@ from ssp_core.clock import NS_PER_S
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.names import CAMERA_IMAGE, absolute
 from ssp_core.vocabulary import ObjectClass, Role
-from ssp_eval.recordings.event_rules import event_thresholds
+from ssp_eval.data.provenance import Provenance, read_provenance
+from ssp_eval.recordings.event import RecordedEvent, event_thresholds, find_event, samples_of
 from ssp_eval.recordings.geometry import Corridor
-from ssp_eval.recordings.phases import Event, find_event, samples_of
-from ssp_eval.recordings.provenance import Provenance, read_provenance
 from ssp_eval.recordings.states import RecordedStates, Series, clip_zero_ns, read_states
 from ssp_scenario_manager.event_spec.load import load_event
 
@@ -249,7 +248,7 @@ def cut_in(duration_s: float = 10.0) -> TrackDay:
     return TrackDay({"vut": vut, "ot1": other})
 
 
-def event_of(series: Series) -> Event:
+def event_of(series: Series) -> RecordedEvent:
     """The cut-in that states show."""
     samples = samples_of(series, "vut", "ot1")
     path = Corridor.of([s.vut for s in samples]).path
@@ -258,7 +257,7 @@ def event_of(series: Series) -> Event:
     return found
 
 
-def truth(day: TrackDay) -> Event:
+def truth(day: TrackDay) -> RecordedEvent:
     """The event of the source itself."""
     return event_of(
         [
@@ -276,13 +275,13 @@ def read(bag: Path) -> tuple[RecordedStates, Provenance]:
         return read_states(reader, provenance, clip_zero_ns(provenance, frames_ns)), provenance
 
 
-def imported(bag: Path) -> tuple[Event, Provenance]:
+def imported(bag: Path) -> tuple[RecordedEvent, Provenance]:
     """The event that a recording shows, and its provenance."""
     states, provenance = read(bag)
     return event_of(states.series), provenance
 
 
-def starts(event: Event, zero_s: float = 0.0) -> tuple[float | None, ...]:
+def starts(event: RecordedEvent, zero_s: float = 0.0) -> tuple[float | None, ...]:
     """Starts of trigger, conflict and resolution on the source's clock."""
     times = (event.trigger_s, event.conflict_s, event.resolution_s)
     return tuple(None if t is None else t + zero_s for t in times)

@@ -9,8 +9,8 @@ from foreign_recordings import TrackDay, starts, truth, write_bag, write_table, 
 
 from ssp_core.cli import main
 from ssp_core.files import read_mapping
-from ssp_eval.labels.model import load_labels
-from ssp_eval.labels.response import response_problems
+from ssp_eval.data.labels import load_labels
+from ssp_eval.labels.check import response_problems
 
 OBJECTS = ("--vut", "/vut/odom", "--object", "ot1=/ot1/odom:car", "--camera", "/cam")
 

@@ -19,7 +19,7 @@ from rosbags.highlevel import AnyReader
 from ssp_core.bag.reader import BagReader
 from ssp_core.cli import main
 from ssp_core.hashing import sha256_file
-from ssp_eval.imports.pictures import keep_every, output_size
+from ssp_eval.importers.target import keep_every, output_size
 from ssp_scenario_manager.event_spec.log import read_log
 from ssp_vla_bridge.window import mounting_of
 

@@ -15,19 +15,19 @@ from ssp_core.cli import main
 from ssp_core.files import write_json
 from ssp_core.hashing import sha256_file
 from ssp_core.vocabulary import PHASES
-from ssp_eval.audit.model import Audit
+from ssp_eval.data.audit import Audit
+from ssp_eval.data.labels import labels_to_json
 from ssp_eval.evaluate.admission import load_admissions
-from ssp_eval.evaluate.asker import DirectAskers
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.model_client import InProcessClients
 from ssp_eval.evaluate.models import bridge_spec
-from ssp_eval.labels.model import labels_to_json
-from ssp_eval.labels.proposal.propose import propose
-from ssp_eval.labels.proposal.truth import truth_from_bag
-from ssp_eval.package.audits import Audits
+from ssp_eval.labels.propose import propose
+from ssp_eval.labels.truth import truth_from_bag
 from ssp_eval.package.make import make_package
 from ssp_eval.package.model import FileEntry
-from ssp_eval.recordings.event_rules import source_times
+from ssp_eval.package.verify import Audits
+from ssp_eval.recordings.event import source_times
 from ssp_scenario_manager.compile.task import load_task
 from ssp_scenario_manager.event_spec.load import load_event, seal_event, write_event
 from ssp_scenario_manager.event_spec.model import Event
@@ -110,7 +110,7 @@ def evidence(
     runs = [str(bags[domain]) for domain in DOMAINS]
     assert main(["audit", *runs, "--out", str(root / "audits" / "cut_in")]) == 0
     results = run_campaign(
-        [(bags[d], None) for d in DOMAINS], [bridge_spec(MODEL)], DirectAskers(), root,
+        [(bags[d], None) for d in DOMAINS], [bridge_spec(MODEL)], InProcessClients(), root,
         CellOptions(), admissions=load_admissions([root / "audits" / "cut_in"]),
     )  # fmt: skip
     assert [result.status for result in results] == ["ok"] * 3

@@ -7,7 +7,7 @@ import json
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssp_eval.package.logs import merged_log
+from ssp_eval.package.log import merged_log
 from ssp_scenario_manager.event_spec.log import Record, record_line
 
 

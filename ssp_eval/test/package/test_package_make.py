@@ -15,17 +15,18 @@ import pytest
 from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_file
-from ssp_eval.evaluate.asker import Asker, DirectAskers, Ignored, Loss, Reply
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cell import CellOptions
-from ssp_eval.evaluate.model_spec import ModelSpec
-from ssp_eval.evaluate.models import bridge_spec
-from ssp_eval.package.make import make_package
-from ssp_eval.package.model import (
-    content_id,
-    load_table,
-    object_path,
+from ssp_eval.evaluate.model_client import (
+    IgnoredAnswers,
+    InProcessClients,
+    Loss,
+    ModelClient,
+    ModelReply,
 )
+from ssp_eval.evaluate.models import ModelSpec, bridge_spec
+from ssp_eval.package.make import make_package
+from ssp_eval.package.model import content_id, load_table, object_path
 from ssp_eval.package.verify import verify_package
 from ssp_scenario_manager.event_spec.log import Record, append_record
 from ssp_scenario_manager.maps.site import find_shipped
@@ -175,7 +176,7 @@ def test_a_recording_without_a_compiled_task_is_refused(
     make_bag: Writer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run = make_bag("run/bag").parent
-    run_campaign([(run / "bag", None)], [bridge_spec(MODEL)], DirectAskers(), run,
+    run_campaign([(run / "bag", None)], [bridge_spec(MODEL)], InProcessClients(), run,
                  CellOptions(), propose_labels=True)  # fmt: skip
     assert make(run, "--out", tmp_path / "package") == 1
     error = capsys.readouterr().err
@@ -191,7 +192,7 @@ def test_parts_that_a_whole_package_would_hold_are_listed(
         shutil.rmtree(own / name)
     for domain in ("synthetic", "simulation"):
         bag = own / "runs" / f"cut_in-{domain}" / "bag"
-        run_campaign([(bag, None)], [bridge_spec(MODEL)], DirectAskers(), own, CellOptions())
+        run_campaign([(bag, None)], [bridge_spec(MODEL)], InProcessClients(), own, CellOptions())
     assert make(own, "--out", tmp_path / "package", "--json") == 0
     missing = json.loads(capsys.readouterr().out)["missing"]
     assert missing == [
@@ -301,21 +302,21 @@ def test_a_broken_log_is_refused_by_line(own: Path, tmp_path: Path) -> None:
 class Stateful:
     """Repeats the history before its plan, as OpenEMMA may, and loses one answer."""
 
-    ignored = Ignored()
+    ignored = IgnoredAnswers()
 
     def __init__(self) -> None:
         self.carried: list[bool] = []
 
-    def asker(self, model: ModelSpec, options: Mapping[str, Any]) -> Asker:
+    def client(self, model: ModelSpec, options: Mapping[str, Any]) -> ModelClient:
         return self
 
-    def ask(self, request: Request) -> Reply:
+    def ask(self, request: Request) -> ModelReply:
         self.carried.append(request.previous is not None)
         if len(self.carried) == 2:
-            return Reply(None, "no answer within 1 s", Loss.SILENT)
+            return ModelReply(None, "no answer within 1 s", Loss.SILENT)
         echo = ", ".join(f"[{s.speed_mps:.1f}, 0.0]" for s in request.history[:-1])
         text = f"{echo}\n" + ", ".join(["[9.0, 0.1]"] * 10)
-        return Reply(Response(request.request_id, request.stamp_ns, "stateful", "s/1", text))
+        return ModelReply(Response(request.request_id, request.stamp_ns, "stateful", "s/1", text))
 
 
 def test_records_that_need_their_question_are_made_again(own: Path, tmp_path: Path) -> None:

@@ -8,10 +8,7 @@ from pathlib import Path
 import pytest
 
 from ssp_core.cli import main
-from ssp_eval.package.model import (
-    load_table,
-    object_path,
-)
+from ssp_eval.package.model import load_table, object_path
 
 MODEL = "constant_velocity"
 

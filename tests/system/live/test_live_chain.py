@@ -20,7 +20,7 @@ import pytest
 from ssp_core import names
 from ssp_core.bag.reader import BagReader
 from ssp_core.run_file.model import load_run
-from ssp_eval.audit.model import load_audit
+from ssp_eval.data.audit import load_audit
 from ssp_scenario_manager.sros2 import rights
 from tests.system.live.conftest import DEADLINE_S, ODOMETRY
 from tests.system.recordings import Recordings, succeed

@@ -14,6 +14,7 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+from ssp_eval.data.records import SLOT_NAMES, Slot, Slots
 from ssp_eval.extract.checks import check
 from ssp_eval.extract.llm.meaning import ACTIONS, misquoted
 from ssp_eval.extract.llm.prompt import NOBODY
@@ -25,7 +26,6 @@ from ssp_eval.extract.rules.reading.reader import read
 from ssp_eval.extract.rules.scope.flags import Scope
 from ssp_eval.extract.rules.scope.scopes import scopes, sentences
 from ssp_eval.extract.rules.tokens import Tokens, tokenise
-from ssp_eval.records import SLOT_NAMES, Slot, Slots
 
 MAX_PLACES = 8  # of one quote in a text that are looked at
 _KINDS = {"position": Kind.PLACE, "motion": Kind.STATE, "conflict": Kind.CONFLICT}

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ssp_core.hashing import sha256_json
-from ssp_eval.records import SLOT_NAMES, VOCABULARIES
+from ssp_eval.data.records import SLOT_NAMES, VOCABULARIES
 
 DECODING: Mapping[str, Any] = {"temperature": 0.0, "seed": 0, "max_completion_tokens": 1024}
 NOBODY = "nobody"

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ssp_core.files import read_text
-from ssp_eval import strict
-from ssp_eval.records import SLOT_NAMES, VOCABULARIES, Slot, Slots
-from ssp_eval.strict import Place
+from ssp_eval.data import json_fields
+from ssp_eval.data.json_fields import Location
+from ssp_eval.data.records import SLOT_NAMES, VOCABULARIES, Slot, Slots
 
 STYLES = ("coc", "staged", "verbose", "terse", "structured")
 
@@ -63,56 +63,56 @@ def parse_corpus(text: str, file: str | Path) -> tuple[Example, ...]:
     for number, content in enumerate(text.removeprefix("\ufeff").split("\n"), start=1):
         if not content.strip():
             continue
-        place = Place(file, number)
-        example = _example(strict.parse_json(content, place), place)
+        place = Location(file, number)
+        example = _example(json_fields.parse_json(content, place), place)
         if example.key in lines:
             raise place.at("id").error(f"stands in line {lines[example.key]} too", example.key)
         lines[example.key] = number
         examples.append(example)
     if not examples:
-        raise Place(file).error("holds no text")
+        raise Location(file).error("holds no text")
     return tuple(examples)
 
 
-def _example(value: object, place: Place) -> Example:
-    found = strict.mapping(value, place, ("id", "style", "text", "slots"))
-    key = strict.string(found["id"], place.at("id"))
+def _example(value: object, place: Location) -> Example:
+    found = json_fields.mapping(value, place, ("id", "style", "text", "slots"))
+    key = json_fields.string(found["id"], place.at("id"))
     if not key:
         raise place.at("id").error("must not be empty")
-    text = strict.string(found["text"], place.at("text"))
+    text = json_fields.string(found["text"], place.at("text"))
     here = place.at("slots")
-    given = strict.mapping(found["slots"], here, SLOT_NAMES)
+    given = json_fields.mapping(found["slots"], here, SLOT_NAMES)
     slots = {name: _slot(name, given[name], text, here.at(name)) for name in SLOT_NAMES}
     return Example(
-        key, strict.choice(found["style"], place.at("style"), STYLES), text, Slots(**slots)
+        key, json_fields.choice(found["style"], place.at("style"), STYLES), text, Slots(**slots)
     )
 
 
-def _slot(name: str, value: object, text: str, place: Place) -> Slot | None:
+def _slot(name: str, value: object, text: str, place: Location) -> Slot | None:
     if value is None:
         return None
-    found = strict.mapping(value, place, ("value", "evidence"))
+    found = json_fields.mapping(value, place, ("value", "evidence"))
     here = place.at("value")
     answer: str | tuple[str, ...]
     if name == "objects":
-        words = strict.items(found["value"], here)
-        answer = strict.choices(words, here, VOCABULARIES[name])
+        words = json_fields.items(found["value"], here)
+        answer = json_fields.choices(words, here, VOCABULARIES[name])
         if len(answer) < len(words):
             raise here.error("names a class twice")
     else:
-        answer = strict.choice(found["value"], here, VOCABULARIES[name])
+        answer = json_fields.choice(found["value"], here, VOCABULARIES[name])
     here = place.at("evidence")
-    spans = strict.items(found["evidence"], here)
+    spans = json_fields.items(found["evidence"], here)
     if not spans:
         raise here.error("must hold at least one span")
     return Slot(answer, tuple(_span(one, text, here.at(i)) for i, one in enumerate(spans)))
 
 
-def _span(value: object, text: str, place: Place) -> tuple[int, int]:
-    bounds = strict.items(value, place)
+def _span(value: object, text: str, place: Location) -> tuple[int, int]:
+    bounds = json_fields.items(value, place)
     if len(bounds) != 2:
         raise place.error(f"must hold a start and an end, not {len(bounds)} items")
-    start, end = (strict.integer(bound, place.at(i)) for i, bound in enumerate(bounds))
+    start, end = (json_fields.integer(bound, place.at(i)) for i, bound in enumerate(bounds))
     if not 0 <= start < end <= len(text):
         raise place.error(f"[{start}, {end}] is no span of a text of {len(text)} characters")
     if not text[start:end].strip():

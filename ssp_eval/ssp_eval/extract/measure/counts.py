@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ssp_core.vocabulary import OBJECTS
+from ssp_eval.data.records import SLOT_NAMES, Slot, Slots
 from ssp_eval.extract.measure.corpus import STYLES, Example
 from ssp_eval.extract.measure.intervals import Share
-from ssp_eval.records import SLOT_NAMES, Slot, Slots
 
 EMPTY = "–"
 NOBODY = "nobody"

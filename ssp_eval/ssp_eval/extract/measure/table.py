@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from rich.table import Table
 
 from ssp_core import console
+from ssp_eval.data.records import SLOT_NAMES
 from ssp_eval.extract.measure.corpus import STYLES
 from ssp_eval.extract.measure.counts import Measure, Score
 from ssp_eval.extract.measure.intervals import Share
-from ssp_eval.records import SLOT_NAMES
 
 _WIDEST = 400
 

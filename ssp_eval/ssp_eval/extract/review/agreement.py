@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from ssp_core.vocabulary import OBJECTS
+from ssp_eval.data.records import SLOT_NAMES
 from ssp_eval.extract.measure.counts import Score
 from ssp_eval.extract.measure.intervals import Z_95, Share
 from ssp_eval.extract.review.model import BETWEEN, NONE, UNSURE, KeyItem
 from ssp_eval.extract.review.returned import Answers
-from ssp_eval.records import SLOT_NAMES
 
 Interval = tuple[float, float]
 

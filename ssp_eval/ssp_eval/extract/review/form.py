@@ -13,11 +13,11 @@ import jinja2
 
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder, write_json, write_text
+from ssp_eval.data.records import SLOT_NAMES, VOCABULARIES
 from ssp_eval.extract.review.conventions import ASKED, CONVENTIONS, GENERAL
 from ssp_eval.extract.review.model import ANSWERS_SCHEMA, NOBODY, NONE, REVIEWERS, UNSURE
 from ssp_eval.extract.review.returned import COLUMNS
 from ssp_eval.extract.review.subset import Subset
-from ssp_eval.records import SLOT_NAMES, VOCABULARIES
 
 KEY_FILE = "key.json"
 FORM_FILE = "form.html"

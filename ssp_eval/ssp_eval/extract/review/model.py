@@ -8,9 +8,9 @@ from pathlib import Path
 
 from ssp_core.files import read_text
 from ssp_core.vocabulary import OBJECTS
-from ssp_eval import strict
-from ssp_eval.records import SLOT_NAMES, VOCABULARIES
-from ssp_eval.strict import Place
+from ssp_eval.data import json_fields
+from ssp_eval.data.json_fields import Location
+from ssp_eval.data.records import SLOT_NAMES, VOCABULARIES
 
 KEY_SCHEMA = "ssp.review_key/1"
 ANSWERS_SCHEMA = "ssp.review_answers/1"
@@ -68,42 +68,44 @@ def load_key(path: Path) -> Key:
     Raises:
         InputError: it can't be read, or something in it is wrong.
     """
-    top = Place(path)
-    value = strict.parse_json(read_text(path), top)
-    found = strict.mapping(
+    top = Location(path)
+    value = json_fields.parse_json(read_text(path), top)
+    found = json_fields.mapping(
         value, top, ("schema", "subset", "source_sha256", "extractor", "seed", "items")
     )
-    strict.choice(found["schema"], top.at("schema"), (KEY_SCHEMA,))
+    json_fields.choice(found["schema"], top.at("schema"), (KEY_SCHEMA,))
     here = top.at("items")
-    items = [_item(one, here.at(i)) for i, one in enumerate(strict.items(found["items"], here))]
+    items = [
+        _item(one, here.at(i)) for i, one in enumerate(json_fields.items(found["items"], here))
+    ]
     if len({item.review_id for item in items}) < len(items):
         raise here.error("holds an id twice")
     return Key(
-        strict.string(found["subset"], top.at("subset")),
-        strict.string(found["source_sha256"], top.at("source_sha256")),
-        strict.string(found["extractor"], top.at("extractor")),
-        strict.integer(found["seed"], top.at("seed")),
+        json_fields.string(found["subset"], top.at("subset")),
+        json_fields.string(found["source_sha256"], top.at("source_sha256")),
+        json_fields.string(found["extractor"], top.at("extractor")),
+        json_fields.integer(found["seed"], top.at("seed")),
         tuple(items),
     )
 
 
-def _item(value: object, place: Place) -> KeyItem:
+def _item(value: object, place: Location) -> KeyItem:
     keys = ("review_id", "source_id", "text_sha256", "extracted")
-    found = strict.mapping(value, place, keys)
+    found = json_fields.mapping(value, place, keys)
     source = found["source_id"]
     if isinstance(source, bool) or not isinstance(source, str | int):
         raise place.at("source_id").error("must be a string or a whole number", source)
     here = place.at("extracted")
-    extracted = strict.mapping(found["extracted"], here, SLOT_NAMES)
+    extracted = json_fields.mapping(found["extracted"], here, SLOT_NAMES)
     return KeyItem(
-        strict.string(found["review_id"], place.at("review_id")),
+        json_fields.string(found["review_id"], place.at("review_id")),
         source,
-        strict.string(found["text_sha256"], place.at("text_sha256")),
+        json_fields.string(found["text_sha256"], place.at("text_sha256")),
         {name: answer(name, extracted[name], here.at(name)) for name in SLOT_NAMES},
     )
 
 
-def answer(slot: str, value: object, place: Place) -> str:
+def answer(slot: str, value: object, place: Location) -> str:
     """An answer in its one form: a label, classes joined in order, or one of the words above.
 
     Args:
@@ -114,17 +116,17 @@ def answer(slot: str, value: object, place: Place) -> str:
     Raises:
         InputError: it is none.
     """
-    written = strict.string(value, place).strip().lower()
+    written = json_fields.string(value, place).strip().lower()
     if not written:
         raise place.error(
             "is empty", remedy=f"write {NONE} where the text says nothing, {UNSURE} where you are"
         )
     allowed = (*VOCABULARIES[slot], *((NOBODY,) if slot == "objects" else ()), NONE, UNSURE)
     if slot != "objects":
-        return strict.choice(written, place, allowed)
+        return json_fields.choice(written, place, allowed)
     for mark in ",;|/ \t":
         written = written.replace(mark, BETWEEN)
-    parts = [strict.choice(part, place, allowed) for part in written.split(BETWEEN) if part]
+    parts = [json_fields.choice(part, place, allowed) for part in written.split(BETWEEN) if part]
     if not parts:
         raise place.error("names no class of objects", value)
     if len(set(parts)) > 1 and not set(parts) <= set(OBJECTS):

@@ -9,10 +9,10 @@ from pathlib import Path
 
 from ssp_core.errors import InputError
 from ssp_core.files import read_text
-from ssp_eval import strict
+from ssp_eval.data import json_fields
+from ssp_eval.data.json_fields import Location
+from ssp_eval.data.records import SLOT_NAMES
 from ssp_eval.extract.review.model import ANSWERS_SCHEMA, REVIEWERS, Key, answer
-from ssp_eval.records import SLOT_NAMES
-from ssp_eval.strict import Place
 
 COLUMNS = ("review_id", "text", *SLOT_NAMES, "comment")
 _OPTIONAL = ("text", "comment")
@@ -38,19 +38,19 @@ def load_answers(path: Path, key: Key) -> Answers:
     missing = [review_id for review_id in known if review_id not in found]
     if missing:
         more = f" and {len(missing) - 1} others" if len(missing) > 1 else ""
-        raise Place(path).error(f"has no answers for {missing[0]}{more}")
+        raise Location(path).error(f"has no answers for {missing[0]}{more}")
     return {review_id: found[review_id][1] for review_id in known}
 
 
-def _from_json(text: str, path: Path, key: Key) -> dict[str, tuple[Place, dict[str, str]]]:
-    top = Place(path)
-    value = strict.mapping(
-        strict.parse_json(text, top), top, ("schema", "subset", "reviewer", "answers")
+def _from_json(text: str, path: Path, key: Key) -> dict[str, tuple[Location, dict[str, str]]]:
+    top = Location(path)
+    value = json_fields.mapping(
+        json_fields.parse_json(text, top), top, ("schema", "subset", "reviewer", "answers")
     )
-    strict.choice(value["schema"], top.at("schema"), (ANSWERS_SCHEMA,))
-    if strict.string(value["subset"], top.at("subset")) != key.subset:
+    json_fields.choice(value["schema"], top.at("schema"), (ANSWERS_SCHEMA,))
+    if json_fields.string(value["subset"], top.at("subset")) != key.subset:
         raise top.at("subset").error("is of another review than the key", value["subset"])
-    reviewer = strict.integer(value["reviewer"], top.at("reviewer"))
+    reviewer = json_fields.integer(value["reviewer"], top.at("reviewer"))
     if reviewer not in REVIEWERS:
         raise top.at("reviewer").error("is no reviewer", reviewer)
     here = top.at("answers")
@@ -59,21 +59,21 @@ def _from_json(text: str, path: Path, key: Key) -> dict[str, tuple[Place, dict[s
     found = {}
     for review_id, given in value["answers"].items():
         place = here.at(review_id)
-        slots = strict.mapping(given, place, SLOT_NAMES, ("comment",))
+        slots = json_fields.mapping(given, place, SLOT_NAMES, ("comment",))
         found[review_id] = place, _answers(slots, place)
     return found
 
 
-def _from_csv(text: str, path: Path) -> dict[str, tuple[Place, dict[str, str]]]:
+def _from_csv(text: str, path: Path) -> dict[str, tuple[Location, dict[str, str]]]:
     head = text.split("\n", 1)[0]
     delimiter = max(",;\t", key=head.count)
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, strict=True)
-    found: dict[str, tuple[Place, dict[str, str]]] = {}
+    found: dict[str, tuple[Location, dict[str, str]]] = {}
     names: list[str] | None = None
     line = 1
     while True:
         line = reader.line_num + 1  # where the next row begins, whatever lines its text has
-        place = Place(path, line)
+        place = Location(path, line)
         try:
             row = next(reader, None)
         except csv.Error as error:
@@ -93,7 +93,7 @@ def _from_csv(text: str, path: Path) -> dict[str, tuple[Place, dict[str, str]]]:
     return found
 
 
-def _header(row: list[str], place: Place) -> list[str]:
+def _header(row: list[str], place: Location) -> list[str]:
     names = [cell.strip().lower() for cell in row]
     for name in names:
         if name not in COLUMNS:
@@ -106,12 +106,12 @@ def _header(row: list[str], place: Place) -> list[str]:
     return names
 
 
-def _row(names: list[str], row: list[str], place: Place) -> tuple[str, dict[str, str]]:
+def _row(names: list[str], row: list[str], place: Location) -> tuple[str, dict[str, str]]:
     if len(row) != len(names):
         raise place.error(f"has {len(row)} cells where the header has {len(names)}")
     cells = dict(zip(names, row, strict=True))
     return cells["review_id"].strip(), _answers(cells, place)
 
 
-def _answers(cells: Mapping[str, object], place: Place) -> dict[str, str]:
+def _answers(cells: Mapping[str, object], place: Location) -> dict[str, str]:
     return {name: answer(name, cells[name], place.at(name)) for name in SLOT_NAMES}

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 from ssp_core.hashing import sha256_bytes, sha256_json
 from ssp_core.vocabulary import OBJECTS
+from ssp_eval.data.records import SLOT_NAMES, Slot, Slots
 from ssp_eval.extract.review.model import BETWEEN, NOBODY, NONE, Key, KeyItem
-from ssp_eval.records import SLOT_NAMES, Slot, Slots
 
 
 @dataclass(frozen=True)

@@ -6,13 +6,13 @@ from functools import cache
 from pathlib import Path
 
 from ssp_core.hashing import sha256_bytes, sha256_json
+from ssp_eval.data.records import Slot, Slots
 from ssp_eval.extract import checks
 from ssp_eval.extract.rules.decide import decide
 from ssp_eval.extract.rules.matching.find import find
 from ssp_eval.extract.rules.reading.reader import read
 from ssp_eval.extract.rules.scope.scopes import scopes, sentences
 from ssp_eval.extract.rules.tokens import tokenise
-from ssp_eval.records import Slot, Slots
 
 RULES_VERSION = "1"
 

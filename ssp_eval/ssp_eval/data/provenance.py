@@ -1,0 +1,434 @@
+"""What a bag says about itself, run or import, and where the files that belong to it lie."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from datetime import date
+from pathlib import Path, PurePosixPath
+from typing import Annotated, Literal, TypeVar
+
+from pydantic import ConfigDict, Field, model_validator
+
+from ssp_core.bag.reader import BagReader
+from ssp_core.cdr.messages import stamp_ns
+from ssp_core.errors import InputError
+from ssp_core.files import parse_mapping, parse_model
+from ssp_core.hashing import sha256_file, sha256_json
+from ssp_core.names import SESSION_STATE, absolute
+from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.road import Road
+from ssp_core.run_file.values import Finite, NonNegative, ObjectId, Strict
+from ssp_core.run_file.verdict import VERDICT_FILE, RecordedVerdict, read_verdict
+from ssp_core.vocabulary import DomainWord, ObjectWord, SessionPhase, Verdict
+
+SCHEMA: Literal["ssp.import/2"] = "ssp.import/2"
+IMPORT_ATTACHMENT = "import.json"
+# A domain is a part of a cell's folder name, and so is a scenario.
+SAFE_NAME = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"
+
+Words = Annotated[str, Field(min_length=1, max_length=500, pattern=r"\S")]
+
+
+class ImportedEgo(Strict):
+    """How the VUT moved, and how that is known."""
+
+    provenance: Literal["measured", "declared", "unknown"]
+    speed_mps: NonNegative | None = Field(description="constant; null: measured or unknown")
+
+
+class ImportedCamera(Strict):
+    """Geometry of the camera, and how that is known."""
+
+    provenance: Literal["measured", "declared", "assumed", "unknown"]
+    hfov_deg: float | None
+    height_m: float | None
+    pitch_down_rad: float | None
+
+
+class DomainDeclaration(Strict):
+    """Who says of which domain a recording is, when and where it was made (METHOD 4.4)."""
+
+    by: Words
+    on: date = Field(description="when the recording was made")
+    place: Words
+
+    @property
+    def text(self) -> str:
+        return f"declared by {self.by}, {self.on.isoformat()}, {self.place}"
+
+
+class LogDeclaration(Strict):
+    """What a recording without our log can't show and a named person declares (METHOD 4.3)."""
+
+    by: Words
+    on: date
+    safety_abort: bool = Field(description="true: there was one")
+    identity_switch: bool = Field(description="true: there was one")
+    site_changes: list[Words] = Field(description="what was changed on site; empty: nothing")
+
+
+class ImportedStates(Strict):
+    """Where the states on the objects' topics come from.
+
+    The states themselves stand on ``<object>/state`` in the bag, frame map, on the recording's
+    clock; everything that measures an event reads them there.
+    """
+
+    name: Words = Field(description="of the file, or of the bag")
+    sha256: str = Field(pattern=r"^sha256:[0-9a-f]{64}$")
+    vut: ObjectId
+    objects: Annotated[dict[ObjectId, ObjectWord], Field(min_length=1, max_length=64)] = Field(
+        description="class of every object target"
+    )
+    time_offset_s: Finite = Field(0.0, description="added to the source's times")
+    notes: list[Words] = Field([], description="gaps, what was derived, frames and time bases")
+
+
+class ImportedSite(Strict):
+    """The road that is bound to a recording: topology comes from it (METHOD 4.3).
+
+    The file itself is an attachment of the bag, whose bytes have this hash.
+    """
+
+    name: Words
+    kind: Literal["site", "opendrive", "sumo"]
+    attachment: Words
+    sha256: str = Field(pattern=r"^sha256:[0-9a-f]{64}$")
+    block: Words = Field(description="the stretch of road that the VUT drives on")
+    road: Road
+    road_type: Literal["urban", "rural", "motorway", "proving_ground", "unresolved"]
+    left_boundary: Literal["kerb", "sidewalk", "shoulder", "verge", "unresolved"]
+    right_boundary: Literal["kerb", "sidewalk", "shoulder", "verge", "unresolved"]
+
+
+class ImportRecord(Strict):
+    """``import.json``."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
+
+    schema_: Literal["ssp.import/1", "ssp.import/2"] = Field(SCHEMA, alias="schema")
+    source: dict[str, object] = Field(description="name, sha256, kind; of a video its format")
+    crop: dict[str, object] = Field(description="start_s and end_s on the source's clock")
+    generator: str
+    domain: DomainWord
+    scenario: Annotated[str, Field(pattern=SAFE_NAME)] | None
+    event_version: str | None
+    ego: ImportedEgo
+    camera: ImportedCamera
+    declaration: DomainDeclaration | None = None
+    log: LogDeclaration | None = None
+    states: ImportedStates | None = None
+    site: ImportedSite | None = None
+
+    @model_validator(mode="after")
+    def _objects_are_apart(self) -> ImportRecord:
+        if self.states is not None and self.states.vut in self.states.objects:
+            raise ValueError(f"states: {self.states.vut} is the VUT and an object target")
+        return self
+
+    @property
+    def source_name(self) -> str:
+        return str(self.source.get("name"))
+
+    @property
+    def source_sha256(self) -> str | None:
+        """Hash of the file that was imported."""
+        found = self.source.get("sha256")
+        return found if isinstance(found, str) else None
+
+
+OUR_RENDERER = "the camera of ssp"
+# Generators of clips that the same camera draws, see ssp_ot_controller.camera.clip.
+_OUR_CLIPS = "ssp-clip/"
+RUN_ATTACHMENT = "run.yaml"
+NO_VERDICT = f"the bag holds no {VERDICT_FILE}: the runner's word on how the run ended is missing"
+
+
+@dataclass(frozen=True)
+class Participants:
+    """Who takes part in a recording's event, by the ids of their states.
+
+    Args:
+        vut: id of the VUT.
+        targets: class word of every object target, by id.
+        traffic: ids of surrounding traffic.
+    """
+
+    vut: str
+    targets: Mapping[str, str]
+    traffic: tuple[str, ...] = ()
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        """The VUT first, then the object targets."""
+        return (self.vut, *self.targets)
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Where a clip comes from.
+
+    Args:
+        name: of the bag directory.
+        bag_sha256: content hash of its MCAP file or files.
+        scenario: None where an imported video doesn't say.
+        domain: of METHOD 5.2.
+        domain_said_by: who says so, for people: the session's mode, or a named person.
+        event_version: K* version, None where an imported video doesn't say.
+        origin: one line for people.
+        stand_in: a software stand-in for a physical session.
+        ego: measured, declared or unknown.
+        camera: measured, declared, assumed or unknown.
+        verdict: word of the run's verdict, None for an imported video.
+        verdict_reasons: reasons of the verdict, the primary one first.
+        verdict_sha256: hash of the runner's verdict.json, which lies outside the MCAP file; None
+            where there is none.
+        session_start_ns: stamp of the first RUNNING state, None for an imported video.
+        run: the run file of a session.
+        imported: what the importer wrote, None for a session.
+    """
+
+    name: str
+    bag_sha256: str
+    scenario: str | None
+    domain: str
+    domain_said_by: str
+    event_version: str | None
+    origin: str
+    stand_in: bool
+    ego: str
+    camera: str
+    verdict: str | None
+    verdict_reasons: tuple[str, ...]
+    verdict_sha256: str | None
+    session_start_ns: int | None
+    run: RunSpec | None
+    imported: ImportRecord | None
+
+    @property
+    def participants(self) -> Participants | None:
+        """Whose states the bag holds; None for a recording without states of object targets."""
+        if self.run is not None:
+            return Participants(
+                self.run.vut.id,
+                {target.id: target.object_class for target in self.run.targets},
+                tuple(one.id for one in self.run.traffic),
+            )
+        states = None if self.imported is None else self.imported.states
+        return None if states is None else Participants(states.vut, states.objects)
+
+    @property
+    def road(self) -> Road | None:
+        """The road that is bound to the recording; None where nobody bound one."""
+        if self.run is not None:
+            return self.run.road
+        site = None if self.imported is None else self.imported.site
+        return None if site is None else site.road
+
+    @property
+    def renderer(self) -> str | None:
+        """What drew the pictures; None where a camera took them, or nobody says."""
+        if self.imported is not None:
+            made_by = self.imported.generator
+            if made_by.startswith(_OUR_CLIPS):
+                return OUR_RENDERER
+            return None if made_by == "unknown" else made_by
+        if self.run is None or (self.run.mode == "live" and not self.run.stand_in):
+            return None
+        return OUR_RENDERER
+
+    @property
+    def lacks_verdict(self) -> bool:
+        """True for a session of which the runner's last word is missing.
+
+        What went wrong after the session's own last word, a node that died or a bag that isn't
+        whole, stands there alone, and an invalid run must never enter a mean.
+        """
+        return self.run is not None and self.verdict_sha256 is None
+
+    @property
+    def refusal(self) -> str | None:
+        """Why the recording can't be scored at all; None when it can."""
+        if self.verdict in (None, Verdict.VALID.name.lower()):
+            return NO_VERDICT if self.lacks_verdict else None
+        if self.verdict == Verdict.NONE.name.lower():
+            return "the recording ends before the run got a verdict"
+        why = "; ".join(self.verdict_reasons) or "no reason was recorded"
+        return f"the run's verdict is {self.verdict}: {why}"
+
+
+def bag_folder(bag: Path) -> Path:
+    """The folder that a bag is, also where somebody named an MCAP file in it.
+
+    Args:
+        bag: the folder, an MCAP file in it, or one that lies by itself, which is its own answer.
+    """
+    return bag.parent if (bag.parent / "metadata.yaml").is_file() and bag.is_file() else bag
+
+
+def content_sha256(bag: BagReader, on_block: Callable[[], None] = lambda: None) -> str:
+    """Hash of the bag's MCAP file or files; it reads every byte of them.
+
+    Args:
+        bag: open.
+        on_block: see sha256_file.
+
+    Raises:
+        InputError: a file of it can't be read any more.
+    """
+    files = []
+    for file in bag.files:
+        try:
+            files.append(sha256_file(file, on_block))
+        except OSError as error:
+            raise InputError(f"can't be read: {error.strerror}", file=file) from error
+    return files[0] if len(files) == 1 else sha256_json(files)
+
+
+def read_provenance(bag: BagReader, digest: str | None = None) -> Provenance:
+    """What the bag's attachments and session states say.
+
+    Args:
+        bag: open.
+        digest: content_sha256 of it, for a caller who works it out meanwhile; None: here.
+
+    Raises:
+        InputError: it has neither attachment, or one that is not valid.
+    """
+    digest = content_sha256(bag) if digest is None else digest
+    run_data, import_data = bag.attachment(RUN_ATTACHMENT), bag.attachment(IMPORT_ATTACHMENT)
+    if run_data is not None:
+        return _session(bag, digest, run_data)
+    if import_data is not None:
+        return _imported(bag, digest, import_data)
+    raise InputError(
+        f"has neither the attachment {RUN_ATTACHMENT} nor {IMPORT_ATTACHMENT}",
+        file=bag.path,
+        remedy="evaluate takes bags of `ssp run` and of `ssp import-video`",
+    )
+
+
+def _told_verdict(bag: Path) -> tuple[RecordedVerdict, str] | None:
+    """What lies in the bag's folder on how the run ended, and the file's hash; or None.
+
+    Args:
+        bag: the folder, or an MCAP file in it.
+
+    Raises:
+        InputError: the file is no verdict.
+    """
+    folder = bag if bag.is_dir() else bag.parent
+    told = read_verdict(folder)
+    return None if told is None else (told, sha256_file(folder / VERDICT_FILE))
+
+
+def _session(bag: BagReader, digest: str, data: bytes) -> Provenance:
+    place = f"{bag.path}:{RUN_ATTACHMENT}"
+    run = parse_model(RunSpec, parse_mapping(data, place), place)
+    topic = absolute(SESSION_STATE)
+    states = [bag.decode(message) for message in bag.messages([topic])]
+    running = [stamp_ns(s.header.stamp) for s in states if s.state == SessionPhase.RUNNING]
+    verdict = Verdict(states[-1].verdict) if states else Verdict.NONE
+    reasons = tuple(str(reason) for reason in states[-1].reasons) if states else ()
+    told = _told_verdict(bag.path)
+    if told is not None and told[0].verdict is not Verdict.VALID:
+        # What went wrong after the session's last word is known to runner and recorder alone.
+        verdict = told[0].verdict if verdict in (Verdict.VALID, Verdict.NONE) else verdict
+        reasons = tuple(dict.fromkeys((*reasons, *told[0].reasons)))
+    if not running:
+        # Without a start there is no clip time; the verdict says why there was none.
+        verdict = verdict if verdict is not Verdict.VALID else Verdict.INVALID_HARNESS
+        reasons = (*reasons, "the session never reached RUNNING")
+    return Provenance(
+        name=bag_folder(bag.path).name,
+        bag_sha256=digest,
+        scenario=run.scenario,
+        domain=run.domain,
+        domain_said_by=f"by the session: {'live' if run.mode == 'live' else 'simulated'} run of "
+        f"{run.compiler or 'a run file made by hand'}",
+        event_version=run.event_version,
+        origin=f"session {run.run_id} at {run.site}, seed {run.seed}, {run.mode}",
+        stand_in=run.stand_in,
+        ego="measured",
+        camera="measured",
+        verdict=verdict.name.lower(),
+        verdict_reasons=reasons,
+        verdict_sha256=None if told is None else told[1],
+        session_start_ns=min(running, default=None),
+        run=run,
+        imported=None,
+    )
+
+
+def _seconds(value: object) -> str:
+    return f"{value:.6g}" if isinstance(value, int | float) else str(value)
+
+
+def _imported(bag: BagReader, digest: str, data: bytes) -> Provenance:
+    place = f"{bag.path}:{IMPORT_ATTACHMENT}"
+    record = parse_model(ImportRecord, parse_mapping(data, place), place)
+    crop = " to ".join(_seconds(record.crop.get(key)) for key in ("start_s", "end_s")) + " s"
+    kind = record.source.get("kind", "video")
+    declared = record.declaration
+    return Provenance(
+        name=bag_folder(bag.path).name,
+        bag_sha256=digest,
+        scenario=record.scenario,
+        domain=record.domain,
+        domain_said_by="declared by nobody" if declared is None else declared.text,
+        event_version=record.event_version,
+        origin=f"{kind} {record.source_name}, {crop}, made by {record.generator}",
+        stand_in=False,
+        ego=record.ego.provenance,
+        camera=record.camera.provenance,
+        verdict=None,
+        verdict_reasons=(),
+        verdict_sha256=None,
+        session_start_ns=None,
+        run=None,
+        imported=record,
+    )
+
+
+AnyPath = TypeVar("AnyPath", Path, PurePosixPath)
+
+
+def find_bag(path: Path) -> Path:
+    """The bag that somebody named: itself, or ``bag/`` in a run folder.
+
+    Raises:
+        InputError: it is neither.
+    """
+    if (path / "metadata.yaml").is_file() or path.suffix == ".mcap":
+        return path
+    if (path / "bag" / "metadata.yaml").is_file():
+        return path / "bag"
+    raise InputError(
+        "is neither a bag nor a folder with one in bag/",
+        file=path,
+        remedy="give the folder of `ssp run` or of `ssp import-video`",
+    )
+
+
+def find_labels(bag: Path) -> Path | None:
+    """The labels file of a bag: inside it, beside it as ``<bag>.labels.json``, or in its folder.
+
+    Args:
+        bag: its folder, or an MCAP file in it.
+    """
+    return next((path for path in labels_places(bag_folder(bag)) if path.is_file()), None)
+
+
+def labels_places(bag: AnyPath) -> tuple[AnyPath, AnyPath, AnyPath]:
+    """Where the labels of a bag may lie, in order.
+
+    Args:
+        bag: its folder, or an MCAP file that lies by itself.
+    """
+    return bag / "labels.json", beside_bag(bag), bag.parent / "labels.json"
+
+
+def beside_bag(bag: AnyPath) -> AnyPath:
+    """Where labels lie beside a bag."""
+    return bag.parent / f"{bag.name}.labels.json"

@@ -1,0 +1,499 @@
+"""``ssp demo``: both scenarios in three domains, through all verbs, from K* to the package."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import math
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import click
+from rich.progress import Progress
+
+from ssp_core import console
+from ssp_core.console import on_stop_signals
+from ssp_core.errors import InputError, PeerError
+from ssp_core.files import make_folder, write_json
+from ssp_core.hashing import sha256_bytes
+from ssp_core.processes import die_with_parent
+from ssp_scenario_manager.event_spec.load import load_event
+
+MARKER = ".ssp-demo.json"
+SCHEMA = "ssp.demo/1"
+LOGS = "logs/steps"
+# All that a demonstration leaves in its folder.
+MADE = frozenset(
+    {
+        MARKER, "audits", "cells", "clips", "frames", "index.html", "logs", "package",
+        "report", "requests", "runs", "tasks",
+    }
+)  # fmt: skip
+_MOST = 99
+
+
+@contextmanager
+def own_folder(out: Path) -> Iterator[Path]:
+    """The folder, or the next free number beside it while another demonstration works there.
+
+    Raises:
+        InputError: it holds something that no demonstration made.
+    """
+    for number in range(1, _MOST + 1):
+        folder = out if number == 1 else out.with_name(f"{out.name}-{number}")
+        handle = os.open(_lock_file(folder), os.O_CREAT | os.O_RDONLY, 0o644)
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(handle)
+            continue
+        try:
+            _clear(folder)
+            write_json(folder / MARKER, {"schema": SCHEMA})
+            yield folder
+        finally:
+            os.close(handle)
+        return
+    raise InputError(f"and {_MOST - 1} folders beside it are in use", file=out)
+
+
+def _lock_file(folder: Path) -> Path:
+    """A lock that lies beside nobody's files."""
+    locks = Path(tempfile.gettempdir()) / "ssp-demos"
+    if not locks.is_dir():
+        locks.mkdir(exist_ok=True)
+        locks.chmod(0o1777)  # for all users of the host
+    return locks / sha256_bytes(str(folder.resolve()).encode()).removeprefix("sha256:")[:32]
+
+
+def _clear(folder: Path) -> None:
+    """Makes the folder, or empties it of what an earlier demonstration left, and of nothing else.
+
+    Raises:
+        InputError: it can't be made, or holds something that no demonstration made.
+    """
+    found = {entry.name for entry in make_folder(folder).iterdir()}
+    foreign = sorted(found - MADE)
+    if foreign or (found and not _is_ours(folder / MARKER)):
+        raise InputError(
+            "holds something that no demonstration made",
+            file=folder,
+            value=", ".join(foreign) or None,
+            remedy="name another folder with --out",
+        )
+    for name in found:
+        path = folder / name
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        else:
+            path.unlink()
+
+
+def _is_ours(marker: Path) -> bool:
+    try:
+        value = json.loads(marker.read_text())
+    except (OSError, ValueError):
+        return False
+    return isinstance(value, dict) and value.get("schema") == SCHEMA
+
+
+SCENARIOS = ("cut_in", "vru_crossing", "lead_braking", "occluded_crossing")
+DEFAULT_SCENARIOS = SCENARIOS[:2]
+BRIDGES = ("constant_velocity", "opencv_baseline")
+SIMULATION_SITE, TRACK_SITE = "boulevard", "north_track"
+SIMULATION_SEED, TRACK_SEED = 11, 12
+CLIP_SEED = 1
+GENERATOR = "ssp-clip/1"
+
+
+def _nothing() -> tuple[str, ...]:
+    return ()
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One command of the demonstration.
+
+    Args:
+        name: what others know it by.
+        title: for the progress display.
+        arguments: of ``ssp``.
+        needs: names of the steps that must be done before.
+        session: it runs a session; one at a time does.
+        more: arguments that are known only when the steps before are done.
+    """
+
+    name: str
+    title: str
+    arguments: tuple[str, ...]
+    needs: tuple[str, ...] = ()
+    session: bool = False
+    more: Callable[[], tuple[str, ...]] = _nothing
+
+    def command(self, python: str) -> list[str]:
+        """What to run, once the steps that it needs are done."""
+        return [python, "-m", "ssp_core.cli", *self.arguments, *self.more()]
+
+
+def run_folder(out: Path, scenario: str, domain: str) -> Path:
+    """Folder of one recording: bag and labels.json, and more for a session."""
+    return out / "runs" / f"{scenario}-{domain}"
+
+
+def clip_path(out: Path, scenario: str) -> Path:
+    return out / "clips" / f"{scenario}.mp4"
+
+
+def event_path(out: Path, scenario: str) -> Path:
+    """The K* that is bound to the clip, from which all three domains are made."""
+    return clip_path(out, scenario).with_suffix(".event.yaml")
+
+
+def _version(out: Path, scenario: str) -> tuple[str, str]:
+    return "--event-version", load_event(str(event_path(out, scenario)))[1]
+
+
+def audit_folder(out: Path, scenario: str) -> Path:
+    return out / "audits" / scenario
+
+
+def package_folder(out: Path) -> Path:
+    return out / "package"
+
+
+def declared_options(clip: Path) -> tuple[str, ...]:
+    """What the maker of a clip declares of it, as options of ``ssp import-video``.
+
+    The camera is known. The speed is the one at which the VUT drives at first, declared for all of
+    the clip: it brakes later, and a video doesn't show by how much.
+    """
+    truth = json.loads(clip.with_suffix(".truth.json").read_text())
+    camera = truth["camera"]
+    return (
+        *("--ego-speed", f"{truth['ego_speed_mps'][0]['speed_mps']:.2f}"),
+        *("--hfov-deg", str(camera["hfov_deg"])),
+        *("--camera-height", str(camera["height_m"])),
+        *("--camera-pitch-deg", f"{math.degrees(camera['pitch_down_rad']):.3f}"),
+    )
+
+
+def plan_steps(out: Path, scenarios: Sequence[str]) -> list[Step]:
+    """All steps; each needs only ones before it.
+
+    Args:
+        out: folder of the demonstration.
+        scenarios: names of shipped events.
+    """
+    plan = [_clip(out, scenario) for scenario in scenarios]
+    plan += [step for scenario in scenarios for step in _simulation(out, scenario)]
+    plan += [step for scenario in scenarios for step in _synthetic(out, scenario)]
+    plan += [step for scenario in scenarios for step in _physical(out, scenario)]
+    plan += [_labels(out, scenario) for scenario in scenarios]
+    plan += [_audit(out, scenario) for scenario in scenarios]
+    return [*plan, *_evaluation(out, scenarios)]
+
+
+def _simulation(out: Path, scenario: str) -> list[Step]:
+    folder = run_folder(out, scenario, "simulation")
+    return [
+        Step(
+            f"{scenario}/simulation",
+            f"{scenario}: compile and run the simulation",
+            (
+                *("run", str(event_path(out, scenario)), "--site", SIMULATION_SITE),
+                *("--seed", str(SIMULATION_SEED), "--out", str(folder)),
+            ),
+            needs=(f"{scenario}/clip",),
+            session=True,
+        ),
+    ]
+
+
+def _clip(out: Path, scenario: str) -> Step:
+    folder = clip_path(out, scenario).parent
+    return Step(
+        f"{scenario}/clip",
+        f"{scenario}: make a synthetic clip and the K* bound to it",
+        ("spec", "clip", scenario, "--seed", str(CLIP_SEED), "--out", str(folder)),
+    )
+
+
+def _synthetic(out: Path, scenario: str) -> list[Step]:
+    clip = clip_path(out, scenario)
+    folder = run_folder(out, scenario, "synthetic")
+    return [
+        Step(
+            f"{scenario}/synthetic",
+            f"{scenario}: import the clip as a bag",
+            (
+                *("import-video", str(clip), "--scenario", scenario),
+                *("--generator", GENERATOR, "--out", str(folder / "bag")),
+            ),
+            needs=(f"{scenario}/clip",),
+            more=lambda: (*_version(out, scenario), *declared_options(clip)),
+        ),
+    ]
+
+
+def _physical(out: Path, scenario: str) -> list[Step]:
+    task = out / "tasks" / f"{scenario}-track"
+    folder = run_folder(out, scenario, "physical")
+    simulation = run_folder(out, scenario, "simulation")
+    return [
+        Step(
+            f"{scenario}/task",
+            f"{scenario}: compile for the track",
+            (
+                *("compile", str(event_path(out, scenario)), "--target", "track"),
+                *("--site", TRACK_SITE),
+                *("--seed", str(TRACK_SEED), "--validated-by", str(simulation)),
+                *("--out", str(task)),
+            ),
+            needs=(f"{scenario}/simulation",),
+        ),
+        Step(
+            f"{scenario}/physical",
+            f"{scenario}: run the compiled task on the track",
+            ("run", str(task), "--out", str(folder)),
+            needs=(f"{scenario}/task",),
+            session=True,
+        ),
+    ]
+
+
+_DOMAINS = ("synthetic", "simulation", "physical")
+
+
+def _labels(out: Path, scenario: str) -> Step:
+    """One plan for the three recordings, so that each has as many labels in every phase."""
+    recordings = (str(run_folder(out, scenario, domain)) for domain in _DOMAINS)
+    truth = clip_path(out, scenario).with_suffix(".truth.json")
+    return Step(
+        f"{scenario}/labels",
+        f"{scenario}: label the three recordings by one plan",
+        ("labels", "new", *recordings, "--truth", str(truth)),
+        needs=tuple(f"{scenario}/{domain}" for domain in _DOMAINS),
+    )
+
+
+def _audit(out: Path, scenario: str) -> Step:
+    recordings = (str(run_folder(out, scenario, domain)) for domain in _DOMAINS)
+    return Step(
+        f"{scenario}/audit",
+        f"{scenario}: audit the three recordings",
+        ("audit", *recordings, "--out", str(audit_folder(out, scenario))),
+        needs=(f"{scenario}/labels",),
+    )
+
+
+def _evaluation(out: Path, scenarios: Sequence[str]) -> list[Step]:
+    """Asks the bridges about every recording, scores the answers, reports and packs it all."""
+    bags = [str(run_folder(out, s, d) / "bag") for s in scenarios for d in _DOMAINS]
+    audits = [word for s in scenarios for word in ("--audit", str(audit_folder(out, s)))]
+    bridges = [word for name in BRIDGES for word in ("--bridge", name)]
+    package = str(package_folder(out))
+    return [
+        Step(
+            "evaluate",
+            "ask the bridges and score",
+            ("evaluate", *bags, *audits, *bridges, "--out", str(out)),
+            needs=tuple(f"{scenario}/audit" for scenario in scenarios),
+        ),
+        Step("report", "write the report", ("report", str(out)), needs=("evaluate",)),
+        Step(
+            "package",
+            "make the evidence package",
+            ("package", "make", str(out), "--out", package),
+            needs=("report",),
+        ),
+        Step(
+            "verify",
+            "verify the evidence package",
+            ("package", "verify", package),
+            needs=("package",),
+        ),
+    ]
+
+
+END_TIMEOUT_S = 30.0
+AT_ONCE = 2
+_POLL_S = 0.02
+_TAIL = 15
+
+
+@dataclass(frozen=True, slots=True)
+class _Running:
+    """A step's process and its log file."""
+
+    step: Step
+    process: subprocess.Popen[bytes]
+    log: Path
+
+
+class _Interrupted(Exception):
+    """Somebody wants it to end; the steps that run are to end in order first."""
+
+
+def _raise_interrupted(_: signal.Signals) -> None:
+    raise _Interrupted
+
+
+def follow(
+    steps: Sequence[Step],
+    logs: Path,
+    on_start: Callable[[Step, int], None],
+    on_end: Callable[[Step], None],
+) -> None:
+    """Runs all steps.
+
+    Each step is a process group of its own, so that Ctrl-C reaches it once and through here: it is
+    told, and given the time to abort its session and to close its bag.
+
+    Args:
+        steps: each needs only ones before it.
+        logs: folder that gets command and output of each step.
+        on_start: told each step and its number, from 1, when it starts.
+        on_end: told each step that is done.
+
+    Raises:
+        PeerError: a step failed or was interrupted; the message ends with the last lines of its
+            output.
+    """
+    waiting, running, done = list(steps), list[_Running](), set[str]()
+    with on_stop_signals(_raise_interrupted):
+        try:
+            while waiting or running:
+                while (step := _next(waiting, running, done)) is not None:
+                    waiting.remove(step)
+                    on_start(step, len(steps) - len(waiting))
+                    running.append(_start(step, logs))
+                ended = [one for one in running if one.process.poll() is not None]
+                for one in ended:
+                    running.remove(one)
+                    _check(one)
+                    done.add(one.step.name)
+                    on_end(one.step)
+                if not ended:
+                    time.sleep(_POLL_S)
+        except _Interrupted:
+            titles = ", ".join(one.step.title for one in running)
+            _end_all(running)
+            raise PeerError(f"{titles}: interrupted") from None
+        except BaseException:
+            _end_all(running)
+            raise
+
+
+def _next(waiting: Sequence[Step], running: Sequence[_Running], done: set[str]) -> Step | None:
+    """The first step that may start now; sessions first, since they take longest."""
+    if len(running) >= AT_ONCE:
+        return None
+    ready = [step for step in waiting if done.issuperset(step.needs)]
+    sessions = [step for step in ready if step.session]
+    if sessions and not any(one.step.session for one in running):
+        return sessions[0]
+    return next((step for step in ready if not step.session), None)
+
+
+def _start(step: Step, logs: Path) -> _Running:
+    log = logs / f"{step.name.replace('/', '-')}.log"
+    with log.open("wb") as stream:
+        stream.write(f"$ {' '.join(step.command('python'))}\n".encode())
+        stream.flush()
+        process = subprocess.Popen(
+            step.command(sys.executable),
+            stdout=stream,
+            stderr=subprocess.STDOUT,
+            stdin=subprocess.DEVNULL,
+            start_new_session=True,
+            preexec_fn=die_with_parent,
+        )
+    return _Running(step, process, log)
+
+
+def _check(one: _Running) -> None:
+    """Raises PeerError for a step that failed."""
+    status = one.process.returncode
+    if status != 0:
+        tail = "\n".join(one.log.read_text(errors="replace").splitlines()[-_TAIL:])
+        raise PeerError(f"{one.step.title}: failed with status {status}\n{tail}")
+
+
+def _end_all(running: Sequence[_Running]) -> None:
+    """Asks the steps to end and waits for them; one that doesn't is killed."""
+    with on_stop_signals(lambda _: None):
+        for one in running:
+            one.process.send_signal(signal.SIGINT)
+        deadline = time.monotonic() + END_TIMEOUT_S
+        for one in running:
+            try:
+                one.process.wait(max(0.0, deadline - time.monotonic()))
+            except subprocess.TimeoutExpired:
+                os.killpg(one.process.pid, signal.SIGKILL)
+                one.process.wait()
+
+
+@click.command()
+@click.option(
+    "--scenario",
+    "scenarios",
+    type=click.Choice(SCENARIOS),
+    multiple=True,
+    default=DEFAULT_SCENARIOS,
+    show_default=True,
+    help="Event to show; repeatable.",
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    default=Path("out/demo"),
+    show_default=True,
+    help="Folder for everything; an earlier demonstration there is replaced.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print a summary as JSON.")
+def demo(scenarios: tuple[str, ...], out: Path, as_json: bool) -> int:
+    """Show events in three domains: compile, run, audit, ask two bridges, score, report, pack.
+
+    Each event comes from its K* file. The `physical` sessions are a software stand-in on another
+    site with disturbances: no vehicle moves, and no figure of this demonstration says anything
+    about one.
+    """
+    started = time.monotonic()
+    with own_folder(out) as folder:
+        if folder != out:
+            console.note(f"another demonstration works in {out}; this one goes to {folder}")
+        console.note("the physical sessions are a software stand-in, not a vehicle")
+        (folder / "clips").mkdir()
+        steps = plan_steps(folder, list(dict.fromkeys(scenarios)))
+        with console.progress("demo", len(steps)) as bar:
+            follow(
+                steps,
+                make_folder(folder / LOGS),
+                on_start=lambda step, number: _tell(bar, step, number, len(steps)),
+                on_end=lambda _: bar.advance(bar.task_ids[0]),
+            )
+        seconds = time.monotonic() - started
+        index, package = folder / "index.html", package_folder(folder)
+        write_json(folder / MARKER, {"schema": SCHEMA, "wall_s": round(seconds, 1)})
+    if as_json:
+        summary = {"report": str(index), "package": str(package), "wall_s": round(seconds, 1)}
+        click.echo(json.dumps(summary))
+    else:
+        console.out.print(f"done in {seconds:.0f} s; open {index}", markup=False)
+        console.out.print(f"evidence package, verified: {package}", markup=False)
+    return 0
+
+
+def _tell(bar: Progress, step: Step, number: int, total: int) -> None:
+    bar.update(bar.task_ids[0], description=step.title)
+    if not sys.stderr.isatty():
+        console.note(f"[{number}/{total}] {step.title}")

@@ -1,1 +1,0 @@
-"""The demonstration: both scenarios in three domains, through all verbs of the command line."""

@@ -1,0 +1,566 @@
+"""Cells as jobs for other processes: a pool of them here, or a Ray cluster."""
+
+from __future__ import annotations
+
+import importlib
+import multiprocessing
+import os
+import signal
+import socket
+import sys
+import time
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass, field
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from typing import Any
+
+from ssp_core import console
+from ssp_core.console import ignore_stop_signals
+from ssp_core.errors import HostError, InputError, SspError
+from ssp_core.files import Closing
+from ssp_core.processes import die_with_parent
+from ssp_eval.data.labels import labels_version
+from ssp_eval.evaluate.admission import NO_AUDIT, Admission
+from ssp_eval.evaluate.bridges import TopicClients
+from ssp_eval.evaluate.campaign import labelled_clip
+from ssp_eval.evaluate.cell import CellOptions, evaluate_cell
+from ssp_eval.evaluate.cell_file import CellResult, LabelledClip
+from ssp_eval.evaluate.model_client import ClientsWithAnswerers, ModelClients
+from ssp_eval.evaluate.models import ModelSpec
+from ssp_eval.extract.llm import Extractor
+from ssp_eval.recordings.clip import Clip
+from ssp_eval.score.thresholds import DEFAULT, Thresholds
+
+ExtractorMaker = Callable[[], Extractor]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What all cells of a campaign have in common; it can be sent to another process.
+
+    Args:
+        out: campaign folder.
+        adapter, fresh, retry_errors, retry_pause_s: see CellOptions.
+        make_extractor: a client of a service can't be sent, so each process makes its own.
+        timeout_s: for one answer.
+        start_timeout_s: until a bridge is on its topics.
+        direct: models answer in the worker itself, without ROS; None: over topics.
+        extractor_sha256: of the extractor that all workers must have; empty: any.
+        thresholds: of the scorer.
+    """
+
+    out: Path
+    make_extractor: ExtractorMaker
+    adapter: str = ""
+    fresh: bool = False
+    retry_errors: int = 0
+    retry_pause_s: float = 1.0
+    timeout_s: float = 60.0
+    start_timeout_s: float = 60.0
+    direct: Callable[[], ModelClients] | None = None
+    extractor_sha256: str = ""
+    thresholds: Thresholds = DEFAULT
+
+
+@dataclass(frozen=True)
+class Job:
+    """One cell.
+
+    Args:
+        number: its place in the campaign.
+        bag: path of the recording.
+        labels: path of its labels.
+        model: who is asked.
+        bag_sha256, labels_sha256: of the recording, and of what its labels say (labels_version).
+        admission: what the audit says of the recording.
+    """
+
+    number: int
+    bag: Path
+    labels: Path
+    model: ModelSpec
+    bag_sha256: str
+    labels_sha256: str
+    admission: Admission = NO_AUDIT
+
+
+class JobRunner(Closing):
+    """Does jobs one after the other; bridges are kept until the block ends.
+
+    Args:
+        settings: of the campaign.
+        name: of the worker, for its bridges' output.
+
+    Raises:
+        HostError: the worker has another version of the software.
+    """
+
+    def __init__(self, settings: Settings, name: str) -> None:
+        self._settings = settings
+        extractor = settings.make_extractor()
+        if settings.extractor_sha256 not in ("", extractor.sha256):
+            raise HostError(
+                f"{name} extracts by other rules than the campaign ({extractor.sha256}, not "
+                f"{settings.extractor_sha256}); install the same version everywhere"
+            )
+        self._stack = ExitStack()
+        if settings.direct is not None:
+            self._clients: ModelClients = settings.direct()
+        else:
+            logs = settings.out / "logs" / name
+            topics = TopicClients(logs, settings.timeout_s, False, settings.start_timeout_s)
+            self._clients = ClientsWithAnswerers(self._stack.enter_context(topics))
+        self._options = CellOptions(
+            settings.adapter,
+            settings.fresh,
+            settings.retry_errors,
+            settings.retry_pause_s,
+            extractor,
+            settings.thresholds,
+        )
+
+    def run(self, job: Job, on_record: Callable[[], None] = lambda: None) -> CellResult:
+        """Evaluates a cell as a campaign of one process does.
+
+        Args:
+            job: the cell.
+            on_record: called once per label time.
+
+        Raises:
+            InputError: the recording or its labels aren't those that the campaign began with.
+        """
+        with Clip(job.bag) as clip:
+            labelled = labelled_clip(clip, job.labels, job.admission)
+            _check_same(job, labelled)
+            return evaluate_cell(
+                labelled, job.model, self._clients, self._settings.out, self._options, on_record
+            )
+
+    def close(self) -> None:
+        """Ends the bridges."""
+        self._stack.close()
+
+
+def _check_same(job: Job, labelled: LabelledClip) -> None:
+    """Another machine may hold another file at the same path, and a file may change meanwhile."""
+    bag_sha256 = labelled.clip.provenance.bag_sha256
+    for file, before, now in (
+        (job.bag, job.bag_sha256, bag_sha256),
+        (job.labels, job.labels_sha256, labels_version(labelled.labels)),
+    ):
+        if before != now:
+            raise InputError(
+                f"isn't what the campaign began with ({before}) but {now}",
+                file=file,
+                remedy="let it be while a campaign runs, and give all machines the same files",
+            )
+
+
+RECORD, DONE, ERROR, BUG = "record", "done", "error", "bug"
+# Workers have bridges to end, and these are given ten seconds each.
+_LEAVE_S = 30.0
+
+
+@dataclass
+class _Worker:
+    process: BaseProcess
+    pipe: Connection[Any, Any]
+    job: Job | None = None
+    last_model: str = ""
+
+
+@dataclass
+class _Pool:
+    settings: Settings
+    waiting: list[Job]
+    on_record: Callable[[], None]
+    workers: list[_Worker] = field(default_factory=list)
+    started: int = 0
+
+    def start(self) -> _Worker:
+        """A worker in a process of its own; a fork would take locks of this one's threads along."""
+        context = multiprocessing.get_context("spawn")
+        ours, theirs = context.Pipe()
+        name = f"worker_{self.started}"
+        self.started += 1
+        process = context.Process(target=_work, args=(self.settings, name, theirs), name=name)
+        process.start()
+        theirs.close()
+        worker = _Worker(process, ours)
+        self.workers.append(worker)
+        return worker
+
+    def give(self, worker: _Worker) -> None:
+        """The next cell, of the model whose bridge the worker has where there is one."""
+        if not self.waiting:
+            return
+        same = (job for job in self.waiting if job.model.name == worker.last_model)
+        job = next(same, self.waiting[0])
+        self.waiting.remove(job)
+        worker.job, worker.last_model = job, job.model.name
+        with suppress(OSError):  # it died in between; its end says so
+            worker.pipe.send(job)
+
+    def end(self) -> None:
+        """Ends all workers, those that don't go by force."""
+        for worker in self.workers:
+            worker.pipe.close()
+            worker.process.terminate()
+        for worker in self.workers:
+            worker.process.join(_LEAVE_S)
+            if worker.process.is_alive():
+                worker.process.kill()
+                worker.process.join()
+
+
+def run_pool(
+    jobs: Sequence[Job],
+    settings: Settings,
+    workers: int,
+    on_dead: Callable[[Job, str], CellResult],
+    on_record: Callable[[], None] = lambda: None,
+) -> list[CellResult]:
+    """Evaluates cells in several processes.
+
+    Args:
+        jobs: the cells.
+        settings: what they have in common.
+        workers: how many processes; not more are started than there are cells.
+        on_dead: writes a failed cell, given how its worker died.
+        on_record: called once per label time.
+
+    Returns:
+        One result per job, in their order.
+
+    Raises:
+        InputError: of a cell, as in a campaign of one process; the others are ended.
+        HostError: the same.
+        RuntimeError: a bug in a worker, with its traceback.
+    """
+    pool = _Pool(settings, list(jobs), on_record)
+    found: dict[int, CellResult] = {}
+    try:
+        for _ in range(min(workers, len(jobs))):
+            pool.give(pool.start())
+        while len(found) < len(jobs):
+            ready = wait([worker.pipe for worker in pool.workers if worker.job is not None])
+            for worker in [worker for worker in pool.workers if worker.pipe in ready]:
+                _hear(pool, worker, found, on_dead)
+    finally:
+        pool.end()
+    return [found[job.number] for job in jobs]
+
+
+def _hear(
+    pool: _Pool,
+    worker: _Worker,
+    found: dict[int, CellResult],
+    on_dead: Callable[[Job, str], CellResult],
+) -> None:
+    """What a worker said, or that it died."""
+    job = worker.job
+    if job is None:
+        return
+    try:
+        kind, value = worker.pipe.recv()
+    except (EOFError, OSError):
+        worker.process.join(_LEAVE_S)
+        how = _how(worker.process.exitcode)
+        worker.process.kill()
+        pool.workers.remove(worker)
+        worker.pipe.close()
+        found[job.number] = on_dead(job, f"the worker died: {how}")
+        if pool.waiting:
+            pool.give(pool.start())
+        return
+    if kind == RECORD:
+        pool.on_record()
+    elif kind == DONE:
+        found[job.number] = value
+        worker.job = None
+        pool.give(worker)
+    elif kind == ERROR:
+        raise value
+    else:
+        raise RuntimeError(f"a worker failed:\n{value}")
+
+
+def _how(code: int | None) -> str:
+    if code is None:
+        return "it closed its pipe and did not end"
+    return f"killed by {signal.Signals(-code).name}" if code < 0 else f"exited with status {code}"
+
+
+def _work(settings: Settings, name: str, pipe: Connection[Any, Any]) -> None:
+    """The worker: takes jobs until its pipe is closed."""
+    die_with_parent()
+    ignore_stop_signals()
+    signal.signal(signal.SIGTERM, _leave)
+    try:
+        runner = JobRunner(settings, name)
+    except SspError as error:
+        pipe.recv()
+        pipe.send((ERROR, error))
+        return
+    with runner:
+        while True:
+            try:
+                job = pipe.recv()
+            except (EOFError, OSError):
+                signal.signal(signal.SIGTERM, signal.SIG_IGN)
+                return
+            try:
+                pipe.send((DONE, runner.run(job, lambda: pipe.send((RECORD, None)))))
+            except SspError as error:
+                pipe.send((ERROR, error))
+            except Exception:  # it is raised again where somebody sees it
+                pipe.send((BUG, traceback.format_exc()))
+
+
+def _leave(*_: object) -> None:
+    """Ends the worker in order, once: a second signal would cut short how it ends its bridges."""
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    sys.exit(0)
+
+
+ADDRESS = "RAY_ADDRESS"
+# Who speaks HTTP/2, as gRPC does, answers this with settings of his own at once (RFC 9113, 3.4).
+_PREFACE = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + bytes((0, 0, 0, 4, 0, 0, 0, 0, 0))
+_SETTINGS = 4
+_FRAME_HEAD = 9
+_ANSWER_S = 5.0
+_HERE = frozenset({"localhost", "127.0.0.1", "::1"})
+_REMEDY = f"set {ADDRESS} to the address of one, or use --engine processes"
+
+
+def import_ray() -> Any:
+    """The module.
+
+    Raises:
+        HostError: it isn't installed; with the remedy.
+    """
+    try:
+        return importlib.import_module("ray")
+    except ImportError as error:
+        raise HostError(
+            f"Ray can't be imported ({error}); install the extra with "
+            "`python -m pip install 'ssp[ray]'`, or use --engine processes"
+        ) from error
+
+
+@contextmanager
+def joined(ray: Any, workers: int) -> Iterator[None]:
+    """Within the block this process is in the cluster that RAY_ADDRESS names, or in one of its own.
+
+    Args:
+        ray: the module.
+        workers: processors of a cluster that is started here.
+
+    Raises:
+        HostError: there is no cluster, or it fails while it is used.
+    """
+    own = not ray.is_initialized()
+    try:
+        if own:
+            _join(ray, workers)
+        yield
+    except (ray.exceptions.RayError, ConnectionError) as error:
+        raise HostError(
+            f"the Ray cluster failed ({first_line(error)}); what is answered is stored, so give "
+            "the same command again"
+        ) from error
+    finally:
+        if own:
+            with suppress(ray.exceptions.RayError, ConnectionError):
+                ray.shutdown()
+
+
+def _join(ray: Any, workers: int) -> None:
+    address = os.environ.get(ADDRESS, "")
+    where: dict[str, Any] = {} if address else {"address": "local", "num_cpus": workers}
+    if address not in ("", "auto", "local"):
+        look_for(address, ray.util.get_node_ip_address)
+    try:
+        ray.init(include_dashboard=False, log_to_driver=False, configure_logging=False, **where)
+    except Exception as error:  # it raises whatever it met on its way, also plain Exception
+        what = f"no Ray cluster can be joined at {address}" if address else "Ray can't be started"
+        raise HostError(f"{what} ({first_line(error)}); {_REMEDY}") from error
+
+
+def look_for(address: str, own_ip: Any = lambda: "") -> None:
+    """Looks in a few seconds whether somebody answers at an address as the head of a cluster would.
+
+    Args:
+        address: ``host:port``, or ``ray://host:port``.
+        own_ip: this machine's address, as the head of a cluster on it may have bound that alone.
+
+    Raises:
+        HostError: nobody does.
+    """
+    host, _, port = address.rpartition("://")[2].rpartition(":")
+    host = host.strip("[]")
+    if not host or not port.isascii() or not port.isdigit() or int(port) > 65535:
+        raise HostError(f"{ADDRESS}={address} is no address (HOST:PORT); {_REMEDY}")
+    problem = _why_silent(host, int(port))
+    if problem and host in _HERE and (own := own_ip()) not in _HERE:
+        problem = problem if not own or _why_silent(own, int(port)) else ""
+    if problem:
+        raise HostError(f"no Ray cluster answers at {address} ({problem}); {_REMEDY}")
+
+
+def _why_silent(host: str, port: int) -> str:
+    """Why this is no server of gRPC; empty where it is one, or where TLS hides what it is."""
+    try:
+        with socket.create_connection((host, port), _ANSWER_S) as line:
+            if os.environ.get("RAY_USE_TLS", "0") not in ("", "0"):
+                return ""
+            line.sendall(_PREFACE)
+            end_s = time.monotonic() + _ANSWER_S
+            read = b""
+            while len(read) < _FRAME_HEAD:
+                line.settimeout(max(0.01, end_s - time.monotonic()))
+                if not (more := line.recv(_FRAME_HEAD - len(read))):
+                    return "what listens there is no Ray"
+                read += more
+    except TimeoutError:
+        return f"no answer within {_ANSWER_S:g} s"
+    except (OSError, UnicodeError) as error:
+        return getattr(error, "strerror", None) or str(error)
+    return "" if read[3] == _SETTINGS else "what listens there is no Ray"
+
+
+def first_line(error: BaseException) -> str:
+    """The first line of what an error says, or its kind."""
+    return next(iter(str(error).strip().splitlines()), type(error).__name__)
+
+
+# How long a cluster may have no room for a worker before somebody is told.
+_NOTE_S = 30.0
+
+
+class _Actor:
+    """What runs on the cluster: a JobRunner with a way to end it."""
+
+    def __init__(self, settings: Settings, name: str) -> None:
+        self._settings, self._name = settings, name
+        self._runner: JobRunner | None = None
+
+    def hello(self) -> None:
+        """Answers as soon as the cluster has room for the actor."""
+
+    def run(self, job: Job) -> tuple[CellResult, int]:
+        """The cell, and how many label times it had."""
+        if self._runner is None:
+            # Here, not at the start: what it raises then is this call's error.
+            self._runner = JobRunner(self._settings, self._name)
+        count = 0
+
+        def on_record() -> None:
+            nonlocal count
+            count += 1
+
+        return self._runner.run(job, on_record), count
+
+    def close(self) -> None:
+        """Ends the bridges."""
+        if self._runner is not None:
+            self._runner.close()
+
+
+def run_ray(
+    jobs: Sequence[Job],
+    settings: Settings,
+    workers: int,
+    on_dead: Callable[[Job, str], CellResult],
+    on_record: Callable[[], None] = lambda: None,
+) -> list[CellResult]:
+    """As pool.run_pool, on the cluster that RAY_ADDRESS names, or on one that is started here.
+
+    Args:
+        jobs: the cells.
+        settings: what they have in common.
+        workers: how many actors, one processor each; a cluster with fewer has fewer at a time.
+        on_dead: writes a failed cell, given how its worker died.
+        on_record: called once per label time, when its cell is done.
+
+    Raises:
+        HostError: Ray isn't installed, there is no cluster, or it fails.
+        InputError: of a cell, as in a campaign of one process.
+    """
+    ray = import_ray()
+    with joined(ray, workers):
+        return _run(ray, jobs, settings, workers, on_dead, on_record)
+
+
+def _run(
+    ray: Any,
+    jobs: Sequence[Job],
+    settings: Settings,
+    workers: int,
+    on_dead: Callable[[Job, str], CellResult],
+    on_record: Callable[[], None],
+) -> list[CellResult]:
+    actor_class = ray.remote(num_cpus=1)(_Actor)
+    waiting = list(jobs)
+    found: dict[int, CellResult] = {}
+    actors: list[Any] = []
+    there: list[Any] = []
+    at_work: dict[Any, tuple[Any, Job | None]] = {}
+
+    def start() -> None:
+        # A cell is given to it once it is there: the cluster may never have room for it.
+        actor = actor_class.remote(settings, f"worker_{len(actors)}")
+        actors.append(actor)
+        at_work[actor.hello.remote()] = actor, None
+
+    try:
+        for _ in range(min(workers, len(jobs))):
+            start()
+        while len(found) < len(jobs):
+            ready, _ = ray.wait(list(at_work), num_returns=1, timeout=_NOTE_S)
+            if not ready:
+                if not there:
+                    console.note("the Ray cluster has no free processor for a worker yet")
+                continue
+            actor, job = at_work.pop(ready[0])
+            try:
+                answer = ray.get(ready[0])
+            except ray.exceptions.RayActorError as error:
+                if actor in there:
+                    there.remove(actor)
+                lost = waiting.pop(0) if job is None and waiting else job
+                if lost is not None:
+                    found[lost.number] = on_dead(lost, f"the worker died: {first_line(error)}")
+                if waiting:
+                    start()
+                continue
+            except ray.exceptions.RayTaskError as error:
+                # As in a campaign of one process; what can't be sent here is the cluster's trouble.
+                raise (error.cause or error) from error
+            if job is None:
+                there.append(actor)
+            else:
+                found[job.number], records = answer
+                for _ in range(records):
+                    on_record()
+            if waiting:
+                following = waiting.pop(0)
+                at_work[actor.run.remote(following)] = actor, following
+    finally:
+        _end(ray, there, actors)
+    return [found[job.number] for job in jobs]
+
+
+def _end(ray: Any, there: Sequence[Any], actors: Sequence[Any]) -> None:
+    """Lets the actors that are there end their bridges; then all are removed."""
+    # A cluster that is gone has nothing to end, and must not hide why it is gone.
+    with suppress(ray.exceptions.RayError, ConnectionError):
+        closing = [actor.close.remote() for actor in there]
+        if closing:
+            ray.wait(closing, num_returns=len(closing), timeout=_LEAVE_S)
+        for actor in actors:
+            ray.kill(actor)

@@ -1,1 +1,0 @@
-"""The evaluator's end of the topics."""

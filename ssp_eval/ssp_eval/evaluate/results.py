@@ -1,0 +1,458 @@
+"""Reads the cells of a campaign back, and scores them again for the details behind."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from ssp_core.errors import InputError
+from ssp_core.files import load_model, parse_model, read_mapping, read_text
+from ssp_core.run_file.values import Finite
+from ssp_core.vocabulary import DOMAINS
+from ssp_eval.data.audit import Audit, load_audit
+from ssp_eval.data.json_fields import Location, parse_json
+from ssp_eval.data.labels import Labels, counts_text, load_labels, phase_counts
+from ssp_eval.data.records import MOST_BYTES, BehaviourRecord, load_records
+from ssp_eval.evaluate.admission import AUDITS, REFUSED, UNAUDITED, kept_audits, said_of
+from ssp_eval.evaluate.cell import LLM_MISSING
+from ssp_eval.evaluate.cell_file import (
+    CELL_FILE,
+    CELLS,
+    LABELS_FILE,
+    RECORDS_FILE,
+    SCORE_FILE,
+    changed_since,
+    losses_text,
+)
+from ssp_eval.evaluate.models import NEVER_MODELS, is_control_name
+from ssp_eval.evaluate.requests import REQUESTS_FILE
+from ssp_eval.extract.language import NOT_READ
+from ssp_eval.score.cell import CellScore, score_cell
+from ssp_eval.score.thresholds import DEFAULT, Thresholds, thresholds_of
+
+Count = Annotated[int, Field(ge=0)]
+
+
+class _Part(BaseModel):
+    """No value is made to fit: ``"false"`` is no boolean and 5 is no text."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True, strict=True)
+
+
+class AdmissionFacts(_Part):
+    """What the audit said of the recording; cells of an earlier version say nothing."""
+
+    status: Literal["admitted", "refused", "unpaired", "unaudited"] = "unaudited"
+    audit_sha256: str | None = None
+
+
+class GeometryFacts(_Part):
+    """The forward camera: px, m and rad; height and pitch are null where nobody knows them."""
+
+    fx_px: Finite
+    fy_px: Finite
+    cx_px: Finite
+    cy_px: Finite
+    width_px: Annotated[int, Field(gt=0)]
+    height_px: Annotated[int, Field(gt=0)]
+    height_m: Finite | None = None
+    pitch_down_rad: Finite | None = None
+
+
+class ClipFacts(_Part):
+    """The recording that was shown; its path is from the campaign's folder."""
+
+    origin: str
+    # None where nobody knows of one; cells of an earlier version don't say.
+    renderer: str | None = None
+    path: str | None = None
+    start_ns: int | None = None
+    verdict: str | None
+    ego: str
+    camera: str
+    geometry: GeometryFacts | None
+    mount_forward_m: Finite | None
+    mount_left_m: Finite = 0.0
+    mount_yaw_left_rad: Finite = 0.0
+    mount_roll_right_rad: Finite = 0.0
+
+
+class IgnoredFacts(_Part):
+    """Answers that came and weren't used."""
+
+    late: Count
+    duplicate: Count
+    unknown: Count
+
+
+class AnswerFacts(_Part):
+    """What was asked, and what came back."""
+
+    sent: Count
+    reused: Count
+    asked_again: Count = 0
+    missing: list[dict[str, Any]]
+    # Cells of an earlier version don't tell the kinds apart.
+    missing_by_kind: dict[str, Count] = {}
+    ignored: IgnoredFacts
+
+
+class PreprocessingFacts(_Part):
+    """Of the frames and the ego history in a request."""
+
+    frames: Count
+    frame_spacing_s: Finite
+    history_s: Finite = 2.0
+    history_spacing_s: Finite = 0.1
+
+
+class ModelFactsRead(_Part):
+    """What the models file says of a model; nothing of it is scored."""
+
+    total_b: Finite | None = None
+    active_b: Finite | None = None
+    architecture: str = ""
+
+
+class CellFacts(_Part):
+    """cell.json (``ssp.cell/1``): scenario × domain × model."""
+
+    schema_: Literal["ssp.cell/1"] = Field(alias="schema")
+    scenario: str
+    domain: str
+    model: str
+    model_ids: list[str]
+    status: Literal["ok", "refused", "failed"]
+    reasons: list[str]
+    stand_in: bool
+    admission: AdmissionFacts = AdmissionFacts()
+    event_version: str
+    clip: ClipFacts
+    labels_source: str
+    labels_proposed: bool
+    answers: AnswerFacts
+    backend_options: dict[str, Any]
+    decoding: list[dict[str, Any]]
+    preprocessing: PreprocessingFacts
+    # Empty in cells of an earlier version, and the backend of a bridge that was attached.
+    backend: str = ""
+    interface: str = ""
+    # A blinded or disordered ask of a model, and a bridge that checks the harness.
+    condition: str = ""
+    control: bool = False
+    task_version: str | None = None
+    model_facts: ModelFactsRead = ModelFactsRead()
+    adapter: str
+    # Null where a recording has no such part: an imported video has no verdict.
+    hashes: dict[str, str | None]
+    # All of the scorer's; cells of an earlier version say only their hash.
+    thresholds: dict[str, float | int] | None = None
+
+
+class FrameFacts(_Part):
+    """A frame that was sent."""
+
+    sha256: str
+
+
+class PlaceFacts(_Part):
+    """Where the VUT was, in its own frame at the request, m."""
+
+    x_m: Finite
+    y_m: Finite
+
+
+class RequestFacts(_Part):
+    """One line of requests.jsonl: a label time, and what was asked then, if anything was."""
+
+    label_t_s: Finite
+    missing: str = ""
+    kind: str | None = None
+    frames: list[FrameFacts] = []
+    history: list[PlaceFacts] = []
+
+
+def load_facts(file: Path) -> CellFacts:
+    """Reads a cell.json.
+
+    Raises:
+        InputError: it is no JSON, or a field is missing or wrong; with its path.
+    """
+    return load_model(CellFacts, file)
+
+
+@dataclass(frozen=True)
+class CellData:
+    """One cell as it lies in its folder.
+
+    Args:
+        folder: of the cell.
+        facts: of cell.json.
+        labels: of the clip.
+        records: empty unless the cell has answers.
+        asked: the lines of requests.jsonl, checked; see requests.
+        score: scored again from records and labels, None unless the cell is ok.
+        notes: what a reader must know, one sentence each.
+        thresholds: that it is scored with.
+        changed: what of it isn't as `ssp evaluate` left it, for which it is refused; or empty.
+    """
+
+    folder: Path
+    facts: CellFacts
+    labels: Labels
+    records: tuple[BehaviourRecord, ...]
+    asked: tuple[bytes, ...]
+    score: CellScore | None
+    notes: tuple[str, ...]
+    thresholds: Thresholds = DEFAULT
+    changed: str = ""
+
+    @property
+    def requests(self) -> tuple[dict[str, Any], ...]:
+        """What was asked, one per label time; read anew each time, because as values they take
+        most of what the cells of a large campaign would take of memory."""
+        return tuple(json.loads(line) for line in self.asked)
+
+    @property
+    def scenario(self) -> str:
+        """Name of the scenario."""
+        return self.facts.scenario
+
+    @property
+    def domain(self) -> str:
+        """Name of the domain."""
+        return self.facts.domain
+
+    @property
+    def model(self) -> str:
+        """Name of the model."""
+        return self.facts.model
+
+    @property
+    def admission(self) -> str:
+        """admitted, refused, unpaired or unaudited; cells of an earlier version are unaudited."""
+        return self.facts.admission.status
+
+    @property
+    def audit_sha256(self) -> str | None:
+        """Hash of the audit that the recording was looked up in."""
+        return self.facts.admission.audit_sha256
+
+    @property
+    def labels_per_phase(self) -> str:
+        """How many labels approach, trigger, conflict and resolution have, ``3/1/4/1``."""
+        return counts_text(phase_counts(self.labels))
+
+    @property
+    def is_control(self) -> bool:
+        """True for a bridge that checks the harness."""
+        facts = self.facts
+        named = is_control_name(self.model) or facts.backend in NEVER_MODELS
+        return named or facts.control or bool(facts.condition)
+
+    @property
+    def id(self) -> str:
+        """Anchor in the page."""
+        return self.folder.name
+
+
+def load_cells(out: Path, on_cell: Callable[[], None] = lambda: None) -> list[CellData]:
+    """All cells of a campaign, by scenario, domain and model.
+
+    Args:
+        out: campaign folder.
+        on_cell: called once for each cell.
+
+    Raises:
+        InputError: it is no campaign folder, or a file in it is damaged.
+    """
+    cells = []
+    audits = KeptAudits(out)
+    for file in cell_files(out):
+        cells.append(load_cell(file, audits))
+        on_cell()
+    return in_order(cells)
+
+
+def cell_files(out: Path) -> list[Path]:
+    """The cell.json of each cell of a campaign.
+
+    Raises:
+        InputError: it is no campaign folder.
+    """
+    if out.is_file():
+        raise InputError(
+            "is no campaign's folder but a file", file=out,
+            remedy="component scores go with --from-cells FILE.csv; of a campaign give the --out "
+            "folder of `ssp evaluate`",
+        )  # fmt: skip
+    files = sorted((out / CELLS).glob(f"*/{CELL_FILE}"))
+    if not files:
+        raise InputError(
+            f"holds no evaluated cells ({CELLS}/*/{CELL_FILE})",
+            file=out,
+            remedy="give the --out folder of `ssp evaluate`",
+        )
+    return files
+
+
+def in_order(cells: Iterable[CellData]) -> list[CellData]:
+    """By scenario, domain and model, controls last."""
+    return sorted(cells, key=lambda c: (c.scenario, _domain_order(c.domain), c.is_control, c.model))
+
+
+def _domain_order(domain: str) -> int:
+    return DOMAINS.index(domain) if domain in DOMAINS else len(DOMAINS)
+
+
+class KeptAudits:
+    """The audits in a campaign's folder, each read once.
+
+    Args:
+        out: campaign folder.
+    """
+
+    def __init__(self, out: Path) -> None:
+        self._files = kept_audits(out)
+        self._read: dict[str, Audit] = {}
+
+    def against(self, facts: CellFacts) -> str:
+        """Why a cell's admission isn't what its audit says; empty where it is.
+
+        Args:
+            facts: of the cell.
+        """
+        status, named = facts.admission.status, facts.admission.audit_sha256
+        if facts.status != "ok" or status == UNAUDITED:
+            return ""
+        if status == REFUSED:
+            return "it is scored though the audit refused its recording"
+        if named is None:
+            return f"it says {status} and names no audit"
+        if named not in self._files:
+            return (
+                f"it says {status}, and the audit that it names ({named}) isn't in {AUDITS}/; give "
+                "`ssp evaluate` the same command with that audit again"
+            )
+        try:
+            if named not in self._read:
+                self._read[named] = load_audit(self._files[named])
+        except InputError as error:
+            return str(error)
+        audit = self._read[named]
+        told = said_of(audit, facts.hashes.get("bag"), facts.hashes.get("verdict"))
+        if told != {status} or audit.event_version != facts.event_version:
+            words = ", ".join(sorted(told)) or "not known"
+            return (
+                f"it says {status} of event version {facts.event_version}, and by "
+                f"{self._files[named]} it is {words} of {audit.event_version}"
+            )
+        return ""
+
+
+def load_cell(file: Path, audits: KeptAudits) -> CellData:
+    """One cell, scored again; refused where it isn't as `ssp evaluate` left it.
+
+    Args:
+        file: its cell.json.
+        audits: of the campaign.
+
+    Raises:
+        InputError: a file of the cell is damaged.
+    """
+    value = read_mapping(file)
+    facts = parse_model(CellFacts, value, file)
+    folder = file.parent
+    name = "__".join((facts.scenario, facts.domain, facts.model))
+    changed = changed_since(folder, value) or audits.against(facts)
+    if name != folder.name:
+        changed = f"it is the cell {name}, and lies in another one's folder"
+    if changed:
+        facts = facts.model_copy(update={"status": "refused", "reasons": [changed]})
+        unknown = Labels(facts.scenario, facts.domain, facts.event_version, None, False, ())
+        return CellData(folder, facts, unknown, (), (), None, (), changed=changed)
+    labels = load_labels(folder / LABELS_FILE)
+    if facts.status != "ok":
+        return CellData(folder, facts, labels, (), (), None, ())
+    records = load_records(folder / RECORDS_FILE)
+    thresholds = DEFAULT if facts.thresholds is None else thresholds_of(facts.thresholds, file)
+    score = score_cell(labels, records, thresholds)
+    notes = []
+    stored = json_object(read_text(folder / SCORE_FILE), folder / SCORE_FILE)
+    if stored != score.to_json():
+        notes.append(
+            "The stored score differs from what its records and labels give now; this page shows "
+            "the latter."
+        )
+    if facts.hashes.get("thresholds") != score.details.thresholds_sha256:
+        notes.append("It doesn't say the thresholds that it was evaluated with; these are others.")
+    if losses := losses_text(facts.answers.missing_by_kind):
+        notes.append(f"{losses}. They count as missing outputs.")
+    if foreign := _languages(records):
+        told = ", ".join(f"{name} {count}" for name, count in sorted(foreign.items()))
+        notes.append(
+            f"{foreign.total()} of {len(records)} texts are {NOT_READ} ({told}): what they say of "
+            "the scene and the plan counts as missing."
+        )
+    if lacking := sum(_has_note(record, LLM_MISSING) for record in records):
+        notes.append(
+            f"{lacking} of {len(records)} records lack what the LLM of the extraction would have "
+            "filled; their notes say why."
+        )
+    asked = request_lines(folder / REQUESTS_FILE)
+    return CellData(folder, facts, labels, records, asked, score, tuple(notes), thresholds)
+
+
+def _notes(record: BehaviourRecord) -> list[str]:
+    return [] if record.adapter is None else record.adapter["notes"]
+
+
+def _has_note(record: BehaviourRecord, beginning: str) -> bool:
+    return any(note.startswith(beginning) for note in _notes(record))
+
+
+def _languages(records: Iterable[BehaviourRecord]) -> Counter[str]:
+    """How many texts are in each language that the rules don't read."""
+    return Counter(
+        note.removeprefix(NOT_READ).lstrip(": ")
+        for record in records
+        for note in _notes(record)
+        if note.startswith(NOT_READ)
+    )
+
+
+def request_lines(file: Path) -> tuple[bytes, ...]:
+    """What was asked, one line of JSON per label time.
+
+    Raises:
+        InputError: a line is damaged; with its number.
+    """
+    found = []
+    for number, line in enumerate(read_text(file, MOST_BYTES).splitlines(), start=1):
+        value = json_object(line, file, number)
+        try:
+            parse_model(RequestFacts, value, file)
+        except InputError as error:
+            raise InputError(
+                error.problem, file=file, line=number, field=error.field, value=error.value
+            ) from error
+        found.append(line.encode())
+    return tuple(found)
+
+
+def json_object(text: str, file: Path, line: int | None = None) -> dict[str, Any]:
+    """The JSON object that a file or a line of it is.
+
+    Raises:
+        InputError: it is none.
+    """
+    value = parse_json(text, Location(file, line))
+    if not isinstance(value, dict):
+        raise InputError("must be a JSON object", file=file, line=line, value=value)
+    return value

@@ -1,0 +1,473 @@
+"""From anybody's ROS 2 bag to a recording that can be audited (METHOD 4.3), with its camera."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]  # scipy has no types
+
+from ssp_core.bag.images import JPEG_START, decode_still, size_px
+from ssp_core.bag.metadata import offered_qos
+from ssp_core.bag.writer import BagWriter
+from ssp_core.cdr.images import COMPRESSED_TYPE, RAW_TYPE, ImageMessage, read_image
+from ssp_core.clock import NS_PER_S, ns_to_seconds, seconds_to_ns
+from ssp_core.errors import InputError
+from ssp_core.names import VUT_ID
+from ssp_core.vocabulary import ObjectClass, Role
+from ssp_core.world.camera import Intrinsics, Mounting
+from ssp_eval.data.provenance import ImportedEgo, ImportedStates, ImportRecord
+from ssp_eval.importers import target
+from ssp_eval.importers.options import ALL, Declared, MotionOptions
+from ssp_eval.importers.road import bind_road
+from ssp_eval.importers.ros_bag import (
+    TF_STATIC,
+    Clock,
+    Datum,
+    Poses,
+    SourceBag,
+    check_clocks,
+    read_poses,
+)
+from ssp_eval.importers.target import (
+    IMAGE,
+    CameraFacts,
+    ImportSummary,
+    attach_record,
+    check_free,
+    jpeg,
+    keep_every,
+    make_bag,
+    output_size,
+    write_states,
+)
+from ssp_eval.importers.tracks import Track, make_track
+from ssp_eval.recordings.states import STATE_AGE_S
+
+INFO_TYPE = "sensor_msgs/msg/CameraInfo"
+TF_TYPE = "tf2_msgs/msg/TFMessage"
+# A forward camera doesn't look further up or down than this; a frame that does is no optical one.
+_STEEPEST_RAD = math.radians(45.0)
+
+
+def camera_facts(
+    bag: SourceBag,
+    info_topic: str | None,
+    mounting: Mounting | None,
+    optical_frame: str,
+    vut_frame: str,
+    ahead_m: float,
+    size_px: tuple[int, int],
+) -> tuple[CameraFacts, list[str]]:
+    """What is known of the camera, and what is to be said of it.
+
+    Args:
+        bag: open.
+        info_topic: of its CameraInfo, None: none.
+        mounting: declared, None: look into /tf_static.
+        optical_frame: that the frames name.
+        vut_frame: that the VUT's poses are of.
+        ahead_m: how far that lies ahead of the VUT's reference point.
+        size_px: width and height of the frames.
+
+    Raises:
+        InputError: the topic holds no calibrated camera of frames of this size.
+    """
+    lens: Intrinsics | None = None
+    notes: list[str] = []
+    if info_topic is not None:
+        lens, notes = _lens(bag, info_topic, size_px)
+    if lens is None:
+        if mounting is not None:
+            notes.append("camera: its place is of no use without a lens (--camera-info)")
+        return CameraFacts(), notes
+    if mounting is not None:
+        return CameraFacts("declared", lens, mounting), notes
+    mounting, more = _mounted(bag, optical_frame, vut_frame, ahead_m)
+    return CameraFacts("measured", lens, mounting), notes + more
+
+
+def _lens(bag: SourceBag, topic: str, size_px: tuple[int, int]) -> tuple[Intrinsics, list[str]]:
+    bag.check_topic(topic, (INFO_TYPE,))
+    info: Any = next((message for _, message in bag.decoded(topic)), None)
+    if info is None:
+        raise InputError("holds no message", file=bag.path, field=topic,
+                         remedy="leave --camera-info out")  # fmt: skip
+    if (info.width, info.height) != size_px:
+        raise InputError(
+            f"is of frames of {info.width}x{info.height} px, the camera's have "
+            f"{size_px[0]}x{size_px[1]}",
+            file=bag.path, field=topic, remedy="name the CameraInfo of this camera",
+        )  # fmt: skip
+    k = [float(value) for value in info.k]
+    if not (all(map(math.isfinite, k)) and k[0] > 0.0 and k[4] > 0.0):
+        raise InputError("says that the camera isn't calibrated", file=bag.path, field=f"{topic}.k",
+                         value=k, remedy="leave --camera-info out")  # fmt: skip
+    notes = []
+    if np.any(np.asarray(info.d, dtype=float)):
+        notes.append(
+            f"{topic}: the lens is distorted; what is projected into its frames ignores it"
+        )
+    return Intrinsics(size_px[0], size_px[1], k[0], k[4], k[2], k[5]), notes
+
+
+def _mounted(
+    bag: SourceBag, optical_frame: str, vut_frame: str, ahead_m: float
+) -> tuple[Mounting | None, list[str]]:
+    """The camera's place by the static transforms, None where they don't say."""
+    if bag.types.get(TF_STATIC) != TF_TYPE:
+        return None, ["camera: its place on the VUT isn't known (--mount says it)"]
+    parents: dict[str, tuple[str, Any]] = {}
+    for _, message in bag.decoded(TF_STATIC):
+        for one in message.transforms:
+            parents[str(one.child_frame_id)] = (str(one.header.frame_id), one.transform)
+    turn, place, frame = Rotation.identity(), np.zeros(3), optical_frame
+    seen = set[str]()
+    while frame != vut_frame:
+        if frame not in parents or frame in seen:
+            return None, [
+                f"camera: {TF_STATIC} doesn't lead from {optical_frame or '(no frame)'} to "
+                f"{vut_frame or '(no frame)'}; its place isn't known (--mount says it)"
+            ]
+        seen.add(frame)
+        frame, step = parents[frame]
+        own = Rotation.from_quat([step.rotation.x, step.rotation.y, step.rotation.z,
+                                  step.rotation.w])  # fmt: skip
+        move = np.array([step.translation.x, step.translation.y, step.translation.z])
+        turn, place = own * turn, own.apply(place) + move
+    x, y, z, w = turn.as_quat().tolist()
+    mounting = Mounting.of_transform((float(place[0]) + ahead_m, float(place[1]), float(place[2])),
+                                     (x, y, z, w))  # fmt: skip
+    if abs(mounting.pitch_down_rad) > _STEEPEST_RAD or mounting.height_m <= 0.0:
+        return None, [
+            f"camera: by {TF_STATIC} it looks down by "
+            f"{math.degrees(mounting.pitch_down_rad):.0f} degrees from a height of "
+            f"{mounting.height_m:.2f} m: {optical_frame} is no optical frame (REP 103), or "
+            f"{vut_frame} isn't on the ground; its place isn't known (--mount says it)"
+        ]
+    return mounting, [f"camera: its place is that of {TF_STATIC}, heights from {vut_frame}"]
+
+
+IMAGES = (COMPRESSED_TYPE, RAW_TYPE)
+# Frames this long before the first pose of the VUT, or after its last one, are kept.
+_BESIDE_NS = 100_000_000
+_NS = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class BagOptions:
+    """One import.
+
+    Args:
+        bag: source.
+        out: bag directory to make.
+        objects: topic and class by id in the recording, the VUT first.
+        camera: topic of the forward camera.
+        camera_info: topic, None: none.
+        mounting: declared place of the camera from the VUT's reference point, None: that of
+            /tf_static, where there is one.
+        start_s: crop, from the camera's first frame on.
+        end_s: as start_s, None: all.
+        rate_hz: at least this many frames per second are kept, None: at least 10.
+        max_width_px: wider frames are scaled down, None: never.
+        clock: whose times count.
+        datum: origin of the map's frame for geodetic positions, None: there are none.
+        motion: frames, reference points, sizes, road.
+        declared: what persons say.
+    """
+
+    bag: Path
+    out: Path
+    objects: Mapping[str, tuple[str, ObjectClass]]
+    camera: str
+    camera_info: str | None
+    mounting: Mounting | None
+    start_s: float
+    end_s: float | None
+    rate_hz: float | None
+    max_width_px: int | None
+    clock: Clock
+    datum: Datum | None
+    motion: MotionOptions
+    declared: Declared
+
+
+@dataclass(frozen=True)
+class _Clip:
+    """Which frames of the camera's topic are kept.
+
+    Args:
+        kept: their stamps by their places among the topic's messages.
+        keep_every: every n-th.
+        rate_hz: of the kept ones.
+        crop_s: from and to, from the topic's first frame on.
+        notes: for people.
+    """
+
+    kept: Mapping[int, int]
+    keep_every: int
+    rate_hz: float
+    crop_s: tuple[float, float]
+    notes: tuple[str, ...]
+
+    @property
+    def first_ns(self) -> int:
+        return min(self.kept.values())
+
+    @property
+    def last_ns(self) -> int:
+        return max(self.kept.values())
+
+
+def import_bag(
+    options: BagOptions, started: Callable[[int], None], advance: Callable[[int], None]
+) -> ImportSummary:
+    """Makes the recording.
+
+    Args:
+        options: what to import.
+        started: called once with the number of frames that will be written.
+        advance: called with the number of frames written since the last call.
+
+    Raises:
+        InputError: bag, topics, clocks, frames or poses can't be used; nothing is left behind.
+    """
+    check_free(options.out)
+    ids = tuple(options.objects)
+    options.motion.check_ids(ids)
+    options.declared.check_ids(ids)
+    with SourceBag(options.bag) as bag:
+        bag.check_topic(options.camera, IMAGES)
+        poses = {
+            name: read_poses(bag, topic, options.clock, options.datum)
+            for name, (topic, _) in options.objects.items()
+        }
+        shown = bag.times(options.camera)
+        notes = check_clocks(
+            options.bag, options.clock, [*(p.times for p in poses.values()), shown]
+        )
+        _check_frames(options, poses)
+        clip = _clip(options, shown.on(options.clock), poses[VUT_ID])
+        tracks = [_track(options, name, poses[name], clip) for name in ids]
+        for pose, track in zip(poses.values(), tracks, strict=True):
+            notes += [*pose.notes, *_said(options, pose, track), *track.notes]
+            notes += _coverage(track, clip)
+        started(len(clip.kept))
+        return make_bag(
+            options.out,
+            lambda writer: _write(writer, options, bag, poses, tracks, clip, notes, advance),
+        )
+
+
+def _check_frames(options: BagOptions, poses: Mapping[str, Poses]) -> None:
+    """Raises InputError where poses in one frame are taken for poses in another."""
+    plain = {
+        name: pose.frame_id for name, pose in poses.items() if name not in options.motion.transforms
+    }
+    frames = sorted(set(plain.values()))
+    if len(frames) > 1:
+        odd = next(name for name, frame in plain.items() if frame != plain.get(VUT_ID, frames[0]))
+        raise InputError(
+            f"its poses are in frame {plain[odd] or '(none)'!r}, the others' in "
+            f"{', '.join(repr(f) for f in frames if f != plain[odd])}",
+            file=options.bag,
+            field=options.objects[odd][0],
+            remedy=f"say how its frame lies in theirs with --transform {odd}=X,Y,YAW_DEG "
+            "(0,0,0 where they are the same)",
+        )
+
+
+def _clip(options: BagOptions, stamps_ns: _NS, vut: Poses) -> _Clip:
+    """The frames within the crop and the VUT's states, thinned to the rate."""
+    zero_ns = int(stamps_ns[0])
+    notes = []
+    low_ns = zero_ns + seconds_to_ns(options.start_s)
+    high_ns = int(stamps_ns[-1])
+    if options.end_s is not None:
+        high_ns = min(high_ns, zero_ns + seconds_to_ns(options.end_s))
+    states_ns = vut.samples.stamps_ns
+    first_ns, last_ns = int(states_ns.min()), int(states_ns.max())
+    if low_ns > int(stamps_ns[-1]) or high_ns <= low_ns:
+        length_s = ns_to_seconds(int(stamps_ns[-1]) - zero_ns)
+        raise InputError(
+            f"has no frame from {options.start_s:g} s on"
+            + ("" if options.end_s is None else f" to {options.end_s:g} s"),
+            file=options.bag, field=options.camera,
+            remedy=f"its frames span {length_s:.3f} s; --start and --end count from the first",
+        )  # fmt: skip
+    if first_ns > high_ns or last_ns < low_ns:
+        raise InputError(
+            f"has poses from {ns_to_seconds(first_ns - zero_ns):.3f} to "
+            f"{ns_to_seconds(last_ns - zero_ns):.3f} s after the first frame, none within the clip",
+            file=options.bag, field=vut.times.topic,
+            remedy="frames and poses must be of one time; check the clocks, or use --clock receive",
+        )  # fmt: skip
+    # A frame just before the first pose is of the same time as it.
+    first_ns, last_ns = first_ns - _BESIDE_NS, last_ns + _BESIDE_NS
+    for moved_ns, what in ((first_ns - low_ns, "begin"), (high_ns - last_ns, "end")):
+        if moved_ns > 0:
+            notes.append(
+                f"the VUT's poses {what} {ns_to_seconds(moved_ns):.3f} s "
+                f"{'after' if what == 'begin' else 'before'} the frames: these were left out"
+            )
+    low_ns, high_ns = max(low_ns, first_ns), min(high_ns, last_ns)
+    inside = np.flatnonzero((stamps_ns >= low_ns) & (stamps_ns <= high_ns))
+    rising = np.concatenate([[True], np.diff(stamps_ns[inside]) > 0])
+    if not rising.all():
+        notes.append(f"{int((~rising).sum())} frames that repeat a stamp were left out")
+    inside = inside[rising]
+    if len(inside) < 2:
+        raise InputError(
+            f"has {len(inside)} frames within the clip", file=options.bag, field=options.camera,
+            remedy="at least 2 are needed; move --start and --end",
+        )  # fmt: skip
+    times = stamps_ns[inside]
+    fps = (len(times) - 1) * NS_PER_S / float(times[-1] - times[0])
+    try:
+        step = keep_every(fps, options.rate_hz)
+    except ValueError as error:
+        raise InputError(str(error), file=options.bag, field="--rate") from error
+    gaps = np.diff(times) / NS_PER_S
+    if gaps.max() > STATE_AGE_S:
+        at_s = ns_to_seconds(int(times[int(np.argmax(gaps))]) - int(times[0]))
+        notes.append(
+            f"camera: {int((gaps > STATE_AGE_S).sum())} gaps of more than {STATE_AGE_S:g} s, the "
+            f"longest {gaps.max():.2f} s from {at_s:.2f} s of the clip on"
+        )
+    kept = {int(i): int(stamps_ns[i]) for i in inside[::step]}
+    crop_s = tuple(ns_to_seconds(ns - zero_ns) for ns in (int(times[0]), int(times[-1])))
+    return _Clip(kept, step, fps / step, (crop_s[0], crop_s[1]), tuple(notes))
+
+
+def _track(options: BagOptions, name: str, poses: Poses, clip: _Clip) -> Track:
+    _, object_class = options.objects[name]
+    role = Role.VUT if name == VUT_ID else Role.OT
+    body = options.motion.body(name, object_class, role, "rear_axle")
+    stamps_ns = poses.samples.stamps_ns
+    inside = (stamps_ns >= clip.first_ns) & (stamps_ns <= clip.last_ns)
+    return make_track(poses.samples.taken(np.flatnonzero(inside)), body)
+
+
+def _said(options: BagOptions, poses: Poses, track: Track) -> list[str]:
+    """What was taken for granted of an object's frames."""
+    name = track.body.object_id
+    if {name, ALL} & set(options.motion.references):
+        return []
+    point = poses.child_frame_id or "the reported point"
+    return [f"{name}: {point} is taken as its reference point (rear axle, or middle of a person)"]
+
+
+def _coverage(track: Track, clip: _Clip) -> list[str]:
+    late_s = ns_to_seconds(track.first_ns - clip.first_ns)
+    early_s = ns_to_seconds(clip.last_ns - track.last_ns)
+    if max(late_s, early_s) <= STATE_AGE_S:
+        return []
+    return [
+        f"{track.body.object_id}: its poses cover the clip from {late_s:.2f} s after its first "
+        f"frame to {early_s:.2f} s before its last one"
+    ]
+
+
+def _write(
+    writer: BagWriter,
+    options: BagOptions,
+    bag: SourceBag,
+    poses: Mapping[str, Poses],
+    tracks: list[Track],
+    clip: _Clip,
+    notes: list[str],
+    advance: Callable[[int], None],
+) -> ImportSummary:
+    writer.add_topic(IMAGE, target.IMAGE_TYPE, offered_qos(20))
+    kind = bag.types[options.camera]
+    source_px = stored_px = (0, 0)
+    camera = CameraFacts()
+    count = 0
+    for place, (_, data) in enumerate(bag.raw(options.camera)):
+        stamp_ns = clip.kept.get(place)
+        if stamp_ns is None:
+            continue
+        try:
+            image = read_image(kind, data)
+            found_px = _size(image)
+            if count == 0:
+                source_px = found_px
+                stored_px = output_size(*found_px, options.max_width_px)
+            elif found_px != source_px:
+                raise ValueError(f"{found_px[0]}x{found_px[1]} px, not {source_px[0]}x"
+                                 f"{source_px[1]} as the first")  # fmt: skip
+            shown = _stored(image, source_px, stored_px)
+        except ValueError as error:
+            at_s = ns_to_seconds(stamp_ns - clip.first_ns)
+            raise InputError(
+                f"holds a frame at {at_s:.3f} s of the clip that can't be used: {error}",
+                file=options.bag, field=options.camera,
+                remedy="cut the span out with --start and --end",
+            ) from error  # fmt: skip
+        if count == 0:
+            camera, more = camera_facts(
+                bag, options.camera_info, options.mounting, image.frame_id,
+                poses[VUT_ID].child_frame_id, tracks[0].body.ahead_m, source_px,
+            )  # fmt: skip
+            notes = [*notes, *clip.notes, *more]
+            camera = camera.scaled(*stored_px)
+            camera.write(writer, stamp_ns)
+        count += 1
+        writer.write(IMAGE, target.image(stamp_ns, shown), stamp_ns, stamp_ns, count)
+        advance(1)
+    write_states(writer, {track.body.object_id: track.states() for track in tracks})
+    road = None
+    if options.motion.site is not None:
+        road = bind_road(options.motion.site, options.motion.block, tracks[0])
+        notes = [*notes, f"{100 * road.share:.0f} % of the VUT's way lie on {road.site.block}"]
+    said, digest = options.declared, bag.sha256()
+    record = ImportRecord(
+        source={
+            "name": options.bag.name,
+            "sha256": digest,
+            "kind": "bag",
+            "topics": {name: topic for name, (topic, _) in options.objects.items()}
+            | {"camera": options.camera},
+            "clock": options.clock,
+        },
+        crop={"start_s": clip.crop_s[0], "end_s": clip.crop_s[1]},
+        generator=said.generator,
+        domain=said.domain,
+        scenario=said.scenario,
+        event_version=said.event_version,
+        ego=ImportedEgo(provenance="measured", speed_mps=None),
+        camera=camera.record,
+        declaration=said.declaration,
+        log=said.log,
+        states=ImportedStates(
+            name=options.bag.name,
+            sha256=digest,
+            vut=VUT_ID,
+            objects={t.body.object_id: t.body.object_class.word for t in tracks[1:]},
+            notes=notes,
+        ),
+        site=None if road is None else road.site,
+    )
+    attach_record(writer, record, said, road)
+    return ImportSummary(
+        options.out, count, clip.keep_every, clip.rate_hz,
+        ns_to_seconds(clip.last_ns - clip.first_ns), *stored_px, record,
+    )  # fmt: skip
+
+
+def _size(image: ImageMessage) -> tuple[int, int]:
+    if image.layout is not None:
+        return image.layout.width_px, image.layout.height_px
+    return size_px(image.data)
+
+
+def _stored(image: ImageMessage, source_px: tuple[int, int], stored_px: tuple[int, int]) -> bytes:
+    """The frame as JPEG: the recorded bytes where they are one of this size."""
+    if image.layout is None and source_px == stored_px and image.data[:2] == JPEG_START:
+        return bytes(image.data)
+    return jpeg(decode_still(image), *stored_px)

@@ -1,0 +1,318 @@
+"""``ssp import-bag`` and ``ssp import-video``: recordings of others that can be audited."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import click
+
+from ssp_core.cli import Number
+from ssp_core.console import note, out, progress
+from ssp_core.names import VUT_ID
+from ssp_core.vocabulary import OBJECTS, ObjectClass
+from ssp_core.world.camera import Mounting
+from ssp_eval.importers.bag import BagOptions, import_bag
+from ssp_eval.importers.options import declared, declaring, motion_options, moving, numbers, pairs
+from ssp_eval.importers.ros_bag import Clock, Datum
+from ssp_eval.importers.target import ImportSummary, log_source
+from ssp_eval.importers.video import LensOptions, TableOptions, VideoOptions, import_clip
+
+
+@click.command("import-video")
+@click.argument("video", type=click.Path(path_type=Path))
+@click.option("--start", type=Number(0), default=0.0, help="Start of the crop, s [default: 0].")
+@click.option("--end", type=Number(0), help="End of the crop, s [default: end of the video].")
+@click.option("--ego-speed", type=Number(0, 100), help="Declared constant speed, m/s.")
+@click.option("--ego-unknown", is_flag=True, help="The vehicle's speed is not known.")
+@click.option(
+    "--states",
+    type=click.Path(path_type=Path),
+    help="CSV with the states of VUT and objects (docs/importing.md).",
+)
+@click.option("--vut", default=VUT_ID, show_default=True, help="Id of the VUT in the table.")
+@click.option(
+    "--object",
+    "objects",
+    multiple=True,
+    metavar="ID=TABLE_ID",
+    help="Object target by its id in the table [default: all, by their own ids].",
+)
+@click.option("--time-offset", type=Number(), default=0.0, help="Added to the table's times, s.")
+@moving
+@click.option(
+    "--out",
+    "target",
+    type=click.Path(path_type=Path),
+    help="Bag directory to make [default: VIDEO's name + _bag].",
+)
+@click.option(
+    "--rate",
+    type=Number(0, 1000, low_open=True),
+    help="Keep every n-th frame, n as large as leaves at least HZ frames per second "
+    "[default: 10, or all of a slower video].",
+)
+@click.option("--hfov-deg", type=Number(10, 150), help="Horizontal field of view.")
+@click.option("--camera-height", type=Number(0, 10, low_open=True), help="Above ground, m.")
+@click.option("--camera-forward", type=Number(-10, 10), help="Ahead of the rear axle, m.")
+@click.option("--camera-pitch-deg", type=Number(-45, 45), help="Downwards is positive.")
+@click.option("--camera-assumed", is_flag=True, help="The camera's values are a guess.")
+@declaring("synthetic")
+@click.option("--max-width", type=click.IntRange(64, 8192), help="Scale wider frames down to PX.")
+@click.option(
+    "--accept-damaged",
+    "most_damaged",
+    type=click.IntRange(0),
+    default=0,
+    show_default=True,
+    metavar="N",
+    help="Errors of the decoder that are accepted; the bag says how many there were.",
+)
+@click.option("--json", "json_", is_flag=True, help="Print JSON for programs.")
+def import_video(
+    video: Path,
+    start: float,
+    end: float | None,
+    ego_speed: float | None,
+    ego_unknown: bool,
+    states: Path | None,
+    vut: str,
+    objects: tuple[str, ...],
+    time_offset: float,
+    site: str | None,
+    block: str | None,
+    transforms: tuple[str, ...],
+    references: tuple[str, ...],
+    headings: tuple[str, ...],
+    target: Path | None,
+    rate: float | None,
+    hfov_deg: float | None,
+    camera_height: float | None,
+    camera_forward: float | None,
+    camera_pitch_deg: float | None,
+    camera_assumed: bool,
+    max_width: int | None,
+    most_damaged: int,
+    json_: bool,
+    **said: Any,
+) -> None:
+    """Make a bag from a video file, or from a span of it.
+
+    A video doesn't tell how fast its camera moved: give the states of its simulator or positioning
+    system with --states, state the speed with --ego-speed (recorded as declared), or say
+    --ego-unknown. Times in the bag count from the first frame of the crop. Where the video comes
+    from is entered into log L, <bag>.log.jsonl.
+    """
+    if (ego_speed is not None) + ego_unknown + (states is not None) != 1:
+        raise click.UsageError(
+            "give exactly one of --states FILE.csv, --ego-speed M_PER_S and --ego-unknown: a video "
+            "doesn't tell how fast its camera moved, and it is never guessed"
+        )
+    if end is not None and start >= end:
+        raise click.UsageError(f"--start {start:g} must lie before --end {end:g}")
+    motion = motion_options(site, block, transforms, references, headings)
+    table = None
+    if states is not None:
+        table = TableOptions(states, vut, pairs("--object", objects), time_offset, motion)
+    elif objects or time_offset or site or transforms or references or headings or vut != VUT_ID:
+        raise click.UsageError("options about objects and road are of no use without --states")
+    options = VideoOptions(
+        video=video,
+        out=target or Path(f"{video.stem}_bag"),
+        start_s=start,
+        end_s=end,
+        ego_speed_mps=ego_speed,
+        rate_hz=rate,
+        max_width_px=max_width,
+        lens=_lens(hfov_deg, camera_height, camera_forward, camera_pitch_deg, camera_assumed),
+        declared=declared(**said),
+        table=table,
+        most_damaged=most_damaged,
+    )
+    with progress("importing", None) as bar:
+        task = bar.task_ids[0]
+        summary = import_clip(options, lambda count: bar.advance(task, count))
+    finish(summary, "ssp import-video", json_)
+
+
+def _lens(
+    hfov_deg: float | None,
+    height_m: float | None,
+    forward_m: float | None,
+    pitch_deg: float | None,
+    assumed: bool,
+) -> LensOptions:
+    if (height_m is None) != (pitch_deg is None):
+        raise click.UsageError("--camera-height and --camera-pitch-deg belong together")
+    if forward_m is not None and height_m is None:
+        raise click.UsageError("--camera-forward needs --camera-height and --camera-pitch-deg")
+    if hfov_deg is None and (height_m is not None or assumed):
+        raise click.UsageError("a camera's place is of no use without --hfov-deg")
+    mounting = None
+    if height_m is not None and pitch_deg is not None:
+        mounting = Mounting(forward_m or 0.0, height_m, math.radians(pitch_deg))
+    return LensOptions(hfov_deg, mounting, assumed)
+
+
+def finish(summary: ImportSummary, who: str, json_: bool) -> None:
+    """Enters the source into log L and reports: the end of both importers."""
+    log_source(summary, who)
+    if json_:
+        click.echo(json.dumps(summary.as_json(), indent=1))
+        return
+    if summary.keep_every > 1:
+        note(f"kept one frame in {summary.keep_every}: {summary.rate_hz:g} Hz")
+    if damaged := summary.record.source.get("decoder_errors"):
+        note(f"the decoder reported {damaged} errors: pictures may be damaged")
+    states = summary.record.states
+    for line in [] if states is None else states.notes:
+        note(line)
+    out.print(summary.text, markup=False)
+
+
+@click.command("import-bag")
+@click.argument("bag", type=click.Path(path_type=Path))
+@click.option("--vut", required=True, metavar="TOPIC[:CLASS]", help="Poses of the VUT.")
+@click.option(
+    "--object",
+    "objects",
+    multiple=True,
+    required=True,
+    metavar="ID=TOPIC:CLASS",
+    help="Poses of an object target, such as ot1=/target/odom:car.",
+)
+@click.option("--camera", required=True, help="Topic of the forward camera.")
+@click.option("--camera-info", help="Topic of its CameraInfo.")
+@click.option(
+    "--mount",
+    metavar="X,Y,Z,PITCH_DEG[,YAW_DEG[,ROLL_DEG]]",
+    help="Camera ahead of, left of and above the VUT's reference point, m; degrees, looking down, "
+    "left and leaning right are positive [default: /tf_static].",
+)
+@click.option("--start", type=Number(0), default=0.0, help="Start, s after the first frame.")
+@click.option("--end", type=Number(0), help="End, s after the first frame [default: all].")
+@click.option(
+    "--clock",
+    type=click.Choice(["header", "receive"]),
+    default="header",
+    show_default=True,
+    help="Times of the headers, or of receipt.",
+)
+@click.option(
+    "--datum",
+    metavar="LAT,LON[,ALT]",
+    help="Origin of the map's frame, for geodetic positions (NavSatFix): degrees, m.",
+)
+@click.option(
+    "--size",
+    "sizes",
+    multiple=True,
+    metavar="ID=LxWxH",
+    help="Length, width and height, m [default: typical of the class].",
+)
+@moving
+@click.option(
+    "--out",
+    "target",
+    type=click.Path(path_type=Path),
+    help="Bag directory to make [default: BAG's name + _imported].",
+)
+@click.option(
+    "--rate",
+    type=Number(0, 1000, low_open=True),
+    help="Keep every n-th frame, n as large as leaves at least HZ frames per second [default: 10, "
+    "or all of a slower camera].",
+)
+@click.option("--max-width", type=click.IntRange(64, 8192), help="Scale wider frames down to PX.")
+@declaring(None)
+@click.option("--json", "json_", is_flag=True, help="Print JSON for programs.")
+def import_bag_command(
+    bag: Path,
+    vut: str,
+    objects: tuple[str, ...],
+    camera: str,
+    camera_info: str | None,
+    mount: str | None,
+    start: float,
+    end: float | None,
+    clock: Clock,
+    datum: str | None,
+    sizes: tuple[str, ...],
+    site: str | None,
+    block: str | None,
+    transforms: tuple[str, ...],
+    references: tuple[str, ...],
+    headings: tuple[str, ...],
+    target: Path | None,
+    rate: float | None,
+    max_width: int | None,
+    json_: bool,
+    **said: Any,
+) -> None:
+    """Make a recording that can be audited of a ROS 2 bag (MCAP or SQLite) that others recorded.
+
+    The poses of VUT and objects come as nav_msgs/Odometry (also PoseStamped,
+    PoseWithCovarianceStamped, NavSatFix), the frames as CompressedImage or Image. Clocks, frames,
+    gaps and speeds are checked; what is derived or taken for granted is said and kept in the
+    recording. Where it comes from is entered into log L, <out>.log.jsonl.
+    """
+    if end is not None and start >= end:
+        raise click.UsageError(f"--start {start:g} must lie before --end {end:g}")
+    named = {VUT_ID: _topic("--vut", vut, "car")}
+    for name, text in pairs("--object", objects).items():
+        if name == VUT_ID:
+            raise click.UsageError(f"--object {name}=…: that is the VUT's id")
+        named[name] = _topic(f"--object {name}", text, None)
+    options = BagOptions(
+        bag=bag,
+        out=target or Path(f"{bag.stem}_imported"),
+        objects=named,
+        camera=camera,
+        camera_info=camera_info,
+        mounting=None if mount is None else _mounting(mount),
+        start_s=start,
+        end_s=end,
+        rate_hz=rate,
+        max_width_px=max_width,
+        clock=clock,
+        datum=None if datum is None else _datum(datum),
+        motion=motion_options(site, block, transforms, references, headings, sizes),
+        declared=declared(**said),
+    )
+    with progress("importing", None) as bar:
+        task = bar.task_ids[0]
+        summary = import_bag(
+            options,
+            lambda total: bar.update(task, total=total),
+            lambda count: bar.advance(task, count),
+        )
+    finish(summary, "ssp import-bag", json_)
+
+
+def _topic(option: str, text: str, default: str | None) -> tuple[str, ObjectClass]:
+    """TOPIC:CLASS; raises UsageError for another form."""
+    topic, sign, word = text.rpartition(":")
+    if not sign:
+        topic, word = text, default or ""
+    if word not in OBJECTS or not topic:
+        raise click.UsageError(
+            f"{option} {text}: give TOPIC:CLASS; classes are {', '.join(OBJECTS)}"
+        )
+    return topic, ObjectClass.from_word(word)
+
+
+def _mounting(text: str) -> Mounting:
+    x_m, y_m, z_m, *angles = numbers("--mount", text, "X,Y,Z,PITCH_DEG,YAW_DEG,ROLL_DEG", least=4)
+    pitch, yaw, roll = (math.radians(a) for a in [*angles, 0.0, 0.0][:3])
+    if not 0.0 < z_m <= 10.0 or abs(pitch) > math.radians(45.0):
+        raise click.UsageError(f"--mount {text}: Z in (0, 10] m, PITCH_DEG within -45 and 45")
+    return Mounting(x_m, z_m, pitch, y_m, yaw, roll)
+
+
+def _datum(text: str) -> Datum:
+    latitude, longitude, *altitude = numbers("--datum", text, "LAT,LON,ALT", least=2)
+    if abs(latitude) > 90.0 or abs(longitude) > 180.0:
+        raise click.UsageError(f"--datum {text}: LAT within -90 and 90, LON within -180 and 180")
+    return Datum(latitude, longitude, *altitude)

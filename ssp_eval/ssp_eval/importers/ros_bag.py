@@ -1,0 +1,412 @@
+"""Bags that other programs recorded: poses from their topics and types, whose clocks must agree."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from rosbags.highlevel import AnyReader, AnyReaderError
+from rosbags.rosbag2 import ReaderError
+from rosbags.serde import SerdeError
+
+from ssp_core.bag.mcap_file import DAMAGE
+from ssp_core.bag.types import typestore
+from ssp_core.cdr.messages import leading_stamp_ns, stamp_ns
+from ssp_core.clock import NS_PER_S
+from ssp_core.errors import InputError
+from ssp_core.files import Closing
+from ssp_core.geometry import FloatArray, yaw_of
+from ssp_core.hashing import sha256_file, sha256_json
+from ssp_eval.importers.tracks import Samples, Source
+
+_A_M = 6378137.0
+_F = 1 / 298.257223563
+_E2 = _F * (2 - _F)
+
+
+@dataclass(frozen=True)
+class Datum:
+    """Origin of a local frame: degrees, and metres above the ellipsoid."""
+
+    latitude_deg: float
+    longitude_deg: float
+    altitude_m: float = 0.0
+
+
+def local(
+    datum: Datum, latitude_deg: FloatArray, longitude_deg: FloatArray, altitude_m: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """East and north of a datum, m, in the plane that touches the ellipsoid there."""
+    origin = _earth_fixed(
+        np.array([datum.latitude_deg]),
+        np.array([datum.longitude_deg]),
+        np.array([datum.altitude_m]),
+    )
+    away = _earth_fixed(latitude_deg, longitude_deg, altitude_m) - origin
+    lat, lon = np.radians(datum.latitude_deg), np.radians(datum.longitude_deg)
+    east = np.array([-np.sin(lon), np.cos(lon), 0.0])
+    north = np.array([-np.sin(lat) * np.cos(lon), -np.sin(lat) * np.sin(lon), np.cos(lat)])
+    return away @ east, away @ north
+
+
+def _earth_fixed(
+    latitude_deg: FloatArray, longitude_deg: FloatArray, altitude_m: FloatArray
+) -> FloatArray:
+    """Earth-centred, earth-fixed coordinates, shape (n, 3), m."""
+    lat, lon = np.radians(latitude_deg), np.radians(longitude_deg)
+    normal = _A_M / np.sqrt(1 - _E2 * np.sin(lat) ** 2)
+    return np.column_stack(
+        [
+            (normal + altitude_m) * np.cos(lat) * np.cos(lon),
+            (normal + altitude_m) * np.cos(lat) * np.sin(lon),
+            (normal * (1 - _E2) + altitude_m) * np.sin(lat),
+        ]
+    )
+
+
+Clock = Literal["header", "receive"]
+# Two topics whose stamps lie further apart, measured by when both were received, are on two
+# clocks. A camera's driver may take a tenth of a second to deliver.
+APART_S = 0.25
+# So much may the distance change from a recording's first third to its last.
+DRIFT_S = 0.05
+# Less than this isn't worth a word.
+_SAID_S = 0.02
+_NS = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Times:
+    """The times of one topic's messages, in the order of the recording.
+
+    Args:
+        topic: its name.
+        stamps_ns: of their headers.
+        received_ns: by the recorder.
+    """
+
+    topic: str
+    stamps_ns: _NS
+    received_ns: _NS
+
+    def on(self, clock: Clock) -> _NS:
+        return self.stamps_ns if clock == "header" else self.received_ns
+
+    @property
+    def delay_s(self) -> NDArray[np.float64]:
+        """From stamp to receipt, in s."""
+        found: NDArray[np.float64] = (self.received_ns - self.stamps_ns) / NS_PER_S
+        return found
+
+
+def check_clocks(file: Path, clock: Clock, topics: Sequence[Times]) -> list[str]:
+    """Checks the topics' time bases against each other.
+
+    Args:
+        file: the bag, for messages.
+        clock: whose times are used.
+        topics: the VUT's first; the others are compared with it.
+
+    Returns:
+        What is to be known of them.
+
+    Raises:
+        InputError: stamps are missing or go backwards, or two topics are on two clocks.
+    """
+    if clock == "receive":
+        return ["times are those of receipt by the recorder; stamps were left aside"]
+    for one in topics:
+        _check_stamps(file, one)
+    notes = []
+    first = topics[0]
+    for one in topics:
+        spread_s = float(np.ptp(np.percentile(one.delay_s, (5, 95))))
+        if spread_s > _SAID_S:
+            notes.append(
+                f"{one.topic}: receipt comes {np.median(one.delay_s):.3f} s after the stamp, "
+                f"within {spread_s:.3f} s (5th to 95th percentile)"
+            )
+    for other in topics[1:]:
+        late_s = _later_s(other, first)
+        if not len(late_s):
+            continue
+        apart_s = float(np.median(late_s))
+        if abs(apart_s) > APART_S:
+            raise InputError(
+                f"its stamps lie {abs(apart_s):.3f} s {'before' if apart_s > 0 else 'after'} those "
+                f"of {first.topic}, by when both were received: two clocks",
+                file=file, field=other.topic,
+                remedy="set the recorder's clocks, or take the times of receipt with "
+                "--clock receive",
+            )  # fmt: skip
+        third = max(1, len(late_s) // 3)
+        drift_s = float(np.median(late_s[-third:]) - np.median(late_s[:third]))
+        if abs(drift_s) > DRIFT_S:
+            raise InputError(
+                f"its stamps drift by {drift_s:.3f} s against those of {first.topic} over the "
+                "recording: two clocks",
+                file=file, field=other.topic,
+                remedy="take the times of receipt with --clock receive",
+            )  # fmt: skip
+        if abs(apart_s) > _SAID_S:
+            notes.append(
+                f"{other.topic}: delivered {abs(apart_s):.3f} s "
+                f"{'later' if apart_s > 0 else 'sooner'} than {first.topic}, by stamp and receipt"
+            )
+    return notes
+
+
+def _later_s(other: Times, first: Times) -> NDArray[np.float64]:
+    """How much later than the first topic's another's messages are received, by their stamps.
+
+    Compared at the same times of receipt: a simulator's time may run slower than the recorder's.
+    """
+    low, high = first.received_ns[0], first.received_ns[-1]
+    both = (other.received_ns >= low) & (other.received_ns <= high)
+    received_s = (other.received_ns[both] - low) / NS_PER_S
+    beside = np.interp(received_s, (first.received_ns - low) / NS_PER_S, first.delay_s)
+    found: NDArray[np.float64] = other.delay_s[both] - beside
+    return found
+
+
+def _check_stamps(file: Path, times: Times) -> None:
+    remedy = "take the times of receipt with --clock receive"
+    zero = int((times.stamps_ns == 0).sum())
+    # A simulator's time begins at 0, once.
+    begins = zero == 1 and times.stamps_ns[0] == 0 and times.stamps_ns[1:2].sum() < NS_PER_S
+    if zero and not begins:
+        raise InputError(
+            f"{zero} of {len(times.stamps_ns)} messages have the stamp 0", file=file,
+            field=times.topic, remedy=remedy,
+        )  # fmt: skip
+    back = np.diff(times.stamps_ns) < 0
+    if back.any():
+        i = int(np.argmax(back)) + 1
+        step_s = (times.stamps_ns[i] - times.stamps_ns[i - 1]) / NS_PER_S
+        raise InputError(
+            f"{int(back.sum())} stamps go backwards, the first by {-step_s:.3f} s",
+            file=file,
+            field=times.topic,
+            value=times.stamps_ns[i] / NS_PER_S,
+            remedy=f"name a topic with one sender, or {remedy}",
+        )
+
+
+ODOMETRY = "nav_msgs/msg/Odometry"
+POSE = "geometry_msgs/msg/PoseStamped"
+POSE_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
+FIX = "sensor_msgs/msg/NavSatFix"
+POSE_TYPES = (ODOMETRY, POSE, POSE_COVARIANCE, FIX)
+TF_STATIC = "/tf_static"
+# Geodetic positions name the antenna as their frame; what they are in is the datum's.
+DATUM_FRAME = "datum"
+_FAILURES = (AnyReaderError, ReaderError, SerdeError, sqlite3.Error, OSError, RuntimeError, *DAMAGE)
+
+
+class SourceBag(Closing):
+    """A bag directory, a .mcap or a .db3 file of any program, open; a context manager.
+
+    Args:
+        path: of it.
+
+    Raises:
+        InputError: it isn't there, is no ROS 2 bag, or is damaged.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        if path.suffix == ".bag":
+            raise InputError("is a bag of ROS 1", file=path,
+                             remedy="convert it with rosbags-convert")  # fmt: skip
+        if not path.exists():
+            raise InputError("is not there", file=path, remedy="name a bag directory or file")
+        self._stack = ExitStack()
+        with self._failures():
+            self._reader = AnyReader([path], default_typestore=typestore())
+            self._stack.enter_context(self._reader)
+            self.types = {c.topic: c.msgtype for c in self._reader.connections}
+
+    @contextmanager
+    def _failures(self, topic: str | None = None) -> Iterator[None]:
+        try:
+            yield
+        except InputError:
+            raise
+        except _FAILURES as error:
+            raise InputError(
+                f"can't be read as a ROS 2 bag: {error}", file=self.path, field=topic,
+                remedy="a damaged MCAP file is mended by `ssp bag recover`",
+            ) from error  # fmt: skip
+
+    def check_topic(self, topic: str, types: tuple[str, ...]) -> str:
+        """The type of a topic; raises InputError where there is none, or of none of these."""
+        found = self.types.get(topic)
+        if found is None:
+            like = [name for name, kind in self.types.items() if kind in types]
+            raise InputError(
+                "is no topic of this bag", file=self.path, field=topic,
+                remedy=f"of these types it has {', '.join(like) or 'none'}",
+            )  # fmt: skip
+        if found not in types:
+            raise InputError("has messages of another type", file=self.path, field=topic,
+                             value=found, remedy=f"{', '.join(types)} are read")  # fmt: skip
+        return found
+
+    def raw(self, topic: str) -> Iterator[tuple[int, bytes]]:
+        """(time of receipt in ns, serialised message) in the order of receipt."""
+        with self._failures(topic):
+            wanted = [c for c in self._reader.connections if c.topic == topic]
+            for _, received_ns, data in self._reader.messages(wanted) if wanted else ():
+                yield received_ns, bytes(data)
+
+    def decoded(self, topic: str) -> Iterator[tuple[int, Any]]:
+        """(time of receipt in ns, message) in the order of receipt."""
+        for received_ns, data in self.raw(topic):
+            with self._failures(topic):
+                message = self._reader.deserialize(data, self.types[topic])
+            yield received_ns, message
+
+    def times(self, topic: str) -> Times:
+        """Stamps and times of receipt, nothing decoded."""
+        pairs = []
+        for received_ns, data in self.raw(topic):
+            stamp = leading_stamp_ns(data)
+            if stamp is None:
+                raise InputError(f"holds a message at {received_ns} ns without a valid stamp",
+                                 file=self.path, field=topic)  # fmt: skip
+            pairs.append((stamp, received_ns))
+        if not pairs:
+            raise InputError("holds no message", file=self.path, field=topic,
+                             remedy="name a topic with messages")  # fmt: skip
+        stamps, received = np.array(pairs, dtype=np.int64).T
+        return Times(topic, stamps, received)
+
+    def sha256(self) -> str:
+        """Hash of the bag's file; of several, that of the list of their hashes."""
+        files = [self.path]
+        if self.path.is_dir():
+            files = sorted(p for p in self.path.iterdir() if p.suffix in (".mcap", ".db3", ".zstd"))
+        found = [sha256_file(file) for file in files]
+        return found[0] if len(found) == 1 else sha256_json(found)
+
+    def close(self) -> None:
+        self._stack.close()
+
+
+@dataclass(frozen=True)
+class Poses:
+    """The poses of one topic.
+
+    Args:
+        samples: on the chosen clock.
+        times: of its messages.
+        frame_id: that they are in.
+        child_frame_id: that they are of, and that speeds are in; empty: not said.
+        notes: for people.
+    """
+
+    samples: Samples
+    times: Times
+    frame_id: str
+    child_frame_id: str
+    notes: tuple[str, ...]
+
+
+def read_poses(bag: SourceBag, topic: str, clock: Clock, datum: Datum | None) -> Poses:
+    """The poses that a topic holds.
+
+    Speeds of an Odometry are in its child frame (REP 105, nav_msgs); one whose child frame is its
+    own frame gives them in that, and they are turned into the heading.
+
+    Raises:
+        InputError: no topic of poses, frames that change, or an orientation that is none.
+    """
+    kind = bag.check_topic(topic, POSE_TYPES)
+    if kind == FIX and datum is None:
+        raise InputError(
+            "holds geodetic positions", file=bag.path, field=topic, value=kind,
+            remedy="give the origin of the map's frame with --datum LAT,LON[,ALT]",
+        )  # fmt: skip
+    times: list[tuple[int, int]] = []
+    rows: list[tuple[float, ...]] = []
+    frames: set[tuple[str, str]] = set()
+    read = _READERS[kind]
+    for received_ns, message in bag.decoded(topic):
+        times.append((stamp_ns(message.header.stamp), received_ns))
+        frames.add((str(message.header.frame_id), str(getattr(message, "child_frame_id", ""))))
+        try:
+            rows.append(read(message))
+        except ValueError as error:
+            raise InputError(
+                f"message {len(rows) + 1}: {error}", file=bag.path, field=topic,
+                remedy="cut the span out of the bag, or name another topic",
+            ) from error  # fmt: skip
+    if not rows:
+        raise InputError("holds no message", file=bag.path, field=topic,
+                         remedy="name a topic with messages")  # fmt: skip
+    if len(frames) > 1:
+        shown = ", ".join(sorted(f"{a or '(none)'} of {b or '(none)'}" for a, b in frames)[:4])
+        raise InputError(f"changes its frames: {shown}", file=bag.path, field=topic,
+                         remedy="one topic must be one object in one frame")  # fmt: skip
+    frame_id, child = frames.pop()
+    stamps, received = np.array(times, dtype=np.int64).T
+    base = Times(topic, stamps, received)
+    columns = np.array(rows).T
+    notes = []
+    if kind == FIX and datum is not None:
+        x_m, y_m = local(datum, columns[0], columns[1], np.nan_to_num(columns[2]))
+        yaw = speed = rate = None
+        frame_id, child = DATUM_FRAME, frame_id
+        notes.append(f"{topic}: geodetic, in the frame of the datum")
+    elif kind == ODOMETRY:
+        x_m, y_m, yaw, forward, left, rate = columns
+        speed = forward
+        if child == frame_id and child:
+            speed = forward * np.cos(yaw) + left * np.sin(yaw)
+            notes.append(f"{topic}: speeds are in {frame_id}, and were turned into the heading")
+        elif not child:
+            notes.append(f"{topic}: names no child frame; speeds are taken as along the heading")
+    else:
+        x_m, y_m, yaw = columns
+        speed = rate = None
+    samples = Samples(base.on(clock), x_m, y_m, yaw, speed, rate, None, Source(bag.path, topic))
+    return Poses(samples, base, frame_id, child, tuple(notes))
+
+
+def _pose(pose: Any) -> tuple[float, float, float]:
+    q = pose.orientation
+    return float(pose.position.x), float(pose.position.y), yaw_of((q.x, q.y, q.z, q.w))
+
+
+def _odometry(message: Any) -> tuple[float, ...]:
+    twist = message.twist.twist
+    speeds = (float(twist.linear.x), float(twist.linear.y), float(twist.angular.z))
+    return (*_pose(message.pose.pose), *speeds)
+
+
+def _pose_stamped(message: Any) -> tuple[float, ...]:
+    return _pose(message.pose)
+
+
+def _pose_covariance(message: Any) -> tuple[float, ...]:
+    return _pose(message.pose.pose)
+
+
+def _fix(message: Any) -> tuple[float, ...]:
+    if message.status.status < 0:
+        raise ValueError("it is without a fix")
+    return float(message.latitude), float(message.longitude), float(message.altitude)
+
+
+_READERS: dict[str, Callable[[Any], tuple[float, ...]]] = {
+    ODOMETRY: _odometry,
+    POSE: _pose_stamped,
+    POSE_COVARIANCE: _pose_covariance,
+    FIX: _fix,
+}

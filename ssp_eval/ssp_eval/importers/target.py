@@ -1,0 +1,329 @@
+"""The bag that an import makes, whole or not there, with its frames and camera."""
+
+from __future__ import annotations
+
+import math
+import shutil
+import tempfile
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+import cv2
+import numpy as np
+
+from ssp_core import names
+from ssp_core.bag.images import Bgr, encode_jpeg
+from ssp_core.bag.metadata import offered_qos
+from ssp_core.bag.types import serialize, typestore
+from ssp_core.bag.writer import BagWriter
+from ssp_core.cdr.states import encode_state
+from ssp_core.clock import NS_PER_S
+from ssp_core.errors import InputError
+from ssp_core.files import make_folder
+from ssp_core.motion.state import ObjectState
+from ssp_core.names import TF_STATIC
+from ssp_core.world.camera import Intrinsics, Mounting
+from ssp_core.world.transforms import (
+    OPTICAL_FRAME,
+    TF_TYPE,
+    encode_transform,
+    encode_transforms,
+    mount,
+    of_camera,
+    of_state,
+)
+from ssp_eval.data.provenance import IMPORT_ATTACHMENT, ImportedCamera, ImportRecord
+from ssp_eval.importers.options import Declared
+from ssp_eval.importers.road import BoundRoad
+from ssp_scenario_manager.compile.task import EVENT_FILE
+from ssp_scenario_manager.event_spec.log import Record, append_record, utc_now
+
+IMAGE_TYPE = "sensor_msgs/msg/CompressedImage"
+INFO_TYPE = "sensor_msgs/msg/CameraInfo"
+MOUNT_TYPE = "geometry_msgs/msg/TransformStamped"
+STATE_TYPE = "ssp_msgs/msg/ObjectState"
+
+
+def _header(stamp_ns: int, frame_id: str) -> Any:
+    types = typestore().types
+    stamp = types["builtin_interfaces/msg/Time"](
+        sec=stamp_ns // NS_PER_S, nanosec=stamp_ns % NS_PER_S
+    )
+    return types["std_msgs/msg/Header"](stamp=stamp, frame_id=frame_id)
+
+
+def image(stamp_ns: int, jpeg: bytes) -> bytes:
+    """A frame as CompressedImage."""
+    message = typestore().types[IMAGE_TYPE](
+        header=_header(stamp_ns, OPTICAL_FRAME), format="jpeg", data=np.frombuffer(jpeg, np.uint8)
+    )
+    return serialize(message)
+
+
+def camera_info(stamp_ns: int, lens: Intrinsics) -> bytes:
+    """A pinhole without distortion as CameraInfo."""
+    types = typestore().types
+    message = types[INFO_TYPE](
+        header=_header(stamp_ns, OPTICAL_FRAME),
+        height=lens.height_px,
+        width=lens.width_px,
+        distortion_model="plumb_bob",
+        d=np.zeros(5),
+        k=np.array(lens.k()),
+        r=np.eye(3).ravel(),
+        p=np.array(lens.p()),
+        binning_x=0,
+        binning_y=0,
+        roi=types["sensor_msgs/msg/RegionOfInterest"](
+            x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
+        ),
+    )
+    return serialize(message)
+
+
+IMAGE = names.absolute(names.CAMERA_IMAGE)
+INFO = names.absolute(names.CAMERA_INFO)
+MOUNT = names.absolute(names.CAMERA_MOUNT)
+
+Made = TypeVar("Made")
+
+
+@dataclass(frozen=True)
+class ImportSummary:
+    """What was imported.
+
+    Args:
+        bag: the directory.
+        frames: kept.
+        keep_every: every n-th source frame was kept.
+        rate_hz: of the kept frames.
+        duration_s: clip time of the last frame.
+        width_px: of the stored frames.
+        height_px: of the stored frames.
+        record: the content of import.json.
+    """
+
+    bag: Path
+    frames: int
+    keep_every: int
+    rate_hz: float
+    duration_s: float
+    width_px: int
+    height_px: int
+    record: ImportRecord
+
+    def as_json(self) -> dict[str, object]:
+        """For programs."""
+        return {
+            "bag": str(self.bag),
+            "frames": self.frames,
+            "keep_every": self.keep_every,
+            "rate_hz": self.rate_hz,
+            "duration_s": self.duration_s,
+            "width_px": self.width_px,
+            "height_px": self.height_px,
+            "import": self.record.model_dump(mode="json", by_alias=True),
+        }
+
+    @property
+    def text(self) -> str:
+        """For people, one line."""
+        return (
+            f"{self.bag}: {self.frames} frames of {self.width_px}x{self.height_px} px, "
+            f"{self.duration_s:.3f} s"
+        )
+
+
+def check_free(out: Path) -> None:
+    """Raises InputError where something is already there."""
+    if out.exists() or out.is_symlink():
+        raise InputError("exists already", file=out, remedy="name a new directory with --out")
+
+
+def make_bag(out: Path, fill: Callable[[BagWriter], Made]) -> Made:
+    """Makes a bag directory in a folder beside it and puts it in place when it is whole.
+
+    Args:
+        out: of the bag; must not exist.
+        fill: writes the messages and attachments.
+
+    Raises:
+        InputError: the directory exists, or what ``fill`` raises; nothing is left behind.
+    """
+    check_free(out)
+    make_folder(out.parent)
+    scratch = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name}."))
+    try:
+        with BagWriter(scratch / "bag", name=f"{out.name}_0") as writer:
+            made = fill(writer)
+        (scratch / "bag").rename(out)
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
+    return made
+
+
+def write_states(writer: BagWriter, tracks: Mapping[str, Iterable[ObjectState]]) -> None:
+    """Each object's states on its own topic, and all as poses on /tf; log times as their stamps.
+
+    Args:
+        writer: of the bag.
+        tracks: states by object id.
+    """
+    at: dict[int, list[ObjectState]] = {}
+    for object_id, states in tracks.items():
+        topic = names.absolute(names.state_topic(object_id))
+        writer.add_topic(topic, STATE_TYPE, offered_qos(50))
+        for state in states:
+            writer.write(topic, encode_state(state), state.stamp_ns, state.stamp_ns, state.sequence)
+            at.setdefault(state.stamp_ns, []).append(state)
+    writer.add_topic(names.TF, TF_TYPE, offered_qos(100))
+    for count, (stamp_ns, present) in enumerate(sorted(at.items()), 1):
+        poses = encode_transforms(map(of_state, present))
+        writer.write(names.TF, poses, stamp_ns, stamp_ns, count)
+
+
+def attach_record(
+    writer: BagWriter, record: ImportRecord, declared: Declared, road: BoundRoad | None
+) -> None:
+    """import.json, the K* and the map."""
+    data = record.model_dump_json(by_alias=True, indent=1).encode() + b"\n"
+    writer.attach(IMPORT_ATTACHMENT, data, "application/json")
+    if declared.event_file is not None:
+        writer.attach(EVENT_FILE, declared.event_file, "application/yaml")
+    if road is not None:
+        writer.attach(road.site.attachment, road.data, "application/octet-stream")
+
+
+def log_source(summary: ImportSummary, who: str) -> None:
+    """Enters where a recording comes from into log L, beside the bag (METHOD 1).
+
+    Hash, generator, original and crop, and what named persons declared.
+
+    Args:
+        summary: of the import.
+        who: the program.
+    """
+    record = summary.record
+    details: dict[str, object] = {
+        "generator": record.generator,
+        "original": record.source_name,
+        "sha256": record.source_sha256,
+        "crop": record.crop,
+    }
+    if record.states is not None:
+        details["states"] = {"name": record.states.name, "sha256": record.states.sha256}
+    if record.site is not None:
+        details["site"] = {"name": record.site.name, "sha256": record.site.sha256}
+    if record.declaration is not None:
+        details["domain"] = f"{record.domain}, {record.declaration.text}"
+    if record.log is not None:
+        details["declared"] = record.log.model_dump(mode="json")
+    entry = Record(
+        kind="source",
+        when=utc_now(),
+        who=who,
+        subject=record.scenario or record.source_name,
+        version=record.event_version,
+        reason="imported as a bag",
+        details=details,
+    )
+    append_record(summary.bag.with_name(f"{summary.bag.name}.log.jsonl"), entry)
+
+
+JPEG_QUALITY = 90
+# Fewer frames a second than this are never kept where a source has more.
+DEFAULT_RATE_HZ = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class CameraFacts:
+    """Geometry of the camera as far as somebody states it; nothing here is ever made up.
+
+    Args:
+        provenance: ``measured`` (by the recording itself), ``declared`` (known), ``assumed`` (a
+            guess) or ``unknown``.
+        lens: None: unknown.
+        mounting: on the VUT, from its reference point; None: unknown.
+    """
+
+    provenance: Literal["measured", "declared", "assumed", "unknown"] = "unknown"
+    lens: Intrinsics | None = None
+    mounting: Mounting | None = None
+
+    def scaled(self, width_px: int, height_px: int) -> CameraFacts:
+        """The camera of frames that were scaled to this size."""
+        lens = self.lens
+        if lens is None or (lens.width_px, lens.height_px) == (width_px, height_px):
+            return self
+        x, y = width_px / lens.width_px, height_px / lens.height_px
+        # Pixel (0, 0) is the centre of the first pixel, half a pixel from the image's border.
+        scaled = Intrinsics(
+            width_px, height_px, lens.fx_px * x, lens.fy_px * y,
+            (lens.cx_px + 0.5) * x - 0.5, (lens.cy_px + 0.5) * y - 0.5,
+        )  # fmt: skip
+        return replace(self, lens=scaled)
+
+    @property
+    def record(self) -> ImportedCamera:
+        """What import.json says of it."""
+        lens, mounting = self.lens, self.mounting
+        half = None if lens is None else math.atan(lens.width_px / 2 / lens.fx_px)
+        return ImportedCamera(
+            provenance=self.provenance,
+            hfov_deg=None if half is None else round(math.degrees(2 * half), 9),
+            height_m=None if mounting is None else mounting.height_m,
+            pitch_down_rad=None if mounting is None else mounting.pitch_down_rad,
+        )
+
+    def write(self, writer: BagWriter, stamp_ns: int) -> None:
+        """CameraInfo and mount, as far as they are known."""
+        latched = offered_qos(20, transient_local=True)
+        if self.lens is not None:
+            writer.add_topic(INFO, INFO_TYPE, latched)
+            writer.write(INFO, camera_info(stamp_ns, self.lens), stamp_ns, stamp_ns, 1)
+        if self.mounting is not None:
+            writer.add_topic(MOUNT, MOUNT_TYPE, latched)
+            mounted = encode_transform(mount(self.mounting, stamp_ns))
+            writer.write(MOUNT, mounted, stamp_ns, stamp_ns, 1)
+            writer.add_topic(TF_STATIC, TF_TYPE, offered_qos(1, transient_local=True))
+            fixed = encode_transforms(of_camera(self.mounting))
+            writer.write(TF_STATIC, fixed, stamp_ns, stamp_ns, 1)
+
+
+def pinhole(width_px: int, height_px: int, hfov_deg: float) -> Intrinsics:
+    """Square pixels, the principal point in the middle: fx = fy = (w / 2) / tan(hfov / 2)."""
+    focal_px = width_px / 2 / math.tan(math.radians(hfov_deg) / 2)
+    return Intrinsics(width_px, height_px, focal_px, focal_px, width_px / 2, height_px / 2)
+
+
+def keep_every(fps: float, rate_hz: float | None) -> int:
+    """n, where every n-th frame is kept: the largest that leaves at least the wanted rate.
+
+    Whole frames at an even spacing and never under 10 Hz by default, so that a frame is always
+    near enough to a label (METHOD 6.1 allows 0.11 s).
+
+    Raises:
+        ValueError: there are fewer frames per second than were asked for.
+    """
+    if rate_hz is None:
+        rate_hz = min(DEFAULT_RATE_HZ, fps)
+    if rate_hz > fps * 1.001:
+        raise ValueError(f"has {fps:g} frames per second, fewer than {rate_hz:g}")
+    return max(1, math.floor(fps / rate_hz + 1e-3))
+
+
+def output_size(width_px: int, height_px: int, max_width_px: int | None) -> tuple[int, int]:
+    """Width and height of the stored frames, px, aspect ratio kept."""
+    if max_width_px is None or width_px <= max_width_px:
+        return width_px, height_px
+    return max_width_px, max(1, round(height_px * max_width_px / width_px))
+
+
+def jpeg(image: Bgr, width_px: int, height_px: int) -> bytes:
+    """A frame in this size as JPEG."""
+    if image.shape[:2] != (height_px, width_px):
+        resized = cv2.resize(image, (width_px, height_px), interpolation=cv2.INTER_AREA)
+        image = np.asarray(resized, dtype=np.uint8)
+    return encode_jpeg(image, JPEG_QUALITY)

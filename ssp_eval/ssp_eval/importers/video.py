@@ -1,0 +1,471 @@
+"""From a video file, and a table of states beside it, to a bag directory."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ssp_core.bag.images import Bgr
+from ssp_core.bag.metadata import offered_qos
+from ssp_core.bag.writer import BagWriter
+from ssp_core.clock import ns_to_seconds, seconds_to_ns
+from ssp_core.errors import InputError
+from ssp_core.geometry import FloatArray
+from ssp_core.hashing import sha256_file
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.names import VUT_ID
+from ssp_core.video import Video, sound_video
+from ssp_core.vocabulary import ObjectClass, Role
+from ssp_core.world.camera import Mounting
+from ssp_eval.data.provenance import ImportedEgo, ImportedStates, ImportRecord
+from ssp_eval.importers import target
+from ssp_eval.importers.options import NOTHING, Declared, MotionOptions
+from ssp_eval.importers.road import BoundRoad, bind_road
+from ssp_eval.importers.table import Table, read_table
+from ssp_eval.importers.target import (
+    IMAGE,
+    CameraFacts,
+    ImportSummary,
+    attach_record,
+    check_free,
+    jpeg,
+    keep_every,
+    make_bag,
+    output_size,
+    pinhole,
+    write_states,
+)
+from ssp_eval.importers.tracks import LEAST_SAMPLES, Track, make_track
+
+STATE_STEP_NS = 20_000_000
+TABLE_ATTACHMENT = "states.csv"
+# The table's VUT may begin this much after the first frame and end this much before the last one.
+UNCOVERED_S = 0.5
+_STANDING_MPS = 0.1
+_DRIVING_MPS = 2.0
+# So many pairs of frames of either kind are needed to say anything.
+_LEAST_PAIRS = 5
+# Frames that change so many times as much while the VUT stands are another run's.
+_CONTRARY = 2.0
+_COMPARED_PX = (64, 36)
+
+
+@dataclass(frozen=True, slots=True)
+class LensOptions:
+    """The camera as a person describes it.
+
+    Args:
+        hfov_deg: horizontal field of view, None: unknown.
+        mounting: None: unknown.
+        assumed: the values are a guess.
+    """
+
+    hfov_deg: float | None = None
+    mounting: Mounting | None = None
+    assumed: bool = False
+
+    def facts(self, width_px: int, height_px: int) -> CameraFacts:
+        if self.hfov_deg is None:
+            return CameraFacts()
+        lens = pinhole(width_px, height_px, self.hfov_deg)
+        return CameraFacts("assumed" if self.assumed else "declared", lens, self.mounting)
+
+
+@dataclass(frozen=True)
+class TableOptions:
+    """A table of states beside the video.
+
+    Args:
+        file: CSV.
+        vut: id of the VUT in it.
+        objects: id in the table by id in the recording; empty: all others, by their own ids.
+        time_offset_s: is added to its times; they are then the video's.
+        motion: frames, reference points, road.
+    """
+
+    file: Path
+    vut: str
+    objects: dict[str, str]
+    time_offset_s: float
+    motion: MotionOptions
+
+
+@dataclass(frozen=True)
+class VideoOptions:
+    """One import.
+
+    Args:
+        video: source file.
+        out: bag directory to make.
+        start_s: crop, source time.
+        end_s: crop, source time, exclusive; None: the end of the video.
+        ego_speed_mps: declared constant speed of the camera's vehicle on a straight line, None:
+            unknown, or measured where there is a table.
+        rate_hz: at least this many frames per second are kept, None: at least 10 where the video
+            has them.
+        max_width_px: wider frames are scaled down, None: never.
+        lens: geometry of the camera.
+        declared: what persons say.
+        table: of states, None: there is none.
+        most_damaged: at most so many errors of the decoder are accepted.
+    """
+
+    video: Path
+    out: Path
+    start_s: float
+    end_s: float | None
+    ego_speed_mps: float | None
+    rate_hz: float | None = None
+    max_width_px: int | None = None
+    lens: LensOptions = LensOptions()
+    declared: Declared = NOTHING
+    table: TableOptions | None = None
+    most_damaged: int = 0
+
+
+@dataclass(frozen=True)
+class _Measured:
+    """What a table says of the clip: the VUT's track first, on the video's clock."""
+
+    tracks: Sequence[Track]
+    road: BoundRoad | None
+    record: ImportedStates
+    data: bytes
+
+
+def import_clip(
+    options: VideoOptions, advance: Callable[[int], None] = lambda _: None
+) -> ImportSummary:
+    """Makes the bag.
+
+    Args:
+        options: what to import.
+        advance: called with the number of frames kept since the last call.
+
+    Raises:
+        InputError: source, crop, table or output are not usable; nothing is left behind.
+    """
+    check_free(options.out)
+    with Video(options.video) as video:
+        step = _keep_every(video, options)
+        damaged = _damaged(options)
+        table = None if options.table is None else read_table(options.table.file)
+        return make_bag(
+            options.out,
+            lambda writer: _write(writer, video, options, table, step, damaged, advance),
+        )
+
+
+def _damaged(options: VideoOptions) -> int:
+    """Errors of the decoder in the part that is imported."""
+    found = sound_video(options.video, options.end_s)
+    if found.damaged > options.most_damaged:
+        raise InputError(
+            f"is damaged: the decoder reports {found.damaged} errors beside {found.frames} frames",
+            file=options.video, field="--accept-damaged", value=options.most_damaged,
+            remedy=f"get the file again from its source; --accept-damaged {found.damaged} takes it "
+            "as it is, and the bag says so",
+        )  # fmt: skip
+    return found.damaged
+
+
+def _keep_every(video: Video, options: VideoOptions) -> int:
+    length_s = video.info.frames / video.info.fps
+    last_s = options.start_s if options.end_s is None else options.end_s
+    if video.info.frames and last_s > length_s + 1.0 / video.info.fps:
+        raise _outside(options, length_s)
+    try:
+        return keep_every(video.info.fps, options.rate_hz)
+    except ValueError as error:
+        raise InputError(str(error), file=options.video, field="--rate") from error
+
+
+def _outside(options: VideoOptions, length_s: float) -> InputError:
+    end = "on" if options.end_s is None else f"to {options.end_s:g} s"
+    return InputError(
+        f"the crop from {options.start_s:g} s {end} lies beyond the video, in part or wholly",
+        file=options.video,
+        remedy=f"the video is {length_s:.3f} s long",
+    )
+
+
+def _write(
+    writer: BagWriter,
+    video: Video,
+    options: VideoOptions,
+    table: Table | None,
+    step: int,
+    damaged: int,
+    advance: Callable[[int], None],
+) -> ImportSummary:
+    info = video.info
+    width_px, height_px = output_size(info.width_px, info.height_px, options.max_width_px)
+    camera = options.lens.facts(width_px, height_px)
+    writer.add_topic(IMAGE, target.IMAGE_TYPE, offered_qos(20))
+    start_s, stamp_ns, count = 0.0, 0, 0
+    change, stamps_ns = _FrameChange(), list[int]()
+    for frame in video.frames(options.start_s, options.end_s, step):
+        if count == 0:
+            start_s = frame.time_s
+            camera.write(writer, 0)
+        stamp_ns = seconds_to_ns(frame.time_s - start_s)
+        stamps_ns.append(stamp_ns)
+        if table is not None:
+            change.take(frame.image)
+        data = jpeg(frame.image, width_px, height_px)
+        writer.write(IMAGE, target.image(stamp_ns, data), stamp_ns, stamp_ns, count + 1)
+        count += 1
+        advance(1)
+    end_s = video.reached_s if options.end_s is None else options.end_s
+    if count == 0 or video.reached_s < end_s - 0.5 / info.fps:
+        raise _outside(options, video.reached_s)
+    measured = None
+    if table is not None and options.table is not None:
+        zero_ns = seconds_to_ns(start_s)
+        measured = _measured(options, options.table, table, start_s, stamp_ns)
+        _check_motion(measured, change, np.array(stamps_ns) + zero_ns)
+        write_states(writer, {t.body.object_id: t.states(zero_ns) for t in measured.tracks})
+        writer.attach(TABLE_ATTACHMENT, measured.data, "text/csv")
+    elif options.ego_speed_mps is not None:
+        write_states(writer, {VUT_ID: _declared_states(options.ego_speed_mps, stamp_ns)})
+    road = None if measured is None else measured.road
+    record = _record(options, video, camera, (start_s, end_s), measured)
+    if damaged:
+        record.source["decoder_errors"] = damaged
+    attach_record(writer, record, options.declared, road)
+    return ImportSummary(
+        options.out, count, step, info.fps / step, ns_to_seconds(stamp_ns), width_px, height_px,
+        record,
+    )  # fmt: skip
+
+
+def _record(
+    options: VideoOptions,
+    video: Video,
+    camera: CameraFacts,
+    crop_s: tuple[float, float],
+    measured: _Measured | None,
+) -> ImportRecord:
+    info, speed, said = video.info, options.ego_speed_mps, options.declared
+    ego = ImportedEgo(provenance="unknown" if speed is None else "declared", speed_mps=speed)
+    if measured is not None:
+        ego = ImportedEgo(provenance="measured", speed_mps=None)
+    return ImportRecord(
+        source={
+            "name": options.video.name,
+            "sha256": sha256_file(options.video),
+            "kind": "video",
+            "width_px": info.width_px,
+            "height_px": info.height_px,
+            "fps": info.fps,
+            "frames": info.frames,
+        },
+        crop={"start_s": crop_s[0], "end_s": crop_s[1]},
+        generator=said.generator,
+        domain=said.domain,
+        scenario=said.scenario,
+        event_version=said.event_version,
+        ego=ego,
+        camera=camera.record,
+        declaration=said.declaration,
+        log=said.log,
+        states=None if measured is None else measured.record,
+        site=None if measured is None or measured.road is None else measured.road.site,
+    )
+
+
+def _declared_states(speed_mps: float, last_ns: int) -> Sequence[ObjectState]:
+    """States at 50 Hz of a vehicle that drives straight along the map's x axis from its origin."""
+    return [
+        ObjectState(
+            object_id=VUT_ID,
+            object_class=ObjectClass.CAR,
+            role=Role.VUT,
+            stamp_ns=k * STATE_STEP_NS,
+            x_m=speed_mps * ns_to_seconds(k * STATE_STEP_NS),
+            y_m=0.0,
+            yaw_rad=0.0,
+            speed_mps=speed_mps,
+            acceleration_mps2=0.0,
+            yaw_rate_radps=0.0,
+            size=DEFAULT_SIZES[ObjectClass.CAR],
+            sequence=k + 1,
+        )
+        for k in range(last_ns // STATE_STEP_NS + 1)
+    ]
+
+
+def _measured(
+    options: VideoOptions, given: TableOptions, table: Table, start_s: float, last_ns: int
+) -> _Measured:
+    """The tracks of VUT and objects within the clip.
+
+    Args:
+        options: of the import.
+        given: of the table.
+        table: read.
+        start_s: the first frame's time in the video.
+        last_ns: clip time of the last frame.
+    """
+    names = _names(given, table)
+    ids = tuple(names)
+    given.motion.check_ids(ids)
+    options.declared.check_ids(ids)
+    low_ns = seconds_to_ns(start_s)
+    high_ns = low_ns + last_ns
+    offset_ns = seconds_to_ns(given.time_offset_s)
+    notes, tracks = [], []
+    if table.ignored:
+        notes.append(f"columns that nobody reads: {', '.join(table.ignored)}")
+    others = [name for name in table.objects if name not in names.values()]
+    if others:
+        notes.append(f"{len(others)} other objects of the table are left out")
+    for object_id, name in names.items():
+        one = table.objects[name]
+        samples = replace(one.samples, stamps_ns=one.samples.stamps_ns + offset_ns)
+        inside = (samples.stamps_ns >= low_ns) & (samples.stamps_ns <= high_ns)
+        if inside.sum() < LEAST_SAMPLES:
+            raise samples.source.error(
+                f"has {int(inside.sum())} rows within the clip, from "
+                f"{ns_to_seconds(low_ns):.3f} to {ns_to_seconds(high_ns):.3f} s of the video: its "
+                "rows go from "
+                f"{ns_to_seconds(int(samples.stamps_ns.min())):.3f} to "
+                f"{ns_to_seconds(int(samples.stamps_ns.max())):.3f} s",
+                "give the table of this run, times in s; --time-offset S is added to them",
+                index=0,
+            )
+        role = Role.VUT if object_id == VUT_ID else Role.OT
+        body = given.motion.body(object_id, one.object_class, role, "centre", one.size)
+        track = make_track(samples.taken(np.flatnonzero(inside)), body)
+        notes += [*track.notes, *_coverage(track, low_ns, high_ns)]
+        tracks.append(track)
+    road = None
+    if given.motion.site is not None:
+        road = bind_road(given.motion.site, given.motion.block, tracks[0])
+        notes.append(f"{100 * road.share:.0f} % of the VUT's way lie on {road.site.block}")
+    return _Measured(
+        tracks,
+        road,
+        ImportedStates(
+            name=given.file.name,
+            sha256=sha256_file(given.file),
+            vut=VUT_ID,
+            objects={t.body.object_id: t.body.object_class.word for t in tracks[1:]},
+            time_offset_s=given.time_offset_s,
+            notes=notes,
+        ),
+        given.file.read_bytes(),
+    )
+
+
+@dataclass
+class _FrameChange:
+    """How much each frame of a clip differs from the one before, in grey levels.
+
+    A table of another run shows itself by frames that change while its VUT stands.
+    """
+
+    _last: FloatArray | None = None
+    _found: list[float] = field(default_factory=list)
+
+    def take(self, image: Bgr) -> None:
+        """The next frame."""
+        small = cv2.resize(image, _COMPARED_PX, interpolation=cv2.INTER_AREA)
+        grey = np.asarray(small, dtype=np.float64).mean(axis=2)
+        if self._last is not None:
+            self._found.append(float(np.abs(grey - self._last).mean()))
+        self._last = grey
+
+    def contrast(self, speed_mps: FloatArray) -> float | None:
+        """Change while the VUT stands over change while it drives, medians.
+
+        Args:
+            speed_mps: of the VUT at each frame.
+
+        Returns:
+            None where the clip doesn't show enough of both; otherwise well under 1 where the
+            speeds are those of the camera.
+        """
+        speed = np.abs(speed_mps)
+        changes = np.array(self._found)
+        standing = changes[np.maximum(speed[1:], speed[:-1]) < _STANDING_MPS]
+        driving = changes[np.minimum(speed[1:], speed[:-1]) > _DRIVING_MPS]
+        if min(len(standing), len(driving)) < _LEAST_PAIRS:
+            return None
+        # A still picture changes by less than a hundredth of a grey level.
+        return float(np.median(standing) / max(float(np.median(driving)), 0.01))
+
+
+def _check_motion(measured: _Measured, change: _FrameChange, frames_ns: NDArray[np.int64]) -> None:
+    """Refuses a table whose VUT stands while the frames move, and says where they may.
+
+    Args:
+        measured: the table's tracks.
+        change: of the frames.
+        frames_ns: their times in the video.
+    """
+    vut = measured.tracks[0]
+    if vut.samples.speed_mps is None:
+        raise ValueError("a track has speeds")
+    speed = np.interp(frames_ns, vut.samples.stamps_ns, vut.samples.speed_mps)
+    ratio = change.contrast(speed)
+    if ratio is None or ratio < 1.0:
+        return
+    text = (
+        f"says that the VUT stands where the frames change {ratio:.1f} times as much as where it "
+        "drives"
+    )
+    if ratio >= _CONTRARY:
+        raise vut.samples.source.error(
+            f"{text}: another run's table, or another time base?",
+            "give the table of this run; --time-offset S is added to its times",
+            index=0,
+        )
+    measured.record.notes.append(f"the table {text}: is it of this run?")
+
+
+def _names(given: TableOptions, table: Table) -> dict[str, str]:
+    """The id in the table by the id in the recording, the VUT first."""
+    wanted = {VUT_ID: given.vut, **given.objects}
+    if not given.objects:
+        wanted |= {name: name for name in table.objects if name not in (given.vut, VUT_ID)}
+    for object_id, name in wanted.items():
+        if name not in table.objects:
+            option = "--vut" if object_id == VUT_ID else f"--object {object_id}"
+            raise InputError(
+                "is no id of the table", file=given.file, field=option, value=name,
+                remedy=f"its ids are {', '.join(list(table.objects)[:12])}",
+            )  # fmt: skip
+    if len(wanted) < 2:
+        raise InputError(
+            "holds no object beside the VUT", file=given.file, field="id", value=given.vut,
+            remedy="an event needs an object target",
+        )  # fmt: skip
+    twice = [name for name in set(wanted.values()) if list(wanted.values()).count(name) > 1]
+    if twice:
+        raise InputError("is named twice", file=given.file, field="--object", value=twice[0])
+    return wanted
+
+
+def _coverage(track: Track, low_ns: int, high_ns: int) -> list[str]:
+    """Refuses a VUT that the table lacks for part of the clip; says it of other objects."""
+    late_s, early_s = ns_to_seconds(track.first_ns - low_ns), ns_to_seconds(high_ns - track.last_ns)
+    who = track.body.object_id
+    if max(late_s, early_s) <= UNCOVERED_S:
+        return []
+    text = (
+        f"covers the clip from {late_s:.2f} s after its first frame to {early_s:.2f} s before its "
+        "last one"
+    )
+    if track.body.role is Role.VUT:
+        source = track.samples.source
+        raise source.error(
+            text, f"at most {UNCOVERED_S:g} s may be missing; cut the video with --start and --end",
+            index=0,
+        )  # fmt: skip
+    return [f"{who}: {text}"]

@@ -1,0 +1,400 @@
+"""Proposes labels from privileged states (METHOD 5.1); a person reviews them before they count."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ssp_core.clock import seconds_to_ns
+from ssp_core.errors import InputError
+from ssp_core.motion.encounter import Observable
+from ssp_core.motion.state import ObjectState
+from ssp_core.vocabulary import LON_ACTIONS
+from ssp_eval.data.labels import BY_CLOCK, BY_PHASE, Label, Labels, PhasePosition
+from ssp_eval.labels.plan import NoPlan, Plan, Timeline, plan_labels
+from ssp_eval.labels.truth import DEFAULT_RULES, ProposalRules, Truth
+from ssp_eval.recordings.event import (
+    TOLERANCE_S,
+    Crop,
+    RecordedEvent,
+    crop_of,
+    find_event,
+    samples_of,
+)
+from ssp_eval.recordings.geometry import Corridor, in_view, is_hidden, motion_word, position_word
+from ssp_eval.score.thresholds import DEFAULT
+
+
+@dataclass(frozen=True)
+class ClipScene:
+    """What doesn't change over a clip."""
+
+    truth: Truth
+    rules: ProposalRules
+    event: RecordedEvent
+    corridor: Corridor
+    standing: frozenset[str]
+
+    def hides(self, now: dict[str, ObjectState], by: str | None = None) -> bool:
+        """True when other objects, or that one alone, hide the critical OT."""
+        critical = now.get(self.event.object_id)
+        if critical is None:
+            return False
+        vut_id = self.truth.vut_id
+        others = [
+            state
+            for object_id, state in now.items()
+            if object_id not in (vut_id, self.event.object_id) and by in (None, object_id)
+        ]
+        return is_hidden(now[vut_id], critical, others)
+
+    def sees(self, now: dict[str, ObjectState], object_id: str) -> bool:
+        """True when an object is in the camera's field and range and not hidden."""
+        vut_id, rules = self.truth.vut_id, self.rules
+        if object_id not in now or vut_id not in now:
+            return False
+        hfov_rad = rules.hfov_rad if self.truth.hfov_rad is None else self.truth.hfov_rad
+        if not in_view(now[vut_id], now[object_id], hfov_rad, rules.range_m):
+            return False
+        others = [s for key, s in now.items() if key not in (vut_id, object_id)]
+        return not is_hidden(now[vut_id], now[object_id], others)
+
+    def risk_s(self, series: Sequence[tuple[float, dict[str, ObjectState]]]) -> float:
+        """The trigger, or the first instant after it at which nothing hides the critical OT."""
+        for t_s, now in series:
+            after = t_s >= self.event.trigger_s - TOLERANCE_S
+            if after and self.truth.vut_id in now and not self.hides(now):
+                return t_s
+        return self.event.trigger_s
+
+
+@dataclass(frozen=True)
+class OwnMotion:
+    """The VUT's motion over the next second, read as METHOD 6.6 reads a trajectory."""
+
+    stands: bool = False
+    speeds_up: bool = False
+    sideways: str | None = None
+
+
+def own_motion(
+    series: Sequence[tuple[float, dict[str, ObjectState]]],
+    ticks_s: Sequence[float],
+    vut_id: str,
+    t_s: float,
+) -> OwnMotion:
+    """What the VUT does from a label time on; nothing where the clip ends before that is known.
+
+    Args:
+        series: (clip time in s, states by object id), times rising.
+        ticks_s: its times.
+        vut_id: object id of the VUT.
+        t_s: the label's time.
+    """
+    states = []
+    for ahead_s in (0.0, 0.5, 1.0):
+        i = bisect_right(ticks_s, t_s + ahead_s + TOLERANCE_S) - 1
+        state = series[i][1].get(vut_id) if i >= 0 else None
+        if state is None or ticks_s[-1] < t_s + ahead_s - TOLERANCE_S:
+            return OwnMotion()
+        # Clips have frames 40 ms apart: without this, their jitter would look like acceleration.
+        rest_ns = seconds_to_ns(t_s + ahead_s - ticks_s[i])
+        states.append(state.extrapolated(state.stamp_ns + rest_ns))
+    points = [states[0].pose.to_local(state.x_m, state.y_m) for state in states]
+    v1_mps = (points[1][0] - points[0][0]) / 0.5
+    v2_mps = (points[2][0] - points[1][0]) / 0.5
+    shift_m = points[2][1]
+    sideways = None
+    if DEFAULT.at_least(abs(shift_m), DEFAULT.lateral_shift_m):
+        sideways = "left" if shift_m > 0 else "right"
+    stands = DEFAULT.at_most(v2_mps, DEFAULT.stop_speed_mps)
+    speeds_up = DEFAULT.at_least((v2_mps - v1_mps) / 0.5, DEFAULT.accel_mps2)
+    return OwnMotion(stands, not stands and speeds_up, sideways)
+
+
+_TIME_GRID_S = 0.1
+
+_CONFLICT_OF_PHASE = {
+    "approach": "no_conflict",
+    "trigger": "potential",
+    "conflict": "active",
+    "resolution": "resolved",
+}
+_ACTIONS_OF_CONFLICT = {
+    "no_conflict": {"maintain"},
+    "potential": {"maintain", "decelerate"},
+    "active": {"decelerate", "stop"},
+    "resolved": {"maintain", "accelerate", "decelerate"},
+}
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """Proposed labels with the event and the clip that they were made from."""
+
+    labels: Labels
+    event: RecordedEvent
+    crop: Crop
+
+
+@dataclass(frozen=True)
+class _Located:
+    """A recording whose event was found: what every label of it is read from."""
+
+    truth: Truth
+    series: Sequence[tuple[float, dict[str, ObjectState]]]
+    corridor: Corridor
+    event: RecordedEvent
+    crop: Crop
+
+    def timeline(self) -> Timeline:
+        """Its phases, to plan labels by.
+
+        Raises:
+            NoPlan: the event isn't resolved within the recording.
+        """
+        event, truth = self.event, self.truth
+        if event.conflict_s is None or event.resolution_s is None:
+            raise NoPlan(
+                f"no label plan (METHOD 5.2b): from the trigger at {event.trigger_s:.2f} s on the "
+                f"event isn't resolved before the recording ends, at {truth.end_s:.2f} s",
+                file=truth.source,
+            )
+        return Timeline(
+            truth.domain, event.trigger_s, event.conflict_s, event.resolution_s, self.crop,
+            truth.frames_s,
+        )  # fmt: skip
+
+
+def propose(truth: Truth, rules: ProposalRules = DEFAULT_RULES) -> Proposal:
+    """Labels on a clock grid from ground truth, by the rules in the module's docstring.
+
+    Args:
+        truth: states of the whole clip.
+        rules: what else the proposal depends on.
+
+    Raises:
+        InputError: there is no VUT, no event, no conflict, or the clip is too short.
+    """
+    found = _locate(truth)
+    trigger_s = found.event.trigger_s
+    span_s = (trigger_s, trigger_s if found.event.conflict_s is None else found.event.conflict_s)
+    times_s = grid_times(found.crop.start_s, found.crop.end_s, span_s, rules, truth.source)
+    return _proposal(found, times_s, (), None, rules)
+
+
+def propose_planned(
+    truths: Sequence[Truth], rules: ProposalRules = DEFAULT_RULES, others: Sequence[Timeline] = ()
+) -> tuple[Plan, list[Proposal]]:
+    """Labels of all recordings of a scenario by one plan (METHOD 5.2b).
+
+    Args:
+        truths: of the recordings with states.
+        rules: what else the proposals depend on.
+        others: phases of recordings without states.
+
+    Raises:
+        InputError: a recording has no VUT, event or conflict.
+        NoPlan: one has no resolution, or no plan fits them all.
+    """
+    found = [_locate(truth) for truth in truths]
+    timelines = [one.timeline() for one in found]
+    plan = plan_labels([*timelines, *others])
+    proposals = []
+    for one, timeline in zip(found, timelines, strict=True):
+        times_s = [timeline.time_of(at) for at in plan.at]
+        proposals.append(_proposal(one, times_s, plan.at, timeline.risk_s(plan), rules))
+    return plan, proposals
+
+
+def propose_by_plan(truths: Sequence[Truth]) -> tuple[list[Proposal], str]:
+    """Labels of a scenario's recordings by one plan; each on a clock grid where there is none.
+
+    Returns:
+        The proposals, and why there is no plan, empty where there is one.
+
+    Raises:
+        InputError: see propose.
+    """
+    try:
+        return propose_planned(truths)[1], ""
+    except NoPlan as error:
+        return [propose(truth) for truth in truths], str(error)
+
+
+def _locate(truth: Truth) -> _Located:
+    series = [(t_s, {state.object_id: state for state in states}) for t_s, states in truth.series]
+    vut = [states[truth.vut_id] for _, states in series if truth.vut_id in states]
+    if not vut:
+        raise InputError("has no states of the VUT", file=truth.source, value=truth.vut_id)
+    corridor = Corridor.of(vut)
+    event = _critical_event(truth, series, corridor)
+    crop = crop_of(truth.start_s, truth.end_s, event.trigger_s, event.resolution_s, truth.window)
+    return _Located(truth, series, corridor, event, crop)
+
+
+def _proposal(
+    found: _Located,
+    times_s: Sequence[float],
+    places: Sequence[PhasePosition],
+    onset_s: float | None,
+    rules: ProposalRules,
+) -> Proposal:
+    """Labels at these times.
+
+    Args:
+        places: of a plan, one for each time; empty: they lie on a clock grid.
+        onset_s: risk_time_s of the plan; None: from when on the risk can be seen.
+    """
+    truth, series, event = found.truth, found.series, found.event
+    ticks_s = [t_s for t_s, _ in series]
+    standing = _standing(truth, series, event, rules)
+    scene = ClipScene(truth, rules, event, found.corridor, standing)
+    visible_s = scene.risk_s(series)
+    labels = []
+    everywhere: Sequence[PhasePosition | None] = places or (None,) * len(times_s)
+    for t_s, at in zip(times_s, everywhere, strict=True):
+        now = series[max(0, bisect_right(ticks_s, t_s + TOLERANCE_S) - 1)][1]
+        own = own_motion(series, ticks_s, truth.vut_id, t_s)
+        labels.append(_label(t_s, at, now, scene, visible_s, own))
+    result = Labels(
+        scenario=truth.scenario,
+        domain=truth.domain,
+        event_version=truth.event_version,
+        risk_time_s=visible_s if onset_s is None else onset_s,
+        first_frame_dynamics=False,
+        labels=tuple(labels),
+        plan=BY_PHASE if places else BY_CLOCK,
+    )
+    return Proposal(result, event, found.crop)
+
+
+def _critical_event(
+    truth: Truth,
+    series: Sequence[tuple[float, dict[str, ObjectState]]],
+    corridor: Corridor,
+) -> RecordedEvent:
+    """Of all OTs' events the one whose conflict starts first."""
+    kinds: tuple[Observable, ...] = ("lateral", "braking")
+    if truth.observable is not None:
+        kinds = (truth.observable,)
+    for_good_s = None if truth.window is None else truth.window.after_s
+    events: list[RecordedEvent] = []
+    for kind in kinds:
+        for object_id in truth.target_ids:
+            samples = samples_of(series, truth.vut_id, object_id)
+            if not samples:
+                continue
+            event = find_event(
+                samples, corridor.path, truth.thresholds, kind, for_good_s=for_good_s
+            )
+            if event is not None:
+                events.append(event)
+        if any(event.conflict_s is not None for event in events):
+            break
+    if not events:
+        side, lead = "enters the VUT's corridor from the side", "brakes ahead of it in its corridor"
+        what = {"lateral": side, "braking": lead}.get(truth.observable or "", f"{side}, or {lead}")
+        raise InputError(
+            f"no object target ({', '.join(truth.target_ids) or 'none given'}) {what}",
+            file=truth.source,
+            remedy="write its labels by hand",
+        )
+    critical = [event for event in events if event.conflict_s is not None]
+    if not critical:
+        raise InputError(
+            f"neither TTC falls under {truth.thresholds.ttc_s} s nor the arrival gap under "
+            f"{truth.thresholds.arrival_gap_s} s: there is no conflict to label",
+            file=truth.source,
+            remedy="give other thresholds, or write its labels by hand",
+        )
+    return min(critical, key=lambda event: event.conflict_s or 0.0)
+
+
+def grid_times(
+    start_s: float, end_s: float, centre_s: tuple[float, float], rules: ProposalRules, source: str
+) -> list[float]:
+    """Equally spaced times, centred on a span such as that from trigger to conflict.
+
+    They lie inside the clip on a 0.1 s grid; where it ends too early or begins too late, they are
+    shifted.
+
+    Raises:
+        InputError: the clip is shorter than the labels' span.
+    """
+    span_s = (rules.count - 1) * rules.spacing_s
+    first_grid = math.ceil(start_s / _TIME_GRID_S - 1e-6)
+    last_grid = math.floor((end_s - span_s) / _TIME_GRID_S + 1e-6)
+    if last_grid < first_grid:
+        raise InputError(
+            f"is too short: {rules.count} labels {rules.spacing_s} s apart span {span_s:.1f} s, "
+            f"the clip has {end_s - start_s:.1f} s",
+            file=source,
+            remedy="give a smaller --count or --spacing",
+        )
+    wanted = round(((sum(centre_s) - span_s) / 2.0) / _TIME_GRID_S)
+    first_s = min(max(wanted, first_grid), last_grid) * _TIME_GRID_S
+    return [round(first_s + k * rules.spacing_s, 6) for k in range(rules.count)]
+
+
+def _standing(
+    truth: Truth,
+    series: Sequence[tuple[float, dict[str, ObjectState]]],
+    event: RecordedEvent,
+    rules: ProposalRules,
+) -> frozenset[str]:
+    """The OTs without an event that stand over the whole clip."""
+    moving = {
+        state.object_id
+        for _, states in series
+        for state in states.values()
+        if abs(state.speed_mps) >= rules.motion.standstill_mps
+    }
+    return frozenset(truth.target_ids) - moving - {event.object_id}
+
+
+def _label(
+    t_s: float,
+    at: PhasePosition | None,
+    now: dict[str, ObjectState],
+    scene: ClipScene,
+    visible_s: float,
+    own: OwnMotion,
+) -> Label:
+    vut, event = now[scene.truth.vut_id], scene.event
+    seen = [
+        now[object_id]
+        for object_id in scene.truth.target_ids
+        if scene.sees(now, object_id)
+        and (object_id not in scene.standing or scene.hides(now, by=object_id))
+    ]
+    critical = next((state for state in seen if state.object_id == event.object_id), None)
+    phase = event.phase_at(t_s) if at is None else at.phase
+    conflict: str | None = _CONFLICT_OF_PHASE[phase]
+    actions = _lon_actions(_CONFLICT_OF_PHASE[phase], own)
+    if phase in ("trigger", "conflict") and scene.hides(now):
+        conflict = None
+    motion = scene.rules.motion
+    return Label(
+        t_s=t_s,
+        phase=phase,
+        risk_visible=t_s >= visible_s - TOLERANCE_S,
+        objects=tuple(sorted({state.object_class.word for state in seen})) if seen else None,
+        position=None if critical is None else position_word(scene.corridor, vut, critical),
+        motion=None if critical is None else motion_word(scene.corridor, vut, critical, motion),
+        conflict=conflict,
+        lon_actions=actions,
+        lat_actions=("straight",) if own.sideways is None else ("straight", own.sideways),
+        at=at,
+    )
+
+
+def _lon_actions(conflict: str, own: OwnMotion) -> tuple[str, ...]:
+    actions = set(_ACTIONS_OF_CONFLICT[conflict])
+    if conflict == "no_conflict" and own.speeds_up:
+        actions.add("accelerate")
+    if conflict in ("no_conflict", "resolved") and own.stands:
+        actions.add("stop")
+    return tuple(action for action in LON_ACTIONS if action in actions)

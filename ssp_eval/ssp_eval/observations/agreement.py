@@ -1,0 +1,236 @@
+"""What one or more persons' observations of a recording say together (METHOD 4.3)."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from ssp_core.errors import InputError
+from ssp_eval.data.audit import Property
+from ssp_eval.observations.model import Answers, Observation, leaves
+
+# Two persons mean the same instant if their times differ by no more, or by one frame.
+SAME_TIME_S = 0.1
+# Of shares that are estimated by eye.
+SAME_SHARE = 0.1
+_TOLERANCE = 1e-6
+UNVERIFIED = "unverified"
+
+Verdict = Literal["agree", "differ", "one alone", "contradict", "unknown"]
+
+
+@dataclass(frozen=True)
+class AgreementRow:
+    """One answer.
+
+    Args:
+        field: its path.
+        values: of each observer, for people; ``unknown`` where he couldn't tell.
+        verdict: ``one alone``: only one person could tell, or looked; ``contradict``: what is left
+            after differing answers were dropped can't be together.
+        result: what counts, ``unverified`` where nothing does.
+    """
+
+    field: str
+    values: tuple[str, ...]
+    verdict: Verdict
+    result: str
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """What counts of a recording's observations.
+
+    Args:
+        observers: who looked, in the order of the observations.
+        observations: as they are.
+        answers: what counts: null where nobody could tell or where two differ. Of times within
+            the tolerance the mean, of shares the smaller one.
+        rows: of all answers that anybody gave.
+        tolerance_s: of times.
+    """
+
+    observers: tuple[str, ...]
+    observations: tuple[Observation, ...]
+    answers: Answers
+    rows: tuple[AgreementRow, ...]
+    tolerance_s: float
+
+    @property
+    def by(self) -> str:
+        """Who looked, for people."""
+        return " and ".join(self.observers)
+
+    @property
+    def differing(self) -> tuple[str, ...]:
+        """Fields on which they differ, which are unverified."""
+        return tuple(row.field for row in self.rows if row.verdict in ("differ", "contradict"))
+
+    def properties(self) -> dict[str, Property]:
+        """q(d, k); not determined where they differ or nobody could tell."""
+        return self.answers.properties_by(self.by)
+
+    def phase_starts(self) -> dict[str, float]:
+        """Clip times of the phases, s."""
+        return self.answers.phase_starts()
+
+    def rejections(self) -> tuple[str, ...]:
+        """Reasons of the source gate that were found."""
+        return self.answers.rejections()
+
+    def to_json(self) -> dict[str, Any]:
+        """For programs: observers, their seals, tolerance and rows."""
+        return {
+            "observers": list(self.observers),
+            "seals": [one.seal for one in self.observations],
+            "tolerance_s": self.tolerance_s,
+            "rows": [
+                {
+                    "field": row.field,
+                    "values": list(row.values),
+                    "verdict": row.verdict,
+                    "result": row.result,
+                }
+                for row in self.rows
+            ],
+        }
+
+
+def agree(observations: Sequence[Observation], period_s: float = 0.0) -> Agreement:
+    """Holds independent observations of one recording against each other.
+
+    Args:
+        observations: at least one, of one recording.
+        period_s: between its frames.
+
+    Raises:
+        InputError: two are of one person, of different recordings, or name other participants.
+        ValueError: there is none.
+    """
+    if not observations:
+        raise ValueError("there is no observation")
+    _check_apart(observations)
+    tolerance_s = max(SAME_TIME_S, period_s)
+    told = [_answers_of(one) for one in observations]
+    merged = json.loads(json.dumps(told[0]))
+    rows: dict[str, AgreementRow] = {}
+    for path, _ in leaves(told[0]):
+        parts = path.split(".")
+        values = [_at(one, parts) for one in told]
+        if parts[-1] in ("frames", "note"):
+            _put(merged, parts, _joined(parts[-1], values))
+            continue
+        verdict, value = _verdict(values, _kind(path), tolerance_s)
+        _put(merged, parts, value)
+        if parts[-1] != "role" and any(v is not None for v in values):
+            shown = tuple(_text(v) for v in values)
+            rows[path] = AgreementRow(
+                path, shown, verdict, UNVERIFIED if value is None else _text(value)
+            )
+    # Of answers that one person gave alone, two may not fit together.
+    while (wrong := next(Answers.model_validate(merged).contradictions(), None)) is not None:
+        path = wrong[0]
+        _put(merged, path.split("."), None)
+        rows[path] = AgreementRow(path, rows[path].values, "contradict", UNVERIFIED)
+    return Agreement(
+        tuple(one.who for one in observations),
+        tuple(observations),
+        Answers.model_validate(merged),
+        tuple(rows.values()),
+        tolerance_s,
+    )
+
+
+def _check_apart(observations: Sequence[Observation]) -> None:
+    first = observations[0]
+    names: dict[str, Observation] = {}
+    for one in observations:
+        name = " ".join(one.who.casefold().split())
+        if name in names:
+            raise InputError(
+                "looked twice; two observations are independent if two persons made them",
+                field="who",
+                value=one.who,
+                remedy="keep one of the two files",
+            )
+        names[name] = one
+        if one.bag_sha256 != first.bag_sha256:
+            raise InputError(
+                f"of {one.who} is another recording than that of {first.who}, {first.bag_sha256}",
+                field="bag_sha256",
+                value=one.bag_sha256,
+                remedy="compare observations of one recording",
+            )
+        if _people(one) != _people(first):
+            raise InputError(
+                f"of {one.who} are {_people(one)}, those of {first.who} {_people(first)}",
+                field="roles.participants",
+                remedy="both name the participants by the ids of the K*",
+            )
+
+
+def _people(one: Observation) -> str:
+    people = one.roles.participants
+    return ", ".join(f"{who} ({people[who].role})" for who in sorted(people))
+
+
+def _answers_of(one: Observation) -> dict[str, Any]:
+    whole = one.model_dump(mode="json", by_alias=True)
+    return {name: whole[name] for name in Answers.model_fields}
+
+
+def _kind(path: str) -> Literal["time", "share", "word"]:
+    if path.endswith("_s"):
+        return "time"
+    return "share" if path.startswith("visibility.") else "word"
+
+
+def _verdict(
+    values: Sequence[Any], kind: Literal["time", "share", "word"], tolerance_s: float
+) -> tuple[Verdict, Any]:
+    """How answers agree, and what counts; who couldn't tell contradicts nobody."""
+    known = [value for value in values if value is not None]
+    if not known:
+        return "unknown", None
+    agreed: Verdict = "one alone" if len(known) == 1 else "agree"
+    if kind == "word":
+        return (agreed, known[0]) if all(v == known[0] for v in known) else ("differ", None)
+    numbers = [{"throughout": 1.0, "never": 0.0}.get(value, value) for value in known]
+    tolerance = tolerance_s if kind == "time" else SAME_SHARE
+    if max(numbers) - min(numbers) > tolerance + _TOLERANCE:
+        return "differ", None
+    return agreed, sum(numbers) / len(numbers) if kind == "time" else min(numbers)
+
+
+def _at(value: Any, parts: Sequence[str]) -> Any:
+    for part in parts:
+        value = value[part]
+    return value
+
+
+def _put(value: Any, parts: Sequence[str], new: Any) -> None:
+    _at(value, parts[:-1])[parts[-1]] = new
+
+
+def _joined(key: str, values: Sequence[Any]) -> Any:
+    """Evidence and remarks of all observers."""
+    if key == "note":
+        return "; ".join(dict.fromkeys(v for v in values if v))[:500] or None
+    found = []
+    for value in values:
+        found += [item for item in value if item not in found]
+    return found
+
+
+def _text(value: Any) -> str:
+    if value is None:
+        return "unknown"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.3f}".rstrip("0").rstrip(".")
+    if isinstance(value, list):
+        return ", ".join(str(item) for item in value) or "none"
+    return str(value)

@@ -1,0 +1,154 @@
+"""The observer's page: frames of a recording beside a form, in one file that needs no network."""
+
+from __future__ import annotations
+
+import json
+import math
+from base64 import b64encode
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from markupsafe import Markup
+
+from ssp_core.bag.frames import Frames
+from ssp_core.bag.reader import BagReader
+from ssp_core.cdr.messages import peek_stamp_ns
+from ssp_core.errors import InputError
+from ssp_core.names import CAMERA_IMAGE, absolute
+from ssp_eval.observations.files import Footage
+from ssp_eval.observations.questions import Card
+from ssp_eval.pages import templates
+
+QUALITY = 82
+_TOPIC = absolute(CAMERA_IMAGE)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Which frames a page shows.
+
+    Args:
+        rate_hz: every n-th frame, n as large as leaves at least so many a second.
+        most: at most so many altogether; then n is larger.
+        start_s: from this clip time; None: from the clip's start.
+        end_s: to this clip time; None: to the last frame.
+    """
+
+    rate_hz: float
+    most: int
+    start_s: float | None = None
+    end_s: float | None = None
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A frame of the page: its index in the recording, its clip time, and a JPEG."""
+
+    index: int
+    t_s: float
+    jpeg: bytes
+
+
+def chosen(footage: Footage, choice: Choice) -> list[int]:
+    """Indices of the frames to show, rising.
+
+    Raises:
+        InputError: no frame lies in the span.
+    """
+    start_s = 0.0 if choice.start_s is None else choice.start_s
+    end_s = math.inf if choice.end_s is None else choice.end_s
+    inside = [i for i, t_s in enumerate(footage.frames_s) if start_s <= t_s <= end_s]
+    if not inside:
+        raise InputError(
+            f"has no frame from {start_s:g} to {end_s:g} s",
+            remedy=f"its frames run from {footage.frames_s[0]:.3f} to {footage.frames_s[-1]:.3f} s",
+        )
+    every = 1
+    if footage.period_s > 0.0:
+        every = max(1, math.floor(1.0 / (footage.period_s * choice.rate_hz) + 0.01))
+    return inside[:: max(every, math.ceil(len(inside) / choice.most))]
+
+
+def shown_frames(
+    bag: Path,
+    indices: list[int],
+    footage: Footage,
+    width_px: int,
+    on_frame: Callable[[], None] = lambda: None,
+) -> list[Shown]:
+    """The frames as JPEG, scaled down to a width.
+
+    Args:
+        bag: its folder, or an MCAP file.
+        indices: of the frames, rising.
+        footage: of the recording.
+        width_px: at most.
+        on_frame: called for each.
+
+    Raises:
+        InputError: one of them is no picture.
+    """
+    found: dict[int, Shown] = {}
+    with BagReader(bag) as reader:
+        stamps = sorted(peek_stamp_ns(m.data) for m in reader.messages([_TOPIC]))
+        index_of = {stamps[i]: i for i in indices}
+        for picture in Frames(reader, _TOPIC).pictures(stamps=set(index_of)):
+            i = index_of[picture.stamp_ns]
+            if i in found:
+                continue
+            image = picture.image
+            height, width = image.shape[:2]
+            if width > width_px:
+                size = width_px, max(1, round(height * width_px / width))
+                image = np.asarray(
+                    cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8
+                )
+            data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1]
+            found[i] = Shown(i, footage.frames_s[i], data.tobytes())
+            on_frame()
+    return [found[i] for i in indices if i in found]
+
+
+_HERE = Path(__file__).parent
+
+
+def render(
+    draft: dict[str, Any], questions: Sequence[Card], frames: Sequence[Shown], bag: str
+) -> str:
+    """The page.
+
+    Args:
+        draft: the file without any answer.
+        questions: what is asked.
+        frames: what is shown.
+        bag: as it is named on the command line.
+    """
+    data = {
+        "draft": draft,
+        "cards": [asdict(card) for card in questions],
+        "bag": bag,
+        "frames": [
+            {
+                "n": frame.index,
+                "t": round(frame.t_s, 6),
+                "src": f"data:image/jpeg;base64,{b64encode(frame.jpeg).decode()}",
+            }
+            for frame in frames
+        ],
+    }
+    return (
+        templates(_HERE)
+        .get_template("page.html.j2")
+        .render(
+            recording=draft["recording"],
+            digest=draft["bag_sha256"],
+            style=Markup((_HERE / "page.css").read_text()),
+            script=Markup((_HERE / "page.js").read_text()),
+            # No markup may end the script that holds it.
+            data=Markup(json.dumps(data).replace("<", "\\u003c")),
+        )
+    )

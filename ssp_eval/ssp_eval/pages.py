@@ -1,0 +1,111 @@
+"""What all pages are made with: strict templates, SVG elements, and pictures as data URIs."""
+
+from __future__ import annotations
+
+import base64
+import json
+from html import escape
+from pathlib import Path
+
+import cv2
+import jinja2
+import numpy as np
+from markupsafe import Markup
+
+from ssp_core.errors import InputError
+
+
+def templates(folder: Path) -> jinja2.Environment:
+    """The templates of a folder, which refuse a value that they aren't given.
+
+    Filters: ``svg`` takes markup as it is, ``words`` turns a name into words, ``short`` shortens a
+    hash, ``json`` writes a value as JSON.
+    """
+    found = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(folder),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    found.filters["svg"] = Markup
+    found.filters["words"] = lambda text: str(text).replace("_", " ")
+    found.filters["short"] = lambda digest: str(digest).removeprefix("sha256:")[:12]
+    found.filters["json"] = lambda value: json.dumps(value, sort_keys=True)
+    return found
+
+
+def number(value: float) -> str:
+    """A coordinate with at most two decimals."""
+    return f"{value:.2f}".rstrip("0").rstrip(".")
+
+
+def element(name: str, content: str = "", **attributes: float | str) -> str:
+    """One element; ``class_`` is class, other underscores become hyphens.
+
+    Args:
+        name: tag.
+        content: inner SVG, already escaped.
+        attributes: numbers are shortened, strings escaped.
+    """
+    parts = [name]
+    for key, value in attributes.items():
+        text = value if isinstance(value, str) else number(value)
+        parts.append(f'{key.rstrip("_").replace("_", "-")}="{escape(text)}"')
+    head = " ".join(parts)
+    return f"<{head}>{content}</{name}>" if content else f"<{head}/>"
+
+
+def text(x: float, y: float, content: str, **attributes: float | str) -> str:
+    """A text element at its baseline."""
+    return element("text", escape(content) or " ", x=x, y=y, **attributes)
+
+
+def title(content: str) -> str:
+    """What a pointer shows."""
+    return element("title", escape(content))
+
+
+def points(pairs: list[tuple[float, float]]) -> str:
+    """The value of a ``points`` attribute."""
+    return " ".join(f"{number(x)},{number(y)}" for x, y in pairs)
+
+
+MAX_WIDTH_PX = 640
+_QUALITY = 72
+
+
+def data_uri(path: Path) -> str:
+    """A frame at most 640 px wide, as a data URI.
+
+    Raises:
+        InputError: it isn't there or is no picture.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"can't be read: {error.strerror}", file=path) from error
+    return jpeg_uri(data, path)
+
+
+def jpeg_uri(data: bytes, place: str | Path, max_width_px: int = MAX_WIDTH_PX) -> str:
+    """As data_uri, of a picture's bytes.
+
+    Args:
+        data: JPEG or another format that OpenCV reads.
+        place: where it comes from, for messages.
+        max_width_px: wider ones are made smaller.
+
+    Raises:
+        InputError: it is no picture.
+    """
+    pixels = np.frombuffer(data, np.uint8)
+    image = cv2.imdecode(pixels, cv2.IMREAD_COLOR) if pixels.size else None
+    if image is None:
+        raise InputError("is no picture", file=place)
+    height, width = image.shape[:2]
+    if width > max_width_px:
+        size = (max_width_px, max(1, round(height * max_width_px / width)))
+        image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    encoded = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1]
+    return "data:image/jpeg;base64," + base64.b64encode(encoded.tobytes()).decode()

@@ -1,0 +1,60 @@
+"""The node ``evaluator``: evaluates with bridges that run already, set by ROS parameters."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import rclpy
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
+
+from ssp_core.console import report_error
+from ssp_core.errors import SspError
+from ssp_core.ros import declare, make_node
+from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.cli import driving_before
+from ssp_eval.evaluate.models import as_attached, attached_spec, load_models, with_controls
+from ssp_eval.evaluate.run import evaluate_bags
+from ssp_eval.ros.model_node import NAME
+from ssp_eval.ros.parameters import EVALUATOR
+
+
+def main() -> int:
+    """Evaluates bags with bridges that run already: ``ros2 run ssp_eval evaluator``."""
+    rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+    if len(remove_ros_args(sys.argv)) > 1:
+        report_error("takes ROS parameters only: --ros-args -p bags:=[...] -p models:=[...]")
+        return 2
+    try:
+        return _evaluate()
+    except SspError as error:
+        report_error(str(error))
+        return 1
+    finally:
+        rclpy.try_shutdown()
+
+
+def _evaluate() -> int:
+    settings = make_node(f"{NAME}_settings")
+    given = declare(settings, EVALUATOR)
+    settings.destroy_node()
+    out, models_file = Path(given["out"]), given["models_file"]
+    specs = as_attached(load_models(Path(models_file))) if models_file else []
+    specs += [attached_spec(name) for name in given["models"] if name]
+    results = evaluate_bags(
+        [(Path(bag), None) for bag in given["bags"] if bag],
+        with_controls(specs, driving_before(out)) if specs and given["controls"] else specs,
+        out,
+        CellOptions(adapter=given["adapter"], retry_errors=given["retry_errors"]),
+        given["timeout_s"],
+        start_timeout_s=given["start_timeout_s"],
+        no_controls="-p controls:=false",
+    )
+    for result in results:
+        print(f"{result.folder.name}: {result.status} {'; '.join(result.reasons)}".rstrip())
+    return 0 if results and not any(result.is_failure for result in results) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

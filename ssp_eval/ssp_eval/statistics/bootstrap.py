@@ -1,0 +1,418 @@
+"""Bootstrap intervals of scores over blocks of labels, and of means over cells, runs, scenarios."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import groupby
+
+import numpy as np
+
+from ssp_eval.score.aggregate import METRICS, Mean, mean
+from ssp_eval.score.batch import RecordTerms
+from ssp_eval.score.cell import ivcs_weights
+from ssp_eval.score.thresholds import DEFAULT, Thresholds
+from ssp_eval.statistics.comparisons import Clip, LabelDifferences, Pair, compared_metrics
+from ssp_eval.statistics.resampling import (
+    NO_INTERVAL,
+    Interval,
+    Numbers,
+    bca_interval,
+    block_draws,
+    block_of,
+    draws,
+    generator,
+    percentile_interval,
+    reach,
+    student_quantile,
+    weighted_sums,
+    without_blocks,
+)
+from ssp_eval.statistics.rows import CellRow
+
+# Per metric its column of sums and that of its denominator.
+_SUMS = (
+    "n", "evaluable", "given", "hard", "soft", "interactions", "interactions_correct",
+    "output_valid", "action_correct", "feasible", "trajectory_correct", "consistent",
+)  # fmt: skip
+_RATIOS = {
+    "jovr": ("output_valid", "n"),
+    "sem_cov": ("given", "evaluable"),
+    "sem_acc_cond": ("hard", "given"),
+    "sem_acc_eff": ("hard", "evaluable"),
+    "sem_acc_soft": ("soft", "evaluable"),
+    "cia_eff": ("interactions_correct", "interactions"),
+    "act_acc_eff": ("action_correct", "n"),
+    "stfr": ("feasible", "n"),
+    "tqsr": ("trajectory_correct", "n"),
+    "atc_eff": ("consistent", "n"),
+}
+
+
+def response_begins(terms: RecordTerms, thresholds: Thresholds = DEFAULT) -> np.ndarray:
+    """Which labels begin a risk response in the recording (METHOD 6.9).
+
+    Returns:
+        (N,) true where K consecutive candidates, the first of them this label's record, are
+        defensive with each gap > 0 and ≤ the limit.
+    """
+    places = np.flatnonzero(terms.candidate)
+    defensive, t_s = terms.defensive[places], terms.record_t_s[places]
+    gap_s = np.diff(t_s)
+    linked = (gap_s > 0) & thresholds.at_most(gap_s, thresholds.response_gap_s)
+    begins = np.zeros(len(terms), dtype=np.bool_)
+    for i in range(len(places) - thresholds.response_count + 1):
+        end = i + thresholds.response_count
+        begins[places[i]] = bool(defensive[i:end].all() and linked[i : end - 1].all())
+    return begins
+
+
+def resampled_scores(
+    terms: RecordTerms, weights: Numbers, thresholds: Thresholds = DEFAULT
+) -> dict[str, Numbers]:
+    """All scores of METHOD 6.14 with each label counted as often as it was drawn.
+
+    RSR* = 1 if a label that begins a response was drawn; RL* is that of the earliest one drawn.
+
+    Args:
+        terms: of a cell.
+        weights: (B, N).
+        thresholds: that the cell was scored with.
+
+    Returns:
+        By metric (B,); NaN where a denominator is 0, which counts as 0 in IVCS (METHOD 6.11).
+    """
+    ones = np.ones(len(terms))
+    columns = (
+        ones, terms.evaluable.sum(1), terms.given.sum(1), terms.hard.sum(1), terms.soft.sum(1),
+        terms.interaction_evaluable, terms.interaction_correct, terms.output_valid,
+        terms.action_correct, terms.feasible, terms.trajectory_correct, terms.consistent,
+    )  # fmt: skip
+    totals = weighted_sums(weights, np.column_stack(columns).astype(np.float64))
+    sums = dict(zip(_SUMS, totals, strict=True))
+    found: dict[str, Numbers] = {}
+    for metric, (over, under) in _RATIOS.items():
+        found[metric] = np.full(len(weights), np.nan)
+        np.divide(sums[over], sums[under], out=found[metric], where=sums[under] > 0)
+    response_s = np.full(len(weights), np.nan)
+    for place in reversed(np.flatnonzero(response_begins(terms, thresholds))):
+        response_s[weights[:, place] > 0] = terms.record_t_s[place]
+    found["rsr"] = (~np.isnan(response_s)).astype(np.float64)
+    found["rl_s"] = np.maximum(response_s - terms.risk_onset_s, 0.0)
+    found["ivcs"] = weighted_ivcs(found)
+    return {metric: found[metric] for metric in METRICS}
+
+
+def weighted_ivcs(scores: Mapping[str, Numbers]) -> Numbers:
+    """IVCS of arrays of components (METHOD 6.10), NaN as 0."""
+    total = np.zeros_like(scores["rsr"])
+    for name, weight in ivcs_weights().items():
+        total += weight * np.nan_to_num(scores[name])
+    return total
+
+
+RESAMPLES = 10_000
+SEED = 20_260_101
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A score with its intervals.
+
+    Args:
+        value: unrounded, null as None.
+        n: how many items were drawn from: labels, runs, cells or scenarios; of a mean whose
+            labels were drawn, its cells.
+        percentile, bca: 95 % intervals.
+        bias: mean of the resamples less the value.
+        null_share: resamples in which the score has no denominator.
+        unit: what was drawn, for people.
+        student: Student's interval over the units, where these are runs, cells or scenarios.
+    """
+
+    value: float | None
+    n: int
+    percentile: Interval = NO_INTERVAL
+    bca: Interval = NO_INTERVAL
+    bias: float | None = None
+    null_share: float = 0.0
+    unit: str = ""
+    student: Interval = NO_INTERVAL
+
+
+def cell_estimates(
+    terms: RecordTerms,
+    samples: Mapping[str, Numbers],
+    block: int = 1,
+    thresholds: Thresholds = DEFAULT,
+) -> dict[str, Estimate]:
+    """Intervals of a cell's scores over its labels.
+
+    Args:
+        terms: of the cell.
+        samples: resampled_scores.
+        block: how many labels were drawn together.
+        thresholds: that the cell was scored with.
+    """
+    n = len(terms)
+    values = resampled_scores(terms, np.ones((1, n)), thresholds)
+    left_out = resampled_scores(terms, without_blocks(n, block), thresholds) if n > 1 else None
+    return {
+        metric: estimated(
+            samples[metric],
+            _nullable(values[metric][0]),
+            n,
+            np.array([]) if left_out is None else left_out[metric],
+            n / block,
+            label_unit({block}),
+        )
+        for metric in METRICS
+    }
+
+
+def label_unit(blocks: Collection[int]) -> str:
+    """What is drawn where labels are, with the lengths of blocks there are."""
+    lengths = sorted(set(blocks))
+    if lengths == [1]:
+        return "labels"
+    return f"labels, in blocks of {' or '.join(map(str, lengths))}"
+
+
+def _nullable(value: float) -> float | None:
+    return None if np.isnan(value) else float(value)
+
+
+def estimated(
+    samples: Numbers,
+    value: float | None,
+    n: int,
+    jackknife: Numbers,
+    items: float,
+    unit: str,
+) -> Estimate:
+    """A score with its intervals; none of fewer than two labels or other units.
+
+    Args:
+        samples: what resamples gave.
+        value: of the data themselves.
+        n: what to say that was drawn from.
+        jackknife: see bca_interval.
+        items: units that don't overlap.
+        unit: what they are.
+    """
+    if value is None or n < 2:
+        return Estimate(value, n, unit=unit)
+    null_share = float(np.isnan(samples).mean())
+    ends = reach(items)
+    bca = bca_interval(samples, value, jackknife, ends, items)
+    bias = float(np.nanmean(samples) - value) if null_share < 1.0 else None
+    return Estimate(value, n, percentile_interval(samples, ends), bca, bias, null_share, unit)
+
+
+Group = tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Bootstrap:
+    """Intervals over labels: of each cell, and of the means of groups of cells.
+
+    Args:
+        cells: by scenario, domain, model and run, then by metric.
+        groups: by grouping (such as ``("model",)``) and its values, then by metric; n counts
+            cells.
+        differences: of each two models, first less second by name, and metric.
+    """
+
+    cells: dict[tuple[str, ...], dict[str, Estimate]]
+    groups: dict[Group, dict[Group, dict[str, Estimate]]]
+    differences: dict[tuple[Pair, str], Interval] = field(default_factory=dict)
+
+
+def bootstrap_records(
+    cells: Sequence[tuple[CellRow, RecordTerms]],
+    groupings: Sequence[Group],
+    resamples: int = RESAMPLES,
+    seed: int = SEED,
+    on_cell: Callable[[], None] = lambda: None,
+    block: int | None = None,
+    thresholds: Thresholds = DEFAULT,
+) -> Bootstrap:
+    """Resamples the labels of every clip and averages the cells.
+
+    The cells of a scenario and domain with as many labels are drawn alike, whatever the model and
+    run: they share the label times, and a repetition brings no new ones.
+
+    Args:
+        cells: those that enter means, with their terms; the runs of a cell are averaged before
+            it enters a group.
+        groupings: see ssp_eval.score.aggregate; one that has the domain leaves out what isn't
+            admitted.
+        resamples: how many.
+        seed: of the random numbers; the order of the cells makes no difference.
+        on_cell: called once per cell.
+        block: labels that are drawn together; None: as block_of has it for each clip.
+        thresholds: that all cells were scored with.
+    """
+    found: dict[tuple[str, ...], dict[str, Estimate]] = {}
+    sums = {by: _GroupSums(by, resamples) for by in groupings}
+    differences = LabelDifferences(compared_metrics({row.model for row, _ in cells}), resamples)
+    in_order = sorted(cells, key=lambda one: (*one[0].key, one[0].run))
+    scenario = ""
+    for key, group in groupby(in_order, key=lambda one: one[0].key):
+        if key[0] != scenario:
+            scenario = key[0]
+            for total in sums.values():
+                total.end_scenario()
+        runs = []
+        rows = []
+        clips: dict[Clip, int] = {}
+        for row, terms in group:
+            count = len(terms)
+            length = block_of(count, block)
+            weights = block_draws(count, length, resamples, clip_generator(seed, row, count))
+            samples = resampled_scores(terms, weights, thresholds)
+            estimates = cell_estimates(terms, samples, length, thresholds)
+            found[(*key, row.run)] = estimates
+            runs.append((samples, estimates))
+            rows.append(row)
+            clips[(row.scenario, row.domain, count)] = length
+            on_cell()
+        drawn, scores = _over_runs(runs)
+        for total in sums.values():
+            total.add(rows, clips, drawn, scores)
+        differences.add(key[2], clips, drawn)
+    groups = {by: total.estimates() for by, total in sums.items()}
+    return Bootstrap(found, groups, differences.intervals())
+
+
+def clip_generator(seed: int, row: CellRow, count: int) -> np.random.Generator:
+    """Random numbers for drawing from the count labels of a cell, the same for all of a clip."""
+    return generator(seed, "records", row.scenario, row.domain, str(count))
+
+
+def _over_runs(
+    runs: Sequence[tuple[Mapping[str, Numbers], Mapping[str, Estimate]]],
+) -> tuple[Mapping[str, Numbers], dict[str, float | None]]:
+    """Samples and scores of a cell: those of its one run, or the means over its runs."""
+    values = {m: mean(estimates[m].value for _, estimates in runs).value for m in METRICS}
+    if len(runs) == 1:
+        return runs[0][0], values
+    averaged = {}
+    for metric in METRICS:
+        stacked = np.stack([samples[metric] for samples, _ in runs])
+        there = (~np.isnan(stacked)).sum(0)
+        averaged[metric] = np.full(stacked.shape[1], np.nan)
+        np.divide(np.nansum(stacked, 0), there, out=averaged[metric], where=there > 0)
+    return averaged, values
+
+
+class _GroupSums:
+    """Sums over the cells of each group, resample by resample, so that none need be kept."""
+
+    def __init__(self, by: Group, resamples: int) -> None:
+        self._by, self._resamples = by, resamples
+        self._sums: dict[Group, Numbers] = {}
+        self._counts: dict[Group, Numbers] = {}
+        self._values: dict[Group, list[list[float]]] = {}
+        self._clips: dict[Group, dict[Clip, int]] = {}
+        self._ended: dict[Group, dict[str, Estimate]] = {}
+
+    def end_scenario(self) -> None:
+        """Gives up the sums of a scenario's own groups: cells of a scenario come together."""
+        if "scenario" in self._by:
+            self._ended |= self._estimates()
+            for kept in (self._sums, self._counts, self._values, self._clips):
+                kept.clear()
+
+    def add(
+        self,
+        runs: Sequence[CellRow],
+        clips: Mapping[Clip, int],
+        samples: Mapping[str, Numbers],
+        scores: Mapping[str, float | None],
+    ) -> None:
+        if "domain" in self._by and not all(row.admitted for row in runs):
+            return
+        key = tuple(getattr(runs[0], name) for name in self._by)
+        self._clips.setdefault(key, {}).update(clips)
+        shape = (len(METRICS), self._resamples)
+        total = self._sums.setdefault(key, np.zeros(shape))
+        count = self._counts.setdefault(key, np.zeros(shape))
+        values = self._values.setdefault(key, [[] for _ in METRICS])
+        for i, metric in enumerate(METRICS):
+            there = ~np.isnan(samples[metric])
+            total[i] += np.where(there, samples[metric], 0.0)
+            count[i] += there
+            if (value := scores[metric]) is not None:
+                values[i].append(value)
+
+    def estimates(self) -> dict[Group, dict[str, Estimate]]:
+        return dict(sorted((self._ended | self._estimates()).items()))
+
+    def _estimates(self) -> dict[Group, dict[str, Estimate]]:
+        found: dict[Group, dict[str, Estimate]] = {}
+        for key in sorted(self._sums):
+            means = np.full_like(self._sums[key], np.nan)
+            np.divide(self._sums[key], self._counts[key], out=means, where=self._counts[key] > 0)
+            clips = self._clips[key]
+            items = sum(count / block for (*_, count), block in clips.items())
+            ends, unit = reach(items, len(clips)), label_unit(clips.values())
+            found[key] = {}
+            for i, metric in enumerate(METRICS):
+                over = mean(self._values[key][i])
+                found[key][metric] = _group_estimate(means[i], over, ends, unit)
+        return found
+
+
+def _group_estimate(samples: Numbers, over: Mean, ends: float | None, unit: str) -> Estimate:
+    if over.value is None:
+        return Estimate(None, over.n, unit=unit)
+    null_share = float(np.isnan(samples).mean())
+    bias = float(np.nanmean(samples) - over.value) if null_share < 1.0 else None
+    interval = percentile_interval(samples, ends)
+    return Estimate(over.value, over.n, interval, NO_INTERVAL, bias, null_share, unit)
+
+
+def bootstrap_mean(
+    values: Mapping[str, Sequence[float]],
+    unit: str,
+    resamples: int = RESAMPLES,
+    seed: int = SEED,
+    *names: str,
+) -> Estimate:
+    """The mean of all values with its intervals, where whole clusters of them are drawn.
+
+    Args:
+        values: by cluster, such as a scenario's cells, or a run's one score; there are no
+            intervals of fewer than two clusters.
+        unit: what a cluster is, in the plural.
+        resamples: how many.
+        seed, names: see generator.
+    """
+    clusters = [values[name] for name in sorted(values)]
+    sums = np.array([math.fsum(one) for one in clusters])
+    sizes = np.array([len(one) for one in clusters], dtype=np.float64)
+    n = len(clusters)
+    if n < 2:
+        return Estimate(float(sums[0] / sizes[0]) if n else None, n, unit=unit)
+    weights = draws(n, resamples, generator(seed, *names))
+    total, count = weighted_sums(weights, np.column_stack((sums, sizes)))
+    left_out = (sums.sum() - sums) / (sizes.sum() - sizes)
+    value = float(sums.sum() / sizes.sum())
+    found = estimated(total / count, value, n, left_out, n, unit)
+    return replace(found, student=_student(sums - value * sizes, float(sizes.mean()), value))
+
+
+def _student(residuals: Numbers, size: float, value: float) -> Interval:
+    """Student's interval of a mean over clusters; that of a sample where all have one value.
+
+    Args:
+        residuals: of each cluster, its sum less what the mean gives for its size.
+        size: mean size of a cluster.
+        value: the mean.
+    """
+    n = len(residuals)
+    deviation = math.sqrt(math.fsum((residuals / size) ** 2) / (n * (n - 1)))
+    half = student_quantile(n - 1) * deviation
+    return Interval(value - half, value + half)

@@ -1,0 +1,308 @@
+"""Paired comparisons between domains and between models, with Holm's correction."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from ssp_eval.score.aggregate import EQUAL
+from ssp_eval.statistics.resampling import (
+    LEVEL,
+    NO_INTERVAL,
+    Interval,
+    Numbers,
+    generator,
+    percentile_interval,
+    reach,
+    student_quantile,
+)
+from ssp_eval.statistics.rows import CellRow
+from ssp_eval.statistics.table import in_order
+from ssp_eval.statistics.tables import sd
+
+COMPARED = ("ivcs", "jovr", "sem_acc_eff", "cia_eff", "tqsr", "rsr")
+TESTED = "ivcs"
+# All 2^n signs are tried up to here.
+EXACT_PAIRS = 16
+FLIPS = 20_000
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Two domains or two models by one metric.
+
+    Args:
+        subject: ``domain`` or ``model``.
+        first, second: the two; differences are first less second.
+        metric: of METHOD 6.14.
+        n: pairs, scenario × the other factor.
+        difference: mean of the differences; None without a pair.
+        interval: of Student's t over the pairs, 95 %; none of fewer than two.
+        standardised: the mean over the standard deviation of the differences (d_z).
+        favour: share of pairs in which the first one is ahead, equal ones half.
+        p: two-sided, of the sign flips; None where it isn't tested or n < 2.
+        p_holm: the same after Holm's correction over the family.
+        p_least: the least that p can be with so many pairs that differ; None where p is.
+        family: number of comparisons that are corrected together.
+        exact: all signs were tried; else drawn at random.
+        scenarios: of the pairs.
+        p_scenarios: as p, the signs of a scenario's pairs flipped together; None where p is, or
+            with fewer than two scenarios.
+        p_scenarios_holm: the same after Holm's correction over those of the family that have it.
+        over_labels: of two models, 95 %, over the labels of the clips that both have; with one clip
+            too, see ssp_eval.statistics.comparisons.
+    """
+
+    subject: str
+    first: str
+    second: str
+    metric: str
+    n: int
+    difference: float | None
+    interval: Interval = NO_INTERVAL
+    standardised: float | None = None
+    favour: float | None = None
+    p: float | None = None
+    p_holm: float | None = None
+    p_least: float | None = None
+    family: int = 0
+    exact: bool = True
+    scenarios: int = 0
+    p_scenarios: float | None = None
+    p_scenarios_holm: float | None = None
+    over_labels: Interval = NO_INTERVAL
+
+
+def compare(rows: Sequence[CellRow], subject: str, seed: int) -> list[Comparison]:
+    """Every pair of domains or of models; IVCS is tested, its components are described.
+
+    Args:
+        rows: that enter means, one per cell; where domains are compared, only those that were
+            admitted count, since the audit alone says that they show the same event.
+        subject: ``domain`` or ``model``.
+        seed: of the signs, where there are too many to try all.
+    """
+    kept = [row for row in rows if row.admitted or subject != "domain"]
+    values: dict[str, dict[tuple[str, str], CellRow]] = {}
+    for row in kept:
+        other = row.model if subject == "domain" else row.domain
+        values.setdefault(getattr(row, subject), {})[(row.scenario, other)] = row
+    names = sorted(values, key=lambda name: in_order([name]))
+    found = [
+        _comparison(subject, first, second, metric, values, seed)
+        for metric in COMPARED
+        for first, second in combinations(names, 2)
+    ]
+    return holm(found)
+
+
+def _comparison(
+    subject: str,
+    first: str,
+    second: str,
+    metric: str,
+    values: Mapping[str, Mapping[tuple[str, str], CellRow]],
+    seed: int,
+) -> Comparison:
+    differences = []
+    of_scenario: dict[str, list[float]] = {}
+    for place in sorted(values[first].keys() & values[second].keys()):
+        a, b = getattr(values[first][place], metric), getattr(values[second][place], metric)
+        if a is not None and b is not None:
+            differences.append(a - b)
+            of_scenario.setdefault(place[0], []).append(a - b)
+    n, scenarios = len(differences), len(of_scenario)
+    if n == 0:
+        return Comparison(subject, first, second, metric, 0, None)
+    mean, spread = math.fsum(differences) / n, sd(differences)
+    ahead = sum(0.5 if abs(d) <= EQUAL else float(d > 0) for d in differences) / n
+    found = Comparison(
+        subject, first, second, metric, n, mean, t_interval(differences),
+        mean / spread if spread is not None and spread > EQUAL else None, ahead,
+        scenarios=scenarios,
+    )  # fmt: skip
+    if metric != TESTED or n < 2:
+        return found
+    names = (subject, first, second, metric)
+    p, least = _flipped(differences, seed, "signs", *names)
+    together = [math.fsum(of_one) for of_one in of_scenario.values()]
+    p_scenarios = _flipped(together, seed, "scenarios", *names)[0] if scenarios > 1 else None
+    exact = len(_differing(differences)) <= EXACT_PAIRS
+    return replace(found, p=p, p_least=least, exact=exact, p_scenarios=p_scenarios)
+
+
+def _differing(differences: Sequence[float]) -> list[float]:
+    """The differences that a sign makes something of."""
+    return [d for d in differences if abs(d) > EQUAL]
+
+
+def _flipped(differences: Sequence[float], seed: int, *names: str) -> tuple[float, float]:
+    """p of the sign flips, and the least that it can be: 2^(1 − m) with m pairs that differ."""
+    differing = _differing(differences)
+    if not differing:
+        return 1.0, 1.0
+    exact = len(differing) <= EXACT_PAIRS
+    p = sign_flip_p(np.array(differing), None if exact else generator(seed, *names))
+    return p, 2.0 ** (1 - len(differing)) if exact else 1 / (FLIPS + 1)
+
+
+def t_interval(values: Sequence[float], level: float = LEVEL) -> Interval:
+    """Student's interval of the mean of a sample; none of fewer than two values."""
+    n, spread = len(values), sd(values)
+    if spread is None:
+        return NO_INTERVAL
+    mean = math.fsum(values) / n
+    half = student_quantile(n - 1, level) * spread / math.sqrt(n)
+    return Interval(mean - half, mean + half)
+
+
+def sign_flip_p(differences: Numbers, rng: np.random.Generator | None = None) -> float:
+    """Two-sided p of the mean under random signs.
+
+    p = share of sign patterns whose |sum| is at least that observed. With random numbers,
+    (1 + those as large) / (1 + patterns drawn), so that it is never 0.
+
+    Args:
+        differences: at least one.
+        rng: None tries all 2^n patterns.
+    """
+    n = len(differences)
+    observed = abs(math.fsum(differences)) - EQUAL
+    if rng is None:
+        sums = np.zeros(1)
+        for value in differences:
+            sums = np.concatenate((sums + value, sums - value))
+        return float(np.mean(np.abs(sums) >= observed))
+    # The sum with some signs flipped is the whole less twice what is flipped.
+    flipped = np.unpackbits(np.frombuffer(rng.bytes((FLIPS * n + 7) // 8), np.uint8))[: FLIPS * n]
+    sums = np.einsum("bn,n->b", flipped.reshape(FLIPS, n), differences)
+    as_large = int(np.sum(np.abs(differences.sum() - 2 * sums) >= observed))
+    return (1 + as_large) / (1 + FLIPS)
+
+
+def holm(comparisons: Sequence[Comparison]) -> list[Comparison]:
+    """Adds Holm's step-down correction over all comparisons that have a p, and a p_scenarios."""
+    corrected = _step_down([one.p for one in comparisons])
+    of_scenarios = _step_down([one.p_scenarios for one in comparisons])
+    family = sum(one.p is not None for one in comparisons)
+    return [
+        replace(one, p_holm=p, p_scenarios_holm=q, family=family if one.p is not None else 0)
+        for one, p, q in zip(comparisons, corrected, of_scenarios, strict=True)
+    ]
+
+
+def _step_down(values: Sequence[float | None]) -> list[float | None]:
+    """Holm's correction: the k-th least p times m − k + 1, none less than one before it."""
+    present = sorted((p, i) for i, p in enumerate(values) if p is not None)
+    found: list[float | None] = [None] * len(values)
+    reached = 0.0
+    for step, (p, i) in enumerate(present):
+        reached = max(reached, min(1.0, p * (len(present) - step)))
+        found[i] = reached
+    return found
+
+
+# Of more models than the first number only IVCS is compared, of more than the second nothing: each
+# pair and metric keeps a number per resample.
+MOST_MODELS, MOST_BY_IVCS = 12, 60
+
+Pair = tuple[str, str]
+# Scenario, domain and number of labels: what is drawn alike.
+Clip = tuple[str, str, int]
+
+
+def compared_metrics(models: Collection[str]) -> tuple[str, ...]:
+    """The metrics whose differences are looked at between so many models."""
+    if len(models) > MOST_BY_IVCS:
+        return ()
+    return COMPARED if len(models) <= MOST_MODELS else (TESTED,)
+
+
+@dataclass
+class _Sum:
+    """Over clips, resample by resample.
+
+    Args:
+        total: of the differences that aren't null.
+        count: of these.
+        blocks: of labels that were drawn from, in all clips.
+        clips: how many.
+    """
+
+    total: Numbers
+    count: Numbers
+    blocks: float = 0.0
+    clips: int = 0
+
+
+class LabelDifferences:
+    """Sums over clips of the differences of each two models, first less second by name.
+
+    Args:
+        metrics: that are compared.
+        resamples: how many there are.
+    """
+
+    def __init__(self, metrics: Sequence[str], resamples: int) -> None:
+        self._metrics, self._resamples = tuple(metrics), resamples
+        self._clip: tuple[Clip, int] | None = None
+        self._models: dict[str, Mapping[str, Numbers]] = {}
+        self._sums: dict[tuple[Pair, str], _Sum] = {}
+
+    def add(self, model: str, clips: Mapping[Clip, int], samples: Mapping[str, Numbers]) -> None:
+        """A model's resampled scores on a clip; all models of a clip come together.
+
+        Args:
+            model: its name.
+            clips: the clip with the length of its blocks; runs of a cell with different numbers of
+                labels aren't drawn alike, and are left out.
+            samples: by metric, (B,).
+        """
+        if not self._metrics:
+            return
+        clip = next(iter(clips.items())) if len(clips) == 1 else None
+        if clip != self._clip:
+            self._end_clip()
+            self._clip = clip
+        if clip is not None:
+            self._models[model] = {metric: samples[metric] for metric in self._metrics}
+
+    def _end_clip(self) -> None:
+        if self._clip is not None:
+            (*_, count), block = self._clip
+            for pair in combinations(sorted(self._models), 2):
+                first, second = (self._models[name] for name in pair)
+                for metric in self._metrics:
+                    self._add_pair(pair, metric, first[metric] - second[metric], count / block)
+        self._models = {}
+
+    def _add_pair(self, pair: Pair, metric: str, difference: Numbers, blocks: float) -> None:
+        there = ~np.isnan(difference)
+        if not there.any():
+            return
+        found = self._sums.get((pair, metric))
+        if found is None:
+            found = _Sum(np.zeros(self._resamples), np.zeros(self._resamples))
+            self._sums[pair, metric] = found
+        found.total += np.where(there, difference, 0.0)
+        found.count += there
+        found.blocks += blocks
+        found.clips += 1
+
+    def intervals(self) -> dict[tuple[Pair, str], Interval]:
+        """By pair and metric the 95 % percentile interval, expanded for few blocks."""
+        self._end_clip()
+        self._clip = None
+        return {key: _interval(self._sums[key]) for key in sorted(self._sums)}
+
+
+def _interval(found: _Sum) -> Interval:
+    if found.blocks <= found.clips:
+        return NO_INTERVAL
+    samples = np.full_like(found.total, np.nan)
+    np.divide(found.total, found.count, out=samples, where=found.count > 0)
+    return percentile_interval(samples, reach(found.blocks, found.clips))

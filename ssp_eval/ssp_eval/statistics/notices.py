@@ -1,0 +1,327 @@
+"""What a reader must be told of a set of cells before he compares any of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from ssp_core.vocabulary import DOMAINS, PHASES
+from ssp_eval.evaluate.admission import ADMITTED
+from ssp_eval.evaluate.models import ANSWERERS, CONDITIONS
+from ssp_eval.evaluate.results import CellData, CellFacts
+from ssp_eval.extract.language import NOT_READ
+from ssp_eval.statistics.rows import OK, CellRow, compared_labels, entering, one_scale, over_what
+from ssp_eval.statistics.table import Column, Table, some
+from ssp_eval.statistics.tables import condition_of, uneven
+
+COMPARABILITY, STAND_IN, LEFT_OUT, CONTROLS, LABELS, LANGUAGE, MEASURED, RENDERER, CELL = (
+    "comparability", "stand_in", "left_out", "controls", "labels", "language", "measured",
+    "renderer", "cell",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Notice:
+    """One thing to be told.
+
+    Args:
+        kind: comparability, stand_in, left_out, controls, labels, language, measured,
+            renderer or cell.
+        text: one or two sentences; of many names it holds the first and counts the rest.
+        about: every name that it is about: recordings, cells or models.
+        everywhere: it stands under every table, and first on the page.
+    """
+
+    kind: str
+    text: str
+    about: tuple[str, ...] = ()
+    everywhere: bool = False
+
+
+def notices(rows: Sequence[CellRow], cells: Sequence[CellData] = ()) -> list[Notice]:
+    """Everything to be told, what stands under every table first.
+
+    Args:
+        rows: of one or several runs.
+        cells: the cells behind the rows; none where only component scores are known.
+    """
+    found = [
+        *_of_rows(rows),
+        *_comparability(rows, cells),
+        *_label_plans(rows, cells),
+        *_of_cells(cells),
+    ]
+    return sorted(found, key=lambda notice: not notice.everywhere)
+
+
+def everywhere(found: Iterable[Notice]) -> tuple[str, ...]:
+    """What stands under every table."""
+    return tuple(notice.text for notice in found if notice.everywhere)
+
+
+def notice_table(found: Sequence[Notice]) -> Table:
+    """The notices as a table; in CSV and JSON every name that each is about."""
+    columns = (
+        Column("kind", "kind", "text"),
+        Column("text", "notice", "text"),
+        Column("about", "about", "text", printed=False),
+        Column("everywhere", "everywhere", "text", printed=False),
+    )
+    rows = tuple(
+        (one.kind, one.text, "; ".join(one.about), "yes" if one.everywhere else "no")
+        for one in found
+    )
+    return Table("notices", "What to know before comparing", columns, rows)
+
+
+def stand_ins(rows: Iterable[CellRow | CellFacts]) -> list[str]:
+    """The recordings in which a program stands in for a vehicle."""
+    return sorted({f"{row.scenario} / {row.domain}" for row in rows if row.stand_in})
+
+
+def stand_in_text(recordings: Sequence[str]) -> str:
+    """A sentence that no vehicle is in these recordings; empty where there are none."""
+    if not recordings:
+        return ""
+    return f"Physical is a software stand-in here, not a vehicle: {some(recordings)}."
+
+
+def _of_rows(rows: Sequence[CellRow]) -> Iterable[Notice]:
+    if over := sorted(over_what(rows)):
+        text = (
+            f"Macro rows: each is a published mean over {' and '.join(f'{name}s' for name in over)}"
+            " and counts as one, however many cells are behind it. Which these are isn't known "
+            "here, so nothing can be said within them, and models may differ in them."
+        )
+        yield Notice(COMPARABILITY, text, (), everywhere=True)
+    if names := stand_ins(rows):
+        yield Notice(STAND_IN, stand_in_text(names), tuple(names), everywhere=True)
+    for status in sorted({row.status for row in rows if row.status != OK}):
+        names = sorted({" / ".join(row.key) for row in rows if row.status == status})
+        cells = "1 cell enters" if len(names) == 1 else f"{len(names)} cells enter"
+        text = f"{status.capitalize()}: {cells} no mean: {some(names, '; ')}."
+        yield Notice(LEFT_OUT, text, tuple(names))
+    if absent := _absent(rows):
+        missing = "1 cell is" if len(absent) == 1 else f"{len(absent)} cells are"
+        text = (
+            f"Not evaluated: {missing} missing; these models weren't asked about these "
+            f"recordings: {some(absent, '; ')}."
+        )
+        yield Notice(LEFT_OUT, text, tuple(absent))
+    scored = [row.cell() for row in entering(rows)]
+    yield from _of_thresholds(rows)
+    for subject in ("model", "domain"):
+        for text in uneven(scored, subject):
+            yield Notice(COMPARABILITY, text)
+    yield from _of_controls(rows)
+    if nulls := sorted({" / ".join(row.key) for row in rows if row.ivcs_nulls}):
+        text = f"A component has no denominator and counts as 0 in IVCS: {some(nulls)}."
+        yield Notice(CELL, text, tuple(nulls))
+
+
+def _of_thresholds(rows: Sequence[CellRow]) -> Iterable[Notice]:
+    scored = [row for row in rows if row.status == OK]
+    others = sorted({" / ".join(row.key) for row in scored if row.thresholds})
+    if not others:
+        return
+    which = "all cells" if all(row.thresholds for row in scored) else some(others, "; ")
+    text = f"Scored with other thresholds than METHOD's: {which}."
+    kept = one_scale(scored)
+    if len(kept) < len(scored):
+        text += (
+            f" Cells of different thresholds aren't averaged together: {len(scored) - len(kept)} "
+            "of them enter no mean."
+        )
+    yield Notice(COMPARABILITY, text, tuple(others), everywhere=True)
+
+
+def _absent(rows: Sequence[CellRow]) -> list[str]:
+    """Models that weren't asked about a recording that another was asked about."""
+    there = {row.key for row in rows}
+    clips = dict.fromkeys((row.scenario, row.domain) for row in rows)
+    models = dict.fromkeys(row.model for row in rows)
+    return [
+        " / ".join((*clip, model)) for clip in clips for model in models
+        if (*clip, model) not in there
+    ]  # fmt: skip
+
+
+def _of_controls(rows: Sequence[CellRow]) -> Iterable[Notice]:
+    controls = sorted({row.model for row in rows if row.control})
+    models = sorted({row.model for row in rows if not row.control})
+    if not controls:
+        text = (
+            "These cells have no controls: nothing here shows that a score comes from seeing, and "
+            "that the harness gives 1 to perfect answers and 0 to none."
+        )
+        yield Notice(CONTROLS, text, (), everywhere=True)
+        return
+    text = (
+        f"{controls[0]} is a control of the harness, not a model; means and ranks leave it out."
+        if len(controls) == 1
+        else f"{', '.join(controls)} are controls of the harness, not models; means and ranks "
+        "leave them out."
+    )
+    yield Notice(CONTROLS, text, tuple(controls))
+    spoilt = {condition_of(name) for name in controls}
+    # Answerers of our own see no frame, also where they stand in for models.
+    lacking = [
+        name
+        for name in models
+        if name not in ANSWERERS and not all((name, one) in spoilt for one in CONDITIONS)
+    ]
+    if lacking:
+        text = (
+            f"Not asked with black and with shuffled frames: {some(lacking)}. Nothing here shows "
+            "that such a score comes from seeing."
+        )
+        yield Notice(CONTROLS, text, tuple(lacking))
+
+
+def _of_cells(cells: Sequence[CellData]) -> Iterable[Notice]:
+    every = _recordings(cells)
+    yield from _outside(cells)
+    yield from _of_renderers(cells)
+    if names := _recordings(cell for cell in cells if cell.facts.labels_proposed):
+        text = (
+            "Labels stand as they were proposed from ground truth; no person has reviewed them: "
+            f"{'all recordings' if names == every else some(names)}."
+        )
+        yield Notice(LABELS, text, tuple(names))
+    if names := sorted({c.model for c in cells if any(NOT_READ in note for note in c.notes)}):
+        text = (
+            f"Texts {NOT_READ}, which is English: {some(names)}. Their semantics and actions count "
+            "as missing, so that they compare with nobody's; their cells say how many texts it is."
+        )
+        yield Notice(LANGUAGE, text, tuple(names), everywhere=True)
+    for what, names in _assumed(cells).items():
+        yield Notice(MEASURED, f"Not measured: {what} of {some(names)}.", tuple(names))
+    for cell in cells:
+        name = f"{cell.scenario} / {cell.domain} / {cell.model}"
+        if cell.score is not None and (ignored := len(cell.score.details.unmatched_records)):
+            records = "1 record matches" if ignored == 1 else f"{ignored} records match"
+            ignoring = "is ignored" if ignored == 1 else "are ignored"
+            yield Notice(CELL, f"{name}: {records} no label and {ignoring}.", (name,))
+        for note in cell.notes:
+            yield Notice(CELL, f"{name}: {note}", (name,))
+
+
+def _comparability(rows: Sequence[CellRow], cells: Sequence[CellData]) -> Iterable[Notice]:
+    """Within each run: another run may be of other recordings of the same event."""
+    runs = [
+        (row.run, cell)
+        for row, cell in zip(rows, cells, strict=bool(cells))
+        if cell.score is not None
+    ]
+    mixed: dict[tuple[str, ...], list[str]] = {}
+    for key, what in (("bag", "different recordings"), ("labels", "different labels")):
+        told = (
+            (run, f"{cell.scenario} / {cell.domain}", cell.facts.hashes.get(key))
+            for run, cell in runs
+        )
+        if names := _several(told):
+            mixed.setdefault(tuple(names), []).append(what)
+    for about, kinds in mixed.items():
+        text = (
+            f"Not comparable: the cells of {some(about)} are of {' and '.join(kinds)}. Evaluate "
+            "all models again with the same ones."
+        )
+        yield Notice(COMPARABILITY, text, about, everywhere=True)
+    if names := _several((run, cell.scenario, cell.facts.event_version) for run, cell in runs):
+        text = f"Not comparable: the cells of {some(names)} are of different versions of K*."
+        yield Notice(COMPARABILITY, text, tuple(names), everywhere=True)
+    extractors = {cell.facts.hashes.get("extractor") for _, cell in runs}
+    if len(extractors) > 1:
+        text = (
+            f"Not comparable: the texts of these cells were read by {len(extractors)} different "
+            "extractors (rules of another version, or with and without an LLM). Evaluate all "
+            "models again in the same way; stored answers are not asked for again."
+        )
+        yield Notice(COMPARABILITY, text, (), everywhere=True)
+
+
+def _several(told: Iterable[tuple[str, str, str | None]]) -> list[str]:
+    """Names that have several values in one run.
+
+    Args:
+        told: run, name and value.
+    """
+    found: dict[tuple[str, str], set[str | None]] = {}
+    for run, name, value in told:
+        found.setdefault((run, name), set()).add(value)
+    return sorted({name for (_, name), values in found.items() if len(values) > 1})
+
+
+def _outside(cells: Sequence[CellData]) -> Iterable[Notice]:
+    """Scored recordings that stay out of domain means, by what the audit says of them."""
+    found: dict[str, list[CellData]] = {}
+    for cell in cells:
+        if cell.score is not None and cell.admission != ADMITTED:
+            found.setdefault(cell.admission, []).append(cell)
+    for status, group in sorted(found.items()):
+        names = _recordings(group)
+        why = (
+            f"Unpaired: the transfer audit refused a partner of {some(names)}."
+            if status == "unpaired"
+            else f"Unaudited: no transfer audit was given for {some(names)}, so nothing shows that "
+            "they hold the same event."
+        )
+        text = f"{why} They are scored and stay out of domain means."
+        yield Notice(LEFT_OUT, text, tuple(names), everywhere=True)
+
+
+def _label_plans(rows: Sequence[CellRow], cells: Sequence[CellData]) -> Iterable[Notice]:
+    """How many labels each phase has, and which domains don't compare by them (METHOD 5.2b).
+
+    Within each run, as _comparability.
+    """
+    runs: dict[str, list[CellData]] = {}
+    for row, cell in zip(rows, cells, strict=bool(cells)):
+        runs.setdefault(row.run, []).append(cell)
+    order = "/".join(PHASES)
+    told = {
+        (name, found): None for of in runs.values() for name, found in compared_labels(of).items()
+    }
+    for scenario, found in told:
+        if found.domains < 2 or found.comparable:
+            clock = found.domains > 1 and not found.aligned
+            aligned = "; the labels are not phase-aligned" if clock else ""
+            text = f"Labels of {scenario} in {order}: {found.text}{aligned}."
+            yield Notice(LABELS, text, (scenario,))
+            continue
+        text = (
+            f"Not comparable: the labels of {scenario} lie at other places of the phases in each "
+            f"domain ({order}: {found.text}). Its recordings are scored and stay out of domain "
+            "means; `ssp labels new SYN SIM PHY` plans their labels together."
+        )
+        yield Notice(COMPARABILITY, text, (scenario,), everywhere=True)
+
+
+def _of_renderers(cells: Sequence[CellData]) -> Iterable[Notice]:
+    """Domains whose pictures one renderer drew (METHOD 4.4)."""
+    found: dict[str, set[str]] = {}
+    for cell in cells:
+        if cell.facts.clip.renderer is not None:
+            found.setdefault(cell.facts.clip.renderer, set()).add(cell.domain)
+    for renderer, domains in sorted(found.items()):
+        if len(domains) > 1:
+            text = (
+                f"{renderer[0].upper()}{renderer[1:]} drew the pictures of {len(domains)} domains: "
+                f"{', '.join(name for name in DOMAINS if name in domains)}. What tells these apart "
+                "is motion, place and disturbance, not how a scene looks."
+            )
+            yield Notice(RENDERER, text, tuple(sorted(domains)), everywhere=True)
+
+
+def _recordings(cells: Iterable[CellData]) -> list[str]:
+    return sorted({f"{cell.scenario} / {cell.domain}" for cell in cells})
+
+
+def _assumed(cells: Sequence[CellData]) -> dict[str, list[str]]:
+    """Recordings by what isn't measured in them, and what it is instead."""
+    found: dict[str, set[str]] = {}
+    for cell in cells:
+        parts = (("ego motion", cell.facts.clip.ego), ("camera", cell.facts.clip.camera))
+        if what := " and ".join(f"{name} ({how})" for name, how in parts if how != "measured"):
+            found.setdefault(what, set()).add(f"{cell.scenario} / {cell.domain}")
+    return {what: sorted(names) for what, names in sorted(found.items())}

@@ -1,0 +1,479 @@
+"""Statistics as tables, each with what it can't say; first failures by stage (METHOD 6.12)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+from ssp_eval.evaluate.results import CellData
+from ssp_eval.score.cell import ivcs_weights
+from ssp_eval.score.judge import STAGES
+from ssp_eval.statistics.bootstrap import Estimate, Group
+from ssp_eval.statistics.comparisons import FLIPS, Comparison
+from ssp_eval.statistics.resampling import Interval
+from ssp_eval.statistics.sensitivity import Spread, Stability, Variation, WeightSamples
+from ssp_eval.statistics.statistics import Beside, Statistics
+from ssp_eval.statistics.table import Column, Kind, Table, Value, in_order
+
+STAGE_NAMES = dict(
+    zip(
+        STAGES,
+        (
+            "output validity", "semantics", "critical interaction", "action commitment",
+            "trajectory quality", "text–trajectory consistency", "risk response",
+        ),
+        strict=True,
+    )
+)  # fmt: skip
+NONE = "none"
+_COUNTS = (*(Column(key, name, "count") for key, name in STAGE_NAMES.items()),)
+_NOTES = (
+    "Counts of label times: of each, the first stage of the chain that fails; none: it passes all.",
+)
+
+
+def failures_by_cell(cells: Sequence[CellData]) -> Table:
+    """Every scored cell in the order given, controls too."""
+    rows: tuple[tuple[Value, ...], ...] = tuple(
+        (cell.scenario, cell.domain, cell.model, cell.score.n, *_counts(cell))
+        for cell in cells
+        if cell.score is not None
+    )
+    keys = (Column(key, key, "text") for key in ("scenario", "domain", "model"))
+    return Table("first_failures", "First failures of each cell", _columns(*keys), rows, _NOTES)
+
+
+def failures_by_model(cells: Sequence[CellData]) -> Table:
+    """Every model and control over all its scored cells, controls last."""
+    groups: dict[tuple[bool, str], list[CellData]] = {}
+    for cell in cells:
+        if cell.score is not None:
+            groups.setdefault((cell.is_control, cell.model), []).append(cell)
+    rows: list[tuple[Value, ...]] = []
+    for (_, model), group in sorted(groups.items()):
+        counts = [_counts(cell) for cell in group]
+        labels = sum(cell.score.n for cell in group if cell.score is not None)
+        rows.append((model, len(group), labels, *map(sum, zip(*counts, strict=True))))
+    keys = (Column("model", "model", "text"), Column("cells", "cells", "count"))
+    return Table(
+        "first_failures_model", "First failures of each model", _columns(*keys), tuple(rows), _NOTES
+    )
+
+
+def _columns(*keys: Column) -> tuple[Column, ...]:
+    return (*keys, Column("n", "labels", "count"), *_COUNTS, Column(NONE, "none", "count"))
+
+
+def _counts(cell: CellData) -> tuple[int, ...]:
+    """Per stage, and of the labels that pass all."""
+    if cell.score is None:
+        return ()
+    found = [cell.score.details.first_failures[stage] for stage in STAGES]
+    return (*found, cell.score.n - sum(found))
+
+
+# Below this many items an interval says little; the tables point it out.
+FEW = 6
+SHOWN = ("ivcs", "jovr", "sem_acc_eff", "cia_eff", "tqsr", "rsr")
+METRICS_NOTE = (
+    "All scores lie between 0 and 1, and more is better. ivcs: their weighted sum; jovr: share of "
+    "labels with a valid text and trajectory; sem_acc_eff: what the text says of the scene is "
+    "right; cia_eff: object, position and motion of the critical object are all right; tqsr: the "
+    "trajectory is feasible and its action allowed; rsr: the model responds to the risk."
+)
+_N = Column("n", "n", "count")
+_UNIT = Column("unit", "drawn", "text")
+_INTERVAL = (
+    Column("value", "value"),
+    Column("low", "95 % low"),
+    Column("high", "95 % high"),
+    Column("bca_low", "BCa low"),
+    Column("bca_high", "BCa high"),
+    Column("bias", "bias"),
+    Column("null_share", "null"),
+    _UNIT,
+    _N,
+)
+_ENDS_NOTE = (
+    "95 %: percentile interval of the resamples, expanded for how few units were drawn from; BCa: "
+    "the same, corrected for bias and skewness."
+)
+_FEW_NOTE = (
+    f"With fewer than {FEW} units an interval depends on very little; take it as a description."
+)
+
+
+def words(*keys: str) -> tuple[Column, ...]:
+    """Columns of text with these keys."""
+    return tuple(Column(key, key.replace("_", " "), "text") for key in keys)
+
+
+def _interval(found: Estimate) -> tuple[Value, ...]:
+    return (
+        found.value, found.percentile.low, found.percentile.high, found.bca.low, found.bca.high,
+        found.bias, found.null_share, found.unit, found.n,
+    )  # fmt: skip
+
+
+def _ends(interval: Interval) -> tuple[Value, Value]:
+    return interval.low, interval.high
+
+
+def _few(counts: Iterable[int]) -> list[str]:
+    return [_FEW_NOTE] if any(0 < count < FEW for count in counts) else []
+
+
+def cells_over_records(
+    cells: Mapping[tuple[str, ...], Mapping[str, Estimate]], resamples: int
+) -> Table:
+    """Every cell, metric by metric."""
+    rows = [
+        (*key, metric, *_interval(estimates[metric]))
+        for key, estimates in cells.items()
+        for metric in SHOWN
+    ]
+    return Table(
+        "intervals_cells",
+        "Scores of cells, with intervals over their labels",
+        (*words("scenario", "domain", "model", "run", "metric"), *_INTERVAL),
+        tuple(rows),
+        (
+            f"How far a score depends on which moments of the clip were labelled: {resamples} "
+            "resamples of the labels of a cell, neighbours drawn together in blocks, since they "
+            "resemble each other; n counts labels.",
+            _ENDS_NOTE,
+            "A label keeps the response that begins with it. A cell without a response has none "
+            "in any resample, so its interval for rsr is a point and says nothing.",
+            "bias: mean of the resamples less the value. null: share of the resamples without a "
+            "denominator.",
+            METRICS_NOTE,
+            *_few(estimates["ivcs"].n for estimates in cells.values()),
+        ),
+    )
+
+
+def _named(by: Group, key: Group) -> tuple[str, str]:
+    return " × ".join(by), " / ".join(key)
+
+
+def groups_over_records(
+    groups: Mapping[Group, Mapping[Group, Mapping[str, Estimate]]], resamples: int
+) -> Table:
+    """Means by group, each cell's labels resampled."""
+    rows = [
+        (*_named(by, key), metric, *_interval(one)[:3], one.bias, one.unit, one.n)
+        for by, found in groups.items()
+        for key, estimates in sorted(found.items(), key=lambda g: in_order(g[0]))
+        for metric in SHOWN
+        for one in [estimates[metric]]
+    ]
+    return Table(
+        "intervals_groups",
+        "Means over cells, with intervals over their labels",
+        (*words("grouping", "group", "metric"), *_INTERVAL[:3], _INTERVAL[5], _UNIT, _N),
+        tuple(rows),
+        (
+            f"{resamples} resamples of the labels within each cell, in blocks of neighbours, the "
+            "same ones for all models and runs of a scenario and domain; n counts cells.",
+            "The cells stay as they are: the interval says how far the mean depends on which "
+            "label times were taken, not what other scenarios or runs would give.",
+            _ENDS_NOTE,
+            METRICS_NOTE,
+        ),
+    )
+
+
+def over_cells(groups: Mapping[Group, Mapping[Group, Sequence[Estimate]]], resamples: int) -> Table:
+    """Mean IVCS by group, the cells resampled, and whole scenarios of them."""
+    found = [
+        (*_named(by, key), *_interval(one)[:5], *_ends(one.student), one.unit, one.n)
+        for by, estimates in groups.items()
+        for key, ones in sorted(estimates.items(), key=lambda g: in_order(g[0]))
+        for one in ones
+    ]
+    return Table(
+        "intervals_over_cells",
+        "Mean IVCS, with intervals over cells and over scenarios",
+        (
+            *words("grouping", "group"),
+            *_INTERVAL[:5],
+            Column("student_low", "Student low"),
+            Column("student_high", "Student high"),
+            _UNIT,
+            _N,
+        ),
+        tuple(found),
+        (
+            f"How far a mean depends on which cells there are: {resamples} resamples of the cells "
+            "of a group, or of its scenarios with all their cells; n counts what is drawn.",
+            "Cells of one scenario show the same event and are not independent, so the interval "
+            "over scenarios is the one to read where it is wider. Both take what is drawn for a "
+            "random sample, which scenarios chosen by hand are not.",
+            _ENDS_NOTE,
+            "Student: over the same units, taken for normal; it may reach beyond 0 to 1. With few "
+            "units read this one: resamples of two never leave the range between them.",
+            *_few(one.n for found in groups.values() for ones in found.values() for one in ones),
+        ),
+    )
+
+
+def runs_table(found: Stability) -> Table:
+    """Scores over K runs: macro means first, then cells."""
+
+    def row(kind: str, spread: Spread) -> tuple[Value, ...]:
+        return (
+            kind, " / ".join(spread.names), spread.metric, spread.k, spread.value, spread.sd,
+            spread.low, spread.high, spread.interval.low, spread.interval.high,
+            spread.bootstrap.percentile.low, spread.bootstrap.percentile.high,
+        )  # fmt: skip
+
+    columns = (
+        *words("of", "name", "metric"), Column("k", "K", "count"), Column("mean", "mean"),
+        Column("sd", "sd"), Column("min", "min"), Column("max", "max"), Column("low", "95 % low"),
+        Column("high", "95 % high"), Column("bootstrap_low", "bootstrap low"),
+        Column("bootstrap_high", "bootstrap high"),
+    )  # fmt: skip
+    notes = [
+        "How far repetitions of the same cells differ; drawn are runs. K: how many there are; sd: "
+        "standard deviation between them (K − 1). 95 %: Student's interval of the mean over runs, "
+        "which may reach beyond 0 to 1; bootstrap: expanded percentile interval over the runs.",
+        f"Macro means and ranks are of the {len(found.runs)} runs that have the same cells.",
+        *_few(spread.k for spread in found.cells),
+    ]
+    if found.tau is not None and found.same_order is not None:
+        notes.append(
+            f"Ranks of models between two runs: Kendall's τ {found.tau:.3f} on average (1: the "
+            f"same order, −1: the opposite one); the same order in {found.same_order:.0%} of the "
+            "pairs of runs."
+        )
+    notes.append(METRICS_NOTE)
+    rows = [row("macro", one) for one in found.macro] + [row("cell", one) for one in found.cells]
+    return Table("stability", "Stability over runs", columns, tuple(rows), tuple(notes))
+
+
+def statistics_tables(found: Statistics, resamples: int) -> list[Table]:
+    """All that there is to show, most general first.
+
+    Args:
+        found: the statistics.
+        resamples: of the bootstrap, for the notes.
+    """
+    tables = []
+    if found.records is not None:
+        tables.append(groups_over_records(found.records.groups, resamples))
+        tables.append(cells_over_records(found.records.cells, resamples))
+    tables.append(over_cells(found.over_cells, resamples))
+    tables.append(comparison_table(found.comparisons))
+    tables += [table for one in found.weights for table in _weights(one)]
+    if found.variations:
+        tables.append(_variations(found.variations))
+    if found.runs is not None:
+        tables.append(runs_table(found.runs))
+    if found.curves:
+        tables.append(_curves(found.curves))
+    return tables
+
+
+def comparison_table(comparisons: Iterable[Comparison]) -> Table:
+    """Paired comparisons, with what so few pairs can't show."""
+    listed = list(comparisons)
+    rows = [
+        (
+            c.subject, c.first, c.second, c.metric, c.n, c.difference, c.interval.low,
+            c.interval.high, c.over_labels.low, c.over_labels.high, c.standardised, c.favour, c.p,
+            c.p_holm, c.p_least, c.family or None, c.scenarios, c.p_scenarios, c.p_scenarios_holm,
+        )
+        for c in listed
+    ]  # fmt: skip
+    numbers: tuple[tuple[str, str, Kind], ...] = (
+        ("difference", "difference", "ratio"), ("low", "95 % low", "ratio"),
+        ("high", "95 % high", "ratio"), ("labels_low", "labels low", "ratio"),
+        ("labels_high", "labels high", "ratio"), ("d_z", "d_z", "ratio"),
+        ("ahead", "ahead", "ratio"), ("p", "p", "p"), ("p_holm", "p (Holm)", "p"),
+        ("p_least", "least p", "p"),
+    )  # fmt: skip
+    notes = [
+        "Pairs: cells of the same scenario and model for two domains, of the same scenario and "
+        "domain for two models. difference: mean of first less second over the pairs, with "
+        "Student's interval over them; ahead: share of pairs in which the first leads, equal ones "
+        "half.",
+        "p: two-sided, from flipping the signs of the pairs' differences of ivcs at random; p "
+        "(Holm) holds for all comparisons of domains together, and for all of models together. "
+        f"{_families(listed)} Components are described and not tested. No p with fewer than two "
+        "pairs. least p: what p would be, were all differences of one sign.",
+        "Pairs of a scenario share its event: p takes them for independent, and speaks of these "
+        "recordings alone. p (scenarios): all signs of a scenario flipped together, which speaks "
+        "of other scenarios too; the last column is corrected like p.",
+        *_over_labels(listed),
+        METRICS_NOTE,
+        *_powerless(listed),
+    ]
+    if any(c.p is not None and not c.exact for c in listed):
+        notes.append(f"With many pairs {FLIPS} patterns of signs were drawn instead of all.")
+    return Table(
+        "comparisons",
+        "Paired comparisons",
+        (
+            *words("subject", "first", "second", "metric"),
+            Column("n", "pairs", "count"),
+            *(Column(key, title, kind, printed=key != "d_z") for key, title, kind in numbers),
+            Column("family", "family", "count", printed=False),
+            Column("scenarios", "scenarios", "count"),
+            Column("p_scenarios", "p (scenarios)", "p"),
+            Column("p_scenarios_holm", "p (scenarios, Holm)", "p"),
+        ),
+        tuple(rows),
+        tuple(notes),
+    )
+
+
+def _over_labels(comparisons: Iterable[Comparison]) -> list[str]:
+    if not any(c.over_labels.low is not None for c in comparisons):
+        return []
+    return [
+        "labels: 95 % interval of two models' difference over the labels of the clips that both "
+        "have, drawn alike for both, in blocks of neighbours. It says how far the difference "
+        "depends on which moments were labelled, also where there is one clip, and nothing of "
+        "other clips."
+    ]
+
+
+def _families(comparisons: Sequence[Comparison]) -> str:
+    counts = {c.subject: c.family for c in comparisons if c.family}
+    listed = ", ".join(f"{count} of {subject}s" for subject, count in sorted(counts.items()))
+    return f"Comparisons tested: {listed or 'none'}."
+
+
+def _powerless(comparisons: Iterable[Comparison]) -> list[str]:
+    """Where even the clearest result couldn't have a p of 0.05 after correction."""
+    found = []
+    for subject in ("domain", "model"):
+        tested = [c for c in comparisons if c.subject == subject and c.p_least is not None]
+        if not tested:
+            continue
+        if all((c.p_least or 0.0) * c.family > 0.05 for c in tested):
+            found.append(
+                f"No comparison of {subject}s can have p (Holm) below 0.05 with so few pairs, "
+                "however clear the difference: a large p there is no sign of equality."
+            )
+    return found
+
+
+def _weights(found: WeightSamples) -> list[Table]:
+    pairs = tuple(
+        (one.first, one.second, "yes" if one.tied else "", one.held) for one in found.pairs
+    )
+    firsts = tuple(sorted(found.first.items(), key=lambda one: (-one[1], one[0])))
+    tau = (
+        "Kendall's τ to the defined ranks: not defined, all are equal."
+        if found.tau_mean is None or found.tau_low is None
+        else f"Kendall's τ to the defined ranks (1: the same order, −1: the opposite one): mean "
+        f"{found.tau_mean:.3f}, 5 % quantile {found.tau_low:.3f}."
+    )
+    weights = ", ".join(f"{weight:.2f} {name}" for name, weight in ivcs_weights().items())
+    drawn = (
+        f"IVCS is a weighted sum ({weights}). Here {found.samples} other sets of weights were "
+        "tried, drawn evenly from all that are ≥ 0 and sum to 1."
+    )
+    return [
+        Table(
+            f"weights_{found.subject}_order",
+            f"Does the order of {found.subject}s hold under other weights of IVCS?",
+            (*words("ahead", "behind", "tied"), Column("held", "order holds (share)")),
+            pairs,
+            (
+                drawn,
+                "ahead and behind: as with the defined weights; tied: equal under them, and the "
+                "share is that of weights that leave them equal.",
+                tau,
+            ),
+        ),
+        Table(
+            f"weights_{found.subject}_first",
+            f"Which {found.subject} leads under other weights of IVCS?",
+            (*words(found.subject), Column("share", "leads (share)")),
+            firsts,
+            (drawn, "Where several are equal in front, each of them leads."),
+        ),
+    ]
+
+
+# What a threshold is, with its unit.
+_THRESHOLDS = {
+    "match_window_s": "matching window of labels and answers, s",
+    "stop_speed_mps": "speed that counts as stopped, m/s",
+    "accel_mps2": "acceleration that counts as such, m/s²",
+    "lateral_shift_m": "lateral shift that counts as such, m",
+    "response_gap_s": "longest gap within a response, s",
+}
+
+
+def _what(parameter: str) -> str:
+    return _THRESHOLDS.get(parameter, f"weight of {parameter} in IVCS")
+
+
+def _variations(variations: Iterable[Variation]) -> Table:
+    rows = [
+        (
+            v.subject, v.parameter, _what(v.parameter), v.defined, v.value, v.tau, v.largest,
+            "; ".join(f"{behind} passes {ahead}" for ahead, behind in v.changed) or None,
+            "; ".join(f"{name} {value:.3f}" for name, value in v.means.items()),
+        )
+        for v in variations
+    ]  # fmt: skip
+    return Table(
+        "sensitivity",
+        "Mean IVCS and ranks with one number of the method changed",
+        (
+            Column("subject", "ranked", "text"),
+            Column("parameter", "parameter", "text", printed=False),
+            Column("what", "number", "text"),
+            Column("defined", "defined"),
+            Column("value", "changed to"),
+            Column("tau", "τ"),
+            Column("largest", "largest change of a cell"),
+            Column("order_changed", "changes of order", "text"),
+            Column("mean_ivcs", "mean IVCS then", "text", printed=False),
+        ),
+        tuple(rows),
+        (
+            "Each line changes one number that the method fixes and leaves all others: how far do "
+            "results depend on it? τ: Kendall's τ_b of the ranks to the defined ones, 1 for the "
+            "same order, −1 for the opposite one.",
+            "Weights that aren't changed keep their ratios, and the sum stays 1. Thresholds: every "
+            "record was scored again; largest change: of the IVCS of one cell.",
+        ),
+    )
+
+
+def _curves(found: Mapping[tuple[str, ...], Iterable[Beside]]) -> Table:
+    rows = [
+        (
+            *key, one.curve.label_t_s, " / ".join(one.allowed), one.planned, one.curve.reads_as,
+            one.curve.shift_m, one.curve.curve_m, one.curve.curvature_per_m,
+        )
+        for key, of_cell in sorted(found.items())
+        for one in of_cell
+    ]  # fmt: skip
+    return Table(
+        "curvature",
+        "Lateral shift of the recorded path that follows from the curve",
+        (
+            *words("scenario", "domain", "model", "run"),
+            Column("label_t_s", "t (s)", "seconds"),
+            Column("allowed", "allowed action", "text"),
+            Column("planned", "planned action", "text"),
+            Column("reads_as", "curve reads as", "text"),
+            Column("shift_m", "shift (m)"),
+            Column("curve_m", "from the curve (m)"),
+            Column("curvature_per_m", "curvature (1/m)", "curvature"),
+        ),
+        tuple(rows),
+        (
+            "In the VUT's own frame, following a curve is a shift to the side, which scoring reads "
+            "as a lateral action. shift: of the recorded path within 1.0 s, left positive. curve "
+            "reads as: the lateral action that the curve alone would be taken for, beside the ones "
+            "that the label allows and the model plans. It changes no score.",
+            "A part of a change of lane turns the heading like a curve does; a path alone can't "
+            "tell them apart.",
+        ),
+    )

@@ -1,0 +1,588 @@
+"""The tables of METHOD 6.13, from rows: matrix, means, strata, ranks, controls."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from itertools import combinations
+
+from ssp_core.errors import InputError
+from ssp_eval.evaluate.models import CONDITIONS
+from ssp_eval.score.aggregate import (
+    BY_DOMAIN,
+    BY_MODEL,
+    BY_SCENARIO_DOMAIN,
+    BY_SCENARIO_MODEL,
+    EQUAL,
+    Cell,
+    Mean,
+    Ranking,
+    mean,
+    means,
+    ranking,
+    relative_difference,
+)
+from ssp_eval.statistics.rows import (
+    MACRO,
+    OK,
+    CellRow,
+    entering,
+    merged,
+    one_scale,
+    over_what,
+    repeated,
+)
+from ssp_eval.statistics.table import (
+    COUNT,
+    MEANS,
+    SCORES,
+    TITLES,
+    Column,
+    Outcome,
+    Table,
+    Value,
+    in_order,
+    some,
+)
+
+YES, NO = "yes", "no"
+# In CSV and JSON alone: what another analysis of the same cells needs, and no reader of a page.
+_BEHIND = (
+    Column("sem_acc_cond", "SemAcc cond", printed=False),
+    Column("sem_acc_soft", "SemAcc soft", printed=False),
+    Column("total_b", "total (B)", "billions", printed=False),
+    Column("active_b", "active (B)", "billions", printed=False),
+    *(
+        Column(key, key, "text", printed=False)
+        for key in (
+            "architecture",
+            "control",
+            "admitted",
+            "stand_in",
+            "status",
+            "reason",
+            "thresholds",
+        )
+    ),
+)
+
+
+def matrix_table(rows: Sequence[CellRow]) -> Table:
+    """Every run of every cell, controls and lost ones too (METHOD 6.13)."""
+    runs, seeds = any(row.run for row in rows), any(row.seed is not None for row in rows)
+    columns = (
+        *(Column(key, key, "text") for key in ("scenario", "domain", "model")),
+        *((Column("run", "run", "text"),) if runs else ()),
+        *((Column("seed", "seed", "count"),) if seeds else ()),
+        COUNT,
+        *SCORES[:5],
+        Column("response", "risk", "response"),
+        *SCORES[5:],
+        Column("remark", "remark", "text"),
+        *_BEHIND,
+    )
+
+    def key(row: CellRow) -> tuple[object, ...]:
+        seed = -1 if row.seed is None else row.seed
+        return row.scenario, in_order([row.domain]), row.control, row.model, row.run, seed
+
+    table_rows: list[tuple[Value, ...]] = []
+    for row in sorted(rows, key=key):
+        scores = [getattr(row, column.key) for column in SCORES]
+        table_rows.append(
+            (
+                row.scenario, row.domain, row.model, *((row.run,) if runs else ()),
+                *((row.seed,) if seeds else ()), row.n, *scores[:5],
+                Outcome(row.rsr, row.rl_s, bool(row.over)), *scores[5:], _remark(row),
+                row.sem_acc_cond, row.sem_acc_soft, row.total_b, row.active_b, row.architecture,
+                YES if row.control else NO, YES if row.admitted else NO,
+                YES if row.stand_in else NO, row.status, row.reason,
+                row.thresholds,
+            )
+        )  # fmt: skip
+    notes = ["n counts labels."]
+    if over_what(rows):
+        notes.append("risk of a macro row: the share of cells with a response, @ their mean RL.")
+    if any(row.ivcs_nulls for row in rows):
+        notes.append("A component without a denominator counts as 0 in IVCS.")
+    return Table("matrix", "Scores per cell", columns, tuple(table_rows), tuple(notes))
+
+
+def _remark(row: CellRow) -> str:
+    parts = []
+    if row.control:
+        parts.append("control")
+    if row.status != OK:
+        parts.append(f"{row.status}: {row.reason}" if row.reason else row.status)
+    elif not row.admitted:
+        parts.append(row.reason or "not admitted")
+    if row.thresholds:
+        parts.append("other thresholds")
+    if row.ivcs_nulls:
+        parts.append("null: " + ", ".join(TITLES[name] for name in row.ivcs_nulls))
+    return "; ".join(parts)
+
+
+# Of more scenarios than these there are too many pairs to read.
+MOST_PAIRED = 6
+CHANGES = "changes"
+
+
+def rank_table(cells: Sequence[Cell], subject: str, notes: Sequence[str]) -> Table:
+    """Ranks by IVCS per scenario and over all, every change of rank pointed out.
+
+    Args:
+        cells: that enter means.
+        subject: ``model`` or ``domain``.
+        notes: to stand under it.
+    """
+    found = ranking(cells, subject)
+    scenarios = sorted(name for name in found.scenarios if name != MACRO)
+    values = {key[0]: value["ivcs"] for key, value in means(cells, (subject,)).items()}
+    rows = tuple(
+        (
+            name,
+            *(found.scenarios[scenario].get(name) for scenario in scenarios),
+            found.macro[name],
+            values[name],
+            _rank_changes(found, name),
+        )
+        for name in sorted(found.macro, key=lambda n: (found.macro[n] or len(values), n))
+    )
+    columns = (
+        Column(subject, subject, "text"),
+        *(Column(f"rank_{name}", name.replace("_", " "), "count") for name in scenarios),
+        Column("rank_all", "all", "count"),
+        Column("ivcs", "mean IVCS"),
+        Column(CHANGES, "changes of rank", "text"),
+    )
+    said = ["Rank 1 is the largest mean IVCS, from unrounded values; equal ones share a rank."]
+    if not found.changes and len(scenarios) > 1:
+        said.append("No rank changes between scenarios.")
+    return Table(f"ranks_{subject}", f"Ranks of {subject}s", columns, rows, (*said, *notes))
+
+
+def _rank_changes(found: Ranking, name: str) -> str:
+    """``2 in cut_in, 1 in vru_crossing`` for each pair; of many scenarios the range."""
+    changes = [change for change in found.changes if change.subject == name]
+    if not changes:
+        return ""
+    if len(found.scenarios) <= MOST_PAIRED:
+        return "; ".join(
+            f"{change.ranks[0]} in {change.scenarios[0]}, {change.ranks[1]} in "
+            f"{change.scenarios[1]}"
+            for change in changes
+        )
+    ranks = [
+        (rank, scenario)
+        for scenario in sorted(found.scenarios)
+        if (rank := found.scenarios[scenario].get(name)) is not None
+    ]
+    best, worst = min(ranks), max(ranks, key=lambda pair: pair[0])
+    return (
+        f"from {best[0]} in {best[1]} to {worst[0]} in {worst[1]}, "
+        f"{len({rank for rank, _ in ranks})} different ranks in {len(ranks)} scenarios"
+    )
+
+
+SEEING, ANSWERERS = "seeing", "answerers"
+COMPARED_WITHOUT_SIGHT = ("sem_acc_eff", "cia_eff", "tqsr", "ivcs")
+DIFFERENCE = "ivcs_difference"
+FINDING = "finding"
+AS_MUCH = "scores as much without seeing"
+UNPAIRED = "no recording was scored with both"
+
+
+def condition_of(model: str) -> tuple[str, str]:
+    """Name of the model and condition under which it was asked; empty where there is none."""
+    name, _, last = model.rpartition("+")
+    return (name, last) if name and last in CONDITIONS else (model, "")
+
+
+def control_tables(rows: Sequence[CellRow]) -> list[Table]:
+    """The tables of the controls that there are, none where there are none."""
+    rows = one_scale(rows)
+    scored = merged([row for row in rows if row.status == OK])
+    asked = {row.model for row in rows if row.control and condition_of(row.model)[1]}
+    blind = [row for row in scored if row.control and not condition_of(row.model)[1]]
+    found = []
+    if asked:
+        found.append(seeing_table(scored, sorted(asked)))
+    if blind:
+        found.append(answerers_table(blind))
+    return found
+
+
+def seeing_table(rows: Sequence[CellRow], asked: Iterable[str]) -> Table:
+    """Each model beside itself under a condition, on the recordings scored with both.
+
+    Args:
+        rows: valid ones, one per cell.
+        asked: names of models with a condition.
+    """
+    known = {row.key: row for row in rows}
+    table_rows = []
+    for name in asked:
+        model, condition = condition_of(name)
+        pairs = [
+            (own, row)
+            for row in rows
+            if row.model == name and (own := known.get((row.scenario, row.domain, model)))
+        ]
+        table_rows.append(_seeing_row(model, condition, pairs))
+    columns = (
+        Column("model", "model", "text"),
+        Column("condition", "shown", "text"),
+        COUNT,
+        *(
+            column
+            for key in COMPARED_WITHOUT_SIGHT
+            for column in (
+                Column(key, TITLES[key]),
+                Column(f"{key}_spoilt", f"{TITLES[key]}, spoilt"),
+            )
+        ),
+        Column(DIFFERENCE, "IVCS owed to seeing", "signed"),
+        Column(FINDING, "finding", "text"),
+    )
+    return Table(
+        SEEING,
+        "What seeing is worth: each model beside itself with spoilt frames",
+        columns,
+        tuple(table_rows),
+        (
+            "Means over the recordings that were scored with both; n counts them. black: all "
+            "frames black; shuffled: frames of other times. Everything else in a question stays.",
+            "A model that scores as much with spoilt frames is not scored for what it sees: its "
+            "answers come from its ego history, its prompt or its habits.",
+        ),
+    )
+
+
+def _seeing_row(
+    model: str, condition: str, pairs: Sequence[tuple[CellRow, CellRow]]
+) -> tuple[Value, ...]:
+    values: list[Mean] = [
+        mean(getattr(pair[side], key) for pair in pairs)
+        for key in COMPARED_WITHOUT_SIGHT
+        for side in (0, 1)
+    ]
+    # Of the two means rather than the mean difference: IVCS is never null, so they are the same.
+    own, spoilt = (one.value for one in values[-2:])
+    difference = None if own is None or spoilt is None else own - spoilt
+    finding = UNPAIRED if difference is None else AS_MUCH if difference <= 0 else ""
+    return model, condition, len(pairs), *values, difference, finding
+
+
+def answerers_table(rows: Sequence[CellRow]) -> Table:
+    """Means of the harness's own answerers.
+
+    Args:
+        rows: of controls without a condition; valid ones, one per cell.
+    """
+    found = means([row.cell() for row in rows], BY_MODEL)
+    return Table(
+        ANSWERERS,
+        "The harness's own answerers",
+        (Column("model", "control", "text"), COUNT, *MEANS),
+        tuple(
+            (name, values["ivcs"].n, *(values[column.key] for column in MEANS))
+            for (name,), values in found.items()
+        ),
+        (
+            "Unweighted means over cells; n counts cells. perfect answers with the labels and "
+            "should score 1, silent says nothing and should score 0; constant_velocity and "
+            "copy_history see no frame.",
+        ),
+    )
+
+
+BY_DOMAIN_MODEL = ("domain", "model")
+# A row over all scenarios.
+ALL = "all"
+COMPARED = ("jovr", "sem_acc_eff", "cia_eff", "tqsr", "rsr", "ivcs")
+_GROUPINGS = (
+    ("by_model", "Means by model", BY_MODEL),
+    ("by_domain", "Means by domain", BY_DOMAIN),
+    ("by_scenario_domain", "Means by scenario and domain", BY_SCENARIO_DOMAIN),
+    ("by_scenario_model", "Means by scenario and model", BY_SCENARIO_MODEL),
+    ("by_domain_model", "Means by domain and model", BY_DOMAIN_MODEL),
+)
+
+
+MEAN_TABLES = tuple(name for name, _, _ in _GROUPINGS)
+
+
+def all_tables(rows: Sequence[CellRow], reference: str | None = None) -> list[Table]:
+    """Every table that rows alone give.
+
+    Args:
+        rows: of one or several runs.
+        reference: model that the foundation models are compared with.
+
+    Raises:
+        InputError: no cell is of that model.
+    """
+    chosen = entering(rows)
+    cells = [row.cell() for row in chosen]
+    notes = run_notes(rows)
+    over = over_what(rows)
+    found = [matrix_table(rows)]
+    found += [
+        mean_table(cells, name, title, by, notes)
+        for name, title, by in _GROUPINGS
+        if over.isdisjoint(by)
+    ]
+    if not over:
+        found.append(strata_table(cells, notes))
+    if "domain" not in over:
+        found.append(domain_differences(cells, notes))
+    found.append(foundation_table(chosen, reference, notes))
+    for subject in ("model", "domain"):
+        if subject not in over:
+            told = (*uneven(cells, subject), *_left_out(cells, (subject,)), *notes)
+            found.append(rank_table(cells, subject, told))
+    found += control_tables(rows)
+    return found
+
+
+def with_notices(tables: Iterable[Table], notices: Iterable[str]) -> list[Table]:
+    """The tables with what must stand under each of them."""
+    told = tuple(notices)
+    return [replace(table, notices=told) for table in tables]
+
+
+def run_notes(rows: Sequence[CellRow]) -> tuple[str, ...]:
+    """What a mean leaves out, and what it takes together."""
+    models = [row for row in one_scale(rows) if not row.control]
+    scored = {row.key for row in models if row.status == OK}
+    lost = [row for row in models if row.status != OK]
+    cells = {row.key for row in lost} - scored
+    runs = sum(row.key in scored for row in lost)
+    nulls = {row.key for row in models if row.ivcs_nulls}
+    apart = {row.key for row in rows if not row.control} - {row.key for row in models}
+    notes = []
+    if apart:
+        notes.append(f"{_cells(len(apart))} scored with other thresholds left out.")
+    if repeated(rows):
+        notes.append("A cell with several runs enters as the mean over its runs.")
+    if cells:
+        notes.append(f"{_cells(len(cells))} without a score left out; see the matrix for reasons.")
+    if runs:
+        notes.append(
+            f"{_counted(runs, 'run')} without a score left out of cells that have others; see the "
+            "matrix for reasons."
+        )
+    if nulls:
+        notes.append(f"In {_cells(len(nulls))} a component has no denominator: 0 in IVCS.")
+    controls = sorted({row.model for row in rows if row.control})
+    if controls:
+        notes.append(f"Controls left out: {', '.join(controls)}.")
+    return tuple(notes)
+
+
+def _cells(count: int) -> str:
+    return _counted(count, "cell")
+
+
+def _counted(count: int, word: str) -> str:
+    return f"{count} {word}{'' if count == 1 else 's'}"
+
+
+def _key_columns(by: Iterable[str]) -> tuple[Column, ...]:
+    return tuple(Column(key, key, "text") for key in by)
+
+
+def mean_table(
+    cells: Sequence[Cell], name: str, title: str, by: Sequence[str], notes: Sequence[str]
+) -> Table:
+    """One grouping of METHOD 6.13, n with each mean."""
+    groups = sorted(means(cells, by).items(), key=lambda one: in_order(one[0]))
+    rows: list[tuple[Value, ...]] = [
+        (*key, found["ivcs"].n, *(found[column.key] for column in MEANS)) for key, found in groups
+    ]
+    said = ["Unweighted means over cells; n counts cells. RL is the mean over responses only."]
+    said += uneven(cells, by[0]) if len(by) == 1 else []
+    return Table(
+        name,
+        title,
+        (*_key_columns(by), COUNT, *MEANS),
+        tuple(rows),
+        (*said, *_left_out(cells, by), *notes),
+    )
+
+
+def _left_out(cells: Sequence[Cell], by: Sequence[str]) -> list[str]:
+    count = sum(not cell.admitted for cell in cells) if "domain" in by else 0
+    if not count:
+        return []
+    return [
+        f"{_cells(count)} left out: the transfer audit did not admit the recording, or there was "
+        "none, or its labels don't compare with those of other domains."
+    ]
+
+
+def uneven(cells: Sequence[Cell], subject: str) -> list[str]:
+    """A sentence where the models or domains were not scored on the same cells.
+
+    Args:
+        cells: that enter means; for domains those that aren't admitted don't count.
+        subject: ``model`` or ``domain``.
+    """
+    other = "domain" if subject == "model" else "model"
+    over: dict[str, set[tuple[str, str]]] = {}
+    for cell in cells:
+        if cell.admitted or subject != "domain":
+            place = cell.scenario, getattr(cell, other)
+            over.setdefault(getattr(cell, subject), set()).add(place)
+    every = {place for found in over.values() for place in found}
+    lacking = [f"{name} {len(over[name])}" for name in sorted(over) if over[name] != every]
+    if not lacking:
+        return []
+    return [
+        f"The {subject}s were not scored on the same cells (of {len(every)}: "
+        f"{some(lacking)}): a difference between two of them, or in rank, may be one between "
+        "cells."
+    ]
+
+
+def strata_table(cells: Sequence[Cell], notes: Sequence[str]) -> Table:
+    """IVCS within each scenario and domain: how far the models lie apart, and which leads."""
+    groups: dict[tuple[str, str], list[Cell]] = {}
+    for cell in cells:
+        if cell.admitted:
+            groups.setdefault((cell.scenario, cell.domain), []).append(cell)
+    rows = []
+    for (scenario, domain), group in sorted(groups.items(), key=lambda one: in_order(one[0])):
+        values = {cell.model: cell.score["ivcs"] or 0.0 for cell in group}
+        low, high = min(values.values()), max(values.values())
+        best = ", ".join(sorted(model for model, value in values.items() if value >= high - EQUAL))
+        middle = math.fsum(values.values()) / len(values)
+        rows.append((scenario, domain, len(values), middle, sd(values.values()), low, high, best))
+    columns = (
+        *_key_columns(BY_SCENARIO_DOMAIN), COUNT, Column("mean", "mean"), Column("sd", "sd"),
+        Column("min", "min"), Column("max", "max"), Column("best", "best", "text"),
+    )  # fmt: skip
+    said = ("n counts models; sd is that of a sample, and null for one model.",)
+    left_out = _left_out(cells, BY_SCENARIO_DOMAIN)
+    return Table("strata", "IVCS within strata", columns, tuple(rows), (*said, *left_out, *notes))
+
+
+def sd(values: Iterable[float]) -> float | None:
+    """The standard deviation of a sample (n − 1); None of fewer than two values."""
+    present = list(values)
+    if len(present) < 2:
+        return None
+    centre = math.fsum(present) / len(present)
+    return math.sqrt(math.fsum((v - centre) ** 2 for v in present) / (len(present) - 1))
+
+
+def foundation_table(
+    rows: Sequence[CellRow], reference: str | None, notes: Sequence[str] = ()
+) -> Table:
+    """Models with their parameters and the relative difference to a reference (METHOD 6.13).
+
+    Args:
+        rows: that enter means.
+        reference: name of the model that the others are compared with; None compares nothing.
+        notes: to stand under it.
+
+    Raises:
+        InputError: no row is of the reference.
+    """
+    found = {key[0]: value for key, value in means([r.cell() for r in rows], BY_MODEL).items()}
+    if reference is not None and reference not in found:
+        raise InputError(
+            "is no model with a valid cell",
+            field="--reference",
+            value=reference,
+            remedy=f"known are {', '.join(sorted(found)) or 'none'}",
+        )
+    facts = {row.model: row for row in rows}
+    base = found[reference] if reference is not None else None
+    table_rows = []
+    for model in sorted(found, key=lambda name: (-(found[name]["ivcs"].value or 0.0), name)):
+        row, values = facts[model], found[model]
+        table_rows.append(
+            (
+                model, row.architecture or None, row.total_b, row.active_b, values["ivcs"].n,
+                *(values[key] for key in COMPARED), *_differences(values, base),
+            )
+        )  # fmt: skip
+    columns = (
+        Column("model", "model", "text"),
+        Column("architecture", "architecture", "text"),
+        Column("total_b", "total (B)", "billions"),
+        Column("active_b", "active (B)", "billions"),
+        COUNT,
+        *(Column(key, TITLES[key]) for key in COMPARED),
+        *(_changes() if base else ()),
+    )
+    said = ["Unweighted means over cells; n counts cells. B: billions of parameters."]
+    if base is not None:
+        said.append(f"Δ: relative difference to {reference}, from unrounded values.")
+    said += uneven([row.cell() for row in rows], "model")
+    return Table(
+        "foundation_models", "Foundation models", columns, tuple(table_rows), (*said, *notes)
+    )
+
+
+def domain_differences(cells: Sequence[Cell], notes: Sequence[str] = ()) -> Table:
+    """Each domain beside each other one, over all scenarios and in each (METHOD 6.13).
+
+    The means of both are over the scenarios and models that both have, so that what is shown is no
+    difference between cells.
+
+    Args:
+        cells: that enter means; those that weren't admitted are left out.
+        notes: to stand under it.
+    """
+    values: dict[str, dict[tuple[str, str], Cell]] = {}
+    for cell in cells:
+        if cell.admitted:
+            values.setdefault(cell.domain, {})[(cell.scenario, cell.model)] = cell
+    names = sorted(values, key=lambda name: in_order([name]))
+    rows: list[tuple[Value, ...]] = []
+    for first, second in combinations(names, 2):
+        shared = sorted(values[first].keys() & values[second].keys())
+        scenarios = sorted({scenario for scenario, _ in shared})
+        parts = [(name, [one for one in shared if one[0] == name]) for name in scenarios]
+        if len(scenarios) != 1:
+            parts.insert(0, (ALL, shared))
+        for scenario, places in parts:
+            base, own = (
+                {key: mean(values[d][place].score[key] for place in places) for key in COMPARED}
+                for d in (first, second)
+            )
+            rows.append((second, first, scenario, len(places), *_differences(own, base)))
+    columns = (
+        Column("domain", "domain", "text"),
+        Column("reference", "compared with", "text"),
+        Column("scenario", "scenario", "text"),
+        COUNT,
+        *_changes(),
+    )
+    said = (
+        "Δ: relative difference of the means, (domain − compared with) / |compared with|, from "
+        "unrounded values; – where the latter is 0. n counts pairs of cells, the same scenario and "
+        "model in both domains.",
+        "No domain is the true one: the difference is as much that of the one it is compared with.",
+    )
+    return Table(
+        "domain_differences",
+        "Relative differences between domains",
+        columns,
+        tuple(rows),
+        (*said, *_left_out(cells, BY_DOMAIN), *notes),
+    )
+
+
+def _changes() -> Iterable[Column]:
+    return (Column(f"d_{key}", f"Δ {TITLES[key]}", "change") for key in COMPARED)
+
+
+def _differences(values: Mapping[str, Mean], base: Mapping[str, Mean] | None) -> list[float | None]:
+    if base is None:
+        return []
+    return [relative_difference(values[key].value, base[key].value) for key in COMPARED]
