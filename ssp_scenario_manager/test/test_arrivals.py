@@ -80,7 +80,7 @@ def test_a_trigger_is_judged_before_the_states_of_the_targets_are_taken_in(
         "ot1", stamp_ns=driver.now_ns, x_m=39.0, speed_mps=7.0, control_state=ControlState.RUNNING
     )
     arrivals.put(message(waiting), 0)
-    list(driver.session.judge_triggers(driver.now_ns, arrivals))
+    driver.session.outbox += driver.session.judge_triggers(driver.now_ns, arrivals)
     # With the states that were taken in, the gap would be 12.3 m.
     dispatched, fired = driver.acknowledge()
     assert isinstance(dispatched, outbox.Dispatch)
@@ -98,7 +98,7 @@ def test_a_state_that_does_not_follow_from_the_last_one_fires_no_trigger(
     near(driver)
     driver.move("vut", x_m=26.0)
     driver.hear()
-    list(driver.session.judge_triggers(driver.now_ns))
+    driver.session.outbox += driver.session.judge_triggers(driver.now_ns)
     assert driver.session.outbox == []
     driver.session.step(driver.now_ns)
     assert tools.violations(driver.session.outbox) == [SafetyCode.POSITION_JUMP]
@@ -109,7 +109,7 @@ def test_a_limit_that_is_passed_with_a_trigger_still_ends_the_run(driver: Any, t
     near(driver)
     driver.move("vut", x_m=23.8, speed_mps=99.0)
     driver.hear()
-    list(driver.session.judge_triggers(driver.now_ns))
+    driver.session.outbox += driver.session.judge_triggers(driver.now_ns)
     assert tools.violations(driver.session.outbox) == []
     driver.session.step(driver.now_ns)
     assert SafetyCode.OVER_SPEED in tools.violations(driver.session.outbox)

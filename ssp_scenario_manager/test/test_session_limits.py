@@ -9,9 +9,10 @@ from typing import Any
 import pytest
 
 from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.participants import FollowPath
 from ssp_core.safety.codes import SafetyCode
-from ssp_core.vocabulary import ControlState, Phase, SessionPhase, Verdict
-from ssp_scenario_manager.session import outbox, progress
+from ssp_core.vocabulary import ControlState, SessionPhase, Verdict
+from ssp_scenario_manager.session import outbox
 from ssp_scenario_manager.session.limits import Violation
 from ssp_scenario_manager.session.state_machine import SessionEvent
 
@@ -175,16 +176,23 @@ def test_a_manoeuvre_that_cannot_be_driven_aborts_with_the_reason(driver: Any, t
 
 
 def test_nothing_is_sent_after_the_abort_that_was_found_with_it(
-    driver: Any, tools: Any, monkeypatch: pytest.MonkeyPatch
+    make_driver: Callable[[RunSpec], Any], run: RunSpec, tools: Any
 ) -> None:
+    """Three triggers fire at once, and the manoeuvre of the second can't be driven."""
+    first = run.triggers[0]
+    ahead = FollowPath(kind="follow_path", motion=run.targets[0].approach)
+    given = [
+        first.model_copy(update={"id": "first", "manoeuvre": ahead}),
+        first,
+        first.model_copy(update={"id": "third", "manoeuvre": ahead}),
+    ]
+    driver = make_driver(run.model_copy(update={"triggers": given}))
     run_with(driver)
-    bad = Violation(SafetyCode.EVENT_MISSING, "ot1", 0.0, 0.0, 1)
-    began = outbox.PhaseBegan(1, Phase.TRIGGER, "")
-    monkeypatch.setattr(progress, "watch_triggers", lambda *_: [began, bad, began])
-    driver.move("vut", speed_mps=1.0)
+    driver.move("vut", x_m=25.0, speed_mps=5.0)
     driver.step()
     sent = [type(fact) for fact in driver.session.outbox]
-    assert sent == [outbox.PhaseBegan, outbox.LimitPassed, outbox.StateChanged]
+    assert sent == [outbox.Dispatch, outbox.Triggered, outbox.LimitPassed, outbox.StateChanged]
+    assert "trigger gap fired" in driver.session.reasons[0]
 
 
 def test_the_first_reason_gives_the_verdict(driver: Any, tools: Any) -> None:

@@ -10,8 +10,9 @@ import pytest
 
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import ControlState, Phase, SessionPhase, Verdict
-from ssp_scenario_manager.session import outbox, progress
+from ssp_scenario_manager.session import outbox
 from ssp_scenario_manager.session.state_machine import SessionEvent
+from ssp_scenario_manager.triggers.evaluator import OpenWatches
 
 MS = 1_000_000
 S = 1_000_000_000
@@ -164,11 +165,7 @@ def test_one_state_of_the_vut_is_judged_once(driver: Any, monkeypatch: pytest.Mo
     """A trigger that must hold doesn't count the same sample twice."""
     judged: list[int] = []
 
-    def watch(run: Any, vut: Any, *rest: Any) -> list[Any]:
-        judged.append(vut.stamp_ns)
-        return []
-
-    monkeypatch.setattr(progress, "watch_triggers", watch)
+    monkeypatch.setattr(OpenWatches, "at", lambda _, stamp_ns: judged.append(stamp_ns) or [])
     driver.until("RUNNING")
     driver.acknowledge()
     driver.step()
@@ -192,7 +189,7 @@ def test_no_trigger_is_judged_on_an_old_state_of_the_vut(
     run_mapping["end"] = {"at_latest_s": 0.5}
     driver = make_driver(RunSpec.model_validate(run_mapping))
     judged: list[int] = []
-    monkeypatch.setattr(progress, "watch_triggers", lambda run, vut, *_: judged.append(1) or [])
+    monkeypatch.setattr(OpenWatches, "at", lambda *_: judged.append(1) or [])
     driver.until("RUNNING")
     driver.acknowledge()
     driver.step()

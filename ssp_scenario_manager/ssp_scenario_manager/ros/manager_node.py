@@ -185,8 +185,8 @@ class ScenarioManager(Node):
             self._session.fail(violation, announced=True)
         self._reported.clear()
         # First what must not wait.
-        for _ in self._session.judge_triggers(self._now_ns, self._intake.arrivals):
-            self._flush()
+        for decided in self._session.judge_triggers(self._now_ns, self._intake.arrivals):
+            self._send(decided)
         self._intake.waiting()
         self._session.step(self._now_ns)
         self._flush()
@@ -233,19 +233,21 @@ class ScenarioManager(Node):
 
     # -- sending -------------------------------------------------------------------------------
 
+    def _send(self, fact: outbox.Outgoing) -> None:
+        if isinstance(fact, outbox.Dispatch):
+            self._links.send(fact.reference)
+        elif isinstance(fact, outbox.StateChanged):
+            self._announce(fact)
+        elif isinstance(fact, outbox.ArmObjects | outbox.ClearObjects):
+            if self._session.spec is not None:
+                self._links.command(self._session.spec, fact)
+        else:
+            self._outlet.send(fact, self._now_ns, self._arrival_ns)
+
     def _flush(self) -> None:
         """Sends what the session decided, in its order."""
         while self._session.outbox:
-            fact = self._session.outbox.pop(0)
-            if isinstance(fact, outbox.Dispatch):
-                self._links.send(fact.reference)
-            elif isinstance(fact, outbox.StateChanged):
-                self._announce(fact)
-            elif isinstance(fact, outbox.ArmObjects | outbox.ClearObjects):
-                if self._session.spec is not None:
-                    self._links.command(self._session.spec, fact)
-            else:
-                self._outlet.send(fact, self._now_ns, self._arrival_ns)
+            self._send(self._session.outbox.pop(0))
         if self._start_world:
             # Last, so that the heartbeat counts the references that were sent with the start.
             self._start_world = False

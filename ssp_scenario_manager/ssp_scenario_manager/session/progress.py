@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.participants import TriggerSpec
 from ssp_core.safety import limits as judge
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.fence import box_excess_m
@@ -52,15 +53,15 @@ def begin(run: Run, now_ns: int) -> list[outbox.Outgoing]:
 
 def judge_triggers(
     run: Run, vut: ObjectState, targets: Mapping[str, ObjectState], now_ns: int
-) -> Iterator[outbox.Outgoing]:
-    """What the triggers ask for at the VUT's newest state, if that is to be judged at all.
+) -> list[outbox.Outgoing]:
+    """What the triggers ask for at the VUT's newest state: references with their decision records.
 
-    Each fact is given as soon as it is known, so that a reference can go out before its decision
-    record is written and before the other triggers are judged.
+    Triggers are judged before the phases, since every moment until their dispatch counts. A trigger
+    that waits for a phase therefore fires with the state after the one that confirmed the phase.
 
-    It isn't when it was judged before, when it is too old, or when it can't be believed, so that
-    the step that follows ends the run. A trigger that can't be driven is remembered for that step,
-    since a limit that is passed at the same instant is the graver reason.
+    A state is not judged twice, nor when it is too old. Nor is it judged when it can't be believed:
+    the step that follows then ends the run. A manoeuvre that can't be driven is remembered for that
+    step too, since a limit that is passed at the same instant is the graver reason.
 
     Args:
         run: the run.
@@ -69,72 +70,59 @@ def judge_triggers(
         now_ns: session time, that of the dispatch.
     """
     if vut.stamp_ns <= run.triggers_judged_ns or run.has_breaks or not vut.is_finite:
-        return
+        return []
     run.triggers_judged_ns = vut.stamp_ns
     if now_ns - vut.stamp_ns > seconds_to_ns(trigger_age_s(run.spec)):
         run.late_vut_states += 1
-        return
-    for fact in watch_triggers(run, vut, targets, now_ns):
-        if isinstance(fact, Violation):
-            run.failed_trigger = fact
-            return
-        yield fact
-
-
-def watch_triggers(
-    run: Run, vut: ObjectState, targets: Mapping[str, ObjectState], now_ns: int
-) -> Iterator[outbox.Outgoing | Violation]:
-    """Judges the triggers on the VUT's newest state, and sends what they ask for.
-
-    They come before the phases, since every moment until their dispatch counts: a trigger that
-    waits for a phase fires with the state after the one that confirmed it.
-
-    Args:
-        run: the run.
-        vut: state of the VUT that hasn't been judged yet.
-        targets: newest states by id.
-        now_ns: session time, that of the dispatch.
-    """
+        return []
     age_ns = seconds_to_ns(run.spec.limits.state_age_s)
-    scene = Snapshot(vut, targets, run.path, age_ns, run.phase_starts)
-    for watch in run.watches.at(scene.stamp_ns):
-        firing = watch.observe(scene)
-        if firing is not None:
-            yield from _fire(run, watch, firing, targets, now_ns)
+    snapshot = Snapshot(vut, targets, run.path, age_ns, run.phase_starts)
+    decided: list[outbox.Outgoing] = []
+    for watch in run.watches.at(vut.stamp_ns):
+        firing = watch.observe(snapshot)
+        if firing is None:
+            continue
+        try:
+            decided += _fire(run, watch.spec, firing, targets, now_ns)
+        except _CannotFire as error:
+            why = f"trigger {watch.spec.id} fired, but {error}"
+            run.failed_trigger = _missing(run, watch.spec.object_id, now_ns, why)
+            break
+    return decided
+
+
+class _CannotFire(Exception):
+    """Why a trigger that fired has no reference to send."""
 
 
 def _fire(
     run: Run,
-    watch: TriggerWatch,
+    trigger: TriggerSpec,
     firing: Firing,
     targets: Mapping[str, ObjectState],
     now_ns: int,
-) -> Iterator[outbox.Outgoing | Violation]:
-    trigger = watch.spec
+) -> tuple[outbox.Dispatch, outbox.Triggered]:
+    """The reference that a trigger sends, and its decision record.
+
+    Raises:
+        _CannotFire: the object was never heard, or can't drive the manoeuvre from where it is.
+    """
     target = next(t for t in run.spec.targets if t.id == trigger.object_id)
     if target.id not in targets:
-        why = f"trigger {trigger.id} fired, but {target.id} was never heard"
-        yield _missing(run, target.id, now_ns, why)
-        return
+        raise _CannotFire(f"{target.id} was never heard")
     address = run.address(target.id, "manoeuvre", now_ns, trigger.lead_time_s)
     current = run.references.get(target.id)
     # Looked up only where it is needed: it may have to be decoded first.
     state = targets[target.id].extrapolated(firing.fired_ns) if current is None else None
     try:
-        reference = run.ready.take(trigger, address, current) or references.manoeuvre_reference(
-            address,
-            trigger.manoeuvre,
-            state,
-            current,
-            target.approach,
+        reference = references.manoeuvre_reference(
+            address, trigger.manoeuvre, state, current, target.approach
         )
     except ValueError as error:
-        why = f"trigger {trigger.id} fired, but its manoeuvre can't be driven: {error}"
-        yield _missing(run, target.id, now_ns, why)
-        return
-    yield run.send(reference)
+        raise _CannotFire(f"its manoeuvre can't be driven: {error}") from error
+    dispatch = run.send(reference)
     run.adaptations.fire(trigger, reference, current)
-    yield outbox.Triggered(
+    record = outbox.Triggered(
         stamp_ns=firing.fired_ns,
         trigger_id=trigger.id,
         condition=firing.condition,
@@ -143,6 +131,7 @@ def _fire(
         crossing_ns=firing.crossing_ns,
         references=(reference,),
     )
+    return dispatch, record
 
 
 def judge_phases(

@@ -256,26 +256,24 @@ class Session:
         if self.state is not SessionPhase.ABORTING:
             self._move(SessionEvent.ABORT, violation.stamp_ns, violation.text)
 
-    def judge_triggers(self, now_ns: int, arrivals: PendingStates | None = None) -> Iterator[None]:
-        """Judges the triggers, and nothing else, on a state of the VUT that is new.
+    def judge_triggers(
+        self, now_ns: int, pending: PendingStates | None = None
+    ) -> list[outbox.Outgoing]:
+        """What the triggers ask for at a state of the VUT that is new; judges nothing else.
 
-        Goes on to the end as it is iterated over, and pauses whenever something is to be sent.
-
-        What they dispatch shall not wait for everything else that is looked at; ``step`` follows
-        at once, and ends the run where a limit is passed. An object that has begun to brake takes
-        no reference, and none takes effect before its execute_at.
+        The caller sends it at once, since it shall not wait for everything else that is looked at.
+        ``step`` follows, and ends the run where a limit is passed: an object that has begun to
+        brake takes no reference, and none takes effect before its execute_at.
 
         Args:
             now_ns: session time; the stamp of the VUT's newest state is at most that.
-            arrivals: states of targets that haven't been taken in yet.
+            pending: states of targets that haven't been taken in yet.
         """
         run, vut = self._run, self.vut
         if run is None or vut is None or self.state is not SessionPhase.RUNNING:
-            return
-        targets = self.targets if arrivals is None else arrivals.over(self.targets)
-        for fact in progress.judge_triggers(run, vut, targets, now_ns):
-            self.outbox.append(fact)
-            yield
+            return []
+        targets = self.targets if pending is None else pending.over(self.targets)
+        return progress.judge_triggers(run, vut, targets, now_ns)
 
     def step(self, now_ns: int) -> None:
         """Judges the states of one instant: triggers, limits, phases, the end of the run.
@@ -283,8 +281,7 @@ class Session:
         Args:
             now_ns: session time; the stamp of the VUT's newest state is at most that.
         """
-        for _ in self.judge_triggers(now_ns):
-            pass
+        self.outbox += self.judge_triggers(now_ns)
         run = self._run
         if run is not None:
             self._judge(run, now_ns)
@@ -313,7 +310,6 @@ class Session:
                     self.fail(run.failed_trigger)
                 self._take(progress.judge_phases(run, vut, self.targets))
                 self._take(progress.watch_adaptation(run, vut, now_ns))
-                run.ready.plan(run.watches.at(vut.stamp_ns), run.references, now_ns)
             self._take(run.send_again(now_ns))
             self._watch_end(run, now_ns)
         if self.state is SessionPhase.ABORTING:
