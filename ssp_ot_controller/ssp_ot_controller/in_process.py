@@ -21,7 +21,8 @@ from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import SessionPhase
 from ssp_core.world.plant import AckFact, FaultFact, LimitFact, LinkFact, ManagerUpdate, StepReport
 from ssp_ot_controller.bodies.dynamics import Command
-from ssp_ot_controller.objects.pool import ObjectPool, PoolStep, Tick
+from ssp_ot_controller.objects.messages import Tick
+from ssp_ot_controller.objects.pool import ObjectPool, PoolStep
 from ssp_ot_controller.objects.state_machine import ObjectEvent
 from ssp_ot_controller.sil.disturbance import Channel
 from ssp_ot_controller.sil.faults import FaultChange

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 from ssp_core import names
 from ssp_core.processes import free_domain, remove_shared_ports, remove_stale_shared_memory
-
-sys.path.insert(0, str(Path(__file__).parent))
-
-from small_run import small_run
+from support.runs import small_run
 
 DEADLINE_S = 120.0
 

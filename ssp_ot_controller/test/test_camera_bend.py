@@ -10,11 +10,11 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import Camera, Look
 from ssp_core.run_file.road import CurvePiece, Lane, Road
 from ssp_core.run_file.values import Start
-from ssp_core.vocabulary import ObjectClass, Role
+from ssp_core.vocabulary import ObjectClass
 from ssp_core.world.camera import project, view_from
 from ssp_core.world.reference_line import ReferenceLine
 from ssp_ot_controller.camera.kernels.bend import Bend, build_bend, locate_all, offsets_of
@@ -23,6 +23,7 @@ from ssp_ot_controller.camera.kernels.palettes import PALETTES
 from ssp_ot_controller.camera.renderer.render import Scene, render
 from ssp_ot_controller.camera.renderer.scenery import build_scenery
 from ssp_ot_controller.camera.renderer.stage import Detail
+from support.states import object_state
 
 Image = NDArray[np.uint8]
 Floats = NDArray[np.float64]
@@ -61,9 +62,7 @@ def road(pieces: list[CurvePiece], walk_m: float = 2.0, yaw_rad: float = 0.4) ->
 def car(block: Road, s_m: float, l_m: float = -1.75, object_id: str = "vut") -> ObjectState:
     foot = ReferenceLine.of_road(block).pose(s_m)
     x, y = foot.to_parent(0.0, l_m)
-    role = Role.VUT if object_id == "vut" else Role.OT
-    size = DEFAULT_SIZES[ObjectClass.CAR]
-    return ObjectState(object_id, ObjectClass.CAR, role, 0, x, y, foot.yaw_rad, 8.0, 0.0, 0.0, size)
+    return object_state(object_id, ObjectClass.CAR, x, y, foot.yaw_rad, 8.0)
 
 
 def picture(block: Road, s_m: float, *objects: ObjectState, detail: Detail = PLAIN) -> Image:

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import Camera, Look
 from ssp_core.run_file.road import Lane, Road
 from ssp_core.run_file.values import Start
-from ssp_core.vocabulary import ObjectClass, Role
+from ssp_core.vocabulary import ObjectClass
 from ssp_core.world.camera import image_box, project, view_from
 from ssp_ot_controller.camera.kernels.palettes import PALETTES, fog_per_m, palette_of
 from ssp_ot_controller.camera.renderer import frame
@@ -22,6 +22,7 @@ from ssp_ot_controller.camera.renderer.bodies import bodies_of
 from ssp_ot_controller.camera.renderer.render import exposed, render, subframes
 from ssp_ot_controller.camera.renderer.scene import Indicator, Scene
 from ssp_ot_controller.camera.renderer.stage import FULL, Detail, stage_for
+from support.states import object_state
 
 Image = NDArray[np.uint8]
 
@@ -42,14 +43,9 @@ ROAD = Road(
 
 def thing(
     object_class: ObjectClass, x_m: float, y_m: float = 0.0, yaw_rad: float = 0.0,
-    speed_mps: float = 0.0, acceleration_mps2: float = 0.0, object_id: str = "thing",
-    stamp_ns: int = 0,
+    speed_mps: float = 0.0, object_id: str = "thing", **changes: float,
 ) -> ObjectState:  # fmt: skip
-    role = Role.VUT if object_id == "vut" else Role.OT
-    return ObjectState(
-        object_id, object_class, role, stamp_ns, x_m, y_m, yaw_rad, speed_mps, acceleration_mps2,
-        0.0, DEFAULT_SIZES[object_class],
-    )  # fmt: skip
+    return object_state(object_id, object_class, x_m, y_m, yaw_rad, speed_mps, **changes)
 
 
 VUT = thing(ObjectClass.CAR, 10.0, object_id="vut")

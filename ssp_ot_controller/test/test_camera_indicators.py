@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssp_core.clock import seconds_to_ns
-from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participants import (
     Condition,
@@ -22,7 +22,7 @@ from ssp_core.run_file.participants import (
 )
 from ssp_core.run_file.road import CurvePiece, Lane, Road
 from ssp_core.run_file.values import Start
-from ssp_core.vocabulary import ObjectClass, Role
+from ssp_core.vocabulary import ObjectClass
 from ssp_core.world.reference_line import ReferenceLine
 from ssp_ot_controller.camera.clip import foreseen
 from ssp_ot_controller.camera.renderer.scene import (
@@ -35,6 +35,8 @@ from ssp_ot_controller.camera.renderer.scene import (
     sideways_mps,
 )
 from ssp_ot_controller.camera.storyboards import storyboard
+from support.runs import small_run
+from support.states import object_state
 
 LANES = [Lane(y_m=0.0, width_m=3.5, direction="forward")]
 ROAD = Road(origin=Start(x_m=0.0, y_m=0.0, yaw_rad=0.5), length_m=200.0, lanes=LANES)
@@ -44,10 +46,7 @@ def car(
     x_m: float = 30.0, y_m: float = 0.0, yaw_rad: float = 0.5, speed_mps: float = 10.0,
     object_id: str = "ot1", object_class: ObjectClass = ObjectClass.CAR,
 ) -> ObjectState:  # fmt: skip
-    return ObjectState(
-        object_id, object_class, Role.OT, 0, x_m, y_m, yaw_rad, speed_mps, 0.0, 0.0,
-        DEFAULT_SIZES[object_class],
-    )  # fmt: skip
+    return object_state(object_id, object_class, x_m, y_m, yaw_rad, speed_mps)
 
 
 def never(_: Mapping[str, ObjectState], __: int) -> dict[str, Indicator]:
@@ -139,25 +138,25 @@ def test_a_lane_change_is_foreseen_when_its_trigger_is_about_to_fire(
 @pytest.fixture
 def a_run() -> RunSpec:
     start = {"x_m": 0.0, "y_m": 0.0, "yaw_rad": 0.0}
-    return RunSpec.model_validate(
-        {
-            "schema": "ssp.run/1", "run_id": "r", "scenario": "s", "interaction": "cut_in",
-            "domain": "simulation", "stand_in": False, "event_version": "v", "site": "s",
-            "site_version": "v", "seed": 1, "mode": "lockstep",
-            "road": {"origin": start, "length_m": 400.0,
-                     "lanes": [{"y_m": 0.0, "width_m": 3.5, "direction": "forward"}]},
-            "geofence": [(-10, -10), (410, -10), (410, 10)],
-            "vut": {"id": "vut", "object_class": "car", "start": start,
-                    "approach": {"path": PATH, "cruise_mps": 10.0}},
-            "driver": {"cruise_mps": 10.0},
-            "targets": [{"id": "ot1", "object_class": "car", "start": start}],
-            "triggers": [{"id": "t", "object_id": "ot1",
-                          "condition": {"type": "elapsed_time", "after_s": 1.0},
-                          "manoeuvre": {"kind": "brake", "to_mps": 0.0,
-                                        "deceleration_mps2": 3.0}}],
-            "limits": {"speed_mps": 20.0, "acceleration_mps2": 5.0},
-        }
-    )  # fmt: skip
+    run = small_run(
+        vut={
+            "id": "vut",
+            "object_class": "car",
+            "start": start,
+            "approach": {"path": PATH, "cruise_mps": 10.0},
+        },
+        targets=[{"id": "ot1", "object_class": "car", "start": start}],
+        triggers=[
+            {
+                "id": "t",
+                "object_id": "ot1",
+                "condition": {"type": "elapsed_time", "after_s": 1.0},
+                "manoeuvre": {"kind": "brake", "to_mps": 0.0, "deceleration_mps2": 3.0},
+            }
+        ],
+        geofence=[(-10, -10), (410, -10), (410, 10)],
+    )
+    return RunSpec.model_validate(run)
 
 
 def test_a_braking_is_no_reason_to_indicate(a_run: RunSpec) -> None:

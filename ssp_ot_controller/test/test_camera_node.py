@@ -20,18 +20,10 @@ from sensor_msgs.msg import CameraInfo, CompressedImage
 from ssp_core import names, ros
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.ros.conversions import state_to_msg
-from ssp_core.run_file.model import Camera, Limits, RunSpec
-from ssp_core.run_file.participants import (
-    Driver,
-    LaneChange,
-    ParticipantSpec,
-    RelativeDistance,
-    TriggerSpec,
-)
-from ssp_core.run_file.road import Lane, Road
-from ssp_core.run_file.values import Start
+from ssp_core.run_file.model import Camera, RunSpec
 from ssp_core.vocabulary import ObjectClass, Role
 from ssp_msgs.msg import StepDone, WorldTick
+from support.runs import small_run
 
 pytestmark = pytest.mark.ros
 START_DEADLINE_S = 90.0  # the first start on a machine compiles the kernels
@@ -41,47 +33,7 @@ EVERY = 5  # 10 Hz at 20 ms a step
 
 
 def run_spec(camera: Camera | None) -> RunSpec:
-    return RunSpec(
-        schema_="ssp.run/1",
-        run_id="camera_test",
-        scenario="cut_in",
-        interaction="cut_in",
-        domain="simulation",
-        stand_in=False,
-        event_version="sha256:0",
-        site="nowhere",
-        site_version="sha256:0",
-        seed=5,
-        mode="lockstep",
-        road=Road(
-            origin=Start(x_m=0.0, y_m=0.0, yaw_rad=0.0),
-            length_m=100.0,
-            lanes=[Lane(y_m=0.0, width_m=3.5, direction="forward")],
-            crossing_x_m=None,
-        ),
-        geofence=[(0.0, -5.0), (100.0, -5.0), (100.0, 5.0)],
-        vut=ParticipantSpec(
-            id="vut", object_class="car", start=Start(x_m=5.0, y_m=0.0, yaw_rad=0.0)
-        ),
-        driver=Driver(cruise_mps=10.0),
-        targets=[
-            ParticipantSpec(
-                id="ot1", object_class="car", start=Start(x_m=20.0, y_m=0.0, yaw_rad=0.0)
-            )
-        ],
-        triggers=[
-            TriggerSpec(
-                id="go",
-                condition=RelativeDistance(type="relative_distance", object_id="ot1", below_m=9.0),
-                object_id="ot1",
-                manoeuvre=LaneChange(
-                    kind="lane_change", lateral_shift_m=1.0, duration_s=2.0, cruise_mps=5.0
-                ),
-            )
-        ],
-        limits=Limits(speed_mps=15.0, acceleration_mps2=4.0),
-        camera=camera,
-    )
+    return RunSpec.model_validate(small_run(run_id="camera_test", seed=5, camera=camera))
 
 
 class World:

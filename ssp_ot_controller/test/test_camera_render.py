@@ -16,15 +16,16 @@ import pytest
 from numpy.typing import NDArray
 
 from ssp_core.geometry import Pose2, wrap_angle
-from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import Camera, Look
 from ssp_core.run_file.road import Lane, Road
 from ssp_core.run_file.values import Start
-from ssp_core.vocabulary import ObjectClass, Role
+from ssp_core.vocabulary import ObjectClass
 from ssp_core.world.camera import image_box, view_from
 from ssp_ot_controller.camera.renderer.render import Scene, render
 from ssp_ot_controller.camera.renderer.stage import Detail
 from ssp_ot_controller.camera.storyboards import storyboard
+from support.states import object_state
 
 Image = NDArray[np.uint8]
 
@@ -46,19 +47,10 @@ CLASSES = [c for c in ObjectClass if c is not ObjectClass.UNKNOWN]
 
 
 def thing(
-    object_class: ObjectClass,
-    x_m: float,
-    y_m: float = 0.0,
-    yaw_rad: float = 0.0,
-    speed_mps: float = 1.0,
-    acceleration_mps2: float = 0.0,
-    object_id: str = "thing",
-) -> ObjectState:
-    role = Role.VUT if object_id == "vut" else Role.OT
-    size = DEFAULT_SIZES[object_class]
-    return ObjectState(
-        object_id, object_class, role, 0, x_m, y_m, yaw_rad, speed_mps, acceleration_mps2, 0.0, size
-    )
+    object_class: ObjectClass, x_m: float, y_m: float = 0.0, yaw_rad: float = 0.0,
+    speed_mps: float = 1.0, object_id: str = "thing", **changes: float,
+) -> ObjectState:  # fmt: skip
+    return object_state(object_id, object_class, x_m, y_m, yaw_rad, speed_mps, **changes)
 
 
 VUT = thing(ObjectClass.CAR, 10.0, object_id="vut")

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import Camera, Look
 from ssp_core.run_file.road import Building, CurvePiece, Lane, Pole, Road, SceneryItem, Sign, Tree
 from ssp_core.run_file.values import Start
-from ssp_core.vocabulary import ObjectClass, Role
+from ssp_core.vocabulary import ObjectClass
 from ssp_core.world.camera import project, view_from
 from ssp_core.world.reference_line import ReferenceLine
 from ssp_core.world.scenery import item_pose
@@ -21,6 +21,7 @@ from ssp_ot_controller.camera.meshes.roadside import sign_of
 from ssp_ot_controller.camera.renderer.render import Scene, render
 from ssp_ot_controller.camera.renderer.scenery import Prop, build_scenery
 from ssp_ot_controller.camera.renderer.stage import stage_for
+from support.states import object_state
 
 Image = NDArray[np.uint8]
 LOOK = Look(noise_sigma=0.0, fog_per_m=0.0)
@@ -62,8 +63,7 @@ def props_of(block: Road, palette: str = "suburb") -> list[Prop]:
 def picture(block: Road, at_m: float = 20.0) -> tuple[Image, ObjectState]:
     foot = ReferenceLine.of_road(block).pose(at_m)
     x, y = foot.to_parent(0.0, -1.75)
-    size = DEFAULT_SIZES[ObjectClass.CAR]
-    car = ObjectState("vut", ObjectClass.CAR, Role.VUT, 0, x, y, foot.yaw_rad, 8.0, 0.0, 0.0, size)
+    car = object_state("vut", ObjectClass.CAR, x, y, foot.yaw_rad, 8.0)
     image: Image = render(Scene(block, car, ()), LOOK, CAMERA, 0, seed=3)
     return image, car
 

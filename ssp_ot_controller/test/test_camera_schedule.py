@@ -7,17 +7,15 @@ import math
 import pytest
 
 from ssp_core.clock import NS_PER_S
-from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import Camera
-from ssp_core.vocabulary import ObjectClass, Role
+from ssp_core.vocabulary import ObjectClass
 from ssp_ot_controller.camera.frames import Odometer, Schedule, slowest_frame_s, steps_per_frame
+from support.states import object_state
 
 
 def walker(x_m: float, y_m: float, yaw_rad: float = 0.0) -> ObjectState:
-    size = DEFAULT_SIZES[ObjectClass.PEDESTRIAN]
-    return ObjectState(
-        "w", ObjectClass.PEDESTRIAN, Role.OT, 0, x_m, y_m, yaw_rad, 1.0, 0.0, 0.0, size
-    )
+    return object_state("w", ObjectClass.PEDESTRIAN, x_m, y_m, yaw_rad, 1.0)
 
 
 @pytest.mark.parametrize(

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import SessionPhase
 from ssp_ot_controller.rehearsal.played import PlayedVehicle
+from support.runs import small_run
 
 S = 1_000_000_000
 EPOCH = 1_700_000_000 * S
@@ -14,38 +13,24 @@ PERIOD = S // 100
 
 
 def played() -> PlayedVehicle:
-    at = {"y_m": 0.0, "yaw_rad": 0.0}
-    manoeuvre = {"kind": "brake", "to_mps": 0.0, "deceleration_mps2": 2.0}
-    after = {"type": "elapsed_time", "after_s": 1.0}
-    run: dict[str, Any] = {
-        "schema": "ssp.run/1",
-        "run_id": "r",
-        "scenario": "s",
-        "interaction": "lead_braking",
-        "domain": "physical",
-        "stand_in": True,
-        "event_version": "v",
-        "mode": "live",
-        "site": "s",
-        "site_version": "v",
-        "seed": 1,
-        "road": {
-            "origin": {"x_m": 0.0, **at},
-            "length_m": 400.0,
-            "lanes": [{"y_m": 0.0, "width_m": 3.5, "direction": "forward"}],
-        },
-        "geofence": [(0.0, -8.0), (400.0, -8.0), (400.0, 12.0)],
-        "vut": {
+    run = small_run(
+        domain="physical",
+        mode="live",
+        stand_in=True,
+        vut={
             "id": "vut",
             "object_class": "car",
-            "start": {"x_m": 10.0, **at},
+            "start": {"x_m": 10.0, "y_m": 0.0, "yaw_rad": 0.0},
             "approach": {"path": [(10.0, 0.0), (390.0, 0.0)], "cruise_mps": 10.0},
         },
-        "driver": {"cruise_mps": 10.0},
-        "targets": [{"id": "ot1", "object_class": "car", "start": {"x_m": 200.0, **at}}],
-        "triggers": [{"id": "t", "condition": after, "object_id": "ot1", "manoeuvre": manoeuvre}],
-        "limits": {"speed_mps": 15.0, "acceleration_mps2": 5.0},
-    }
+        targets=[
+            {
+                "id": "ot1",
+                "object_class": "car",
+                "start": {"x_m": 200.0, "y_m": 0.0, "yaw_rad": 0.0},
+            }
+        ],
+    )
     return PlayedVehicle(RunSpec.model_validate(run), EPOCH)
 
 

@@ -12,11 +12,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import Fault, LinkDisturbance, RunSpec
-from ssp_core.vocabulary import ObjectClass, Role
 from ssp_ot_controller.bodies.dynamics import Command
 from ssp_ot_controller.sil.disturbance import Actuator, Channel
+from support.states import object_state
 
 STEP_NS = 20_000_000
 NOISY = LinkDisturbance(
@@ -35,10 +35,9 @@ def make_run(disturbance: LinkDisturbance = NONE, seed: int = 1, *faults: Fault)
 
 
 def truth(k: int, speed_mps: float = 10.0) -> ObjectState:
-    return ObjectState(
-        "ot1", ObjectClass.CAR, Role.OT, k * STEP_NS, 0.2 * k, 3.0, 0.1, speed_mps, 0.0, 0.0,
-        DEFAULT_SIZES[ObjectClass.CAR], sequence=k,
-    )  # fmt: skip
+    return object_state(
+        x_m=0.2 * k, y_m=3.0, yaw_rad=0.1, speed_mps=speed_mps, stamp_ns=k * STEP_NS, sequence=k
+    )
 
 
 def stepped(channel: Channel, n: int, work: Callable[[Channel, int], Any]) -> list[Any]:

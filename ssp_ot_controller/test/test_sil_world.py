@@ -18,7 +18,7 @@ from ssp_ot_controller.sil.world import BODY_TIMEOUT_S, World
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from small_run import small_run
+from support.runs import small_run
 
 GO = Command(2.0, 0.0, 0.0)
 

@@ -17,6 +17,7 @@ from ssp_core.world.reference_line import ReferenceLine
 from ssp_core.world.sumo_network import OVERHANG_M, write_network
 from ssp_ot_controller.sil.sumo_world import SumoWorld
 from ssp_ot_controller.sil.world import World
+from support.runs import small_run
 
 ORIGIN = Pose2(40.0, -25.0, -0.7)
 K = 1.0 / 60.0
@@ -39,17 +40,6 @@ def start(s_m: float, l_m: float) -> dict[str, float]:
 
 def run_spec() -> RunSpec:
     spec: dict[str, Any] = {
-        "schema": "ssp.run/1",
-        "run_id": "r",
-        "scenario": "s",
-        "interaction": "s",
-        "domain": "simulation",
-        "stand_in": False,
-        "event_version": "sha256:0",
-        "site": "s",
-        "site_version": "1",
-        "seed": 3,
-        "mode": "lockstep",
         "road": {
             "origin": {"x_m": ORIGIN.x_m, "y_m": ORIGIN.y_m, "yaw_rad": ORIGIN.yaw_rad},
             "length_m": LENGTH_M,
@@ -69,21 +59,13 @@ def run_spec() -> RunSpec:
         },
         "driver": {"cruise_mps": 10.0, "reacts": False},
         "targets": [{"id": "ot1", "object_class": "car", "start": start(10.0, -3.5)}],
-        "triggers": [
-            {
-                "id": "t",
-                "condition": {"type": "relative_distance", "object_id": "ot1", "below_m": 10.0},
-                "object_id": "ot1",
-                "manoeuvre": {"kind": "brake", "to_mps": 0.0, "deceleration_mps2": 3.0},
-            }
-        ],
         "limits": {"speed_mps": 20.0, "acceleration_mps2": 4.0},
         "traffic": [
             {"id": "ahead", "object_class": "car", "lane": 0, "x_m": 90.0, "speed_mps": 8.0},
             {"id": "oncoming", "object_class": "truck", "lane": 2, "x_m": 230.0, "speed_mps": 9.0},
         ],
     }
-    return RunSpec.model_validate(spec)
+    return RunSpec.model_validate(small_run(**spec))
 
 
 def test_lanes_lie_along_the_line_and_beyond_it(tmp_path: Path) -> None:

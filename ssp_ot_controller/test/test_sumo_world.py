@@ -20,6 +20,7 @@ from ssp_core.run_file.participants import ParticipantSpec
 from ssp_core.vocabulary import Role
 from ssp_core.world.sumo_network import OVERHANG_M, find_netconvert, write_network
 from ssp_ot_controller.sil.sumo_world import Collision, SumoWorld, to_sumo
+from support.runs import small_run
 
 ORIGIN = Pose2(-120.5, -33.25, 0.4)
 STEP_S = 0.02
@@ -37,17 +38,7 @@ def lane(y_m: float, direction: str) -> dict[str, Any]:
 def run_spec(**changes: Any) -> RunSpec:
     """A turned, shifted block with two lanes one way and one the other, and traffic on it."""
     spec: dict[str, Any] = {
-        "schema": "ssp.run/1",
-        "run_id": "r",
-        "scenario": "cut_in",
-        "interaction": "cut_in",
-        "domain": "simulation",
-        "stand_in": False,
-        "event_version": "sha256:0",
-        "site": "s",
-        "site_version": "1",
         "seed": 2**40 + 3,
-        "mode": "lockstep",
         "step_s": STEP_S,
         "road": {
             "origin": {"x_m": ORIGIN.x_m, "y_m": ORIGIN.y_m, "yaw_rad": ORIGIN.yaw_rad},
@@ -64,26 +55,13 @@ def run_spec(**changes: Any) -> RunSpec:
             {"id": "ped", "object_class": "pedestrian", "start": start(150.0, -6.2, 1.5)},
             {"id": "bike", "object_class": "cyclist", "start": start(100.0, -3.5)},
         ],
-        "triggers": [
-            {
-                "id": "t",
-                "condition": {"type": "relative_distance", "object_id": "ot1", "below_m": 10.0},
-                "object_id": "ot1",
-                "manoeuvre": {
-                    "kind": "lane_change",
-                    "lateral_shift_m": 3.5,
-                    "duration_s": 2.5,
-                    "cruise_mps": 11.0,
-                },
-            }
-        ],
         "limits": {"speed_mps": 20.0, "acceleration_mps2": 4.0},
         "traffic": [
             {"id": "behind", "object_class": "car", "lane": 0, "x_m": 20.0, "speed_mps": 12.0},
             {"id": "oncoming", "object_class": "truck", "lane": 2, "x_m": 250.0, "speed_mps": 9.0},
         ],
     }
-    return RunSpec.model_validate({**spec, **changes})
+    return RunSpec.model_validate(small_run(**{**spec, **changes}))
 
 
 def posed(p: ParticipantSpec, pose: Pose2, speed_mps: float = 0.0) -> ObjectState:

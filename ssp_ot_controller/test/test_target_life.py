@@ -27,7 +27,7 @@ from ssp_ot_controller.objects.target import Target, TargetStep
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from small_run import small_run
+from support.runs import small_run
 
 S = 1_000_000_000
 STEP_NS = 20_000_000

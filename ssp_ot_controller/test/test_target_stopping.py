@@ -23,9 +23,11 @@ from ssp_core.safety.stopping import stopping_of
 from ssp_core.vocabulary import ControlState, Role, SessionPhase
 from ssp_ot_controller.bodies.dynamics import BodyState, step_body
 from ssp_ot_controller.control.stopping import BRAKE_GRACE_S
-from ssp_ot_controller.objects.pool import ObjectPool, PoolStep, Tick
+from ssp_ot_controller.objects.messages import Tick
+from ssp_ot_controller.objects.pool import ObjectPool, PoolStep
 from ssp_ot_controller.objects.state_machine import ObjectEvent
 from ssp_ot_controller.sil.disturbance import Actuator
+from support.runs import small_run
 
 S = 1_000_000_000
 STEP_S = 0.02
@@ -37,35 +39,18 @@ AGILITY = {"car": 3.0, "cyclist": 1.5, "pedestrian": 1.5}
 
 def run_of(object_class: str, fault: dict[str, Any] | None = None, **limits: float) -> RunSpec:
     start = {"x_m": START_X_M, "y_m": 0.0, "yaw_rad": 0.0}
-    road = {
-        "origin": {"x_m": 0.0, "y_m": 0.0, "yaw_rad": 0.0},
-        "length_m": 400.0,
-        "lanes": [{"y_m": 0.0, "width_m": 3.5, "direction": "forward"}],
-    }
     brake = {"kind": "brake", "to_mps": 0.0, "deceleration_mps2": 2.0}
     trigger = {"id": "t", "condition": {"type": "elapsed_time", "after_s": 1.0}}
     return RunSpec.model_validate(
-        {
-            "schema": "ssp.run/1",
-            "run_id": "r",
-            "scenario": "s",
-            "interaction": "cut_in",
-            "domain": "simulation",
-            "stand_in": False,
-            "event_version": VERSION,
-            "site": "s",
-            "site_version": "sha256:site",
-            "seed": 1,
-            "mode": "lockstep",
-            "road": road,
-            "geofence": [(0.0, -30.0), (400.0, -30.0), (400.0, 30.0), (0.0, 30.0)],
-            "vut": {"id": "vut", "object_class": "car", "start": {**start, "x_m": 5.0}},
-            "driver": {"cruise_mps": 10.0},
-            "targets": [{"id": "ot1", "object_class": object_class, "start": start}],
-            "triggers": [{**trigger, "object_id": "ot1", "manoeuvre": brake}],
-            "limits": {"speed_mps": 16.0, "acceleration_mps2": 5.0, **limits},
-            "faults": [] if fault is None else [{"target": "ot1", "at_s": FAULT_S, **fault}],
-        }
+        small_run(
+            event_version=VERSION,
+            geofence=[(0.0, -30.0), (400.0, -30.0), (400.0, 30.0), (0.0, 30.0)],
+            vut={"id": "vut", "object_class": "car", "start": {**start, "x_m": 5.0}},
+            targets=[{"id": "ot1", "object_class": object_class, "start": start}],
+            triggers=[{**trigger, "object_id": "ot1", "manoeuvre": brake}],
+            limits={"speed_mps": 16.0, "acceleration_mps2": 5.0, **limits},
+            faults=[] if fault is None else [{"target": "ot1", "at_s": FAULT_S, **fault}],
+        )
     )
 
 

@@ -6,11 +6,10 @@ from dataclasses import replace
 
 from ssp_core.clock import seconds_to_ns
 from ssp_core.motion.state import ObjectState
-from ssp_ot_controller.ros import object_target as outlet
-from ssp_ot_controller.ros.object_target import main
+from ssp_ot_controller.ros import object_target
 
 CHANGE_NS = seconds_to_ns(8.0)
-_honest = outlet.encode_state
+_honest = object_target.encode_state
 
 
 def _disguised(state: ObjectState) -> bytes:
@@ -20,5 +19,5 @@ def _disguised(state: ObjectState) -> bytes:
 
 
 if __name__ == "__main__":
-    outlet.encode_state = _disguised
-    main()
+    object_target.encode_state = _disguised
+    object_target.main()

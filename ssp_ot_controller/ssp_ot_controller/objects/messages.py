@@ -15,7 +15,6 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.motion.reference import Reference
@@ -34,6 +33,34 @@ class Heartbeat:
     session: SessionPhase
     stamp_ns: int
     references_sent: Mapping[str, int]
+
+
+@dataclass(frozen=True, slots=True)
+class Tick:
+    """One step of the world, or one reading of the bodies (WorldTick.msg).
+
+    Args:
+        step: of the world, counted from 0.
+        now_ns: session time.
+        running: False while the world holds at step 0.
+        lockstep: True: watchdogs count session time.
+        heartbeat: sequence of the manager's last heartbeat before this step.
+        truths: true states of objects, by id; those of others are not looked at.
+        vut_states_sent: states of the VUT sent so far; in lockstep they are waited for.
+    """
+
+    step: int
+    now_ns: int
+    running: bool
+    lockstep: bool
+    heartbeat: int
+    truths: Mapping[str, ObjectState]
+    vut_states_sent: int = 0
+
+    @property
+    def in_step(self) -> bool:
+        """True when the world waits for the answer."""
+        return self.lockstep and self.running
 
 
 class MessageBuffer:
@@ -55,7 +82,7 @@ class MessageBuffer:
         self._received = dict.fromkeys(self._ids, 0)
         self._states: list[ObjectState] = []
         self._vut_states = 0
-        self._tick: Any = None
+        self._tick: Tick | None = None
 
     def on_heartbeat(
         self, sequence: int, session: SessionPhase, stamp_ns: int, sent: Mapping[str, int]
@@ -74,11 +101,11 @@ class MessageBuffer:
         # While the world holds, the VUT's first state is repeated and not counted.
         self._vut_states += state.object_id == VUT_ID and state.sequence > 1
 
-    def on_tick(self, tick: Any) -> None:
-        """Keeps the newest WorldTick; a held one that the world didn't wait for is replaced."""
+    def on_tick(self, tick: Tick) -> None:
+        """Keeps the newest tick; a held one that the world didn't wait for is replaced."""
         self._tick = tick
 
-    def take(self, *, overdue: bool = False) -> Any:
+    def take(self, *, overdue: bool = False) -> Tick | None:
         """The held tick if it may be dealt with now, else None.
 
         Args:
@@ -120,7 +147,7 @@ class MessageBuffer:
         taken, self._states = self._states, []
         return taken
 
-    def _complete(self, tick: Any) -> bool:
+    def _complete(self, tick: Tick) -> bool:
         if self._vut_states < tick.vut_states_sent:
             return False
         heartbeat = tick.heartbeat

@@ -20,40 +20,13 @@ from ssp_ot_controller.objects.messages import (
     ManagerArbiter,
     MessageBuffer,
     NearbyObjects,
+    Tick,
 )
 from ssp_ot_controller.objects.references import Refusal, RefusalCode
 from ssp_ot_controller.objects.state_machine import REFUSED_CONDITION, CommandResponse, ObjectEvent
 from ssp_ot_controller.objects.target import Target
 from ssp_ot_controller.sil.disturbance import Channel, LinkSizes
 from ssp_ot_controller.sil.faults import FaultChange
-
-
-@dataclass(frozen=True, slots=True)
-class Tick:
-    """One step of the world, or one reading of the bodies (WorldTick.msg).
-
-    Args:
-        step: of the world, counted from 0.
-        now_ns: session time.
-        running: False while the world holds at step 0.
-        lockstep: True: watchdogs count session time.
-        heartbeat: sequence of the manager's last heartbeat before this step.
-        truths: true states of objects, by id; those of others are not looked at.
-        vut_states_sent: states of the VUT sent so far; in lockstep they are waited for.
-    """
-
-    step: int
-    now_ns: int
-    running: bool
-    lockstep: bool
-    heartbeat: int
-    truths: Mapping[str, ObjectState]
-    vut_states_sent: int = 0
-
-    @property
-    def in_step(self) -> bool:
-        """True when the world waits for the answer."""
-        return self.lockstep and self.running
 
 
 @dataclass(frozen=True, slots=True)
@@ -282,7 +255,7 @@ class ObjectPool:
             steady_ns: now on the steady clock; in lockstep it decides only when something is lost.
         """
         waited_s = ns_to_seconds(steady_ns - self._tick_arrived_ns)
-        tick: Tick | None = self._buffer.take(overdue=waited_s > OVERDUE_S)
+        tick = self._buffer.take(overdue=waited_s > OVERDUE_S)
         if tick is None:
             return None
         self._now_ns, self._step = tick.now_ns, tick.step

@@ -36,8 +36,13 @@ from ssp_msgs.msg import (
 from ssp_msgs.msg import Reference as ReferenceMsg
 from ssp_msgs.srv import ObjectCommand
 from ssp_ot_controller.objects.live import LiveObjects, open_bodies
-from ssp_ot_controller.objects.messages import HeartbeatAnswer, HeartbeatResponder, answers_late
-from ssp_ot_controller.objects.pool import Ack, ObjectPool, PoolStep, Stopped, Tick
+from ssp_ot_controller.objects.messages import (
+    HeartbeatAnswer,
+    HeartbeatResponder,
+    Tick,
+    answers_late,
+)
+from ssp_ot_controller.objects.pool import Ack, ObjectPool, PoolStep, Stopped
 from ssp_ot_controller.objects.state_machine import ObjectEvent
 from ssp_ot_controller.ros.conversions import fault_to_msg
 from ssp_ot_controller.ros.parameters import OBJECT_TARGET

@@ -66,9 +66,6 @@ class LinkQuality:
     cut: bool = False
 
 
-PERFECT = LinkQuality()
-
-
 class DelayLine(Generic[Item]):
     """Messages under way. What is sent in one step shares its fate.
 

@@ -24,8 +24,6 @@ from ssp_core.world.camera import object_corners, project, view_from
 from ssp_ot_controller.camera.kernels import sensor
 from ssp_ot_controller.camera.kernels.jit import Array
 from ssp_ot_controller.camera.renderer import frame, weather
-from ssp_ot_controller.camera.renderer import weather as rain
-from ssp_ot_controller.camera.renderer import weather as wet
 from ssp_ot_controller.camera.renderer.bodies import BRAKE_MPS2, bodies_of, to_block
 from ssp_ot_controller.camera.renderer.scene import Scene
 from ssp_ot_controller.camera.renderer.stage import FULL, Detail, stage_for
@@ -60,12 +58,12 @@ def exposed(
     if look.light == "dusk":
         weather.illuminate(field, stage, bodies)
     if look.rain > 0.0:
-        wet.add_reflections(field, stage, scene.road, look.rain)
+        weather.add_reflections(field, stage, scene.road, look.rain)
     if stage.palette.lamps_on and (look.rain > 0.0 or look.light == "dusk"):
         weather.halos(field, stage, bodies)
     light = sensor.rolled(field.light, camera)
     if look.rain > 0.0:
-        light = rain.add_rain(light, stage, scene, look, camera, frame_index, seed)
+        light = weather.add_rain(light, stage, scene, look, camera, frame_index, seed)
     return light
 
 

@@ -9,13 +9,14 @@ from typing import Any
 
 import pytest
 
-from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import Fault, Limits, RunSpec
 from ssp_core.run_file.participants import Driver, Motion, ParticipantSpec, SpeedChange
 from ssp_core.run_file.values import Start
-from ssp_core.vocabulary import ObjectClass, Role
+from ssp_core.vocabulary import ObjectClass
 from ssp_ot_controller.bodies.dynamics import BodyState, Command, step_body
 from ssp_ot_controller.sil.vut_driver import DRIVER_TIMEOUT_S, VutDriver
+from support.states import object_state, state_of_body
 
 STEP_NS = 20_000_000
 STOP = 4.0
@@ -35,14 +36,6 @@ def make_run(driver: Driver, *faults: Fault) -> RunSpec:
     )
 
 
-def state_of(body: BodyState, k: int) -> ObjectState:
-    return ObjectState(
-        "vut", ObjectClass.CAR, Role.VUT, k * STEP_NS, body.x_m, body.y_m, body.yaw_rad,
-        body.speed_mps, body.acceleration_mps2, body.yaw_rate_radps,
-        DEFAULT_SIZES[ObjectClass.CAR],
-    )  # fmt: skip
-
-
 def play(
     run: RunSpec, seconds: float, others: Any = (), external: Play = lambda k, vut: None
 ) -> tuple[VutDriver, list[ObjectState]]:
@@ -50,7 +43,7 @@ def play(
     driver, body = VutDriver(run), BodyState(0.0, 0.0, 0.0)
     states = []
     for k in range(round(seconds / 0.02)):
-        vut = state_of(body, k)
+        vut = state_of_body(body, k * STEP_NS, "vut")
         states.append(vut)
         command = driver.command(vut, others, external(k, vut), drives=True)
         body = step_body(ObjectClass.CAR, body, command, 0.02)
@@ -62,7 +55,7 @@ def speed_at(states: list[ObjectState], t_s: float) -> float:
 
 
 def standing_car(x_m: float) -> ObjectState:
-    return replace(state_of(BodyState(x_m, 0.0, 0.0), 0), object_id="ot1")
+    return object_state(x_m=x_m)
 
 
 def test_it_changes_its_mind_about_its_speed_when_it_is_time() -> None:

@@ -12,10 +12,11 @@ import pytest
 from ssp_core.geometry import FloatArray, Polyline
 from ssp_core.motion.manoeuvre import drive_along, lane_change
 from ssp_core.motion.reference import Reference, ReferencePoint, sample
-from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
-from ssp_core.vocabulary import ObjectClass, Role
+from ssp_core.motion.state import ObjectState
+from ssp_core.vocabulary import ObjectClass
 from ssp_ot_controller.bodies.dynamics import LIMITS, BodyState, Command, step_body
 from ssp_ot_controller.control.tracker import Tracker, lateral_gains, tracking_error
+from support.states import make_reference, state_of_body
 
 DT = 0.02
 DT_NS = 20_000_000
@@ -34,26 +35,6 @@ class Run:
     end: BodyState
 
 
-def reference(points: list[ReferencePoint], execute_at_ns: int = 0) -> Reference:
-    return Reference("r", "ot", "v", "approach", 0, execute_at_ns, 10**12, tuple(points))
-
-
-def observed(cls: ObjectClass, body: BodyState, now_ns: int) -> ObjectState:
-    return ObjectState(
-        "ot",
-        cls,
-        Role.OT,
-        now_ns,
-        body.x_m,
-        body.y_m,
-        body.yaw_rad,
-        body.speed_mps,
-        body.acceleration_mps2,
-        body.yaw_rate_radps,
-        DEFAULT_SIZES[cls],
-    )
-
-
 def closed_loop(
     cls: ObjectClass, body: BodyState, ref: Reference, extra_s: float = 2.0, lag_scale: float = 1.0
 ) -> Run:
@@ -61,7 +42,7 @@ def closed_loop(
     rows = []
     for k in range(round((ref.points[-1].t_s + extra_s) / DT)):
         now_ns = k * DT_NS
-        command, e = tracker.track(observed(cls, body, now_ns), ref, now_ns)
+        command, e = tracker.track(state_of_body(body, now_ns, object_class=cls), ref, now_ns)
         rows.append((e.longitudinal_m, e.lateral_m, e.yaw_rad, body.speed_mps))
         body = step_body(cls, body, command, DT, lag_scale=lag_scale)
     columns = np.array(rows).T
@@ -75,7 +56,7 @@ def rms(values: FloatArray) -> float:
 @pytest.mark.parametrize("speed_mps", [11.0, 12.5, 14.0])
 @pytest.mark.parametrize("shift_m", [3.5, -3.5])
 def test_lane_change_is_tracked(speed_mps: float, shift_m: float) -> None:
-    ref = reference(lane_change(STRAIGHT, 10.0, speed_mps, shift_m, 2.5, speed_mps, 2.0))
+    ref = make_reference(lane_change(STRAIGHT, 10.0, speed_mps, shift_m, 2.5, speed_mps, 2.0))
     run = closed_loop(CAR, BodyState(10.0, 0.0, 0.0, speed_mps), ref)
     assert rms(run.lateral_m[:150]) <= 0.005
     assert rms(run.longitudinal_m) <= 0.02
@@ -84,7 +65,7 @@ def test_lane_change_is_tracked(speed_mps: float, shift_m: float) -> None:
 
 
 def test_lane_change_with_a_slow_actuator_stays_within_the_target() -> None:
-    ref = reference(lane_change(STRAIGHT, 10.0, 14.0, 3.5, 2.5, 11.0, 2.0))
+    ref = make_reference(lane_change(STRAIGHT, 10.0, 14.0, 3.5, 2.5, 11.0, 2.0))
     run = closed_loop(CAR, BodyState(10.0, 0.0, 0.0, 14.0), ref, lag_scale=2.0)
     assert 0.005 < rms(run.lateral_m[:150]) <= 0.05
     assert rms(run.longitudinal_m) <= 0.10
@@ -98,7 +79,7 @@ def test_start_from_standstill_and_stop_are_tracked(
 ) -> None:
     length = 250.0 if cls is CAR else 20.0
     path = Polyline([(0.0, 0.0), (length, 0.0)])
-    ref = reference(drive_along(path, 0.0, 0.0, cruise_mps, accel_mps2, accel_mps2))
+    ref = make_reference(drive_along(path, 0.0, 0.0, cruise_mps, accel_mps2, accel_mps2))
     run = closed_loop(cls, BodyState(0.0, 0.0, 0.0), ref)
     assert rms(run.longitudinal_m) <= 0.02
     assert run.end.x_m == pytest.approx(length, abs=0.05)
@@ -108,7 +89,9 @@ def test_start_from_standstill_and_stop_are_tracked(
 def test_an_arc_is_tracked() -> None:
     a = np.linspace(0.0, math.pi / 2.0, 80)
     arc = Polyline(np.stack((30.0 * np.sin(a), 30.0 - 30.0 * np.cos(a)), axis=1))
-    run = closed_loop(CAR, BodyState(0.0, 0.0, 0.0), reference(drive_along(arc, 0, 0, 8, 2, 2)))
+    run = closed_loop(
+        CAR, BodyState(0.0, 0.0, 0.0), make_reference(drive_along(arc, 0, 0, 8, 2, 2))
+    )
     assert rms(run.lateral_m) <= 0.05
     assert rms(run.longitudinal_m) <= 0.10
 
@@ -116,7 +99,7 @@ def test_an_arc_is_tracked() -> None:
 @pytest.mark.parametrize("cls", [CAR, CYCLIST, WALKER])
 def test_at_the_end_it_stands_still_and_does_not_oscillate(cls: ObjectClass) -> None:
     path = Polyline([(0.0, 0.0), (15.0, 0.0)])
-    ref = reference(drive_along(path, 0.0, 0.0, 1.2, 1.0, 1.0))
+    ref = make_reference(drive_along(path, 0.0, 0.0, 1.2, 1.0, 1.0))
     run = closed_loop(cls, BodyState(0.3, 0.1, 0.05), ref, extra_s=5.0)
     standing = run.speed_mps[-round(4.0 / DT) :]
     assert (standing == 0.0).all()
@@ -124,7 +107,7 @@ def test_at_the_end_it_stands_still_and_does_not_oscillate(cls: ObjectClass) -> 
 
 
 def test_a_car_beside_its_reference_comes_back_without_swinging() -> None:
-    ref = reference(drive_along(STRAIGHT, 0.0, 10.0, 10.0, 2.0, 2.0))
+    ref = make_reference(drive_along(STRAIGHT, 0.0, 10.0, 10.0, 2.0, 2.0))
     run = closed_loop(CAR, BodyState(-1.0, 0.5, 0.0, 10.0), ref)
     assert np.abs(run.lateral_m[200:]).max() < 0.02
     assert run.lateral_m.min() > -0.1
@@ -134,27 +117,27 @@ def test_a_car_beside_its_reference_comes_back_without_swinging() -> None:
 def test_a_dummy_looking_elsewhere_turns_and_catches_up() -> None:
     path = Polyline([(0.0, 0.0), (0.0, 8.0)])
     run = closed_loop(
-        WALKER, BodyState(0.0, 0.0, 0.0), reference(drive_along(path, 0, 0, 1.4, 1.5, 1.5))
+        WALKER, BodyState(0.0, 0.0, 0.0), make_reference(drive_along(path, 0, 0, 1.4, 1.5, 1.5))
     )
     assert np.abs(run.lateral_m).max() < 0.1
     assert (run.end.x_m, run.end.y_m) == pytest.approx((0.0, 8.0), abs=0.05)
 
 
 def test_before_its_time_a_standing_reference_is_held() -> None:
-    ref = reference(drive_along(STRAIGHT, 0.0, 0.0, 10.0, 2.0, 2.0), execute_at_ns=10**9)
-    command, _ = Tracker(CAR).track(observed(CAR, BodyState(0.0, 0.0, 0.0), 0), ref, 0)
+    ref = make_reference(drive_along(STRAIGHT, 0.0, 0.0, 10.0, 2.0, 2.0), execute_at_ns=10**9)
+    command, _ = Tracker(CAR).track(state_of_body(BodyState(0.0, 0.0, 0.0), 0), ref, 0)
     assert command.acceleration_mps2 < 0.0
 
 
 def braked(command: Callable[[ObjectState, int], Command], body: BodyState) -> BodyState:
     for k in range(round(6.0 / DT)):
         now_ns = 10**9 + k * DT_NS
-        body = step_body(CAR, body, command(observed(CAR, body, now_ns), now_ns), DT)
+        body = step_body(CAR, body, command(state_of_body(body, now_ns), now_ns), DT)
     return body
 
 
 def test_braking_on_the_reference_stays_on_its_path() -> None:
-    ref = reference(lane_change(STRAIGHT, 10.0, 12.0, 3.5, 2.5, 12.0, 2.0))
+    ref = make_reference(lane_change(STRAIGHT, 10.0, 12.0, 3.5, 2.5, 12.0, 2.0))
     p = sample(ref, 10**9)
     body = BodyState(
         p.x_m, p.y_m, p.yaw_rad, p.speed_mps, 0.0, p.curvature_1pm, p.speed_mps * p.curvature_1pm
@@ -169,7 +152,7 @@ def test_braking_on_the_reference_stays_on_its_path() -> None:
 
 def test_error_signs() -> None:
     point = ReferencePoint(0.0, 0.0, 0.0, math.pi / 2, 1.0, 0.0, 0.0)
-    e = tracking_error(observed(CAR, BodyState(-0.5, 2.0, math.pi / 2 + 0.1), 0), point)
+    e = tracking_error(state_of_body(BodyState(-0.5, 2.0, math.pi / 2 + 0.1), 0), point)
     assert (e.longitudinal_m, e.lateral_m) == pytest.approx((2.0, 0.5))
     assert e.yaw_rad == pytest.approx(0.1)
 
@@ -186,9 +169,9 @@ def test_the_gains_are_stable_at_every_speed(cls: ObjectClass) -> None:
 
 
 def test_tracking_is_a_function_of_its_arguments() -> None:
-    ref = reference(drive_along(STRAIGHT, 0.0, 0.0, 10.0, 2.0, 2.0))
+    ref = make_reference(drive_along(STRAIGHT, 0.0, 0.0, 10.0, 2.0, 2.0))
     tracker = Tracker(CAR)
-    state = observed(CAR, BodyState(1.0, 0.2, 0.01, 3.0), 2 * 10**9)
+    state = state_of_body(BodyState(1.0, 0.2, 0.01, 3.0), 2 * 10**9)
     first = tracker.track(state, ref, 2 * 10**9)
-    tracker.track(observed(CAR, BodyState(5.0, -1.0, 0.3, 9.0), 10**9), ref, 10**9)
+    tracker.track(state_of_body(BodyState(5.0, -1.0, 0.3, 9.0), 10**9), ref, 10**9)
     assert tracker.track(state, ref, 2 * 10**9) == first

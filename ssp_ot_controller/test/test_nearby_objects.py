@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import pytest
 
-from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import Limits
-from ssp_core.vocabulary import ObjectClass, Role
 from ssp_ot_controller.objects.messages import HeartbeatResponder, ManagerArbiter, NearbyObjects
 from ssp_ot_controller.sil.disturbance import LinkSizes
+from support.states import object_state
 
 S = 1_000_000_000
 MS = 1_000_000
@@ -19,11 +18,7 @@ LIMITS = Limits(speed_mps=15.0, acceleration_mps2=5.0, separation_m=0.5, state_a
 
 
 def car(object_id: str, x_m: float, **changes: float) -> ObjectState:
-    base = ObjectState(
-        object_id, ObjectClass.CAR, Role.OT, 10 * S, x_m, 0.0, 0.0, 10.0, 0.0, 0.0,
-        DEFAULT_SIZES[ObjectClass.CAR],
-    )  # fmt: skip
-    return replace(base, **changes)
+    return object_state(object_id, x_m=x_m, **{"speed_mps": 10.0, "stamp_ns": 10 * S, **changes})
 
 
 # -- one manager ----------------------------------------------------------------------------------

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,10 +13,11 @@ from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.run_file.model import Limits
 from ssp_core.safety.stopping import EMERGENCY_BRAKE_MPS2, stopping_of
-from ssp_core.vocabulary import ObjectClass, Role
+from ssp_core.vocabulary import ObjectClass
 from ssp_ot_controller.bodies.dynamics import LIMITS as BODIES
 from ssp_ot_controller.control.stopping import StoppingRoom
 from ssp_ot_controller.control.track import Track
+from support.states import object_state
 
 S = 1_000_000_000
 CAR, WALKER = ObjectClass.CAR, ObjectClass.PEDESTRIAN
@@ -35,8 +35,7 @@ def room(cls: ObjectClass = CAR, **sides: float) -> StoppingRoom:
 
 
 def state(cls: ObjectClass = CAR, **changes: float) -> ObjectState:
-    base = ObjectState("ot", cls, Role.OT, 0, 50.0, 0.0, 0.0, 10.0, 0.0, 0.0, DEFAULT_SIZES[cls])
-    return replace(base, **changes)
+    return object_state("ot1", cls, **{"x_m": 50.0, "speed_mps": 10.0, **changes})
 
 
 def blind_m(speed_mps: float, cls: ObjectClass = CAR) -> float:

@@ -11,39 +11,16 @@ import pytest
 from ssp_core.geometry import Polyline, box_distance
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.run_file.participants import Driver
-from ssp_core.vocabulary import ObjectClass, Role
+from ssp_core.vocabulary import ObjectClass
 from ssp_ot_controller.bodies.dynamics import BodyState, step_body
 from ssp_ot_controller.sil.vut_driver import Obstacle, drive, find_obstacles, follow
+from support.states import object_state, state_of_body
 
 DT = 0.02
 PATH = Polyline([(0.0, 0.0), (250.0, 0.0)])
 DRIVER = Driver(cruise_mps=13.9)
 CAR = ObjectClass.CAR
 FRONT = DEFAULT_SIZES[CAR].front_m
-
-
-def state_of(
-    cls: ObjectClass, x_m: float, y_m: float, yaw_rad: float = 0.0, speed_mps: float = 0.0
-) -> ObjectState:
-    return ObjectState(
-        "ot", cls, Role.OT, 0, x_m, y_m, yaw_rad, speed_mps, 0.0, 0.0, DEFAULT_SIZES[cls]
-    )
-
-
-def vut_of(body: BodyState) -> ObjectState:
-    return ObjectState(
-        "vut",
-        CAR,
-        Role.VUT,
-        0,
-        body.x_m,
-        body.y_m,
-        body.yaw_rad,
-        body.speed_mps,
-        body.acceleration_mps2,
-        body.yaw_rate_radps,
-        DEFAULT_SIZES[CAR],
-    )
 
 
 @dataclass(frozen=True)
@@ -64,7 +41,7 @@ def simulate(
     nearest, slowest, hardest = math.inf, math.inf, 0.0
     for k in range(round(seconds / DT)):
         around = others(k * DT)
-        vut = vut_of(body)
+        vut = state_of_body(body, object_id="vut")
         nearest = min([nearest, *(box_distance(vut.box, o.box) for o in around)])
         body = step_body(CAR, body, drive(vut, around, PATH, driver, DT), DT)
         slowest = min(slowest, body.speed_mps)
@@ -77,7 +54,7 @@ def cut_in(t_s: float) -> list[ObjectState]:
     u = min(t_s / 2.5, 1.0)
     y = -3.5 + 3.5 * u**3 * (10.0 + u * (6.0 * u - 15.0))
     rear = DEFAULT_SIZES[CAR].rear_m
-    return [state_of(CAR, 20.0 + FRONT + 12.0 + rear + 11.0 * t_s, y, 0.0, 11.0)]
+    return [object_state("ot1", CAR, 20.0 + FRONT + 12.0 + rear + 11.0 * t_s, y, 0.0, 11.0)]
 
 
 def crossing(delay_s: float, speed_mps: float = 1.4) -> Callable[[float], list[ObjectState]]:
@@ -88,7 +65,7 @@ def crossing(delay_s: float, speed_mps: float = 1.4) -> Callable[[float], list[O
         y = min(-4.0 + speed_mps * max(t_s - delay_s, 0.0), 6.0)
         walking = t_s >= delay_s and y < 6.0
         v = speed_mps if walking else 0.0
-        return [state_of(ObjectClass.PEDESTRIAN, x, y, math.pi / 2, v)]
+        return [object_state("ot1", ObjectClass.PEDESTRIAN, x, y, math.pi / 2, v)]
 
     return at
 
@@ -119,14 +96,19 @@ def test_at_the_specified_crossing_braking_stays_moderate() -> None:
 
 
 def test_a_pedestrian_at_the_kerb_is_no_reason_to_brake() -> None:
-    waiting = state_of(ObjectClass.PEDESTRIAN, 70.0, -4.0, math.pi / 2)
+    waiting = object_state("ot1", ObjectClass.PEDESTRIAN, 70.0, -4.0, math.pi / 2)
     out = simulate(lambda _: [waiting], 6.0)
     assert out.slowest_mps > 13.8
 
 
 def test_a_pedestrian_who_left_the_corridor_is_forgotten() -> None:
-    gone = state_of(ObjectClass.PEDESTRIAN, 40.0, 1.6, math.pi / 2, 1.4)
-    assert find_obstacles(vut_of(BodyState(20.0, 0.0, 0.0, 10.0)), [gone], PATH, DRIVER) == []
+    gone = object_state("ot1", ObjectClass.PEDESTRIAN, 40.0, 1.6, math.pi / 2, 1.4)
+    assert (
+        find_obstacles(
+            state_of_body(BodyState(20.0, 0.0, 0.0, 10.0), object_id="vut"), [gone], PATH, DRIVER
+        )
+        == []
+    )
 
 
 @pytest.mark.parametrize(
@@ -144,40 +126,43 @@ def test_a_pedestrian_who_left_the_corridor_is_forgotten() -> None:
 def test_who_crosses_counts_when_both_would_be_there(
     x_m: float, y_m: float, speed_mps: float, meets: bool
 ) -> None:
-    vut = vut_of(BodyState(20.0, 0.0, 0.0, 13.9))
+    vut = state_of_body(BodyState(20.0, 0.0, 0.0, 13.9), object_id="vut")
     yaw = math.copysign(math.pi / 2, speed_mps)
-    walker = state_of(ObjectClass.PEDESTRIAN, x_m, y_m, yaw, abs(speed_mps))
+    walker = object_state("ot1", ObjectClass.PEDESTRIAN, x_m, y_m, yaw, abs(speed_mps))
     assert bool(find_obstacles(vut, [walker], PATH, DRIVER)) is meets
 
 
 def test_it_stops_before_somebody_standing_in_the_lane_and_waits() -> None:
-    standing = state_of(ObjectClass.PEDESTRIAN, 120.0, 0.3, math.pi / 2)
+    standing = object_state("ot1", ObjectClass.PEDESTRIAN, 120.0, 0.3, math.pi / 2)
     out = simulate(lambda _: [standing], 20.0)
     assert out.end.speed_mps == 0.0
     assert 2.0 < out.nearest_m < 5.0
 
 
 def test_it_stops_behind_a_standing_car_with_its_gap() -> None:
-    out = simulate(lambda _: [state_of(CAR, 120.0, 0.0)], 20.0)
+    out = simulate(lambda _: [object_state("ot1", CAR, 120.0, 0.0)], 20.0)
     assert out.end.speed_mps == 0.0
     assert out.nearest_m == pytest.approx(DRIVER.standstill_gap_m, abs=0.5)
 
 
 @pytest.mark.parametrize("y_m", [3.5, -3.5])
 def test_a_car_in_the_next_lane_is_no_obstacle(y_m: float) -> None:
-    vut = vut_of(BodyState(20.0, 0.0, 0.0, 13.9))
-    assert find_obstacles(vut, [state_of(CAR, 40.0, y_m)], PATH, DRIVER) == []
+    vut = state_of_body(BodyState(20.0, 0.0, 0.0, 13.9), object_id="vut")
+    assert find_obstacles(vut, [object_state("ot1", CAR, 40.0, y_m)], PATH, DRIVER) == []
 
 
 def test_what_is_behind_is_no_obstacle() -> None:
-    vut = vut_of(BodyState(60.0, 0.0, 0.0, 13.9))
-    behind = [state_of(CAR, 40.0, 0.0), state_of(ObjectClass.PEDESTRIAN, 50.0, 0.0)]
+    vut = state_of_body(BodyState(60.0, 0.0, 0.0, 13.9), object_id="vut")
+    behind = [
+        object_state("ot1", CAR, 40.0, 0.0),
+        object_state("ot1", ObjectClass.PEDESTRIAN, 50.0, 0.0),
+    ]
     assert find_obstacles(vut, behind, PATH, DRIVER) == []
 
 
 def test_gap_and_speed_are_along_the_path() -> None:
-    vut = vut_of(BodyState(20.0, 0.0, 0.0, 13.9))
-    [o] = find_obstacles(vut, [state_of(CAR, 40.0, 0.0, 0.0, 9.0)], PATH, DRIVER)
+    vut = state_of_body(BodyState(20.0, 0.0, 0.0, 13.9), object_id="vut")
+    [o] = find_obstacles(vut, [object_state("ot1", CAR, 40.0, 0.0, 0.0, 9.0)], PATH, DRIVER)
     assert o.gap_m == pytest.approx(20.0 - FRONT - DEFAULT_SIZES[CAR].rear_m)
     assert o.speed_mps == pytest.approx(9.0)
 

@@ -195,7 +195,7 @@ def test_curvature_and_grip_are_limits_too() -> None:
 
 def test_the_whole_path_with_its_corners_must_be_inside() -> None:
     end = 200.0 + DEFAULT_SIZES[ObjectClass.CAR].front_m
-    # Room for the stops, which test_core_stop_room looks at.
+    # Room for the stops, which test_stopping_room looks at.
     wide = [(-10.0, -1.2), (end + 1.0, -1.2), (end + 1.0, 1.2), (-10.0, 1.2)]
     assert check(reference(), geofence=wide) is None
     for fence, outside in (

@@ -17,11 +17,10 @@ import pytest
 
 from ssp_core.geometry import FloatArray, Polyline
 from ssp_core.motion.manoeuvre import drive_along, lane_change
-from ssp_core.motion.reference import Reference
-from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
-from ssp_core.vocabulary import ObjectClass, Role
+from ssp_core.vocabulary import ObjectClass
 from ssp_ot_controller.bodies.dynamics import LIMITS, Command
 from ssp_ot_controller.control.tracker import Tracker
+from support.states import make_reference, state_of_body
 
 CAR = ObjectClass.CAR
 DT_S, DT_NS = 0.01, 10_000_000
@@ -106,21 +105,14 @@ def step(car: Car, s: SlipState, command: Command, dt_s: float) -> SlipState:
     return s
 
 
-def observed(s: SlipState, now_ns: int) -> ObjectState:
-    return ObjectState(
-        "ot", CAR, Role.OT, now_ns, s.x_m, s.y_m, s.yaw_rad, s.speed_mps, s.acceleration_mps2,
-        s.yaw_rate_radps, DEFAULT_SIZES[CAR],
-    )  # fmt: skip
-
-
 def drive(
     tracker: Tracker, car: Car, s: SlipState, points: object, seconds: float
 ) -> tuple[FloatArray, SlipState]:
     """Longitudinal, lateral and heading errors, shape (n, 3), and the state at the end."""
-    ref = Reference("r", "ot", "v", "approach", 0, 0, 10**12, points)  # type: ignore[arg-type]
+    ref = make_reference(points)  # type: ignore[arg-type]
     rows = []
     for i in range(round(seconds / DT_S)):
-        command, e = tracker.track(observed(s, i * DT_NS), ref, i * DT_NS)
+        command, e = tracker.track(state_of_body(s, i * DT_NS), ref, i * DT_NS)
         rows.append((e.longitudinal_m, e.lateral_m, e.yaw_rad))
         s = step(car, s, command, DT_S)
     return np.array(rows), s
@@ -161,18 +153,15 @@ def test_another_car_on_another_road_stays_far_inside_its_limits(changes: dict[s
 
 
 def test_braking_stays_on_the_path() -> None:
-    ref = Reference(
-        "r", "ot", "v", "approach", 0, 0, 10**12,
-        lane_change(STRAIGHT, 10.0, 12.0, 3.5, 2.5, 12.0, 2.0),
-    )  # fmt: skip
+    ref = make_reference(lane_change(STRAIGHT, 10.0, 12.0, 3.5, 2.5, 12.0, 2.0))
     tracker = Tracker(CAR, dt_s=DT_S)
     s = SlipState(10.0, 0.0, 0.0, 12.0)
     for i in range(round(6.0 / DT_S)):
         now_ns = i * DT_NS
         if i < 100:
-            command, _ = tracker.track(observed(s, now_ns), ref, now_ns)
+            command, _ = tracker.track(state_of_body(s, now_ns), ref, now_ns)
         else:
-            command = tracker.brake(observed(s, now_ns), ref, now_ns, 4.0)
+            command = tracker.brake(state_of_body(s, now_ns), ref, now_ns, 4.0)
         s = step(Car(), s, command, DT_S)
     assert s.speed_mps == 0.0
     xs, ys = ref.columns[1], ref.columns[2]

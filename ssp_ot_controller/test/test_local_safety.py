@@ -18,7 +18,7 @@ from ssp_core.safety.fence import box_excess_m
 from ssp_core.safety.limits import LimitViolation
 from ssp_core.vocabulary import ControlState, ObjectClass, Role
 from ssp_ot_controller.control.tracker import TrackingError
-from ssp_ot_controller.objects import local_safety as ls
+from ssp_ot_controller.objects import local_safety
 
 S = 1_000_000_000
 NOW = 20 * S
@@ -52,7 +52,7 @@ ZERO = TrackingError(0.0, 0.0, 0.0)
 
 def decide(
     control_state: ControlState = ControlState.RUNNING, **changes: Any
-) -> ls.Continue | ls.StopNow:
+) -> local_safety.Continue | local_safety.StopNow:
     seen: dict[str, Any] = {
         "heartbeat_age_s": 0.0,
         "state": STATE,
@@ -61,10 +61,10 @@ def decide(
         **changes,
     }
     # As Target does; what isn't located isn't judged by continuity.
-    seen.setdefault("lost", ls.lost_its_place(seen["state"], NOW, (), LIMITS))
+    seen.setdefault("lost", local_safety.lost_its_place(seen["state"], NOW, (), LIMITS))
     seen.setdefault("outside_m", box_excess_m(seen["state"].box, FENCE))
-    return ls.decide(
-        ls.SafetyInputs(**seen), now_ns=NOW, control_state=control_state, limits=LIMITS
+    return local_safety.decide(
+        local_safety.SafetyInputs(**seen), now_ns=NOW, control_state=control_state, limits=LIMITS
     )
 
 
@@ -78,7 +78,7 @@ def beside(gap_m: float) -> ObjectState:
 
 
 def test_all_well_goes_on() -> None:
-    assert decide() == ls.Continue(brake=False)
+    assert decide() == local_safety.Continue(brake=False)
 
 
 BOUNDARIES = [
@@ -129,9 +129,9 @@ BOUNDARIES = [
 def test_limits_at_their_boundaries(
     code: SafetyCode, inside: dict[str, Any], outside: dict[str, Any]
 ) -> None:
-    assert decide(**inside) == ls.Continue(brake=False)
+    assert decide(**inside) == local_safety.Continue(brake=False)
     stop = decide(**outside)
-    assert isinstance(stop, ls.StopNow)
+    assert isinstance(stop, local_safety.StopNow)
     assert stop.code is code
     assert (stop.limit_name, stop.unit) == (MEANINGS[code].limit_name, MEANINGS[code].unit)
     if code is SafetyCode.SEPARATION:
@@ -144,7 +144,7 @@ def test_limits_at_their_boundaries(
 
 def test_measured_value_and_limit_are_told() -> None:
     stop = decide(error=TrackingError(0.0, -1.25, 0.0))
-    assert stop == ls.StopNow(SafetyCode.ERROR_LATERAL, "error_lateral", -1.25, 0.8, "m")
+    assert stop == local_safety.StopNow(SafetyCode.ERROR_LATERAL, "error_lateral", -1.25, 0.8, "m")
 
 
 @pytest.mark.parametrize("control", list(ControlState), ids=lambda s: s.name)
@@ -152,14 +152,16 @@ def test_silence_counts_wherever_an_object_may_move(control: ControlState) -> No
     watched = {"PRE_ARMING", "ARMED", "PRE_RUNNING", "RUNNING", "POSTRUN", "REMOTE_CONTROLLED"}
     answer = decide(control_state=control, heartbeat_age_s=1.0)
     if control.name in watched:
-        assert isinstance(answer, ls.StopNow)
+        assert isinstance(answer, local_safety.StopNow)
     else:
-        assert answer == ls.Continue(brake=True)
+        assert answer == local_safety.Continue(brake=True)
 
 
 @pytest.mark.parametrize("control", list(ControlState), ids=lambda s: s.name)
 def test_only_running_moves(control: ControlState) -> None:
-    assert decide(control_state=control) == ls.Continue(brake=control is not ControlState.RUNNING)
+    assert decide(control_state=control) == local_safety.Continue(
+        brake=control is not ControlState.RUNNING
+    )
 
 
 @pytest.mark.parametrize(
@@ -176,15 +178,15 @@ def test_only_running_moves(control: ControlState) -> None:
 def test_without_a_reference_that_asks_for_motion_it_brakes(
     reference: Reference | None, brake: bool
 ) -> None:
-    assert decide(reference=reference) == ls.Continue(brake=brake)
+    assert decide(reference=reference) == local_safety.Continue(brake=brake)
 
 
 def test_errors_and_braking_do_not_count_while_it_brakes_for_another_reason() -> None:
     hard = {**state(acceleration_mps2=-6.0), "error": TrackingError(9.0, 9.0, 3.0)}
-    assert decide(reference=None, **hard) == ls.Continue(brake=True)
-    assert decide(control_state=ControlState.POSTRUN, **hard) == ls.Continue(brake=True)
-    assert isinstance(decide(**hard), ls.StopNow)
+    assert decide(reference=None, **hard) == local_safety.Continue(brake=True)
+    assert decide(control_state=ControlState.POSTRUN, **hard) == local_safety.Continue(brake=True)
+    assert isinstance(decide(**hard), local_safety.StopNow)
 
 
 def test_the_first_step_has_no_error_yet() -> None:
-    assert decide(error=None) == ls.Continue(brake=False)
+    assert decide(error=None) == local_safety.Continue(brake=False)

@@ -13,20 +13,17 @@ from ssp_core.geometry import Polyline
 from ssp_core.motion.manoeuvre import drive_along, lane_change
 from ssp_core.motion.reference import Reference, ReferencePoint, sample
 from ssp_ot_controller.control.track import Track
+from support.states import make_reference
 
 S = 1_000_000_000
 PATH = Polyline([(0.0, 0.0), (120.0, 0.0), (180.0, 60.0)])
 START_NS = 3 * S + 7
 
 
-def reference(points: object) -> Reference:
-    return Reference("r", "ot", "v", "approach", 0, START_NS, 10 * S, points)  # type: ignore[arg-type]
-
-
-DRIVE = reference(drive_along(PATH, 0.0, 0.0, 12.0, 2.0, 2.0))
-CHANGE = reference(lane_change(PATH, 5.0, 10.0, 3.5, 2.5, 12.0, 2.0))
+DRIVE = make_reference(drive_along(PATH, 0.0, 0.0, 12.0, 2.0, 2.0))
+CHANGE = make_reference(lane_change(PATH, 5.0, 10.0, 3.5, 2.5, 12.0, 2.0))
 # Turns through pi, waits before its first point, and its points are few.
-TURN = reference(
+TURN = make_reference(
     (
         ReferencePoint(0.5, 0.0, 0.0, 3.0, 2.0, 0.0, 0.1),
         ReferencePoint(1.0, -1.0, 0.1, -3.1, 2.0, 0.4, 0.0),

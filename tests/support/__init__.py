@@ -1,0 +1,1 @@
+"""Builders that the tests of all packages share; imported as ``support``."""
