@@ -7,6 +7,7 @@ import re
 import sys
 import tomllib
 import xml.etree.ElementTree as ElementTree
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -136,6 +137,44 @@ ALLOWED = {
 def test_dependencies_point_one_way(package: str) -> None:
     others = imported(sources(package)) & OURS - {package, "ssp_core", "ssp_msgs"}
     assert others <= ALLOWED[package]
+
+
+# Folders that still import each other, and as which one they are taken. To shrink, never to grow.
+AS_ONE = {
+    "ssp_eval.extract": "ssp_eval.extract",
+    "ssp_scenario_manager.doctor": "ssp_scenario_manager.ros",
+}
+
+
+def folder_imports(package: str) -> dict[str, set[str]]:
+    """The folders of a package, and which others of it each of them imports."""
+    name = "ssp_core" if package == "ssp_msgs" else package
+    root = ROOT / package
+    modules = {
+        ".".join(file.relative_to(root).with_suffix("").parts).removesuffix(".__init__"): file
+        for file in sources(package)
+    }
+
+    def folder_of(module: str) -> str:
+        is_folder = modules[module].name == "__init__.py"
+        folder = module if is_folder else module.rpartition(".")[0]
+        return next((one for part, one in AS_ONE.items() if folder.startswith(part)), folder)
+
+    found: dict[str, set[str]] = {}
+    for module, file in modules.items():
+        for node in ast.walk(ast.parse(file.read_text())):
+            if not isinstance(node, ast.ImportFrom) or (node.module or "").split(".")[0] != name:
+                continue
+            for alias in node.names:
+                inner = f"{node.module}.{alias.name}"
+                target = inner if inner in modules else str(node.module)
+                found.setdefault(folder_of(module), set()).add(folder_of(target))
+    return {folder: others - {folder} for folder, others in found.items()}
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_the_folders_of_a_package_import_one_way(package: str) -> None:
+    TopologicalSorter(folder_imports(package)).prepare()  # raises for a circle, and names it
 
 
 def test_the_lock_pins_every_requirement_with_hashes() -> None:
