@@ -321,7 +321,7 @@ class Manager(Struck):
     def answer(self) -> None:
         """The object and the recorder are well, too."""
         self.node._send_heartbeat()
-        sequence, sent_ns = list(self.node._vigil.links._beats.items())[-1]
+        sequence, sent_ns = list(self.node._liveness.links._beats.items())[-1]
         stamp = ros.stamp_from_ns(sent_ns)
         reply = HeartbeatReply(
             object_ids=["ot1"], sequence=sequence, heartbeat_sent=stamp, heartbeat_received=stamp

@@ -34,8 +34,8 @@ from ssp_scenario_manager.dispatch.planned_motion import (
     arrival_ns,
     follow_vut,
     foreseen_gap_s,
+    planned_motion_of,
     play,
-    routine_of,
 )
 from ssp_scenario_manager.dispatch.references import (
     Address,
@@ -77,7 +77,7 @@ def crossing(execute_s: float = 10.1) -> PlannedMotion:
         ),
     )
     sent = manoeuvre_reference(address(execute_s), walk, vut(0.0), None, None)
-    found = routine_of(None, sent, 10 * S, WALKER, VUT, PATH)
+    found = planned_motion_of(None, sent, 10 * S, WALKER, VUT, PATH)
     assert found is not None
     return found
 
@@ -89,7 +89,7 @@ def cut_in(execute_s: float = 13.0) -> PlannedMotion:
     )  # fmt: skip
     approach = approach_reference(address(0.5, "a"), DRIVEN)
     sent = manoeuvre_reference(address(execute_s), change, vut(0.0), approach, DRIVEN)
-    found = routine_of(approach, sent, 10 * S, CAR, VUT, PATH)
+    found = planned_motion_of(approach, sent, 10 * S, CAR, VUT, PATH)
     assert found is not None
     return found
 
@@ -113,11 +113,11 @@ class Drive:
     """A VUT along PATH, and what is decided of it every 20 ms."""
 
     def __init__(
-        self, routine: PlannedMotion, asked: Adaptation, x_m: float, limits: Limits = LIMITS
+        self, planned_motion: PlannedMotion, asked: Adaptation, x_m: float, limits: Limits = LIMITS
     ):
-        self.known: Adapting = begin(routine, 10 * S, asked.lead_time_s)
+        self.known: Adapting = begin(planned_motion, 10 * S, asked.lead_time_s)
         self.asked = asked
-        who = WALKER if routine.zone.start_m < routine.zone.end_m else CAR
+        who = WALKER if planned_motion.zone.start_m < planned_motion.zone.end_m else CAR
         self.bounds = Bounds(limits, FENCE, who, 0.02)
         self.t_s, self.x_m = 10.0, x_m
         self.sent: list[tuple[float, Decision]] = []
@@ -141,51 +141,62 @@ class Drive:
             self.t_s += 0.02
             self.x_m += speed_mps * 0.02
             front = self.x_m + VUT.size.front_m
-            if self.arrived_s is None and front >= self.known.routine.zone.start_m:
-                self.arrived_s = self.t_s - (front - self.known.routine.zone.start_m) / speed_mps
+            if self.arrived_s is None and front >= self.known.planned_motion.zone.start_m:
+                self.arrived_s = (
+                    self.t_s - (front - self.known.planned_motion.zone.start_m) / speed_mps
+                )
             speed_mps = max(speed_mps + acceleration * 0.02, 0.0)
 
     @property
     def gap_s(self) -> float:
         """As METHOD 1 has it, of the last pace."""
-        routine, first = self.known.routine, self.asked.first == "initiator"
-        own_s = routine.departure_s if first else routine.arrival_s
+        planned_motion, first = self.known.planned_motion, self.asked.first == "initiator"
+        own_s = planned_motion.departure_s if first else planned_motion.arrival_s
         decisive_s = self.known.pace.reached_ns(own_s) / S
         arrived_s = self.arrived_s
         assert arrived_s is not None
         return arrived_s - decisive_s if first else decisive_s - arrived_s
 
 
-def placed(routine: PlannedMotion, gap_s: float, speed_mps: float) -> float:
+def placed(planned_motion: PlannedMotion, gap_s: float, speed_mps: float) -> float:
     """Where the VUT is at 10 s for that gap at that speed, if it comes second."""
-    seconds = gap_s + routine.departure_s + routine.execute_at_ns / S - 10.0
-    return routine.zone.start_m - VUT.size.front_m - speed_mps * seconds
+    seconds = gap_s + planned_motion.departure_s + planned_motion.execute_at_ns / S - 10.0
+    return planned_motion.zone.start_m - VUT.size.front_m - speed_mps * seconds
 
 
-# -- routine -----------------------------------------------------------------------------------
+# -- planned motion ----------------------------------------------------------------------
 
 
 def test_who_crosses_arrives_and_leaves_by_its_box_and_meets_both_corridors() -> None:
-    routine = crossing()
+    planned_motion = crossing()
     # 1.05 m until its front is in the corridor, 3.95 m until its rear is out of it; the walk
     # begins with 1.5 m/s^2 over 1 s, built up over 0.4 s.
-    assert routine.arrival_s == pytest.approx(0.2 + 0.5 + 1.05 / 1.5, abs=0.01)
-    assert routine.departure_s == pytest.approx(0.2 + 0.5 + 3.95 / 1.5, abs=0.01)
-    assert (routine.zone.start_m, routine.zone.end_m) == pytest.approx((99.45, 100.55))
+    assert planned_motion.arrival_s == pytest.approx(0.2 + 0.5 + 1.05 / 1.5, abs=0.01)
+    assert planned_motion.departure_s == pytest.approx(0.2 + 0.5 + 3.95 / 1.5, abs=0.01)
+    assert (planned_motion.zone.start_m, planned_motion.zone.end_m) == pytest.approx(
+        (99.45, 100.55)
+    )
 
 
 def test_who_merges_leaves_its_zone_as_it_arrives_and_the_zone_begins_at_its_rear() -> None:
-    routine = cut_in()
-    assert routine.departure_s == routine.arrival_s
+    planned_motion = cut_in()
+    assert planned_motion.departure_s == planned_motion.arrival_s
     # A front corner that has turned in comes first.
-    assert 0.6 < routine.arrival_s < 1.0
-    at_start = float(np.interp(0.0, routine.columns[0], routine.columns[1]))
-    driven = float(np.interp(routine.arrival_s, routine.columns[0], routine.columns[1])) - at_start
+    assert 0.6 < planned_motion.arrival_s < 1.0
+    at_start = float(np.interp(0.0, planned_motion.columns[0], planned_motion.columns[1]))
+    driven = (
+        float(
+            np.interp(
+                planned_motion.arrival_s, planned_motion.columns[0], planned_motion.columns[1]
+            )
+        )
+        - at_start
+    )
     rear = at_start + driven - CAR.size.rear_m
-    assert routine.zone.start_m == pytest.approx(rear, abs=0.3)
+    assert planned_motion.zone.start_m == pytest.approx(rear, abs=0.3)
     # Before the manoeuvre it drives on along its approach.
-    assert routine.columns[0, 0] <= -3.0
-    assert routine.columns[4, 1] == pytest.approx(8.5)
+    assert planned_motion.columns[0, 0] <= -3.0
+    assert planned_motion.columns[4, 1] == pytest.approx(8.5)
 
 
 def test_who_never_comes_into_the_corridor_meets_nobody() -> None:
@@ -195,7 +206,7 @@ def test_who_never_comes_into_the_corridor_meets_nobody() -> None:
     )  # fmt: skip
     approach = approach_reference(address(0.5, "a"), DRIVEN)
     sent = manoeuvre_reference(address(13.0), away, vut(0.0), approach, DRIVEN)
-    assert routine_of(approach, sent, 10 * S, CAR, VUT, PATH) is None
+    assert planned_motion_of(approach, sent, 10 * S, CAR, VUT, PATH) is None
 
 
 # -- the VUT -----------------------------------------------------------------------------------
@@ -234,9 +245,9 @@ def test_a_vut_arrives_at_its_present_speed_and_a_standing_one_never() -> None:
 @pytest.mark.parametrize("speed", [8.0, 9.0, 11.0, 12.0])
 @pytest.mark.parametrize("make", [crossing, cut_in])
 def test_a_faster_or_slower_vut_is_met_with_the_specified_gap(make: object, speed: float) -> None:
-    routine: PlannedMotion = make()  # type: ignore[operator]
+    planned_motion: PlannedMotion = make()  # type: ignore[operator]
     gap = 1.0
-    drive = Drive(routine, wish(gap), placed(routine, gap, 10.0))
+    drive = Drive(planned_motion, wish(gap), placed(planned_motion, gap, 10.0))
     drive.go(9.0, speed)
     assert drive.gap_s == pytest.approx(gap, abs=0.15)
     assert drive.sent
@@ -245,10 +256,10 @@ def test_a_faster_or_slower_vut_is_met_with_the_specified_gap(make: object, spee
 
 
 def test_what_comes_as_foreseen_is_let_be_in_spite_of_noise() -> None:
-    routine = crossing()
+    planned_motion = crossing()
     track = follow_vut(None, vut(10.0, 60.0), PATH)
-    gap = foreseen_gap_s(routine, track, VUT.size, initiator_first=True)
-    drive = Drive(routine, wish(gap), 60.0)
+    gap = foreseen_gap_s(planned_motion, track, VUT.size, initiator_first=True)
+    drive = Drive(planned_motion, wish(gap), 60.0)
     drive.go(5.0, 10.0, noise=0.02)
     assert drive.sent == []
     assert drive.wrong == []
@@ -263,12 +274,12 @@ def test_a_noisy_vut_is_not_answered_with_chatter() -> None:
 
 
 def test_it_goes_no_faster_and_brakes_no_harder_than_allowed() -> None:
-    routine = cut_in()
+    planned_motion = cut_in()
     limits = Limits(speed_mps=10.0, acceleration_mps2=3.5)
     drive = Drive(
-        routine,
+        planned_motion,
         wish(1.0, acceleration_mps2=2.0, deceleration_mps2=3.0),
-        placed(routine, 1.0, 10.0),
+        placed(planned_motion, 1.0, 10.0),
         limits,
     )
     drive.go(1.0, 11.0)
@@ -277,7 +288,7 @@ def test_it_goes_no_faster_and_brakes_no_harder_than_allowed() -> None:
     assert drive.sent
     for _, decision in drive.sent:
         assert decision.pace is not None
-        columns = play(routine.columns, decision.pace).columns
+        columns = play(planned_motion.columns, decision.pace).columns
         assert columns[4].max() <= 10.0 + 1e-9
         assert columns[5].max() <= 2.0 + 1e-9
         assert columns[5].min() >= -3.0 - 1e-9
@@ -305,8 +316,8 @@ def test_a_passing_order_that_can_not_be_kept_ends_the_event() -> None:
 
 def test_where_the_vut_comes_first_the_other_waits_for_it() -> None:
     drive = Drive(cut_in(12.0), wish(0.5, "vut"), 0.0)
-    zone = drive.known.routine.zone
-    comes_s = drive.known.routine.execute_at_ns / S + drive.known.routine.arrival_s
+    zone = drive.known.planned_motion.zone
+    comes_s = drive.known.planned_motion.execute_at_ns / S + drive.known.planned_motion.arrival_s
     # At 14 m/s its rear would have left 0.5 s before the other one arrives.
     drive.x_m = zone.end_m + VUT.size.length_m - VUT.size.front_m - 14.0 * (comes_s - 0.5 - 10.0)
     drive.go(1.0, 13.0)
@@ -335,31 +346,31 @@ def test_a_vut_that_brakes_before_anybody_moves_has_another_reason() -> None:
 
 
 def test_a_vut_that_stops_makes_nobody_creep() -> None:
-    routine = crossing()
-    drive = Drive(routine, wish(0.5, response_mps2=None), 60.0)
+    planned_motion = crossing()
+    drive = Drive(planned_motion, wish(0.5, response_mps2=None), 60.0)
     drive.go(3.0, 10.0, acceleration=-5.0)
-    planned_s = (routine.execute_at_ns / S) + routine.columns[0, -1]
-    ends_s = drive.known.pace.reached_ns(float(routine.columns[0, -1])) / S
+    planned_s = (planned_motion.execute_at_ns / S) + planned_motion.columns[0, -1]
+    ends_s = drive.known.pace.reached_ns(float(planned_motion.columns[0, -1])) / S
     assert ends_s < 10.0 + (planned_s - 10.0) / 0.6
 
 
 def test_near_its_decisive_instant_nothing_changes_any_more() -> None:
-    routine = crossing()
-    drive = Drive(routine, wish(0.5, freeze_s=1.0), 60.0)
+    planned_motion = crossing()
+    drive = Drive(planned_motion, wish(0.5, freeze_s=1.0), 60.0)
     drive.go(8.0, 10.0)
     last_s = max((t for t, _ in drive.sent), default=0.0)
-    assert last_s <= drive.known.pace.reached_ns(routine.departure_s) / S - 1.0 + 1e-6
+    assert last_s <= drive.known.pace.reached_ns(planned_motion.departure_s) / S - 1.0 + 1e-6
     assert drive.known.over == "the conflict is at hand"
 
 
 def test_every_reference_goes_on_where_the_one_before_has_led() -> None:
-    routine = cut_in()
-    drive = Drive(routine, wish(1.0), placed(routine, 1.0, 13.0))
+    planned_motion = cut_in()
+    drive = Drive(planned_motion, wish(1.0), placed(planned_motion, 1.0, 13.0))
     drive.go(0.6, 15.0)
     drive.go(0.6, 11.0)
     drive.go(1.0, 14.0)
     assert len(drive.sent) > 4
-    before = begin(routine, 0, 0.1).pace
+    before = begin(planned_motion, 0, 0.1).pace
     for _, decision in drive.sent:
         pace = decision.pace
         assert pace is not None
@@ -382,12 +393,12 @@ def test_a_late_reference_is_forgotten_and_the_next_one_gets_more_time() -> None
 
 
 def test_references_play_as_references() -> None:
-    routine = crossing()
-    drive = Drive(routine, wish(0.8), 62.0)
+    planned_motion = crossing()
+    drive = Drive(planned_motion, wish(0.8), 62.0)
     drive.go(1.0, 8.5)
     pace = drive.sent[-1][1].pace
     assert pace is not None
     sent = Reference("x", "ot1", "v", "adapted", 0, pace.start_ns, pace.start_ns + S,
-                     play(routine.columns, pace))  # fmt: skip
+                     play(planned_motion.columns, pace))  # fmt: skip
     assert sent.points[-1].speed_mps == 0.0
     assert sent.points[-1].y_m == pytest.approx(13.0)

@@ -38,7 +38,7 @@ def event(name: str) -> Event:
     return load_event(name)[0]
 
 
-def ground(site: Site) -> OperatingArea:
+def area(site: Site) -> OperatingArea:
     link = PlaceLink(kind="site", name=site.name, sha256=site_version(site))
     return OperatingArea(link, site_library(site), site)
 
@@ -67,7 +67,7 @@ def make(
     block: int = 0,
     preferred: dict[str, float] | None = None,
 ) -> Realisation:
-    place = ground(site)
+    place = area(site)
     return realise(
         event(name),
         "sha256:event",
@@ -275,7 +275,7 @@ def test_surroundings_that_come_into_the_way_are_left_out_and_told() -> None:
 
 
 def test_a_map_has_documented_limits_and_a_camera_as_needed() -> None:
-    library = ground(shipped("boulevard")).library
+    library = area(shipped("boulevard")).library
     place = OperatingArea(
         PlaceLink(kind="opendrive", name="town.xodr", sha256="sha256:map"),
         library,
@@ -312,7 +312,7 @@ def test_a_block_whose_frame_ends_near_the_road_is_refused() -> None:
             ]
         },
     )
-    place = ground(shipped("boulevard"))
+    place = area(shipped("boulevard"))
     block = replace(place.library.blocks[0], line=_line(site))
     with pytest.raises(CannotPlace):
         realise(event("cut_in"), "v", block, place, "sumo", seed=1, preferred={})

@@ -59,8 +59,8 @@ def read(
 ) -> Reading:
     """What a condition reads where states may be 0.3 s old."""
     targets = {} if other is None else {other.object_id: other}
-    scene = Snapshot(vut, targets, path, 300 * MS, phases or {})
-    return question(PARSER.validate_python(condition), path, started_ns).read(scene)
+    snapshot = Snapshot(vut, targets, path, 300 * MS, phases or {})
+    return question(PARSER.validate_python(condition), path, started_ns).read(snapshot)
 
 
 def value(*args: Any, **given: Any) -> float:
@@ -266,9 +266,9 @@ def test_what_nobody_asks_about_is_not_extrapolated(
 
     monkeypatch.setattr(ObjectState, "extrapolated", counted)
     targets = {f"ot{i}": state(f"ot{i}", x_m=40.0, stamp_ns=S) for i in range(20)}
-    scene = Snapshot(state("vut", stamp_ns=S + MS), targets, STRAIGHT, 300 * MS, {})
+    snapshot = Snapshot(state("vut", stamp_ns=S + MS), targets, STRAIGHT, 300 * MS, {})
     for condition in (GAP, TTC, FASTER, ARRIVAL):
-        question(PARSER.validate_python(condition), STRAIGHT, 0).read(scene)
+        question(PARSER.validate_python(condition), STRAIGHT, 0).read(snapshot)
     assert asked == ["ot1"]
 
 
@@ -330,7 +330,7 @@ def test_the_crossing_is_the_exact_one_rounded_half_to_even(
 ) -> None:
     before, threshold, after = values
     assume(before != after)
-    asked = Measured(Quantity("gap", "<", threshold, "m"), lambda scene: math.nan)
+    asked = Measured(Quantity("gap", "<", threshold, "m"), lambda snapshot: math.nan)
     first = Reading(Sample(stamp_ns, before), False)
     second = Reading(Sample(stamp_ns + step_ns, after), True)
     share = (Fraction(before) - Fraction(threshold)) / (Fraction(before) - Fraction(after))

@@ -69,9 +69,9 @@ def ground_of(site: str) -> OperatingArea:
     return load_area(site, None)[0]
 
 
-def compiled(event: Event, ground: OperatingArea, block: int = 0) -> RunSpec:
-    place = ground.library.blocks[block]
-    made = realise(event, "sha256:test", place, ground, "sumo", seed=1, preferred={})
+def compiled(event: Event, area: OperatingArea, block: int = 0) -> RunSpec:
+    place = area.library.blocks[block]
+    made = realise(event, "sha256:test", place, area, "sumo", seed=1, preferred={})
     return made.run.model_copy(update={"camera": None})
 
 
@@ -88,22 +88,22 @@ def test_a_crossing_from_the_left_is_refused_where_the_vut_would_be_there_first(
 
 
 def test_a_trigger_that_alone_is_wrong_is_told_with_a_value_that_would_do() -> None:
-    event, ground = from_the_other_side("vru_crossing"), ground_of("south_loop")
-    told = fitting_trigger(event, lambda other: compiled(other, ground))
+    event, area = from_the_other_side("vru_crossing"), ground_of("south_loop")
+    told = fitting_trigger(event, lambda other: compiled(other, area))
     assert told is not None
     said = re.search(r"trigger\.below of ([\d.]+) s would do, K\* has 3 to 3\.4", told)
     assert said is not None, told
     value = event.model_dump(mode="json", by_alias=True)
     below = {"min": float(said[1]), "max": float(said[1]), "unit": "s"}
     value["constraints"]["trigger"]["below"] = below
-    run = compiled(Event.model_validate(value), ground)
+    run = compiled(Event.model_validate(value), area)
     assert run_in_process(run)[0].verdict is Verdict.VALID
 
 
 def test_no_trigger_is_told_where_something_else_is_wrong() -> None:
     """Behind two oncoming lanes a trigger early enough needs a gap at the start beyond K*'s."""
-    event, ground = from_the_other_side("vru_crossing"), ground_of("boulevard")
-    assert fitting_trigger(event, lambda other: compiled(other, ground)) is None
+    event, area = from_the_other_side("vru_crossing"), ground_of("boulevard")
+    assert fitting_trigger(event, lambda other: compiled(other, area)) is None
 
 
 # -- the predicate on runs that were changed -------------------------------------------------------
@@ -246,19 +246,19 @@ def combinations_of(name: str, place: int) -> Iterator[Event]:
         yield event.model_copy(update={"participants": participants})
 
 
-def best_block(event: Event, ground: OperatingArea) -> Block | None:
+def best_block(event: Event, area: OperatingArea) -> Block | None:
     """The first block that the retrieval would try; those of one map are much alike."""
-    scores = score_blocks(event, ground.library)
+    scores = score_blocks(event, area.library)
     assert all(score.eligible or score.reasons for score in scores)
     best = next((score.block for score in scores if score.eligible), None)
-    return next((block for block in ground.library.blocks if block.block_id == best), None)
+    return next((block for block in area.library.blocks if block.block_id == best), None)
 
 
-def tried(event: Event, block: Block, ground: OperatingArea) -> RunSpec | None:
+def tried(event: Event, block: Block, area: OperatingArea) -> RunSpec | None:
     """The run whose event would happen; None where it is refused, which says what misses."""
     refused = ""
     try:
-        made = realise(event, "sha256:test", block, ground, "sumo", seed=1, preferred={})
+        made = realise(event, "sha256:test", block, area, "sumo", seed=1, preferred={})
     except CannotPlace as error:
         refused = str(error)
     else:
@@ -284,9 +284,9 @@ def test_what_compiles_runs_valid(name: str, side: str) -> None:
     """One run per event and side, with the traffic that the predicate leaves out."""
     shipped_one = Event.model_validate(shipped(name))
     event = shipped_one if side == "as shipped" else from_the_other_side(name)
-    ground = ground_of("boulevard")
-    block = best_block(event, ground)
-    run = None if block is None else tried(event, block, ground)
+    area = ground_of("boulevard")
+    block = best_block(event, area)
+    run = None if block is None else tried(event, block, area)
     if run is None:
         assert event != shipped_one
         return
@@ -302,18 +302,18 @@ def test_what_compiles_runs_valid(name: str, side: str) -> None:
 def test_who_waits_on_a_wide_verge_waits_at_its_inner_edge(
     grounds: dict[str, OperatingArea],
 ) -> None:
-    event, ground = Event.model_validate(shipped("vru_crossing")), grounds["wide_verge"]
-    result, _ = run_in_process(compiled(event, ground))
+    event, area = Event.model_validate(shipped("vru_crossing")), grounds["wide_verge"]
+    result, _ = run_in_process(compiled(event, area))
     assert result.verdict is Verdict.VALID
 
 
 def test_a_shoulder_too_wide_for_the_trigger_is_refused_with_both_times(
     grounds: dict[str, OperatingArea],
 ) -> None:
-    event, ground = Event.model_validate(shipped("vru_crossing")), grounds["wide_shoulder"]
+    event, area = Event.model_validate(shipped("vru_crossing")), grounds["wide_shoulder"]
     with pytest.raises(CannotPlace, match=r"ot1 takes \d\.\d s .* approach speed \d\.\d s"):
-        compiled(event, ground)
-    told = fitting_trigger(event, lambda other: compiled(other, ground))
+        compiled(event, area)
+    told = fitting_trigger(event, lambda other: compiled(other, area))
     assert told is not None
     assert "K* has 3 to 3.4" in told
 
@@ -329,9 +329,9 @@ def test_the_predicate_sees_that_nobody_crosses_in_left_hand_traffic(
     grounds: dict[str, OperatingArea],
 ) -> None:
     """Whatever the retrieval says: from the right, two oncoming lanes are crossed first."""
-    event, ground = Event.model_validate(shipped("vru_crossing")), grounds["left_hand"]
+    event, area = Event.model_validate(shipped("vru_crossing")), grounds["left_hand"]
     with pytest.raises(CannotPlace, match="wouldn't reach the conflict point first"):
-        compiled(event, ground)
+        compiled(event, area)
 
 
 # -- what an object is told after the event --------------------------------------------------------

@@ -23,14 +23,14 @@ ARM_NS = round(ARM_CONFIRMATION_S * S)
 
 @pytest.mark.parametrize("heard", [None, ControlState.PRE_ARMING, ControlState.DISARMED])
 def test_objects_have_their_time_to_arm(driver: Any, heard: ControlState | None) -> None:
-    patience, armed = Timeouts(), SessionPhase.ARMED
+    timeouts, armed = Timeouts(), SessionPhase.ARMED
     targets = {} if heard is None else {"ot1": replace(driver.targets["ot1"], control_state=heard)}
-    assert patience.not_armed(driver.run, armed, targets, 99 * S) is None  # nobody was told to
-    patience.arms(100 * S)
-    assert patience.not_armed(driver.run, armed, targets, 100 * S + ARM_NS) is None
-    reason = patience.not_armed(driver.run, armed, targets, 100 * S + ARM_NS + 1)
+    assert timeouts.not_armed(driver.run, armed, targets, 99 * S) is None  # nobody was told to
+    timeouts.arms(100 * S)
+    assert timeouts.not_armed(driver.run, armed, targets, 100 * S + ARM_NS) is None
+    reason = timeouts.not_armed(driver.run, armed, targets, 100 * S + ARM_NS + 1)
     assert reason == "ot1 did not arm in 3 s"
-    assert patience.not_armed(driver.run, armed, targets, 200 * S) is None  # said once
+    assert timeouts.not_armed(driver.run, armed, targets, 200 * S) is None  # said once
 
 
 @pytest.mark.parametrize(
@@ -42,16 +42,16 @@ def test_objects_have_their_time_to_arm(driver: Any, heard: ControlState | None)
     ],
 )
 def test_nothing_to_wait_for(driver: Any, control: ControlState, phase: SessionPhase) -> None:
-    patience = Timeouts()
-    patience.arms(0)
+    timeouts = Timeouts()
+    timeouts.arms(0)
     targets = {"ot1": replace(driver.targets["ot1"], control_state=control)}
-    assert patience.not_armed(driver.run, phase, targets, S) is None
+    assert timeouts.not_armed(driver.run, phase, targets, S) is None
     # That it was settled once is enough, whatever comes later.
     waiting = {"ot1": replace(driver.targets["ot1"], control_state=ControlState.DISARMED)}
-    assert patience.not_armed(driver.run, SessionPhase.ARMED, waiting, 9 * S) is None
+    assert timeouts.not_armed(driver.run, SessionPhase.ARMED, waiting, 9 * S) is None
 
 
-def vigil(world_s: float = 0.0, ot1_s: float = 0.0) -> LivenessMonitor:
+def liveness(world_s: float = 0.0, ot1_s: float = 0.0) -> LivenessMonitor:
     """Who was last heard when: seconds on the steady clock."""
     made = LivenessMonitor()
     made.hear(names.SIL_WORLD, round(world_s * S))
@@ -70,23 +70,23 @@ def aborting(driver: Any, speed_mps: float = 3.0) -> Any:
 
 
 def test_a_living_world_is_given_time_for_the_standstill(driver: Any) -> None:
-    session, patience = aborting(driver), Timeouts()
+    session, timeouts = aborting(driver), Timeouts()
     for t in (0.0, 1.0, 5.0, ABORT_STANDSTILL_S):
-        heard = vigil(100.0 + t, 100.0 + t)
+        heard = liveness(100.0 + t, 100.0 + t)
         steady_ns = round((100.0 + t) * S)
-        assert not patience.standstill_unconfirmed(session, heard, steady_ns, driver.now_ns)
+        assert not timeouts.standstill_unconfirmed(session, heard, steady_ns, driver.now_ns)
     end_ns = round((100.1 + ABORT_STANDSTILL_S) * S)
-    heard = vigil(100.1 + ABORT_STANDSTILL_S, 100.1 + ABORT_STANDSTILL_S)
-    assert patience.standstill_unconfirmed(session, heard, end_ns, driver.now_ns)
+    heard = liveness(100.1 + ABORT_STANDSTILL_S, 100.1 + ABORT_STANDSTILL_S)
+    assert timeouts.standstill_unconfirmed(session, heard, end_ns, driver.now_ns)
 
 
 def test_a_dead_world_confirms_nothing(driver: Any) -> None:
     """It was silent when the abort began, and is given a second from then to go on."""
-    session, patience = aborting(driver), Timeouts()
-    heard = vigil(world_s=96.0, ot1_s=101.1)
+    session, timeouts = aborting(driver), Timeouts()
+    heard = liveness(world_s=96.0, ot1_s=101.1)
     for steady_s, given_up in ((100.0, False), (101.0, False), (101.1, True)):
         steady_ns = round(steady_s * S)
-        found = patience.standstill_unconfirmed(session, heard, steady_ns, driver.now_ns)
+        found = timeouts.standstill_unconfirmed(session, heard, steady_ns, driver.now_ns)
         assert found is given_up
 
 
@@ -97,19 +97,19 @@ def test_a_dead_world_confirms_nothing(driver: Any) -> None:
 def test_an_object_that_is_silent_is_not_waited_for(
     driver: Any, speed_mps: float, silent_s: float, given_up: bool
 ) -> None:
-    session, patience = aborting(driver, speed_mps), Timeouts()
-    heard = vigil(world_s=100.0, ot1_s=100.0 - silent_s)
-    found = patience.standstill_unconfirmed(session, heard, 100 * S, driver.now_ns)
+    session, timeouts = aborting(driver, speed_mps), Timeouts()
+    heard = liveness(world_s=100.0, ot1_s=100.0 - silent_s)
+    found = timeouts.standstill_unconfirmed(session, heard, 100 * S, driver.now_ns)
     assert found is given_up
 
 
 def test_the_wait_begins_anew_with_each_abort(make_driver: Any, run: RunSpec) -> None:
-    patience, first, second = Timeouts(), make_driver(run), make_driver(run)
+    timeouts, first, second = Timeouts(), make_driver(run), make_driver(run)
     session = aborting(first)
-    assert not patience.standstill_unconfirmed(session, vigil(1.0, 1.0), S, first.now_ns)
+    assert not timeouts.standstill_unconfirmed(session, liveness(1.0, 1.0), S, first.now_ns)
     first.move("ot1", speed_mps=0.0)
     first.step(control_state=ControlState.ABORTING)
     assert session.state is SessionPhase.ABORTED
-    assert not patience.standstill_unconfirmed(session, vigil(), 99 * S, first.now_ns)
-    heard = vigil(99.0, 99.0)
-    assert not patience.standstill_unconfirmed(aborting(second), heard, 99 * S, second.now_ns)
+    assert not timeouts.standstill_unconfirmed(session, liveness(), 99 * S, first.now_ns)
+    heard = liveness(99.0, 99.0)
+    assert not timeouts.standstill_unconfirmed(aborting(second), heard, 99 * S, second.now_ns)

@@ -10,10 +10,10 @@ from ssp_scenario_manager.session.link_quality import LossCounter, LossCounters
 
 
 def counted(sequences: list[int]) -> tuple[int, int]:
-    tally = LossCounter()
+    count = LossCounter()
     for sequence in sequences:
-        tally.see(sequence)
-    return tally.received, tally.lost
+        count.see(sequence)
+    return count.received, count.lost
 
 
 @pytest.mark.parametrize(
@@ -48,14 +48,14 @@ def test_what_is_missing_is_lost_in_whatever_order_the_rest_comes(
 
 
 def test_losses_are_told_once() -> None:
-    tallies = LossCounters()
+    losses = LossCounters()
     for sequence in (1, 2, 5):
-        tallies.see("ot2", sequence)
-    tallies.see("ot1", 1)
-    assert tallies.news() == ["ot2: 2 states lost, 2 of 5 so far"]
-    assert tallies.news() == []
-    tallies.see("ot2", 7)
-    assert tallies.news() == ["ot2: 1 states lost, 3 of 7 so far"]
-    tallies.forget()
-    assert tallies.of == {}
-    assert tallies.news() == []
+        losses.see("ot2", sequence)
+    losses.see("ot1", 1)
+    assert losses.news() == ["ot2: 2 states lost, 2 of 5 so far"]
+    assert losses.news() == []
+    losses.see("ot2", 7)
+    assert losses.news() == ["ot2: 1 states lost, 3 of 7 so far"]
+    losses.forget()
+    assert losses.of == {}
+    assert losses.news() == []

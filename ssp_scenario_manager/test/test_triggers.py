@@ -57,7 +57,7 @@ def car(object_id: str, stamp_ns: int, x_m: float, y_m: float, speed_mps: float)
     )
 
 
-def scene(
+def snapshot(
     stamp_ns: int,
     gap_m: float = 50.0,
     vut_mps: float = 0.0,
@@ -73,14 +73,14 @@ def scene(
     return Snapshot(vut, targets, PATH, 300 * MS, phases)
 
 
-def fire(asked: TriggerSpec, scenes: list[Snapshot], start_ns: int = 0) -> list[Firing]:
+def fire(asked: TriggerSpec, snapshots: list[Snapshot], start_ns: int = 0) -> list[Firing]:
     watch = TriggerWatch(asked, PATH, start_ns)
-    firings = [watch.observe(scene) for scene in scenes]
+    firings = [watch.observe(snapshot) for snapshot in snapshots]
     return [firing for firing in firings if firing is not None]
 
 
 def gaps(*samples: tuple[int, float]) -> list[Snapshot]:
-    return [scene(stamp_ns, gap_m) for stamp_ns, gap_m in samples]
+    return [snapshot(stamp_ns, gap_m) for stamp_ns, gap_m in samples]
 
 
 def at(firings: list[Firing]) -> list[tuple[int, int]]:
@@ -204,19 +204,19 @@ def test_truth_of_nested_conditions() -> None:
 
 
 def test_all_cross_with_the_latest_and_any_with_the_earliest() -> None:
-    scenes = [scene(0, 13.0, 7.0), scene(100, 11.0, 7.5), scene(200, 9.0, 8.5)]
-    (firing,) = fire(spec(both(GAP, FAST)), scenes)
+    snapshots = [snapshot(0, 13.0, 7.0), snapshot(100, 11.0, 7.5), snapshot(200, 9.0, 8.5)]
+    (firing,) = fire(spec(both(GAP, FAST)), snapshots)
     assert (firing.crossing_ns, firing.fired_ns) == (150, 200)
     assert firing.threshold == 8.0
     assert firing.samples == (Sample(100, 7.5), Sample(200, 8.5))
-    (firing,) = fire(spec(either(GAP, FAST)), scenes)
+    (firing,) = fire(spec(either(GAP, FAST)), snapshots)
     assert (firing.crossing_ns, firing.fired_ns) == (50, 100)
     assert firing.threshold == 12.0
 
 
 def test_every_condition_of_a_nested_one_is_explained() -> None:
-    scenes = [scene(S, 13.0, 7.0), scene(2 * S, 11.0, 7.5), scene(3 * S, 9.0, 8.5)]
-    (firing,) = fire(spec(both(GAP, either(FAST, OT_SLOW)), held_for_s=0.1), scenes)
+    snapshots = [snapshot(S, 13.0, 7.0), snapshot(2 * S, 11.0, 7.5), snapshot(3 * S, 9.0, 8.5)]
+    (firing,) = fire(spec(both(GAP, either(FAST, OT_SLOW)), held_for_s=0.1), snapshots)
     assert firing.condition == (
         "all of (gap vut - ot1 < 12 m (9.000 m, holds since 1.500 s); any of ("
         "speed of vut > 8 m/s (8.500 m/s, holds since 2.500 s); "
@@ -226,46 +226,48 @@ def test_every_condition_of_a_nested_one_is_explained() -> None:
 
 def test_a_gap_between_two_states_interrupts_the_holding() -> None:
     """One part falls at 125, the other rises at 175: both samples are true, what is between not."""
-    scenes = [
-        scene(0, 11.0, 5.0),
-        scene(100, 11.0, 5.0),
-        scene(200, 15.0, 9.0),  # gap fails from 125 on, speed holds from 175 on
-        scene(275, 15.0, 9.0),
+    snapshots = [
+        snapshot(0, 11.0, 5.0),
+        snapshot(100, 11.0, 5.0),
+        snapshot(200, 15.0, 9.0),  # gap fails from 125 on, speed holds from 175 on
+        snapshot(275, 15.0, 9.0),
     ]
     held = spec(either(GAP, FAST), held_for_s=1e-7)
-    assert at(fire(spec(either(GAP, FAST), held_for_s=1.5e-7), scenes[:3])) == []
-    assert at(fire(held, scenes[:2])) == [(0, 100)]
-    assert at(fire(spec(either(GAP, FAST), edge="rising"), scenes[:3])) == [(175, 200)]
-    assert at(fire(spec(either(GAP, FAST), edge="rising", held_for_s=1e-7), scenes)) == [(175, 275)]
+    assert at(fire(spec(either(GAP, FAST), held_for_s=1.5e-7), snapshots[:3])) == []
+    assert at(fire(held, snapshots[:2])) == [(0, 100)]
+    assert at(fire(spec(either(GAP, FAST), edge="rising"), snapshots[:3])) == [(175, 200)]
+    assert at(fire(spec(either(GAP, FAST), edge="rising", held_for_s=1e-7), snapshots)) == [
+        (175, 275)
+    ]
 
 
 def test_parts_that_change_at_the_same_instant_leave_no_gap() -> None:
-    scenes = [scene(0, 11.0, 7.0), scene(100, 13.0, 9.0), scene(200, 13.0, 9.0)]
+    snapshots = [snapshot(0, 11.0, 7.0), snapshot(100, 13.0, 9.0), snapshot(200, 13.0, 9.0)]
     held = spec(either(GAP, FAST), held_for_s=2e-7)
-    assert at(fire(held, scenes)) == [(0, 200)]
-    assert at(fire(spec(either(GAP, FAST), edge="rising"), scenes)) == []
+    assert at(fire(held, snapshots)) == [(0, 200)]
+    assert at(fire(spec(either(GAP, FAST), edge="rising"), snapshots)) == []
 
 
 # -- phases and time ------------------------------------------------------------------------------
 
 
 def test_a_phase_counts_from_its_start_though_it_is_confirmed_later() -> None:
-    scenes = [scene(t, trigger_ns=150 if t >= 300 else None) for t in range(0, 1000, 100)]
-    assert at(fire(spec(BEGUN), scenes)) == [(150, 300)]
-    assert at(fire(spec(BEGUN, held_for_s=3e-7), scenes)) == [(150, 500)]
-    assert at(fire(spec(BEGUN, edge="rising"), scenes)) == [(150, 300)]
+    snapshots = [snapshot(t, trigger_ns=150 if t >= 300 else None) for t in range(0, 1000, 100)]
+    assert at(fire(spec(BEGUN), snapshots)) == [(150, 300)]
+    assert at(fire(spec(BEGUN, held_for_s=3e-7), snapshots)) == [(150, 500)]
+    assert at(fire(spec(BEGUN, edge="rising"), snapshots)) == [(150, 300)]
 
 
 def test_a_phase_that_began_before_anything_counts_is_no_edge() -> None:
-    scenes = [scene(t, trigger_ns=150 if t >= 300 else None) for t in range(200, 1000, 100)]
-    assert fire(spec(BEGUN, edge="rising"), scenes) == []
-    assert at(fire(spec(BEGUN), scenes)) == [(200, 300)]
+    snapshots = [snapshot(t, trigger_ns=150 if t >= 300 else None) for t in range(200, 1000, 100)]
+    assert fire(spec(BEGUN, edge="rising"), snapshots) == []
+    assert at(fire(spec(BEGUN), snapshots)) == [(200, 300)]
 
 
 def test_what_held_since_a_phases_start_is_seen_afterwards() -> None:
     """The gap holds from 200 to 400, the phase from 150, known at 600: nothing fires afterwards."""
     short = gaps((0, 13.0), (100, 13.0), (300, 11.0), (500, 13.0))
-    known = [scene(600, 13.0, trigger_ns=150), scene(800, 11.0, trigger_ns=150)]
+    known = [snapshot(600, 13.0, trigger_ns=150), snapshot(800, 11.0, trigger_ns=150)]
     assert at(fire(spec(both(BEGUN, GAP)), [*short, *known])) == [(700, 800)]
     # That it failed again at 400 is a falling edge, though it was never seen to hold.
     assert at(fire(spec(both(BEGUN, GAP), edge="falling"), [*short, *known])) == [(400, 600)]
@@ -273,8 +275,8 @@ def test_what_held_since_a_phases_start_is_seen_afterwards() -> None:
 
 def test_elapsed_time_crosses_exactly() -> None:
     late = spec({"type": "elapsed_time", "after_s": 0.3})
-    scenes = [scene(S + t * 70 * MS) for t in range(10)]
-    assert at(fire(late, scenes, S)) == [(S + 300 * MS, S + 350 * MS)]
+    snapshots = [snapshot(S + t * 70 * MS) for t in range(10)]
+    assert at(fire(late, snapshots, S)) == [(S + 300 * MS, S + 350 * MS)]
 
 
 # -- cost -----------------------------------------------------------------------------------------

@@ -334,7 +334,7 @@ def _state(name: str, body: Body) -> ObjectState:
     )
 
 
-def _scene(arrival: Arrival) -> Snapshot:
+def _snapshot(arrival: Arrival) -> Snapshot:
     targets = {name: _state(name, body) for name, body in arrival.others.items()}
     phases = {Phase[word.upper()]: ns for word, ns in arrival.phases.items()}
     return Snapshot(_state("vut", arrival.vut), targets, PATH, AGE_NS, phases)
@@ -369,7 +369,7 @@ def test_any_sequence_fires_as_the_definition_says(
         }
     )
     watch = TriggerWatch(asked, PATH, start * TICK_NS)
-    firings = [f for f in [watch.observe(_scene(a)) for a in arrivals] if f is not None]
+    firings = [f for f in [watch.observe(_snapshot(a)) for a in arrivals] if f is not None]
     expected = fires(
         condition, edge, held * TICK_NS, not_before * TICK_NS, start * TICK_NS, arrivals
     )

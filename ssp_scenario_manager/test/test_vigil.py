@@ -43,14 +43,16 @@ def links(offset_s: float = 0.0, delay_s: float = 0.0, age_s: float = 0.0) -> Li
 
 
 def heard_at(ages_s: dict[str, float], measured: LinkClocks | None = None) -> LivenessMonitor:
-    vigil = LivenessMonitor(measured or links())
+    liveness = LivenessMonitor(measured or links())
     for who in EVERYBODY:
-        vigil.hear(who, NOW_NS - round(ages_s.get(who, 0.0) * 1e9))
-    return vigil
+        liveness.hear(who, NOW_NS - round(ages_s.get(who, 0.0) * 1e9))
+    return liveness
 
 
-def codes(vigil: LivenessMonitor, spec: RunSpec, phase: SessionPhase = RUNNING) -> list[SafetyCode]:
-    return [v.code for v in vigil.violations(spec, phase, NOW_NS, 7)]
+def codes(
+    liveness: LivenessMonitor, spec: RunSpec, phase: SessionPhase = RUNNING
+) -> list[SafetyCode]:
+    return [v.code for v in liveness.violations(spec, phase, NOW_NS, 7)]
 
 
 @pytest.mark.parametrize(
@@ -145,19 +147,19 @@ def test_a_bad_link_ends_a_session(
 @pytest.mark.parametrize("mode", ["lockstep", "realtime", "live"])
 def test_losses_and_other_managers(run: RunSpec, mode: str) -> None:
     spec = with_camera(run, mode)
-    vigil = heard_at({})
-    vigil.hear_recorder(True, (), 1, NOW_NS)
-    assert codes(vigil, spec) == [C.RECORDER]
-    vigil.hear_recorder(True, (), 0, NOW_NS)
-    vigil.foreign = {"session_state": (1, "session_state has /x")}
-    assert codes(vigil, spec) == [C.FOREIGN_MANAGER]
+    liveness = heard_at({})
+    liveness.hear_recorder(True, (), 1, NOW_NS)
+    assert codes(liveness, spec) == [C.RECORDER]
+    liveness.hear_recorder(True, (), 0, NOW_NS)
+    liveness.foreign = {"session_state": (1, "session_state has /x")}
+    assert codes(liveness, spec) == [C.FOREIGN_MANAGER]
 
 
 def test_the_facts_that_arming_asks_for(run: RunSpec) -> None:
-    vigil = heard_at({names.VUT_ID: 0.25, "ot1": 0.5}, links(0.01, 0.02, 0.125))
-    vigil.hear_recorder(False, ("/ssp/a",), 3, NOW_NS)
-    vigil.foreign["clock"] = 1, "clock has /y"
-    facts = vigil.facts(run, NOW_NS)
+    liveness = heard_at({names.VUT_ID: 0.25, "ot1": 0.5}, links(0.01, 0.02, 0.125))
+    liveness.hear_recorder(False, ("/ssp/a",), 3, NOW_NS)
+    liveness.foreign["clock"] = 1, "clock has /y"
+    facts = liveness.facts(run, NOW_NS)
     assert (facts.recorder_ready, facts.recorder_missing, facts.recorder_lost) == (
         False,
         ("/ssp/a",),

@@ -22,16 +22,16 @@ from ssp_scenario_manager.session.supervision import (
 S = 1_000_000_000
 
 
-def hear_all(vigil: LivenessMonitor, steady_ns: int) -> None:
+def hear_all(liveness: LivenessMonitor, steady_ns: int) -> None:
     for who in (names.SIL_WORLD, names.VUT_ID, "ot1", names.MONITOR):
-        vigil.hear(who, steady_ns)
+        liveness.hear(who, steady_ns)
 
 
 def test_the_session_is_told_the_facts(driver: Any) -> None:
     driver.until("LOADED")
-    vigil = LivenessMonitor()
-    watchdog = Supervisor(driver.session, vigil)
-    vigil.hear_recorder(True, (), 0, 2 * S)
+    liveness = LivenessMonitor()
+    watchdog = Supervisor(driver.session, liveness)
+    liveness.hear_recorder(True, (), 0, 2 * S)
     watchdog.look(3 * S, 0)
     assert driver.session.facts.recorder_ready
     assert driver.session.facts.recorder_age_s == 1.0
@@ -40,15 +40,15 @@ def test_the_session_is_told_the_facts(driver: Any) -> None:
 @pytest.mark.parametrize("phase", ["ARMED", "RUNNING"])
 def test_who_falls_silent_ends_the_session(driver: Any, tools: Any, phase: str) -> None:
     driver.until(phase)
-    vigil = LivenessMonitor()
-    watchdog = Supervisor(driver.session, vigil)
-    hear_all(vigil, S)
+    liveness = LivenessMonitor()
+    watchdog = Supervisor(driver.session, liveness)
+    hear_all(liveness, S)
     watchdog.look(S, 0)
     assert driver.session.state.name == phase
     late_ns = S + round(WORLD_SILENT_LOCKSTEP_S * S) + 1
     for steady_ns in range(S, late_ns, S // 4):
         watchdog.wake(steady_ns)
-    vigil.hear(names.MONITOR, late_ns)
+    liveness.hear(names.MONITOR, late_ns)
     watchdog.look(late_ns, 0)
     told = tools.violations(driver.session.outbox)
     assert told[0] is SafetyCode.WORLD_SILENT
@@ -68,11 +68,11 @@ def test_nobody_is_waited_for_before_or_after(driver: Any, tools: Any, phase: st
 def test_an_object_that_does_not_arm_takes_the_session_back(driver: Any) -> None:
     driver.until("ARMED")
     driver.hear(ControlState.PRE_ARMING)
-    vigil = LivenessMonitor()
-    watchdog = Supervisor(driver.session, vigil)
+    liveness = LivenessMonitor()
+    watchdog = Supervisor(driver.session, liveness)
     watchdog.objects_were_told_to_arm(S)
     late_ns = S + round(ARM_CONFIRMATION_S * S) + 1
-    hear_all(vigil, late_ns)
+    hear_all(liveness, late_ns)
     watchdog.look(late_ns, 0)
     assert driver.session.state is SessionPhase.CONNECTED
 
@@ -87,11 +87,11 @@ def test_a_live_session_waits_for_no_world(
     driver.command("abort")
     driver.move("ot1", speed_mps=3.0)
     driver.step(control_state=ControlState.ABORTING)
-    vigil = LivenessMonitor()
-    watchdog = Supervisor(driver.session, vigil)
+    liveness = LivenessMonitor()
+    watchdog = Supervisor(driver.session, liveness)
     for steady_ns in (S, 3 * S):
-        vigil.hear("ot1", steady_ns)
-        vigil.hear(names.VUT_ID, steady_ns)
+        liveness.hear("ot1", steady_ns)
+        liveness.hear(names.VUT_ID, steady_ns)
         unconfirmed = watchdog.look(steady_ns, driver.now_ns)
     assert unconfirmed is given_up
 
@@ -103,9 +103,9 @@ def test_a_manager_that_stood_still_blames_itself(
     run = RunSpec.model_validate({**run_mapping, "mode": "realtime"})
     driver = make_driver(run)
     driver.until("RUNNING")
-    vigil = LivenessMonitor()
-    watchdog = Supervisor(driver.session, vigil)
-    hear_all(vigil, S)
+    liveness = LivenessMonitor()
+    watchdog = Supervisor(driver.session, liveness)
+    hear_all(liveness, S)
     watchdog.wake(S)
     now_ns = S + round(late_s * S)
     driver.session.outbox.clear()

@@ -43,7 +43,7 @@ from ssp_core.vocabulary import Role
 from ssp_ot_controller.bodies.dynamics import BodyState, step_body
 from ssp_ot_controller.sil.vut_driver import VutDriver
 from ssp_scenario_manager.compile.compiler import Request, compile_task
-from ssp_scenario_manager.dispatch.planned_motion import routine_of
+from ssp_scenario_manager.dispatch.planned_motion import planned_motion_of
 from ssp_scenario_manager.dispatch.references import (
     APPROACH_LEAD_S,
     Address,
@@ -256,13 +256,13 @@ class Foreseen:
         manoeuvre = manoeuvre_reference(
             address, self._trigger.manoeuvre, there, self._approach, self._target.approach
         )
-        routine = routine_of(
+        planned_motion = planned_motion_of(
             self._approach, manoeuvre, fired_ns, self._target, self._run.vut, self._path
         )
-        if routine is None:
+        if planned_motion is None:
             raise RuntimeError("the manoeuvre doesn't meet the VUT")
         for vut in states:
-            if self.front_m(vut) >= routine.zone.start_m:
+            if self.front_m(vut) >= planned_motion.zone.start_m:
                 return ns_to_seconds(vut.stamp_ns)
         return LONGEST_S
 

@@ -131,7 +131,7 @@ def _show(bar: Progress, block: str) -> None:
 
 def _default_folder(compiled: Compiled) -> Path:
     task = compiled.task
-    place = compiled.ground.name.split(".")[0]
+    place = compiled.area.name.split(".")[0]
     return Path("out") / "compiled" / f"{task.event.name}-{task.target}-{place}"
 
 

@@ -13,7 +13,7 @@ from rich.table import Table
 from ssp_core import console
 from ssp_core.errors import InputError
 from ssp_core.run_file.model import load_run
-from ssp_scenario_manager.doctor.checks import Finding, Status, all_checks
+from ssp_scenario_manager.doctor.checks import Finding, LinkMeasurement, Status, all_checks
 from ssp_scenario_manager.doctor.session import failed, session_findings
 
 _STYLE = {Status.OK: "green", Status.WARN: "yellow", Status.FAIL: "bold red"}
@@ -63,7 +63,7 @@ def doctor(
     if run_file is None:
         if odometry is not None or remappings:
             raise click.UsageError("--odometry and --remap go with --session")
-        findings = all_checks()
+        findings = all_checks(_measure_link)
     else:
         findings = _listen(run_file, seconds, odometry, remappings)
     bad = failed(findings)
@@ -73,6 +73,12 @@ def doctor(
     _print_table(findings)
     console.out.print("something that a session needs is missing" if bad else "ready")
     return 1 if bad else 0
+
+
+def _measure_link() -> LinkMeasurement:
+    from ssp_scenario_manager.ros.link_probe import measure_link
+
+    return measure_link()
 
 
 def _listen(

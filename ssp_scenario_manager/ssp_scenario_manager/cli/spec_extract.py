@@ -274,62 +274,62 @@ def review_command(
             value=schema,
             remedy=f"known are {', '.join([SCHEMA, *REVIEWERS])}",
         )
-    desk = EventUnderReview(file, log, who, utc_now)
-    check_not_refused(file, desk.event.name, log)
+    reviewed = EventUnderReview(file, log, who, utc_now)
+    check_not_refused(file, reviewed.event.name, log)
     evidence = open_evidence(
-        desk.event, read_log(log), video, file.with_name(f"{_stem(file)}.review")
+        reviewed.event, read_log(log), video, file.with_name(f"{_stem(file)}.review")
     )
     stored = file.with_name(f"{_stem(file)}.extraction") / "frames"
-    session = Session(desk, Stdio(), evidence, stored if stored.is_dir() else None)
+    session = Session(reviewed, Stdio(), evidence, stored if stored.is_dir() else None)
     if accept_all and reason:
         count = session.accept_all(reason.strip())
         console.out.print(f"accepted {count} fields that aren't safety-critical", markup=False)
     end = session.run(everything)
-    return _finish(desk, end)
+    return _finish(reviewed, end)
 
 
-def _finish(desk: EventUnderReview, end: End) -> int:
+def _finish(reviewed: EventUnderReview, end: End) -> int:
     out = console.out
     if end is End.REJECTED:
         out.print(
-            f"\n{desk.path}: the clip is refused; {desk.log} says why, and this event is not "
-            "compiled",
+            f"\n{reviewed.path}: the clip is refused; {reviewed.log} says why, and this event is "
+            "not compiled",
             markup=False,
         )
         return 1
-    left = to_decide(desk.event)
+    left = to_decide(reviewed.event)
     if left:
-        out.print(f"\n{desk.path}: {len(left)} fields are left to decide:", markup=False)
+        out.print(f"\n{reviewed.path}: {len(left)} fields are left to decide:", markup=False)
         for item in left:
             out.print(f"  {item.field}: {shown(item.value)} ({item.why})", markup=False)
         return 1
-    failures = check_event(desk.event)
+    failures = check_event(reviewed.event)
     if failures:
-        out.print(f"\n{desk.path}: all is decided, and these checks don't hold:", markup=False)
+        out.print(f"\n{reviewed.path}: all is decided, and these checks don't hold:", markup=False)
         for failure in failures:
             text = f"  {failure.check} {failure.field}: {failure.reason} ({failure.evidence})"
             out.print(f"{text}; right would be: {failure.remedy}", markup=False)
         return 1
-    path = _promoted(desk)
-    out.print(f"\n{path}: K* {desk.version}", markup=False)
+    path = _promoted(reviewed)
+    out.print(f"\n{path}: K* {reviewed.version}", markup=False)
     return 0
 
 
-def _promoted(desk: EventUnderReview) -> Path:
+def _promoted(reviewed: EventUnderReview) -> Path:
     """Where the K* stands: a candidate's own file keeps its name, the K* gets its."""
-    if not desk.path.name.endswith(_CANDIDATE):
-        return desk.path
-    path = desk.path.with_name(f"{_stem(desk.path)}.event.yaml")
+    if not reviewed.path.name.endswith(_CANDIDATE):
+        return reviewed.path
+    path = reviewed.path.with_name(f"{_stem(reviewed.path)}.event.yaml")
     if path.exists():
         _, version = load_event(str(path))
-        ours = {record.details.get("version_after") for record in read_log(desk.log)}
-        if version != desk.version and version not in ours:
+        ours = {record.details.get("version_after") for record in read_log(reviewed.log)}
+        if version != reviewed.version and version not in ours:
             raise InputError(
-                f"exists already and is no earlier version of {desk.path.name}",
+                f"exists already and is no earlier version of {reviewed.path.name}",
                 file=path,
                 remedy="move one of them away",
             )
-    write_event(path, desk.event)
+    write_event(path, reviewed.event)
     return path
 
 

@@ -213,7 +213,7 @@ class Compiled:
         task: sealed.
         event: K*.
         event_file: its text as it was read.
-        ground: that it was placed on.
+        area: that it was placed on.
         site_file: the site's text, None with a map.
         chosen: the winner and all scores.
         log: of the task.
@@ -223,7 +223,7 @@ class Compiled:
     task: Task
     event: Event
     event_file: bytes
-    ground: OperatingArea
+    area: OperatingArea
     site_file: bytes | None
     chosen: Chosen
     log: tuple[Record, ...]
@@ -251,8 +251,8 @@ def compile_task(request: Request, said: Callable[[str], None] = lambda text: No
     candidate = None
     if request.shortlist is not None:
         candidate = load_candidate(request.shortlist, event.name, version)
-    ground, site_file = load_area(request.site, request.map_path)
-    _check_ground(request, ground)
+    area, site_file = load_area(request.site, request.map_path)
+    _check_area(request, area)
     before = read_log(log_path(event_path))
     gate = refusal(before, event.name)
     if gate is not None:
@@ -267,21 +267,21 @@ def compile_task(request: Request, said: Callable[[str], None] = lambda text: No
     placed = partial(
         realise,
         event_version=version,
-        ground=ground,
+        area=area,
         target=request.target,
         seed=request.seed,
         preferred=validated.values if validated is not None else {},
     )
     chosen = choose_block(
-        ground.library,
-        score_blocks(event, ground.library),
+        area.library,
+        score_blocks(event, area.library),
         lambda block: placed(event, block=block),
         choice=request.choose,
         who=request.who,
         said=said,
         would_do=lambda block: fitting_trigger(event, lambda other: placed(other, block=block)),
     )
-    task = _task(request, event, version, ground, chosen, validated)
+    task = _task(request, event, version, area, chosen, validated)
     log = _log(request, event, version, before, task, chosen, validated)
     listed = None if request.shortlist is None else request.shortlist.read_bytes()
     if candidate is not None and listed is not None:
@@ -290,7 +290,7 @@ def compile_task(request: Request, said: Callable[[str], None] = lambda text: No
         task=task,
         event=event,
         event_file=event_path.read_bytes(),
-        ground=ground,
+        area=area,
         site_file=site_file,
         chosen=chosen,
         log=tuple(log),
@@ -367,12 +367,12 @@ def check_options(request: Request) -> None:
         )
 
 
-def _check_ground(request: Request, ground: OperatingArea) -> None:
-    if request.target == "track" and ground.site is not None and ground.site.domain != "physical":
+def _check_area(request: Request, area: OperatingArea) -> None:
+    if request.target == "track" and area.site is not None and area.site.domain != "physical":
         raise InputError(
-            f"is a site of the domain {ground.site.domain}; a track task is for a physical one",
+            f"is a site of the domain {area.site.domain}; a track task is for a physical one",
             field="--site",
-            value=ground.site.name,
+            value=area.site.name,
             remedy="give a physical site, or --target sumo",
         )
 
@@ -381,7 +381,7 @@ def _task(
     request: Request,
     event: Event,
     version: str,
-    ground: OperatingArea,
+    area: OperatingArea,
     chosen: Chosen,
     validated: Validated | None,
 ) -> Task:
@@ -392,7 +392,7 @@ def _task(
             event=EventLink(name=event.name, version=version),
             compiler=COMPILER,
             seed=request.seed,
-            place=ground.link,
+            place=area.link,
             block=real.task_block,
             chosen_by=chosen.chosen_by,
             retrieval=chosen.scores,

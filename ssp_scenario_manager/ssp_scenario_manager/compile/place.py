@@ -181,7 +181,7 @@ def realise(
     event: Event,
     event_version: str,
     block: Block,
-    ground: OperatingArea,
+    area: OperatingArea,
     target: Target,
     *,
     seed: int,
@@ -193,7 +193,7 @@ def realise(
         event: K*.
         event_version: its version.
         block: of the ground.
-        ground: site or map.
+        area: site or map.
         target: what is compiled for; only a track session is physical.
         seed: of the run.
         preferred: values to try first, by field path.
@@ -203,7 +203,7 @@ def realise(
             how much.
     """
     kind = KINDS[event.interaction.type]
-    limits = ground.limits(event)
+    limits = area.limits(event)
     plans = kind.plans(
         event,
         block,
@@ -218,7 +218,7 @@ def realise(
     first: CannotPlace | None = None
     for plan in islice(plans, MOST_RUN):
         try:
-            return _realised(event, event_version, kind, block, ground, target, plan, limits, seed)
+            return _realised(event, event_version, kind, block, area, target, plan, limits, seed)
         except CannotPlace as error:
             first = first or error
     raise first or CannotPlace("it has no plan")
@@ -229,7 +229,7 @@ def _realised(
     event_version: str,
     kind: Kind,
     block: Block,
-    ground: OperatingArea,
+    area: OperatingArea,
     target: Target,
     plan: Plan,
     limits: Limits,
@@ -243,13 +243,13 @@ def _realised(
     told = motions(
         block.line, classes_of(event), event.vut_id, plan.vut, plan.targets, plan.trigger
     )
-    run, left_out = _run(event, event_version, kind, block, ground, target, plan, told, limits)
+    run, left_out = _run(event, event_version, kind, block, area, target, plan, told, limits)
     run = run.model_copy(update={"seed": seed})
-    reachable, zones = ground.ot_reachable(), ground.safe_stop_zones()
+    reachable, zones = area.ot_reachable(), area.safe_stop_zones()
     check_fence(run, block, plan)
-    if ground.site is not None and ground.site.domain == "physical":
+    if area.site is not None and area.site.domain == "physical":
         check_reachable(run, block, plan, reachable)
-    if ground.site is not None:
+    if area.site is not None:
         check_safe_stop(block, plan, zones)
     problems = cannot_fire(run) or why_not(run)
     if problems:
@@ -297,16 +297,16 @@ def _run(
     event_version: str,
     kind: Kind,
     block: Block,
-    ground: OperatingArea,
+    area: OperatingArea,
     target: Target,
     plan: Plan,
     told: Motions,
     limits: Limits,
 ) -> tuple[RunSpec, list[str]]:
-    physical = target == "track" and ground.site is not None
-    tracked = ground.site is not None and ground.site.domain == "physical"
+    physical = target == "track" and area.site is not None
+    tracked = area.site is not None and area.site.domain == "physical"
     marked = _marked_crossing(event, block, plan)
-    traffic, left_out = _traffic(block, ground, plan)
+    traffic, left_out = _traffic(block, area, plan)
     run = RunSpec(
         schema_="ssp.run/1",
         run_id=event.name,
@@ -314,16 +314,16 @@ def _run(
         interaction=event.interaction.type,
         observable=kind.observable,
         initiator=event.interaction.initiator,
-        domain=ground.site.domain if physical and ground.site is not None else "simulation",
-        stand_in=physical and ground.site is not None and ground.site.stand_in,
+        domain=area.site.domain if physical and area.site is not None else "simulation",
+        stand_in=physical and area.site is not None and area.site.stand_in,
         event_version=event_version,
         compiler=COMPILER,
-        site=ground.name,
-        site_version=ground.link.sha256,
+        site=area.name,
+        site_version=area.link.sha256,
         seed=0,
         mode="lockstep",
         road=road_of(block, marked),
-        geofence=ground.geofence(block),
+        geofence=area.geofence(block),
         vut=told.vut,
         driver=told.driver,
         targets=list(told.targets),
@@ -332,10 +332,10 @@ def _run(
         passing=wanted_passing(event),
         limits=limits,
         # A simulation of a track is one without what its stand-in session brings.
-        disturbance=ground.disturbance if physical or not tracked else LinkDisturbance(),
+        disturbance=area.disturbance if physical or not tracked else LinkDisturbance(),
         traffic=traffic,
-        camera=ground.camera(event),
-        look=ground.look,
+        camera=area.camera(event),
+        look=area.look,
     )
     return run, left_out
 
@@ -366,12 +366,10 @@ def _marked_crossing(event: Event, block: Block, plan: Plan) -> float | None:
     return block.crossing_s_m if at_it and event.interaction.occluder is None else None
 
 
-def _traffic(
-    block: Block, ground: OperatingArea, plan: Plan
-) -> tuple[list[TrafficSpec], list[str]]:
-    wanted, lanes, moved = ground.traffic(block), [], []
+def _traffic(block: Block, area: OperatingArea, plan: Plan) -> tuple[list[TrafficSpec], list[str]]:
+    wanted, lanes, moved = area.traffic(block), [], []
     site_block = next(
-        (b for b in ground.site.blocks if b.id == block.block_id) if ground.site else iter(()),
+        (b for b in area.site.blocks if b.id == block.block_id) if area.site else iter(()),
         None,
     )
     for vehicle in wanted:

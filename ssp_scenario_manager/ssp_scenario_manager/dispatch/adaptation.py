@@ -20,8 +20,8 @@ from ssp_scenario_manager.dispatch.planned_motion import (
     arrival_ns,
     as_planned,
     follow_vut,
+    planned_motion_of,
     play,
-    routine_of,
     toward,
     wanted_rate,
 )
@@ -61,7 +61,7 @@ def nearest_rate(
     """The pace that comes nearest to a wanted one inside the limits.
 
     Args:
-        planned: columns of the routine as planned.
+        planned: columns of the planned motion as planned.
         known: the pace as it goes on now.
         wish: of the trigger.
         bounds: of the motion.
@@ -131,7 +131,7 @@ class Adapting:
     """What is remembered of one manoeuvre that is being adapted.
 
     Args:
-        routine: as planned.
+        planned_motion: as planned.
         pace: of the last reference that was sent and not refused.
         taken: of the last one that the object accepted.
         aimed_ns: session time at which a pace was last looked for.
@@ -145,7 +145,7 @@ class Adapting:
         over: why it ended; empty while it goes on.
     """
 
-    routine: PlannedMotion
+    planned_motion: PlannedMotion
     pace: Pace
     taken: Pace
     aimed_ns: int
@@ -163,10 +163,10 @@ class Adapting:
         return replace(self, over=why)
 
 
-def begin(routine: PlannedMotion, dispatched_ns: int, lead_s: float) -> Adapting:
+def begin(planned_motion: PlannedMotion, dispatched_ns: int, lead_s: float) -> Adapting:
     """A manoeuvre that was dispatched as planned."""
-    pace = as_planned(routine.execute_at_ns)
-    return Adapting(routine, pace, pace, dispatched_ns, seconds_to_ns(lead_s))
+    pace = as_planned(planned_motion.execute_at_ns)
+    return Adapting(planned_motion, pace, pace, dispatched_ns, seconds_to_ns(lead_s))
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,27 +220,27 @@ def decide(
     return _aim(known, wish, bounds, track, vut.size, path, now_ns)
 
 
-def _conflict_m(routine: PlannedMotion, wish: Adaptation, path: Polyline) -> float:
+def _conflict_m(planned_motion: PlannedMotion, wish: Adaptation, path: Polyline) -> float:
     """The conflict point, arc length along the VUT's path."""
     if wish.anchor is None:
-        return routine.zone.start_m
+        return planned_motion.zone.start_m
     return path.project(*wish.anchor)[0]
 
 
-def _decisive_s(routine: PlannedMotion, wish: Adaptation) -> float:
+def _decisive_s(planned_motion: PlannedMotion, wish: Adaptation) -> float:
     """Own time of what decides the gap."""
-    return routine.departure_s if wish.first == "initiator" else routine.arrival_s
+    return planned_motion.departure_s if wish.first == "initiator" else planned_motion.arrival_s
 
 
 def _due_ns(
-    routine: PlannedMotion, wish: Adaptation, track: VutTrack, size: Size, path: Polyline
+    planned_motion: PlannedMotion, wish: Adaptation, track: VutTrack, size: Size, path: Polyline
 ) -> float:
     """When the decisive instant must be, for the gap to be as specified; inf: never."""
-    conflict_m = _conflict_m(routine, wish, path)
+    conflict_m = _conflict_m(planned_motion, wish, path)
     gap_ns = wish.gap_s * NS_PER_S
     if wish.first == "initiator":
         return arrival_ns(track, conflict_m) - gap_ns
-    end_m = conflict_m + routine.zone.end_m - routine.zone.start_m
+    end_m = conflict_m + planned_motion.zone.end_m - planned_motion.zone.start_m
     return arrival_ns(track, end_m + size.length_m) + gap_ns
 
 
@@ -250,9 +250,9 @@ def _watch_order(
     """Says so when the wrong one will arrive first whatever is done, and this isn't just noise."""
     if known.settled:
         return known, ""
-    routine = known.routine
-    conflict_m = _conflict_m(routine, wish, path)
-    object_ns = known.pace.reached_ns(routine.arrival_s)
+    planned_motion = known.planned_motion
+    conflict_m = _conflict_m(planned_motion, wish, path)
+    object_ns = known.pace.reached_ns(planned_motion.arrival_s)
     vut_ns = arrival_ns(track, conflict_m)
     right = object_ns < vut_ns if wish.first == "initiator" else vut_ns < object_ns
     if right and (object_ns <= track.stamp_ns or track.front_m >= conflict_m):
@@ -270,7 +270,7 @@ def _watch_order(
 
 def _over(known: Adapting, wish: Adaptation, track: VutTrack, now_ns: int) -> str:
     """Why it is over, empty while it isn't."""
-    decisive_ns = known.pace.reached_ns(_decisive_s(known.routine, wish))
+    decisive_ns = known.pace.reached_ns(_decisive_s(known.planned_motion, wish))
     if decisive_ns <= now_ns + seconds_to_ns(wish.freeze_s):
         return "the conflict is at hand"
     own_s, _, _ = known.pace.at(now_ns)
@@ -299,8 +299,8 @@ def _aim(
     now_ns: int,
 ) -> Decision:
     """The pace with which the decisive instant comes when it must, if it can."""
-    own_s = _decisive_s(known.routine, wish)
-    due_ns = _due_ns(known.routine, wish, track, size, path)
+    own_s = _decisive_s(known.planned_motion, wish)
+    due_ns = _due_ns(known.planned_motion, wish, track, size, path)
     off_s = (known.pace.reached_ns(own_s) - due_ns) / NS_PER_S
     if abs(off_s) <= wish.dead_band_s:
         return Decision(replace(known, unmet=False))
@@ -313,7 +313,7 @@ def _aim(
     if math.isfinite(due_ns):
         rate = wanted_rate(known.pace, start_ns, own_s, (due_ns - start_ns) / NS_PER_S)
     rate = nearest_rate(
-        known.routine.columns,
+        known.planned_motion.columns,
         known.pace,
         wish,
         bounds,
@@ -430,14 +430,14 @@ class Adaptations:
             return self._going_on.get(trigger.id)
         target = next(t for t in spec.targets if t.id == trigger.object_id)
         manoeuvre = fired.manoeuvre
-        routine = routine_of(
+        planned_motion = planned_motion_of(
             fired.before, manoeuvre, manoeuvre.dispatched_ns, target, spec.vut, path
         )
-        if routine is None:
+        if planned_motion is None:
             del self._fired[trigger.id]
             self._notes.append(f"{target.id} doesn't come into the VUT's corridor: no adaptation")
             return None
-        return begin(routine, manoeuvre.dispatched_ns, wish.lead_time_s)
+        return begin(planned_motion, manoeuvre.dispatched_ns, wish.lead_time_s)
 
     def send(self, reference_id: str, wish: Wish) -> None:
         """An adapted reference is dispatched, at the pace of a decision."""

@@ -83,7 +83,7 @@ def _end(reference: Reference) -> int:
     return reference.execute_at_ns + round(reference.times_s[-1] * NS_PER_S)
 
 
-def routine_of(
+def planned_motion_of(
     current: Reference | None,
     manoeuvre: Reference,
     from_ns: int,
@@ -256,21 +256,21 @@ def arrival_ns(track: VutTrack, station_m: float) -> float:
 
 
 def foreseen_gap_s(
-    routine: PlannedMotion, track: VutTrack, size: Size, *, initiator_first: bool
+    planned_motion: PlannedMotion, track: VutTrack, size: Size, *, initiator_first: bool
 ) -> float:
     """The gap that comes of a manoeuvre as planned and a VUT that goes on as it does (METHOD 1).
 
     Args:
-        routine: as planned.
+        planned_motion: as planned.
         track: of the VUT.
         size: of the VUT.
         initiator_first: whose arrival comes first.
     """
-    zone = routine.zone
+    zone = planned_motion.zone
     if initiator_first:
-        left_ns = routine.execute_at_ns + routine.departure_s * NS_PER_S
+        left_ns = planned_motion.execute_at_ns + planned_motion.departure_s * NS_PER_S
         return (arrival_ns(track, zone.start_m) - left_ns) / NS_PER_S
-    comes_ns = routine.execute_at_ns + routine.arrival_s * NS_PER_S
+    comes_ns = planned_motion.execute_at_ns + planned_motion.arrival_s * NS_PER_S
     return (comes_ns - arrival_ns(track, zone.end_m + size.length_m)) / NS_PER_S
 
 

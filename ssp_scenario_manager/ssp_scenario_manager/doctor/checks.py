@@ -9,6 +9,7 @@ import platform
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
@@ -165,10 +166,19 @@ def domain() -> Finding:
         return Finding("ROS domain", Status.FAIL, str(error))
 
 
-def talk() -> list[Finding]:
-    """Two processes find each other over DDS and exchange messages."""
-    from ssp_scenario_manager.ros.link_probe import measure_link
+@dataclass(frozen=True, slots=True)
+class LinkMeasurement:
+    """What two processes on this host measured of each other."""
 
+    matched_s: float
+    p50_ms: float
+    p99_ms: float
+    sent: int
+    lost: int
+
+
+def talk(measure_link: Callable[[], LinkMeasurement]) -> list[Finding]:
+    """Two processes find each other over DDS and exchange messages."""
     try:
         link = measure_link()
     except HostError as error:
@@ -190,15 +200,20 @@ def talk() -> list[Finding]:
     ]
 
 
-def all_checks() -> list[Finding]:
-    """Every check, in the order in which one depends on the other."""
+def all_checks(measure_link: Callable[[], LinkMeasurement]) -> list[Finding]:
+    """Every check, in the order in which one depends on the other.
+
+    Args:
+        measure_link: lets two processes measure the link between them; raises HostError. It is
+            called where ROS is found to be installed.
+    """
     findings = [python_version(), *packages(), interfaces(), *sumo()]
     findings += [shared_memory(), disk(), domain()]
     ros_works = all(
         f.status is not Status.FAIL for f in findings if f.name in ("rclpy", "ssp_msgs")
     )
     if ros_works:
-        findings += talk()
+        findings += talk(measure_link)
     else:
         findings.append(
             Finding("DDS discovery", Status.FAIL, "not tried: rclpy or ssp_msgs is missing")

@@ -165,7 +165,7 @@ SEEN_S = 0.06
 # Polling periods and scheduling of processes, on the wall's clock.
 TOLD_S = 0.75
 # Lockstep: the world drops whom it waits for in vain (sil/node.py), and how long its own
-# standstill may last (core/vigil.py, objects/pool.py).
+# standstill may last (core/liveness monitor.py, objects/pool.py).
 HANG_S = 1.5
 WORLD_S = 4.0
 # Without ticks outside a run an object takes the world for dead (objects/pool.py).

@@ -80,7 +80,7 @@ class MessageHandler(Protocol):
         """Another node saw a limit passed."""
 
     def on_recorder(self) -> None:
-        """The recorder has told the vigil how it is."""
+        """The recorder has told the liveness monitor how it is."""
 
 
 class Subscriptions:
@@ -88,13 +88,13 @@ class Subscriptions:
 
     Args:
         node: owns the endpoints.
-        vigil: notes who was heard, and measures the links.
+        liveness: notes who was heard, and measures the links.
         listener: takes the rest.
     """
 
-    def __init__(self, node: Node, vigil: LivenessMonitor, listener: MessageHandler) -> None:
+    def __init__(self, node: Node, liveness: LivenessMonitor, listener: MessageHandler) -> None:
         self._node = node
-        self._vigil = vigil
+        self._liveness = liveness
         self._listener = listener
         self._looked = 0
         sub, raw = node.create_subscription, partial(ros.subscribe_raw, node)
@@ -118,7 +118,7 @@ class Subscriptions:
         alone = [*_ONE_PUBLISHER, *map(names.reference_topic, object_ids)]
         self._looked = (self._looked + 1) % len(alone)
         for topic in {names.HEARTBEAT, alone[self._looked]}:
-            self._vigil.foreign.pop(topic, None)
+            self._liveness.foreign.pop(topic, None)
             if self._node.count_publishers(topic) <= 1:
                 continue
             full = self._node.resolve_topic_name(topic)
@@ -130,19 +130,19 @@ class Subscriptions:
                 if topic in _ONE_PUBLISHER or one.node_name != names.RUNNER
             )
             if len(nodes) > 1:
-                self._vigil.foreign[topic] = len(nodes) - 1, f"{topic} has {' and '.join(nodes)}"
+                self._liveness.foreign[topic] = len(nodes) - 1, f"{topic} has {' and '.join(nodes)}"
 
     def _on_reply(self, reply: tuple[Sequence[str], int, Exchange]) -> None:
-        self._vigil.links.on_reply(*reply, time.monotonic_ns())
+        self._liveness.links.on_reply(*reply, time.monotonic_ns())
 
     def _on_camera_info(self, _: CameraInfo) -> None:
-        self._vigil.hear(names.FRONT_CAMERA, time.monotonic_ns())
+        self._liveness.hear(names.FRONT_CAMERA, time.monotonic_ns())
 
     def _on_recorder(self, message: RecorderStatus) -> None:
         # Without a missing topic it is the file or the disk: the first warning says so.
         why = (message.failure,) if message.failure else tuple(message.warnings[:1])
         missing = tuple(message.missing_topics) or why
-        self._vigil.hear_recorder(message.ready, missing, message.lost, time.monotonic_ns())
+        self._liveness.hear_recorder(message.ready, missing, message.lost, time.monotonic_ns())
         self._listener.on_recorder()
 
     def _on_safety_event(self, event: tuple[Violation, str]) -> None:
@@ -394,20 +394,20 @@ class Publications:
             self._safety.publish(limit_to_msg(fact, self._name))
 
     def report_links(
-        self, session: Session, links: LinkClocks, tallies: LossCounters, now_ns: int
+        self, session: Session, links: LinkClocks, losses: LossCounters, now_ns: int
     ) -> None:
         """What is known of the links, for operators and for the record; losses go to the log too.
 
         Args:
             session: gives the newest states; nothing is published before a run is loaded.
             links: the answers to heartbeats.
-            tallies: states counted.
+            losses: states counted.
             now_ns: session time.
         """
-        lines = link_report(session, links, tallies, now_ns, time.monotonic_ns())
+        lines = link_report(session, links, losses, now_ns, time.monotonic_ns())
         if lines:
             self._links.publish(link_status_to_msg(lines, now_ns))
-        for line in tallies.news():
+        for line in losses.news():
             self._log.warning(line)
 
     def loaded(self, spec: RunSpec) -> None:

@@ -6,7 +6,6 @@ import os
 import sys
 import tempfile
 import time
-from dataclasses import dataclass
 from pathlib import Path
 
 import rclpy
@@ -17,22 +16,12 @@ from ssp_core import names, ros
 from ssp_core.errors import HostError
 from ssp_core.processes import ProcessGroup, free_domain, session_environment
 from ssp_msgs.msg import Heartbeat
+from ssp_scenario_manager.doctor.checks import LinkMeasurement
 
 PING, PONG = "doctor/ping", "doctor/pong"
 MATCH_TIMEOUT_S = 10.0
 ROUND_TRIPS = 200
 ANSWER_TIMEOUT_S = 1.0
-
-
-@dataclass(frozen=True, slots=True)
-class LinkMeasurement:
-    """What two processes on this host measured of each other."""
-
-    matched_s: float
-    p50_ms: float
-    p99_ms: float
-    sent: int
-    lost: int
 
 
 class Echo(Node):

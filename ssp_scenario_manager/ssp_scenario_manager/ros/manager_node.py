@@ -38,17 +38,17 @@ class ScenarioManager(Node):
         super().__init__(names.SCENARIO_MANAGER, namespace=names.NAMESPACE)
         self._session = Session()
         self._now_ns = 0
-        self._vigil = LivenessMonitor()
-        self._watchdog = Supervisor(self._session, self._vigil)
+        self._liveness = LivenessMonitor()
+        self._supervisor = Supervisor(self._session, self._liveness)
         self._inputs = StepInputs((names.OBJECT_TARGET,))
         self._lockstep = False
         self._running_world = False
         self._arrival_ns = 0
         self._reported: list[limits.Violation] = []
         self._start_world = False
-        self._intake = StateInput(
+        self._input = StateInput(
             self._session,
-            self._vigil,
+            self._liveness,
             self._inputs,
             ros.tolerant(self, names.OBJECT_STATES, decode_states),
             self.get_logger().error,
@@ -58,8 +58,8 @@ class ScenarioManager(Node):
         )
         self._goal = RunScenarioServer(self, self._session, self._load, self._command)
         CommandServices(self, self._session, self._load, self._command)
-        self._outlet = Publications(self)
-        self._reception = Subscriptions(self, self._vigil, self)
+        self._publications = Publications(self)
+        self._subscribers = Subscriptions(self, self._liveness, self)
         # The watchdog must go on when simulated time stands still.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(WATCHDOG_PERIOD_S, self._on_watchdog, clock=steady)
@@ -85,13 +85,13 @@ class ScenarioManager(Node):
     def on_tick(self, tick: steps.WorldTick) -> None:
         """The world has stepped, or holds. A live session has no world, and follows none."""
         if self._live:
-            self._intake.tell_stranger("a simulated world", "a live session has its own time")
+            self._input.tell_stranger("a simulated world", "a live session has its own time")
             return
         if tick.running or not self._lockstep or self._session.state is not SessionPhase.RUNNING:
             # A world that holds while the session runs is as good as silent.
-            self._vigil.hear(names.SIL_WORLD, time.monotonic_ns())
+            self._liveness.hear(names.SIL_WORLD, time.monotonic_ns())
         self._arrival_ns = time.monotonic_ns()
-        self._watchdog.wake(self._arrival_ns)
+        self._supervisor.wake(self._arrival_ns)
         self._lockstep = tick.lockstep
         self._running_world = tick.running
         if self._in_lockstep and self._inputs.is_overtaken_by(tick.step):
@@ -113,13 +113,13 @@ class ScenarioManager(Node):
     def on_vut_state(self, state: State) -> None:
         """A state of the VUT: outside lockstep the instant at which everything is judged."""
         self._arrival_ns = time.monotonic_ns()
-        self._watchdog.wake(self._arrival_ns)
+        self._supervisor.wake(self._arrival_ns)
         self._take_time()
         # In lockstep each state is counted, and judged with its step.
         if not self._in_lockstep and self._session.is_ahead(state, self._now_ns):
             self._flush()
             return
-        if not self._intake.vut(state, self._arrival_ns):
+        if not self._input.vut(state, self._arrival_ns):
             return
         if self._live:
             self._do_step()
@@ -132,15 +132,15 @@ class ScenarioManager(Node):
 
     def _on_target_state(self, state: State) -> None:
         steady_ns = time.monotonic_ns()
-        self._watchdog.wake(steady_ns)
-        self._intake.target(state, steady_ns)
+        self._supervisor.wake(steady_ns)
+        self._input.target(state, steady_ns)
         self._step_when_complete()
 
     def _on_array(self, data: bytes) -> None:
         """States of many: where the world doesn't wait for them, neither does the VUT's state."""
-        self._intake.arrivals.put(data, time.monotonic_ns())
+        self._input.arrivals.put(data, time.monotonic_ns())
         if self._in_lockstep:
-            self._intake.waiting()
+            self._input.waiting()
             self._step_when_complete()
 
     def _on_ack(self, ack: Acknowledgement) -> None:
@@ -152,14 +152,14 @@ class ScenarioManager(Node):
         self._step_when_complete()
 
     def on_recorder(self) -> None:
-        """The recorder has told the vigil how it is; the watchdog would see it a moment later."""
-        self._watchdog.wake(time.monotonic_ns())
-        self._watchdog.watch_silence(time.monotonic_ns(), self._now_ns)
+        """The recorder has said how it is; the supervisor would see it a moment later."""
+        self._supervisor.wake(time.monotonic_ns())
+        self._supervisor.watch_silence(time.monotonic_ns(), self._now_ns)
         self._flush()
 
     def on_event(self, violation: limits.Violation, source: str) -> None:
         """Another node saw a limit passed."""
-        self._watchdog.wake(time.monotonic_ns())
+        self._supervisor.wake(time.monotonic_ns())
         if source == names.OBJECT_TARGET:
             self._inputs.safety_events += 1
         if violation.code is SafetyCode.PARTICIPANT_LOST:
@@ -185,9 +185,9 @@ class ScenarioManager(Node):
             self._session.fail(violation, announced=True)
         self._reported.clear()
         # First what must not wait.
-        for decided in self._session.judge_triggers(self._now_ns, self._intake.arrivals):
+        for decided in self._session.judge_triggers(self._now_ns, self._input.arrivals):
             self._send(decided)
-        self._intake.waiting()
+        self._input.waiting()
         self._session.step(self._now_ns)
         self._flush()
         self._send_poses()
@@ -199,27 +199,29 @@ class ScenarioManager(Node):
         """To tf2, after what must not wait; before the world is answered, which then goes on."""
         vut, targets = self._session.vut, self._session.targets
         states = [] if vut is None else [vut]
-        self._outlet.poses([*states, *(targets[key] for key in sorted(targets))])
+        self._publications.poses([*states, *(targets[key] for key in sorted(targets))])
 
     def _answer_world(self) -> None:
         self._inputs.done_step = self._inputs.step or 0
-        self._outlet.step_done(self._inputs.done_step, self._session.state)
+        self._publications.step_done(self._inputs.done_step, self._session.state)
 
     def _send_heartbeat(self) -> None:
         sent, now_ns = self._links.references_sent, self._now_ns
-        self._vigil.links.on_sent(*self._outlet.heartbeat(self._session.state, sent, now_ns))
+        self._liveness.links.on_sent(
+            *self._publications.heartbeat(self._session.state, sent, now_ns)
+        )
 
     def _on_watchdog(self) -> None:
         """On the steady clock: heartbeats outside lockstep, silence, arming, the run's script."""
         self._take_time()
-        self._intake.waiting()
+        self._input.waiting()
         if not self._in_lockstep:
             self._send_heartbeat()
             if self._lockstep and self._session.state is SessionPhase.RUNNING and not self._live:
                 # The word that starts the world may have come before it was listening.
                 self._answer_world()
-        self._reception.look_for_others(self._links.references_sent)
-        if self._watchdog.look(time.monotonic_ns(), self._now_ns):
+        self._subscribers.look_for_others(self._links.references_sent)
+        if self._supervisor.look(time.monotonic_ns(), self._now_ns):
             self._goal.on_standstill_unconfirmed()
         holding = not self._in_lockstep and self._session.state in _JUDGED_WHILE_HOLDING
         if self._live or holding:
@@ -228,8 +230,8 @@ class ScenarioManager(Node):
         self._flush()
 
     def _report_links(self) -> None:
-        links, tallies = self._vigil.links, self._intake.tallies
-        self._outlet.report_links(self._session, links, tallies, self._now_ns)
+        links, losses = self._liveness.links, self._input.losses
+        self._publications.report_links(self._session, links, losses, self._now_ns)
 
     # -- sending -------------------------------------------------------------------------------
 
@@ -242,7 +244,7 @@ class ScenarioManager(Node):
             if self._session.spec is not None:
                 self._links.command(self._session.spec, fact)
         else:
-            self._outlet.send(fact, self._now_ns, self._arrival_ns)
+            self._publications.send(fact, self._now_ns, self._arrival_ns)
 
     def _flush(self) -> None:
         """Sends what the session decided, in its order."""
@@ -255,13 +257,13 @@ class ScenarioManager(Node):
             self._answer_world()
 
     def _announce(self, change: outbox.StateChanged) -> None:
-        self._outlet.state_changed(change, self._session.spec)
+        self._publications.state_changed(change, self._session.spec)
         if change.event == SessionEvent.ARM_FAILED.value:
             self._goal.on_setback(change.reason)
         if change.state is SessionPhase.ARMED:
             # A simulated world holds: until it runs, this is where they stand.
             self._send_poses()
-            self._watchdog.objects_were_told_to_arm(time.monotonic_ns())
+            self._supervisor.objects_were_told_to_arm(time.monotonic_ns())
         if change.state is SessionPhase.ABORTING and not self._in_lockstep:
             # Not a moment later than it must be; in lockstep the step's own heartbeat tells it.
             self._send_heartbeat()
@@ -283,20 +285,20 @@ class ScenarioManager(Node):
             spec = load_run(run_file)
         except InputError as error:
             return Answer(False, 2, str(error), (str(error),))
-        self._intake.waiting()
+        self._input.waiting()
         if spec.mode == "live":
             self._now_ns = time.time_ns()
         answer = self._session.load(spec, self._now_ns)
         if answer.accepted:
-            self._intake.tallies.forget()
-            self._outlet.loaded(spec)
+            self._input.losses.forget()
+            self._publications.loaded(spec)
             self._links.connect((t.id for t in spec.targets), spec.states_in_one)
         self._flush()
         return answer
 
     def _command(self, event: SessionEvent, requested_by: str, reason: str) -> Answer:
         self._take_time()
-        self._intake.waiting()
+        self._input.waiting()
         answer = self._session.command(event, self._now_ns, requested_by, reason)
         self._flush()
         return answer

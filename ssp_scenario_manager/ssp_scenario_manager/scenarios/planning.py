@@ -20,7 +20,7 @@ from ssp_scenario_manager.dispatch.planned_motion import (
     PlannedMotion,
     follow_vut,
     foreseen_gap_s,
-    routine_of,
+    planned_motion_of,
 )
 from ssp_scenario_manager.dispatch.references import (
     APPROACH_LEAD_S,
@@ -160,7 +160,7 @@ def _routine(told: Motions, seen: Prediction) -> PlannedMotion | None:
         target.approach,
     )
     fired_ns = seconds_to_ns(seen.fired_s)
-    return routine_of(before, manoeuvre, fired_ns, target, told.vut, Polyline(path.path))
+    return planned_motion_of(before, manoeuvre, fired_ns, target, told.vut, Polyline(path.path))
 
 
 def gap_before_response_s(
@@ -177,12 +177,12 @@ def gap_before_response_s(
         s, rounded to 1 ms; None where the initiator's manoeuvre doesn't lead it into the VUT's
         corridor.
     """
-    routine = _routine(told, seen)
-    if routine is None or told.vut.approach is None:
+    planned_motion = _routine(told, seen)
+    if planned_motion is None or told.vut.approach is None:
         return None
     path = Polyline(told.vut.approach.path)
     track = follow_vut(None, seen.vut_fired, path)
-    gap = foreseen_gap_s(routine, track, told.vut.size, initiator_first=initiator_first)
+    gap = foreseen_gap_s(planned_motion, track, told.vut.size, initiator_first=initiator_first)
     return round(gap, 3)
 
 

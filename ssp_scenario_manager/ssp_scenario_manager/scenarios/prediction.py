@@ -223,8 +223,8 @@ def predict(plan: Motions, observable: Observable, thresholds: ConflictThreshold
         conflict = is_conflict(meeting, thresholds.ttc_s, thresholds.arrival_gap_s)
         if fired is None:
             early = early or conflict
-            scene = Snapshot(vut, {o.object_id: o for o in others}, players.path, 0, {})
-            firing = watch.observe(scene)
+            snapshot = Snapshot(vut, {o.object_id: o for o in others}, players.path, 0, {})
+            firing = watch.observe(snapshot)
             far = _is_far(watch) or t + _COARSE_S < plan.trigger.not_before_s
             if firing is not None:
                 fired = (t, players.station_m, players.speed_mps, vut, tuple(others))

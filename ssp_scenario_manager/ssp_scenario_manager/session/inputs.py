@@ -72,7 +72,7 @@ class StateInput:
 
     Args:
         session: that gets them.
-        vigil: notes who was heard.
+        liveness: notes who was heard.
         inputs: counts the states of a run, for lockstep.
         decode: reads a message with the states of many; None for bytes that are none.
         tell: takes a line for people.
@@ -81,15 +81,15 @@ class StateInput:
     def __init__(
         self,
         session: Session,
-        vigil: LivenessMonitor,
+        liveness: LivenessMonitor,
         inputs: StepInputs,
         decode: Callable[[bytes], StateArray | None],
         tell: Callable[[str], None],
     ) -> None:
-        self.tallies = LossCounters()
+        self.losses = LossCounters()
         self.arrivals = PendingStates()
         self._session = session
-        self._vigil = vigil
+        self._liveness = liveness
         self._inputs = inputs
         self._decode = decode
         self._tell = tell
@@ -100,8 +100,8 @@ class StateInput:
         if not self._session.on_vut_state(state):
             self.tell_stranger(state.object_id, "sends states as the vehicle under test")
             return False
-        self._vigil.hear(names.VUT_ID, steady_ns)
-        self.tallies.see(state.object_id, state.sequence)
+        self._liveness.hear(names.VUT_ID, steady_ns)
+        self.losses.see(state.object_id, state.sequence)
         # The first is repeated while the world holds, and belongs to no step.
         self._inputs.vut_states += state.sequence > 1
         return True
@@ -109,8 +109,8 @@ class StateInput:
     def target(self, state: ObjectState, steady_ns: int) -> None:
         """Takes a state of an object target; a stranger's only counts for its process."""
         if self._session.on_target_state(state):
-            self._vigil.hear(state.object_id, steady_ns)
-            self.tallies.see(state.object_id, state.sequence)
+            self._liveness.hear(state.object_id, steady_ns)
+            self.losses.see(state.object_id, state.sequence)
         else:
             self.tell_stranger(state.object_id, "sends states, but the run doesn't know it")
         self._inputs.states += state.sequence > 1

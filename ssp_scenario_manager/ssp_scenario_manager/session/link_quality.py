@@ -189,12 +189,12 @@ class LossCounters:
     def news(self) -> list[str]:
         """One line for people per object that has lost states since the last call."""
         lines = []
-        for object_id, tally in sorted(self.of.items()):
+        for object_id, count in sorted(self.of.items()):
             told = self._told.get(object_id, 0)
-            if tally.lost > told:
+            if count.lost > told:
                 lines.append(
-                    f"{object_id}: {tally.lost - told} states lost, "
-                    f"{tally.lost} of {tally.lost + tally.received} so far"
+                    f"{object_id}: {count.lost - told} states lost, "
+                    f"{count.lost} of {count.lost + count.received} so far"
                 )
-            self._told[object_id] = max(told, tally.lost)
+            self._told[object_id] = max(told, count.lost)
         return lines

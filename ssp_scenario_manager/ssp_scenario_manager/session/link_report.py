@@ -25,7 +25,7 @@ class LinkLine:
 def link_report(
     session: Session,
     links: LinkClocks,
-    tallies: LossCounters,
+    losses: LossCounters,
     now_ns: int,
     steady_ns: int,
 ) -> list[LinkLine]:
@@ -34,7 +34,7 @@ def link_report(
     Args:
         session: gives the newest states.
         links: the answers to heartbeats.
-        tallies: states counted.
+        losses: states counted.
         now_ns: session time.
         steady_ns: now, on the steady clock.
     """
@@ -47,8 +47,8 @@ def link_report(
         link = links.link(object_id, steady_ns)
         state = states.get(object_id)
         age_s = math.nan if state is None else ns_to_seconds(now_ns - state.stamp_ns)
-        tally = tallies.of.get(object_id, LossCounter())
+        count = losses.of.get(object_id, LossCounter())
         lines.append(
-            LinkLine(object_id, link.offset_s, link.delay_s, age_s, tally.received, tally.lost)
+            LinkLine(object_id, link.offset_s, link.delay_s, age_s, count.received, count.lost)
         )
     return lines

@@ -360,6 +360,6 @@ def _dispatch(run: Run, wish: Wish, pace: Pace, now_ns: int) -> outbox.Dispatch:
             dispatched_ns=now_ns,
             execute_at_ns=pace.start_ns,
             expires_at_ns=pace.start_ns + seconds_to_ns(EXPIRY_S),
-            points=play(wish.decision.adapting.routine.columns, pace),
+            points=play(wish.decision.adapting.planned_motion.columns, pace),
         )
     )

@@ -188,14 +188,14 @@ class Timeouts:
         return None
 
     def standstill_unconfirmed(
-        self, session: Session, vigil: LivenessMonitor, steady_ns: int, now_ns: int
+        self, session: Session, liveness: LivenessMonitor, steady_ns: int, now_ns: int
     ) -> bool:
         """A dead world can't report a standstill; the result must still be given.
 
         Args:
             session: that may be aborting.
-            vigil: who was heard when.
-            steady_ns: now, on the vigil's clock.
+            liveness: who was heard when.
+            steady_ns: now, on the liveness monitor's clock.
             now_ns: session time.
         """
         if session.state is not SessionPhase.ABORTING:
@@ -207,10 +207,10 @@ class Timeouts:
         # The world was silent while it waited for a participant that died; it goes on after that.
         spec = session.spec
         has_world = spec is None or spec.mode != "live"
-        world_age_s = vigil.age_s(names.SIL_WORLD, steady_ns)
+        world_age_s = liveness.age_s(names.SIL_WORLD, steady_ns)
         world_dead = has_world and min(world_age_s, waited_s) > SILENT_S
         ids = [t.id for t in spec.targets] if spec else []
-        silent = [i for i in ids if vigil.age_s(i, steady_ns) > SILENT_S]
+        silent = [i for i in ids if liveness.age_s(i, steady_ns) > SILENT_S]
         others_stand = bool(silent) and session.stands(now_ns, without=silent)
         return world_dead or others_stand or waited_s > ABORT_STANDSTILL_S
 
@@ -224,24 +224,24 @@ class Supervisor:
 
     Args:
         session: that is watched.
-        vigil: who was heard when.
+        liveness: who was heard when.
     """
 
-    def __init__(self, session: Session, vigil: LivenessMonitor) -> None:
+    def __init__(self, session: Session, liveness: LivenessMonitor) -> None:
         self._session = session
-        self._vigil = vigil
-        self._patience = Timeouts()
+        self._liveness = liveness
+        self._timeouts = Timeouts()
         self._awake_ns: int | None = None
         self._late = 0, 0.0
 
     def objects_were_told_to_arm(self, steady_ns: int) -> None:
-        self._patience.arms(steady_ns)
+        self._timeouts.arms(steady_ns)
 
     def wake(self, steady_ns: int) -> None:
         """The manager runs now, whatever for: how late is it, if nothing ran for long?
 
         Args:
-            steady_ns: now, on the vigil's clock.
+            steady_ns: now, on the liveness monitor's clock.
         """
         if self._awake_ns is not None and steady_ns - self._awake_ns > seconds_to_ns(LATE_S):
             self._late = steady_ns, ns_to_seconds(steady_ns - self._awake_ns)
@@ -256,7 +256,7 @@ class Supervisor:
         A session stays armed only if every object says in time that it is.
 
         Args:
-            steady_ns: now, on the vigil's clock.
+            steady_ns: now, on the liveness monitor's clock.
             now_ns: session time.
 
         Returns:
@@ -264,19 +264,19 @@ class Supervisor:
         """
         self.wake(steady_ns)
         session = self._session
-        session.facts = self._vigil.facts(session.spec, steady_ns)
+        session.facts = self._liveness.facts(session.spec, steady_ns)
         self.watch_silence(steady_ns, now_ns)
         if session.spec is not None:
-            reason = self._patience.not_armed(
+            reason = self._timeouts.not_armed(
                 session.spec, session.state, session.targets, steady_ns
             )
             if reason is not None:
                 session.arming_failed(now_ns, reason)
-        return self._patience.standstill_unconfirmed(session, self._vigil, steady_ns, now_ns)
+        return self._timeouts.standstill_unconfirmed(session, self._liveness, steady_ns, now_ns)
 
     def watch_silence(self, steady_ns: int, now_ns: int) -> None:
         """Ends a session in which somebody is silent for too long; arguments as for look."""
         spec, state = self._session.spec, self._session.state
         if spec is not None and state in WATCHED:
-            for violation in self._vigil.violations(spec, state, steady_ns, now_ns):
+            for violation in self._liveness.violations(spec, state, steady_ns, now_ns):
                 self._session.fail(violation)

@@ -40,7 +40,7 @@ class Snapshot:
     further from the VUT's than ``state_age_ns``, before or after.
 
     Args:
-        vut: state of the VUT; its stamp is the scene's.
+        vut: state of the VUT; its stamp is the snapshot's.
         targets: newest states by id.
         path: the VUT's planned path, frame map.
         state_age_ns: how far a state may be extrapolated (``limits.state_age_s``).
@@ -71,7 +71,7 @@ class Snapshot:
         return self.vut.stamp_ns
 
     def state(self, object_id: str) -> ObjectState | None:
-        """State of the VUT or an object at the scene's stamp; None: unknown."""
+        """State of the VUT or an object at the snapshot's stamp; None: unknown."""
         if object_id not in self._known:
             self._known[object_id] = self._extrapolated(object_id)
         return self._known[object_id]
@@ -197,8 +197,8 @@ class Question(Protocol):
     @property
     def quantity(self) -> Quantity: ...
 
-    def read(self, scene: Snapshot) -> Reading:
-        """Value and truth at a scene's stamp."""
+    def read(self, snapshot: Snapshot) -> Reading:
+        """Value and truth at a snapshot's stamp."""
 
     def changed_ns(self, before: Reading, now: Reading) -> int:
         """When the truth changed that differs between two readings, one after the other."""
@@ -225,12 +225,12 @@ class Measured:
     quantity: Quantity
     measure: Callable[[Snapshot], float]
 
-    def read(self, scene: Snapshot) -> Reading:
-        value, threshold = self.measure(scene), self.quantity.threshold
+    def read(self, snapshot: Snapshot) -> Reading:
+        value, threshold = self.measure(snapshot), self.quantity.threshold
         holds: bool | None = (
             value < threshold if self.quantity.relation == "<" else (value > threshold)
         )
-        return Reading(Sample(scene.stamp_ns, value), None if math.isnan(value) else holds)
+        return Reading(Sample(snapshot.stamp_ns, value), None if math.isnan(value) else holds)
 
     def changed_ns(self, before: Reading, now: Reading) -> int:
         a, b = before.sample, now.sample
@@ -256,13 +256,13 @@ class Timed:
     quantity: Quantity
     zero_ns: Callable[[Snapshot], int | None]
 
-    def read(self, scene: Snapshot) -> Reading:
-        zero_ns = self.zero_ns(scene)
+    def read(self, snapshot: Snapshot) -> Reading:
+        zero_ns = self.zero_ns(snapshot)
         if zero_ns is None:
-            return Reading(Sample(scene.stamp_ns, -math.inf), False)
+            return Reading(Sample(snapshot.stamp_ns, -math.inf), False)
         since_ns = zero_ns + seconds_to_ns(self.quantity.threshold)
-        sample = Sample(scene.stamp_ns, ns_to_seconds(scene.stamp_ns - zero_ns))
-        return Reading(sample, scene.stamp_ns >= since_ns, since_ns)
+        sample = Sample(snapshot.stamp_ns, ns_to_seconds(snapshot.stamp_ns - zero_ns))
+        return Reading(sample, snapshot.stamp_ns >= since_ns, since_ns)
 
     def changed_ns(self, before: Reading, now: Reading) -> int:
         return now.sample.stamp_ns if now.since_ns is None else now.since_ns
@@ -292,14 +292,14 @@ def question(condition: Leaf, path: Polyline, started_ns: int) -> Question:
             return Measured(what, _room_m(condition.object_id, condition.polygon))
         case PhaseReached():
             phase = Phase[condition.phase.upper()]
-            return Timed(what, lambda scene: scene.phases.get(phase))
+            return Timed(what, lambda snapshot: snapshot.phases.get(phase))
         case ElapsedTime():
             return Timed(what, lambda _: started_ns)
 
 
 def _gap_m(object_id: str) -> Callable[[Snapshot], float]:
-    def measure(scene: Snapshot) -> float:
-        meeting = scene.meeting(object_id)
+    def measure(snapshot: Snapshot) -> float:
+        meeting = snapshot.meeting(object_id)
         if meeting is None:
             return math.nan
         return meeting.gap_m if meeting.gap_m >= 0.0 else math.inf
@@ -310,8 +310,8 @@ def _gap_m(object_id: str) -> Callable[[Snapshot], float]:
 def _headway_s(object_id: str) -> Callable[[Snapshot], float]:
     gap_m = _gap_m(object_id)
 
-    def measure(scene: Snapshot) -> float:
-        gap, speed = gap_m(scene), scene.vut.speed_mps
+    def measure(snapshot: Snapshot) -> float:
+        gap, speed = gap_m(snapshot), snapshot.vut.speed_mps
         if math.isnan(gap):
             return math.nan
         return gap / speed if speed >= STANDSTILL_MPS else math.inf
@@ -320,19 +320,19 @@ def _headway_s(object_id: str) -> Callable[[Snapshot], float]:
 
 
 def _ttc_s(object_id: str) -> Callable[[Snapshot], float]:
-    def measure(scene: Snapshot) -> float:
-        meeting = scene.meeting(object_id)
+    def measure(snapshot: Snapshot) -> float:
+        meeting = snapshot.meeting(object_id)
         return math.nan if meeting is None else meeting.ttc_s
 
     return measure
 
 
 def _arrival_s(anchor_m: float) -> Callable[[Snapshot], float]:
-    def measure(scene: Snapshot) -> float:
-        front = scene.vut_front_m()
+    def measure(snapshot: Snapshot) -> float:
+        front = snapshot.vut_front_m()
         if front is None:
             return math.nan
-        speed = scene.vut.speed_mps
+        speed = snapshot.vut.speed_mps
         if anchor_m < front or speed < STANDSTILL_MPS:
             return math.inf
         return (anchor_m - front) / speed
@@ -341,16 +341,16 @@ def _arrival_s(anchor_m: float) -> Callable[[Snapshot], float]:
 
 
 def _speed_mps(object_id: str) -> Callable[[Snapshot], float]:
-    def measure(scene: Snapshot) -> float:
-        state = scene.state(object_id)
+    def measure(snapshot: Snapshot) -> float:
+        state = snapshot.state(object_id)
         return math.nan if state is None else state.speed_mps
 
     return measure
 
 
 def _room_m(object_id: str, polygon: list[tuple[float, float]]) -> Callable[[Snapshot], float]:
-    def measure(scene: Snapshot) -> float:
-        state = scene.state(object_id)
+    def measure(snapshot: Snapshot) -> float:
+        state = snapshot.state(object_id)
         return math.nan if state is None else room_m(state.x_m, state.y_m, polygon)
 
     return measure

@@ -125,7 +125,7 @@ class _Tracker:
 
 
 class TriggerWatch:
-    """One trigger of a run, fed with a scene per state of the VUT.
+    """One trigger of a run, fed with a snapshot per state of the VUT.
 
     Args:
         spec: the trigger.
@@ -161,15 +161,15 @@ class TriggerWatch:
             for asked, reading in zip(self._questions, self._readings, strict=False)
         ]
 
-    def observe(self, scene: Snapshot) -> Firing | None:
+    def observe(self, snapshot: Snapshot) -> Firing | None:
         """Judges the states of one instant; None: it doesn't fire there."""
-        stamp_ns = scene.stamp_ns
+        stamp_ns = snapshot.stamp_ns
         if self.fired or stamp_ns < self.begin_ns:
             return None
         before = self._readings
         if before and stamp_ns <= before[0].sample.stamp_ns:
             return None
-        self._readings = [asked.read(scene) for asked in self._questions]
+        self._readings = [asked.read(snapshot) for asked in self._questions]
         self._follow(self._changes(before))
         course = self._course
         if course.holds is not self._wanted or stamp_ns - course.since < self._held_ns:

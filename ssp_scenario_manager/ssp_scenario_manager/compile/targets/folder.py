@@ -61,15 +61,15 @@ def _track(compiled: Compiled, folder: Path) -> None:
 
 def _map_text(compiled: Compiled) -> str | None:
     """The user's map, where it is OpenDRIVE."""
-    data, ground = compiled.ground.map_data, compiled.ground
-    if data is None or ground.link.kind != "opendrive":
+    data, area = compiled.area.map_data, compiled.area
+    if data is None or area.link.kind != "opendrive":
         return None
     try:
         return data.decode("utf-8")
     except UnicodeDecodeError as error:
         raise InputError(
             f"is not UTF-8 (byte {error.start}), and this target takes the map's text over",
-            file=ground.map_name,
+            file=area.map_name,
             remedy="convert the map to UTF-8",
         ) from error
 
@@ -120,9 +120,9 @@ def write_task_files(compiled: Compiled, folder: Path) -> list[Path]:
     """
     write_json(folder / TASK_FILE, json.loads(compiled.task.model_dump_json(by_alias=True)))
     write_bytes(folder / EVENT_FILE, compiled.event_file)
-    ground = compiled.ground
-    place = folder / (SITE_FILE if ground.site is not None else ground.map_name)
-    write_bytes(place, compiled.site_file or ground.map_data or b"")
+    area = compiled.area
+    place = folder / (SITE_FILE if area.site is not None else area.map_name)
+    write_bytes(place, compiled.site_file or area.map_data or b"")
     log = "".join(record_line(record) + "\n" for record in compiled.log)
     write_text(folder / LOG_FILE, log)
     files = [folder / TASK_FILE, folder / EVENT_FILE, place, folder / LOG_FILE]
@@ -147,10 +147,10 @@ def write_folder(compiled: Compiled, out: Path, *, replace: bool = False) -> lis
         InputError: the folder holds something, and isn't to be replaced or was made by nobody here.
     """
     check_out(out, replace=replace)
-    if compiled.ground.map_name in _NAMES:
+    if compiled.area.map_name in _NAMES:
         raise InputError(
             "is the name of a file that is written beside it",
-            file=compiled.ground.map_name,
+            file=compiled.area.map_name,
             remedy="rename the map",
         )
     make_folder(out.absolute().parent)

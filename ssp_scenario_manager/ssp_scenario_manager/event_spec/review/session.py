@@ -185,13 +185,13 @@ class Session:
     """One review.
 
     Args:
-        desk: the event and its log.
+        reviewed: the event and its log.
         terminal: the person.
         evidence: makes contact sheets.
         stored: where the extraction keeps its frames, None: nowhere.
     """
 
-    desk: EventUnderReview
+    reviewed: EventUnderReview
     terminal: Terminal
     evidence: Evidence
     stored: Path | None = None
@@ -199,15 +199,15 @@ class Session:
 
     def run(self, everything: bool = False) -> End:
         """Goes through the fields once."""
-        items = to_decide(self.desk.event, everything)
+        items = to_decide(self.reviewed.event, everything)
         self.evidence.prepare(item.frames for item in items)
-        version = self.desk.version
+        version = self.reviewed.version
         waiting = {item.field: item for item in items}
         for number, item in enumerate(items, start=1):
             # An earlier decision may have settled or removed this one.
-            if self.desk.version != version:
-                version = self.desk.version
-                waiting = {found.field: found for found in undecided(self.desk.event)}
+            if self.reviewed.version != version:
+                version = self.reviewed.version
+                waiting = {found.field: found for found in undecided(self.reviewed.event)}
             if item.field not in waiting:
                 continue
             item = waiting[item.field]
@@ -221,19 +221,19 @@ class Session:
         """Accepts every field that isn't safety-critical and waits for nothing but a look."""
         items = [
             item
-            for item in undecided(self.desk.event)
+            for item in undecided(self.reviewed.event)
             if not item.critical and item.why not in _BROKEN
         ]
-        event, records = self.desk.event, []
+        event, records = self.reviewed.event, []
         for item in items:
             records.append(
-                self.desk.record(
+                self.reviewed.record(
                     "accept", reason, item.field, item.value, item.value, together=True
                 )
             )
             event = accept(event, item.field)
         if items:
-            self.desk.decide(event, records)
+            self.reviewed.decide(event, records)
         return len(items)
 
     def _show(self, item: Undecided, number: int, total: int) -> None:
@@ -254,14 +254,14 @@ class Session:
 
     def _contradictions(self) -> list[Failure]:
         """Checks against the event as it stands; part U doesn't change them."""
-        value = body(self.desk.event)
+        value = body(self.reviewed.event)
         if self._checked is None or self._checked[0] != value:
-            self._checked = value, contradictions(self.desk.event)
+            self._checked = value, contradictions(self.reviewed.event)
         return self._checked[1]
 
     def _hint(self, path: str) -> str:
         """What may be typed for a field: its words, or a range with its units and limits."""
-        dimension = View(self.desk.event).dimension(path)
+        dimension = View(self.reviewed.event).dimension(path)
         if dimension is None:
             return ", ".join(vocabulary(path))
         units = units_of(dimension)
@@ -313,8 +313,8 @@ class Session:
             self.terminal.say("  is unresolved and safety-critical: edit it, or skip it")
             return False
         reason = "agrees with the evidence"
-        record = self.desk.record("accept", reason, item.field, item.value, item.value)
-        self.desk.decide(accept(self.desk.event, item.field), [record])
+        record = self.reviewed.record("accept", reason, item.field, item.value, item.value)
+        self.reviewed.decide(accept(self.reviewed.event, item.field), [record])
         return True
 
     def _edit(self, item: Undecided) -> bool:
@@ -322,9 +322,9 @@ class Session:
         if text is None:
             return False
         try:
-            quantity = View(self.desk.event).dimension(item.field) is not None
+            quantity = View(self.reviewed.event).dimension(item.field) is not None
             value = read_value(text, item.value, quantity)
-            after, changes = edit(self.desk.event, item.field, value, self.desk.who)
+            after, changes = edit(self.reviewed.event, item.field, value, self.reviewed.who)
         except Unreadable as error:
             self.terminal.say(f"  not understood: {error}")
             return False
@@ -337,12 +337,12 @@ class Session:
             self.terminal.say("  nothing was changed")
             return False
         new = get(body(after), item.field)
-        records = [self.desk.record("edit", reason, item.field, item.value, new)]
+        records = [self.reviewed.record("edit", reason, item.field, item.value, new)]
         for change in changes:
             why = f"follows from {item.field}"
-            records.append(self.desk.record("edit", why, change.field, change.old, change.new))
+            records.append(self.reviewed.record("edit", why, change.field, change.old, change.new))
         before = {failure.field for failure in self._contradictions()}
-        self.desk.decide(after, records)
+        self.reviewed.decide(after, records)
         self.terminal.say(f"  is now {shown(new)}")
         for change in changes:
             self.terminal.say(f"  and with it {change.field}: {shown(change.new)}")
@@ -359,10 +359,12 @@ class Session:
         if reason is None:
             self.terminal.say("  nothing was changed")
             return False
-        after = leave_unresolved(self.desk.event, item.field)
+        after = leave_unresolved(self.reviewed.event, item.field)
         new = get(body(after), item.field)
-        record = self.desk.record("edit", reason, item.field, item.value, new, review="unresolved")
-        self.desk.decide(after, [record])
+        record = self.reviewed.record(
+            "edit", reason, item.field, item.value, new, review="unresolved"
+        )
+        self.reviewed.decide(after, [record])
         return True
 
     def _reject(self, item: Undecided) -> bool:
@@ -377,15 +379,15 @@ class Session:
         if seen is None:
             self.terminal.say("  the clip is not refused")
             return False
-        record = self.desk.record(
+        record = self.reviewed.record(
             "gate",
             reasons[int(answer) - 1],
             seen=seen,
             at_field=item.field,
             frames=list(item.frames),
-            source_sha256=self.desk.event.source.sha256,
+            source_sha256=self.reviewed.event.source.sha256,
         )
-        self.desk.note(record)
+        self.reviewed.note(record)
         return True
 
 
