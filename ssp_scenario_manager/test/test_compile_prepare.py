@@ -15,8 +15,8 @@ from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_json
 from ssp_core.run_file.model import RunSpec
-from ssp_scenario_manager.compile.targets.folder import TASK_FOLDER, mode_of, prepare_run
-from ssp_scenario_manager.compile.task import load_task
+from ssp_scenario_manager.compile.targets.folder import mode_of, prepare_run
+from ssp_scenario_manager.compile.task import TASK_FOLDER, load_task
 from ssp_scenario_manager.maps.site import LIBRARY
 
 

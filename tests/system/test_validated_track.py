@@ -12,8 +12,7 @@ import pytest
 from ssp_core.bag.reader import BagReader
 from ssp_core.cli import main
 from ssp_scenario_manager.compile.compiler import LOGGED_AS
-from ssp_scenario_manager.compile.targets.folder import TASK_FOLDER
-from ssp_scenario_manager.compile.task import load_task
+from ssp_scenario_manager.compile.task import TASK_FOLDER, load_task
 from ssp_scenario_manager.event_spec.log import parse_log, read_log
 from tests.system.recordings import Recordings
 

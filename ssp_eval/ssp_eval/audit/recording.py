@@ -36,8 +36,14 @@ from ssp_eval.recordings.event import Crop
 from ssp_eval.recordings.sight import Moment, Optics
 from ssp_eval.recordings.states import STATE_AGE_S, Series, Sighting, clip_zero_ns, read_states
 from ssp_scenario_manager.compile.changes import differences, explained
-from ssp_scenario_manager.compile.targets.folder import TASK_FOLDER
-from ssp_scenario_manager.compile.task import EVENT_FILE, SITE_FILE, TASK_FILE, Task, content_hash
+from ssp_scenario_manager.compile.task import (
+    EVENT_FILE,
+    SITE_FILE,
+    TASK_FILE,
+    TASK_FOLDER,
+    Task,
+    content_hash,
+)
 from ssp_scenario_manager.event_spec.load import event_version
 from ssp_scenario_manager.event_spec.log import LOG_FILE, Record, parse_log, read_log
 from ssp_scenario_manager.event_spec.model import UNRESOLVED, Event

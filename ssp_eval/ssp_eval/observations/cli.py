@@ -30,7 +30,7 @@ from ssp_eval.observations.files import (
 from ssp_eval.observations.model import SCHEMA, Observation
 from ssp_eval.observations.page import Choice, chosen, render, shown_frames
 from ssp_eval.observations.questions import blank, cards, template
-from ssp_scenario_manager.compile.targets.folder import TASK_FOLDER
+from ssp_scenario_manager.compile.task import TASK_FOLDER
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.log import LOG_FILE, Record, append_record, utc_now
 

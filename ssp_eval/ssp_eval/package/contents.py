@@ -24,8 +24,7 @@ from ssp_core.vocabulary import DOMAINS
 from ssp_eval.data.audit import RecordingEntry
 from ssp_eval.data.provenance import IMPORT_ATTACHMENT, RUN_ATTACHMENT, ImportRecord
 from ssp_eval.package.model import FileEntry, Link, Role, object_path
-from ssp_scenario_manager.compile.targets.folder import TASK_FOLDER
-from ssp_scenario_manager.compile.task import TASK_FILE, Task, content_hash
+from ssp_scenario_manager.compile.task import TASK_FILE, TASK_FOLDER, Task, content_hash
 from ssp_scenario_manager.event_spec.load import event_version
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.maps.site import Site, site_version

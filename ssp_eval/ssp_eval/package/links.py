@@ -32,8 +32,7 @@ from ssp_eval.package.contents import Index, Problem, Recording, nearest
 from ssp_eval.package.model import Chain, FileEntry, Kind, LineRef, Link, Role, SentFrame
 from ssp_eval.score.cell import score_cell
 from ssp_eval.score.thresholds import DEFAULT, thresholds_of
-from ssp_scenario_manager.compile.targets.folder import TASK_FOLDER
-from ssp_scenario_manager.compile.task import EVENT_FILE, SITE_FILE, TASK_FILE, Task
+from ssp_scenario_manager.compile.task import EVENT_FILE, SITE_FILE, TASK_FILE, TASK_FOLDER, Task
 from ssp_scenario_manager.event_spec.log import LOG_FILE, parse_log
 from ssp_vla_bridge.messages import Response, response_from_json
 

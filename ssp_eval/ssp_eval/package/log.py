@@ -24,8 +24,7 @@ from ssp_scenario_manager.compile.changes import (
     value_at,
     with_value,
 )
-from ssp_scenario_manager.compile.targets.folder import TASK_FOLDER
-from ssp_scenario_manager.compile.task import RUN_FILE, TASK_FILE, Task, load_task
+from ssp_scenario_manager.compile.task import RUN_FILE, TASK_FILE, TASK_FOLDER, Task, load_task
 from ssp_scenario_manager.event_spec.log import (
     LOG_FILE,
     Record,

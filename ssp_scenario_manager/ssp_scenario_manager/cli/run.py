@@ -20,14 +20,13 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import Verdict
 from ssp_scenario_manager.compile.changes import differences
 from ssp_scenario_manager.compile.targets.folder import (
-    TASK_FOLDER,
     Mode,
     is_compiled,
     is_session,
     mode_of,
     prepare_run,
 )
-from ssp_scenario_manager.compile.task import check_live, load_task
+from ssp_scenario_manager.compile.task import TASK_FOLDER, check_live, load_task
 from ssp_scenario_manager.run import faults
 from ssp_scenario_manager.run.junit import Case, write_junit
 from ssp_scenario_manager.run.live import LiveSetup, live_options

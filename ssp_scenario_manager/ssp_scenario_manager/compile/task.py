@@ -19,6 +19,8 @@ TASK_FILE = "task.json"
 RUN_FILE = "run.yaml"
 EVENT_FILE = "event.yaml"
 SITE_FILE = "site.yaml"
+# Where a session keeps the task that it ran.
+TASK_FOLDER = "task"
 
 Target = Literal["sumo", "openscenario", "carla", "track"]
 

@@ -18,7 +18,8 @@ from ssp_core.run_file.model import Fault, RunSpec
 from ssp_core.safety.codes import MEANINGS
 from ssp_core.vocabulary import ControlState, Role, Verdict
 from ssp_core.world.plant import ManagerUpdate, Plant, StepReport, make_plant
-from ssp_scenario_manager.compile.targets.folder import TASK_FOLDER, prepare_run
+from ssp_scenario_manager.compile.targets.folder import prepare_run
+from ssp_scenario_manager.compile.task import TASK_FOLDER
 from ssp_scenario_manager.faults.evidence import (
     RESULT_FILE,
     Evidence,

@@ -47,8 +47,13 @@ from ssp_msgs.msg import Reference as ReferenceMsg
 from ssp_msgs.srv import ObjectCommand
 from ssp_scenario_manager.session import outbox
 from ssp_scenario_manager.session.limits import Violation
-from ssp_scenario_manager.session.link_quality import Exchange, LinkClocks, LossCounters
-from ssp_scenario_manager.session.link_report import LinkLine, link_report
+from ssp_scenario_manager.session.link_quality import (
+    Exchange,
+    LinkClocks,
+    LinkLine,
+    LossCounters,
+    link_report,
+)
 from ssp_scenario_manager.session.session import Session
 from ssp_scenario_manager.session.supervision import LivenessMonitor
 
@@ -404,8 +409,10 @@ class Publications:
             losses: states counted.
             now_ns: session time.
         """
-        lines = link_report(session, links, losses, now_ns, time.monotonic_ns())
-        if lines:
+        spec = session.spec
+        if spec is not None:
+            states = {**session.targets, spec.vut.id: session.vut}
+            lines = link_report(spec, states, links, losses, now_ns, time.monotonic_ns())
             self._links.publish(link_status_to_msg(lines, now_ns))
         for line in losses.news():
             self._log.warning(line)

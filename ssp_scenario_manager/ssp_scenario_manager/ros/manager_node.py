@@ -185,7 +185,8 @@ class ScenarioManager(Node):
             self._session.fail(violation, announced=True)
         self._reported.clear()
         # First what must not wait.
-        for decided in self._session.judge_triggers(self._now_ns, self._input.arrivals):
+        newest = self._input.arrivals.over(self._session.targets)
+        for decided in self._session.judge_triggers(self._now_ns, newest):
             self._send(decided)
         self._input.waiting()
         self._session.step(self._now_ns)

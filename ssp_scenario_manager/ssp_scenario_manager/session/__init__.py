@@ -1,3 +1,16 @@
-"""The session: its states and commands, the run, and the supervision of both. Without ROS, without
-a clock.
+"""The session: its states and commands, the run, and its supervision. Without ROS or a clock.
+
+The way of a state of the VUT to a reference:
+
+1. ``ssp_core.cdr.states.decode_state`` reads the message,
+2. ``ros.manager_node.ScenarioManager.on_vut_state`` takes it,
+3. ``inputs.StateInput.vut`` counts it and notes who was heard,
+4. ``session.Session.on_vut_state`` keeps it, and ``run.Run.see`` judges it by those before it,
+5. ``session.Session.judge_triggers`` asks
+6. ``progress.judge_triggers`` what the triggers want: for each of them
+7. ``triggers.evaluator.TriggerWatch.observe`` says whether it fires, and then
+8. ``dispatch.references.manoeuvre_reference`` plans what it sends;
+9. ``ros.endpoints.ObjectEndpoints.send`` publishes that.
+
+``Session.step`` follows with limits, phases, adapted references and the end of the run.
 """

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from ssp_core import names
-from ssp_core.cdr.states import find_state
 from ssp_core.clock import seconds_to_ns
 from ssp_core.geometry import Polyline
 from ssp_core.motion.state import ObjectState
@@ -24,63 +23,6 @@ from ssp_scenario_manager.session.state_machine import (
     next_state,
 )
 from ssp_scenario_manager.triggers import fireability
-
-
-class PendingStates:
-    """ObjectStates messages in the order of their arrival, not decoded yet."""
-
-    def __init__(self) -> None:
-        self._waiting: list[tuple[bytes, int]] = []
-
-    def put(self, data: bytes, steady_ns: int) -> None:
-        """Takes a message, and when it arrived on the steady clock."""
-        self._waiting.append((data, steady_ns))
-
-    def take(self) -> list[tuple[bytes, int]]:
-        """Gives the messages with their arrivals, and forgets them."""
-        taken, self._waiting = self._waiting, []
-        return taken
-
-    def newest(self, object_id: str) -> ObjectState | None:
-        """The state of an object that arrived last; None: none waits, or none that can be read."""
-        for data, _ in reversed(self._waiting):
-            try:
-                state = find_state(data, object_id)
-            except ValueError:
-                continue
-            if state is not None:
-                return state
-        return None
-
-    def over(self, known: Mapping[str, ObjectState]) -> Mapping[str, ObjectState]:
-        """The newest states by id, of those that wait and those that were taken in."""
-        return _Over(known, self) if self._waiting else known
-
-
-class _Over(Mapping[str, ObjectState]):
-    """States that wait before those that are known; an older one doesn't replace a newer one."""
-
-    def __init__(self, known: Mapping[str, ObjectState], arrivals: PendingStates) -> None:
-        self._known = known
-        self._arrivals = arrivals
-
-    def __getitem__(self, object_id: str) -> ObjectState:
-        known, state = self._known.get(object_id), self._arrivals.newest(object_id)
-        if state is None or (known is not None and state.stamp_ns < known.stamp_ns):
-            return self._known[object_id]
-        return state
-
-    def __contains__(self, object_id: object) -> bool:
-        return object_id in self._known or (
-            isinstance(object_id, str) and self._arrivals.newest(object_id) is not None
-        )
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._known)
-
-    def __len__(self) -> int:
-        return len(self._known)
-
 
 # Where limits are judged: from the arming of the objects to their standstill.
 WATCHED = (SessionPhase.ARMED, SessionPhase.RUNNING, SessionPhase.STOPPING)
@@ -257,7 +199,7 @@ class Session:
             self._move(SessionEvent.ABORT, violation.stamp_ns, violation.text)
 
     def judge_triggers(
-        self, now_ns: int, pending: PendingStates | None = None
+        self, now_ns: int, targets: Mapping[str, ObjectState] | None = None
     ) -> list[outbox.Outgoing]:
         """What the triggers ask for at a state of the VUT that is new; judges nothing else.
 
@@ -267,13 +209,14 @@ class Session:
 
         Args:
             now_ns: session time; the stamp of the VUT's newest state is at most that.
-            pending: states of targets that haven't been taken in yet.
+            targets: newest states by id, where some wait that haven't been taken in yet.
         """
         run, vut = self._run, self.vut
         if run is None or vut is None or self.state is not SessionPhase.RUNNING:
             return []
-        targets = self.targets if pending is None else pending.over(self.targets)
-        return progress.judge_triggers(run, vut, targets, now_ns)
+        return progress.judge_triggers(
+            run, vut, self.targets if targets is None else targets, now_ns
+        )
 
     def step(self, now_ns: int) -> None:
         """Judges the states of one instant: triggers, limits, phases, the end of the run.

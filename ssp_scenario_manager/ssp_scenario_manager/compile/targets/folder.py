@@ -23,6 +23,7 @@ from ssp_scenario_manager.compile.task import (
     RUN_FILE,
     SITE_FILE,
     TASK_FILE,
+    TASK_FOLDER,
     Target,
     Task,
     as_live,
@@ -222,7 +223,6 @@ def _put_in_place(work: Path, out: Path) -> None:
         shutil.rmtree(old, ignore_errors=True)
 
 
-TASK_FOLDER = "task"
 Mode = Literal["lockstep", "realtime", "live"]
 
 

@@ -11,7 +11,7 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_scenario_manager.session import outbox
-from ssp_scenario_manager.session.session import PendingStates
+from ssp_scenario_manager.session.inputs import PendingStates
 
 MS = 1_000_000
 
@@ -80,7 +80,9 @@ def test_a_trigger_is_judged_before_the_states_of_the_targets_are_taken_in(
         "ot1", stamp_ns=driver.now_ns, x_m=39.0, speed_mps=7.0, control_state=ControlState.RUNNING
     )
     arrivals.put(message(waiting), 0)
-    driver.session.outbox += driver.session.judge_triggers(driver.now_ns, arrivals)
+    driver.session.outbox += driver.session.judge_triggers(
+        driver.now_ns, arrivals.over(driver.session.targets)
+    )
     # With the states that were taken in, the gap would be 12.3 m.
     dispatched, fired = driver.acknowledge()
     assert isinstance(dispatched, outbox.Dispatch)

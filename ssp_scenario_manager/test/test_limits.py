@@ -1,0 +1,354 @@
+"""Limits of the session: at, just inside and just outside; and a verdict for every code."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import pytest
+
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import Limits, RunSpec
+from ssp_core.safety.codes import MEANINGS, SafetyCode
+from ssp_core.vocabulary import ControlState, Verdict
+from ssp_scenario_manager.session import limits
+from ssp_scenario_manager.session.limits import Violation, verdict_for
+from ssp_scenario_manager.session.progress import violations
+
+S = 1_000_000_000
+FENCE = [(-100.0, -100.0), (1000.0, -100.0), (1000.0, 100.0), (-100.0, 100.0)]
+# Values that binary fractions hold exactly, so that "at the limit" is exactly that.
+LIMITS = Limits(
+    speed_mps=15.0,
+    acceleration_mps2=5.0,
+    separation_m=0.5,
+    ack_s=0.5,
+    heartbeat_s=0.25,
+    state_age_s=0.125,
+    error_longitudinal_m=2.0,
+    error_lateral_m=0.75,
+    error_yaw_rad=0.25,
+    duration_s=60.0,
+    clock_offset_s=0.0625,
+    position_std_m=0.5,
+)
+StateMaker = Callable[..., ObjectState]
+
+
+@pytest.fixture
+def spec(run: RunSpec) -> RunSpec:
+    return run.model_copy(update={"limits": LIMITS, "geofence": FENCE})
+
+
+# -- separation -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("gap_m", "code"),
+    [
+        (-0.25, SafetyCode.COLLISION),
+        (0.0, SafetyCode.COLLISION),  # touching
+        (2.0**-20, SafetyCode.SEPARATION),
+        (0.5 - 2.0**-20, SafetyCode.SEPARATION),
+        (0.5, None),
+        (0.5 + 2.0**-20, None),
+        (30.0, None),
+    ],
+)
+def test_separation(state: StateMaker, gap_m: float, code: SafetyCode | None) -> None:
+    size = replace(state().size, front_m=3.5, rear_m=1.0, width_m=2.0)
+    vut = state("vut", size=size, stamp_ns=7)
+    for other in (
+        state("ot1", size=size, x_m=4.5 + gap_m),  # ahead
+        state("ot1", size=size, x_m=-4.5 - gap_m),  # behind
+        state("ot1", size=size, y_m=2.0 + gap_m),  # beside
+    ):
+        found = limits.too_near(vut, other, LIMITS)
+        if code is None:
+            assert found is None
+            continue
+        assert found is not None
+        assert (found.code, found.object_id, found.stamp_ns) == (code, "ot1", 7)
+        assert found.measured == pytest.approx(max(gap_m, 0.0), abs=1e-12)
+        assert found.limit == (0.5 if code is SafetyCode.SEPARATION else 0.0)
+        assert found.detail == "vut and ot1"
+
+
+def test_separation_of_large_and_turned_objects_is_not_skipped(state: StateMaker) -> None:
+    """The quick test by distance must not hide a near miss of corners."""
+    size = replace(state().size, front_m=9.0, rear_m=3.0, width_m=2.5)
+    bus = state("ot1", size=size)
+    for degrees in range(0, 360, 15):
+        yaw = math.radians(degrees)
+        corner = max(state("vut", yaw_rad=yaw).box.corners(), key=lambda p: p[0])
+        # The VUT's foremost corner 0.2 m behind the bus, at the middle of its rear.
+        vut = state("vut", yaw_rad=yaw, x_m=-3.2 - corner[0], y_m=-corner[1])
+        found = limits.too_near(vut, bus, LIMITS)
+        assert found is not None
+        assert found.measured == pytest.approx(0.2)
+
+
+def test_separation_does_not_depend_on_the_place(state: StateMaker) -> None:
+    """A walker right of a turned bus's tail, all far from the origin."""
+    size = replace(state().size, front_m=2.0, rear_m=9.0, width_m=2.5)
+    for x_m, y_m in ((300.0, -80.0), (-300.0, 80.0), (300.0, 80.0)):
+        bus = state("ot1", size=size, x_m=x_m, y_m=y_m, yaw_rad=math.pi / 2)
+        for dx_m, dy_m in ((1.6, -8.9), (-1.6, -8.9), (0.0, -9.35), (0.0, 2.35)):
+            walker = state(
+                "ot2",
+                size=replace(size, front_m=0.1, rear_m=0.1, width_m=0.2),
+                x_m=x_m + dx_m,
+                y_m=y_m + dy_m,
+            )
+            found = limits.too_near(bus, walker, LIMITS)
+            assert found is not None
+            assert found.measured == pytest.approx(0.25)
+        away = replace(walker, y_m=y_m + 2.7)
+        assert limits.too_near(bus, away, LIMITS) is None
+
+
+# -- times ----------------------------------------------------------------------------------------
+
+Judge = Callable[[float], Violation | None]
+TIMES: list[tuple[SafetyCode, str, float, Judge]] = [
+    (SafetyCode.VUT_SILENT, "vut", 0.125, lambda s: limits.vut_silent(s, LIMITS, 3)),
+    (SafetyCode.OBJECT_SILENT, "a", 0.125, lambda s: limits.object_silent("a", s, LIMITS, 3)),
+    (SafetyCode.REPLY_MISSING, "a", 0.25, lambda s: limits.reply_missing("a", s, LIMITS, 3)),
+    (
+        SafetyCode.RECORDER,
+        "monitor",
+        2.0,
+        lambda s: limits.silent(SafetyCode.RECORDER, "monitor", s, 2.0, 3),
+    ),
+]
+
+
+@pytest.mark.parametrize(
+    ("code", "who", "limit_s", "judged"), TIMES, ids=[code.name.lower() for code, *_ in TIMES]
+)
+def test_silence(code: SafetyCode, who: str, limit_s: float, judged: Judge) -> None:
+    for age_s in (0.0, math.nextafter(limit_s, 0.0), limit_s):
+        assert judged(age_s) is None
+    for age_s in (math.nextafter(limit_s, 9.0), math.inf):
+        assert judged(age_s) == Violation(code, who, age_s, limit_s, 3)
+    assert judged(math.nan) is not None
+
+
+@pytest.mark.parametrize(("age_ns", "passed"), [(S // 2 - 1, 0), (S // 2, 0), (S // 2 + 1, 1)])
+def test_ack_missing(age_ns: int, passed: bool) -> None:
+    found = limits.ack_missing("ot1", 2 * S, 2 * S + age_ns, LIMITS)
+    assert (found is not None) == passed
+    if found is not None:
+        assert (found.code, found.object_id, found.limit) == (SafetyCode.ACK_MISSING, "ot1", 0.5)
+
+
+@pytest.mark.parametrize(("age_ns", "passed"), [(60 * S - 1, 0), (60 * S, 0), (60 * S + 1, 1)])
+def test_duration(age_ns: int, passed: bool) -> None:
+    found = limits.duration(S, S + age_ns, LIMITS)
+    assert (found is not None) == passed
+    if found is not None:
+        assert (found.code, found.limit) == (SafetyCode.DURATION, 60.0)
+
+
+@pytest.mark.parametrize("allowance_ns", [0, S // 4])
+@pytest.mark.parametrize(
+    ("ahead_ns", "passed"), [(-9 * S, 0), (0, 0), (S // 16 - 1, 0), (S // 16, 0), (S // 16 + 1, 1)]
+)
+def test_a_stamp_ahead_of_time(
+    state: StateMaker, ahead_ns: int, passed: bool, allowance_ns: int
+) -> None:
+    stamped = state("ot1", stamp_ns=5 * S + ahead_ns + allowance_ns)
+    found = limits.stamp_ahead(stamped, 5 * S, allowance_ns / S, LIMITS)
+    assert (found is not None) == passed
+    if found is not None:
+        assert (found.code, found.object_id, found.limit, found.stamp_ns) == (
+            SafetyCode.CLOCK_OFFSET,
+            "ot1",
+            0.0625,
+            5 * S,
+        )
+
+
+# -- counts ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("judged", "code"),
+    [
+        (limits.recorder_lost, SafetyCode.RECORDER),
+        (partial(limits.foreign_manager, detail=""), SafetyCode.FOREIGN_MANAGER),
+    ],
+)
+def test_one_is_too_many(judged: Callable[[int, int], Violation | None], code: SafetyCode) -> None:
+    assert judged(0, 7) is None
+    for count in (1, 12):
+        found = judged(count, 7)
+        assert found is not None
+        assert (found.code, found.measured, found.limit, found.stamp_ns) == (code, count, 0.0, 7)
+
+
+# -- reports of objects ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("control_state", ControlState)
+def test_own_abort(state: StateMaker, control_state: ControlState) -> None:
+    found = limits.own_abort(state("ot1", control_state=control_state))
+    assert (found is not None) == (control_state is ControlState.ABORTING)
+
+
+ERRORS = {
+    "error_longitudinal_m": (SafetyCode.ERROR_LONGITUDINAL, 2.0),
+    "error_lateral_m": (SafetyCode.ERROR_LATERAL, 0.75),
+    "error_yaw_rad": (SafetyCode.ERROR_YAW, 0.25),
+}
+
+
+@pytest.mark.parametrize("name", ERRORS)
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("factor", "passed"),
+    [(0.0, False), (1 - 1e-12, False), (1.0, False), (1 + 1e-12, True), (math.nan, True),
+     (math.inf, True)],
+)  # fmt: skip
+def test_tracking_error(
+    state: StateMaker, name: str, sign: float, factor: float, passed: bool
+) -> None:
+    code, limit = ERRORS[name]
+    reported = state("ot1", reference_id="r", **{name: sign * factor * limit})
+    found = limits.tracking_error(reported, LIMITS)
+    assert (found is not None) == passed
+    if found is not None:
+        assert (found.code, found.object_id, found.limit) == (code, "ot1", limit)
+    # Without a reference the fields say nothing.
+    assert limits.tracking_error(replace(reported, reference_id=""), LIMITS) is None
+
+
+# -- together -------------------------------------------------------------------------------------
+
+DRIVING = {"reference_id": "r", "control_state": ControlState.RUNNING}
+OF_A_STATE: list[tuple[SafetyCode, dict[str, Any], dict[str, Any]]] = [
+    (SafetyCode.OVER_SPEED, {"speed_mps": 15.0}, {"speed_mps": 15.0 + 1e-9}),
+    (SafetyCode.OVER_SPEED, {"speed_mps": -15.0}, {"speed_mps": -15.0 - 1e-9}),
+    (SafetyCode.LOCALISATION, {"position_std_m": 0.5}, {"position_std_m": 0.5 + 1e-9}),
+    (SafetyCode.LOCALISATION, {}, {"position_std_m": math.nan}),
+    # Its front is 3.6 m ahead of its reference point.
+    (SafetyCode.OUTSIDE_GEOFENCE, {"x_m": 996.4 - 1e-6}, {"x_m": 996.4 + 1e-6}),
+    (
+        SafetyCode.OVER_ACCELERATION,
+        {"acceleration_mps2": -5.0, **DRIVING},
+        {"acceleration_mps2": -5.0 - 1e-9, **DRIVING},
+    ),
+]
+
+
+@pytest.mark.parametrize(("code", "inside", "outside"), OF_A_STATE)
+@pytest.mark.parametrize("who", ["vut", "ot1"])
+def test_what_one_state_passes(
+    state: StateMaker,
+    spec: RunSpec,
+    who: str,
+    code: SafetyCode,
+    inside: dict[str, Any],
+    outside: dict[str, Any],
+) -> None:
+    assert violations([state(who, **inside)], spec) == []
+    (found,) = violations([state(who, **outside)], spec)
+    assert (found.code, found.object_id) == (code, who)
+
+
+@pytest.mark.parametrize("changed", [{"reference_id": ""}, {"control_state": ControlState.POSTRUN}])
+def test_hard_braking_counts_only_on_a_reference(
+    state: StateMaker, spec: RunSpec, changed: dict[str, Any]
+) -> None:
+    """A vehicle under test may brake as hard as it can; so may an object that stops."""
+    braking = state("ot1", **{"acceleration_mps2": -9.0, **DRIVING, **changed})
+    assert violations([braking], spec) == []
+
+
+def test_how_far_it_sticks_out_of_the_fence(state: StateMaker, spec: RunSpec) -> None:
+    (found,) = violations([state("ot1", x_m=996.65)], spec)
+    assert found.measured == pytest.approx(0.25)
+
+
+@pytest.mark.parametrize(
+    "field", ["x_m", "y_m", "yaw_rad", "speed_mps", "acceleration_mps2", "yaw_rate_radps"]
+)
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("who", ["vut", "ot1"])
+def test_no_number_is_a_violation_and_hides_no_other(
+    state: StateMaker, spec: RunSpec, field: str, value: float, who: str
+) -> None:
+    states = {"vut": state("vut"), "ot1": state("ot1", x_m=50.0)}
+    states[who] = replace(states[who], **{field: value})
+    fast = state("ot2", x_m=90.0, speed_mps=20.0)
+    found = violations([*states.values(), fast], spec)
+    assert [(v.code, v.object_id) for v in found] == [
+        (SafetyCode.STATE_NOT_FINITE, who),
+        (SafetyCode.OVER_SPEED, "ot2"),
+    ]
+
+
+def test_all_pairs_are_looked_at_and_collisions_come_first(
+    state: StateMaker, spec: RunSpec
+) -> None:
+    a = state("ot1", x_m=50.0, reference_id="r", error_lateral_m=1.0)
+    b = state("ot2", x_m=54.75)  # 0.25 m ahead of ot1
+    c = state("ot3", x_m=56.0)  # in ot2
+    found = violations([state("vut"), a, b, c], spec)
+    assert [(v.code, v.detail or v.object_id) for v in found] == [
+        (SafetyCode.COLLISION, "ot2 and ot3"),
+        (SafetyCode.SEPARATION, "ot1 and ot2"),
+        (SafetyCode.ERROR_LATERAL, "ot1"),
+    ]
+    assert violations([state("vut"), state("ot1", x_m=50.0)], spec) == []
+
+
+def test_the_reason_names_everything() -> None:
+    violation = Violation(SafetyCode.SEPARATION, "ot1", 0.31234, 0.5, 0, "vut and ot1")
+    assert violation.text == "separation: ot1: 0.312 m, limit 0.5 m (vut and ot1)"
+    assert Violation(SafetyCode.RECORDER, "", 3.0, 0.0, 0).text == "recorder: 3, limit 0"
+
+
+# -- verdicts -------------------------------------------------------------------------------------
+
+VERDICTS = {
+    Verdict.ABORTED: "OPERATOR OBJECT_SILENT VUT_SILENT HEARTBEAT_LOST ACK_MISSING "
+    "REFERENCE_REFUSED STATE_STALE REPLY_MISSING CLOCK_OFFSET LINK_DELAY",
+    Verdict.INVALID_HARNESS: "RECORDER WORLD_SILENT PARTICIPANT_LOST OVERRUN FOREIGN_MANAGER",
+    Verdict.OFF_SPEC: "EVENT_MISSING",
+    Verdict.FAILED_SAFETY: "STATE_NOT_FINITE OUTSIDE_GEOFENCE OVER_SPEED OVER_ACCELERATION "
+    "ERROR_LONGITUDINAL ERROR_LATERAL ERROR_YAW LOCALISATION POSITION_JUMP STATE_FROZEN "
+    "STOPPING_ROOM SEPARATION COLLISION OBJECT_ABORTED DURATION",
+}
+EXPECTED = {SafetyCode[name]: v for v, codes in VERDICTS.items() for name in codes.split()}
+
+
+@pytest.mark.parametrize("code", SafetyCode)
+def test_every_code_has_a_meaning_and_its_verdict(code: SafetyCode) -> None:
+    meaning = MEANINGS[code]
+    assert meaning.limit_name == code.name.lower()
+    assert meaning.text.endswith(".")
+    assert verdict_for(code) is EXPECTED[code]
+    assert verdict_for(code) not in (Verdict.NONE, Verdict.VALID)
+
+
+@pytest.mark.parametrize("off_s", [1.8e9, -1.8e9, 3600.0, -2.1, 2.1])
+def test_an_event_of_another_clock_or_run_counts_now_and_says_so(off_s: float) -> None:
+    now_ns = 12_000_000_000
+    seen = limits.Violation(
+        SafetyCode.OVER_SPEED, "ot1", 9.0, 8.0, now_ns + round(off_s * 1e9), "seen by x"
+    )
+    taken = limits.in_session_time(seen, now_ns)
+    assert taken.stamp_ns == now_ns
+    assert taken.text == (
+        "over_speed: ot1: 9 m/s, limit 8 m/s "
+        f"(seen by x, stamped {off_s:+.3g} s from the session's time)"
+    )
+
+
+def test_an_event_that_was_under_way_keeps_its_time() -> None:
+    seen = limits.Violation(SafetyCode.OVER_SPEED, "ot1", 9.0, 8.0, 11_500_000_000, "seen by x")
+    assert limits.in_session_time(seen, 12_000_000_000) is seen
