@@ -425,9 +425,9 @@ class Bridge(Struck):
     def step(self) -> None:
         super().step()
         give_up_s = time.monotonic() + 30.0
-        while self.node._inbox.busy and time.monotonic() < give_up_s:
+        while self.node._queue.busy and time.monotonic() < give_up_s:
             time.sleep(0.001)
-        assert not self.node._inbox.busy
+        assert not self.node._queue.busy
         assert self.node._worker.is_alive()
 
     def close(self) -> None:
