@@ -21,11 +21,11 @@ import click
 from rich.progress import Progress
 
 from ssp_core import console
-from ssp_core.console import on_stop_signals
 from ssp_core.errors import InputError, PeerError
 from ssp_core.files import make_folder, write_json
 from ssp_core.hashing import sha256_bytes
 from ssp_core.processes import die_with_parent
+from ssp_core.terminal import on_stop_signals
 from ssp_scenario_manager.event_spec.load import load_event
 
 MARKER = ".ssp-demo.json"

@@ -11,10 +11,10 @@ import click
 import ssp_core
 from ssp_core import names
 from ssp_core.bag.reader import BagReader
-from ssp_core.cli import Number, usage_errors
 from ssp_core.errors import InputError
+from ssp_core.options import Number, usage_errors
 from ssp_core.processes import live_environment, session_environment
-from ssp_monitor.recorder.pattern import Pattern
+from ssp_monitor.recorder.topics import Pattern
 from ssp_monitor.replay.plan import DEFAULT_CLOCK_HZ, ReplayOptions, is_name
 from ssp_monitor.replay.player import FASTEST, SLOWEST, Settings
 

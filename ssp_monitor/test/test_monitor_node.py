@@ -388,7 +388,7 @@ def test_a_publisher_of_another_type_keeps_the_recorder_from_being_ready(
 @pytest.mark.parametrize(
     ("parameter", "match"),
     [
-        ("include:=(", "parameter include: ends too early"),
+        ("include:=(", "parameter include: is no regular expression"),
         ("queue_mb:=0", "parameter queue_mb: is out of range"),
         ("split_mb:=-1.0", "parameter split_mb: is out of range"),
         ("video:=mpeg", "video: is no codec"),

@@ -270,8 +270,8 @@ def test_images_become_video_and_what_is_no_image_stays(
     ("arguments", "status", "message"),
     [
         (["-o", "x"], 2, "name topics, or give --all or --include"),
-        (["--include", "(", "-o", "x"], 2, "--include: ends too early"),
-        (["--all", "--exclude", "a{2}", "-o", "x"], 2, "--exclude: has a { "),
+        (["--include", "(", "-o", "x"], 2, "--include: is no regular expression"),
+        (["--all", "--exclude", "[a", "-o", "x"], 2, "--exclude: is no regular expression"),
         (["--all", "-o", "x", "--split-mb", "0.0001"], 2, "is too small a file"),
         (["--all", "-o", "x", "--split-s", "nan"], 2, "'nan' is no number from 0"),
         (["--all", "-o", "x", "--split-mb", "inf"], 2, "'inf' is no number from 0"),

@@ -6,9 +6,8 @@ from collections import defaultdict
 
 import pytest
 
-from ssp_monitor.recorder.pattern import Pattern
 from ssp_monitor.recorder.report import MOST, RepeatedWarnings
-from ssp_monitor.recorder.topics import Profile, Selection, TopicDiscovery
+from ssp_monitor.recorder.topics import Pattern, Profile, Selection, TopicDiscovery
 
 INSTALLED: defaultdict[str, str | None] = defaultdict(lambda: None)
 STRING = "std_msgs/msg/String"

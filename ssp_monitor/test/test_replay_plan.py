@@ -430,8 +430,8 @@ def test_of_a_sessions_own_topics_only_commands_are_left_out() -> None:
         (["--start", "abc"], "'abc' is no number from 0"),
         (["--remap", "x"], "'x' is not FROM:=TO"),
         (["--remap", "/a:=/../b"], "'/../b' is no topic name"),
-        (["--topics", "("], "--topics: ends too early"),
-        (["--exclude", "("], "--exclude: ends too early"),
+        (["--topics", "("], "--topics: is no regular expression"),
+        (["--exclude", "("], "--exclude: is no regular expression"),
     ],
 )
 def test_values_without_sense_are_wrong_usage(

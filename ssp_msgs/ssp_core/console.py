@@ -1,16 +1,11 @@
-"""The terminal: what people see on it (progress, tables, errors), and how it may end a program."""
+"""What people see on the terminal: progress, tables, errors. The one place that knows rich."""
 
 from __future__ import annotations
 
-import errno
-import io
 import re
-import signal
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from types import FrameType
 from typing import Any
 
 from rich.console import Console
@@ -23,105 +18,6 @@ from rich.progress import (
     TimeElapsedColumn,
 )
 from rich.text import Text
-
-# Ctrl-C, a service manager, a closed terminal, Ctrl-\.
-_ASK_TO_END = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
-# Only these say more when they come again; a shell passes on the SIGHUP that its jobs had already.
-_INSIST = (signal.SIGINT, signal.SIGTERM)
-# `timeout` signals a process and then its group: what comes so soon is the same wish.
-_SAME_WISH_S = 0.5
-_NOBODY_READS = (errno.EPIPE, errno.EIO)
-
-
-def catch_stop_signals(handler: Callable[[signal.Signals], None]) -> dict[signal.Signals, Any]:
-    """Has a handler called for each wish of somebody that this process ends.
-
-    Of a closed terminal and Ctrl-\\ a program that was started to ignore them (``nohup``, in the
-    background of a script) hears nothing.
-
-    Args:
-        handler: takes the signal: the first, and each SIGINT or SIGTERM that comes 0.5 s or more
-            after it.
-
-    Returns:
-        What handled the signals before.
-    """
-    last_s: float | None = None
-
-    def on_signal(number: int, _: FrameType | None) -> None:
-        nonlocal last_s
-        now_s = time.monotonic()
-        if last_s is None or (number in _INSIST and now_s - last_s >= _SAME_WISH_S):
-            last_s = now_s
-            handler(signal.Signals(number))
-
-    before = {number: signal.getsignal(number) for number in _ASK_TO_END}
-    for number, known in before.items():
-        if number in _INSIST or known is not signal.SIG_IGN:
-            signal.signal(number, on_signal)
-    return before
-
-
-@contextmanager
-def on_stop_signals(handler: Callable[[signal.Signals], None]) -> Iterator[None]:
-    """As catch_stop_signals, as long as the block runs."""
-    before = catch_stop_signals(handler)
-    try:
-        yield
-    finally:
-        for number, known in before.items():
-            signal.signal(number, known)
-
-
-def ignore_stop_signals() -> None:
-    """For a process of a pool: they reach the whole group, and who leads it ends it in order."""
-    for number in _ASK_TO_END:
-        if number != signal.SIGTERM:
-            signal.signal(number, signal.SIG_IGN)
-
-
-class _Output(io.FileIO):
-    """A stream that drops what can't be written: nobody reads it any more, or the disk is full."""
-
-    failure = ""
-
-    def write(self, data: Any) -> Any:
-        try:
-            return super().write(data)
-        except OSError as error:
-            if error.errno not in _NOBODY_READS:
-                self.failure = error.strerror or str(error)
-            return memoryview(data).nbytes
-
-
-def survive_lost_output() -> None:
-    """From here on no failure of standard output or error raises in who prints.
-
-    A pipe that nobody reads, a terminal that is gone, and a full disk are no reason to leave a
-    session or a recording behind. Streams that a test has put there stay.
-    """
-    for name in ("stdout", "stderr"):
-        stream = getattr(sys, name)
-        if stream is None or stream is not getattr(sys, f"__{name}__"):
-            continue
-        stream.flush()
-        made = io.TextIOWrapper(
-            io.BufferedWriter(_Output(stream.fileno(), "wb", closefd=False)),
-            encoding=stream.encoding,
-            errors=stream.errors,
-            line_buffering=stream.line_buffering or stream.write_through,
-        )
-        setattr(sys, name, made)
-
-
-def lost_output() -> str:
-    """Why not all that was printed on standard output could be written; empty for unread output."""
-    raw = getattr(getattr(sys.stdout, "buffer", None), "raw", None)
-    if not isinstance(raw, _Output):
-        return ""
-    sys.stdout.flush()
-    return raw.failure
-
 
 # What a terminal obeys or what hides the order of a text: controls but tab and line feed, and the
 # marks that turn the direction of writing round.

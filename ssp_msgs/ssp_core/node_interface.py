@@ -1,6 +1,6 @@
 """What a node states of itself, without ROS: its table of parameters and its diagnostic status.
 
-A node has one table of parameters, in its package's ``params.py``.
+A node has one table of parameters, in its package's ``ros/parameters.py``.
 """
 
 from __future__ import annotations

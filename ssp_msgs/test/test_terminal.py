@@ -11,9 +11,9 @@ import pytest
 
 PROGRAM = """
 import signal, sys
-from ssp_core import console
+from ssp_core import terminal
 {before}
-console.catch_stop_signals(lambda number: print(number.name, flush=True))
+terminal.catch_stop_signals(lambda number: print(number.name, flush=True))
 print("up", flush=True)
 for _ in sys.stdin:
     print("after", flush=True)
@@ -57,12 +57,12 @@ def told(process: subprocess.Popen[str], *numbers: str) -> list[str]:
 
 @pytest.mark.parametrize("name", ENDS)
 def test_each_wish_to_end_is_heard_and_its_echo_isn_t(name: str) -> None:
-    soon = "console._SAME_WISH_S = 1e9"  # however busy the host is
+    soon = "terminal._SAME_WISH_S = 1e9"  # however busy the host is
     assert told(program(soon), name, name, "SIGTERM") == [name]
 
 
 def test_who_insists_is_heard_again_but_no_closed_terminal() -> None:
-    late = "console._SAME_WISH_S = 0.0"
+    late = "terminal._SAME_WISH_S = 0.0"
     assert told(program(late), "SIGHUP", "SIGHUP", "SIGQUIT", "SIGINT") == ["SIGHUP", "SIGINT"]
 
 
@@ -74,7 +74,7 @@ def test_nohup_stays_deaf_to_a_closed_terminal() -> None:
 WRITER = """
 import sys
 from ssp_core import console
-from ssp_core.console import lost_output, survive_lost_output
+from ssp_core.terminal import lost_output, survive_lost_output
 survive_lost_output()
 sys.stdin.readline()
 for _ in range(3):

@@ -3,7 +3,7 @@
 import click
 import pytest
 
-from ssp_core.cli import Domain
+from ssp_core.options import Domain
 from ssp_core.vocabulary import DOMAINS, read_domain
 
 

@@ -94,7 +94,7 @@ def declared_parameters(package: str, executable: str) -> set[str]:
     node = {"page": "monitor_page"}.get(executable, executable)
     if package == "ssp_scenario_manager":
         return set()
-    return {one.name for one in import_module(f"{package}.params").NODES[node]}
+    return {one.name for one in import_module(f"{package}.ros.parameters").NODES[node]}
 
 
 # Tools of ROS that a launch file may start on request; they aren't ours to look into.

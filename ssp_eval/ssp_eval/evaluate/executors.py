@@ -19,10 +19,10 @@ from pathlib import Path
 from typing import Any
 
 from ssp_core import console
-from ssp_core.console import ignore_stop_signals
 from ssp_core.errors import HostError, InputError, SspError
 from ssp_core.files import Closing
 from ssp_core.processes import die_with_parent
+from ssp_core.terminal import ignore_stop_signals
 from ssp_eval.data.labels import labels_version
 from ssp_eval.evaluate.admission import NO_AUDIT, Admission
 from ssp_eval.evaluate.bridges import TopicClients

@@ -9,9 +9,9 @@ from typing import Any
 
 import click
 
-from ssp_core.cli import Number
 from ssp_core.console import note, out, progress
 from ssp_core.names import VUT_ID
+from ssp_core.options import Number
 from ssp_core.vocabulary import OBJECTS, ObjectClass
 from ssp_core.world.camera import Mounting
 from ssp_eval.importers.bag import BagOptions, import_bag

@@ -11,9 +11,9 @@ from typing import Any, get_args
 
 import click
 
-from ssp_core.cli import Domain
 from ssp_core.errors import InputError
 from ssp_core.motion.state import Size
+from ssp_core.options import Domain
 from ssp_core.vocabulary import DomainWord, ObjectClass, Role
 from ssp_eval.data.provenance import SAFE_NAME, DomainDeclaration, LogDeclaration
 from ssp_eval.importers.tracks import Body, ReferencePoint, Rigid, size_of

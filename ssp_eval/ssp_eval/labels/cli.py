@@ -9,9 +9,9 @@ from typing import Any
 import click
 
 from ssp_core import console
-from ssp_core.cli import Number
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder, read_mapping, write_bytes, write_text
+from ssp_core.options import Number
 from ssp_core.vocabulary import PHASES
 from ssp_eval.data.labels import FILL_IN, counts_text, load_labels, phase_counts, unfilled
 from ssp_eval.labels.boxes import boxes_command

@@ -8,9 +8,9 @@ from pathlib import Path
 import click
 
 from ssp_core import console
-from ssp_core.cli import Domain, Number
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder
+from ssp_core.options import Domain, Number
 from ssp_core.run_file.model import ConflictThresholds
 from ssp_eval.data.labels import (
     BY_CLOCK,

@@ -12,10 +12,10 @@ from rich.table import Table
 
 from ssp_core import console
 from ssp_core.bag.reader import BagReader
-from ssp_core.cli import Number
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder, write_text
 from ssp_core.names import VUT_ID
+from ssp_core.options import Number
 from ssp_eval.data.provenance import Provenance, bag_folder, find_bag, read_provenance
 from ssp_eval.observations.agreement import Agreement, agree
 from ssp_eval.observations.files import (

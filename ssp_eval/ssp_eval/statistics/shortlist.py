@@ -10,10 +10,10 @@ import click
 from rich.table import Table
 
 from ssp_core import __version__, console
-from ssp_core.cli import Number
 from ssp_core.errors import InputError
 from ssp_core.files import write_text
 from ssp_core.hashing import sha256_file
+from ssp_core.options import Number
 from ssp_core.run_file.shortlist import LeftOut, Limits, Listed, Shortlist
 from ssp_core.vocabulary import DomainWord
 from ssp_eval.evaluate.cell_file import CELL_FILE

@@ -11,8 +11,9 @@ from typing import Any
 
 import click
 
-from ssp_core.cli import Number, usage_errors
-from ssp_core.console import err, note, on_stop_signals, out
+from ssp_core.console import err, note, out
+from ssp_core.options import Number, usage_errors
+from ssp_core.terminal import on_stop_signals
 from ssp_monitor.recorder.disk import DiskNeeds
 from ssp_monitor.recorder.encoding import CODECS, video_choice
 from ssp_monitor.recorder.plan import MB, QUEUE_MB, RESERVE_MB, RecordingPlan, patterns, split_by

@@ -10,9 +10,9 @@ from typing import Any, TypeVar
 import click
 
 from ssp_core.bag.reader import BagReader
-from ssp_core.cli import usage_errors
 from ssp_core.clock import NS_PER_S
 from ssp_core.errors import InputError
+from ssp_core.options import usage_errors
 
 _SECONDS = re.compile(r"([+-]?)(\d{1,11})(?:\.(\d{1,9})\d*)?\s*s?")
 _NANOSECONDS = re.compile(r"(\d{1,19})\s*ns")

@@ -8,7 +8,7 @@ from typing import Protocol
 
 from ssp_core.bag.types import BagMessage
 from ssp_core.errors import InputError
-from ssp_monitor.recorder.pattern import Pattern
+from ssp_monitor.recorder.topics import Pattern
 
 # Where pictures go that the encoder refused: beside the video, under the type that they have.
 ORIGINAL = "/original"

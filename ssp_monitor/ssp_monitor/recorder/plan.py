@@ -9,8 +9,7 @@ from ssp_core.bag.split import Split
 from ssp_core.errors import InputError
 from ssp_monitor.recorder.disk import DiskNeeds
 from ssp_monitor.recorder.encoding import VideoChoice
-from ssp_monitor.recorder.pattern import Pattern
-from ssp_monitor.recorder.topics import Selection, TopicSpec
+from ssp_monitor.recorder.topics import Pattern, Selection, TopicSpec
 
 RUN_NAME = "run.yaml"
 TASK_FOLDER = "task"

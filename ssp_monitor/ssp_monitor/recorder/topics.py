@@ -2,20 +2,54 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum, IntEnum
 
 from ssp_core import names
+from ssp_core.errors import InputError
 from ssp_core.run_file.model import RunSpec
 from ssp_core.world.transforms import TF_TYPE
-from ssp_monitor.recorder.pattern import Pattern
 
 CLOCK_TYPE = "rosgraph_msgs/msg/Clock"
+# Of an expression over topic names.
+MOST_CHARACTERS = 1000
+
+
+class Pattern:
+    """A regular expression over topic names, as Python's ``re`` understands it.
+
+    Args:
+        text: the expression.
+        field: what it is called towards people, such as ``--include``.
+
+    Raises:
+        InputError: it is none.
+    """
+
+    def __init__(self, text: str, field: str) -> None:
+        if len(text) > MOST_CHARACTERS:
+            raise InputError(
+                f"is longer than {MOST_CHARACTERS} characters", field=field, value=text
+            )
+        try:
+            self._expression = re.compile(text, re.ASCII)
+        except (re.error, OverflowError, RecursionError) as error:
+            raise InputError(
+                f"is no regular expression: {error}",
+                field=field,
+                value=text,
+                remedy="write \\ before a character that is meant as itself",
+            ) from error
+
+    def found_in(self, name: str) -> bool:
+        """Whether the expression matches somewhere in the name."""
+        return self._expression.search(name) is not None
 
 
 class Profile(Enum):
-    """Named quality of service; node.py maps it to that of ssp_core.ros."""
+    """Named quality of service; ``ros/conversions.py`` maps it to that of ssp_core.ros."""
 
     STATE = "state"
     COMMAND = "command"

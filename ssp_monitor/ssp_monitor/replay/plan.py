@@ -11,8 +11,7 @@ from ssp_core import names
 from ssp_core.bag.metadata import parse_offered_qos
 from ssp_core.bag.reader import TopicInfo
 from ssp_core.errors import InputError
-from ssp_monitor.recorder.pattern import Pattern
-from ssp_monitor.recorder.topics import CLOCK_TYPE
+from ssp_monitor.recorder.topics import CLOCK_TYPE, Pattern
 
 # Of the project's own types these are acted on. The others report, whatever their topic is called.
 COMMAND_TYPES = frozenset(

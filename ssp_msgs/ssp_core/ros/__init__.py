@@ -24,10 +24,11 @@ from rclpy.signals import SignalHandlerOptions
 
 from ssp_core.cdr.messages import stamp_ns
 from ssp_core.clock import NS_PER_S, time_ns
-from ssp_core.console import catch_stop_signals, report_error, survive_lost_output
+from ssp_core.console import report_error
 from ssp_core.errors import SspError
 from ssp_core.names import NAMESPACE
 from ssp_core.node_interface import Parameter, Status
+from ssp_core.terminal import catch_stop_signals, survive_lost_output
 
 T = TypeVar("T")
 

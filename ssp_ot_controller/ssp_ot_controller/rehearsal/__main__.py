@@ -17,10 +17,11 @@ from pathlib import Path
 import click
 
 import ssp_core
-from ssp_core.console import catch_stop_signals, report_error, survive_lost_output
+from ssp_core.console import report_error
 from ssp_core.errors import InputError, SspError
 from ssp_core.processes import ProcessGroup, live_environment
 from ssp_core.run_file.model import RunSpec, load_run
+from ssp_core.terminal import catch_stop_signals, survive_lost_output
 from ssp_ot_controller.rehearsal.played import PlayedBodies
 
 PARTS = ("vut", "camera", "bodies")

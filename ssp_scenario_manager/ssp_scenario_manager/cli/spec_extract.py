@@ -17,10 +17,10 @@ import click
 
 from ssp_core import console
 from ssp_core.chat import OpenAIChat, Policy
-from ssp_core.cli import Number
 from ssp_core.credentials import check_key, is_http_address, without_userinfo
 from ssp_core.errors import InputError
 from ssp_core.files import read_mapping
+from ssp_core.options import Number
 from ssp_scenario_manager.event_spec.checks.check import Undecided, check_event
 from ssp_scenario_manager.event_spec.extract.candidate import Origin
 from ssp_scenario_manager.event_spec.extract.clip import WIDE_SPACING_S, Crop

@@ -20,7 +20,6 @@ from typing import Any
 import ssp_core
 from ssp_core import names
 from ssp_core.bag.repair import recover
-from ssp_core.console import on_stop_signals
 from ssp_core.credentials import TOKEN_VARIABLE, check_token
 from ssp_core.errors import HostError, InputError
 from ssp_core.files import write_json, write_text
@@ -33,6 +32,7 @@ from ssp_core.processes import (
 )
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.verdict import read_verdict, write_verdict
+from ssp_core.terminal import on_stop_signals
 from ssp_core.vocabulary import Verdict
 from ssp_scenario_manager.run import faults
 from ssp_scenario_manager.run.follow import Followed, Interrupt, follow, obituary

@@ -25,7 +25,6 @@ import numpy as np
 
 from ssp_core import console
 from ssp_core.clock import ns_to_seconds
-from ssp_core.console import ignore_stop_signals
 from ssp_core.errors import HostError, InputError
 from ssp_core.files import (
     make_folder,
@@ -37,6 +36,7 @@ from ssp_core.files import (
 )
 from ssp_core.hashing import sha256_json
 from ssp_core.run_file.model import RunSpec
+from ssp_core.terminal import ignore_stop_signals
 from ssp_core.vocabulary import Phase
 from ssp_scenario_manager.run.faults import RUNNER_KINDS, with_conditions_never_met
 from ssp_scenario_manager.run.in_process import (

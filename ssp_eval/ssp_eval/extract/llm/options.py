@@ -11,8 +11,8 @@ import click
 
 from ssp_core import console
 from ssp_core.chat import OpenAIChat, Policy
-from ssp_core.cli import Number
 from ssp_core.credentials import check_key, is_http_address
+from ssp_core.options import Number
 from ssp_eval.extract.llm.extractor import Extractor, make_extractor
 
 Command = TypeVar("Command", bound=Callable[..., Any])
