@@ -88,13 +88,9 @@ def _points_along(motion: Motion) -> Points:
     )
 
 
-def _along(address: Address, motion: Motion) -> Reference:
-    return _reference(address, _points_along(motion))
-
-
 def approach_reference(address: Address, motion: Motion) -> Reference:
     """From standstill along the path to its end, where it stands again."""
-    return _along(address, motion)
+    return _reference(address, _points_along(motion))
 
 
 def manoeuvre_reference(
@@ -118,7 +114,7 @@ def manoeuvre_reference(
             there.
     """
     if isinstance(manoeuvre, FollowPath):
-        return _along(address, manoeuvre.motion)
+        return approach_reference(address, manoeuvre.motion)
     if approach is None:
         raise ValueError(f"{address.object_id} has no approach that it could leave or brake on")
     path = _path(tuple(approach.path))
