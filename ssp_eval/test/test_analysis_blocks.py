@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 from scipy.special import ndtri
 
-from ssp_eval.score.batch import RecordTerms
+from ssp_eval.score.engine import LabelTerms
 from ssp_eval.statistics.bootstrap import bootstrap_mean, bootstrap_records
 from ssp_eval.statistics.resampling import (
     REACH,
@@ -101,11 +101,11 @@ def test_a_scenario_is_drawn_with_all_its_cells() -> None:
     assert (uneven.percentile.low, uneven.percentile.high) == pytest.approx((0.2, 0.8))
 
 
-def terms(good: Numbers) -> RecordTerms:
+def terms(good: Numbers) -> LabelTerms:
     """A clip in which the given labels are good in every respect, and the others in none."""
     count, flags = len(good), good.astype(bool)
     four = np.repeat(flags[:, None], 4, axis=1)
-    return RecordTerms(
+    return LabelTerms(
         matched=np.ones(count, bool), output_valid=flags, evaluable=np.ones((count, 4), bool),
         given=four, hard=four.astype(float), soft=four.astype(float),
         interaction_evaluable=np.ones(count, bool), interaction_correct=flags,

@@ -11,8 +11,9 @@ from hypothesis.extra import numpy as hnp
 from scipy import stats
 
 from ssp_core.vocabulary import DOMAINS
-from ssp_eval.score.aggregate import METRICS, means
-from ssp_eval.score.batch import RecordTerms
+from ssp_eval.score.aggregate import means
+from ssp_eval.score.engine import LabelTerms
+from ssp_eval.score.metrics import METRIC_NAMES
 from ssp_eval.statistics.bootstrap import (
     bootstrap_mean,
     bootstrap_records,
@@ -49,7 +50,7 @@ def terms(count=9, seed=0, *, defensive=None, candidate=None):
     hard = given_slots * (rng.random((count, 4)) < 0.5).astype(float)
     interaction = flags()
     feasible = flags()
-    return RecordTerms(
+    return LabelTerms(
         matched=np.ones(count, bool),
         output_valid=flags(),
         evaluable=evaluable,
@@ -65,6 +66,12 @@ def terms(count=9, seed=0, *, defensive=None, candidate=None):
         candidate=np.ones(count, bool) if candidate is None else np.array(candidate),
         defensive=flags() if defensive is None else np.array(defensive),
         record_t_s=0.5 * np.arange(count),
+        record=np.arange(count),
+        text_valid=np.ones(count, bool),
+        trajectory_valid=np.ones(count, bool),
+        answer=np.zeros((count, 6), int),
+        lon=np.zeros(count, int),
+        lat=np.zeros(count, int),
         risk_onset_s=0.5,
     )
 
@@ -149,7 +156,7 @@ def test_a_resample_scores_as_if_its_labels_stood_there(seed, places):
         assert found["rl_s"] == pytest.approx(max(0.0, 0.5 * min(begins) - 0.5))
     parts = [np.nan_to_num(found[n]) for n in ("jovr", "sem_acc_eff", "cia_eff", "tqsr", "rsr")]
     assert found["ivcs"] == pytest.approx(np.dot([0.1, 0.3, 0.2, 0.3, 0.1], parts))
-    assert set(found) == set(METRICS)
+    assert set(found) == set(METRIC_NAMES)
 
 
 @pytest.mark.parametrize(
@@ -186,7 +193,7 @@ def test_group_values_are_the_means_of_the_method_and_lie_in_their_intervals():
     for by, groups in found.groups.items():
         expected = means([one.cell() for one, _ in given_cells], by)
         for key, estimates in groups.items():
-            for metric in METRICS:
+            for metric in METRIC_NAMES:
                 assert estimates[metric].n == expected[key][metric].n
                 assert estimates[metric].value == pytest.approx(expected[key][metric].value)
             ivcs = estimates["ivcs"]
@@ -225,7 +232,7 @@ def test_repetitions_and_like_models_make_no_interval_narrower():
         found = bootstrap_records(copies, by, 400, SEED)
         expected = alone.groups[("domain",)][(row.domain,)]
         mine = found.groups[("domain",)][(row.domain,)]
-        for metric in METRICS:
+        for metric in METRIC_NAMES:
             if expected[metric].percentile.low is not None:
                 assert (mine[metric].percentile.low, mine[metric].percentile.high) == pytest.approx(
                     (expected[metric].percentile.low, expected[metric].percentile.high)

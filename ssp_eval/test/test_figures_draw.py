@@ -30,7 +30,7 @@ from ssp_eval.figures.style import (
     drawing,
 )
 from ssp_eval.score.aggregate import ranking
-from ssp_eval.score.cell import ivcs_weights
+from ssp_eval.score.metrics import ivcs_weights
 from ssp_eval.statistics.rows import CellRow
 
 sys.path.insert(0, str(Path(__file__).parent))

@@ -11,7 +11,6 @@ from ssp_eval.score.aggregate import (
     BY_MODEL,
     BY_SCENARIO_DOMAIN,
     BY_SCENARIO_MODEL,
-    METRICS,
     Cell,
     Mean,
     RankChange,
@@ -21,10 +20,11 @@ from ssp_eval.score.aggregate import (
     relative_difference,
     same_places,
 )
+from ssp_eval.score.metrics import METRIC_NAMES
 
 
 def cell(scenario, domain, model, ivcs=0.5, *, admitted=True, **values):
-    score = dict.fromkeys(METRICS, 0.0) | {"rl_s": None, "ivcs": ivcs} | values
+    score = dict.fromkeys(METRIC_NAMES, 0.0) | {"rl_s": None, "ivcs": ivcs} | values
     return Cell(scenario, domain, model, score, admitted)
 
 

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ssp_eval.data.records import Slot
-from ssp_eval.score.batch import score_cells
 from ssp_eval.score.cell import score_cell
+from ssp_eval.score.engine import score_cells
 from ssp_vla_bridge.trajectory import Trajectory
 
 sys.path.insert(0, str(Path(__file__).parent))

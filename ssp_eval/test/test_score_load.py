@@ -13,8 +13,8 @@ from ssp_eval.data.labels import load_labels
 from ssp_eval.data.records import load_records
 from ssp_eval.score import columns
 from ssp_eval.score import columns as load
-from ssp_eval.score.batch import score_columns
 from ssp_eval.score.columns import Columns, load_columns
+from ssp_eval.score.engine import score_columns
 
 TESTS = Path(__file__).parents[2] / "tests"
 GOLDEN = sorted(path.parent for path in (TESTS / "golden").glob("*/expected.json"))

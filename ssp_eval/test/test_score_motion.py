@@ -1,10 +1,15 @@
 """Reading a trajectory between its samples (METHOD 5.4) and what it does (METHOD 6.6)."""
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ssp_core.vocabulary import LAT_ACTIONS
+from ssp_eval.data.records import BehaviourRecord
+from ssp_eval.score.columns import RecordBlocks
 from ssp_eval.score.motion import Motion, feasible, lat_action, lon_action, measure
+from ssp_eval.score.thresholds import DEFAULT
 from ssp_vla_bridge.trajectory import Trajectory, check_trajectory, interpolate
 
 BENT = Trajectory((-1.0, 0.25, 0.75, 2.0), (-4.0, 1.0, 4.0, 4.0), (0.0, 0.0, 1.0, -4.0))
@@ -40,9 +45,24 @@ def test_a_shorter_horizon_can_be_asked_for():
     assert check_trajectory(short, support_end_s=0.5) == ()
 
 
+def motion_of(forward_m, left_m):
+    """The motion of one trajectory."""
+    return Motion(
+        tuple(np.array([x]) for x in forward_m), tuple(np.array([x]) for x in left_m), 0.5
+    )
+
+
+def measured(trajectory):
+    """Forward and left of a trajectory at the three times, and its motion."""
+    blocks = RecordBlocks()
+    blocks.add([BehaviourRecord(0.0, "", trajectory=trajectory)])
+    motion = measure(blocks.columns(), DEFAULT).motion
+    return [float(x[0]) for x in motion.forward_m], [float(x[0]) for x in motion.left_m], motion
+
+
 def test_what_is_measured():
-    motion = measure(BENT)
-    assert motion == Motion((0.0, 2.5, 4.0), (0.0, 0.5, 0.0), 0.5)
+    forward_m, left_m, motion = measured(BENT)
+    assert (forward_m, left_m, motion.step_s) == ([0.0, 2.5, 4.0], [0.0, 0.5, 0.0], 0.5)
     assert motion.forward_steps_m == (2.5, 1.5)
     assert motion.left_steps_m == (0.5, -0.5)
     assert (motion.end_speed_mps, motion.accel_mps2, motion.shift_m) == (3.0, -4.0, 0.0)
@@ -51,8 +71,13 @@ def test_what_is_measured():
 # Multiples of 1/8 m are exact, so shifting and mirroring them is too.
 eighths = st.integers(-120, 120).map(lambda steps: steps / 8)
 motions = st.builds(
-    Motion, st.tuples(eighths, eighths, eighths), st.tuples(eighths, eighths, eighths), st.just(0.5)
+    motion_of, st.tuples(eighths, eighths, eighths), st.tuples(eighths, eighths, eighths)
 )
+
+
+def lateral(motion):
+    """The word of the lateral action."""
+    return LAT_ACTIONS[lat_action(motion)[0]]
 
 
 @settings(max_examples=100, deadline=None)
@@ -60,7 +85,7 @@ motions = st.builds(
 def test_left_is_right_in_a_mirror_and_nothing_else_changes(motion):
     mirrored = Motion(motion.forward_m, tuple(-value for value in motion.left_m), motion.step_s)
     swapped = {"left": "right", "right": "left", "straight": "straight"}
-    assert lat_action(mirrored) == swapped[lat_action(motion)]
+    assert lateral(mirrored) == swapped[lateral(motion)]
     assert lon_action(mirrored) == lon_action(motion)
     assert feasible(mirrored) == feasible(motion)
 
@@ -88,9 +113,9 @@ def test_only_differences_count(motion, forward_m, left_m):
     ],
 )
 def test_speed_counts_both_directions_in_either_half(forward_m, left_m, drivable):
-    assert feasible(Motion(forward_m, left_m, 0.5)) is drivable
+    assert feasible(motion_of(forward_m, left_m)).tolist() == [drivable]
 
 
 def test_all_of_a_path_is_read_between_its_samples():
-    motion = measure(Trajectory((-1.0, 3.0), (-4.0, 12.0), (-2.0, 6.0)))
-    assert motion == Motion((0.0, 2.0, 4.0), (0.0, 1.0, 2.0), 0.5)
+    forward_m, left_m, _ = measured(Trajectory((-1.0, 3.0), (-4.0, 12.0), (-2.0, 6.0)))
+    assert (forward_m, left_m) == ([0.0, 2.0, 4.0], [0.0, 1.0, 2.0])

@@ -11,9 +11,8 @@ from hypothesis import strategies as st
 
 from ssp_eval.data.labels import Label, Labels
 from ssp_eval.data.records import BehaviourRecord, Slot, Slots
-from ssp_eval.score.batch import score_cells
-from ssp_eval.score.cell import score_cell
-from ssp_eval.score.judge import STAGES
+from ssp_eval.score.cell import STAGES, score_cell
+from ssp_eval.score.engine import score_cells
 from ssp_eval.score.thresholds import Thresholds
 from ssp_vla_bridge.trajectory import Trajectory
 

@@ -1,18 +1,41 @@
 """METHOD 6.9 on lists of candidates."""
 
+from dataclasses import dataclass, replace
+
+import numpy as np
 import pytest
 
-from ssp_eval.score.judge import Candidate, find_response
+from ssp_eval.data.labels import Label, Labels
+from ssp_eval.score.columns import NOTHING
+from ssp_eval.score.engine import BatchTerms, cell_terms, responses, score_terms
 from ssp_eval.score.thresholds import Thresholds
 
 
+@dataclass
+class Response:
+    """The candidate that begins it, and the cell's RSR and RL."""
+
+    record: int | None
+    success: int
+    latency_s: float | None
+
+
 def run(pattern, times, onset=0.0, **changed):
-    """``D`` is a defensive candidate, ``-`` one that isn't."""
-    candidates = [
-        Candidate(i, time, mark == "D")
-        for i, (mark, time) in enumerate(zip(pattern, times, strict=True))
-    ]
-    return find_response(candidates, onset, Thresholds(**changed))
+    """``D`` is a defensive candidate, ``-`` one that isn't; a label without a record follows."""
+    thresholds = Thresholds(**changed)
+    count = len(pattern)
+    label = Label(0.0, "conflict", True, (), None, None, "active", ("stop",), ("straight",))
+    labels = tuple(replace(label, t_s=10.0 * place) for place in range(count + 1))
+    terms = replace(
+        cell_terms(Labels("s", "physical", "v", onset, True, labels), [], thresholds),
+        candidate=np.arange(count + 1) < count,
+        defensive=np.array([*(mark == "D" for mark in pattern), False]),
+        record_t_s=np.array([*times, np.nan]),
+    )
+    cells = BatchTerms(terms, np.array([0, count + 1]), np.array([onset]))
+    (row,) = responses(cells, thresholds).tolist()
+    (score,) = score_terms(cells, thresholds).cells()
+    return Response(None if row == NOTHING else row, score.rsr, score.rl_s)
 
 
 @pytest.mark.parametrize(

@@ -5,9 +5,10 @@ import itertools
 import pytest
 
 from ssp_core.vocabulary import CONFLICTS, MOTIONS, POSITIONS
-from ssp_eval.data.labels import Label
+from ssp_eval.data.labels import Label, Labels
 from ssp_eval.data.records import BehaviourRecord, Slot, Slots
-from ssp_eval.score.judge import SlotScore, answers, hard_score, object_f1, score_slots, soft_score
+from ssp_eval.score.cell import SlotScore, score_cell
+from ssp_eval.score.semantics import hard_score, object_f1, soft_score
 
 LABEL = Label(
     t_s=1.0,
@@ -32,8 +33,14 @@ RECORD = BehaviourRecord(
 )
 
 
+def slots_of(records, first_frame_dynamics=True):
+    """The slots of the one label."""
+    labels = Labels("s", "physical", "v", 1.0, first_frame_dynamics, (LABEL,))
+    return score_cell(labels, records).details.judgements[0].slots
+
+
 def test_what_each_slot_shows():
-    assert score_slots(LABEL, answers(RECORD, 5), dynamics_masked=False, soft_credit=0.5) == {
+    assert slots_of([RECORD]) == {
         "objects": SlotScore(True, True, 2 / 3, 2 / 3, ("car",), ("car", "bus")),
         "position": SlotScore(True, True, 0.0, 0.5, "front_left", "front"),
         "motion": SlotScore(True, False, 0.0, 0.0, None, "oncoming"),
@@ -42,14 +49,14 @@ def test_what_each_slot_shows():
 
 
 def test_a_masked_slot_keeps_its_values_but_has_no_score():
-    slots = score_slots(LABEL, answers(RECORD, 5), dynamics_masked=True, soft_credit=0.5)
+    slots = slots_of([RECORD], first_frame_dynamics=False)
     assert slots["motion"] == SlotScore(False, False, None, None, None, "oncoming")
     assert slots["conflict"].h is None
     assert slots["position"].evaluable
 
 
 def test_without_a_record_every_evaluable_slot_scores_zero():
-    slots = score_slots(LABEL, answers(None, 0), dynamics_masked=False, soft_credit=0.5)
+    slots = slots_of([])
     assert [slot.evaluable for slot in slots.values()] == [True, True, True, False]
     assert [(slot.given, slot.h, slot.s) for slot in slots.values()] == [
         (False, 0.0, 0.0),

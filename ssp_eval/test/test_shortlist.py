@@ -19,7 +19,7 @@ from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.model_client import InProcessClients
 from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.evaluate.results import load_cells
-from ssp_eval.score.batch import record_terms
+from ssp_eval.score.engine import cell_terms
 from ssp_eval.statistics.bootstrap import SEED, bootstrap_records
 from ssp_eval.statistics.rows import rows_from_cells
 from ssp_eval.statistics.shortlist import DEFAULT_LIMITS, shortlist
@@ -64,7 +64,8 @@ def test_shares_and_priority_are_those_of_the_cells(stages: tuple[Path, Path]) -
         scores = [cell.score for cell in own if cell.score is not None]
         assert len(scores) == 4
         assert one.no_response == sum(not score.rsr for score in scores) / 4
-        with_terms = list(zip(rows_from_cells(own), map(record_terms, scores), strict=True))
+        terms = [cell_terms(cell.labels, cell.records, cell.thresholds) for cell in own]
+        with_terms = list(zip(rows_from_cells(own), terms, strict=True))
         ends = [
             e["ivcs"].percentile
             for e in bootstrap_records(with_terms, (), FEW, SEED).cells.values()

@@ -8,8 +8,8 @@ from measure import report
 from scoring import a_cell, best_s
 
 from ssp_core.vocabulary import DOMAINS
-from ssp_eval.score.batch import RecordTerms, record_terms
 from ssp_eval.score.cell import score_cell
+from ssp_eval.score.engine import LabelTerms, cell_terms
 from ssp_eval.statistics.bootstrap import RESAMPLES, SEED, bootstrap_records, clip_generator
 from ssp_eval.statistics.resampling import block_draws, block_of
 from ssp_eval.statistics.rows import CellRow
@@ -18,18 +18,20 @@ from ssp_eval.statistics.statistics import GROUPINGS
 LIMIT_S = 2.0
 
 
-def matrix() -> list[tuple[CellRow, RecordTerms]]:
+def matrix() -> list[tuple[CellRow, LabelTerms]]:
     """Two scenarios, three domains, three models."""
     rng = random.Random(7)
     found = []
     for scenario in ("cut_in", "vru_crossing"):
         for domain in DOMAINS:
             for model in ("a", "b", "c"):
-                score = score_cell(*a_cell(rng))
-                scores = score.to_json()
+                labels, records = a_cell(rng)
+                scores = score_cell(labels, records).to_json()
                 names = ("jovr", "sem_acc_eff", "cia_eff", "act_acc_eff", "tqsr", "atc_eff")
                 values = {name: scores[name] for name in (*names, "rsr", "rl_s")}
-                found.append((CellRow(scenario, domain, model, **values), record_terms(score)))
+                found.append(
+                    (CellRow(scenario, domain, model, **values), cell_terms(labels, records))
+                )
     return found
 
 

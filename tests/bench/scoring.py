@@ -22,9 +22,9 @@ from measure import report
 from ssp_core.vocabulary import CONFLICTS, LON_ACTIONS, MOTIONS, OBJECTS, POSITIONS
 from ssp_eval.data.labels import Label, Labels, labels_to_json
 from ssp_eval.data.records import SLOT_NAMES, BehaviourRecord, Slot, Slots, record_to_json
-from ssp_eval.score.batch import Scores, score_columns
 from ssp_eval.score.cell import score_cell
 from ssp_eval.score.columns import encode, load_columns
+from ssp_eval.score.engine import Scores, score_columns
 from ssp_vla_bridge.trajectory import Trajectory
 
 CELLS = 10_000

@@ -9,8 +9,7 @@ import pytest
 
 from ssp_eval.data.labels import load_labels
 from ssp_eval.data.records import load_records
-from ssp_eval.score.cell import CellScore, score_cell
-from ssp_eval.score.judge import STAGES
+from ssp_eval.score.cell import STAGES, CellScore, score_cell
 
 CASES = sorted(path.parent for path in Path(__file__).parent.glob("*/expected.json"))
 KEYS = [

@@ -77,15 +77,15 @@ def test_the_golden_cases_pass_there_and_see_a_changed_comparison(folder):
 
 def test_what_mutmut_says_is_read(run):
     listing = """
-    ssp_eval.score.judge.x_ratio__mutmut_1: killed
-    ssp_eval.score.judge.x_ratio__mutmut_2: survived
-    ssp_eval.score.judge.xǁResponseǁsuccess__mutmut_1: no tests
+    ssp_eval.score.metrics.x_ratio__mutmut_1: killed
+    ssp_eval.score.metrics.x_ratio__mutmut_2: survived
+    ssp_eval.score.engine.xǁScoresǁcells__mutmut_1: no tests
     a warning: of another kind
     """
     assert run.outcomes(listing) == {
-        "ssp_eval.score.judge.x_ratio__mutmut_1": "killed",
-        "ssp_eval.score.judge.x_ratio__mutmut_2": "survived",
-        "ssp_eval.score.judge.xǁResponseǁsuccess__mutmut_1": "no tests",
+        "ssp_eval.score.metrics.x_ratio__mutmut_1": "killed",
+        "ssp_eval.score.metrics.x_ratio__mutmut_2": "survived",
+        "ssp_eval.score.engine.xǁScoresǁcells__mutmut_1": "no tests",
     }
 
 

@@ -27,7 +27,7 @@ from ssp_eval.figures.style import (
     text_width_in,
 )
 from ssp_eval.score.aggregate import Cell, Mean, mean
-from ssp_eval.score.cell import ivcs_terms, ivcs_weights
+from ssp_eval.score.metrics import ivcs_terms, ivcs_weights
 
 NONE_ADMITTED = "no cell is admitted to domain means"
 COMPONENTS = tuple(ivcs_weights())

@@ -26,8 +26,8 @@ from ssp_eval.data.records import BehaviourRecord
 from ssp_eval.evaluate.cell_file import frame_path
 from ssp_eval.evaluate.results import CellData
 from ssp_eval.figures.projection import Ribbon, ribbon
+from ssp_eval.score.cell import Judgement
 from ssp_eval.score.cli import NULL
-from ssp_eval.score.judge import Judgement
 from ssp_vla_bridge.trajectory import Trajectory
 from ssp_vla_bridge.window import Preprocessing, choose
 

@@ -16,8 +16,8 @@ from ssp_eval.evaluate.cell_file import CELLS, RECORDS_FILE, SCORE_FILE, frame_p
 from ssp_eval.evaluate.requests import RAW_FILE, REQUESTS_FILE
 from ssp_eval.evaluate.results import CellData, json_object
 from ssp_eval.figures.projection import overlay, top_view
+from ssp_eval.score.cell import Judgement, SlotScore
 from ssp_eval.score.cli import NULL
-from ssp_eval.score.judge import Judgement, SlotScore
 from ssp_eval.statistics.statistics import Curve, curves
 from ssp_eval.statistics.statistics_tables import STAGE_NAMES
 

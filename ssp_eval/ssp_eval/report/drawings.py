@@ -9,9 +9,8 @@ from ssp_eval import pages
 from ssp_eval.evaluate.admission import UNAUDITED, UNPAIRED
 from ssp_eval.evaluate.results import CellData
 from ssp_eval.score.aggregate import Mean
-from ssp_eval.score.cell import CellScore
+from ssp_eval.score.cell import STAGES, CellScore
 from ssp_eval.score.cli import NULL, format_response
-from ssp_eval.score.judge import STAGES
 from ssp_eval.statistics.rows import compared_labels
 from ssp_eval.statistics.statistics_tables import STAGE_NAMES
 from ssp_eval.statistics.table import Table, Value

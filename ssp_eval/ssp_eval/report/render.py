@@ -15,12 +15,12 @@ from markupsafe import Markup
 
 from ssp_core import __version__
 from ssp_core.files import make_folder, write_text
-from ssp_eval.evaluate.results import CellData, KeptAudits, load_cell
+from ssp_eval.evaluate.results import CellData, KeptAudits, read_cells
 from ssp_eval.pages import templates
 from ssp_eval.report.cell_view import RecordView, record_views, tolerated
 from ssp_eval.report.drawings import matrix, seeing_plot
 from ssp_eval.score.aggregate import Mean
-from ssp_eval.score.judge import STAGES
+from ssp_eval.score.cell import STAGES
 from ssp_eval.statistics.notices import notices
 from ssp_eval.statistics.rows import rows_from_cells
 from ssp_eval.statistics.statistics_tables import (
@@ -287,7 +287,7 @@ SCORES = ("ivcs", "jovr", "sem_acc_eff", "cia_eff", "tqsr", "act_acc_eff", "stfr
 def load_lightly(
     files: Sequence[Path], on_cell: Callable[[CellData], None] = lambda _: None
 ) -> list[CellData]:
-    """Reads cells one by one and keeps of each what the page itself needs.
+    """Reads cells and keeps of each what the page itself needs.
 
     Args:
         files: cell.json of each.
@@ -298,8 +298,7 @@ def load_lightly(
     """
     cells = []
     audits = KeptAudits(files[0].parents[2])
-    for file in files:
-        cell = load_cell(file, audits)
+    for cell in read_cells(files, audits):
         on_cell(cell)
         cells.append(replace(cell, records=(), asked=()))
     return cells

@@ -7,21 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
-METRICS = (
-    "jovr",
-    "sem_cov",
-    "sem_acc_cond",
-    "sem_acc_eff",
-    "sem_acc_soft",
-    "cia_eff",
-    "act_acc_eff",
-    "stfr",
-    "tqsr",
-    "atc_eff",
-    "rsr",
-    "rl_s",
-    "ivcs",
-)
+from ssp_eval.score.metrics import METRIC_NAMES
 
 # Values that differ by less are equal: what is left is rounding. Equal parts of IVCS need not have
 # the same last digit: 0.3 · 1/3 is less than 0.1 in floating point.
@@ -42,7 +28,7 @@ class Cell:
         scenario: name of the scenario.
         domain: synthetic, simulation or physical.
         model: name of the model.
-        score: at least the keys of METRICS, unrounded, null as None.
+        score: at least the keys of METRIC_NAMES, unrounded, null as None.
         admitted: False where the audit refused a partner of the recording, or where no audit
             knows it; such a cell stays out of domain means (METHOD 4).
     """
@@ -93,7 +79,7 @@ def means(cells: Sequence[Cell], by: Sequence[str]) -> dict[tuple[str, ...], dic
         if cell.admitted or "domain" not in by:
             groups.setdefault(tuple(getattr(cell, key) for key in by), []).append(cell)
     return {
-        key: {metric: mean(cell.score[metric] for cell in group) for metric in METRICS}
+        key: {metric: mean(cell.score[metric] for cell in group) for metric in METRIC_NAMES}
         for key, group in sorted(groups.items())
     }
 
@@ -152,7 +138,7 @@ def ranking(cells: Sequence[Cell], subject: str, metric: str = "ivcs") -> Rankin
     Args:
         cells: see means.
         subject: ``model`` or ``domain``.
-        metric: one of METRICS; the larger the better.
+        metric: one of METRIC_NAMES; the larger the better.
 
     Raises:
         ValueError: see means.

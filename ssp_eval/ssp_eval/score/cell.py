@@ -1,66 +1,102 @@
-"""The scores of one cell, scenario × domain × model (METHOD 6.2 to 6.14)."""
+"""The scores of one cell, scenario × domain × model, with what a report needs beside them."""
 
 from __future__ import annotations
 
-import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from itertools import compress
-from operator import and_
-from typing import Any
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
+from typing import Any, NamedTuple
 
-from ssp_eval.data.labels import Labels
-from ssp_eval.data.records import BehaviourRecord
-from ssp_eval.score.judge import (
-    STAGES,
-    Candidate,
-    Judgement,
-    Response,
-    find_response,
-    judge,
-    ratio,
-    semantic_ratios,
-)
-from ssp_eval.score.matching import match
+from ssp_core.vocabulary import LAT_ACTIONS, LON_ACTIONS
+from ssp_eval.data.labels import Label, Labels
+from ssp_eval.data.records import SLOT_NAMES, BehaviourRecord, Slot
+from ssp_eval.score.columns import NOTHING, Cell, encode
+from ssp_eval.score.engine import LabelTerms, batch_terms, responses, score_terms
+from ssp_eval.score.metrics import CellMetrics, ivcs_terms
+from ssp_eval.score.semantics import SLOTS, Value
 from ssp_eval.score.thresholds import DEFAULT, Thresholds
 
-
-def ivcs_weights(thresholds: Thresholds = DEFAULT) -> dict[str, float]:
-    """The weight of each component of IVCS by its key in the score output (METHOD 6.10)."""
-    return {
-        "jovr": thresholds.weight_jovr,
-        "sem_acc_eff": thresholds.weight_sem_acc_eff,
-        "cia_eff": thresholds.weight_cia_eff,
-        "tqsr": thresholds.weight_tqsr,
-        "rsr": thresholds.weight_rsr,
-    }
-
-
-def ivcs_terms(
-    components: Mapping[str, float | None], thresholds: Thresholds = DEFAULT
-) -> dict[str, float]:
-    """What each component adds to IVCS (METHOD 6.10); a null one adds 0 (METHOD 6.11).
-
-    Args:
-        components: ``jovr``, ``sem_acc_eff``, ``cia_eff``, ``tqsr`` and ``rsr``, each 0..1 or None;
-            others are ignored.
-        thresholds: the weights.
-    """
-    return {
-        name: weight * (components[name] or 0.0)
-        for name, weight in ivcs_weights(thresholds).items()
-    }
+# The chain of METHOD 6.12, in its order.
+STAGES = (
+    "output_validity",
+    "semantics",
+    "critical_interaction",
+    "action_commitment",
+    "trajectory_quality",
+    "consistency",
+    "risk_response",
+)
 
 
-def ivcs(components: Mapping[str, float | None], thresholds: Thresholds = DEFAULT) -> float:
-    """IVCS = 0.10 JOVR + 0.30 SemAcc_eff + 0.20 CIA_eff + 0.30 TQSR + 0.10 RSR (METHOD 6.10).
+# What h of a slot is that isn't missing or wrong: right, or not asked.
+_RIGHT = (1.0, None)
+
+
+@dataclass(frozen=True)
+class SlotScore:
+    """One slot at one label.
 
     Args:
-        components: see ivcs_terms.
-        thresholds: the weights.
+        evaluable: e of METHOD 6.3.
+        given: z, the record gives a value with evidence.
+        h: 0..1, 0 where nothing is given, None where the slot isn't evaluable.
+        s: as h, with credit for adjacent classes.
+        answer: the value that the record gives with evidence.
+        truth: the label's value.
     """
-    return math.fsum(ivcs_terms(components, thresholds).values())
+
+    evaluable: bool
+    given: bool
+    h: float | None
+    s: float | None
+    answer: Value | None
+    truth: Value | None
+
+
+class Judgement(NamedTuple):
+    """One label with the output that was matched to it; a missing output fails everything.
+
+    Args:
+        label_t_s: clip time of the label, s.
+        record: index of the matched record, None if there is none.
+        record_t_s: its clip time, s.
+        text_valid: v_txt (5.3).
+        trajectory_valid: v_trj (5.3).
+        slots: e, z, h, s and the values of the four semantic slots (6.3).
+        interaction_evaluable: E (6.4).
+        interaction_correct: C (6.4), False where E = 0.
+        text_lon, text_lat: the actions that the text commits to with evidence, or None (6.5).
+        trajectory_lon, trajectory_lat: the inferred actions, None if v_trj = 0 (6.6).
+        feasible: F (6.6), None if v_trj = 0.
+        action_correct: the term of ActAcc_eff (6.5).
+        feasible_valid: the term of STFR (6.7).
+        trajectory_correct: the term of TQSR (6.7).
+        consistent: the term of ATC_eff (6.8).
+        candidate: a candidate for the risk response (6.9).
+        defensive: slows down where that is right (6.9), candidate or not.
+        first_failure: the first stage of 6.12 that fails, None if none does.
+    """
+
+    label_t_s: float
+    record: int | None
+    record_t_s: float | None
+    text_valid: bool
+    trajectory_valid: bool
+    slots: dict[str, SlotScore]
+    interaction_evaluable: bool
+    interaction_correct: bool
+    text_lon: str | None
+    text_lat: str | None
+    trajectory_lon: str | None
+    trajectory_lat: str | None
+    feasible: bool | None
+    action_correct: bool
+    feasible_valid: bool
+    trajectory_correct: bool
+    consistent: bool
+    candidate: bool
+    defensive: bool
+    first_failure: str | None
 
 
 @dataclass(frozen=True)
@@ -94,50 +130,6 @@ class CellDetails:
 
 
 @dataclass(frozen=True)
-class CellMetrics:
-    """The metrics of a cell by the keys of METHOD 6.14; None where a denominator is 0."""
-
-    n: int
-    matched: int
-    jovr: float
-    sem_cov: float | None
-    sem_acc_cond: float | None
-    sem_acc_eff: float | None
-    sem_acc_soft: float | None
-    cia_eff: float | None
-    act_acc_eff: float
-    stfr: float
-    tqsr: float
-    atc_eff: float
-    rsr: int
-    rl_s: float | None
-    ivcs: float
-    semantic_denominator: int
-    cia_denominator: int
-
-    def to_json(self) -> dict[str, Any]:
-        """The score output of METHOD 6.14: its keys, in its order, nothing rounded."""
-        return {
-            "n": self.n,
-            "matched": self.matched,
-            "jovr": self.jovr,
-            "sem_cov": self.sem_cov,
-            "sem_acc_cond": self.sem_acc_cond,
-            "sem_acc_eff": self.sem_acc_eff,
-            "sem_acc_soft": self.sem_acc_soft,
-            "cia_eff": self.cia_eff,
-            "act_acc_eff": self.act_acc_eff,
-            "stfr": self.stfr,
-            "tqsr": self.tqsr,
-            "atc_eff": self.atc_eff,
-            "rsr": self.rsr,
-            "rl_s": self.rl_s,
-            "ivcs": self.ivcs,
-            "denominators": {"semantic": self.semantic_denominator, "cia": self.cia_denominator},
-        }
-
-
-@dataclass(frozen=True)
 class CellScore(CellMetrics):
     """The metrics of a cell with what a report needs beside them."""
 
@@ -154,85 +146,140 @@ def score_cell(
         records: the outputs in time order, any number.
         thresholds: all limits and weights.
     """
-    pairing = match([x.t_s for x in labels.labels], [x.t_s for x in records], thresholds)
-    risk_onset_s = labels.risk_onset_s
-    judgements = _judgements(labels, records, pairing, risk_onset_s, thresholds)
-    n = len(judgements)
+    return score_in_detail([(labels, records)], thresholds)[0]
 
-    # By attribute, those of all labels.
-    every = dict(zip(Judgement._fields, zip(*judgements, strict=True), strict=True))
-    semantics = semantic_ratios([slot for slots in every["slots"] for slot in slots.values()])
-    interactions = list(compress(every["interaction_correct"], every["interaction_evaluable"]))
-    response = _response(judgements, risk_onset_s, thresholds)
-    jovr = sum(map(and_, every["text_valid"], every["trajectory_valid"])) / n
-    tqsr = sum(every["trajectory_correct"]) / n
-    components = {
-        "jovr": jovr,
-        "sem_acc_eff": semantics.accuracy_effective,
-        "cia_eff": ratio(sum(interactions), len(interactions)),
-        "tqsr": tqsr,
-        "rsr": float(response.success),
-    }
-    terms = ivcs_terms(components, thresholds)
-    failures = Counter(every["first_failure"])
-    label_of = {record: label for label, record in enumerate(pairing) if record is not None}
+
+def score_in_detail(cells: Sequence[Cell], thresholds: Thresholds = DEFAULT) -> list[CellScore]:
+    """Scores many cells at once, with details; see score_cell.
+
+    Args:
+        cells: labels and records of each.
+        thresholds: of all of them.
+    """
+    if not cells:
+        return []
+    terms = batch_terms(encode(cells), thresholds)
+    metrics = score_terms(terms, thresholds).cells()
+    names = [item.name for item in fields(LabelTerms) if item.name != "risk_onset_s"]
+    rows = [
+        dict(zip(names, row, strict=True))
+        for row in zip(*[getattr(terms.rows, name).tolist() for name in names], strict=True)
+    ]
+    starts = terms.start.tolist()
+    first_record = 0
+    found = []
+    for (labels, records), values, start, end, response in zip(
+        cells, metrics, starts, starts[1:], responses(terms, thresholds).tolist(), strict=False
+    ):
+        judgements = tuple(
+            _judgement(label, records, row, first_record)
+            for label, row in zip(labels.labels, rows[start:end], strict=True)
+        )
+        begun = None if response == NOTHING else judgements[response - start].record
+        found.append(_in_detail(labels, records, values, judgements, begun, thresholds))
+        first_record += len(records)
+    return found
+
+
+def _in_detail(
+    labels: Labels,
+    records: Sequence[BehaviourRecord],
+    metrics: CellMetrics,
+    judgements: tuple[Judgement, ...],
+    response_record: int | None,
+    thresholds: Thresholds,
+) -> CellScore:
+    values = {item.name: getattr(metrics, item.name) for item in fields(CellMetrics)}
+    components = ivcs_terms(values, thresholds)
+    label_of = {item.record: index for index, item in enumerate(judgements)}
+    failures = Counter(item.first_failure for item in judgements)
     return CellScore(
-        n=n,
-        matched=len(label_of),
-        jovr=jovr,
-        sem_cov=semantics.coverage,
-        sem_acc_cond=semantics.accuracy_conditional,
-        sem_acc_eff=semantics.accuracy_effective,
-        sem_acc_soft=semantics.accuracy_soft,
-        cia_eff=components["cia_eff"],
-        act_acc_eff=sum(every["action_correct"]) / n,
-        stfr=sum(every["feasible_valid"]) / n,
-        tqsr=tqsr,
-        atc_eff=sum(every["consistent"]) / n,
-        rsr=response.success,
-        rl_s=response.latency_s,
-        ivcs=math.fsum(terms.values()),
-        semantic_denominator=semantics.evaluable,
-        cia_denominator=len(interactions),
+        **values,
         details=CellDetails(
             judgements=judgements,
-            record_labels=tuple(label_of.get(i) for i in range(len(records))),
-            risk_onset_s=risk_onset_s,
-            response_record=response.record,
-            ivcs_terms=terms,
-            ivcs_nulls=tuple(name for name, value in components.items() if value is None),
+            record_labels=tuple(label_of.get(index) for index in range(len(records))),
+            risk_onset_s=labels.risk_onset_s,
+            response_record=response_record,
+            ivcs_terms=components,
+            ivcs_nulls=tuple(name for name in components if values[name] is None),
             first_failures={stage: failures[stage] for stage in STAGES},
             thresholds_sha256=thresholds.sha256,
         ),
     )
 
 
-def _judgements(
-    labels: Labels,
-    records: Sequence[BehaviourRecord],
-    pairing: Sequence[int | None],
-    risk_onset_s: float,
-    thresholds: Thresholds,
-) -> tuple[Judgement, ...]:
-    return tuple(
-        judge(
-            label,
-            records[index] if index is not None else None,
-            index,
-            dynamics_masked=j == 0 and not labels.first_frame_dynamics,
-            risk_onset_s=risk_onset_s,
-            thresholds=thresholds,
+def _judgement(
+    label: Label, records: Sequence[BehaviourRecord], row: dict[str, Any], first_record: int
+) -> Judgement:
+    """A row of the terms in words.
+
+    Args:
+        label: of the row.
+        records: of its cell.
+        row: by the names of LabelTerms.
+        first_record: the row of the cell's first record.
+    """
+    index = None if row["record"] == NOTHING else row["record"] - first_record
+    record = None if index is None else records[index]
+    said = {
+        name: slot.value if code != NOTHING and slot is not None else None
+        for name, code, slot in _slots(record, row["answer"])
+    }
+    slots = {
+        name: SlotScore(
+            evaluable,
+            said[name] is not None,
+            hard if evaluable else None,
+            soft if evaluable else None,
+            said[name],
+            getattr(label, name),
         )
-        for j, (label, index) in enumerate(zip(labels.labels, pairing, strict=True))
+        for name, evaluable, hard, soft in zip(
+            SLOTS, row["evaluable"], row["hard"], row["soft"], strict=True
+        )
+    }
+    # In the order of STAGES, whether each stage holds.
+    held = (
+        row["output_valid"],
+        all(slot.h in _RIGHT for slot in slots.values()),
+        row["interaction_correct"] or not row["interaction_evaluable"],
+        row["action_correct"],
+        row["trajectory_correct"],
+        row["consistent"],
+        row["defensive"] or not row["candidate"],
+    )
+    valid = row["trajectory_valid"]
+    return Judgement(
+        label_t_s=label.t_s,
+        record=index,
+        record_t_s=record.t_s if record is not None else None,
+        text_valid=row["text_valid"],
+        trajectory_valid=valid,
+        slots=slots,
+        interaction_evaluable=row["interaction_evaluable"],
+        interaction_correct=row["interaction_correct"],
+        text_lon=_word(said["lon_action"]),
+        text_lat=_word(said["lat_action"]),
+        trajectory_lon=LON_ACTIONS[row["lon"]] if valid else None,
+        trajectory_lat=LAT_ACTIONS[row["lat"]] if valid else None,
+        feasible=row["feasible"] if valid else None,
+        action_correct=row["action_correct"],
+        feasible_valid=row["feasible"],
+        trajectory_correct=row["trajectory_correct"],
+        consistent=row["consistent"],
+        candidate=row["candidate"],
+        defensive=row["defensive"],
+        first_failure=None if all(held) else STAGES[held.index(False)],
     )
 
 
-def _response(
-    judgements: Sequence[Judgement], risk_onset_s: float, thresholds: Thresholds
-) -> Response:
-    candidates = [
-        Candidate(item.record, item.record_t_s, item.defensive)
-        for item in judgements
-        if item.candidate and item.record is not None and item.record_t_s is not None
-    ]
-    return find_response(candidates, risk_onset_s, thresholds)
+def _slots(
+    record: BehaviourRecord | None, codes: Sequence[int]
+) -> Iterator[tuple[str, int, Slot | None]]:
+    for name, code in zip(SLOT_NAMES, codes, strict=True):
+        yield name, code, None if record is None else getattr(record.slots, name)
+
+
+def _word(said: Value | None) -> str | None:
+    """The word that a text commits to; a set of objects is none."""
+    return said if isinstance(said, str) else None

@@ -16,9 +16,9 @@ from rich.text import Text
 
 from ssp_core import console
 from ssp_core.errors import InputError
-from ssp_eval.score.batch import score_columns
-from ssp_eval.score.cell import CellMetrics, ivcs_weights
 from ssp_eval.score.columns import load_columns
+from ssp_eval.score.engine import score_columns
+from ssp_eval.score.metrics import CellMetrics, ivcs_weights
 from ssp_eval.score.thresholds import (
     OTHER_THRESHOLDS,
     Thresholds,

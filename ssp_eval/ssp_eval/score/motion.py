@@ -2,29 +2,20 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Generic, TypeVar
 
 import numpy as np
 
 from ssp_core.vocabulary import LAT_ACTIONS, LON_ACTIONS
 from ssp_eval.score.columns import NOTHING, Flags, Numbers, RecordColumns, Whole
 from ssp_eval.score.thresholds import DEFAULT, Thresholds
-from ssp_vla_bridge.trajectory import Trajectory, between, check_trajectory, locate
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-# One trajectory, or an array with an item per trajectory.
-T = TypeVar("T", float, "NDArray[np.float64]")
+from ssp_vla_bridge.trajectory import Trajectory, check_trajectory, locate
 
 
 @dataclass(frozen=True)
-class Motion(Generic[T]):
-    """A trajectory at k = 0, 1, 2, and the differences that METHOD 6.6 takes from it.
+class Motion:
+    """Trajectories at k = 0, 1, 2, and the differences that METHOD 6.6 takes from them.
 
     Args:
         forward_m: s_k, ego frame.
@@ -32,36 +23,36 @@ class Motion(Generic[T]):
         step_s: Δt.
     """
 
-    forward_m: tuple[T, T, T]
-    left_m: tuple[T, T, T]
+    forward_m: tuple[Numbers, Numbers, Numbers]
+    left_m: tuple[Numbers, Numbers, Numbers]
     step_s: float
 
     @property
-    def forward_steps_m(self) -> tuple[T, T]:
+    def forward_steps_m(self) -> tuple[Numbers, Numbers]:
         """Δs_k for k = 1, 2."""
         s0, s1, s2 = self.forward_m
         return s1 - s0, s2 - s1
 
     @property
-    def left_steps_m(self) -> tuple[T, T]:
+    def left_steps_m(self) -> tuple[Numbers, Numbers]:
         """Δl_k for k = 1, 2."""
         l0, l1, l2 = self.left_m
         return l1 - l0, l2 - l1
 
     @property
-    def end_speed_mps(self) -> T:
+    def end_speed_mps(self) -> Numbers:
         """v_2, forward."""
         return (self.forward_m[2] - self.forward_m[1]) / self.step_s
 
     @property
-    def accel_mps2(self) -> T:
+    def accel_mps2(self) -> Numbers:
         """a = (v_2 − v_1)/Δt, positive when speeding up."""
         # Both speeds of a huge step can be infinite and then have no difference; the steps have.
         before_m, after_m = self.forward_steps_m
         return (after_m - before_m) / self.step_s / self.step_s
 
     @property
-    def shift_m(self) -> T:
+    def shift_m(self) -> Numbers:
         """Δl = l_2 − l_0, positive to the left."""
         return self.left_m[2] - self.left_m[0]
 
@@ -98,69 +89,6 @@ def sample_places(
     return tuple(locate(times_s, k * step_s, tolerance_s) for k in range(3))
 
 
-def measure(
-    trajectory: Trajectory | None, thresholds: Thresholds = DEFAULT
-) -> Motion[float] | None:
-    """Samples a trajectory at the start, middle and end of the interval (METHOD 6.6).
-
-    Args:
-        trajectory: as a model gave it, ego frame, m; None without one.
-        thresholds: the interval and the tolerance.
-
-    Returns:
-        None where v_trj = 0 (METHOD 5.3, 5.4); a record's ``invalid`` decides nothing.
-    """
-    if trajectory is None:
-        return None
-    xs, ys = trajectory.x_m, trajectory.y_m
-    if not len(xs) == len(ys) == len(trajectory.t_s):
-        return None
-    places = sample_places(trajectory.t_s, thresholds.support_end_s, thresholds.tolerance)
-    if places is None or not (all(map(math.isfinite, xs)) and all(map(math.isfinite, ys))):
-        return None
-    (i, u), (j, v), (k, w) = places
-    return Motion(
-        (between(xs, i, u), between(xs, j, v), between(xs, k, w)),
-        (between(ys, i, u), between(ys, j, v), between(ys, k, w)),
-        step_of(thresholds),
-    )
-
-
-def lon_action(motion: Motion[float], thresholds: Thresholds = DEFAULT) -> str:
-    """The longitudinal action (METHOD 6.6): stop, decelerate, maintain or accelerate."""
-    if thresholds.at_most(motion.end_speed_mps, thresholds.stop_speed_mps):
-        return "stop"
-    accel_mps2 = motion.accel_mps2
-    if thresholds.at_most(accel_mps2, -thresholds.accel_mps2):
-        return "decelerate"
-    if thresholds.at_least(accel_mps2, thresholds.accel_mps2):
-        return "accelerate"
-    return "maintain"
-
-
-def lat_action(motion: Motion[float], thresholds: Thresholds = DEFAULT) -> str:
-    """The lateral action (METHOD 6.6): left, straight or right."""
-    shift_m = motion.shift_m
-    if thresholds.at_least(shift_m, thresholds.lateral_shift_m):
-        return "left"
-    if thresholds.at_most(shift_m, -thresholds.lateral_shift_m):
-        return "right"
-    return "straight"
-
-
-def feasible(motion: Motion[float], thresholds: Thresholds = DEFAULT) -> bool:
-    """F of METHOD 6.6: no step goes backwards, too fast or too fast sideways, |a| is bounded."""
-    (s1, s2), (l1, l2) = motion.forward_steps_m, motion.left_steps_m
-    furthest_m = max(math.hypot(s1, l1), math.hypot(s2, l2))
-    widest_m = max(abs(l1), abs(l2))
-    return (
-        thresholds.at_least(min(s1, s2), -thresholds.max_backward_m)
-        and thresholds.at_most(furthest_m / motion.step_s, thresholds.max_speed_mps)
-        and thresholds.at_most(widest_m / motion.step_s, thresholds.max_lateral_speed_mps)
-        and thresholds.at_most(abs(motion.accel_mps2), thresholds.max_accel_mps2)
-    )
-
-
 _STOP, _DECELERATE, _MAINTAIN, _ACCELERATE = map(
     LON_ACTIONS.index, ("stop", "decelerate", "maintain", "accelerate")
 )
@@ -183,8 +111,25 @@ class Driven:
     feasible: Flags
 
 
-def driven(records: RecordColumns, thresholds: Thresholds) -> Driven:
-    """Which trajectories are valid (METHOD 5.4) and what they do (METHOD 6.6)."""
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """The trajectories that are valid, sampled.
+
+    Args:
+        rows: (V,) the records whose v_trj = 1.
+        motion: with an item per valid trajectory.
+    """
+
+    rows: Whole
+    motion: Motion
+
+
+def measure(records: RecordColumns, thresholds: Thresholds) -> Measured:
+    """Samples all valid trajectories at start, middle and end (METHOD 5.4, 6.6).
+
+    Times must cover the interval, and all coordinates be finite; a record's ``invalid`` decides
+    nothing.
+    """
     places = [
         sample_places(times, thresholds.support_end_s, thresholds.tolerance)
         for times in records.grids
@@ -209,21 +154,29 @@ def driven(records: RecordColumns, thresholds: Thresholds) -> Driven:
         at = 2 * (before + (values[start[rows, None] + right] / 2 - before) * share)
         return at[:, 0], at[:, 1], at[:, 2]
 
-    lon, lat = np.full(len(valid), NOTHING), np.full(len(valid), NOTHING)
-    feasible = np.zeros(len(valid), dtype=np.bool_)
     # Huge coordinates overflow into infinite speeds, which no limit admits.
     with np.errstate(over="ignore", invalid="ignore"):
-        motion = Motion(
-            sampled(records.x_m, records.x_start),
-            sampled(records.y_m, records.y_start),
-            step_of(thresholds),
-        )
-        lon[rows], lat[rows] = _lon(motion, thresholds), _lat(motion, thresholds)
-        feasible[rows] = _feasible(motion, thresholds)
-    return Driven(valid, lon, lat, feasible)
+        forward_m = sampled(records.x_m, records.x_start)
+        left_m = sampled(records.y_m, records.y_start)
+    return Measured(rows, Motion(forward_m, left_m, step_of(thresholds)))
 
 
-def _lon(motion: Motion[Numbers], thresholds: Thresholds) -> Whole:
+def driven(records: RecordColumns, thresholds: Thresholds) -> Driven:
+    """Which trajectories are valid (METHOD 5.4) and what they do (METHOD 6.6)."""
+    count = len(records.t_s)
+    lon, lat = np.full(count, NOTHING), np.full(count, NOTHING)
+    valid, drivable = np.zeros(count, dtype=np.bool_), np.zeros(count, dtype=np.bool_)
+    found = measure(records, thresholds)
+    rows, motion = found.rows, found.motion
+    with np.errstate(over="ignore", invalid="ignore"):
+        valid[rows] = True
+        lon[rows], lat[rows] = lon_action(motion, thresholds), lat_action(motion, thresholds)
+        drivable[rows] = feasible(motion, thresholds)
+    return Driven(valid, lon, lat, drivable)
+
+
+def lon_action(motion: Motion, thresholds: Thresholds = DEFAULT) -> Whole:
+    """Codes of the longitudinal action (METHOD 6.6): stop, decelerate, maintain, accelerate."""
     accel = motion.accel_mps2
     return np.select(
         [
@@ -236,7 +189,8 @@ def _lon(motion: Motion[Numbers], thresholds: Thresholds) -> Whole:
     )
 
 
-def _lat(motion: Motion[Numbers], thresholds: Thresholds) -> Whole:
+def lat_action(motion: Motion, thresholds: Thresholds = DEFAULT) -> Whole:
+    """Codes of the lateral action (METHOD 6.6): left, straight, right."""
     return np.select(
         [
             thresholds.at_least(motion.shift_m, thresholds.lateral_shift_m),
@@ -247,7 +201,8 @@ def _lat(motion: Motion[Numbers], thresholds: Thresholds) -> Whole:
     )
 
 
-def _feasible(motion: Motion[Numbers], thresholds: Thresholds) -> Flags:
+def feasible(motion: Motion, thresholds: Thresholds = DEFAULT) -> Flags:
+    """F of METHOD 6.6: no step goes backwards, too fast or too fast sideways, |a| is bounded."""
     accel_mps2: Numbers = np.abs(motion.accel_mps2)
     result = thresholds.at_most(accel_mps2, thresholds.max_accel_mps2)
     for forward_m, left_m in zip(motion.forward_steps_m, motion.left_steps_m, strict=True):

@@ -9,9 +9,9 @@ from itertools import groupby
 
 import numpy as np
 
-from ssp_eval.score.aggregate import METRICS, Mean, mean
-from ssp_eval.score.batch import RecordTerms
-from ssp_eval.score.cell import ivcs_weights
+from ssp_eval.score.aggregate import Mean, mean
+from ssp_eval.score.engine import LabelTerms, response_begins
+from ssp_eval.score.metrics import METRIC_NAMES, SUMMED, ivcs_weights, ratios
 from ssp_eval.score.thresholds import DEFAULT, Thresholds
 from ssp_eval.statistics.comparisons import Clip, LabelDifferences, Pair, compared_metrics
 from ssp_eval.statistics.resampling import (
@@ -31,45 +31,9 @@ from ssp_eval.statistics.resampling import (
 )
 from ssp_eval.statistics.rows import CellRow
 
-# Per metric its column of sums and that of its denominator.
-_SUMS = (
-    "n", "evaluable", "given", "hard", "soft", "interactions", "interactions_correct",
-    "output_valid", "action_correct", "feasible", "trajectory_correct", "consistent",
-)  # fmt: skip
-_RATIOS = {
-    "jovr": ("output_valid", "n"),
-    "sem_cov": ("given", "evaluable"),
-    "sem_acc_cond": ("hard", "given"),
-    "sem_acc_eff": ("hard", "evaluable"),
-    "sem_acc_soft": ("soft", "evaluable"),
-    "cia_eff": ("interactions_correct", "interactions"),
-    "act_acc_eff": ("action_correct", "n"),
-    "stfr": ("feasible", "n"),
-    "tqsr": ("trajectory_correct", "n"),
-    "atc_eff": ("consistent", "n"),
-}
-
-
-def response_begins(terms: RecordTerms, thresholds: Thresholds = DEFAULT) -> np.ndarray:
-    """Which labels begin a risk response in the recording (METHOD 6.9).
-
-    Returns:
-        (N,) true where K consecutive candidates, the first of them this label's record, are
-        defensive with each gap > 0 and ≤ the limit.
-    """
-    places = np.flatnonzero(terms.candidate)
-    defensive, t_s = terms.defensive[places], terms.record_t_s[places]
-    gap_s = np.diff(t_s)
-    linked = (gap_s > 0) & thresholds.at_most(gap_s, thresholds.response_gap_s)
-    begins = np.zeros(len(terms), dtype=np.bool_)
-    for i in range(len(places) - thresholds.response_count + 1):
-        end = i + thresholds.response_count
-        begins[places[i]] = bool(defensive[i:end].all() and linked[i : end - 1].all())
-    return begins
-
 
 def resampled_scores(
-    terms: RecordTerms, weights: Numbers, thresholds: Thresholds = DEFAULT
+    terms: LabelTerms, weights: Numbers, thresholds: Thresholds = DEFAULT
 ) -> dict[str, Numbers]:
     """All scores of METHOD 6.14 with each label counted as often as it was drawn.
 
@@ -83,25 +47,15 @@ def resampled_scores(
     Returns:
         By metric (B,); NaN where a denominator is 0, which counts as 0 in IVCS (METHOD 6.11).
     """
-    ones = np.ones(len(terms))
-    columns = (
-        ones, terms.evaluable.sum(1), terms.given.sum(1), terms.hard.sum(1), terms.soft.sum(1),
-        terms.interaction_evaluable, terms.interaction_correct, terms.output_valid,
-        terms.action_correct, terms.feasible, terms.trajectory_correct, terms.consistent,
-    )  # fmt: skip
-    totals = weighted_sums(weights, np.column_stack(columns).astype(np.float64))
-    sums = dict(zip(_SUMS, totals, strict=True))
-    found: dict[str, Numbers] = {}
-    for metric, (over, under) in _RATIOS.items():
-        found[metric] = np.full(len(weights), np.nan)
-        np.divide(sums[over], sums[under], out=found[metric], where=sums[under] > 0)
+    columns = np.column_stack([terms.term(name) for name in SUMMED]).astype(np.float64)
+    found = ratios(dict(zip(SUMMED, weighted_sums(weights, columns), strict=True)))
     response_s = np.full(len(weights), np.nan)
     for place in reversed(np.flatnonzero(response_begins(terms, thresholds))):
         response_s[weights[:, place] > 0] = terms.record_t_s[place]
     found["rsr"] = (~np.isnan(response_s)).astype(np.float64)
     found["rl_s"] = np.maximum(response_s - terms.risk_onset_s, 0.0)
     found["ivcs"] = weighted_ivcs(found)
-    return {metric: found[metric] for metric in METRICS}
+    return {metric: found[metric] for metric in METRIC_NAMES}
 
 
 def weighted_ivcs(scores: Mapping[str, Numbers]) -> Numbers:
@@ -142,7 +96,7 @@ class Estimate:
 
 
 def cell_estimates(
-    terms: RecordTerms,
+    terms: LabelTerms,
     samples: Mapping[str, Numbers],
     block: int = 1,
     thresholds: Thresholds = DEFAULT,
@@ -167,7 +121,7 @@ def cell_estimates(
             n / block,
             label_unit({block}),
         )
-        for metric in METRICS
+        for metric in METRIC_NAMES
     }
 
 
@@ -230,7 +184,7 @@ class Bootstrap:
 
 
 def bootstrap_records(
-    cells: Sequence[tuple[CellRow, RecordTerms]],
+    cells: Sequence[tuple[CellRow, LabelTerms]],
     groupings: Sequence[Group],
     resamples: int = RESAMPLES,
     seed: int = SEED,
@@ -295,11 +249,11 @@ def _over_runs(
     runs: Sequence[tuple[Mapping[str, Numbers], Mapping[str, Estimate]]],
 ) -> tuple[Mapping[str, Numbers], dict[str, float | None]]:
     """Samples and scores of a cell: those of its one run, or the means over its runs."""
-    values = {m: mean(estimates[m].value for _, estimates in runs).value for m in METRICS}
+    values = {m: mean(estimates[m].value for _, estimates in runs).value for m in METRIC_NAMES}
     if len(runs) == 1:
         return runs[0][0], values
     averaged = {}
-    for metric in METRICS:
+    for metric in METRIC_NAMES:
         stacked = np.stack([samples[metric] for samples, _ in runs])
         there = (~np.isnan(stacked)).sum(0)
         averaged[metric] = np.full(stacked.shape[1], np.nan)
@@ -336,11 +290,11 @@ class _GroupSums:
             return
         key = tuple(getattr(runs[0], name) for name in self._by)
         self._clips.setdefault(key, {}).update(clips)
-        shape = (len(METRICS), self._resamples)
+        shape = (len(METRIC_NAMES), self._resamples)
         total = self._sums.setdefault(key, np.zeros(shape))
         count = self._counts.setdefault(key, np.zeros(shape))
-        values = self._values.setdefault(key, [[] for _ in METRICS])
-        for i, metric in enumerate(METRICS):
+        values = self._values.setdefault(key, [[] for _ in METRIC_NAMES])
+        for i, metric in enumerate(METRIC_NAMES):
             there = ~np.isnan(samples[metric])
             total[i] += np.where(there, samples[metric], 0.0)
             count[i] += there
@@ -359,7 +313,7 @@ class _GroupSums:
             items = sum(count / block for (*_, count), block in clips.items())
             ends, unit = reach(items, len(clips)), label_unit(clips.values())
             found[key] = {}
-            for i, metric in enumerate(METRICS):
+            for i, metric in enumerate(METRIC_NAMES):
                 over = mean(self._values[key][i])
                 found[key][metric] = _group_estimate(means[i], over, ends, unit)
         return found

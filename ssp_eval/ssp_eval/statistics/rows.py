@@ -10,8 +10,8 @@ from pathlib import Path
 from ssp_eval.data.labels import LabelComparison, compare_by_scenario
 from ssp_eval.evaluate.admission import ADMITTED
 from ssp_eval.evaluate.results import CellData, load_cells
-from ssp_eval.score.aggregate import METRICS, Cell, mean
-from ssp_eval.score.cell import ivcs, ivcs_weights
+from ssp_eval.score.aggregate import Cell, mean
+from ssp_eval.score.metrics import METRIC_NAMES, ivcs, ivcs_weights
 from ssp_eval.score.thresholds import DEFAULT
 
 OK = "ok"
@@ -105,7 +105,7 @@ class CellRow:
 
     def cell(self) -> Cell:
         """As ssp_eval.score.aggregate takes it."""
-        score = {name: getattr(self, name) for name in METRICS}
+        score = {name: getattr(self, name) for name in METRIC_NAMES}
         return Cell(*self.key, score, self.admitted)
 
 
@@ -147,11 +147,11 @@ def merged(rows: Sequence[CellRow]) -> list[CellRow]:
 
 
 def _merge(group: Sequence[CellRow]) -> CellRow:
-    plain = [name for name in METRICS if name != "ivcs"]
+    plain = [name for name in METRIC_NAMES if name != "ivcs"]
     values = {name: mean(getattr(row, name) for row in group).value for name in plain}
     return replace(
         group[0],
-        **values,  # type: ignore[arg-type]  # the names are those of METRICS
+        **values,  # type: ignore[arg-type]  # the names are those of METRIC_NAMES
         weighted=mean(row.ivcs for row in group).value,
         admitted=all(row.admitted for row in group),
         run=f"mean of {len(group)} runs",

@@ -10,9 +10,9 @@ from itertools import combinations
 import numpy as np
 
 from ssp_eval.score.aggregate import BY_DOMAIN, BY_MODEL, EQUAL, Cell, mean, means
-from ssp_eval.score.batch import score_columns
-from ssp_eval.score.cell import ivcs_weights
 from ssp_eval.score.columns import Columns
+from ssp_eval.score.engine import score_columns
+from ssp_eval.score.metrics import ivcs_weights
 from ssp_eval.score.thresholds import DEFAULT, Thresholds
 from ssp_eval.statistics.bootstrap import Estimate, bootstrap_mean
 from ssp_eval.statistics.comparisons import t_interval

@@ -19,8 +19,8 @@ from ssp_core.vocabulary import DomainWord
 from ssp_eval.evaluate.cell_file import CELL_FILE
 from ssp_eval.evaluate.results import CellData, load_cells
 from ssp_eval.score.aggregate import EQUAL, mean, ranks
-from ssp_eval.score.batch import record_terms
-from ssp_eval.score.judge import STAGES
+from ssp_eval.score.cell import STAGES
+from ssp_eval.score.engine import cell_terms
 from ssp_eval.statistics.bootstrap import RESAMPLES, SEED, bootstrap_records
 from ssp_eval.statistics.rows import CellRow, one_scale, rows_from_cells
 from ssp_eval.statistics.statistics_tables import STAGE_NAMES
@@ -144,7 +144,11 @@ def _gap(stage: Stage, pair: tuple[str, str]) -> float:
 
 
 def _width(cells: Sequence[tuple[CellRow, CellData]], resamples: int) -> float:
-    terms = [(row, record_terms(cell.score)) for row, cell in cells if cell.score is not None]
+    terms = [
+        (row, cell_terms(cell.labels, cell.records, cell.thresholds))
+        for row, cell in cells
+        if cell.score is not None
+    ]
     found = bootstrap_records(terms, (), resamples, SEED).cells
     ends = [estimates["ivcs"].percentile for estimates in found.values()]
     widths = [e.high - e.low for e in ends if e.low is not None and e.high is not None]

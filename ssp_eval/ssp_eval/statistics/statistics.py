@@ -9,10 +9,13 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
+import numpy as np
+
+from ssp_core.vocabulary import LAT_ACTIONS
 from ssp_eval.evaluate.results import CellData
 from ssp_eval.score.aggregate import BY_DOMAIN, BY_MODEL, BY_SCENARIO_DOMAIN, BY_SCENARIO_MODEL
-from ssp_eval.score.batch import record_terms
 from ssp_eval.score.columns import encode
+from ssp_eval.score.engine import cell_terms
 from ssp_eval.score.motion import Motion, lat_action, step_of
 from ssp_eval.score.thresholds import DEFAULT
 from ssp_eval.statistics.bootstrap import (
@@ -172,8 +175,11 @@ def curve_at(path: Sequence[Pose], t_s: float, label_t_s: float) -> Curve:
     length_m, distance_m = _length_m(whole), _length_m(ahead)
     curvature_per_m = turned / length_m if length_m > 0 else 0.0
     curve_m = arc_shift_m(curvature_per_m, distance_m)
-    motion = Motion((0.0, 0.0, 0.0), (0.0, curve_m / 2, curve_m), step_of(DEFAULT))
-    return Curve(label_t_s, shift_m, curve_m, curvature_per_m, lat_action(motion))
+    still = np.zeros(1)
+    aside = (still, still + curve_m / 2, still + curve_m)
+    motion = Motion((still, still, still), aside, step_of(DEFAULT))
+    word = LAT_ACTIONS[int(lat_action(motion)[0])]
+    return Curve(label_t_s, shift_m, curve_m, curvature_per_m, word)
 
 
 def _between(path: Sequence[Pose], first: Pose, last: Pose) -> list[Pose]:
@@ -290,7 +296,11 @@ def compute(
             variations += vary_weights(chosen, subject)
     records = None
     if pairs:
-        with_terms = [(row, record_terms(cell.score)) for row, cell in pairs if cell.score]
+        with_terms = [
+            (row, cell_terms(cell.labels, cell.records, cell.thresholds))
+            for row, cell in pairs
+            if cell.score
+        ]
         thresholds = pairs[0][1].thresholds
         records = bootstrap_records(
             with_terms, GROUPINGS, options.resamples, options.seed, on_step, options.block,

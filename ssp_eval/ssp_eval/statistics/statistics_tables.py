@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 
 from ssp_eval.evaluate.results import CellData
-from ssp_eval.score.cell import ivcs_weights
-from ssp_eval.score.judge import STAGES
+from ssp_eval.score.cell import STAGES
+from ssp_eval.score.metrics import ivcs_weights
 from ssp_eval.statistics.bootstrap import Estimate, Group
 from ssp_eval.statistics.comparisons import FLIPS, Comparison
 from ssp_eval.statistics.resampling import Interval

@@ -9,6 +9,7 @@ from typing import Literal
 from ssp_core.vocabulary import DOMAINS
 from ssp_eval.score.aggregate import Mean
 from ssp_eval.score.cli import DISCLAIMER, NULL, format_response
+from ssp_eval.score.metrics import METRIC_LABELS
 
 # text: words; count: a whole number; ratio, seconds, curvature: three, two and five decimals;
 # signed: a difference of ratios, with its sign; change: a relative difference, shown in percent;
@@ -179,20 +180,20 @@ def some(names: Sequence[str], separator: str = ", ") -> str:
 
 
 SCORES = (
-    Column("jovr", "JOVR"),
-    Column("sem_cov", "SemCov"),
-    Column("sem_acc_eff", "SemAcc"),
-    Column("cia_eff", "CIA"),
-    Column("tqsr", "TQSR"),
-    Column("ivcs", "IVCS"),
-    Column("act_acc_eff", "ActAcc"),
-    Column("stfr", "STFR"),
-    Column("atc_eff", "ATC"),
+    Column("jovr", METRIC_LABELS["jovr"]),
+    Column("sem_cov", METRIC_LABELS["sem_cov"]),
+    Column("sem_acc_eff", METRIC_LABELS["sem_acc_eff"]),
+    Column("cia_eff", METRIC_LABELS["cia_eff"]),
+    Column("tqsr", METRIC_LABELS["tqsr"]),
+    Column("ivcs", METRIC_LABELS["ivcs"]),
+    Column("act_acc_eff", METRIC_LABELS["act_acc_eff"]),
+    Column("stfr", METRIC_LABELS["stfr"]),
+    Column("atc_eff", METRIC_LABELS["atc_eff"]),
 )
 MEANS = (
     *SCORES[:5],
-    Column("rsr", "RSR"),
-    Column("rl_s", "RL (s)", "seconds"),
+    Column("rsr", METRIC_LABELS["rsr"]),
+    Column("rl_s", METRIC_LABELS["rl_s"], "seconds"),
     *SCORES[5:],
 )
 TITLES = {column.key: column.title for column in MEANS}

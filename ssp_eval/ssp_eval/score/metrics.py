@@ -1,0 +1,180 @@
+"""The metrics of METHOD 6.14 as one table, their ratios and IVCS (METHOD 6.10, 6.11)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ssp_eval.score.columns import Numbers, Whole
+from ssp_eval.score.thresholds import DEFAULT, Thresholds
+
+
+@dataclass(frozen=True)
+class Metric:
+    """One metric of a cell.
+
+    Args:
+        name: key in the score output.
+        section: of METHOD.
+        label: short name in tables and figures.
+        numerator, denominator: terms whose sums over the labels are divided, fields of
+            ssp_eval.score.engine.LabelTerms, or LABELS; empty where the metric is no ratio.
+    """
+
+    name: str
+    section: str
+    label: str
+    numerator: str = ""
+    denominator: str = ""
+
+
+# A denominator that counts the labels.
+LABELS = "labels"
+METRICS = (
+    Metric("jovr", "6.2", "JOVR", "output_valid", LABELS),
+    Metric("sem_cov", "6.3", "SemCov", "given", "evaluable"),
+    Metric("sem_acc_cond", "6.3", "SemAcc_cond", "hard", "given"),
+    Metric("sem_acc_eff", "6.3", "SemAcc", "hard", "evaluable"),
+    Metric("sem_acc_soft", "6.3", "SemAcc_soft", "soft", "evaluable"),
+    Metric("cia_eff", "6.4", "CIA", "interaction_correct", "interaction_evaluable"),
+    Metric("act_acc_eff", "6.5", "ActAcc", "action_correct", LABELS),
+    Metric("stfr", "6.7", "STFR", "feasible", LABELS),
+    Metric("tqsr", "6.7", "TQSR", "trajectory_correct", LABELS),
+    Metric("atc_eff", "6.8", "ATC", "consistent", LABELS),
+    Metric("rsr", "6.9", "RSR"),
+    Metric("rl_s", "6.9", "RL (s)"),
+    Metric("ivcs", "6.10", "IVCS"),
+)
+RATIOS = tuple(metric for metric in METRICS if metric.numerator)
+METRIC_NAMES = tuple(metric.name for metric in METRICS)
+METRIC_LABELS = {metric.name: metric.label for metric in METRICS}
+SUMMED = tuple(dict.fromkeys(x for m in RATIOS for x in (m.numerator, m.denominator)))
+
+
+def ratio(sums: np.ndarray, denominators: np.ndarray) -> Numbers:
+    """Σ / denominator, NaN where the denominator is 0 (METHOD 6.11)."""
+    result = np.full(len(sums), np.nan)
+    np.divide(sums, denominators, out=result, where=denominators > 0)
+    return result
+
+
+def ratios(sums: Mapping[str, np.ndarray]) -> dict[str, Numbers]:
+    """All metrics that are ratios, from the sums of their terms by name."""
+    return {m.name: ratio(sums[m.numerator], sums[m.denominator]) for m in RATIOS}
+
+
+def ivcs_weights(thresholds: Thresholds = DEFAULT) -> dict[str, float]:
+    """The weight of each component of IVCS by its key in the score output (METHOD 6.10)."""
+    return {
+        "jovr": thresholds.weight_jovr,
+        "sem_acc_eff": thresholds.weight_sem_acc_eff,
+        "cia_eff": thresholds.weight_cia_eff,
+        "tqsr": thresholds.weight_tqsr,
+        "rsr": thresholds.weight_rsr,
+    }
+
+
+def ivcs_terms(
+    components: Mapping[str, float | None], thresholds: Thresholds = DEFAULT
+) -> dict[str, float]:
+    """What each component adds to IVCS (METHOD 6.10); a null one adds 0 (METHOD 6.11).
+
+    Args:
+        components: ``jovr``, ``sem_acc_eff``, ``cia_eff``, ``tqsr`` and ``rsr``, each 0..1 or None;
+            others are ignored.
+        thresholds: the weights.
+    """
+    return {
+        name: weight * (components[name] or 0.0)
+        for name, weight in ivcs_weights(thresholds).items()
+    }
+
+
+def ivcs(components: Mapping[str, float | None], thresholds: Thresholds = DEFAULT) -> float:
+    """IVCS = 0.10 JOVR + 0.30 SemAcc_eff + 0.20 CIA_eff + 0.30 TQSR + 0.10 RSR (METHOD 6.10).
+
+    Args:
+        components: see ivcs_terms.
+        thresholds: the weights.
+    """
+    return math.fsum(ivcs_terms(components, thresholds).values())
+
+
+def exact_sum(columns: Sequence[Numbers]) -> Numbers:
+    """The sum of arrays, item by item, rounded once as math.fsum does it.
+
+    What an addition loses is itself a number, which is summed beside. Scores lie in 0..1 and are
+    no multiples of tiny numbers, so that a sum of losses loses nothing.
+    """
+    total, lost = columns[0], np.zeros_like(columns[0])
+    for column in columns[1:]:
+        after = total + column
+        added = after - total
+        lost += (total - (after - added)) + (column - added)
+        total = after
+    result: Numbers = total + lost
+    return result
+
+
+def exact_totals(column: Numbers, start: Whole) -> Numbers:
+    """The sum of each cell's terms, see exact_sum.
+
+    Args:
+        column: (L, 4), one row per label.
+        start: (C + 1,) where a cell's labels begin.
+    """
+    length = np.diff(start)
+    result = np.empty(len(length))
+    for count in np.unique(length).tolist():
+        cells = np.flatnonzero(length == count)
+        rows = column[start[cells] + np.arange(count)[:, None]]
+        result[cells] = exact_sum([*np.moveaxis(rows, 2, 1).reshape(-1, len(cells))])
+    return result
+
+
+@dataclass(frozen=True)
+class CellMetrics:
+    """The metrics of a cell by the keys of METHOD 6.14; None where a denominator is 0."""
+
+    n: int
+    matched: int
+    jovr: float
+    sem_cov: float | None
+    sem_acc_cond: float | None
+    sem_acc_eff: float | None
+    sem_acc_soft: float | None
+    cia_eff: float | None
+    act_acc_eff: float
+    stfr: float
+    tqsr: float
+    atc_eff: float
+    rsr: int
+    rl_s: float | None
+    ivcs: float
+    semantic_denominator: int
+    cia_denominator: int
+
+    def to_json(self) -> dict[str, Any]:
+        """The score output of METHOD 6.14: its keys, in its order, nothing rounded."""
+        return {
+            "n": self.n,
+            "matched": self.matched,
+            "jovr": self.jovr,
+            "sem_cov": self.sem_cov,
+            "sem_acc_cond": self.sem_acc_cond,
+            "sem_acc_eff": self.sem_acc_eff,
+            "sem_acc_soft": self.sem_acc_soft,
+            "cia_eff": self.cia_eff,
+            "act_acc_eff": self.act_acc_eff,
+            "stfr": self.stfr,
+            "tqsr": self.tqsr,
+            "atc_eff": self.atc_eff,
+            "rsr": self.rsr,
+            "rl_s": self.rl_s,
+            "ivcs": self.ivcs,
+            "denominators": {"semantic": self.semantic_denominator, "cia": self.cia_denominator},
+        }
