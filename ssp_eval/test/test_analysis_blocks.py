@@ -112,6 +112,9 @@ def terms(good: Numbers) -> LabelTerms:
         action_correct=flags, feasible=flags, trajectory_correct=flags, consistent=flags,
         candidate=np.zeros(count, bool), defensive=np.zeros(count, bool),
         record_t_s=0.5 * np.arange(count), risk_onset_s=0.0,
+        record=np.arange(count), text_valid=np.ones(count, bool),
+        trajectory_valid=np.ones(count, bool), answer=np.zeros((count, 6), int),
+        lon=np.zeros(count, int), lat=np.zeros(count, int),
     )  # fmt: skip
 
 
