@@ -23,8 +23,8 @@ pytestmark = [pytest.mark.ros, pytest.mark.system]
 WITH_ROGUE = """
 import sys
 from ssp_core.cli import main
-from ssp_scenario_manager.runner import session
-session._NODES["object_target"] = "rogue_target"
+from ssp_scenario_manager.run import over_dds
+over_dds.NODE_MODULES["object_target"] = "rogue_target"
 sys.exit(main(sys.argv[1:]))
 """
 

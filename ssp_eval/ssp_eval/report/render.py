@@ -84,7 +84,7 @@ def grid(
     """The table for the page.
 
     Args:
-        table: of ssp_eval.analysis.
+        table: of the campaign's analysis.
         hide: keys of columns that aren't shown.
         links: by row, where the name of its model leads; empty for nowhere.
     """

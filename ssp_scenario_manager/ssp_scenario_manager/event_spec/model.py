@@ -226,7 +226,7 @@ PhaseCells = dict[PhaseWord, MotionCell]
 class Interaction(Strict):
     """I: who conflicts with whom, how, in which order, and what is a right answer."""
 
-    type: ObjectId = Field(description="a module of ssp_scenario_manager.interactions")
+    type: ObjectId = Field(description="a module of ssp_scenario_manager.scenarios")
     initiator: ObjectId = Field(description="the OT whose manoeuvre is the event")
     affected: ObjectId = Field(description="the VUT")
     relation: Literal["merge", "crossing", "following"]

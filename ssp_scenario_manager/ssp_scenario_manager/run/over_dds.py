@@ -236,7 +236,7 @@ UNFINISHED = "bag.unfinished"
 PROFILE = Path(ssp_core.__file__).parent / "config" / "fastdds_one_host.xml"
 HOSTS_PROFILE = PROFILE.with_name("fastdds_hosts.xml")
 
-_NODES = {
+NODE_MODULES = {
     names.MONITOR: "ssp_monitor.ros.monitor_node",
     names.SIL_WORLD: "ssp_ot_controller.ros.sil_world",
     names.OBJECT_TARGET: "ssp_ot_controller.ros.object_target",
@@ -332,7 +332,7 @@ def run_session(
                 )
             remappings = live.remappings if live is not None else ()
             for name, parameters in nodes.items():
-                group.start_node(name, _NODES[name], parameters, remappings)
+                group.start_node(name, NODE_MODULES[name], parameters, remappings)
             go = Go() if live is not None and live.wait else None
             with (
                 page_beside(group, run_file, page_port, say, remappings),
